@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// All beams of one sensor reading: origins, end points, and which of them came back.
+#pragma once
+
+#include <Eigen/Core>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "ndtree/core/types.hpp"
+
+namespace ndtree {
+
+/// A scan that somebody else owns; what bulk calls take. Never outlives its arrays.
+template <int D>
+struct ScanView {
+  const double* endpoints = nullptr;  ///< D numbers a beam, contiguous [m].
+  const double* origins = nullptr;    ///< D numbers in all, or D a beam if `origin_per_beam` [m].
+  const bool* returned = nullptr;     ///< One a beam; null: every beam hit a surface at its end point.
+  Eigen::Index size = 0;              ///< Number of beams.
+  bool origin_per_beam = false;
+
+  [[nodiscard]] Eigen::Map<const Vector<D>> endpoint(Eigen::Index i) const {
+    return Eigen::Map<const Vector<D>>(endpoints + i * D);
+  }
+  [[nodiscard]] Eigen::Map<const Vector<D>> origin(Eigen::Index i) const {
+    return Eigen::Map<const Vector<D>>(origins + (origin_per_beam ? i * D : 0));
+  }
+  [[nodiscard]] bool is_returned(Eigen::Index i) const { return returned == nullptr || returned[i]; }
+};
+
+/// One sensor reading in the map frame.
+/// Invariant (tested by view()): `origins` has one column, or as many as `endpoints`; `returned` is empty
+/// or has one entry a beam.
+template <int D>
+struct Scan {
+  Points<D> endpoints;  ///< Measured points, one column a beam [m].
+  Points<D> origins;    ///< One column for all beams, or one each [m].
+  Eigen::Array<bool, Eigen::Dynamic, 1>
+      returned;        ///< False: nothing was hit up to the end point. Empty: all true.
+  double stamp = 0.0;  ///< Time of the reading [s]; 0 where the log has none.
+
+  [[nodiscard]] Eigen::Index size() const { return endpoints.cols(); }
+
+  /// @throws std::invalid_argument if the arrays' sizes disagree.
+  [[nodiscard]] ScanView<D> view() const {
+    if (origins.cols() != 1 && origins.cols() != size())
+      throw std::invalid_argument("origins has " + std::to_string(origins.cols()) +
+                                  " columns: must be 1 or " + std::to_string(size()) +
+                                  ", the number of end points");
+    if (returned.size() != 0 && returned.size() != size())
+      throw std::invalid_argument("returned has " + std::to_string(returned.size()) +
+                                  " entries: must be 0 or " + std::to_string(size()) +
+                                  ", the number of end points");
+    return {endpoints.data(), origins.data(), returned.size() == 0 ? nullptr : returned.data(), size(),
+            origins.cols() != 1};
+  }
+};
+
+}  // namespace ndtree

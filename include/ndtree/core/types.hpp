@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Points, boxes and lattice coordinates in D dimensions.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+
+namespace ndtree {
+
+/// A point or direction in the map frame [m].
+template <int D>
+using Vector = Eigen::Matrix<double, D, 1>;
+
+/// Bulk points: one column each, so that memory equals a C-contiguous (n, D) array.
+template <int D>
+using Points = Eigen::Matrix<double, D, Eigen::Dynamic>;
+
+/// Integer coordinates on the lattice whose unit is the smallest cell of a tree.
+template <int D>
+using Lattice = std::array<std::int64_t, D>;
+
+/// Axis-aligned, half-open box [lower, upper).
+template <int D>
+struct Box {
+  Vector<D> lower;
+  Vector<D> upper;
+
+  [[nodiscard]] bool contains(const Vector<D>& p) const {
+    return (p.array() >= lower.array()).all() && (p.array() < upper.array()).all();
+  }
+  /// Closed boxes share at least one point.
+  [[nodiscard]] bool touches(const Box& other) const {
+    return (lower.array() <= other.upper.array()).all() && (other.lower.array() <= upper.array()).all();
+  }
+  /// Squared distance from p to the closed box [m²]; 0 inside.
+  [[nodiscard]] double squared_distance(const Vector<D>& p) const {
+    return (p.array().max(lower.array()).min(upper.array()) - p.array()).square().sum();
+  }
+};
+
+}  // namespace ndtree
