@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// When N^D siblings say the same and become one cell, and what that cell then knows (Sec. III-B).
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/core/log_odds.hpp"
+
+namespace ndtree {
+
+struct MergeOptions {
+  double merge_free_below = 0.15;      ///< Siblings join if all are at most this probable ...
+  double merge_occupied_above = 0.95;  ///< ... or all at least this.
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const {
+    require_option(merge_free_below >= 0.0 && merge_free_below < 0.5, "merge_free_below", merge_free_below,
+                   "in [0, 0.5)");
+    require_option(merge_occupied_above > 0.5 && merge_occupied_above <= 1.0, "merge_occupied_above",
+                   merge_occupied_above, "in (0.5, 1]");
+  }
+};
+
+/// Siblings join where all are almost surely free, or all almost surely occupied. The parent gets the mean of
+/// their probabilities and the sum of their counts, unless these would split it again at once.
+class SameStateMergeRule {
+ public:
+  explicit SameStateMergeRule(const MergeOptions& options)
+      : free_below_(static_cast<float>(log_odds(options.merge_free_below))),
+        occupied_above_(static_cast<float>(log_odds(options.merge_occupied_above))) {}
+
+  /// A cell that could take part in a merge.
+  [[nodiscard]] bool is_extreme(const OccupancyCell& cell) const {
+    return cell.log_odds() <= free_below_ || cell.log_odds() >= occupied_above_;
+  }
+
+  /// @param siblings nodes, of which all must be leaves for a merge. @param splits the split test.
+  /// @returns the parent's cell, or none if the siblings stay. O(siblings).
+  template <class NodeType, class SplitTest>
+  [[nodiscard]] std::optional<OccupancyCell> operator()(const NodeType* siblings, int count,
+                                                        const SplitTest& splits) const {
+    const bool free = siblings[0].is_leaf() && siblings[0].cell().log_odds() <= free_below_;
+    for (int j = 0; j < count; ++j) {
+      if (!siblings[j].is_leaf()) return std::nullopt;
+      const float value = siblings[j].cell().log_odds();
+      if (free ? value > free_below_ : value < occupied_above_) return std::nullopt;
+    }
+    double sum = 0.0;
+    std::uint32_t hits = 0;
+    std::uint32_t misses = 0;
+    for (int j = 0; j < count; ++j) {
+      sum += siblings[j].cell().probability();
+      hits += siblings[j].cell().hits();
+      misses += siblings[j].cell().misses();
+    }
+    OccupancyCell parent;
+    parent.set_counts(hits, misses);
+    if (splits(parent)) return std::nullopt;
+    parent.set_log_odds(static_cast<float>(log_odds(sum / count)));
+    return parent;
+  }
+
+ private:
+  float free_below_;
+  float occupied_above_;
+};
+
+}  // namespace ndtree

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What is known about one cell: log-odds of being occupied, and the histogram of hits and misses (Sec. III).
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+
+#include "ndtree/core/log_odds.hpp"
+
+namespace ndtree {
+
+/// A cell is one of these; `unknown` is no evidence, or evidence that balances exactly.
+enum class CellState : std::int8_t { unknown = -1, free = 0, occupied = 1 };
+
+/// Evidence of one leaf in 8 bytes. Invariant: a cell that was never updated has log-odds 0 and no counts.
+class OccupancyCell {
+ public:
+  static constexpr bool kLeavesTopBitOfFirstWordClear = true;  // See Node.
+  static constexpr std::uint32_t kMaxCount = 0x7fff;
+
+  [[nodiscard]] float log_odds() const { return log_odds_; }
+  [[nodiscard]] double probability() const { return ndtree::probability(static_cast<double>(log_odds_)); }
+  [[nodiscard]] std::uint32_t hits() const { return counts_ & kMaxCount; }
+  [[nodiscard]] std::uint32_t misses() const { return (counts_ >> 15) & kMaxCount; }
+  /// At least one beam updated this cell, or a cell that was merged into it.
+  [[nodiscard]] bool observed() const { return (counts_ & kObserved) != 0; }
+  [[nodiscard]] CellState state() const {
+    return log_odds_ > 0.0f ? CellState::occupied : log_odds_ < 0.0f ? CellState::free : CellState::unknown;
+  }
+
+  /// Recursive Bayes update in log-odds, clamped (Sec. III).
+  void update(float log_odds_of_measurement, float log_odds_min, float log_odds_max) {
+    log_odds_ = std::clamp(log_odds_ + log_odds_of_measurement, log_odds_min, log_odds_max);
+    counts_ |= kObserved;
+  }
+  void count_hit() { set_counts(hits() + 1, misses()); }
+  void count_miss() { set_counts(hits(), misses() + 1); }
+
+  /// Counts above kMaxCount are halved together, rounded up, as often as needed: their ratio stays.
+  void set_counts(std::uint32_t hits, std::uint32_t misses) {
+    while (hits > kMaxCount || misses > kMaxCount) {
+      hits = (hits + 1) / 2;
+      misses = (misses + 1) / 2;
+    }
+    counts_ = kObserved | misses << 15 | hits;
+  }
+  void set_log_odds(float log_odds) {
+    log_odds_ = log_odds;
+    counts_ |= kObserved;
+  }
+
+  /// The cell as two words, for files; from_words() is the inverse and clears what a cell cannot hold.
+  [[nodiscard]] std::uint32_t counts_word() const { return counts_; }
+  [[nodiscard]] static OccupancyCell from_words(std::uint32_t counts, float log_odds) {
+    OccupancyCell cell;
+    cell.counts_ = counts & 0x7fffffffu;
+    cell.log_odds_ = log_odds;
+    return cell;
+  }
+
+  friend bool operator==(const OccupancyCell& a, const OccupancyCell& b) {
+    return a.counts_ == b.counts_ && a.log_odds_ == b.log_odds_;
+  }
+  friend bool operator!=(const OccupancyCell& a, const OccupancyCell& b) { return !(a == b); }
+
+ private:
+  static constexpr std::uint32_t kObserved = 0x40000000u;
+  std::uint32_t counts_ = 0;  // Bit 31 clear, bit 30 observed, 15 bits misses, 15 bits hits.
+  float log_odds_ = 0.0f;
+};
+
+}  // namespace ndtree

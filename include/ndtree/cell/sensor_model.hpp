@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The analytic inverse sensor model: how likely a cell is occupied, given one range measurement (Sec. III).
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/core/log_odds.hpp"
+
+namespace ndtree {
+
+/// Names a parameter, its value and its limit. @throws std::invalid_argument unless `valid`.
+inline void require_option(bool valid, const char* name, double value, const char* limit) {
+  if (valid) return;
+  std::string text = std::to_string(value);
+  if (text.find('.') != std::string::npos)
+    text.erase(std::max(text.find_last_not_of('0'), text.find('.') + 1) + 1);
+  throw std::invalid_argument(std::string(name) + " = " + text + ": must be " + limit);
+}
+
+struct SensorOptions {
+  double range_sigma = 0.03;           ///< Standard deviation of a range at the sensor [m].
+  double range_sigma_quadratic = 0.0;  ///< Its growth with the squared range, for depth cameras [1/m].
+  double probability_min = 0.4;        ///< No single beam says less than this about a cell ...
+  double probability_max = 0.7;        ///< ... nor more than this.
+  double log_odds_min = -2.0;          ///< A cell's log-odds never fall below this ...
+  double log_odds_max = 3.5;           ///< ... nor rise above this: so that a change can be seen.
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const {
+    require_option(range_sigma > 0.0 && std::isfinite(range_sigma), "range_sigma", range_sigma,
+                   "> 0 m and finite");
+    require_option(range_sigma_quadratic >= 0.0 && std::isfinite(range_sigma_quadratic),
+                   "range_sigma_quadratic", range_sigma_quadratic, ">= 0 per metre and finite");
+    require_option(probability_min > 0.0 && probability_min < 0.5, "probability_min", probability_min,
+                   "in (0, 0.5)");
+    require_option(probability_max > 0.5 && probability_max < 1.0, "probability_max", probability_max,
+                   "in (0.5, 1)");
+    require_option(log_odds_min < 0.0 && std::isfinite(log_odds_min), "log_odds_min", log_odds_min,
+                   "< 0 and finite");
+    require_option(log_odds_max > 0.0 && std::isfinite(log_odds_max), "log_odds_max", log_odds_max,
+                   "> 0 and finite");
+  }
+};
+
+/// p(n|z) for a beam that enters cell n at one distance and leaves it at another.
+///
+/// The obstacle's distance x is N(range, sigma²). The cell is occupied if x falls inside it, free if x falls
+/// behind it, and nothing is known, 1/2, if x falls before it:
+///   p(n|z) = F(exit) - F(entry) + F(entry) / 2 = F(exit; range, sigma²) - F(entry; range, sigma²) / 2.
+/// The paper prints its two distances in the other order; so read, p would be negative before the end point.
+class BeamSensorModel {
+ public:
+  /// The traversal goes on to range + kReachSigmas * sigma.
+  static constexpr double kReachSigmas = 3.0;
+
+  explicit BeamSensorModel(const SensorOptions& options)
+      : options_(options),
+        z_min_(normal_quantile(options.probability_min)),
+        log_odds_free_(static_cast<float>(ndtree::log_odds(options.probability_min))) {}
+
+  /// Standard deviation of a measured range [m].
+  [[nodiscard]] double sigma(double range) const {
+    return options_.range_sigma + options_.range_sigma_quadratic * range * range;
+  }
+
+  /// The model as derived, not clamped; entry and exit in metres from the sensor.
+  [[nodiscard]] static double probability(double entry, double exit, double range, double sigma) {
+    return normal_cdf((exit - range) / sigma) - 0.5 * normal_cdf((entry - range) / sigma);
+  }
+
+  /// Cells that end before this distance [m] get log_odds_free(): F(exit) alone is below probability_min.
+  [[nodiscard]] double clearly_free_until(double range, double sigma) const { return range + z_min_ * sigma; }
+
+  /// Log-odds of probability(), clamped to [probability_min, probability_max].
+  [[nodiscard]] float log_odds(double entry, double exit, double range, double sigma) const {
+    const double p = probability(entry, exit, range, sigma);
+    return static_cast<float>(
+        ndtree::log_odds(std::clamp(p, options_.probability_min, options_.probability_max)));
+  }
+
+  /// What a beam says about a cell that it passed: the log-odds of probability_min.
+  [[nodiscard]] float log_odds_free() const { return log_odds_free_; }
+
+ private:
+  SensorOptions options_;
+  double z_min_;
+  float log_odds_free_;
+};
+
+}  // namespace ndtree

@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// When hits and misses contradict both "entirely occupied" and "entirely free" (Sec. III-A).
+#pragma once
+
+#include <algorithm>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/core/chi_square.hpp"
+
+namespace ndtree {
+
+struct SplitOptions {
+  double miss_given_occupied = 0.1;  ///< p(miss|occ): share of beams that pass an occupied cell.
+  double hit_given_free = 0.05;      ///< p(hit|free): share of beams that end in a free cell.
+  double significance = 0.995;       ///< Confidence with which both hypotheses must be rejected.
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const {
+    require_option(miss_given_occupied > 0.0 && miss_given_occupied < 1.0, "miss_given_occupied",
+                   miss_given_occupied, "in (0, 1)");
+    require_option(hit_given_free > 0.0 && hit_given_free < 1.0, "hit_given_free", hit_given_free,
+                   "in (0, 1)");
+    require_option(significance > 0.0 && significance < 1.0, "significance", significance, "in (0, 1)");
+  }
+};
+
+/// Chi-square test that a cell is neither entirely occupied nor entirely free (Sec. III-A).
+/// Skipped where the counts are cleaner than the error rates predict: no more misses than an occupied cell
+/// would show, or no more hits than a free one. O(1).
+class ChiSquareSplitTest {
+ public:
+  explicit ChiSquareSplitTest(const SplitOptions& options)
+      : options_(options), critical_value_(chi_square_quantile(options.significance)) {}
+
+  /// @returns true if both hypotheses are rejected: the cell should split.
+  [[nodiscard]] bool operator()(std::uint32_t hits, std::uint32_t misses) const {
+    if (hits == 0 || misses == 0) return false;
+    const double n = static_cast<double>(hits) + static_cast<double>(misses);
+    const double misses_if_occupied = n * options_.miss_given_occupied;
+    const double hits_if_free = n * options_.hit_given_free;
+    if (misses <= misses_if_occupied || hits <= hits_if_free) return false;
+    const double occupied = chi_square_statistic(hits, misses, n - misses_if_occupied, misses_if_occupied);
+    const double free = chi_square_statistic(hits, misses, hits_if_free, n - hits_if_free);
+    return std::min(occupied, free) > critical_value_;
+  }
+  [[nodiscard]] bool operator()(const OccupancyCell& cell) const {
+    return (*this)(cell.hits(), cell.misses());
+  }
+
+  [[nodiscard]] double critical_value() const { return critical_value_; }
+
+ private:
+  SplitOptions options_;
+  double critical_value_;
+};
+
+}  // namespace ndtree

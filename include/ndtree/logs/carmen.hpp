@@ -1,0 +1,192 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Reads the laser scans of CARMEN logs, the format of most published 2-D data sets (the logs of Sec. IV).
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <istream>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "ndtree/core/scan.hpp"
+#include "ndtree/logs/text.hpp"
+
+namespace ndtree {
+
+/// What a FLASER record does not say about its laser; ROBOTLASER1 records say it themselves.
+struct CarmenOptions {
+  /// Readings at or above this mean that nothing was hit [m]. A SICK LMS measures up to 80 m and reports its
+  /// faults as distances from 81.83 to 81.91 m.
+  double max_range = 80.0;
+  /// Angle from the first to the last beam of an odd number of beams, centred ahead [rad]. An even number
+  /// leaves the last one out: 180 and 181 beams are both 1 degree apart.
+  double field_of_view = 3.14159265358979323846;
+
+  /// @throws std::invalid_argument that names the first value out of its limits.
+  void validate() const {
+    if (!(max_range > 0.0))
+      throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
+    if (!(field_of_view > 0.0 && field_of_view <= 6.2831853071795865))
+      throw std::invalid_argument("field_of_view = " + std::to_string(field_of_view) +
+                                  " rad: must be in (0, 2 pi]");
+  }
+};
+
+/// Turns FLASER and ROBOTLASER1 records into scans in the map frame, one line at a time.
+///
+///     FLASER n range*n  x y theta  odom_x odom_y odom_theta  stamp host logger_stamp
+///     ROBOTLASER1 type start_angle field_of_view angular_resolution maximum_range accuracy remission_mode
+///                 n range*n  m remission*m  x y theta  robot_x robot_y robot_theta
+///                 tv rv forward_safety side_safety turn_axis  stamp host logger_stamp
+///
+/// x y theta is the laser's pose [m, rad], ranges are in metres, stamps in seconds. A record may end after
+/// the pose; its stamp is then 0. Where a host name is present, the numbers before it are counted, so that a
+/// wrong n is an error and never a shifted pose.
+class CarmenParser {
+ public:
+  explicit CarmenParser(CarmenOptions options = {}) : options_(options) { options_.validate(); }
+
+  /// The scan of a laser record; none for any other record, a comment or a blank line.
+  /// Beams keep the order of the file. A reading at or above the maximum range did not return: its end point
+  /// is at the reading, and for ROBOTLASER1 not beyond the maximum that the record states. A reading of 0
+  /// ends at the origin, a negative one or NaN in NaN: beams that say nothing.
+  /// @throws std::runtime_error with the line's number, the record and what was expected. The line counts.
+  std::optional<Scan<2>> parse_line(std::string_view line) {
+    ++line_number_;
+    std::string_view rest = line;
+    const std::string_view record = detail::next_field(rest);
+    if (record == "FLASER") return parse_flaser(split("FLASER", rest));
+    if (record == "ROBOTLASER1") return parse_robot_laser(split("ROBOTLASER1", rest));
+    return std::nullopt;
+  }
+
+  /// Number of lines read so far, and so the number of the last one.
+  [[nodiscard]] std::size_t line_number() const { return line_number_; }
+
+ private:
+  /// The fields of one record up to the host name, which is the last but one if it is there at all.
+  struct Record {
+    std::string name;
+    std::vector<double> numbers;
+    bool has_host = false;
+  };
+
+  [[noreturn]] void fail(const Record& record, const std::string& what) const {
+    detail::throw_at_line(line_number_, record.name + ": " + what);
+  }
+
+  Record split(const char* name, std::string_view rest) const {
+    Record record{name, {}, false};
+    record.numbers.reserve(rest.size() / 5);
+    while (true) {
+      const std::string_view field = detail::next_field(rest);
+      if (field.empty()) return record;
+      if (const std::optional<double> number = detail::parse_number(field)) {
+        record.numbers.push_back(*number);
+        continue;
+      }
+      std::string_view behind = rest;
+      const bool is_host = !detail::next_field(behind).empty() && detail::next_field(behind).empty();
+      if (!is_host)
+        fail(record, "expected a number in field " + std::to_string(record.numbers.size() + 2) + ", found " +
+                         detail::quoted(field));
+      record.has_host = true;
+      return record;
+    }
+  }
+
+  std::size_t count_at(const Record& record, std::size_t i, const std::string& what) const {
+    constexpr double kMost = 1e7;  // far above any laser, far below an overflow
+    if (i >= record.numbers.size()) fail(record, "expected the number of " + what + ", found the end");
+    const double value = record.numbers[i];
+    if (!(value >= 0.0 && value <= kMost && std::floor(value) == value))
+      fail(record, "expected the number of " + what + ", found " + std::to_string(value));
+    return static_cast<std::size_t>(value);
+  }
+
+  /// Checks that `count` values start at `first`, with a pose behind them and, before a host name, exactly
+  /// `trailer` numbers. @returns where the pose starts.
+  std::size_t checked_end(const Record& record, std::size_t first, std::size_t count, std::size_t trailer,
+                          const char* what) const {
+    const std::size_t behind = record.has_host ? trailer : 0;
+    const std::size_t available = record.numbers.size() - first;
+    const std::size_t found = available < behind ? 0 : available - behind;
+    if (found < count || (record.has_host && found > count))
+      fail(record, "expected " + std::to_string(count) + " " + what + ", found " + std::to_string(found));
+    if (found - count + behind < 3)
+      fail(record, "expected x y theta behind " + std::to_string(count) + " " + what + ", found " +
+                       std::to_string(found - count + behind) + " numbers");
+    return first + count;
+  }
+
+  Scan<2> parse_flaser(const Record& record) const {
+    constexpr std::size_t kTrailer = 7;  // pose, odometry, stamp
+    const std::size_t n = count_at(record, 0, "ranges");
+    const std::size_t pose = checked_end(record, 1, n, kTrailer, "ranges");
+    const std::size_t steps = n % 2 == 0 ? n : n - 1;
+    const double step = steps == 0 ? 0.0 : options_.field_of_view / static_cast<double>(steps);
+    return make_scan(record, 1, n, pose, pose + kTrailer - 1, -0.5 * options_.field_of_view, step,
+                     options_.max_range, std::numeric_limits<double>::infinity());
+  }
+
+  Scan<2> parse_robot_laser(const Record& record) const {
+    constexpr std::size_t kHeader = 8;    // type to n
+    constexpr std::size_t kTrailer = 12;  // two poses, five numbers of the robot's state, stamp
+    const std::size_t n = count_at(record, kHeader - 1, "ranges");
+    const std::size_t available = record.numbers.size() - kHeader;
+    if (available < n)
+      fail(record, "expected " + std::to_string(n) + " ranges, found " + std::to_string(available));
+    const std::size_t m = count_at(record, kHeader + n, "remissions behind " + std::to_string(n) + " ranges");
+    const std::size_t pose = checked_end(record, kHeader + n + 1, m, kTrailer, "remissions");
+    const double stated = record.numbers[4];
+    const bool is_stated = stated > 0.0;
+    return make_scan(record, kHeader, n, pose, pose + kTrailer - 1, record.numbers[1], record.numbers[3],
+                     is_stated ? stated : options_.max_range,
+                     is_stated ? stated : std::numeric_limits<double>::infinity());
+  }
+
+  static Scan<2> make_scan(const Record& record, std::size_t first, std::size_t n, std::size_t pose,
+                           std::size_t stamp, double start_angle, double step, double max_range,
+                           double longest) {
+    const std::vector<double>& numbers = record.numbers;
+    Scan<2> scan;
+    scan.origins.resize(2, 1);
+    scan.origins << numbers[pose], numbers[pose + 1];
+    scan.endpoints.resize(2, static_cast<Eigen::Index>(n));
+    scan.returned.resize(static_cast<Eigen::Index>(n));
+    if (stamp < numbers.size()) scan.stamp = numbers[stamp];
+    for (std::size_t i = 0; i < n; ++i) {
+      const auto column = static_cast<Eigen::Index>(i);
+      const double angle = numbers[pose + 2] + start_angle + static_cast<double>(i) * step;
+      const double reading = numbers[first + i];
+      scan.returned[column] = !(reading >= max_range);
+      const double range =
+          reading >= 0.0 ? std::min(reading, longest) : std::numeric_limits<double>::quiet_NaN();
+      scan.endpoints.col(column) = scan.origins.col(0) + range * Vector<2>(std::cos(angle), std::sin(angle));
+    }
+    return scan;
+  }
+
+  CarmenOptions options_;
+  std::size_t line_number_ = 0;
+};
+
+/// Calls `visit(Scan<2>&&)` for each laser record of a CARMEN log, in the order of the file.
+/// @throws std::runtime_error as CarmenParser::parse_line(), or if the stream breaks.
+template <typename Visitor>
+void read_carmen(std::istream& in, Visitor&& visit, const CarmenOptions& options = {}) {
+  CarmenParser parser(options);
+  std::string line;
+  while (std::getline(in, line))
+    if (std::optional<Scan<2>> scan = parser.parse_line(line)) visit(std::move(*scan));
+  if (in.bad()) detail::throw_at_line(parser.line_number() + 1, "cannot be read");
+}
+
+}  // namespace ndtree

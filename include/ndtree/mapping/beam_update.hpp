@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// One beam into the tree: Bayes update and counts leaf by leaf, splits on the way, merges on the way back.
+#pragma once
+
+#include <cstdint>
+
+#include "ndtree/core/beam.hpp"
+#include "ndtree/mapping/map_options.hpp"
+#include "ndtree/tree/beam_traversal.hpp"
+
+namespace ndtree {
+
+/// What changed the tree so far; a map keeps these over its life.
+struct UpdateCounters {
+  std::uint64_t updates = 0;  ///< (beam, leaf) pairs whose occupancy was updated.
+  std::uint64_t splits = 0;   ///< Leaves split because the refinement asked for it.
+  std::uint64_t merges = 0;   ///< Parents that took the place of their children.
+};
+
+/// Visitor that integrates one beam (Sec. III). Three kinds of leaves:
+/// - the one that the end point of a returned beam lies in counts a hit; if the beam only touches that cell
+/// in a
+///   corner, the next one along the beam does;
+/// - those before it count a miss, and so does every leaf that a beam without return passes as a whole;
+/// - those behind it, up to range + 3 sigma, count neither, but take their share of the Bayes update.
+template <class Tree, class Refinement, class Sensor>
+class BeamUpdate : public BeamVisitor {
+  static constexpr int D = Tree::kDim;
+
+ public:
+  BeamUpdate(Tree& tree, const Refinement& refinement, const Sensor& sensor, const MapOptions& options,
+             UpdateCounters& counters)
+      : tree_(tree),
+        refinement_(refinement),
+        sensor_(sensor),
+        log_odds_min_(static_cast<float>(options.log_odds_min)),
+        log_odds_max_(static_cast<float>(options.log_odds_max)),
+        finest_level_(tree.geometry().finest_level()),
+        coarsest_level_(Refinement::coarsest_level(finest_level_)),
+        counters_(counters) {}
+
+  /// The last point that a beam says anything about, as its t.
+  [[nodiscard]] static double t_end(const Beam<D>& beam, const Sensor& sensor) {
+    if (beam.outcome != BeamOutcome::returned) return beam.t_free;
+    return 1.0 + Sensor::kReachSigmas * sensor.sigma(beam.range) / beam.range;
+  }
+
+  /// @pre the beam is valid, and the tree contains it up to t_end().
+  void integrate(const Beam<D>& beam) {
+    range_ = beam.range;
+    returned_ = beam.outcome == BeamOutcome::returned;
+    hit_counted_ = false;
+    try_merge_ = false;
+    sigma_ = sensor_.sigma(range_);
+    t_clearly_free_ = returned_ ? sensor_.clearly_free_until(range_, sigma_) / range_ : beam.t_free;
+    free_end_ = beam.free_end();
+    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, t_end(beam, sensor_), *this);
+  }
+
+  template <class Ref>
+  void enter(const Ref& leaf) {
+    if (leaf.index.level > coarsest_level_) tree_.split(leaf);
+  }
+
+  template <class Ref>
+  bool leaf(const Ref& leaf, double t_enter, double t_exit) {
+    auto& cell = leaf.cell();
+    if (t_exit < t_clearly_free_) {
+      cell.update(sensor_.log_odds_free(), log_odds_min_, log_odds_max_);
+      cell.count_miss();
+    } else if (returned_) {
+      const float evidence = sensor_.log_odds(t_enter * range_, t_exit * range_, range_, sigma_);
+      cell.update(evidence, log_odds_min_, log_odds_max_);
+      if (!hit_counted_ && (t_exit > 1.0 || (t_exit == 1.0 && holds_end(leaf)))) {
+        cell.count_hit();
+        hit_counted_ = true;
+      } else if (!hit_counted_) {
+        cell.count_miss();
+      }
+    } else if (!holds_end(leaf)) {
+      cell.update(sensor_.log_odds_free(), log_odds_min_, log_odds_max_);
+      cell.count_miss();
+    } else {
+      return true;  // Where a beam without return ends, nothing is said about the rest of the cell.
+    }
+    ++counters_.updates;
+    if (leaf.index.level > finest_level_ && refinement_.splits(cell)) {
+      tree_.split(leaf);
+      ++counters_.splits;
+    } else if (refinement_.may_merge(cell)) {
+      try_merge_ = true;
+    }
+    return true;
+  }
+
+  template <class Ref>
+  void leave(const Ref& parent) {
+    if (!try_merge_) return;
+    try_merge_ = false;  // A sibling that stays divided forbids the merge one level up, too.
+    if (parent.index.level > coarsest_level_) return;
+    const auto merged = refinement_.merged(tree_.children(*parent.node), Tree::kNumChildren);
+    if (!merged) return;
+    tree_.merge(*parent.node, *merged);
+    ++counters_.merges;
+    try_merge_ = true;
+  }
+
+ private:
+  template <class Ref>
+  [[nodiscard]] bool holds_end(const Ref& leaf) const {
+    return tree_.geometry().contains(leaf.index, tree_.geometry().coordinates(free_end_));
+  }
+
+  Tree& tree_;
+  const Refinement& refinement_;
+  const Sensor& sensor_;
+  const float log_odds_min_;
+  const float log_odds_max_;
+  const int finest_level_;
+  const int coarsest_level_;
+  UpdateCounters& counters_;
+
+  // Of the beam being integrated:
+  double range_ = 0.0;
+  double sigma_ = 0.0;
+  double t_clearly_free_ = 0.0;
+  Vector<D> free_end_ = Vector<D>::Zero();
+  bool returned_ = false;
+  bool hit_counted_ = false;
+  bool try_merge_ = false;  // A child of the node being left could take part in a merge.
+};
+
+}  // namespace ndtree

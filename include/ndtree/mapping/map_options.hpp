@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Everything that a map can be told when it is made.
+#pragma once
+
+#include <cmath>
+
+#include "ndtree/cell/merge_rule.hpp"
+#include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/cell/split_test.hpp"
+
+namespace ndtree {
+
+/// The options of a map; those of the sensor, the split test and the merge rule are among its members.
+struct MapOptions : SensorOptions, SplitOptions, MergeOptions {
+  double min_cell_size = 0.05;  ///< Leaves are never split below this edge length [m].
+  /// No larger cell is ever updated [m]. The map uses the largest min_cell_size * N^k that is not above it.
+  double max_cell_size = 1.6;
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const {
+    require_option(min_cell_size > 0.0 && std::isfinite(min_cell_size), "min_cell_size", min_cell_size,
+                   "> 0 m and finite");
+    require_option(max_cell_size >= min_cell_size && std::isfinite(max_cell_size), "max_cell_size",
+                   max_cell_size, "at least min_cell_size and finite");
+    SensorOptions::validate();
+    SplitOptions::validate();
+    MergeOptions::validate();
+  }
+
+  /// Levels between the smallest and the largest cell for N children per axis. Sizes are decimal numbers that
+  /// no double holds exactly: a ratio within 1e-9 of a power of N is taken for that power.
+  [[nodiscard]] int num_levels(int branching) const {
+    int levels = 0;
+    for (double ratio = branching; ratio <= max_cell_size / min_cell_size * (1.0 + 1e-9); ratio *= branching)
+      ++levels;
+    return levels;
+  }
+};
+
+}  // namespace ndtree

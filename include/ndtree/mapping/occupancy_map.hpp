@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The occupancy map: scans in, one tree of cells, adaptive or fixed by its refinement policy (Sec. III).
+#pragma once
+
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/core/beam.hpp"
+#include "ndtree/core/scan.hpp"
+#include "ndtree/mapping/beam_update.hpp"
+#include "ndtree/mapping/map_options.hpp"
+#include "ndtree/mapping/refinement.hpp"
+#include "ndtree/tree/nd_tree.hpp"
+#include "ndtree/tree/visit.hpp"
+
+namespace ndtree {
+
+/// What one call of insert() did.
+struct InsertReport {
+  std::uint64_t beams = 0;             ///< All beams of the call: the sum of the next four.
+  std::uint64_t returned = 0;          ///< A surface at the end point.
+  std::uint64_t not_returned = 0;      ///< Free space only.
+  std::uint64_t beyond_max_range = 0;  ///< Returned from beyond max_range: free space up to there.
+  std::uint64_t invalid = 0;           ///< Not finite or of zero length: skipped.
+  std::uint64_t updates = 0;           ///< (beam, leaf) pairs whose occupancy was updated.
+  std::uint64_t splits = 0;            ///< Leaves that were split.
+  std::uint64_t merges = 0;            ///< Parents that took the place of their children.
+  double seconds = 0.0;                ///< Wall time of the call [s].
+};
+
+/// The size of a map and what happened to it since it was made.
+struct MapStats {
+  std::size_t leaves = 0;           ///< All leaves, unknown space included.
+  std::size_t observed_leaves = 0;  ///< Leaves that at least one beam updated: the cells that results count.
+  std::size_t nodes = 0;            ///< Leaves and inner nodes.
+  std::uint64_t updates = 0;        ///< As in InsertReport, over the map's life.
+  std::uint64_t splits = 0;
+  std::uint64_t merges = 0;
+  std::size_t memory_bytes = 0;  ///< Bytes held, used or not.
+};
+
+/// A map of N^D-trees' cells. `Refinement` decides how fine cells are, `Sensor` what a range says about one.
+/// Invariants, tested by check_invariants(): those of the tree; leaves above the coarsest level of the
+/// refinement were never observed; log-odds are within their bounds.
+/// Not for use by two threads at once while one of them inserts; copies are independent.
+template <int N, int D, class Refinement, class Sensor = BeamSensorModel>
+class OccupancyMap {
+ public:
+  static constexpr int kBranching = N;
+  static constexpr int kDim = D;
+  using RefinementType = Refinement;
+  using Tree = NdTree<N, D, OccupancyCell>;
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  explicit OccupancyMap(const MapOptions& options = {})
+      : OccupancyMap(options, Tree(valid(options).min_cell_size, options.num_levels(N)), UpdateCounters{}) {}
+
+  /// A map that goes on from a stored state; the tree must have been made with the same options.
+  OccupancyMap(const MapOptions& options, Tree tree, const UpdateCounters& counters)
+      : options_(valid(options)),
+        refinement_(options),
+        sensor_(options),
+        tree_(std::move(tree)),
+        counters_(counters) {}
+
+  /// Integrates the beams of a scan one by one in their order (Sec. III); merging follows each beam.
+  /// @param max_range [m] beams that are longer say only that the space up to there is free.
+  /// @throws std::invalid_argument if max_range is not > 0, if the scan's one origin is not finite, or if a
+  ///   beam leaves what the lattice can address. The map is then unchanged.
+  InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange) {
+    const auto start = std::chrono::steady_clock::now();
+    grow_to_contain(scan, max_range);
+    InsertReport report;
+    report.beams = static_cast<std::uint64_t>(scan.size);
+    const UpdateCounters before = counters_;
+    BeamUpdate<Tree, Refinement, Sensor> update(tree_, refinement_, sensor_, options_, counters_);
+    for (Eigen::Index i = 0; i < scan.size; ++i) {
+      const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
+      ++count_of(report, beam.outcome);
+      if (beam.outcome != BeamOutcome::invalid) update.integrate(beam);
+    }
+    report.updates = counters_.updates - before.updates;
+    report.splits = counters_.splits - before.splits;
+    report.merges = counters_.merges - before.merges;
+    report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    return report;
+  }
+  InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange) {
+    return insert(scan.view(), max_range);
+  }
+
+  [[nodiscard]] const Tree& tree() const { return tree_; }
+  [[nodiscard]] const MapOptions& options() const { return options_; }
+  [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
+
+  /// O(leaves).
+  [[nodiscard]] MapStats stats() const {
+    MapStats stats;
+    stats.leaves = tree_.num_leaves();
+    for_each_leaf(tree_, [&](const auto& leaf) { stats.observed_leaves += leaf.cell().observed(); });
+    stats.nodes = tree_.num_nodes();
+    stats.updates = counters_.updates;
+    stats.splits = counters_.splits;
+    stats.merges = counters_.merges;
+    stats.memory_bytes = memory_bytes();
+    return stats;
+  }
+
+  /// Bytes held by the map, used or not.
+  [[nodiscard]] std::size_t memory_bytes() const {
+    return sizeof(*this) - sizeof(tree_) + tree_.memory_bytes();
+  }
+
+  /// @throws std::logic_error naming the first broken invariant. O(nodes).
+  void check_invariants() const {
+    tree_.check_invariants();
+    const int coarsest = Refinement::coarsest_level(tree_.geometry().finest_level());
+    for_each_leaf(tree_, [&](const auto& leaf) {
+      const OccupancyCell& cell = leaf.cell();
+      if (leaf.index.level > coarsest && cell.observed())
+        throw std::logic_error("an observed leaf of level " + std::to_string(leaf.index.level) +
+                               ": the coarsest that may be updated is " + std::to_string(coarsest));
+      if (!(static_cast<double>(cell.log_odds()) >= options_.log_odds_min - 1e-6 &&
+            static_cast<double>(cell.log_odds()) <= options_.log_odds_max + 1e-6))
+        throw std::logic_error("a leaf with log-odds " + std::to_string(cell.log_odds()) + ": out of bounds");
+      if (!cell.observed() && cell != OccupancyCell{})
+        throw std::logic_error("a leaf that was never observed holds evidence");
+    });
+  }
+
+ private:
+  static const MapOptions& valid(const MapOptions& options) {
+    options.validate();
+    return options;
+  }
+
+  static std::uint64_t& count_of(InsertReport& report, BeamOutcome outcome) {
+    switch (outcome) {
+      case BeamOutcome::returned:
+        return report.returned;
+      case BeamOutcome::not_returned:
+        return report.not_returned;
+      case BeamOutcome::beyond_max_range:
+        return report.beyond_max_range;
+      case BeamOutcome::invalid:
+        break;
+    }
+    return report.invalid;
+  }
+
+  /// Checks a whole scan, then makes room for all that its beams reach; so nothing fails half-way.
+  void grow_to_contain(const ScanView<D>& scan, double max_range) {
+    if (!(max_range > 0.0))
+      throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
+    if (!scan.origin_per_beam && scan.size > 0 && !scan.origin(0).allFinite())
+      throw std::invalid_argument("origin: every component must be finite");
+    bool any = false;
+    Box<D> reached{Vector<D>::Zero(), Vector<D>::Zero()};
+    const auto extend = [&](const Vector<D>& point) {
+      reached.lower = any ? Vector<D>(reached.lower.cwiseMin(point)) : point;
+      reached.upper = any ? Vector<D>(reached.upper.cwiseMax(point)) : point;
+      any = true;
+    };
+    for (Eigen::Index i = 0; i < scan.size; ++i) {
+      const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
+      if (beam.outcome == BeamOutcome::invalid) continue;
+      const Vector<D> end = beam.point(BeamUpdate<Tree, Refinement, Sensor>::t_end(beam, sensor_));
+      for (const Vector<D>& point : {beam.origin, end, beam.free_end()}) {
+        if (!tree_.geometry().in_reach(point))
+          throw std::invalid_argument("beam " + std::to_string(i) + " reaches " + describe(point) +
+                                      " m: with cells of " + std::to_string(options_.min_cell_size) +
+                                      " m every component must be within " +
+                                      std::to_string(tree_.geometry().reach()) + " m of 0");
+        extend(point);
+      }
+    }
+    if (!any) return;
+    tree_.grow_to_contain(reached.lower);
+    tree_.grow_to_contain(reached.upper);
+  }
+
+  static std::string describe(const Vector<D>& point) {
+    std::string text = "(";
+    for (int a = 0; a < D; ++a) text += (a ? ", " : "") + std::to_string(point[a]);
+    return text + ")";
+  }
+
+  MapOptions options_;
+  Refinement refinement_;
+  Sensor sensor_;
+  Tree tree_;
+  UpdateCounters counters_;
+};
+
+/// The adaptive map of the paper: cells find their size while mapping.
+template <int N, int D>
+using AdaptiveMap = OccupancyMap<N, D, PaperRefinement>;
+
+/// The baseline: the same map, with every cell of min_cell_size.
+template <int N, int D>
+using FixedMap = OccupancyMap<N, D, FixedRefinement>;
+
+}  // namespace ndtree

@@ -1,0 +1,11 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// All of ndtree but the log readers and simulated worlds.
+#pragma once
+
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/nearest.hpp"
+#include "ndtree/query/point.hpp"
+#include "ndtree/query/ray.hpp"
+#include "ndtree/version.hpp"

@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Hierarchical ray casting: the leaves along a beam, each once, in order, with entry and exit (Sec. II-D).
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <type_traits>
+#include <utility>
+
+#include "ndtree/core/types.hpp"
+#include "ndtree/tree/nd_tree.hpp"
+
+namespace ndtree {
+
+/// Hooks of a visitor that changes the tree while a beam passes through it; override what is needed by
+/// hiding.
+struct BeamVisitor {
+  /// Before a leaf is visited: may split it, and the beam then goes on among its children.
+  template <class Ref>
+  void enter(const Ref&) {}
+  /// After the last visited child of an inner node: may merge them.
+  template <class Ref>
+  void leave(const Ref&) {}
+};
+
+namespace detail {
+
+template <class Tree, class Visitor>
+class BeamTraversal {
+  static constexpr int N = Tree::kBranching;
+  static constexpr int D = Tree::kDim;
+  static constexpr double kNever = std::numeric_limits<double>::infinity();
+
+ public:
+  BeamTraversal(Tree& tree, const Vector<D>& origin, const Vector<D>& direction, Visitor& visitor)
+      : tree_(tree), geometry_(tree.geometry()), origin_(origin), direction_(direction), visitor_(visitor) {}
+
+  bool run(double t_begin, double t_end) {
+    const auto root = tree_.root();
+    const std::int64_t edge = geometry_.edge(root.index.level);
+    for (std::size_t a = 0; a < D; ++a) {
+      const double d = direction_[static_cast<int>(a)];
+      double t_lower = crossing(a, root.index.lower[a]);
+      double t_upper = crossing(a, root.index.lower[a] + edge);
+      if (d < 0.0) std::swap(t_lower, t_upper);
+      if (d == 0.0) {  // Parallel to the faces: inside for ever, or never.
+        if (t_lower == kNever || t_upper == -kNever) return true;
+        t_lower = -kNever;
+        t_upper = kNever;
+      }
+      t_begin = std::max(t_begin, t_lower);
+      t_end = std::min(t_end, t_upper);
+    }
+    return t_begin < t_end ? descend(root, t_begin, t_end) : true;
+  }
+
+ private:
+  /// Where the beam meets the lattice plane at `coordinate` on axis a. It depends on the plane alone, and
+  /// never decreases from plane to plane along the beam: cells of all levels agree on their common faces. For
+  /// a beam parallel to the plane: -inf if the beam lies on the plane or above it, +inf if below.
+  [[nodiscard]] double crossing(std::size_t a, std::int64_t coordinate) const {
+    const double distance = geometry_.border(coordinate) - origin_[static_cast<int>(a)];
+    const double d = direction_[static_cast<int>(a)];
+    if (d == 0.0) return distance <= 0.0 ? -kNever : kNever;
+    return distance / d;
+  }
+
+  template <class Ref>
+  bool descend(const Ref& ref, double t_enter, double t_exit) {
+    if (ref.is_leaf()) {
+      visitor_.enter(ref);
+      if (ref.is_leaf()) return visitor_.leaf(ref, t_enter, t_exit);
+    }
+    const int level = ref.index.level - 1;
+    const std::int64_t edge = geometry_.edge(level);
+    std::array<std::int64_t, D> i;  // Offset of the current child.
+    std::array<double, D> t_next;   // Where the beam leaves it on each axis.
+    for (std::size_t a = 0; a < D; ++a) {
+      const double d = direction_[static_cast<int>(a)];
+      const std::int64_t first = ref.index.lower[a];
+      t_next[a] = kNever;
+      if (d >= 0.0) {  // Planes at or before the entry are passed; the beam is in the cell above them.
+        i[a] = 0;
+        for (; i[a] < N - 1; ++i[a]) {
+          const double t = crossing(a, first + (i[a] + 1) * edge);
+          if (t > t_enter) {
+            if (d > 0.0) t_next[a] = t;
+            break;
+          }
+        }
+      } else {
+        i[a] = N - 1;
+        for (; i[a] > 0; --i[a]) {
+          const double t = crossing(a, first + i[a] * edge);
+          if (t > t_enter) {
+            t_next[a] = t;
+            break;
+          }
+        }
+      }
+    }
+    auto* const siblings = tree_.children(*ref.node);
+    for (double t = t_enter;;) {
+      double t_leave = t_exit;
+      for (std::size_t a = 0; a < D; ++a) t_leave = std::min(t_leave, t_next[a]);
+      if (t_leave > t) {  // Else a sliver that rounding left: the beam is already in the next child.
+        Ref child{siblings, {ref.index.lower, level}};
+        std::int64_t number = 0;
+        for (std::size_t a = D; a-- > 0;) {
+          child.index.lower[a] += i[a] * edge;
+          number = number * N + i[a];
+        }
+        child.node += number;
+        if (!descend(child, t, t_leave)) return false;
+        t = t_leave;
+      }
+      if (t_leave >= t_exit) break;
+      for (std::size_t a = 0; a < D; ++a) {  // Through an edge or a corner: all its axes step at once.
+        if (t_next[a] > t_leave) continue;
+        if (direction_[static_cast<int>(a)] > 0.0) {
+          ++i[a];
+          t_next[a] = i[a] < N - 1 ? crossing(a, ref.index.lower[a] + (i[a] + 1) * edge) : kNever;
+        } else {
+          --i[a];
+          t_next[a] = i[a] > 0 ? crossing(a, ref.index.lower[a] + i[a] * edge) : kNever;
+        }
+      }
+    }
+    visitor_.leave(ref);
+    return true;
+  }
+
+  Tree& tree_;
+  const LatticeGeometry<N, D>& geometry_;
+  const Vector<D> origin_;
+  const Vector<D> direction_;
+  Visitor& visitor_;
+};
+
+template <class Function>
+struct LeafVisitor : BeamVisitor {
+  Function& function;
+  explicit LeafVisitor(Function& f) : function(f) {}
+  template <class Ref>
+  bool leaf(const Ref& ref, double t_enter, double t_exit) {
+    if constexpr (std::is_same_v<decltype(function(ref, t_enter, t_exit)), bool>) {
+      return function(ref, t_enter, t_exit);
+    } else {
+      function(ref, t_enter, t_exit);
+      return true;
+    }
+  }
+};
+
+}  // namespace detail
+
+/// Visits the leaves that the points origin + t * direction, t in (t_begin, t_end), pass through over more
+/// than a point: each once, in order, with the t of entry and exit; exits equal the next leaf's entries to
+/// the last bit. With a unit direction t is metres; with end point - origin it is 1 at the end point. A beam
+/// along a face belongs to the cells above it (cells are half-open); a zero direction stays in the leaf of
+/// the origin.
+/// @param visitor `visit(leaf, t_enter, t_exit)`, returning void, or false to stop; or a struct derived from
+///   BeamVisitor with a member `bool leaf(ref, t_enter, t_exit)`, which may change the tree in its hooks.
+/// @returns false if the visitor stopped it.
+template <class Tree, class Visitor>
+bool traverse_beam(Tree& tree, const Vector<Tree::kDim>& origin, const Vector<Tree::kDim>& direction,
+                   double t_begin, double t_end, Visitor&& visitor) {
+  using Plain = std::remove_reference_t<Visitor>;
+  if constexpr (std::is_base_of_v<BeamVisitor, Plain>) {
+    return detail::BeamTraversal<Tree, Plain>(tree, origin, direction, visitor).run(t_begin, t_end);
+  } else {
+    detail::LeafVisitor<Plain> adapter(visitor);
+    return detail::BeamTraversal<Tree, detail::LeafVisitor<Plain>>(tree, origin, direction, adapter)
+        .run(t_begin, t_end);
+  }
+}
+
+}  // namespace ndtree

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Child number and Euclidean offset of the N^D children of a node, and the diagonal vertices (Sec. II-A,
+/// II-B).
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "ndtree/core/types.hpp"
+
+namespace ndtree {
+
+/// Euclidean index of a child among its siblings, each component in [0, N).
+template <int D>
+using Offset = std::array<int, D>;
+
+/// N to the power of `exponent` >= 0.
+[[nodiscard]] constexpr std::int64_t integer_power(std::int64_t base, int exponent) {
+  std::int64_t result = 1;
+  for (int i = 0; i < exponent; ++i) result *= base;
+  return result;
+}
+
+/// j = sum over k of offset[k] N^k (Sec. II-A, the paper's axes counted from 0).
+template <int N, int D>
+[[nodiscard]] constexpr int child_number(const Offset<D>& offset) {
+  int number = 0;
+  for (int k = D - 1; k >= 0; --k) number = number * N + offset[static_cast<std::size_t>(k)];
+  return number;
+}
+
+/// Inverse of child_number(): offset[k] = floor(j / N^k) mod N (Sec. II-A).
+template <int N, int D>
+[[nodiscard]] constexpr Offset<D> child_offset(int number) {
+  Offset<D> offset{};
+  for (auto& component : offset) {
+    component = number % N;
+    number /= N;
+  }
+  return offset;
+}
+
+/// diag(m), m = 0..N: the vertices on the diagonal from `lower` to `upper` whose coordinates bound the
+/// children: child `offset` spans [diag(offset[k])[k], diag(offset[k] + 1)[k]) on axis k (Sec. II-B).
+template <int N, int D>
+[[nodiscard]] Vector<D> diagonal_vertex(const Box<D>& box, int m) {
+  return (static_cast<double>(N - m) * box.lower + static_cast<double>(m) * box.upper) /
+         static_cast<double>(N);
+}
+
+}  // namespace ndtree

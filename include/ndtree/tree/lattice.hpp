@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Exact geometry of cells: integer lattice coordinates, their borders in metres, and the edge of each level.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "ndtree/core/types.hpp"
+#include "ndtree/tree/child_index.hpp"
+
+namespace ndtree {
+
+/// Which cell: its lower corner on the lattice, and its level. Level 0 is the first root, +1 is N times
+/// larger.
+template <int D>
+struct CellIndex {
+  Lattice<D> lower{};
+  int level = 0;
+
+  friend bool operator==(const CellIndex& a, const CellIndex& b) {
+    return a.level == b.level && a.lower == b.lower;
+  }
+  friend bool operator!=(const CellIndex& a, const CellIndex& b) { return !(a == b); }
+};
+
+/// The lattice whose unit is the smallest cell. The border at coordinate k is the double nearest to k * unit,
+/// whichever cell it is computed for; so neighbours of any two levels share their face to the last bit, and
+/// `coordinate(x) == k` exactly if `border(k) <= x < border(k + 1)`.
+template <int N, int D>
+class LatticeGeometry {
+ public:
+  /// @param unit edge of the smallest cell [m]. @param num_levels levels below level 0, >= 0.
+  /// @throws std::invalid_argument if the unit is not positive or N^num_levels exceeds 2^40.
+  LatticeGeometry(double unit, int num_levels) : unit_(unit), num_levels_(num_levels) {
+    if (!(unit > 0.0) || !std::isfinite(unit))
+      throw std::invalid_argument("min_cell_size = " + std::to_string(unit) + " m: must be > 0 and finite");
+    if (num_levels < 0)
+      throw std::invalid_argument("number of levels = " + std::to_string(num_levels) + ": must be >= 0");
+    std::int64_t edge = 1;
+    edges_.push_back(edge);
+    for (int i = 0; i < num_levels; ++i) {
+      edge *= N;
+      if (edge > (std::int64_t{1} << 40))
+        throw std::invalid_argument(
+            "cells of " + std::to_string(unit) + " m and " + std::to_string(num_levels) +
+            " levels above them: at most 2^40 of the smallest fit along max_cell_size");
+      edges_.push_back(edge);
+    }
+    while (edge <= kReach * 2) edges_.push_back(edge *= N);
+  }
+
+  [[nodiscard]] double unit() const { return unit_; }
+  [[nodiscard]] int finest_level() const { return -num_levels_; }
+  /// Edge of a cell in lattice units.
+  [[nodiscard]] std::int64_t edge(int level) const {
+    return edges_[static_cast<std::size_t>(level + num_levels_)];
+  }
+  /// Edge of a cell [m].
+  [[nodiscard]] double cell_size(int level) const { return static_cast<double>(edge(level)) * unit_; }
+  [[nodiscard]] double border(std::int64_t coordinate) const {
+    return static_cast<double>(coordinate) * unit_;
+  }
+
+  /// Points with every |component| at or below this [m] have a place on the lattice.
+  [[nodiscard]] double reach() const { return static_cast<double>(kReach) * unit_; }
+  [[nodiscard]] bool in_reach(double x) const { return std::abs(x) <= reach(); }
+
+  /// Lattice coordinate of the unit cell that contains x; x must be in reach.
+  [[nodiscard]] std::int64_t coordinate(double x) const {
+    auto k = static_cast<std::int64_t>(std::floor(x / unit_));
+    if (border(k) > x) --k;  // The quotient is rounded: the borders decide.
+    if (border(k + 1) <= x) ++k;
+    return k;
+  }
+  [[nodiscard]] Lattice<D> coordinates(const Vector<D>& point) const {
+    Lattice<D> result;
+    for (int a = 0; a < D; ++a) result[static_cast<std::size_t>(a)] = coordinate(point[a]);
+    return result;
+  }
+  [[nodiscard]] bool in_reach(const Vector<D>& point) const { return (point.array().abs() <= reach()).all(); }
+  [[nodiscard]] bool contains(const CellIndex<D>& cell, const Lattice<D>& coordinates) const {
+    const std::int64_t size = edge(cell.level);
+    for (std::size_t a = 0; a < D; ++a)
+      if (coordinates[a] < cell.lower[a] || coordinates[a] - cell.lower[a] >= size) return false;
+    return true;
+  }
+  [[nodiscard]] Box<D> box(const CellIndex<D>& cell) const {
+    Box<D> result;
+    for (int a = 0; a < D; ++a) {
+      const std::int64_t lower = cell.lower[static_cast<std::size_t>(a)];
+      result.lower[a] = border(lower);
+      result.upper[a] = border(lower + edge(cell.level));
+    }
+    return result;
+  }
+  [[nodiscard]] CellIndex<D> child(const CellIndex<D>& cell, const Offset<D>& offset) const {
+    CellIndex<D> result{cell.lower, cell.level - 1};
+    for (std::size_t a = 0; a < D; ++a) result.lower[a] += offset[a] * edge(result.level);
+    return result;
+  }
+
+ private:
+  static constexpr std::int64_t kReach = std::int64_t{1} << 47;
+
+  double unit_;
+  int num_levels_;
+  std::vector<std::int64_t> edges_;  // From the finest level up to one that contains all that is in reach.
+};
+
+}  // namespace ndtree

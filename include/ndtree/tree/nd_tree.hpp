@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The N^d-tree: a cube of D dimensions, recursively divided into N^D children (Sec. II).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+
+#include "ndtree/core/types.hpp"
+#include "ndtree/tree/child_index.hpp"
+#include "ndtree/tree/lattice.hpp"
+#include "ndtree/tree/node_pool.hpp"
+
+namespace ndtree {
+
+/// A node and the region that it stands for. The pointer holds until the node's parent is merged or the tree
+/// is grown, moved or destroyed; splitting other nodes does not disturb it.
+template <class NodeType, int D>
+struct NodeRef {
+  NodeType* node = nullptr;
+  CellIndex<D> index;
+
+  [[nodiscard]] bool is_leaf() const { return node->is_leaf(); }
+  [[nodiscard]] auto& cell() const { return node->cell(); }
+};
+
+/// Tree of cells of any kind. It knows geometry and structure; what a cell means is its user's business.
+/// Invariants, tested by check_invariants(): an inner node has exactly N^D children, every block of the pool
+/// but the root's belongs to one inner node, children tile their parent, no node lies below the finest level.
+template <int N, int D, class CellType>
+class NdTree {
+  static_assert(N >= 2 && D >= 1, "a node has N >= 2 children along each of D >= 1 axes");
+  static_assert(integer_power(N, D) <= 4096, "at most 4096 children a node");
+
+ public:
+  static constexpr int kBranching = N;
+  static constexpr int kDim = D;
+  static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
+  using Cell = CellType;
+  using NodeType = Node<Cell>;
+  using Ref = NodeRef<NodeType, D>;
+  using ConstRef = NodeRef<const NodeType, D>;
+
+  /// One root, a leaf of level 0, with its lower corner at 0.
+  /// @param min_cell_size edge of the smallest cell [m]. @param num_levels levels from it up to level 0.
+  NdTree(double min_cell_size, int num_levels) : geometry_(min_cell_size, num_levels) { pool_.allocate(); }
+
+  [[nodiscard]] const LatticeGeometry<N, D>& geometry() const { return geometry_; }
+  [[nodiscard]] Box<D> box(const CellIndex<D>& index) const { return geometry_.box(index); }
+
+  [[nodiscard]] Ref root() { return {pool_.block(kRootBlock), root_index_}; }
+  [[nodiscard]] ConstRef root() const { return {pool_.block(kRootBlock), root_index_}; }
+
+  /// Child of an inner node by number, or by Euclidean offset (Sec. II-A).
+  [[nodiscard]] Ref child(const Ref& parent, int number) { return child_of<Ref>(*this, parent, number); }
+  [[nodiscard]] ConstRef child(const ConstRef& parent, int number) const {
+    return child_of<ConstRef>(*this, parent, number);
+  }
+  [[nodiscard]] Ref child(const Ref& parent, const Offset<D>& offset) {
+    return child(parent, child_number<N, D>(offset));
+  }
+  [[nodiscard]] ConstRef child(const ConstRef& parent, const Offset<D>& offset) const {
+    return child(parent, child_number<N, D>(offset));
+  }
+  /// First of the N^D siblings below an inner node.
+  [[nodiscard]] NodeType* children(const NodeType& parent) { return pool_.block(parent.children()); }
+  [[nodiscard]] const NodeType* children(const NodeType& parent) const {
+    return pool_.block(parent.children());
+  }
+
+  /// The leaf that contains a point, or none outside the root. O(depth).
+  [[nodiscard]] std::optional<Ref> find_leaf(const Vector<D>& point) { return find<Ref>(*this, point); }
+  [[nodiscard]] std::optional<ConstRef> find_leaf(const Vector<D>& point) const {
+    return find<ConstRef>(*this, point);
+  }
+  [[nodiscard]] std::optional<ConstRef> find_leaf(const Lattice<D>& coordinates) const {
+    return find_at<ConstRef>(*this, coordinates);
+  }
+
+  /// A leaf becomes an inner node; all children start as `cell` (Sec. II-B).
+  /// @pre the node is a leaf above the finest level.
+  void split(const Ref& leaf, const Cell& cell = Cell{}) { split_node(*leaf.node, cell); }
+
+  /// The same for a node whose region the caller knows.
+  void split_node(NodeType& leaf, const Cell& cell = Cell{}) {
+    const BlockId block = pool_.allocate();
+    NodeType* children = pool_.block(block);
+    for (int j = 0; j < kNumChildren; ++j) children[j].become_leaf(cell);
+    leaf.become_inner(block);
+  }
+
+  /// An inner node whose children are all leaves becomes a leaf with the given cell.
+  void merge(NodeType& parent, const Cell& cell) {
+    const BlockId block = parent.children();
+    parent.become_leaf(cell);
+    pool_.free(block);
+  }
+
+  /// Adds roots, each N times larger, until the point fits; the old root becomes the child on the far side
+  /// from the point (Sec. II-C). No other node moves; no region that existed changes.
+  /// @throws std::invalid_argument if the point is beyond `geometry().reach()`; the tree is then unchanged.
+  void grow_to_contain(const Vector<D>& point) {
+    if (!geometry_.in_reach(point)) throw std::invalid_argument(out_of_reach(point));
+    const Lattice<D> target = geometry_.coordinates(point);
+    while (!geometry_.contains(root_index_, target)) grow_towards(target);
+  }
+
+  [[nodiscard]] std::size_t num_inner_nodes() const { return pool_.num_blocks() - 1; }
+  [[nodiscard]] std::size_t num_nodes() const { return 1 + num_inner_nodes() * kNumChildren; }
+  [[nodiscard]] std::size_t num_leaves() const { return num_nodes() - num_inner_nodes(); }
+  /// Bytes held by the nodes' storage, used or not.
+  [[nodiscard]] std::size_t memory_bytes() const { return sizeof(*this) + pool_.memory_bytes(); }
+
+  /// @throws std::logic_error naming the first broken invariant. O(nodes).
+  void check_invariants() const {
+    std::size_t inner = 0;
+    check_node(root(), inner);
+    if (inner != num_inner_nodes())
+      throw std::logic_error("the pool holds " + std::to_string(num_inner_nodes()) +
+                             " blocks of children, the tree " + std::to_string(inner));
+  }
+
+  /// A tree with another root region, still one leaf: where a stored tree begins.
+  void reset(const CellIndex<D>& root_index) {
+    pool_ = {};
+    pool_.allocate();
+    root_index_ = root_index;
+  }
+
+ private:
+  static constexpr BlockId kRootBlock = 0;  // Of this block only the first node is used.
+
+  template <class R, class Tree>
+  static R child_of(Tree& tree, const R& parent, int number) {
+    return {tree.children(*parent.node) + number,
+            tree.geometry_.child(parent.index, child_offset<N, D>(number))};
+  }
+
+  template <class R, class Tree>
+  static std::optional<R> find(Tree& tree, const Vector<D>& point) {
+    if (!tree.geometry_.in_reach(point)) return std::nullopt;
+    return find_at<R>(tree, tree.geometry_.coordinates(point));
+  }
+  template <class R, class Tree>
+  static std::optional<R> find_at(Tree& tree, const Lattice<D>& coordinates) {
+    R ref = tree.root();
+    if (!tree.geometry_.contains(ref.index, coordinates)) return std::nullopt;
+    while (!ref.is_leaf()) {
+      const std::int64_t edge = tree.geometry_.edge(--ref.index.level);
+      int number = 0;
+      for (std::size_t a = D; a-- > 0;) {
+        const std::int64_t i = (coordinates[a] - ref.index.lower[a]) / edge;
+        ref.index.lower[a] += i * edge;
+        number = number * N + static_cast<int>(i);
+      }
+      ref.node = tree.children(*ref.node) + number;
+    }
+    return ref;
+  }
+
+  void grow_towards(const Lattice<D>& target) {
+    const std::int64_t edge = geometry_.edge(root_index_.level);
+    Offset<D> offset;
+    CellIndex<D> above{root_index_.lower, root_index_.level + 1};
+    for (std::size_t a = 0; a < D;
+         ++a) {  // Away from the target; where the axis fits, towards its nearer side.
+      offset[a] = target[a] - root_index_.lower[a] < edge / 2 ? N - 1 : 0;
+      above.lower[a] -= offset[a] * edge;
+    }
+    const BlockId block = pool_.allocate();
+    pool_.block(block)[child_number<N, D>(offset)] = *pool_.block(kRootBlock);
+    pool_.block(kRootBlock)->become_inner(block);
+    root_index_ = above;
+  }
+
+  void check_node(const ConstRef& ref, std::size_t& inner) const {
+    if (ref.is_leaf()) return;
+    ++inner;
+    if (ref.index.level <= geometry_.finest_level())
+      throw std::logic_error("an inner node of level " + std::to_string(ref.index.level) +
+                             ": the finest leaves have level " + std::to_string(geometry_.finest_level()));
+    const Box<D> whole = box(ref.index);
+    for (int j = 0; j < kNumChildren; ++j) {
+      const ConstRef c = child(ref, j);
+      const Offset<D> offset = child_offset<N, D>(j);
+      const Box<D> part = box(c.index);
+      for (int a = 0; a < D; ++a) {
+        const int i = offset[static_cast<std::size_t>(a)];
+        if ((i == 0 && part.lower[a] != whole.lower[a]) || (i == N - 1 && part.upper[a] != whole.upper[a]))
+          throw std::logic_error("child " + std::to_string(j) + " of a node of level " +
+                                 std::to_string(ref.index.level) + " does not share its parent's border");
+      }
+      check_node(c, inner);
+    }
+  }
+
+  [[nodiscard]] std::string out_of_reach(const Vector<D>& point) const {
+    std::string text = "point (";
+    for (int a = 0; a < D; ++a) text += (a ? ", " : "") + std::to_string(point[a]);
+    return text + ") m: with cells of " + std::to_string(geometry_.unit()) +
+           " m every component must be within " + std::to_string(geometry_.reach()) + " m of 0";
+  }
+
+  LatticeGeometry<N, D> geometry_;
+  NodePool<NodeType, kNumChildren> pool_;
+  CellIndex<D> root_index_{};
+};
+
+}  // namespace ndtree
