@@ -13,8 +13,8 @@
 namespace ndtree {
 
 struct MergeOptions {
-  double merge_free_below = 0.15;      ///< Siblings join if all are at most this probable ...
-  double merge_occupied_above = 0.95;  ///< ... or all at least this.
+  double merge_free_below = 0.13;      ///< Siblings join if all are at most this probable ...
+  double merge_occupied_above = 0.96;  ///< ... or all at least this.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {

@@ -60,7 +60,8 @@ class BeamSensorModel {
   explicit BeamSensorModel(const SensorOptions& options)
       : options_(options),
         z_min_(normal_quantile(options.probability_min)),
-        log_odds_free_(static_cast<float>(ndtree::log_odds(options.probability_min))) {}
+        log_odds_free_(static_cast<float>(ndtree::log_odds(options.probability_min))),
+        log_odds_occupied_(static_cast<float>(ndtree::log_odds(options.probability_max))) {}
 
   /// Standard deviation of a measured range [m].
   [[nodiscard]] double sigma(double range) const {
@@ -69,17 +70,23 @@ class BeamSensorModel {
 
   /// The model as derived, not clamped; entry and exit in metres from the sensor.
   [[nodiscard]] static double probability(double entry, double exit, double range, double sigma) {
-    return normal_cdf((exit - range) / sigma) - 0.5 * normal_cdf((entry - range) / sigma);
+    return cdf(exit, range, sigma) - 0.5 * cdf(entry, range, sigma);
   }
 
   /// Cells that end before this distance [m] get log_odds_free(): F(exit) alone is below probability_min.
   [[nodiscard]] double clearly_free_until(double range, double sigma) const { return range + z_min_ * sigma; }
 
-  /// Log-odds of probability(), clamped to [probability_min, probability_max].
-  [[nodiscard]] float log_odds(double entry, double exit, double range, double sigma) const {
-    const double p = probability(entry, exit, range, sigma);
-    return static_cast<float>(
-        ndtree::log_odds(std::clamp(p, options_.probability_min, options_.probability_max)));
+  /// F(distance; range, sigma²). Neighbours along a beam share it: one's exit is the other's entry.
+  [[nodiscard]] static double cdf(double distance, double range, double sigma) {
+    return normal_cdf((distance - range) / sigma);
+  }
+
+  /// Log-odds of probability(), clamped to [probability_min, probability_max], from cdf() of entry and exit.
+  [[nodiscard]] float log_odds(double cdf_entry, double cdf_exit) const {
+    const double p = cdf_exit - 0.5 * cdf_entry;
+    if (p <= options_.probability_min) return log_odds_free_;
+    if (p >= options_.probability_max) return log_odds_occupied_;
+    return static_cast<float>(ndtree::log_odds(p));
   }
 
   /// What a beam says about a cell that it passed: the log-odds of probability_min.
@@ -89,6 +96,7 @@ class BeamSensorModel {
   SensorOptions options_;
   double z_min_;
   float log_odds_free_;
+  float log_odds_occupied_;
 };
 
 }  // namespace ndtree

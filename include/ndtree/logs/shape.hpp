@@ -13,6 +13,8 @@
 
 namespace ndtree {
 
+namespace detail {
+
 /// Part of a line, in units of its direction. Empty if exit < enter.
 struct Interval {
   double enter = -std::numeric_limits<double>::infinity();
@@ -30,6 +32,8 @@ struct Interval {
     exit = std::min(exit, std::max(to_lower, to_upper));
   }
 };
+
+}  // namespace detail
 
 /// A closed convex solid, turned about the vertical (in 2-D: in the plane). One equation covers all kinds:
 /// with q the point in the shape's own frame, divided by `half` along each axis,
@@ -68,7 +72,7 @@ struct Shape {
   [[nodiscard]] std::optional<double> distance(const Vector<D>& origin, const Vector<D>& direction) const {
     const Vector<D> o = to_own(origin - center).cwiseQuotient(half);
     const Vector<D> d = to_own(direction).cwiseQuotient(half);
-    Interval inside{0.0, std::numeric_limits<double>::infinity()};
+    detail::Interval inside{0.0, std::numeric_limits<double>::infinity()};
     for (int k = round_axes; k < D; ++k) inside.clip(o[k], d[k], -1.0, 1.0);
     if (round_axes > 0 && inside.enter <= inside.exit) clip_round(o, d, inside);
     if (!(inside.enter <= inside.exit)) return std::nullopt;
@@ -89,7 +93,7 @@ struct Shape {
 
  private:
   // a t² + 2 b t + c <= 0, with the roots in the form that does not cancel.
-  void clip_round(const Vector<D>& o, const Vector<D>& d, Interval& inside) const {
+  void clip_round(const Vector<D>& o, const Vector<D>& d, detail::Interval& inside) const {
     double a = 0.0;
     double b = 0.0;
     double c = -1.0;

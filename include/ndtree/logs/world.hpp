@@ -117,7 +117,7 @@ class World {
 
   /// Where the beam enters a node's box; infinite if it misses it.
   [[nodiscard]] double entry(std::uint32_t id, const Vector<D>& origin, const Vector<D>& direction) const {
-    Interval inside{0.0, std::numeric_limits<double>::infinity()};
+    detail::Interval inside{0.0, std::numeric_limits<double>::infinity()};
     const Box<D>& box = nodes_[id].bounds;
     for (int k = 0; k < D; ++k) inside.clip(origin[k], direction[k], box.lower[k], box.upper[k]);
     return inside.enter <= inside.exit ? inside.enter : std::numeric_limits<double>::infinity();

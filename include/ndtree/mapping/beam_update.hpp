@@ -52,6 +52,7 @@ class BeamUpdate : public BeamVisitor {
     returned_ = beam.outcome == BeamOutcome::returned;
     hit_counted_ = false;
     try_merge_ = false;
+    t_known_ = -1.0;
     sigma_ = sensor_.sigma(range_);
     t_clearly_free_ = returned_ ? sensor_.clearly_free_until(range_, sigma_) / range_ : beam.t_free;
     free_end_ = beam.free_end();
@@ -70,8 +71,11 @@ class BeamUpdate : public BeamVisitor {
       cell.update(sensor_.log_odds_free(), log_odds_min_, log_odds_max_);
       cell.count_miss();
     } else if (returned_) {
-      const float evidence = sensor_.log_odds(t_enter * range_, t_exit * range_, range_, sigma_);
-      cell.update(evidence, log_odds_min_, log_odds_max_);
+      const double cdf_entry =
+          t_enter == t_known_ ? cdf_known_ : Sensor::cdf(t_enter * range_, range_, sigma_);
+      t_known_ = t_exit;
+      cdf_known_ = Sensor::cdf(t_exit * range_, range_, sigma_);
+      cell.update(sensor_.log_odds(cdf_entry, cdf_known_), log_odds_min_, log_odds_max_);
       if (!hit_counted_ && (t_exit > 1.0 || (t_exit == 1.0 && holds_end(leaf)))) {
         cell.count_hit();
         hit_counted_ = true;
@@ -126,6 +130,8 @@ class BeamUpdate : public BeamVisitor {
   double sigma_ = 0.0;
   double t_clearly_free_ = 0.0;
   Vector<D> free_end_ = Vector<D>::Zero();
+  double t_known_ = -1.0;  // The last leaf's exit, where cdf_known_ holds.
+  double cdf_known_ = 0.0;
   bool returned_ = false;
   bool hit_counted_ = false;
   bool try_merge_ = false;  // A child of the node being left could take part in a merge.
