@@ -38,4 +38,23 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions {
   }
 };
 
+/// Calls `visit(name, value)` for every option, in this order: the one list behind files and bindings.
+/// @param options a MapOptions, const or not; the value is a reference to its double.
+template <class Options, class Visit>
+void for_each_option(Options& options, Visit&& visit) {
+  visit("min_cell_size", options.min_cell_size);
+  visit("max_cell_size", options.max_cell_size);
+  visit("range_sigma", options.range_sigma);
+  visit("range_sigma_quadratic", options.range_sigma_quadratic);
+  visit("probability_min", options.probability_min);
+  visit("probability_max", options.probability_max);
+  visit("log_odds_min", options.log_odds_min);
+  visit("log_odds_max", options.log_odds_max);
+  visit("miss_given_occupied", options.miss_given_occupied);
+  visit("hit_given_free", options.hit_given_free);
+  visit("significance", options.significance);
+  visit("merge_free_below", options.merge_free_below);
+  visit("merge_occupied_above", options.merge_occupied_above);
+}
+
 }  // namespace ndtree

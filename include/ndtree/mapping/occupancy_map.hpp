@@ -57,6 +57,8 @@ class OccupancyMap {
   static constexpr int kBranching = N;
   static constexpr int kDim = D;
   using RefinementType = Refinement;
+  using Options = MapOptions;
+  using Counters = UpdateCounters;
   using Tree = NdTree<N, D, OccupancyCell>;
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.

@@ -34,7 +34,7 @@ template <int N, int D>
 class LatticeGeometry {
  public:
   /// @param unit edge of the smallest cell [m]. @param num_levels levels below level 0, >= 0.
-  /// @throws std::invalid_argument if the unit is not positive or N^num_levels exceeds 2^40.
+  /// @throws std::invalid_argument if the unit is not positive or N^num_levels exceeds 2^36.
   LatticeGeometry(double unit, int num_levels) : unit_(unit), num_levels_(num_levels) {
     if (!(unit > 0.0) || !std::isfinite(unit))
       throw std::invalid_argument("min_cell_size = " + std::to_string(unit) + " m: must be > 0 and finite");
@@ -44,17 +44,19 @@ class LatticeGeometry {
     edges_.push_back(edge);
     for (int i = 0; i < num_levels; ++i) {
       edge *= N;
-      if (edge > (std::int64_t{1} << 40))
+      if (edge > (std::int64_t{1} << 36))
         throw std::invalid_argument(
             "cells of " + std::to_string(unit) + " m and " + std::to_string(num_levels) +
-            " levels above them: at most 2^40 of the smallest fit along max_cell_size");
+            " levels above them: at most 2^36 of the smallest fit along max_cell_size");
       edges_.push_back(edge);
     }
-    while (edge <= kReach * 2) edges_.push_back(edge *= N);
+    while (edges_.size() < 2 || edges_[edges_.size() - 2] < kReach) edges_.push_back(edge *= N);
   }
 
   [[nodiscard]] double unit() const { return unit_; }
   [[nodiscard]] int finest_level() const { return -num_levels_; }
+  /// No root grows above this level: it contains all that is in reach.
+  [[nodiscard]] int coarsest_level() const { return static_cast<int>(edges_.size()) - 1 - num_levels_; }
   /// Edge of a cell in lattice units.
   [[nodiscard]] std::int64_t edge(int level) const {
     return edges_[static_cast<std::size_t>(level + num_levels_)];
@@ -104,11 +106,12 @@ class LatticeGeometry {
   }
 
  private:
-  static constexpr std::int64_t kReach = std::int64_t{1} << 47;
+  static constexpr std::int64_t kReach = std::int64_t{1}
+                                         << 38;  // N² of these fit a std::int64_t for N <= 4096.
 
   double unit_;
   int num_levels_;
-  std::vector<std::int64_t> edges_;  // From the finest level up to one that contains all that is in reach.
+  std::vector<std::int64_t> edges_;  // From the finest level up to one above the first that spans kReach.
 };
 
 }  // namespace ndtree

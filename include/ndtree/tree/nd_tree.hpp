@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <limits>
 #include <optional>
 #include <stdexcept>
@@ -125,8 +126,16 @@ class NdTree {
                              " blocks of children, the tree " + std::to_string(inner));
   }
 
-  /// A tree with another root region, still one leaf: where a stored tree begins.
+  /// Back to one leaf, with another root region: where a stored tree begins.
+  /// @throws std::invalid_argument if no growth leads to such a root.
   void reset(const CellIndex<D>& root_index) {
+    bool reachable = root_index.level >= 0 && root_index.level <= geometry_.coarsest_level();
+    for (std::size_t a = 0; reachable && a < D; ++a)
+      reachable = root_index.lower[a] % geometry_.edge(0) == 0 &&
+                  std::abs(root_index.lower[a]) <= geometry_.edge(geometry_.coarsest_level());
+    if (!reachable)
+      throw std::invalid_argument("root of level " + std::to_string(root_index.level) +
+                                  ": not one that a tree can grow to");
     pool_ = {};
     pool_.allocate();
     root_index_ = root_index;

@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The map's own file: options, counters and the tree, versioned and with a checksum.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/io/byte_stream.hpp"
+#include "ndtree/tree/nd_tree.hpp"
+
+namespace ndtree {
+
+/// What a map file says about itself: enough to choose the type to load it into.
+struct MapFileHeader {
+  std::uint32_t version = 0;
+  int branching = 0;
+  int dim = 0;
+  std::string refinement;  ///< As in the refinement policy's kName.
+};
+
+// Layout, little-endian: 8 bytes magic, u32 version, u64 length of all that follows but the checksum,
+// u32 branching, u32 dim, text refinement, u32 number of options, each text name and f64 value, 3 u64
+// counters, i32 level and D i64 lower corner of the root, the nodes depth first, u32 CRC-32 of all before it.
+// A text is u16 length and bytes. A node is the u32 0x80000000 if it has children, which follow; 0 for a leaf
+// that was never observed; else the u32 of counts and the f32 of log-odds of a leaf.
+namespace detail {
+
+inline constexpr std::string_view kMapFileMagic{"\x89NDT\r\n\x1a\n", 8};
+inline constexpr std::uint32_t kMapFileVersion = 1;
+inline constexpr std::uint32_t kInnerNode = 0x80000000u;
+inline constexpr std::size_t kMapFilePreamble = 20;
+
+template <class Tree>
+void write_nodes(const Tree& tree, const typename Tree::NodeType& node, ByteWriter& out) {
+  if (!node.is_leaf()) {
+    out.put(kInnerNode);
+    const auto* children = tree.children(node);
+    for (int j = 0; j < Tree::kNumChildren; ++j) write_nodes(tree, children[j], out);
+  } else {
+    out.put(node.cell().counts_word());
+    if (node.cell().observed()) out.put(node.cell().log_odds());
+  }
+}
+
+template <class Tree>
+void read_nodes(Tree& tree, typename Tree::NodeType& node, int level, ByteReader& in) {
+  const auto word = in.get<std::uint32_t>();
+  if (word == kInnerNode) {
+    if (level <= tree.geometry().finest_level())
+      throw std::runtime_error("a node below the smallest cell is divided, at byte " +
+                               std::to_string(in.position()));
+    tree.split_node(node);
+    auto* children = tree.children(node);
+    for (int j = 0; j < Tree::kNumChildren; ++j) read_nodes(tree, children[j], level - 1, in);
+    return;
+  }
+  if (word == 0) return;  // Never observed, as the cell is already.
+  const OccupancyCell cell = OccupancyCell::from_words(word, in.get<float>());
+  if (!cell.observed() || (word & kInnerNode) != 0)
+    throw std::runtime_error("a cell with counts that no map writes, at byte " +
+                             std::to_string(in.position()));
+  node.become_leaf(cell);
+}
+
+/// Checks magic, version, length and checksum. @returns what lies between preamble and checksum.
+inline std::string_view checked_payload(std::string_view bytes, MapFileHeader& header) {
+  if (bytes.substr(0, kMapFileMagic.size()) != kMapFileMagic)
+    throw std::runtime_error(bytes.empty() ? "the file is empty: not an ndtree map" : "not an ndtree map");
+  ByteReader in(bytes.substr(kMapFileMagic.size()));
+  header.version = in.get<std::uint32_t>();
+  if (header.version != kMapFileVersion)
+    throw std::runtime_error("format version " + std::to_string(header.version) +
+                             ": this ndtree reads version " + std::to_string(kMapFileVersion));
+  const auto length = in.get<std::uint64_t>();
+  const std::uint64_t held = bytes.size() - kMapFilePreamble;
+  if (held < 4 || length != held - 4)
+    throw std::runtime_error("truncated or overlong: " + std::to_string(bytes.size()) + " bytes instead of " +
+                             std::to_string(length + kMapFilePreamble + 4));
+  const auto stored = ByteReader(bytes.substr(bytes.size() - 4)).get<std::uint32_t>();
+  if (stored != crc32(bytes.substr(0, bytes.size() - 4)))
+    throw std::runtime_error("damaged: the checksum does not match");
+  return bytes.substr(kMapFilePreamble, length);
+}
+
+inline void read_header(ByteReader& in, MapFileHeader& header) {
+  header.branching = static_cast<int>(in.get<std::uint32_t>());
+  header.dim = static_cast<int>(in.get<std::uint32_t>());
+  header.refinement = in.get_text();
+}
+
+}  // namespace detail
+
+/// A map as the bytes of its file. The same map gives the same bytes, however it came about.
+template <class Map>
+[[nodiscard]] std::string to_bytes(const Map& map) {
+  ByteWriter payload;
+  payload.put(static_cast<std::uint32_t>(Map::kBranching));
+  payload.put(static_cast<std::uint32_t>(Map::kDim));
+  payload.put_text(Map::RefinementType::kName);
+  std::uint32_t num_options = 0;
+  for_each_option(map.options(), [&](const char*, double) { ++num_options; });
+  payload.put(num_options);
+  for_each_option(map.options(), [&](const char* name, double value) {
+    payload.put_text(name);
+    payload.put(value);
+  });
+  payload.put(map.counters().updates);
+  payload.put(map.counters().splits);
+  payload.put(map.counters().merges);
+  const auto root = map.tree().root();
+  payload.put(static_cast<std::int32_t>(root.index.level));
+  for (const std::int64_t coordinate : root.index.lower) payload.put(coordinate);
+  detail::write_nodes(map.tree(), *root.node, payload);
+
+  ByteWriter file;
+  file.bytes().append(detail::kMapFileMagic);
+  file.put(detail::kMapFileVersion);
+  file.put(static_cast<std::uint64_t>(payload.bytes().size()));
+  file.bytes().append(payload.bytes());
+  file.put(crc32(file.bytes()));
+  return std::move(file.bytes());
+}
+
+/// Which kind of map these bytes hold. @throws std::runtime_error if they are not a whole, undamaged map
+/// file.
+[[nodiscard]] inline MapFileHeader map_file_header(std::string_view bytes) {
+  MapFileHeader header;
+  ByteReader in(detail::checked_payload(bytes, header));
+  detail::read_header(in, header);
+  return header;
+}
+
+/// The map that to_bytes() wrote.
+/// @throws std::runtime_error if the bytes are damaged, or hold a map of another type than `Map`.
+template <class Map>
+[[nodiscard]] Map from_bytes(std::string_view bytes) {
+  using Tree = typename Map::Tree;
+  MapFileHeader header;
+  ByteReader in(detail::checked_payload(bytes, header));
+  detail::read_header(in, header);
+  if (header.branching != Map::kBranching || header.dim != Map::kDim ||
+      header.refinement != Map::RefinementType::kName)
+    throw std::runtime_error("holds a map with branching " + std::to_string(header.branching) + ", dim " +
+                             std::to_string(header.dim) + " and refinement '" + header.refinement +
+                             "', not branching " + std::to_string(Map::kBranching) + ", dim " +
+                             std::to_string(Map::kDim) + " and '" + Map::RefinementType::kName + "'");
+  typename Map::Options options;
+  for (auto remaining = in.get<std::uint32_t>(); remaining > 0; --remaining) {
+    const std::string name = in.get_text();
+    const auto value = in.get<double>();
+    bool known = false;
+    for_each_option(options, [&](const char* option, double& place) {
+      if (name == option) {
+        place = value;
+        known = true;
+      }
+    });
+    if (!known) throw std::runtime_error("has an option '" + name + "' that this ndtree does not know");
+  }
+  typename Map::Counters counters;
+  counters.updates = in.get<std::uint64_t>();
+  counters.splits = in.get<std::uint64_t>();
+  counters.merges = in.get<std::uint64_t>();
+  try {
+    options.validate();
+    Tree tree(options.min_cell_size, options.num_levels(Map::kBranching));
+    CellIndex<Map::kDim> root;
+    root.level = in.get<std::int32_t>();
+    for (auto& coordinate : root.lower) coordinate = in.get<std::int64_t>();
+    tree.reset(root);
+    detail::read_nodes(tree, *tree.root().node, root.level, in);
+    if (!in.at_end())
+      throw std::runtime_error("nodes end at byte " + std::to_string(in.position()) + " too early");
+    Map map(options, std::move(tree), counters);
+    map.check_invariants();
+    return map;
+  } catch (const std::logic_error& error) {  // Options or invariants that no map writes.
+    throw std::runtime_error(std::string("damaged: ") + error.what());
+  }
+}
+
+/// Writes a map's file; it appears whole or not at all. @throws std::runtime_error naming file and reason.
+template <class Map>
+void save(const Map& map, const std::filesystem::path& path) {
+  write_file(path, to_bytes(map));
+}
+
+/// Reads what save() wrote. @throws std::runtime_error naming file and reason.
+template <class Map>
+[[nodiscard]] Map load(const std::filesystem::path& path) {
+  const std::string bytes = read_file(path);
+  try {
+    return from_bytes<Map>(bytes);
+  } catch (const std::runtime_error& error) {
+    throw std::runtime_error(path.string() + ": " + error.what());
+  }
+}
+
+}  // namespace ndtree
