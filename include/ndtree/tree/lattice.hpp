@@ -106,8 +106,8 @@ class LatticeGeometry {
   }
 
  private:
-  static constexpr std::int64_t kReach = std::int64_t{1}
-                                         << 38;  // N² of these fit a std::int64_t for N <= 4096.
+  // Lattice units within reach; N² times as many still fit a std::int64_t for N <= 4096.
+  static constexpr std::int64_t kReach = std::int64_t{1} << 38;
 
   double unit_;
   int num_levels_;

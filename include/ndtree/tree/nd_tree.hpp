@@ -103,7 +103,8 @@ class NdTree {
   }
 
   /// Adds roots, each N times larger, until the point fits; the old root becomes the child on the far side
-  /// from the point (Sec. II-C). No other node moves; no region that existed changes.
+  /// from the point (Sec. II-C), and on axes that fit already the new one is balanced about 0. No other node
+  /// moves; no region that existed changes.
   /// @throws std::invalid_argument if the point is beyond `geometry().reach()`; the tree is then unchanged.
   void grow_to_contain(const Vector<D>& point) {
     if (!geometry_.in_reach(point)) throw std::invalid_argument(out_of_reach(point));
@@ -176,9 +177,12 @@ class NdTree {
     const std::int64_t edge = geometry_.edge(root_index_.level);
     Offset<D> offset;
     CellIndex<D> above{root_index_.lower, root_index_.level + 1};
-    for (std::size_t a = 0; a < D;
-         ++a) {  // Away from the target; where the axis fits, towards its nearer side.
-      offset[a] = target[a] - root_index_.lower[a] < edge / 2 ? N - 1 : 0;
+    // Towards the target; on axes where it fits already, to the root's shorter side of 0.
+    for (std::size_t a = 0; a < D; ++a) {
+      const std::int64_t lower = root_index_.lower[a];
+      const bool fits = target[a] >= lower && target[a] - lower < edge;
+      const bool downwards = fits ? lower + edge > -lower : target[a] < lower;
+      offset[a] = downwards ? N - 1 : 0;
       above.lower[a] -= offset[a] * edge;
     }
     const BlockId block = pool_.allocate();
