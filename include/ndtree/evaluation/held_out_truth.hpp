@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// How true a map is on beams that were held out from mapping: counts that add up over scans.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <vector>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/core/beam.hpp"
+#include "ndtree/core/scan.hpp"
+#include "ndtree/query/nearest.hpp"
+#include "ndtree/query/point.hpp"
+#include "ndtree/query/ray.hpp"
+
+namespace ndtree {
+
+/// The distances that decide what is counted as true.
+struct HeldOutTruthOptions {
+  double sample_spacing = 0.10;   ///< A beam's free space is sampled at the multiples of this [m] ...
+  double sample_margin = 0.10;    ///< ... that lie at least this far before its end point [m].
+  double endpoint_radius = 0.05;  ///< An end point is found if an occupied cell is this near [m].
+  double cast_tolerance = 0.10;   ///< A ray cast is right if it ends this near to the measured range [m].
+  double cast_overshoot = 10.0;   ///< A ray cast is given up this far behind the end point [m].
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const {
+    require_option(sample_spacing > 0.0 && std::isfinite(sample_spacing), "sample_spacing", sample_spacing,
+                   "> 0 m and finite");
+    require_option(sample_margin >= 0.0, "sample_margin", sample_margin, ">= 0 m");
+    require_option(endpoint_radius >= 0.0, "endpoint_radius", endpoint_radius, ">= 0 m");
+    require_option(cast_tolerance >= 0.0, "cast_tolerance", cast_tolerance, ">= 0 m");
+    require_option(cast_overshoot >= 0.0, "cast_overshoot", cast_overshoot, ">= 0 m");
+  }
+};
+
+/// What a map said about held-out beams, as counts; of beams that returned from within the maximum range.
+/// Shares are none where nothing was counted.
+struct HeldOutTruth {
+  std::uint64_t free = 0;            ///< Samples of free space that the map calls free, ...
+  std::uint64_t occupied = 0;        ///< ... occupied, ...
+  std::uint64_t unknown = 0;         ///< ... or unknown.
+  std::uint64_t endpoints = 0;       ///< End points.
+  std::uint64_t endpoints_near = 0;  ///< End points with an occupied cell within endpoint_radius.
+  std::uint64_t casts_within = 0;    ///< Ray casts that end within cast_tolerance of the measured range.
+  std::vector<double>
+      cast_errors;  ///< |cast - measured range|, one a ray cast; infinite if it finds nothing.
+
+  [[nodiscard]] std::uint64_t samples() const { return free + occupied + unknown; }
+  [[nodiscard]] std::uint64_t casts() const { return cast_errors.size(); }
+
+  [[nodiscard]] std::optional<double> free_share() const { return share(free, samples()); }
+  [[nodiscard]] std::optional<double> occupied_share() const { return share(occupied, samples()); }
+  [[nodiscard]] std::optional<double> unknown_share() const { return share(unknown, samples()); }
+  [[nodiscard]] std::optional<double> endpoints_near_share() const {
+    return share(endpoints_near, endpoints);
+  }
+  [[nodiscard]] std::optional<double> casts_within_share() const { return share(casts_within, casts()); }
+
+  /// Exact median of cast_errors [m], of an even number the mean of the middle two; infinite if as many casts
+  /// find nothing. O(casts).
+  [[nodiscard]] std::optional<double> median_cast_error() const {
+    if (cast_errors.empty()) return std::nullopt;
+    std::vector<double> errors = cast_errors;
+    const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
+    std::nth_element(errors.begin(), middle, errors.end());
+    if (errors.size() % 2 == 1) return *middle;
+    return 0.5 * (*std::max_element(errors.begin(), middle) + *middle);
+  }
+
+  /// The counts of other beams join these.
+  void add(const HeldOutTruth& other) {
+    free += other.free;
+    occupied += other.occupied;
+    unknown += other.unknown;
+    endpoints += other.endpoints;
+    endpoints_near += other.endpoints_near;
+    casts_within += other.casts_within;
+    cast_errors.insert(cast_errors.end(), other.cast_errors.begin(), other.cast_errors.end());
+  }
+
+ private:
+  [[nodiscard]] static std::optional<double> share(std::uint64_t part, std::uint64_t whole) {
+    if (whole == 0) return std::nullopt;
+    return static_cast<double>(part) / static_cast<double>(whole);
+  }
+};
+
+/// Asks the map about each beam of a scan that was not mapped, and adds what it says to `truth`.
+/// @param map any type for which `state(map, point)`, `occupied_within(map, point, radius)` and
+///   `cast_ray(map, origin, direction, max_range)` are found, in ndtree or in the map's own namespace.
+/// @param max_range [m] beams that are longer are not asked about, nor are those that did not return.
+template <class Map, int D>
+void evaluate(const Map& map, const ScanView<D>& scan, double max_range, HeldOutTruth& truth,
+              const HeldOutTruthOptions& options = {}) {
+  options.validate();
+  for (Eigen::Index i = 0; i < scan.size; ++i) {
+    const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
+    if (beam.outcome != BeamOutcome::returned) continue;
+
+    for (std::int64_t k = 1;; ++k) {
+      const double distance = static_cast<double>(k) * options.sample_spacing;
+      if (!(distance <= beam.range - options.sample_margin)) break;
+      const Vector<D> point = beam.point(distance / beam.range);
+      const CellState found = state(map, point);
+      ++(found == CellState::free       ? truth.free
+         : found == CellState::occupied ? truth.occupied
+                                        : truth.unknown);
+    }
+
+    ++truth.endpoints;
+    if (occupied_within(map, beam.endpoint, options.endpoint_radius)) ++truth.endpoints_near;
+
+    const std::optional<double> cast =
+        cast_ray(map, beam.origin, beam.displacement, beam.range + options.cast_overshoot);
+    const double error = cast ? std::abs(*cast - beam.range) : std::numeric_limits<double>::infinity();
+    truth.cast_errors.push_back(error);
+    if (error <= options.cast_tolerance) ++truth.casts_within;
+  }
+}
+
+}  // namespace ndtree

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <pybind11/stl.h>
+
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "ndtree/logs/carmen.hpp"
+#include "ndtree/logs/simulator.hpp"
+#include "ndtree/logs/xyz.hpp"
+#include "numpy.hpp"
+#include "python_map.hpp"
+
+namespace ndtree::python {
+
+using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
+
+namespace {
+
+/// (endpoints (n, dim), origin (dim,) or (n, dim), returned (n,) bool, stamp).
+template <int D>
+py::tuple to_tuple(const Scan<D>& scan) {
+  const py::ssize_t n = scan.size();
+  py::array_t<double> endpoints({n, py::ssize_t{D}}, scan.endpoints.data());
+  py::object origin;
+  if (scan.origins.cols() == 1) {
+    origin = py::array_t<double>(py::ssize_t{D}, scan.origins.data());
+  } else {
+    origin = py::array_t<double>({n, py::ssize_t{D}}, scan.origins.data());
+  }
+  py::array_t<bool> returned(n);
+  for (py::ssize_t i = 0; i < n; ++i) returned.mutable_at(i) = scan.returned.size() == 0 || scan.returned[i];
+  return py::make_tuple(endpoints, origin, returned, scan.stamp);
+}
+
+template <int D>
+py::object to_tuple_or_none(const std::optional<Scan<D>>& scan) {
+  if (!scan) return py::none();
+  return to_tuple(*scan);
+}
+
+/// The parsers report lines of a file as std::runtime_error; for Python a bad line is a ValueError.
+template <class Function>
+auto as_value_error(Function&& function) {
+  try {
+    return function();
+  } catch (const std::runtime_error& error) {
+    throw std::invalid_argument(error.what());
+  }
+}
+
+template <int D>
+void bind_xyz(py::module_& module, const char* name) {
+  py::class_<XyzParser<D>>(module, name,
+                           "Collects scans from lines of plain text: origin, end point[, 0 or 1].")
+      .def(py::init<>())
+      .def(
+          "parse_line",
+          [](XyzParser<D>& parser, const std::string& line) {
+            return as_value_error([&] { return to_tuple_or_none<D>(parser.parse_line(line)); });
+          },
+          "line"_a, "The scan that ends because this line starts another, as a tuple; else None.")
+      .def(
+          "finish", [](XyzParser<D>& parser) { return to_tuple_or_none<D>(parser.finish()); },
+          "The last scan, as a tuple; None if no beam is waiting.")
+      .def_property_readonly("line_number", &XyzParser<D>::line_number, "Lines read so far.");
+}
+
+template <int D>
+void bind_simulated(py::module_& module, const char* name) {
+  using Log = SimulatedLog<D>;
+  using Point = Eigen::Map<const Vector<D>>;
+  py::class_<Log>(module, name, "A simulated log, and the world that it measures.")
+      .def_property_readonly("dim", [](const Log&) { return D; })
+      .def("__len__", &Log::size)
+      .def(
+          "scan",
+          [](const Log& log, std::size_t i) {
+            if (i >= log.size())
+              throw py::index_error("scan " + std::to_string(i) + ": there are " +
+                                    std::to_string(log.size()));
+            std::optional<Scan<D>> scan;
+            {
+              const py::gil_scoped_release released;
+              scan = log.scan(i);
+            }
+            return to_tuple(*scan);
+          },
+          "i"_a,
+          "(endpoints (n, dim), origin (dim,), returned (n,), stamp) of scan i; the same at each call.")
+      .def(
+          "contains",
+          [](const Log& log, const py::object& object) {
+            const DoubleArray points = as_points(object, "points", D);
+            const py::ssize_t n = points.shape(0);
+            py::array_t<bool> out(n);
+            bool* const results = out.mutable_data();
+            const double* const data = points.data();
+            const py::gil_scoped_release released;
+            for (py::ssize_t i = 0; i < n; ++i)
+              results[i] = log.world.contains(Vector<D>(Point(data + i * D)));
+            return out;
+          },
+          "points"_a, "(n,) bool: whether each of the (n, dim) points is inside something.")
+      .def(
+          "distance",
+          [](const Log& log, const py::object& origins, const py::object& directions, double max_range) {
+            const DoubleArray d = as_points(directions, "directions", D);
+            const py::ssize_t n = d.shape(0);
+            const DoubleArray o = as_points_or_one(origins, "origins", D, n);
+            const py::ssize_t step = o.ndim() == 2 ? D : 0;
+            py::array_t<double> out(n);
+            double* const results = out.mutable_data();
+            const double* const pd = d.data();
+            const double* const po = o.data();
+            for (py::ssize_t i = 0; i < n; ++i)
+              if (!(Point(pd + i * D).norm() > 0.0))
+                throw py::value_error("directions[" + std::to_string(i) + "]: must not be zero or nan");
+            const py::gil_scoped_release released;
+            for (py::ssize_t i = 0; i < n; ++i)
+              results[i] = log.world
+                               .distance(Vector<D>(Point(po + i * step)),
+                                         Vector<D>(Point(pd + i * D).normalized()), max_range)
+                               .value_or(std::numeric_limits<double>::quiet_NaN());
+            return out;
+          },
+          "origins"_a, "directions"_a, py::kw_only(), "max_range"_a = std::numeric_limits<double>::infinity(),
+          "(n,) metres from origins to the first surface along directions; nan where there is none.");
+}
+
+py::object simulate(const std::string& world, std::uint64_t seed, std::optional<std::size_t> scans,
+                    const py::kwargs& settings) {
+  SimulationOptions options;
+  options.seed = seed;
+  options.scans = scans;
+  for (const auto& [key, value] : settings) {
+    const auto name = key.cast<std::string>();
+    double* place = name == "noise_scale"      ? &options.noise_scale
+                    : name == "outlier_rate"   ? &options.outlier_rate
+                    : name == "no_return_rate" ? &options.no_return_rate
+                    : name == "position_sigma" ? &options.position_sigma
+                    : name == "heading_sigma"  ? &options.heading_sigma
+                    : name == "yaw"            ? &options.yaw
+                                               : nullptr;
+    if (place == nullptr)
+      throw py::type_error("simulate() got an unexpected keyword argument '" + name + "'");
+    *place = value.cast<double>();
+  }
+  if (world == "office") return py::cast(simulate_office(options));
+  if (world == "apartment") return py::cast(simulate_apartment(options));
+  if (world == "street") return py::cast(simulate_street(options));
+  throw py::value_error("world = '" + world + "': must be 'office', 'apartment' or 'street'");
+}
+
+}  // namespace
+
+void bind_logs(py::module_& module) {
+  py::class_<CarmenParser>(module, "CarmenParser",
+                           "Turns FLASER and ROBOTLASER1 records of a CARMEN log into scans.")
+      .def(py::init([](std::optional<double> max_range) {
+             CarmenOptions options;
+             if (max_range) options.max_range = *max_range;
+             return CarmenParser(options);
+           }),
+           py::kw_only(), "max_range"_a = py::none())
+      .def(
+          "parse_line",
+          [](CarmenParser& parser, const std::string& line) {
+            return as_value_error([&] { return to_tuple_or_none<2>(parser.parse_line(line)); });
+          },
+          "line"_a,
+          "(endpoints (n, 2), origin (2,), returned (n,), stamp) of a laser record, else None; ValueError "
+          "naming "
+          "the line.")
+      .def_property_readonly("line_number", &CarmenParser::line_number, "Lines read so far.");
+  bind_xyz<2>(module, "XyzParser2");
+  bind_xyz<3>(module, "XyzParser3");
+  bind_simulated<2>(module, "SimulatedLog2");
+  bind_simulated<3>(module, "SimulatedLog3");
+  module.def(
+      "simulate", &simulate, "world"_a, py::kw_only(), "seed"_a = 1, "scans"_a = py::none(),
+      "A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,\n"
+      "position_sigma, heading_sigma and yaw as in SimulationOptions.");
+}
+
+}  // namespace ndtree::python

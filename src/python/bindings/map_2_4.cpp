@@ -1,0 +1,6 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "map_adapter.hpp"
+
+namespace ndtree::python {
+NDTREE_PYTHON_MAP(, 2, 4);
+}

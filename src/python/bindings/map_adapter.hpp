@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The C++ maps behind the interface that Python sees.
+#pragma once
+
+#include <Eigen/Core>
+#include <limits>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "map_interface.hpp"
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/query/nearest.hpp"
+#include "ndtree/query/point.hpp"
+#include "ndtree/query/ray.hpp"
+#include "ndtree/tree/visit.hpp"
+
+namespace ndtree::python {
+
+/// Queries in bulk over any map that answers state(), probability(), occupied_within() and cast_ray().
+template <class Map, int D>
+class QueryAdapter : public MapInterface {
+  using Point = Eigen::Map<const Vector<D>>;
+
+ public:
+  explicit QueryAdapter(Map map) : map_(std::move(map)) {}
+
+  [[nodiscard]] int dim() const final { return D; }
+
+  void probability(const double* points, std::size_t n, float* out) const final {
+    for (std::size_t i = 0; i < n; ++i)
+      out[i] = static_cast<float>(ndtree::probability(map_, Vector<D>(Point(points + i * D))));
+  }
+  void state(const double* points, std::size_t n, std::int8_t* out) const final {
+    for (std::size_t i = 0; i < n; ++i)
+      out[i] = static_cast<std::int8_t>(ndtree::state(map_, Vector<D>(Point(points + i * D))));
+  }
+  void occupied_within(const double* points, std::size_t n, double radius, bool* out) const final {
+    for (std::size_t i = 0; i < n; ++i)
+      out[i] = ndtree::occupied_within(map_, Vector<D>(Point(points + i * D)), radius);
+  }
+  void cast_rays(const double* origins, std::size_t origin_step, const double* directions, std::size_t n,
+                 double max_range, double* out) const final {
+    for (std::size_t i = 0; i < n; ++i)
+      out[i] = ndtree::cast_ray(map_, Vector<D>(Point(origins + i * origin_step)),
+                                Vector<D>(Point(directions + i * D)), max_range)
+                   .value_or(std::numeric_limits<double>::quiet_NaN());
+  }
+  void evaluate(const BeamArrays& beams, double max_range, HeldOutTruth& truth) const final {
+    ndtree::evaluate(map_, beams.view<D>(), max_range, truth);
+  }
+
+ protected:
+  Map map_;
+};
+
+/// Our own maps.
+template <class Map>
+class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
+  static constexpr int D = Map::kDim;
+  using QueryAdapter<Map, Map::kDim>::map_;
+
+ public:
+  using QueryAdapter<Map, Map::kDim>::QueryAdapter;
+
+  [[nodiscard]] std::unique_ptr<MapInterface> clone() const override {
+    return std::make_unique<MapAdapter>(map_);
+  }
+  [[nodiscard]] int branching() const override { return Map::kBranching; }
+  [[nodiscard]] std::string refinement() const override { return Map::RefinementType::kName; }
+  [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
+  InsertReport insert(const BeamArrays& beams, double max_range) override {
+    return map_.insert(beams.view<D>(), max_range);
+  }
+  [[nodiscard]] PythonStats stats() const override { return {map_.stats(), {}}; }
+  [[nodiscard]] std::string to_bytes() const override { return ndtree::to_bytes(map_); }
+  [[nodiscard]] LeafArrays leaves() const override {
+    const auto& tree = map_.tree();
+    const std::size_t n = tree.num_leaves();
+    LeafArrays arrays;
+    arrays.lower.reserve(n * D);
+    arrays.size.reserve(n);
+    arrays.log_odds.reserve(n);
+    arrays.hits.reserve(n);
+    arrays.misses.reserve(n);
+    arrays.observed.reserve(n);
+    for_each_leaf(tree, [&](const auto& leaf) {
+      for (const std::int64_t coordinate : leaf.index.lower)
+        arrays.lower.push_back(tree.geometry().border(coordinate));
+      arrays.size.push_back(tree.geometry().cell_size(leaf.index.level));
+      arrays.log_odds.push_back(leaf.cell().log_odds());
+      arrays.hits.push_back(leaf.cell().hits());
+      arrays.misses.push_back(leaf.cell().misses());
+      arrays.observed.push_back(leaf.cell().observed());
+    });
+    return arrays;
+  }
+};
+
+/// Both kinds of map for one branching and dimension; each pair is compiled in a file of its own.
+template <int N, int D>
+std::unique_ptr<MapInterface> make_map(bool adaptive, const MapOptions& options) {
+  if (adaptive) return std::make_unique<MapAdapter<AdaptiveMap<N, D>>>(AdaptiveMap<N, D>(options));
+  return std::make_unique<MapAdapter<FixedMap<N, D>>>(FixedMap<N, D>(options));
+}
+
+template <int N, int D>
+std::unique_ptr<MapInterface> map_from_bytes(std::string_view bytes, const std::string& refinement) {
+  if (refinement == FixedRefinement::kName)
+    return std::make_unique<MapAdapter<FixedMap<N, D>>>(from_bytes<FixedMap<N, D>>(bytes));
+  return std::make_unique<MapAdapter<AdaptiveMap<N, D>>>(from_bytes<AdaptiveMap<N, D>>(bytes));
+}
+
+#define NDTREE_PYTHON_MAP(prefix, N, D)                                                  \
+  prefix template std::unique_ptr<MapInterface> make_map<N, D>(bool, const MapOptions&); \
+  prefix template std::unique_ptr<MapInterface> map_from_bytes<N, D>(std::string_view, const std::string&)
+
+}  // namespace ndtree::python

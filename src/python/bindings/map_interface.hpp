@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What every map can do when Python asks: one virtual call per bulk call, and none per cell.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "ndtree/evaluation/held_out_truth.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "numpy.hpp"
+
+namespace ndtree::python {
+
+/// The leaves of a map, depth first.
+struct LeafArrays {
+  std::vector<double> lower;  // dim a leaf
+  std::vector<double> size;
+  std::vector<float> log_odds;
+  std::vector<std::uint32_t> hits;
+  std::vector<std::uint32_t> misses;
+  std::vector<std::uint8_t> observed;
+};
+
+struct PythonStats : MapStats {
+  std::optional<std::size_t> pruned_leaves;  ///< After OctoMap's prune(); none for our maps.
+};
+
+/// Points and results are bare pointers, dim doubles a point: no call touches a Python object, so that all
+/// may run without the interpreter's lock.
+class MapInterface {
+ public:
+  virtual ~MapInterface() = default;
+  [[nodiscard]] virtual std::unique_ptr<MapInterface> clone() const = 0;
+  [[nodiscard]] virtual int branching() const = 0;
+  [[nodiscard]] virtual int dim() const = 0;
+  [[nodiscard]] virtual std::string refinement() const = 0;
+  [[nodiscard]] virtual const MapOptions& options() const = 0;
+
+  virtual InsertReport insert(const BeamArrays& beams, double max_range) = 0;
+  virtual void probability(const double* points, std::size_t n, float* out) const = 0;
+  virtual void state(const double* points, std::size_t n, std::int8_t* out) const = 0;
+  virtual void occupied_within(const double* points, std::size_t n, double radius, bool* out) const = 0;
+  /// `origin_step` is dim, or 0 for one origin for all rays.
+  virtual void cast_rays(const double* origins, std::size_t origin_step, const double* directions,
+                         std::size_t n, double max_range, double* out) const = 0;
+  virtual void evaluate(const BeamArrays& beams, double max_range, HeldOutTruth& truth) const = 0;
+  [[nodiscard]] virtual LeafArrays leaves() const = 0;
+  [[nodiscard]] virtual PythonStats stats() const = 0;
+  /// The whole state, for pickle.
+  [[nodiscard]] virtual std::string to_bytes() const = 0;
+  /// What save() writes.
+  [[nodiscard]] virtual std::string file_bytes() const { return to_bytes(); }
+};
+
+/// Map for one of the branchings and dimensions that are compiled in.
+/// @throws std::invalid_argument that lists them.
+std::unique_ptr<MapInterface> make_map(bool adaptive, int branching, int dim, const MapOptions& options);
+
+/// The map in a map file's bytes. @throws std::runtime_error if they are damaged or of a kind not compiled
+/// in.
+std::unique_ptr<MapInterface> map_from_bytes(std::string_view bytes);
+
+}  // namespace ndtree::python

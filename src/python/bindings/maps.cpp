@@ -1,0 +1,524 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <string>
+
+#include "ndtree/io/byte_stream.hpp"
+#include "python_map.hpp"
+
+namespace ndtree::python {
+
+using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+struct Leaves {
+  py::array lower, size, log_odds, probability, hits, misses, observed, state;
+};
+
+Leaves to_python(LeafArrays&& arrays, int dim) {
+  const std::size_t n = arrays.size.size();
+  std::vector<float> probabilities(n);
+  std::vector<std::int8_t> states(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    probabilities[i] = static_cast<float>(probability(static_cast<double>(arrays.log_odds[i])));
+    states[i] = arrays.log_odds[i] > 0.0f   ? std::int8_t{1}
+                : arrays.log_odds[i] < 0.0f ? std::int8_t{0}
+                                            : std::int8_t{-1};
+  }
+  Leaves leaves;
+  leaves.lower = take(std::move(arrays.lower), dim);
+  leaves.size = take(std::move(arrays.size));
+  leaves.log_odds = take(std::move(arrays.log_odds));
+  leaves.probability = take(std::move(probabilities));
+  leaves.hits = take(std::move(arrays.hits));
+  leaves.misses = take(std::move(arrays.misses));
+  leaves.observed = take(std::move(arrays.observed)).view("bool");
+  leaves.state = take(std::move(states));
+  return leaves;
+}
+
+double or_nan(std::optional<double> value) {
+  return value.value_or(std::numeric_limits<double>::quiet_NaN());
+}
+
+std::string number(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
+
+/// Calls `fill(map, points, n, out)` without the interpreter's lock, for an (n,) result.
+template <class T, class Fill>
+py::array_t<T> per_point(const PythonMap& map, const py::object& object, Fill&& fill) {
+  const DoubleArray points = as_points(object, "points", map.constant().dim());
+  py::array_t<T> out(points.shape(0));
+  T* const results = out.mutable_data();
+  const double* const data = points.data();
+  const auto n = static_cast<std::size_t>(points.shape(0));
+  map.read([&](const MapInterface& m) { fill(m, data, n, results); });
+  return out;
+}
+
+py::array_t<double> cast_rays(const PythonMap& map, const py::object& origins, const py::object& directions,
+                              double max_range) {
+  const int dim = map.constant().dim();
+  const DoubleArray d = as_points(directions, "directions", dim);
+  const DoubleArray o = as_points_or_one(origins, "origins", dim, d.shape(0));
+  py::array_t<double> out(d.shape(0));
+  double* const results = out.mutable_data();
+  const std::size_t step = o.ndim() == 2 ? static_cast<std::size_t>(dim) : 0;
+  map.read([&, po = o.data(), pd = d.data(), n = static_cast<std::size_t>(d.shape(0))](
+               const MapInterface& m) { m.cast_rays(po, step, pd, n, max_range, results); });
+  return out;
+}
+
+HeldOutTruth evaluate(const PythonMap& map, const py::object& points, const py::object& origin,
+                      const py::object& returned, double max_range, std::optional<HeldOutTruth> truth) {
+  const BeamArrays beams(points, origin, returned, map.constant().dim());
+  HeldOutTruth result = truth ? std::move(*truth) : HeldOutTruth{};
+  map.read([&](const MapInterface& m) { m.evaluate(beams, max_range, result); });
+  return result;
+}
+
+py::dict options_dict(const MapOptions& options) {
+  py::dict dict;
+  for_each_option(options, [&](const char* name, double value) { dict[name] = value; });
+  return dict;
+}
+
+std::string sizes_text(const MapOptions& options, bool adaptive) {
+  if (!adaptive) return "cell_size=" + number(options.min_cell_size);
+  return "min_cell_size=" + number(options.min_cell_size) +
+         ", max_cell_size=" + number(options.max_cell_size);
+}
+
+py::bytes to_bytes(const PythonMap& map) {
+  return py::bytes(map.read([](const MapInterface& m) { return m.to_bytes(); }));
+}
+
+std::unique_ptr<MapInterface> from_bytes(std::string_view bytes) {
+  const py::gil_scoped_release released;
+  return map_from_bytes(bytes);
+}
+
+/// The one of the two classes that a stored map belongs to.
+py::object to_python(std::unique_ptr<MapInterface> map) {
+  if (map->refinement() == FixedRefinement::kName) return py::cast(PythonFixedMap(std::move(map)));
+  return py::cast(PythonAdaptiveMap(std::move(map)));
+}
+
+template <class Type>
+void bind_own_map(py::module_& module, const char* name, bool adaptive, const char* doc) {
+  py::class_<Type, PythonMap>(module, name, doc)
+      .def(py::init([name, adaptive](int dim, int branching, const std::string& refinement,
+                                     const py::kwargs& options) {
+             const char* only = adaptive ? PaperRefinement::kName : FixedRefinement::kName;
+             if (refinement != only)
+               throw py::value_error("refinement = '" + refinement + "': must be '" + only + "'");
+             return Type(make_map(adaptive, branching, dim, options_from_keywords(options, adaptive, name)));
+           }),
+           py::kw_only(), "dim"_a = 2, "branching"_a = 2,
+           "refinement"_a = adaptive ? PaperRefinement::kName : FixedRefinement::kName)
+      .def("__repr__", [name, adaptive](const Type& map) { return describe(name, map, adaptive); })
+      .def("__copy__",
+           [](const Type& map) { return Type(map.read([](const MapInterface& m) { return m.clone(); })); })
+      .def("__deepcopy__",
+           [](const Type& map, const py::dict&) {
+             return Type(map.read([](const MapInterface& m) { return m.clone(); }));
+           })
+      .def(py::pickle([](const Type& map) { return to_bytes(map); },
+                      [](const py::bytes& state) { return Type(from_bytes(std::string_view(state))); }));
+}
+
+}  // namespace
+
+MapOptions options_from_keywords(const py::kwargs& keywords, bool adaptive, const char* type) {
+  MapOptions options;
+  for (const auto& [key, value] : keywords) {
+    const auto name = key.cast<std::string>();
+    bool known = false;
+    for_each_option(options, [&](const char* option, double& place) {
+      const std::string_view here = option;
+      const bool of_sensor =
+          here.substr(0, 5) == "range" || here.substr(0, 4) == "prob" || here.substr(0, 8) == "log_odds";
+      const bool accepted =
+          adaptive || of_sensor ? name == here : here == "min_cell_size" && name == "cell_size";
+      if (!accepted) return;
+      known = true;
+      const double number = PyFloat_AsDouble(value.ptr());
+      if (PyErr_Occurred() != nullptr) {
+        PyErr_Clear();
+        throw py::type_error(name + " = " + py::repr(value).cast<std::string>() + ": must be a number");
+      }
+      place = number;
+    });
+    if (!known)
+      throw py::type_error(std::string(type) + "() got an unexpected keyword argument '" + name + "'");
+  }
+  if (!adaptive) options.max_cell_size = std::max(options.max_cell_size, options.min_cell_size);
+  return options;
+}
+
+std::string describe(const char* type, const PythonMap& map, bool adaptive) {
+  const MapInterface& m = map.constant();
+  const PythonStats stats = map.read([](const MapInterface& one) { return one.stats(); });
+  return std::string(type) + "(dim=" + std::to_string(m.dim()) +
+         ", branching=" + std::to_string(m.branching()) + ", " + sizes_text(m.options(), adaptive) +
+         "): " + std::to_string(stats.observed_leaves) + " observed leaves, " +
+         std::to_string(stats.updates) + " updates, " + std::to_string(stats.memory_bytes) + " bytes";
+}
+
+void bind_maps(py::module_& module) {
+  py::class_<InsertReport>(module, "InsertReport", "What one call of insert() did.")
+      .def_readonly("beams", &InsertReport::beams, "All beams of the call: the sum of the next four.")
+      .def_readonly("returned", &InsertReport::returned, "Beams with a surface at the end point.")
+      .def_readonly("not_returned", &InsertReport::not_returned, "Beams that found free space only.")
+      .def_readonly("beyond_max_range", &InsertReport::beyond_max_range,
+                    "Beams that returned from beyond max_range: free space up to there.")
+      .def_readonly("invalid", &InsertReport::invalid, "Beams not finite or of zero length: skipped.")
+      .def_readonly("updates", &InsertReport::updates, "(beam, leaf) pairs whose occupancy was updated.")
+      .def_readonly("splits", &InsertReport::splits, "Leaves that were split.")
+      .def_readonly("merges", &InsertReport::merges, "Parents that took the place of their children.")
+      .def_readonly("seconds", &InsertReport::seconds, "Wall time of the insertion itself [s].")
+      .def("__repr__", [](const InsertReport& r) {
+        return "InsertReport(beams=" + std::to_string(r.beams) + ", returned=" + std::to_string(r.returned) +
+               ", not_returned=" + std::to_string(r.not_returned) +
+               ", beyond_max_range=" + std::to_string(r.beyond_max_range) +
+               ", invalid=" + std::to_string(r.invalid) + ", updates=" + std::to_string(r.updates) +
+               ", splits=" + std::to_string(r.splits) + ", merges=" + std::to_string(r.merges) +
+               ", seconds=" + number(r.seconds) + ")";
+      });
+
+  py::class_<PythonStats>(module, "MapStats", "The size of a map, and what happened to it since it was made.")
+      .def_readonly("leaves", &PythonStats::leaves, "All leaves, unknown space included.")
+      .def_readonly("observed_leaves", &PythonStats::observed_leaves,
+                    "Leaves that at least one beam updated: the cells that results count.")
+      .def_readonly("nodes", &PythonStats::nodes, "Leaves and inner nodes.")
+      .def_readonly("updates", &PythonStats::updates, "As in InsertReport, over the map's life.")
+      .def_readonly("splits", &PythonStats::splits, "As in InsertReport, over the map's life.")
+      .def_readonly("merges", &PythonStats::merges, "As in InsertReport, over the map's life.")
+      .def_readonly("memory_bytes", &PythonStats::memory_bytes, "Bytes that the map holds, used or not.")
+      .def_readonly("pruned_leaves", &PythonStats::pruned_leaves,
+                    "Leaves after OctoMap's prune(); None for our own maps.")
+      .def("__repr__", [](const PythonStats& s) {
+        return "MapStats(leaves=" + std::to_string(s.leaves) +
+               ", observed_leaves=" + std::to_string(s.observed_leaves) +
+               ", nodes=" + std::to_string(s.nodes) + ", updates=" + std::to_string(s.updates) +
+               ", splits=" + std::to_string(s.splits) + ", merges=" + std::to_string(s.merges) +
+               ", memory_bytes=" + std::to_string(s.memory_bytes) + ")";
+      });
+
+  py::class_<Leaves>(module, "Leaves", "The leaves of a map, one entry each, depth first.")
+      .def_readonly("lower", &Leaves::lower, "(n, dim) float64: lower corners [m].")
+      .def_readonly("size", &Leaves::size, "(n,) float64: edge lengths [m].")
+      .def_readonly("log_odds", &Leaves::log_odds, "(n,) float32: 0 where unknown.")
+      .def_readonly("probability", &Leaves::probability, "(n,) float32: 0.5 where unknown.")
+      .def_readonly("hits", &Leaves::hits, "(n,) uint32: beams that ended in the leaf.")
+      .def_readonly("misses", &Leaves::misses, "(n,) uint32: beams that passed through it.")
+      .def_readonly("observed", &Leaves::observed, "(n,) bool: at least one beam updated it.")
+      .def_readonly("state", &Leaves::state, "(n,) int8: -1 unknown, 0 free, 1 occupied.")
+      .def("__len__", [](const Leaves& leaves) { return leaves.size.size(); });
+
+  py::class_<HeldOutTruth>(
+      module, "HeldOutTruth",
+      "How right a map is about beams that it was not built from; counts that add up.\n\n"
+      "Of points every 10 cm along a returned beam up to 10 cm before its end, the shares that "
+      "the map calls\nfree, occupied and unknown; of end points, the share within 5 cm of an "
+      "occupied cell; of ray casts\nalong the beams, the share that ends within 10 cm of the "
+      "measured range, and the median error.")
+      .def(py::init<>())
+      .def_property_readonly(
+          "samples", [](const HeldOutTruth& t) { return t.samples(); }, "Points looked at.")
+      .def_property_readonly(
+          "free", [](const HeldOutTruth& t) { return or_nan(t.free_share()); },
+          "Share in [0, 1]; nan of none.")
+      .def_property_readonly(
+          "occupied", [](const HeldOutTruth& t) { return or_nan(t.occupied_share()); },
+          "Share in [0, 1]; nan of none.")
+      .def_property_readonly(
+          "unknown", [](const HeldOutTruth& t) { return or_nan(t.unknown_share()); },
+          "Share in [0, 1]; nan of none.")
+      .def_property_readonly(
+          "endpoints", [](const HeldOutTruth& t) { return t.endpoints; }, "End points looked at.")
+      .def_property_readonly(
+          "endpoints_near", [](const HeldOutTruth& t) { return or_nan(t.endpoints_near_share()); },
+          "Share of end points near an occupied cell.")
+      .def_property_readonly(
+          "casts", [](const HeldOutTruth& t) { return t.casts(); }, "Rays cast.")
+      .def_property_readonly(
+          "casts_within", [](const HeldOutTruth& t) { return or_nan(t.casts_within_share()); },
+          "Share of casts that end where the beam did.")
+      .def_property_readonly(
+          "median_error", [](const HeldOutTruth& t) { return or_nan(t.median_cast_error()); },
+          "Median distance [m] between cast and beam; inf where most casts find nothing.")
+      .def("__iadd__", [](HeldOutTruth& a, const HeldOutTruth& b) -> HeldOutTruth& {
+        a.add(b);
+        return a;
+      });
+
+  py::class_<PythonMap>(module, "OccupancyMap",
+                        "What all maps have in common. Make an AdaptiveMap or a FixedMap.")
+      .def_property_readonly(
+          "dim", [](const PythonMap& m) { return m.constant().dim(); }, "Dimension of space.")
+      .def_property_readonly(
+          "branching", [](const PythonMap& m) { return m.constant().branching(); },
+          "Children of a node along each axis.")
+      .def_property_readonly(
+          "refinement", [](const PythonMap& m) { return m.constant().refinement(); },
+          "Name of the rule that decides on cell sizes.")
+      .def_property_readonly(
+          "options", [](const PythonMap& m) { return options_dict(m.constant().options()); },
+          "dict of float: every option that the map uses.")
+      .def(
+          "insert",
+          [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
+             double max_range) {
+            const BeamArrays beams(points, origin, returned, map.constant().dim());
+            return map.write([&](MapInterface& m) { return m.insert(beams, max_range); });
+          },
+          "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "max_range"_a = kInfinity,
+          R"(Integrate a scan, beam by beam (Sec. III of the paper).
+
+Parameters
+----------
+points : (n, dim) array of float
+    End points in the map frame [m]. A beam that is not finite or of zero length is skipped and counted.
+origin : (dim,) or (n, dim) array of float
+    Sensor position [m], one for all beams or one each.
+returned : (n,) array of bool, optional
+    False: nothing was hit, the space up to the point is free. Default: all True.
+max_range : float
+    Longer beams say only that the space up to there is free [m].
+
+Returns
+-------
+InsertReport
+
+Raises
+------
+ValueError
+    A shape is wrong, an option out of bounds, the one origin not finite, or a point too far away for the
+    lattice of cells. The map is then unchanged.
+)")
+      .def(
+          "probability",
+          [](const PythonMap& map, const py::object& points) {
+            return per_point<float>(map, points,
+                                    [](const MapInterface& m, const double* p, std::size_t n, float* out) {
+                                      m.probability(p, n, out);
+                                    });
+          },
+          "points"_a, R"(Probability that space is occupied at points.
+
+Parameters
+----------
+points : (n, dim) array of float
+    Map frame [m].
+
+Returns
+-------
+(n,) float32
+    0.5 where unknown: outside the map, or not observed.
+)")
+      .def(
+          "state",
+          [](const PythonMap& map, const py::object& points) {
+            return per_point<std::int8_t>(
+                map, points, [](const MapInterface& m, const double* p, std::size_t n, std::int8_t* out) {
+                  m.state(p, n, out);
+                });
+          },
+          "points"_a, R"(State of space at points.
+
+Parameters
+----------
+points : (n, dim) array of float
+    Map frame [m].
+
+Returns
+-------
+(n,) int8
+    -1 unknown, 0 free, 1 occupied.
+)")
+      .def(
+          "occupied_within",
+          [](const PythonMap& map, const py::object& points, double radius) {
+            if (!(radius >= 0.0)) throw py::value_error("radius = " + number(radius) + " m: must be >= 0");
+            return per_point<bool>(
+                map, points, [radius](const MapInterface& m, const double* p, std::size_t n, bool* out) {
+                  m.occupied_within(p, n, radius, out);
+                });
+          },
+          "points"_a, "radius"_a, R"(Whether some occupied cell is near each point.
+
+Parameters
+----------
+points : (n, dim) array of float
+    Map frame [m].
+radius : float
+    Largest distance from the point to the cell's border, >= 0 [m].
+
+Returns
+-------
+(n,) bool
+)")
+      .def("cast_rays", &cast_rays, "origins"_a, "directions"_a, py::kw_only(), "max_range"_a = kInfinity,
+           R"(Distance along rays to the first occupied leaf (Sec. II-D of the paper).
+
+Unknown space does not stop a ray.
+
+Parameters
+----------
+origins : (dim,) or (n, dim) array of float
+    Where the rays start, one for all or one each [m].
+directions : (n, dim) array of float
+    Of any length but zero.
+max_range : float
+    How far to look, > 0 [m].
+
+Returns
+-------
+(n,) float64
+    Metres; nan where there is none. 0 for a ray that starts in an occupied leaf.
+)")
+      .def("evaluate", &evaluate, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
+           "max_range"_a = kInfinity, "truth"_a = py::none(),
+           R"(Compare the map with beams that it was not built from.
+
+Parameters
+----------
+points, origin, returned, max_range
+    As for insert(). Only returned beams within max_range count.
+truth : HeldOutTruth, optional
+    Counts of earlier scans to add to; it is not changed itself.
+
+Returns
+-------
+HeldOutTruth
+)")
+      .def(
+          "leaves",
+          [](const PythonMap& map) {
+            return to_python(map.read([](const MapInterface& m) { return m.leaves(); }),
+                             map.constant().dim());
+          },
+          "All leaves as arrays, unknown space included: a Leaves.")
+      .def(
+          "stats",
+          [](const PythonMap& map) { return map.read([](const MapInterface& m) { return m.stats(); }); },
+          "Size of the map and what happened to it: a MapStats.")
+      .def("to_bytes", &to_bytes, "The bytes of the map's file; equal maps give equal bytes.")
+      .def(
+          "save",
+          [](const PythonMap& map, const std::filesystem::path& path) {
+            map.read([&](const MapInterface& m) { write_file(path, m.file_bytes()); });
+          },
+          "path"_a, R"(Write the map's file; it appears whole or not at all.
+
+Parameters
+----------
+path : str or os.PathLike
+
+Raises
+------
+OSError
+    The file cannot be written.
+)");
+
+  bind_own_map<PythonAdaptiveMap>(module, "AdaptiveMap", true,
+                                  R"(Occupancy map whose cells find their size while mapping.
+
+Parameters
+----------
+dim : int
+    Dimension of space: 2, 3 or 4.
+branching : int
+    Children of a node along each axis: 2, 3 or 4 (in four dimensions 2).
+refinement : str
+    "paper": the rules of Einhorn, Schroeter and Gross (ICRA 2011), as published.
+min_cell_size : float
+    Cells are never split below this edge length [m].
+max_cell_size : float
+    No larger cell is ever updated [m]; rounded down to min_cell_size * branching**k.
+range_sigma, range_sigma_quadratic : float
+    Standard deviation of a range r is range_sigma + range_sigma_quadratic * r**2 [m, 1/m].
+probability_min, probability_max : float
+    Bounds of what a single beam says about a cell.
+log_odds_min, log_odds_max : float
+    Bounds of a cell's log-odds.
+miss_given_occupied, hit_given_free : float
+    Error rates p(miss|occ) and p(hit|free) of the sensor.
+significance : float
+    Confidence of the chi-square test that splits a cell.
+merge_free_below, merge_occupied_above : float
+    Siblings join if all are at most, or all at least, this probable.
+
+Raises
+------
+ValueError
+    A value is out of bounds; the message names it and the limit.
+)");
+  bind_own_map<PythonFixedMap>(module, "FixedMap", false,
+                               R"(The baseline: the same map with every cell of one size.
+
+Parameters
+----------
+dim, branching : int
+    As for AdaptiveMap.
+cell_size : float
+    Edge length of every cell that a beam updates [m].
+range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_min, log_odds_max : float
+    As for AdaptiveMap.
+)");
+
+  module.def(
+      "load",
+      [](const std::filesystem::path& path) {
+        std::unique_ptr<MapInterface> map;
+        {
+          const py::gil_scoped_release released;
+          const std::string bytes = read_file(path);
+          try {
+            map = map_from_bytes(bytes);
+          } catch (const std::runtime_error& error) {
+            throw std::invalid_argument(path.string() + ": " + error.what());
+          }
+        }
+        return to_python(std::move(map));
+      },
+      "path"_a, R"(Read a map that save() wrote.
+
+Parameters
+----------
+path : str or os.PathLike
+
+Returns
+-------
+AdaptiveMap or FixedMap
+
+Raises
+------
+OSError
+    The file cannot be read.
+ValueError
+    It is not a map file, truncated, damaged, or of another version.
+)");
+  module.def(
+      "from_bytes",
+      [](const py::bytes& bytes) {
+        try {
+          return to_python(from_bytes(std::string_view(bytes)));
+        } catch (const std::runtime_error& error) {
+          throw std::invalid_argument(error.what());
+        }
+      },
+      "bytes"_a, "The map that to_bytes() wrote; ValueError as load().");
+  module.def(
+      "default_options", [] { return options_dict(MapOptions{}); },
+      "dict of float: what AdaptiveMap uses where nothing is said.");
+}
+
+}  // namespace ndtree::python

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "numpy.hpp"
+
+namespace ndtree::python {
+
+std::string shape_text(const py::array& array) {
+  std::string text = "(";
+  for (py::ssize_t i = 0; i < array.ndim(); ++i) text += (i ? ", " : "") + std::to_string(array.shape(i));
+  return text + (array.ndim() == 1 ? ",)" : ")");
+}
+
+DoubleArray as_doubles(const py::object& object, const char* name) {
+  py::array array = py::array::ensure(object);
+  if (!array) {
+    PyErr_Clear();
+    throw py::type_error(std::string(name) + ": must be an array of numbers");
+  }
+  const char kind = array.dtype().kind();
+  const bool empty_list = array.size() == 0;
+  if (kind != 'f' && kind != 'i' && kind != 'u' && !empty_list)
+    throw py::type_error(std::string(name) + " has dtype " + py::str(array.dtype()).cast<std::string>() +
+                         ": must be an array of real numbers");
+  auto doubles = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(array);
+  if (!doubles) throw py::error_already_set();
+  return py::reinterpret_borrow<DoubleArray>(doubles);
+}
+
+DoubleArray as_points(const py::object& object, const char* name, int dim) {
+  DoubleArray array = as_doubles(object, name);
+  if (array.ndim() != 2 || array.shape(1) != dim)
+    throw py::value_error(std::string(name) + " has shape " + shape_text(array) + ": must be (n, " +
+                          std::to_string(dim) + ")");
+  return array;
+}
+
+DoubleArray as_points_or_one(const py::object& object, const char* name, int dim, py::ssize_t n) {
+  DoubleArray array = as_doubles(object, name);
+  const bool one = array.ndim() == 1 && array.shape(0) == dim;
+  const bool each = array.ndim() == 2 && array.shape(0) == n && array.shape(1) == dim;
+  if (!one && !each)
+    throw py::value_error(std::string(name) + " has shape " + shape_text(array) + ": must be (" +
+                          std::to_string(dim) + ",), one for all, or (" + std::to_string(n) + ", " +
+                          std::to_string(dim) + "), one each");
+  return array;
+}
+
+py::object as_mask(const py::object& object, const char* name, py::ssize_t n) {
+  if (object.is_none()) return py::none();
+  py::array array = py::array::ensure(object);
+  if (!array || array.dtype().kind() != 'b') {
+    PyErr_Clear();
+    throw py::type_error(std::string(name) + ": must be an array of bool, or None");
+  }
+  if (array.ndim() != 1 || array.shape(0) != n)
+    throw py::value_error(std::string(name) + " has shape " + shape_text(array) + ": must be (" +
+                          std::to_string(n) + ",), one for each point");
+  return BoolArray::ensure(array);
+}
+
+BeamArrays::BeamArrays(const py::object& points, const py::object& origin, const py::object& mask,
+                       int dimension)
+    : endpoints(as_points(points, "points", dimension)),
+      origins(as_points_or_one(origin, "origin", dimension, endpoints.shape(0))),
+      returned(as_mask(mask, "returned", endpoints.shape(0))),
+      dim(dimension),
+      size_(endpoints.shape(0)),
+      origin_per_beam_(origins.ndim() == 2) {
+  if (!returned.is_none()) mask_data_ = py::reinterpret_borrow<BoolArray>(returned).data();
+}
+
+}  // namespace ndtree::python

@@ -1,0 +1,79 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// NumPy arrays in and out: no copy where they are C-contiguous float64, one copy otherwise, clear shape
+/// errors.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/core/scan.hpp"
+
+namespace ndtree::python {
+
+namespace py = pybind11;
+
+using DoubleArray = py::array_t<double, py::array::c_style>;
+using BoolArray = py::array_t<bool, py::array::c_style>;
+
+/// "(3, 2)", as NumPy writes it.
+std::string shape_text(const py::array& array);
+
+/// An array of numbers as contiguous float64. @throws TypeError naming the argument for anything but numbers.
+DoubleArray as_doubles(const py::object& object, const char* name);
+
+/// An (n, dim) array. @throws ValueError naming the argument, its shape and the one expected.
+DoubleArray as_points(const py::object& object, const char* name, int dim);
+
+/// A (dim,) or an (n, dim) array, one for all or one each. @throws ValueError naming both shapes.
+DoubleArray as_points_or_one(const py::object& object, const char* name, int dim, py::ssize_t n);
+
+/// An (n,) array of bool, or none. @throws TypeError or ValueError.
+py::object as_mask(const py::object& object, const char* name, py::ssize_t n);
+
+/// The arguments of one scan, checked; they keep the arrays alive while the view is used.
+struct BeamArrays {
+  DoubleArray endpoints;
+  DoubleArray origins;
+  py::object returned;  // None or BoolArray
+  int dim;
+
+  BeamArrays(const py::object& points, const py::object& origin, const py::object& mask, int dimension);
+
+  template <int D>
+  [[nodiscard]] ScanView<D> view() const {
+    ScanView<D> scan;
+    scan.endpoints = endpoints.data();
+    scan.origins = origins.data();
+    scan.returned = mask_data_;
+    scan.size = size_;
+    scan.origin_per_beam = origin_per_beam_;
+    return scan;
+  }
+
+ private:
+  const bool* mask_data_ = nullptr;
+  py::ssize_t size_ = 0;
+  bool origin_per_beam_ = false;
+};
+
+/// A one-dimensional array that takes over a vector's memory.
+template <class T>
+py::array_t<T> take(std::vector<T>&& values) {
+  auto* owned = new std::vector<T>(std::move(values));
+  const py::capsule owner(owned, [](void* p) { delete static_cast<std::vector<T>*>(p); });
+  return py::array_t<T>(static_cast<py::ssize_t>(owned->size()), owned->data(), owner);
+}
+
+/// An (n, dim) array that takes over a vector of n * dim numbers.
+template <class T>
+py::array_t<T> take(std::vector<T>&& values, int dim) {
+  py::array_t<T> flat = take(std::move(values));
+  return flat.reshape({static_cast<py::ssize_t>(-1), static_cast<py::ssize_t>(dim)});
+}
+
+}  // namespace ndtree::python

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <sstream>
+#include <stdexcept>
+#include <string>
+
+#include "map_adapter.hpp"
+#include "octomap_baseline.hpp"
+#include "python_map.hpp"
+
+namespace ndtree::python {
+
+using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
+
+namespace {
+
+struct PythonOctoMap : PythonMap {
+  using PythonMap::PythonMap;
+};
+
+template <int D>
+class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
+  using QueryAdapter<OctomapBaseline, D>::map_;
+
+ public:
+  using QueryAdapter<OctomapBaseline, D>::QueryAdapter;
+
+  [[nodiscard]] std::unique_ptr<MapInterface> clone() const override {
+    return std::make_unique<OctomapAdapter>(map_);
+  }
+  [[nodiscard]] int branching() const override { return 2; }
+  [[nodiscard]] std::string refinement() const override { return "octomap"; }
+  [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
+  InsertReport insert(const BeamArrays& beams, double max_range) override {
+    return map_.insert(beams.view<D>(), max_range);
+  }
+  [[nodiscard]] PythonStats stats() const override {
+    const OctomapStats octomap = map_.stats();
+    PythonStats stats;
+    stats.leaves = octomap.leaves;
+    stats.observed_leaves = octomap.leaves_expanded;
+    stats.pruned_leaves = octomap.leaves_pruned;
+    stats.nodes = octomap.nodes;
+    stats.updates = octomap.updates;
+    stats.memory_bytes = octomap.memory_bytes;
+    return stats;
+  }
+  [[nodiscard]] LeafArrays leaves() const override {
+    const OctomapLeaves all = map_.leaves();
+    LeafArrays arrays;
+    const auto n = static_cast<std::size_t>(all.size.size());
+    for (Eigen::Index i = 0; i < all.size.size(); ++i)
+      for (int a = 0; a < D; ++a) arrays.lower.push_back(all.lower(a, i));
+    arrays.size.assign(all.size.data(), all.size.data() + n);
+    arrays.log_odds.assign(all.log_odds.data(), all.log_odds.data() + n);
+    arrays.hits.assign(n, 0);
+    arrays.misses.assign(n, 0);
+    arrays.observed.assign(n, 1);
+    return arrays;
+  }
+  [[nodiscard]] std::string to_bytes() const override {
+    std::ostringstream out;
+    map_.save(out);
+    return out.str();
+  }
+  [[nodiscard]] std::string file_bytes() const override {
+    std::ostringstream out;
+    map_.write_ot(out);
+    return out.str();
+  }
+};
+
+std::unique_ptr<MapInterface> adapter(OctomapBaseline map, int dim) {
+  if (dim == 2) return std::make_unique<OctomapAdapter<2>>(std::move(map));
+  if (dim == 3) return std::make_unique<OctomapAdapter<3>>(std::move(map));
+  throw std::invalid_argument("dim = " + std::to_string(dim) + ": must be 2 or 3 for OctoMap");
+}
+
+OctomapInsertion insertion_from(const std::string& name) {
+  if (name == "ray") return OctomapInsertion::beam_by_beam;
+  if (name == "scan") return OctomapInsertion::scan_at_once;
+  if (name == "scan_lazy") return OctomapInsertion::scan_at_once_lazy;
+  throw std::invalid_argument("insertion = '" + name + "': must be 'ray', 'scan' or 'scan_lazy'");
+}
+
+PythonOctoMap copy(const PythonOctoMap& map) {
+  return PythonOctoMap(map.read([](const MapInterface& m) { return m.clone(); }));
+}
+
+}  // namespace
+
+void bind_octomap(py::module_& module) {
+  py::class_<PythonOctoMap, PythonMap>(module, "OctoMap",
+                                       R"(OctoMap itself (liboctomap), with the calls of the other maps.
+
+save() writes OctoMap's own .ot file. `stats()` counts cells of `cell_size` as observed_leaves, before
+pruning, and those after as pruned_leaves. `leaves()` gives them as stored, without counts of hits.
+
+Parameters
+----------
+cell_size : float
+    Edge length of the smallest cell [m].
+dim : int
+    3; or 2: scans then lie in the plane z = 0.
+insertion : str
+    "ray": insertRay() for each beam. "scan": insertPointCloud(), which updates a cell once a scan; it takes
+    one origin a scan. "scan_lazy": the same with lazy evaluation.
+probability_min, probability_max, log_odds_min, log_odds_max : float
+    A miss and a hit add the log-odds of the first two, within the bounds of the last two.
+
+Raises
+------
+ValueError
+    A value is out of bounds; the message names it and the limit.
+)")
+      .def(py::init([](int dim, const std::string& insertion, const py::kwargs& keywords) {
+             const MapOptions options = options_from_keywords(keywords, false, "OctoMap");
+             options.validate();
+             return PythonOctoMap(
+                 adapter(OctomapBaseline(options.min_cell_size, options, insertion_from(insertion)), dim));
+           }),
+           py::kw_only(), "dim"_a = 3, "insertion"_a = "ray")
+      .def("__repr__", [](const PythonOctoMap& map) { return describe("OctoMap", map, false); })
+      .def("__copy__", &copy)
+      .def("__deepcopy__", [](const PythonOctoMap& map, const py::dict&) { return copy(map); })
+      .def(py::pickle(
+          [](const PythonOctoMap& map) {
+            return py::make_tuple(map.constant().dim(),
+                                  py::bytes(map.read([](const MapInterface& m) { return m.to_bytes(); })));
+          },
+          [](const py::tuple& state) {
+            std::istringstream in(state[1].cast<std::string>());
+            return PythonOctoMap(adapter(OctomapBaseline::load(in), state[0].cast<int>()));
+          }));
+}
+
+}  // namespace ndtree::python

@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The object behind a Python map: one interface, guarded so that threads may share it.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include <memory>
+#include <mutex>
+#include <shared_mutex>
+#include <string>
+#include <utility>
+
+#include "map_interface.hpp"
+
+namespace ndtree::python {
+
+/// Queries of several threads run at the same time, an insertion runs alone. Both leave the interpreter's
+/// lock to others, and take this one only after that: so they cannot wait for each other in a circle.
+class PythonMap {
+ public:
+  explicit PythonMap(std::unique_ptr<MapInterface> map) : map_(std::move(map)) {}
+  PythonMap(PythonMap&& other) noexcept : map_(std::move(other.map_)) {}
+
+  template <class Function>
+  auto read(Function&& function) const {
+    const pybind11::gil_scoped_release released;
+    const std::shared_lock lock(mutex_);
+    return function(std::as_const(*map_));
+  }
+  template <class Function>
+  auto write(Function&& function) {
+    const pybind11::gil_scoped_release released;
+    const std::unique_lock lock(mutex_);
+    return function(*map_);
+  }
+  /// What never changes: dimension, branching, options.
+  [[nodiscard]] const MapInterface& constant() const { return *map_; }
+
+ private:
+  std::unique_ptr<MapInterface> map_;
+  mutable std::shared_mutex mutex_;
+};
+
+struct PythonAdaptiveMap : PythonMap {
+  using PythonMap::PythonMap;
+};
+struct PythonFixedMap : PythonMap {
+  using PythonMap::PythonMap;
+};
+
+/// Options from keywords. @throws TypeError naming a keyword that is unknown or not a number.
+MapOptions options_from_keywords(const pybind11::kwargs& keywords, bool adaptive, const char* type);
+
+/// What repr() shows: type, dimension, cell sizes, and how much there is.
+std::string describe(const char* type, const PythonMap& map, bool adaptive);
+
+void bind_maps(pybind11::module_& module);
+void bind_logs(pybind11::module_& module);
+void bind_octomap(pybind11::module_& module);
+
+}  // namespace ndtree::python

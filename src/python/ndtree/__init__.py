@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Occupancy mapping in N^d-trees whose cells adapt to what is measured.
+
+Lengths are in metres, arrays are (n, dim), everything is in the map frame.
+
+>>> import numpy as np, ndtree
+>>> m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=1.6, range_sigma=0.03)
+>>> report = m.insert(np.array([[2.0, 0.5], [2.0, 0.6]]), np.zeros(2))
+>>> report.returned
+2
+"""
+
+from ._core import (
+    AdaptiveMap,
+    FixedMap,
+    HeldOutTruth,
+    InsertReport,
+    Leaves,
+    MapStats,
+    OccupancyMap,
+    __version__,
+    default_options,
+    from_bytes,
+    has_octomap,
+    load,
+)
+from .comparison import Comparison, compare
+from .readers import Log, read, simulate
+from .scan import Scan
+
+if has_octomap:
+    from ._core import OctoMap
+else:
+
+    def OctoMap(*_args: object, **_options: object) -> OccupancyMap:  # noqa: N802
+        """Say why there is no OctoMap: it was not there when the module was built."""
+        raise RuntimeError(
+            "ndtree was built without OctoMap: install liboctomap-dev and build it again "
+            "(pip install --no-binary ndtree-mapping ndtree-mapping)"
+        )
+
+
+__all__ = [
+    "AdaptiveMap",
+    "Comparison",
+    "FixedMap",
+    "HeldOutTruth",
+    "InsertReport",
+    "Leaves",
+    "Log",
+    "MapStats",
+    "OccupancyMap",
+    "OctoMap",
+    "Scan",
+    "__version__",
+    "compare",
+    "default_options",
+    "from_bytes",
+    "has_octomap",
+    "load",
+    "read",
+    "simulate",
+]

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which options the kinds of maps take. Their defaults are the maps' own and stand nowhere here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ndtree import _core
+from ndtree._core import OccupancyMap
+
+
+@dataclass(frozen=True)
+class MapOption:
+    """A keyword of the maps' constructors, and a flag of the command line."""
+
+    name: str
+    type: type
+    help: str
+    fixed: bool = False  # FixedMap takes it, too ...
+    octomap: bool = False  # ... and OctoMap.
+
+
+MAP_OPTIONS = (
+    MapOption("branching", int, "Children of a node along each axis, N.", fixed=True),
+    MapOption("min_cell_size", float, "Edge of the smallest cells [m]; of all cells where they are fixed."),
+    MapOption("max_cell_size", float, "Edge of the largest cells that are updated [m]."),
+    MapOption("refinement", str, "Policy that splits and merges cells."),
+    MapOption("range_sigma", float, "Standard deviation of a range [m].", fixed=True),
+    MapOption("range_sigma_quadratic", float, "Its growth with the squared range [1/m].", fixed=True),
+    MapOption("probability_min", float, "No beam says less about a cell.", fixed=True, octomap=True),
+    MapOption("probability_max", float, "No beam says more about a cell.", fixed=True, octomap=True),
+    MapOption("log_odds_min", float, "A cell's log-odds never fall below.", fixed=True, octomap=True),
+    MapOption("log_odds_max", float, "A cell's log-odds never rise above.", fixed=True, octomap=True),
+    MapOption("miss_given_occupied", float, "Share of beams that pass an occupied cell."),
+    MapOption("hit_given_free", float, "Share of beams that end in a free cell."),
+    MapOption("significance", float, "Confidence of the split test."),
+    MapOption("merge_free_below", float, "Siblings join if all are at most this probable."),
+    MapOption("merge_occupied_above", float, "Siblings join if all are at least this probable."),
+)
+OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
+
+#: What a comparison can have in it; "paper" is the adaptive map exactly as the paper has it, "octomap-scan"
+#: inserts scans by ``insertPointCloud``, which updates each cell once a scan.
+KINDS = ("adaptive", "paper", "fixed", "octomap", "octomap-scan")
+
+
+def make_map(name: str, *, dim: int, cell_size: float | None = None, **options: Any) -> OccupancyMap:
+    """A map by the name of its kind; of the options it gets those that it takes.
+
+    Parameters
+    ----------
+    name : str
+        One of `KINDS`, with "@" and a cell size [m] if that is not the common one, as in "fixed@0.1".
+    dim : int
+        Number of coordinates of a point.
+    cell_size : float, optional
+        The common cell size [m], ``min_cell_size`` of an adaptive map. Left out: the adaptive map's default.
+    **options
+        As in `AdaptiveMap`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such kind, or an option is out of its limits.
+    RuntimeError
+        If OctoMap was not there when the module was built.
+    """
+    kind, _, own_size = name.partition("@")
+    if kind not in KINDS:
+        raise ValueError(f"map {name!r}: must be one of {', '.join(KINDS)}, with @ and a cell size if wanted")
+    if own_size:
+        try:
+            cell_size = float(own_size)
+        except ValueError:
+            raise ValueError(f"map {name!r}: expected a cell size in metres behind the @") from None
+    for option in options:
+        if option not in OPTION_NAMES or option == "min_cell_size":
+            raise TypeError(f"{option}: no map has such an option")
+    if kind in ("adaptive", "paper"):
+        if kind == "paper":
+            options["refinement"] = "paper"
+        if cell_size is not None:
+            options["min_cell_size"] = cell_size
+        return _core.AdaptiveMap(dim=dim, **options)
+    if cell_size is None:
+        cell_size = _core.default_options()["min_cell_size"]
+    if kind == "fixed":
+        taken = {option.name for option in MAP_OPTIONS if option.fixed}
+        return _core.FixedMap(dim=dim, cell_size=cell_size, **_only(taken, options))
+    taken = {option.name for option in MAP_OPTIONS if option.octomap}
+    if not _core.has_octomap:
+        raise RuntimeError(f"map {name!r}: OctoMap was not there when ndtree was built")
+    insertion = "scan" if kind == "octomap-scan" else "ray"
+    return _core.OctoMap(dim=dim, cell_size=cell_size, insertion=insertion, **_only(taken, options))
+
+
+def _only(names: set[str], options: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if name in names}

@@ -1,0 +1,450 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps of the same log side by side: cells, updates, time, memory and truth, all counted alike."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree import _core
+from ndtree._core import OccupancyMap
+from ndtree._options import make_map
+from ndtree.readers.log import Log
+from ndtree.readers.simulated import SimulatedLog
+from ndtree.scan import Scan
+
+MapMaker = Callable[[], OccupancyMap]
+Maps = Union[Sequence[str], Mapping[str, MapMaker]]
+Progress = Callable[[str, int, int], None]
+
+OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
+COUNTED = ("leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
+EXACT_SAMPLES = 100_000
+NEAR_SURFACE = 0.1
+
+
+class Comparison(dict[str, Any]):
+    """The figures of `compare`, ready for JSON, with the maps themselves in ``map_objects``."""
+
+    map_objects: dict[str, OccupancyMap]
+
+    def row(self, name: str) -> dict[str, Any]:
+        """The figures of one map."""
+        for row in self["maps"]:
+            if row["map"] == name:
+                return row
+        raise KeyError(name)
+
+    def to_json(self) -> str:
+        """The figures as JSON, indented."""
+        return json.dumps(self, indent=2, allow_nan=False) + "\n"
+
+    def to_csv(self) -> str:
+        """One line for each map, with the log and its size in front."""
+        rows = [{"log": self["log"], "scans": self["scans"], **_flat(row)} for row in self["maps"]]
+        columns = list(dict.fromkeys(column for row in rows for column in row))
+        text = io.StringIO()
+        writer = csv.DictWriter(text, columns, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        return text.getvalue()
+
+    def __str__(self) -> str:
+        """A table with a column for each map."""
+        return _table(self)
+
+
+def compare(
+    log: Log | Iterable[Scan],
+    maps: Maps | None = None,
+    *,
+    held_out: int = 10,
+    max_range: float = math.inf,
+    repeat: int = 1,
+    cell_size: float | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Comparison:
+    """Map a log in several ways, and say what each map costs and how true it is.
+
+    Parameters
+    ----------
+    log : Log or iterable of Scan
+        Read once, and kept in memory.
+    maps : sequence of str, or mapping of str to callable, optional
+        Names are "adaptive", "paper" (refined exactly as the paper has it), "fixed", "octomap" and
+        "octomap-scan" (updated once a scan), with @ and a cell size [m] where it is not the common one, as
+        in "fixed@0.1". A mapping has own names with functions that make the maps. Left out: adaptive, fixed
+        and, where there is one, OctoMap.
+    held_out : int
+        Each held_out-th scan is not mapped, and tells how true the maps are; 0 maps all.
+    max_range : float
+        Longer beams say only that the space up to there is free [m].
+    repeat : int
+        How often each map is made, in turns, for the times. Updates and cells do not depend on it.
+    cell_size : float, optional
+        Smallest cells [m]. Left out: the adaptive map's own default.
+    progress : callable, optional
+        Called as ``progress(what, done, total)`` with numbers of scans.
+    **options
+        As in `AdaptiveMap`; each map gets those that it knows.
+
+    Returns
+    -------
+    Comparison
+        "cells" are leaves that at least one beam updated, "updates" pairs of a beam and a leaf, "seconds"
+        the insertion alone. "truth" is about the scans held out: shares of points every 0.1 m along the
+        beams, up to 0.1 m before their end, that the map calls free, occupied and unknown; the share of end
+        points within 0.05 m of an occupied cell; of ray casts, those that end within 0.1 m of the measured
+        range, and their median error [m]. "exact", on simulated logs, compares with the world itself.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of its limits, or the log is damaged or empty.
+    """
+    for name, value, least in (("held_out", held_out, 0), ("repeat", repeat, 1)):
+        if value < least:
+            raise ValueError(f"{name} = {value}: must be >= {least}")
+    if held_out == 1:
+        raise ValueError("held_out = 1: must be 0 or at least 2, or nothing is left to map")
+    if maps is None:
+        maps = ("adaptive", "fixed", "octomap") if _core.has_octomap else ("adaptive", "fixed")
+    if "min_cell_size" in options:
+        cell_size = options.pop("min_cell_size")
+    progress = progress or _no_progress
+    scans = _loaded(log, progress)
+    dim = scans[0].dim
+    makers = _makers(maps, dim, cell_size, options)
+    mapped = [scan for i, scan in enumerate(scans) if not _is_held_out(i, held_out)]
+    unseen = [scan for i, scan in enumerate(scans) if _is_held_out(i, held_out)]
+
+    built = {name: _Built() for name in makers}
+    for run in range(repeat):
+        for name, make in makers.items():
+            label = name if repeat == 1 else f"{name}, run {run + 1}"
+            _build(built[name], make, mapped, max_range, lambda done, n=label: progress(n, done, len(mapped)))
+
+    rows = []
+    for name, one in built.items():
+        row = _figures(name, one)
+        told = partial(progress, f"{name}, truth")
+        row["truth"] = _truth(one.map, unseen, max_range, lambda done: told(done, len(unseen)))
+        rows.append(row)
+    if isinstance(log, SimulatedLog):
+        samples = _exact_samples(log, scans, max_range)
+        for row in rows:
+            row["exact"] = _exact(built[row["map"]].map, samples)
+
+    first = next(iter(built.values()))
+    result = Comparison(
+        log=getattr(log, "name", "scans"),
+        dim=dim,
+        branching=first.map.branching,
+        scans=len(scans),
+        scans_mapped=len(mapped),
+        beams={outcome: first.beams[outcome] for outcome in OUTCOMES},
+        parameters={
+            "held_out": held_out,
+            "max_range": _finite(max_range),
+            "repeat": repeat,
+            "maps": {name: _plain(one.map.options) for name, one in built.items()},
+        },
+        maps=rows,
+        ratios=_ratios(rows),
+    )
+    result.map_objects = {name: one.map for name, one in built.items()}
+    return result
+
+
+def _no_progress(what: str, done: int, total: int) -> None:
+    pass
+
+
+def _is_held_out(i: int, held_out: int) -> bool:
+    """Whether scan i, counted from 0, is kept for the truth: the last of every `held_out`."""
+    return held_out > 0 and i % held_out == held_out - 1
+
+
+def _loaded(log: Log | Iterable[Scan], progress: Progress) -> list[Scan]:
+    total = len(log) if hasattr(log, "__len__") else 0
+    scans: list[Scan] = []
+    for scan in log:
+        scans.append(scan)
+        if scan.dim != scans[0].dim:
+            raise ValueError(f"scan {len(scans) - 1} is {scan.dim}-D: must be {scans[0].dim}-D as the first")
+        progress("reading", len(scans), total)
+    if not scans:
+        raise ValueError(f"{getattr(log, 'path', None) or 'log'}: no scans, expected at least one")
+    return scans
+
+
+def _makers(maps: Maps, dim: int, cell_size: float | None, options: dict[str, Any]) -> dict[str, MapMaker]:
+    if isinstance(maps, Mapping):
+        if options or cell_size is not None:
+            raise TypeError("maps made by own functions take no further options")
+        makers = dict(maps)
+    else:
+        if isinstance(maps, str) or len(set(maps)) != len(maps):
+            raise ValueError(f"maps = {maps!r}: must be different names")
+        makers = {
+            name: lambda name=name: make_map(name, dim=dim, cell_size=cell_size, **options) for name in maps
+        }
+    if not makers:
+        raise ValueError("maps: must name at least one")
+    return makers
+
+
+class _Built:
+    """One candidate: the map of the first run, and the times of all."""
+
+    map: OccupancyMap
+
+    def __init__(self) -> None:
+        self.seconds: list[float] = []
+        self.beams = dict.fromkeys(OUTCOMES, 0)
+        self.resident_bytes: int | None = None
+
+
+def _build(
+    built: _Built, make: MapMaker, scans: Sequence[Scan], max_range: float, progress: Callable[[int], None]
+) -> None:
+    first = not built.seconds
+    before = _resident_bytes()
+    target = make()
+    seconds = 0.0
+    for done, scan in enumerate(scans, start=1):
+        report = scan.insert_into(target, max_range=max_range)
+        seconds += report.seconds
+        if first:
+            for outcome in OUTCOMES:
+                built.beams[outcome] += getattr(report, outcome)
+        progress(done)
+    built.seconds.append(seconds)
+    if first:
+        # The maps of the first run are kept, so that no map grows into memory that another has freed.
+        built.map = target
+        after = _resident_bytes()
+        built.resident_bytes = None if before is None or after is None else after - before
+
+
+def _resident_bytes() -> int | None:
+    """Memory of this process that is in use; None where the system does not say."""
+    try:
+        with open("/proc/self/statm", "rb") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+def _figures(name: str, built: _Built) -> dict[str, Any]:
+    stats = built.map.stats()
+    leaves = built.map.leaves()
+    median = statistics.median(built.seconds)
+    row: dict[str, Any] = {"map": name, "cells": int(stats.observed_leaves)}
+    row.update({key: int(getattr(stats, key)) for key in COUNTED})
+    row["seconds"] = {
+        "median": median,
+        "min": min(built.seconds),
+        "max": max(built.seconds),
+        "runs": len(built.seconds),
+    }
+    row["beams_per_second"] = sum(built.beams.values()) / median if median > 0 else None
+    row["bytes_per_node"] = row["memory_bytes"] / row["nodes"] if row["nodes"] else None
+    row["resident_bytes"] = built.resident_bytes
+    if _core.has_octomap and isinstance(built.map, _core.OctoMap):
+        row["cells_pruned"] = int(stats.pruned_leaves)
+    sizes, where, count = np.unique(leaves.size, return_inverse=True, return_counts=True)
+    observed = np.bincount(where.ravel(), weights=leaves.observed, minlength=len(sizes))
+    row["cell_sizes"] = [
+        {"size": float(size), "observed": int(seen), "leaves": int(all_)}
+        for size, seen, all_ in zip(sizes, observed, count)
+    ]
+    return row
+
+
+def _truth(
+    target: OccupancyMap, scans: Sequence[Scan], max_range: float, progress: Callable[[int], None]
+) -> dict[str, Any] | None:
+    if not scans:
+        return None
+    truth = _core.HeldOutTruth()
+    for done, scan in enumerate(scans, start=1):
+        truth += scan.evaluate_on(target, max_range=max_range)
+        progress(done)
+    keys = ("free", "occupied", "unknown", "samples", "endpoints_near", "endpoints", "casts_within", "casts")
+    return {key: _finite(getattr(truth, key)) for key in (*keys, "median_error")}
+
+
+def _exact_samples(
+    log: SimulatedLog, scans: Sequence[Scan], max_range: float
+) -> dict[str, NDArray[np.float64]]:
+    """Points of space that the sensor has really seen, with what is there in truth.
+
+    "free" lies anywhere before the first surface along random beams, "near" in the last 0.1 m before it, and
+    "inside" in the first 0.05 m behind it.
+    """
+    generator = np.random.default_rng(0)
+    returned = [scan for scan in scans if len(scan)]
+    per_scan = -(-EXACT_SAMPLES // max(len(returned), 1))
+    origins, directions = [], []
+    for scan in returned:
+        known = np.isfinite(scan.endpoints).all(axis=1)
+        known &= True if scan.returned is None else scan.returned
+        beams = generator.choice(np.flatnonzero(known), per_scan) if known.any() else np.empty(0, dtype=int)
+        start = np.broadcast_to(scan.origin, scan.endpoints.shape)[beams].astype(np.float64)
+        way = scan.endpoints[beams] - start
+        far = np.linalg.norm(way, axis=1)
+        use = (far > 0) & (far <= max_range)
+        origins.append(start[use])
+        directions.append(way[use] / far[use, None])
+    start, way = np.concatenate(origins), np.concatenate(directions)
+    distance = np.asarray(log.distance(start, way, max_range=math.inf))
+    seen = np.isfinite(distance) & (distance > NEAR_SURFACE)
+    start, way, distance = start[seen], way[seen], distance[seen]
+
+    def at(along: NDArray[np.float64]) -> NDArray[np.float64]:
+        return start + along[:, None] * way
+
+    inside = at(distance + generator.uniform(0.0, NEAR_SURFACE / 2, len(distance)))
+    samples = {
+        "free": at(distance * generator.uniform(0.0, 1.0, len(distance))),
+        "near": at(distance - generator.uniform(0.0, NEAR_SURFACE, len(distance))),
+        "inside": inside[log.contains(inside)],
+    }
+    for name in ("free", "near"):
+        samples[name] = samples[name][~log.contains(samples[name])]
+    return samples
+
+
+def _exact(target: OccupancyMap, samples: dict[str, NDArray[np.float64]]) -> dict[str, Any]:
+    """Shares of the samples by what the map calls them."""
+    result: dict[str, Any] = {}
+    for name, points in samples.items():
+        states = np.asarray(target.state(points))
+        n = len(points)
+        result[name] = {
+            state: float(np.count_nonzero(states == value)) / n if n else None
+            for state, value in (("free", 0), ("occupied", 1), ("unknown", -1))
+        }
+        result[name]["samples"] = n
+    return result
+
+
+def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """The first map in terms of the second: below 1 it needs less."""
+    if len(rows) < 2:
+        return {}
+    one, other = rows[0], rows[1]
+    pairs = {key: (one[key], other[key]) for key in ("cells", "leaves", "nodes", "updates", "memory_bytes")}
+    pairs["seconds"] = (one["seconds"]["median"], other["seconds"]["median"])
+    return {key: a / b if b else None for key, (a, b) in pairs.items()}
+
+
+def _finite(value: float | None) -> float | None:
+    """None for what JSON has no number for."""
+    return None if value is None or not math.isfinite(value) else value
+
+
+def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        key: _finite(float(value)) if isinstance(value, (float, np.floating)) else value
+        for key, value in options.items()
+    }
+
+
+def _flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested figures as one level: "seconds" and "median" become "seconds_median". Lists are left out."""
+    flat: dict[str, Any] = {}
+    for key, value in row.items():
+        if isinstance(value, Mapping):
+            flat.update(_flat(value, f"{prefix}{key}_"))
+        elif not isinstance(value, list):
+            flat[prefix + key] = value
+    return flat
+
+
+def _table(comparison: Comparison) -> str:
+    rows = comparison["maps"]
+    lines: list[tuple[str, list[str]]] = []
+
+    def line(label: str, text: Callable[[dict[str, Any]], str | None]) -> None:
+        cells = [text(row) for row in rows]
+        if any(cell is not None for cell in cells):
+            lines.append((label, ["–" if cell is None else cell for cell in cells]))
+
+    def share(section: str, key: str, within: str | None = None) -> Callable[[dict[str, Any]], str | None]:
+        def text(row: dict[str, Any]) -> str | None:
+            values = row.get(section) or {}
+            values = values.get(within, {}) if within else values
+            value = values.get(key)
+            return None if value is None else f"{100 * value:.2f} %"
+
+        return text
+
+    line("cells", lambda row: _grouped(row["cells"]))
+    line("  after pruning", lambda row: _grouped(row.get("cells_pruned")))
+    line("nodes", lambda row: _grouped(row["nodes"]))
+    line("updates", lambda row: _grouped(row["updates"]))
+    line("time", lambda row: f"{row['seconds']['median']:.3f} s")
+    line("beams a second", lambda row: _grouped(row["beams_per_second"]))
+    line("memory", lambda row: _bytes(row["memory_bytes"]))
+    line("  resident", lambda row: _bytes(row["resident_bytes"]))
+    line("free space called free", share("truth", "free"))
+    line("  called occupied", share("truth", "occupied"))
+    line("  called unknown", share("truth", "unknown"))
+    line("end points at occupied", share("truth", "endpoints_near"))
+    line("ray casts within 0.1 m", share("truth", "casts_within"))
+    line("  median error", lambda row: _centimetres((row["truth"] or {}).get("median_error")))
+    line("exactly free, called free", share("exact", "free", "free"))
+    line("  last 0.1 m before walls", share("exact", "free", "near"))
+    line("exactly inside, called occupied", share("exact", "occupied", "inside"))
+
+    labels = max(len(label) for label, _ in lines)
+    widths = [max(len(row["map"]), *(len(cells[i]) for _, cells in lines)) for i, row in enumerate(rows)]
+    beams = comparison["beams"]
+    held_out = comparison["scans"] - comparison["scans_mapped"]
+    head = [
+        f"{comparison['log']}, {comparison['dim']}-D: {_grouped(comparison['scans_mapped'])} scans mapped, "
+        f"{_grouped(held_out)} held out",
+        ", ".join(f"{_grouped(beams[key])} beams {key.replace('_', ' ')}" for key in OUTCOMES if beams[key]),
+        "",
+        "  ".join([" " * labels, *(row["map"].rjust(width) for row, width in zip(rows, widths))]),
+    ]
+    body = [
+        "  ".join([label.ljust(labels), *(cell.rjust(width) for cell, width in zip(cells, widths))])
+        for label, cells in lines
+    ]
+    tail = []
+    ratios = comparison["ratios"]
+    if ratios:
+        needs = ", ".join(
+            f"{100 * ratios[key]:.1f} % of the {'time' if key == 'seconds' else key}"
+            for key in ("cells", "updates", "seconds")
+            if ratios.get(key) is not None
+        )
+        tail = ["", f"{rows[0]['map']} needs {needs} that {rows[1]['map']} needs"]
+    return "\n".join([*head, *body, *tail])
+
+
+def _grouped(value: float | None) -> str | None:
+    """12 345 678, with a narrow gap that no line breaks."""
+    return None if value is None else f"{round(value):,}".replace(",", "\u202f")
+
+
+def _bytes(value: float | None) -> str | None:
+    return None if value is None else f"{value / 2**20:.2f} MiB"
+
+
+def _centimetres(value: float | None) -> str | None:
+    return None if value is None else f"{100 * value:.2f} cm"

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Simulated logs, whose truth is known exactly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ndtree import _core
+from ndtree.readers.log import SizedLog
+from ndtree.scan import Scan
+
+
+class SimulatedLog(SizedLog):
+    """A log that measures each scan when it is asked for, and knows the world that it measures."""
+
+    format = "simulated"
+
+    def __init__(self, world: str, simulation: Any) -> None:
+        self.world = world
+        self._simulation = simulation
+        super().__init__(None, dim=simulation.dim)
+
+    @property
+    def name(self) -> str:
+        """For example "simulated office"."""
+        return f"simulated {self.world}"
+
+    def __len__(self) -> int:
+        return len(self._simulation)
+
+    def __iter__(self) -> Iterator[Scan]:
+        for i in range(len(self)):
+            yield self[i]
+
+    def __getitem__(self, i: int) -> Scan:
+        """Scan i, which depends on the seed and on i only."""
+        if not -len(self) <= i < len(self):
+            raise IndexError(f"scan {i}: the log has {len(self)}")
+        return Scan(*self._simulation.scan(i % len(self)))
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Whether points are inside something solid, or on its surface.
+
+        Parameters
+        ----------
+        points : array_like, (n, dim)
+            In the map frame [m].
+
+        Returns
+        -------
+        ndarray of bool, (n,)
+        """
+        return self._simulation.contains(points)
+
+    def distance(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = math.inf
+    ) -> NDArray[np.float64]:
+        """Exact distances to the first surface.
+
+        Parameters
+        ----------
+        origins : array_like, (n, dim) or (dim,)
+            Where the rays start [m].
+        directions : array_like, (n, dim)
+            Of any length but zero.
+        max_range : float
+            Surfaces beyond it do not count [m].
+
+        Returns
+        -------
+        ndarray of float64, (n,)
+            Distances [m], nan where there is no surface.
+        """
+        return self._simulation.distance(origins, directions, max_range=max_range)
+
+
+def simulate(world: str, *, seed: int = 1, scans: int | None = None, **options: Any) -> SimulatedLog:
+    """Simulate a drive through a world that is known exactly.
+
+    Parameters
+    ----------
+    world : {"office", "apartment", "street"}
+        A planar laser in an office (2-D), a depth camera in an apartment (3-D), a lidar in a street (3-D).
+    seed : int
+        Of everything random; the world itself is always the same.
+    scans : int, optional
+        Number of scans, spread evenly along the way. Left out: as many as the world suggests.
+    **options
+        As in ``ndtree::SimulationOptions``: ``noise_scale``, ``outlier_rate``, ``no_return_rate``,
+        ``position_sigma`` [m], ``heading_sigma`` [rad], ``yaw`` [rad].
+
+    Returns
+    -------
+    SimulatedLog
+
+    Raises
+    ------
+    ValueError
+        If there is no such world, or an option is out of its limits.
+    """
+    if scans is not None:
+        options["scans"] = scans
+    return SimulatedLog(world, _core.simulate(world, seed=seed, **options))

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""All beams of one sensor reading: the Python twin of ``ndtree::Scan``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from ndtree._core import HeldOutTruth, InsertReport, OccupancyMap
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One sensor reading in the map frame.
+
+    Parameters
+    ----------
+    endpoints : array_like, (n, dim)
+        Measured points [m]. A beam whose end point is not finite says nothing; maps count it as invalid.
+    origin : array_like, (dim,) or (n, dim)
+        Position of the sensor [m], one for all beams or one for each.
+    returned : array_like of bool, (n,), optional
+        False where nothing was hit up to the end point. Left out: every beam hit a surface.
+    stamp : float
+        Time of the reading [s]; 0 where the log has none.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit together; both are named.
+    """
+
+    endpoints: NDArray[np.floating[Any]]
+    origin: NDArray[np.floating[Any]]
+    returned: NDArray[np.bool_] | None = None
+    stamp: float = 0.0
+
+    def __post_init__(self) -> None:
+        endpoints = _floats(self.endpoints)
+        origin = _floats(self.origin)
+        if endpoints.ndim != 2 or endpoints.shape[1] < 1:
+            raise ValueError(f"endpoints has shape {endpoints.shape}: must be (n, dim)")
+        n, dim = endpoints.shape
+        if origin.shape not in ((dim,), (n, dim)):
+            raise ValueError(
+                f"origin has shape {origin.shape}: "
+                f"must be ({dim},) or ({n}, {dim}) for endpoints of shape ({n}, {dim})"
+            )
+        object.__setattr__(self, "endpoints", endpoints)
+        object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "stamp", float(self.stamp))
+        if self.returned is None:
+            return
+        returned = np.asarray(self.returned)
+        if returned.dtype != np.bool_:
+            raise ValueError(f"returned has dtype {returned.dtype}: must be bool")
+        if returned.shape != (n,):
+            raise ValueError(
+                f"returned has shape {returned.shape}: must be ({n},) for endpoints of shape ({n}, {dim})"
+            )
+        object.__setattr__(self, "returned", returned)
+
+    def __len__(self) -> int:
+        """Number of beams."""
+        return self.endpoints.shape[0]
+
+    def __bool__(self) -> bool:
+        """True, also for a scan without beams."""
+        return True
+
+    def __repr__(self) -> str:
+        silent = 0 if self.returned is None else int(np.count_nonzero(~self.returned))
+        return f"Scan({len(self)} beams in {self.dim}-D, {silent} not returned, stamp={self.stamp!r})"
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates of a point."""
+        return self.endpoints.shape[1]
+
+    def insert_into(self, target: OccupancyMap, *, max_range: float = math.inf) -> InsertReport:
+        """Integrate the scan into a map; the same as the map's own ``insert``.
+
+        Parameters
+        ----------
+        target : AdaptiveMap, FixedMap or OctoMap
+            Of the same ``dim`` as the scan.
+        max_range : float
+            Longer beams say only that the space up to there is free [m].
+
+        Returns
+        -------
+        InsertReport
+            What became of the beams.
+        """
+        return target.insert(self.endpoints, self.origin, returned=self.returned, max_range=max_range)
+
+    def evaluate_on(
+        self, target: OccupancyMap, *, max_range: float = math.inf, truth: HeldOutTruth | None = None
+    ) -> HeldOutTruth:
+        """Compare a map with this scan, which the map must not have seen.
+
+        Parameters
+        ----------
+        target : AdaptiveMap, FixedMap or OctoMap
+            Of the same ``dim`` as the scan.
+        max_range : float
+            As for `insert_into` [m].
+        truth : HeldOutTruth, optional
+            Counts of other scans, to add to.
+
+        Returns
+        -------
+        HeldOutTruth
+            The counts of this scan, and of those in `truth`.
+        """
+        return target.evaluate(
+            self.endpoints, self.origin, returned=self.returned, max_range=max_range, truth=truth
+        )
+
+
+def _floats(values: Any) -> NDArray[np.floating[Any]]:
+    """As float32 where the values are float32, else as float64."""
+    array = np.asarray(values)
+    if array.dtype == np.float32:
+        return array
+    return np.asarray(array, dtype=np.float64)
