@@ -11,9 +11,11 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <system_error>
 #include <type_traits>
 
 namespace ndtree {
@@ -95,40 +97,45 @@ class ByteReader {
   std::size_t position_ = 0;
 };
 
+/// The system's last error about a file.
+[[nodiscard]] inline std::filesystem::filesystem_error file_error(const char* what,
+                                                                  const std::filesystem::path& path,
+                                                                  int error) {
+  return {what, path, std::error_code(error != 0 ? error : EIO, std::generic_category())};
+}
+
 /// Writes a file under a temporary name beside it and renames it: readers see the old file or the whole new
 /// one.
-/// @throws std::runtime_error naming the file and the system's reason; nothing is left behind.
+/// @throws std::filesystem::filesystem_error naming the file and the system's reason; nothing is left behind.
 inline void write_file(const std::filesystem::path& path, std::string_view bytes) {
   std::filesystem::path temporary = path;
   temporary += ".part";
-  std::error_code ignored;
+  std::error_code error;
   errno = 0;
   std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
   out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   out.close();
   if (!out) {
-    const std::string reason = errno != 0 ? std::strerror(errno) : "the write failed";
-    std::filesystem::remove(temporary, ignored);
-    throw std::runtime_error("cannot write " + path.string() + ": " + reason);
+    const int reason = errno;
+    std::filesystem::remove(temporary, error);
+    throw file_error("cannot write", path, reason);
   }
-  std::error_code error;
   std::filesystem::rename(temporary, path, error);
   if (error) {
-    std::filesystem::remove(temporary, ignored);
-    throw std::runtime_error("cannot write " + path.string() + ": " + error.message());
+    const int reason = error.value();
+    std::filesystem::remove(temporary, error);
+    throw file_error("cannot write", path, reason);
   }
 }
 
-/// A whole file. @throws std::runtime_error naming the file and the system's reason.
+/// A whole file. @throws std::filesystem::filesystem_error naming the file and the system's reason.
 [[nodiscard]] inline std::string read_file(const std::filesystem::path& path) {
-  if (std::filesystem::is_directory(path))
-    throw std::runtime_error("cannot read " + path.string() + ": it is a directory");
+  if (std::filesystem::is_directory(path)) throw file_error("cannot read", path, EISDIR);
   errno = 0;
   std::ifstream in(path, std::ios::binary);
+  if (!in.is_open()) throw file_error("cannot read", path, errno);
   std::string bytes((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-  if (!in.is_open() || in.bad())
-    throw std::runtime_error("cannot read " + path.string() + ": " +
-                             (errno != 0 ? std::strerror(errno) : "the read failed"));
+  if (in.bad()) throw file_error("cannot read", path, errno);
   return bytes;
 }
 

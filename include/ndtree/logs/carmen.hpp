@@ -103,10 +103,10 @@ class CarmenParser {
   }
 
   std::size_t count_at(const Record& record, std::size_t i, const std::string& what) const {
-    constexpr double kMost = 1e7;  // far above any laser, far below an overflow
+    constexpr double most = 1e7;  // far above any laser, far below an overflow
     if (i >= record.numbers.size()) fail(record, "expected the number of " + what + ", found the end");
     const double value = record.numbers[i];
-    if (!(value >= 0.0 && value <= kMost && std::floor(value) == value))
+    if (!(value >= 0.0 && value <= most && std::floor(value) == value))
       fail(record, "expected the number of " + what + ", found " + std::to_string(value));
     return static_cast<std::size_t>(value);
   }
@@ -127,27 +127,27 @@ class CarmenParser {
   }
 
   Scan<2> parse_flaser(const Record& record) const {
-    constexpr std::size_t kTrailer = 7;  // pose, odometry, stamp
+    constexpr std::size_t trailer = 7;  // pose, odometry, stamp
     const std::size_t n = count_at(record, 0, "ranges");
-    const std::size_t pose = checked_end(record, 1, n, kTrailer, "ranges");
+    const std::size_t pose = checked_end(record, 1, n, trailer, "ranges");
     const std::size_t steps = n % 2 == 0 ? n : n - 1;
     const double step = steps == 0 ? 0.0 : options_.field_of_view / static_cast<double>(steps);
-    return make_scan(record, 1, n, pose, pose + kTrailer - 1, -0.5 * options_.field_of_view, step,
+    return make_scan(record, 1, n, pose, pose + trailer - 1, -0.5 * options_.field_of_view, step,
                      options_.max_range, std::numeric_limits<double>::infinity());
   }
 
   Scan<2> parse_robot_laser(const Record& record) const {
-    constexpr std::size_t kHeader = 8;    // type to n
-    constexpr std::size_t kTrailer = 12;  // two poses, five numbers of the robot's state, stamp
-    const std::size_t n = count_at(record, kHeader - 1, "ranges");
-    const std::size_t available = record.numbers.size() - kHeader;
+    constexpr std::size_t header = 8;    // type to n
+    constexpr std::size_t trailer = 12;  // two poses, five numbers of the robot's state, stamp
+    const std::size_t n = count_at(record, header - 1, "ranges");
+    const std::size_t available = record.numbers.size() - header;
     if (available < n)
       fail(record, "expected " + std::to_string(n) + " ranges, found " + std::to_string(available));
-    const std::size_t m = count_at(record, kHeader + n, "remissions behind " + std::to_string(n) + " ranges");
-    const std::size_t pose = checked_end(record, kHeader + n + 1, m, kTrailer, "remissions");
+    const std::size_t m = count_at(record, header + n, "remissions behind " + std::to_string(n) + " ranges");
+    const std::size_t pose = checked_end(record, header + n + 1, m, trailer, "remissions");
     const double stated = record.numbers[4];
     const bool is_stated = stated > 0.0;
-    return make_scan(record, kHeader, n, pose, pose + kTrailer - 1, record.numbers[1], record.numbers[3],
+    return make_scan(record, header, n, pose, pose + trailer - 1, record.numbers[1], record.numbers[3],
                      is_stated ? stated : options_.max_range,
                      is_stated ? stated : std::numeric_limits<double>::infinity());
   }

@@ -28,7 +28,7 @@ struct PlanarPose {
 /// The sensor looks where it goes; between legs it turns the shorter way. Needs two different way points.
 inline std::vector<PlanarPose> drive(const std::vector<Waypoint>& waypoints, std::size_t count,
                                      double turn_length) {
-  constexpr double kTwoPi = 6.28318530717958648;
+  constexpr double two_pi = 6.28318530717958648;
   struct Leg {
     PlanarPose from;
     PlanarPose to;
@@ -49,7 +49,7 @@ inline std::vector<PlanarPose> drive(const std::vector<Waypoint>& waypoints, std
     if (i + 1 < waypoints.size()) {
       const double ahead = std::atan2(waypoints[i + 1].y - here.y, waypoints[i + 1].x - here.x);
       if (i == 0) heading = ahead;
-      turned = heading + here.spin + std::remainder(ahead - heading, kTwoPi);
+      turned = heading + here.spin + std::remainder(ahead - heading, two_pi);
     }
     add({here.x, here.y, heading}, {here.x, here.y, turned});
     if (i + 1 < waypoints.size())

@@ -130,23 +130,23 @@ inline Points<3> DepthCamera::directions() const {
 }
 
 inline void RingLidar::validate() const {
-  constexpr double kRightAngle = 1.57079632679489662;
+  constexpr double right_angle = 1.57079632679489662;
   detail::require(rings >= 1, "rings", rings, ": must be >= 1");
   detail::require(azimuths >= 1, "azimuths", azimuths, ": must be >= 1");
-  detail::require(lowest >= -kRightAngle && lowest <= kRightAngle, "lowest", lowest,
+  detail::require(lowest >= -right_angle && lowest <= right_angle, "lowest", lowest,
                   " rad: must be in [-pi / 2, pi / 2]");
-  detail::require(highest >= lowest && highest <= kRightAngle, "highest", highest,
+  detail::require(highest >= lowest && highest <= right_angle, "highest", highest,
                   " rad: must be in [lowest, pi / 2]");
   range.validate();
 }
 
 inline Points<3> RingLidar::directions() const {
-  constexpr double kTwoPi = 6.28318530717958648;
+  constexpr double two_pi = 6.28318530717958648;
   Points<3> all(3, Eigen::Index{rings} * azimuths);
   for (int ring = 0; ring < rings; ++ring) {
     const double elevation = detail::spread(lowest, highest, ring, rings);
     for (int i = 0; i < azimuths; ++i) {
-      const double azimuth = kTwoPi * i / azimuths;
+      const double azimuth = two_pi * i / azimuths;
       all.col(Eigen::Index{ring} * azimuths + i) << std::cos(elevation) * std::cos(azimuth),
           std::cos(elevation) * std::sin(azimuth), std::sin(elevation);
     }

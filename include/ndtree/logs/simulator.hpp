@@ -151,12 +151,12 @@ Scan<D> SimulatedLog<D>::scan(std::size_t i) const {
 }
 
 inline SimulatedLog<2> simulate_office(const SimulationOptions& options, const PlanarLaser& laser) {
-  constexpr double kTurnLength = 0.35;
+  constexpr double turn_length = 0.35;
   options.validate();
   laser.validate();
   Scene<2> scene = office_scene(options.yaw);
   SimulatedLog<2> log{World<2>(std::move(scene.shapes)), laser.directions(), laser.range, {}, options};
-  for (const PlanarPose& at : drive(scene.path, options.scans.value_or(720), kTurnLength)) {
+  for (const PlanarPose& at : drive(scene.path, options.scans.value_or(720), turn_length)) {
     Eigen::Isometry2d pose(Eigen::Rotation2Dd(at.heading));
     pose.translation() << at.x, at.y;
     log.T_map_sensor.push_back(pose);
@@ -165,13 +165,13 @@ inline SimulatedLog<2> simulate_office(const SimulationOptions& options, const P
 }
 
 inline SimulatedLog<3> simulate_apartment(const SimulationOptions& options, const DepthCamera& camera) {
-  constexpr double kTurnLength = 0.6;
-  constexpr double kEyeHeight = 1.4;
+  constexpr double turn_length = 0.6;
+  constexpr double eye_height = 1.4;
   options.validate();
   camera.validate();
   Scene<3> scene = apartment_scene(options.yaw);
   SimulatedLog<3> log{World<3>(std::move(scene.shapes)), camera.directions(), camera.range, {}, options};
-  const std::vector<PlanarPose> path = drive(scene.path, options.scans.value_or(300), kTurnLength);
+  const std::vector<PlanarPose> path = drive(scene.path, options.scans.value_or(300), turn_length);
   for (std::size_t i = 0; i < path.size(); ++i) {
     // Nods 31 times on the whole way, and sways a little: never twice the same view.
     const double phase =
@@ -183,22 +183,22 @@ inline SimulatedLog<3> simulate_apartment(const SimulationOptions& options, cons
     const Vector<3> right(std::sin(heading), -std::cos(heading), 0.0);
     Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
     pose.linear() << right, ahead.cross(right), ahead;
-    pose.translation() << path[i].x, path[i].y, kEyeHeight + 0.08 * std::sin(23.0 * phase);
+    pose.translation() << path[i].x, path[i].y, eye_height + 0.08 * std::sin(23.0 * phase);
     log.T_map_sensor.push_back(pose);
   }
   return log;
 }
 
 inline SimulatedLog<3> simulate_street(const SimulationOptions& options, const RingLidar& lidar) {
-  constexpr double kTurnLength = 1.0;
-  constexpr double kMountHeight = 1.8;
+  constexpr double turn_length = 1.0;
+  constexpr double mount_height = 1.8;
   options.validate();
   lidar.validate();
   Scene<3> scene = street_scene(options.yaw);
   SimulatedLog<3> log{World<3>(std::move(scene.shapes)), lidar.directions(), lidar.range, {}, options};
-  for (const PlanarPose& at : drive(scene.path, options.scans.value_or(80), kTurnLength)) {
+  for (const PlanarPose& at : drive(scene.path, options.scans.value_or(80), turn_length)) {
     Eigen::Isometry3d pose(Eigen::AngleAxisd(at.heading, Vector<3>::UnitZ()));
-    pose.translation() << at.x, at.y, kMountHeight;
+    pose.translation() << at.x, at.y, mount_height;
     log.T_map_sensor.push_back(pose);
   }
   return log;

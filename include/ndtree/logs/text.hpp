@@ -48,10 +48,10 @@ inline std::optional<double> parse_number(std::string_view field) {
 /// Takes the next field off the front of `rest`; empty at the end. Fields are separated by any number of
 /// blanks, tabs and carriage returns.
 inline std::string_view next_field(std::string_view& rest) {
-  constexpr std::string_view kBlanks = " \t\r\n";
-  const std::size_t begin = rest.find_first_not_of(kBlanks);
+  constexpr std::string_view blanks = " \t\r\n";
+  const std::size_t begin = rest.find_first_not_of(blanks);
   if (begin == std::string_view::npos) return rest = {};
-  const std::size_t end = rest.find_first_of(kBlanks, begin);
+  const std::size_t end = rest.find_first_of(blanks, begin);
   const std::string_view field = rest.substr(begin, end - begin);
   rest = end == std::string_view::npos ? std::string_view{} : rest.substr(end);
   return field;

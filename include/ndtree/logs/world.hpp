@@ -125,8 +125,8 @@ class World {
 
   /// Wider by the rounding errors of a turned shape, so that no point of a shape is outside its box.
   static Box<D> rounded_out(const Box<D>& box) {
-    constexpr double kRounding = 8.0 * std::numeric_limits<double>::epsilon();
-    const Vector<D> margin = kRounding * box.lower.cwiseAbs().cwiseMax(box.upper.cwiseAbs());
+    constexpr double rounding = 8.0 * std::numeric_limits<double>::epsilon();
+    const Vector<D> margin = rounding * box.lower.cwiseAbs().cwiseMax(box.upper.cwiseAbs());
     return {box.lower - margin, box.upper + margin};
   }
 

@@ -199,44 +199,43 @@ inline constexpr std::array kFurniture = {
     Furniture{washbasin, 6.34, 7.00, -90.0}, Furniture{washing_machine, 6.28, 8.10, -90.0},
     // study, north-east
     Furniture{desk, 8.65, 8.98, 0.0}, Furniture{bookshelf, 9.92, 7.55, -90.0},
-    Furniture{bookshelf, 9.92, 6.62, -90.0}, Furniture{armchair, 7.25, 8.55, 58.0},
+    Furniture{bookshelf, 9.92, 6.62, -90.0}, Furniture{armchair, 7.42, 8.35, 62.0},
     Furniture{floor_lamp, 7.05, 9.15, 0.0},
     // doors that stand open, by their hinges
     Furniture{door_leaf, 3.02, 5.87, 97.0}, Furniture{door_leaf, 5.02, 5.87, 100.0},
     Furniture{door_leaf, 8.28, 5.87, 84.0}, Furniture{door_leaf, 6.32, 4.28, -86.0}};
 
 inline void add_shell(const Room& home) {
-  constexpr double kRightAngle = 1.57079632679489662;
-  constexpr double kOuter = 0.30;
-  constexpr double kInner = 0.12;
-  constexpr double kLength = kApartmentLength;
-  constexpr double kWidth = kApartmentWidth;
-  constexpr double kTop = kApartmentHeight;
-  constexpr double kDoorTop = 2.05;
-  home.block(0.5 * kLength, 0.5 * kWidth, kLength, kWidth, -0.25, 0.0);
-  home.block(0.5 * kLength, 0.5 * kWidth, kLength, kWidth, kTop, kTop + 0.25);
+  constexpr double right_angle = 1.57079632679489662;
+  constexpr double outer_thickness = 0.30;
+  constexpr double inner_thickness = 0.12;
+  constexpr double door_top = 2.05;
+  home.block(0.5 * kApartmentLength, 0.5 * kApartmentWidth, kApartmentLength, kApartmentWidth, -0.25, 0.0);
+  home.block(0.5 * kApartmentLength, 0.5 * kApartmentWidth, kApartmentLength, kApartmentWidth,
+             kApartmentHeight, kApartmentHeight + 0.25);
   // Outer walls; a pane closes each window near the outside, behind a recess.
   const auto outer = [&](const Room& wall, double length, const std::vector<Opening>& windows) {
-    add_wall(wall.at(0.0, 0.5 * kOuter), length, kOuter, 0.0, kTop, windows);
+    add_wall(wall.at(0.0, 0.5 * outer_thickness), length, outer_thickness, 0.0, kApartmentHeight, windows);
     for (const Opening& window : windows) {
       const double middle = 0.5 * (window.from + window.to);
       wall.block(middle, 0.07, window.to - window.from, 0.02, window.bottom, window.top);
       wall.block(middle, 0.09, 0.07, 0.06, window.bottom, window.top);  // the bar between two casements
     }
   };
-  outer(home, kLength, {{3.70, 5.00, 0.05, 2.20}, {7.20, 8.80, 0.95, 2.15}});
-  outer(home.at(kLength, 0.0, kRightAngle), kWidth, {{6.90, 7.90, 2.00, 2.30}});
-  outer(home.at(kLength, kWidth, 2.0 * kRightAngle), kLength,
+  outer(home, kApartmentLength, {{3.70, 5.00, 0.05, 2.20}, {7.20, 8.80, 0.95, 2.15}});
+  outer(home.at(kApartmentLength, 0.0, right_angle), kApartmentWidth, {{8.15, 9.05, 1.20, 2.15}});
+  outer(home.at(kApartmentLength, kApartmentWidth, 2.0 * right_angle), kApartmentLength,
         {{1.00, 2.50, 0.90, 2.15}, {7.40, 9.00, 0.90, 2.15}});
-  outer(home.at(0.0, kWidth, 3.0 * kRightAngle), kWidth, {{6.60, 8.20, 0.90, 2.15}});
+  outer(home.at(0.0, kApartmentWidth, 3.0 * right_angle), kApartmentWidth, {{6.60, 8.20, 0.90, 2.15}});
   // Hall, then the walls between the rooms.
-  add_wall(home.at(0.0, 4.40), kLength, kInner, 0.0, kTop,
-           {{4.25, 5.35, 0.0, kDoorTop}, {6.30, 7.20, 0.0, kDoorTop}});
-  add_wall(home.at(0.0, 5.76), kLength, kInner, 0.0, kTop,
-           {{3.00, 3.90, 0.0, kDoorTop}, {5.00, 5.90, 0.0, kDoorTop}, {7.40, 8.30, 0.0, kDoorTop}});
-  add_wall(home.at(5.66, 0.0, kRightAngle), 4.40, kInner, 0.0, kTop, {{1.60, 2.80, 0.0, kDoorTop}});
-  add_wall(home.at(4.36, 5.76, kRightAngle), kWidth - 5.76, kInner, 0.0, kTop);
-  add_wall(home.at(6.66, 5.76, kRightAngle), kWidth - 5.76, kInner, 0.0, kTop);
+  add_wall(home.at(0.0, 4.40), kApartmentLength, inner_thickness, 0.0, kApartmentHeight,
+           {{4.25, 5.35, 0.0, door_top}, {6.30, 7.20, 0.0, door_top}});
+  add_wall(home.at(0.0, 5.76), kApartmentLength, inner_thickness, 0.0, kApartmentHeight,
+           {{3.00, 3.90, 0.0, door_top}, {5.00, 5.90, 0.0, door_top}, {7.40, 8.30, 0.0, door_top}});
+  add_wall(home.at(5.66, 0.0, right_angle), 4.40, inner_thickness, 0.0, kApartmentHeight,
+           {{1.60, 2.80, 0.0, door_top}});
+  add_wall(home.at(4.36, 5.76, right_angle), kApartmentWidth - 5.76, inner_thickness, 0.0, kApartmentHeight);
+  add_wall(home.at(6.66, 5.76, right_angle), kApartmentWidth - 5.76, inner_thickness, 0.0, kApartmentHeight);
 }
 
 // x, y, turn: hall, living room, kitchen, hall, study, bathroom, bedroom, hall.
@@ -257,12 +256,12 @@ inline constexpr std::array kWay = {
 }  // namespace detail::apartment
 
 inline Scene<3> apartment_scene(double yaw) {
-  constexpr double kRadians = 0.017453292519943295;
+  constexpr double radians = 0.017453292519943295;
   Scene<3> scene;
   const Place<3> home(scene, yaw);
   detail::apartment::add_shell(home);
   for (const detail::apartment::Furniture& item : detail::apartment::kFurniture)
-    item.put(home.at(item.x, item.y, item.degrees * kRadians));
+    item.put(home.at(item.x, item.y, item.degrees * radians));
   for (const Waypoint& stop : detail::apartment::kWay) home.pass(stop.x, stop.y, stop.spin);
   return scene;
 }

@@ -95,7 +95,7 @@ struct Furniture {
 
 inline constexpr std::array kFurniture = {
     // corridor
-    Furniture{copier, 7.10, 8.55, 0.0}, Furniture{plant, 0.65, 8.60, 0.0},
+    Furniture{copier, 9.50, 8.57, 0.0}, Furniture{plant, 0.65, 8.60, 0.0},
     Furniture{cabinet, 13.40, 8.68, 0.0}, Furniture{plant, 19.70, 6.98, 0.0},
     Furniture{carton, 20.75, 8.65, 24.0}, Furniture{shelf, 12.70, 6.87, 180.0},
     // 1, office
@@ -113,7 +113,7 @@ inline constexpr std::array kFurniture = {
     Furniture{shelf, 8.68, 5.30, 90.0}, Furniture{shelf, 8.68, 4.38, 90.0},
     Furniture{cabinet, 12.68, 5.40, -90.0}, Furniture{copier, 12.50, 4.35, -96.0},
     // 4, tea kitchen
-    Furniture{counter, 14.65, 0.62, 180.0}, Furniture{fridge, 13.42, 0.66, 180.0},
+    Furniture{counter, 15.05, 0.62, 180.0}, Furniture{fridge, 13.42, 0.66, 180.0},
     Furniture{round_table, 15.55, 3.10, 12.0}, Furniture{cabinet, 13.32, 4.60, 90.0},
     Furniture{plant, 16.00, 6.15, 0.0},
     // 5, office
@@ -169,32 +169,32 @@ inline constexpr std::array kNorthDoors = {Door{2.00, 94.0},  Door{7.40, -90.0},
 /// One side of the corridor. `inward` is +1 if its rooms lie towards +y, else -1.
 template <typename Doors>
 void add_corridor_wall(const Floor& floor, double y, double inward, const Doors& doors) {
-  constexpr double kRadians = 0.017453292519943295;
+  constexpr double radians = 0.017453292519943295;
   std::vector<Opening> openings;
   for (const Door& door : doors) {
     openings.push_back({door.x - 0.5 * kDoorWidth, door.x + 0.5 * kDoorWidth});
     const double side = door.degrees > 0.0 ? 1.0 : -1.0;
     const double angle =
-        inward * side * std::abs(door.degrees) * kRadians + (side > 0.0 ? 0.0 : 3.14159265358979324);
+        inward * side * std::abs(door.degrees) * radians + (side > 0.0 ? 0.0 : 3.14159265358979324);
     floor.at(door.x - side * 0.5 * kDoorWidth, y + 0.09 * inward, angle).block(0.46, 0.0, 0.90, 0.04);
   }
   add_wall(floor.at(0.0, y), kOfficeLength, 0.14, 0.0, 1.0, openings);
 }
 
 inline void add_walls(const Floor& floor) {
-  constexpr double kOuter = 0.30;
-  constexpr double kHalf = 0.5 * kOuter;
-  constexpr double kRightAngle = 1.57079632679489662;
-  add_wall(floor.at(0.0, kHalf), kOfficeLength, kOuter, 0.0, 1.0);
-  add_wall(floor.at(0.0, kOfficeWidth - kHalf), kOfficeLength, kOuter, 0.0, 1.0);
-  add_wall(floor.at(kHalf, 0.0, kRightAngle), kOfficeWidth, kOuter, 0.0, 1.0);
-  add_wall(floor.at(kOfficeLength - kHalf, 0.0, kRightAngle), kOfficeWidth, kOuter, 0.0, 1.0);
+  constexpr double outer = 0.30;
+  constexpr double half = 0.5 * outer;
+  constexpr double right_angle = 1.57079632679489662;
+  add_wall(floor.at(0.0, half), kOfficeLength, outer, 0.0, 1.0);
+  add_wall(floor.at(0.0, kOfficeWidth - half), kOfficeLength, outer, 0.0, 1.0);
+  add_wall(floor.at(half, 0.0, right_angle), kOfficeWidth, outer, 0.0, 1.0);
+  add_wall(floor.at(kOfficeLength - half, 0.0, right_angle), kOfficeWidth, outer, 0.0, 1.0);
   add_corridor_wall(floor, kSouthWall, -1.0, kSouthDoors);
   add_corridor_wall(floor, kNorthWall, 1.0, kNorthDoors);
   for (const double x : {4.2, 8.4, 13.0, 16.4, 21.0})
-    add_wall(floor.at(x, 0.0, kRightAngle), kSouthWall, 0.14, 0.0, 1.0);
+    add_wall(floor.at(x, 0.0, right_angle), kSouthWall, 0.14, 0.0, 1.0);
   for (const double x : {8.5, 14.5, 17.5, 21.7})
-    add_wall(floor.at(x, kNorthWall, kRightAngle), kOfficeWidth - kNorthWall, 0.14, 0.0, 1.0);
+    add_wall(floor.at(x, kNorthWall, right_angle), kOfficeWidth - kNorthWall, 0.14, 0.0, 1.0);
 }
 
 // x, y, turn: from the corridor's west end through the laboratory, then room by room eastwards, and back.
@@ -212,28 +212,28 @@ inline constexpr std::array kWay = {
     Waypoint{13.7, 11.8, 0.0}, Waypoint{13.7, 14.6, 0.0}, Waypoint{9.4, 14.9, 0.0},
     Waypoint{9.5, 11.4, 0.0},  Waypoint{11.4, 10.4, 0.0}, Waypoint{11.4, 7.8, 0.0},
     Waypoint{14.8, 7.8, 0.0},  Waypoint{14.8, 5.2, 0.0},  Waypoint{14.2, 3.4, 0.0},
-    Waypoint{14.2, 1.6, 0.0},  Waypoint{14.8, 5.2, 0.0},  Waypoint{14.8, 7.8, 0.0},
-    Waypoint{16.0, 7.8, 0.0},  Waypoint{16.0, 10.5, 0.0}, Waypoint{16.1, 14.2, 0.0},
-    Waypoint{16.0, 10.5, 0.0}, Waypoint{16.0, 7.8, 0.0},  Waypoint{17.4, 7.8, 0.0},
-    Waypoint{17.4, 5.2, 0.0},  Waypoint{18.6, 3.8, 0.0},  Waypoint{18.9, 2.1, 0.0},
-    Waypoint{17.4, 5.2, 0.0},  Waypoint{17.4, 7.8, 0.0},  Waypoint{18.6, 7.8, 0.0},
-    Waypoint{18.6, 10.4, 0.0}, Waypoint{19.2, 12.0, 0.0}, Waypoint{19.4, 13.8, 0.0},
-    Waypoint{18.6, 10.4, 0.0}, Waypoint{18.6, 7.8, 0.0},  Waypoint{22.2, 7.8, 0.0},
-    Waypoint{22.2, 5.2, 0.0},  Waypoint{22.7, 3.0, 0.0},  Waypoint{22.8, 1.8, 0.0},
-    Waypoint{22.2, 5.2, 0.0},  Waypoint{22.2, 7.8, 0.0},  Waypoint{24.4, 7.8, 0.0},
-    Waypoint{24.4, 10.4, 0.0}, Waypoint{23.9, 12.6, 0.0}, Waypoint{23.9, 14.6, 0.0},
-    Waypoint{24.4, 10.4, 0.0}, Waypoint{24.4, 7.8, 0.0},  Waypoint{25.0, 7.8, 0.0},
-    Waypoint{16.0, 7.8, 0.0}};
+    Waypoint{14.2, 1.6, 0.0},  Waypoint{14.2, 3.4, 0.0},  Waypoint{14.8, 5.2, 0.0},
+    Waypoint{14.8, 7.8, 0.0},  Waypoint{16.0, 7.8, 0.0},  Waypoint{16.0, 10.5, 0.0},
+    Waypoint{16.1, 14.2, 0.0}, Waypoint{16.0, 10.5, 0.0}, Waypoint{16.0, 7.8, 0.0},
+    Waypoint{17.4, 7.8, 0.0},  Waypoint{17.4, 5.2, 0.0},  Waypoint{18.6, 3.8, 0.0},
+    Waypoint{18.9, 2.1, 0.0},  Waypoint{17.4, 5.2, 0.0},  Waypoint{17.4, 7.8, 0.0},
+    Waypoint{18.6, 7.8, 0.0},  Waypoint{18.6, 10.4, 0.0}, Waypoint{19.2, 12.0, 0.0},
+    Waypoint{19.4, 13.8, 0.0}, Waypoint{18.6, 10.4, 0.0}, Waypoint{18.6, 7.8, 0.0},
+    Waypoint{22.2, 7.8, 0.0},  Waypoint{22.2, 5.2, 0.0},  Waypoint{22.7, 3.0, 0.0},
+    Waypoint{22.8, 1.8, 0.0},  Waypoint{22.2, 5.2, 0.0},  Waypoint{22.2, 7.8, 0.0},
+    Waypoint{24.4, 7.8, 0.0},  Waypoint{24.4, 10.4, 0.0}, Waypoint{23.9, 12.6, 0.0},
+    Waypoint{23.9, 14.6, 0.0}, Waypoint{24.4, 10.4, 0.0}, Waypoint{24.4, 7.8, 0.0},
+    Waypoint{25.0, 7.8, 0.0},  Waypoint{16.0, 7.8, 0.0}};
 
 }  // namespace detail::office
 
 inline Scene<2> office_scene(double yaw) {
-  constexpr double kRadians = 0.017453292519943295;
+  constexpr double radians = 0.017453292519943295;
   Scene<2> scene;
   const Place<2> floor(scene, yaw);
   detail::office::add_walls(floor);
   for (const detail::office::Furniture& item : detail::office::kFurniture)
-    item.put(floor.at(item.x, item.y, item.degrees * kRadians));
+    item.put(floor.at(item.x, item.y, item.degrees * radians));
   for (const Waypoint& stop : detail::office::kWay) floor.pass(stop.x, stop.y, stop.spin);
   return scene;
 }

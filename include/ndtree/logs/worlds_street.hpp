@@ -82,14 +82,14 @@ struct House {
 };
 
 inline void add_house(const Ground& g, const House& house) {
-  constexpr double kStorey = 3.1;
-  constexpr double kLayer = 0.25;  // depth of the window recesses
-  constexpr double kDepth = 9.0;
-  const double top = kStorey * house.storeys + 0.7;
-  g.block(0.5 * house.width, kLayer + 0.5 * kDepth, house.width, kDepth, 0.0, top);
+  constexpr double storey_height = 3.1;
+  constexpr double layer = 0.25;  // depth of the window recesses
+  constexpr double depth = 9.0;
+  const double top = storey_height * house.storeys + 0.7;
+  g.block(0.5 * house.width, layer + 0.5 * depth, house.width, depth, 0.0, top);
   const double bay = house.width / house.bays;
   for (int storey = 0; storey < house.storeys; ++storey) {
-    const double floor = kPavement + kStorey * storey;
+    const double floor = kPavement + storey_height * storey;
     std::vector<Opening> openings;
     for (int i = 0; i < house.bays; ++i) {
       const double middle = bay * (i + 0.5);
@@ -98,11 +98,11 @@ inline void add_house(const Ground& g, const House& house) {
       openings.push_back({middle - half, middle + half, floor + (is_door ? 0.0 : 0.85), floor + 2.35});
       if (!is_door) g.block(middle, -0.03, 2.0 * half + 0.16, 0.18, floor + 0.79, floor + 0.85);
     }
-    add_wall(g.at(0.0, 0.5 * kLayer), house.width, kLayer, floor, floor + kStorey, openings);
+    add_wall(g.at(0.0, 0.5 * layer), house.width, layer, floor, floor + storey_height, openings);
   }
   g.block(0.5 * house.width, 0.0, house.width, 0.30, top - 0.55, top);                    // cornice
   g.block((house.door_bay + 0.5) * bay, -0.30, 1.60, 0.60, kPavement, kPavement + 0.16);  // door step
-  g.block(0.5 * house.width, 0.5 * kDepth, 1.1, 0.7, top, top + 1.4);                     // chimney
+  g.block(0.5 * house.width, 0.5 * depth, 1.1, 0.7, top, top + 1.4);                      // chimney
 }
 
 inline constexpr std::array kNorthHouses = {House{-15.0, 13.0, 3, 5, 2}, House{-2.0, 11.0, 4, 4, 1},
@@ -162,8 +162,8 @@ inline constexpr std::array kWay = {Waypoint{2.0, -1.1, 0.0},  Waypoint{36.0, -1
 
 inline Scene<3> street_scene(double yaw) {
   namespace s = detail::street;
-  constexpr double kRadians = 0.017453292519943295;
-  constexpr double kHalfTurn = 3.14159265358979324;
+  constexpr double radians = 0.017453292519943295;
+  constexpr double half_turn = 3.14159265358979324;
   Scene<3> scene;
   const Place<3> ground(scene, yaw);
   ground.block(55.0, 0.0, 300.0, 200.0, -1.0, 0.0);
@@ -175,8 +175,8 @@ inline Scene<3> street_scene(double yaw) {
   }
   for (const s::House& house : s::kNorthHouses) s::add_house(ground.at(house.from, s::kFacade), house);
   for (const s::House& house : s::kSouthHouses)
-    s::add_house(ground.at(house.from, -s::kFacade, kHalfTurn), house);
-  for (const s::Thing& thing : s::kThings) thing.put(ground.at(thing.x, thing.y, thing.degrees * kRadians));
+    s::add_house(ground.at(house.from, -s::kFacade, half_turn), house);
+  for (const s::Thing& thing : s::kThings) thing.put(ground.at(thing.x, thing.y, thing.degrees * radians));
   for (const Waypoint& stop : s::kWay) ground.pass(stop.x, stop.y, stop.spin);
   return scene;
 }

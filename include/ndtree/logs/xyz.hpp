@@ -78,8 +78,8 @@ namespace detail {
 template <std::size_t Room>
 std::size_t parse_xyz_fields(std::string_view line, std::size_t line_number,
                              std::array<double, Room>& numbers) {
-  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
-  if (line_number == 1 && line.substr(0, 3) == kByteOrderMark) line.remove_prefix(3);
+  constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";
+  if (line_number == 1 && line.substr(0, 3) == byte_order_mark) line.remove_prefix(3);
   line = line.substr(0, line.find('#'));
   std::size_t count = 0;
   while (true) {
@@ -123,22 +123,23 @@ inline int xyz_dimension(std::istream& in) {
 template <int D>
 std::optional<Scan<D>> XyzParser<D>::parse_line(std::string_view line) {
   ++line_number_;
-  std::array<double, 2 * D + 1> numbers{};
+  constexpr std::size_t dim = D;
+  std::array<double, 2 * dim + 1> numbers{};
   const std::size_t count = detail::parse_xyz_fields(line, line_number_, numbers);
   if (count == 0) return std::nullopt;
-  if (count != 2 * D && count != 2 * D + 1)
-    detail::throw_at_line(line_number_, "expected " + std::to_string(2 * D) + " or " +
-                                            std::to_string(2 * D + 1) + " numbers, found " +
+  if (count != 2 * dim && count != 2 * dim + 1)
+    detail::throw_at_line(line_number_, "expected " + std::to_string(2 * dim) + " or " +
+                                            std::to_string(2 * dim + 1) + " numbers, found " +
                                             std::to_string(count));
-  const double flag = count == 2 * D ? 1.0 : numbers[2 * D];
+  const double flag = count == 2 * dim ? 1.0 : numbers[2 * dim];
   if (flag != 0.0 && flag != 1.0)
-    detail::throw_at_line(line_number_, "expected 0 or 1 in column " + std::to_string(2 * D + 1) +
+    detail::throw_at_line(line_number_, "expected 0 or 1 in column " + std::to_string(2 * dim + 1) +
                                             ", found " + std::to_string(flag));
   const Eigen::Map<const Vector<D>> origin(numbers.data());
   std::optional<Scan<D>> ended;
   if (!returned_.empty() && origin != origin_) ended = finish();
   origin_ = origin;
-  endpoints_.insert(endpoints_.end(), numbers.begin() + D, numbers.begin() + 2 * D);
+  endpoints_.insert(endpoints_.end(), numbers.data() + dim, numbers.data() + 2 * dim);
   returned_.push_back(flag != 0.0);
   return ended;
 }

@@ -163,7 +163,8 @@ class OccupancyMap {
     if (!(max_range > 0.0))
       throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
     if (!scan.origin_per_beam && scan.size > 0 && !scan.origin(0).allFinite())
-      throw std::invalid_argument("origin: every component must be finite");
+      throw std::invalid_argument("origin = " + describe(scan.origin(0)) +
+                                  " m: every component must be finite");
     bool any = false;
     Box<D> reached{Vector<D>::Zero(), Vector<D>::Zero()};
     const auto extend = [&](const Vector<D>& point) {

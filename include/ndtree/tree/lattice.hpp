@@ -50,7 +50,7 @@ class LatticeGeometry {
             " levels above them: at most 2^36 of the smallest fit along max_cell_size");
       edges_.push_back(edge);
     }
-    while (edges_.size() < 2 || edges_[edges_.size() - 2] < kReach) edges_.push_back(edge *= N);
+    while (edges_.size() < 2 || edges_[edges_.size() - 2] <= 2 * kReach) edges_.push_back(edge *= N);
   }
 
   [[nodiscard]] double unit() const { return unit_; }
@@ -106,12 +106,15 @@ class LatticeGeometry {
   }
 
  private:
-  // Lattice units within reach; N² times as many still fit a std::int64_t for N <= 4096.
+  // Lattice units within reach; N² times the whole of it, 2 kReach, still fits a std::int64_t for N < 4096,
+  // and no power of 4096 lies between 2^36 and 2 kReach.
   static constexpr std::int64_t kReach = std::int64_t{1} << 38;
 
   double unit_;
   int num_levels_;
-  std::vector<std::int64_t> edges_;  // From the finest level up to one above the first that spans kReach.
+  // From the finest level up to one above the first that is longer than the whole reach: a root of that one
+  // may still end within reach on one side, and growing once more adds that side on every axis.
+  std::vector<std::int64_t> edges_;
 };
 
 }  // namespace ndtree

@@ -5,7 +5,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <cstdlib>
 #include <limits>
 #include <optional>
 #include <stdexcept>
@@ -131,9 +130,9 @@ class NdTree {
   /// @throws std::invalid_argument if no growth leads to such a root.
   void reset(const CellIndex<D>& root_index) {
     bool reachable = root_index.level >= 0 && root_index.level <= geometry_.coarsest_level();
-    for (std::size_t a = 0; reachable && a < D; ++a)
-      reachable = root_index.lower[a] % geometry_.edge(0) == 0 &&
-                  std::abs(root_index.lower[a]) <= geometry_.edge(geometry_.coarsest_level());
+    for (std::size_t a = 0; reachable && a < D; ++a)  // The first root, which begins at 0, is inside.
+      reachable = root_index.lower[a] % geometry_.edge(0) == 0 && root_index.lower[a] <= 0 &&
+                  root_index.lower[a] > -geometry_.edge(root_index.level);
     if (!reachable)
       throw std::invalid_argument("root of level " + std::to_string(root_index.level) +
                                   ": not one that a tree can grow to");

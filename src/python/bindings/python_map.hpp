@@ -57,6 +57,7 @@ std::string describe(const char* type, const PythonMap& map, bool adaptive);
 
 void bind_maps(pybind11::module_& module);
 void bind_logs(pybind11::module_& module);
+void bind_statistics(pybind11::module_& module);
 void bind_octomap(pybind11::module_& module);
 
 }  // namespace ndtree::python

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the Python tests share."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SHAPES = [(2, 2), (3, 2), (4, 2), (2, 3), (3, 3), (4, 3), (2, 4)]  # branching, dim
+
+
+@pytest.fixture(scope="session")
+def recordings() -> Path:
+    """The folder of real recordings; skips where there is none."""
+    default = Path(__file__).resolve().parents[2].parent / "shared" / "data"
+    folder = Path(os.environ.get("NDTREE_DATA", default))
+    if not folder.is_dir():
+        pytest.skip(f"no recordings: $NDTREE_DATA is not set, and {folder} is not there")
+    return folder
+
+
+@pytest.fixture(params=SHAPES, ids=lambda shape: f"N{shape[0]}D{shape[1]}")
+def shape(request: pytest.FixtureRequest) -> tuple[int, int]:
+    return request.param
+
+
+def room_scan(dim: int, seed: int, beams: int = 300) -> tuple[np.ndarray, np.ndarray]:
+    """End points on the walls of a box of 4 m around a sensor near its middle, with 1 cm of noise."""
+    random = np.random.default_rng(seed)
+    origin = random.uniform(-0.5, 0.5, dim)
+    directions = random.normal(size=(beams, dim))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    with np.errstate(divide="ignore"):
+        to_walls = np.where(directions > 0, (2 - origin) / directions, (-2 - origin) / directions)
+    ranges = to_walls.min(axis=1) + random.normal(0, 0.01, beams)
+    return origin + ranges[:, None] * directions, origin

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Arrays of any layout and type give the same map; wrong ones give one clear error and change nothing."""
+
+import numpy as np
+import pytest
+from conftest import room_scan
+
+import ndtree
+
+POINTS, ORIGIN = room_scan(2, 0, 50)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.asfortranarray(POINTS),
+        np.repeat(POINTS, 2, axis=0)[::2],
+        POINTS[::-1][::-1],
+        POINTS.tolist(),
+        POINTS.astype(">f8"),
+    ],
+    ids=["fortran", "strided", "negative stride", "list", "big endian"],
+)
+def test_layouts_give_the_same_map(points):
+    one, other = ndtree.AdaptiveMap(), ndtree.AdaptiveMap()
+    one.insert(POINTS, ORIGIN)
+    other.insert(points, ORIGIN.tolist())
+    assert one.to_bytes() == other.to_bytes()
+
+
+def test_float32_is_taken_at_its_value():
+    one, other = ndtree.AdaptiveMap(), ndtree.AdaptiveMap()
+    one.insert(POINTS.astype(np.float32), ORIGIN)
+    other.insert(POINTS.astype(np.float32).astype(np.float64), ORIGIN)
+    assert one.to_bytes() == other.to_bytes()
+
+
+def test_empty_scans_and_questions_are_fine():
+    m = ndtree.AdaptiveMap()
+    assert m.insert(np.empty((0, 2)), ORIGIN).beams == 0
+    assert m.state(np.empty((0, 2))).shape == (0,)
+    assert m.cast_rays(np.zeros(2), np.empty((0, 2))).shape == (0,)
+
+
+WRONG = [
+    (lambda m: m.insert(np.zeros((3, 3)), ORIGIN), ValueError, "points has shape (3, 3): must be (n, 2)"),
+    (lambda m: m.insert(np.zeros(2), ORIGIN), ValueError, "points has shape (2,): must be (n, 2)"),
+    (
+        lambda m: m.insert(POINTS, np.zeros(3)),
+        ValueError,
+        "origin has shape (3,): must be (2,), one for all, or (50, 2), one each",
+    ),
+    (
+        lambda m: m.insert(POINTS, np.zeros((3, 2))),
+        ValueError,
+        "origin has shape (3, 2): must be (2,), one for all, or (50, 2), one each",
+    ),
+    (
+        lambda m: m.insert(POINTS, ORIGIN, returned=np.ones(3, bool)),
+        ValueError,
+        "returned has shape (3,): must be (50,), one for each point",
+    ),
+    (
+        lambda m: m.insert(POINTS, ORIGIN, returned=np.ones(50)),
+        TypeError,
+        "returned: must be an array of bool, or None",
+    ),
+    (lambda m: m.insert(POINTS, ORIGIN, max_range=0), ValueError, "max_range = 0.000000 m: must be > 0"),
+    (lambda m: m.insert(POINTS, [0.0, np.nan]), ValueError, "origin = (0.000000, nan) m: every component must be"),
+    (lambda m: m.insert([[1e18, 0.0]], ORIGIN), ValueError, "beam 0 reaches"),
+    (lambda m: m.insert([["a", "b"]], ORIGIN), TypeError, "points has dtype <U1: must be an array of real numbers"),
+    (lambda m: m.insert(POINTS + 1j, ORIGIN), TypeError, "points has dtype complex128: must be"),
+    (lambda m: m.state(np.zeros((1, 3))), ValueError, "points has shape (1, 3): must be (n, 2)"),
+    (lambda m: m.cast_rays(ORIGIN, np.zeros((1, 2))), ValueError, "ray: origin and direction must be finite"),
+    (lambda m: m.cast_rays(ORIGIN, np.ones((1, 2)), max_range=-1), ValueError, "max_range = -1.000000 m: must be > 0"),
+    (lambda m: m.occupied_within(POINTS, -1), ValueError, "radius = -1.0 m: must be >= 0"),
+]
+
+
+@pytest.mark.parametrize("call, error, message", WRONG, ids=[w[2] for w in WRONG])
+def test_wrong_arguments_are_refused_and_change_nothing(call, error, message):
+    m = ndtree.AdaptiveMap()
+    m.insert(POINTS, ORIGIN)
+    before = m.to_bytes()
+    with pytest.raises(error) as caught:
+        call(m)
+    assert message in str(caught.value)
+    assert m.to_bytes() == before
+
+
+OPTIONS = [
+    ({"min_cell_size": -0.1}, ValueError, "min_cell_size = -0.1: must be > 0 m and finite"),
+    ({"max_cell_size": 0.01}, ValueError, "max_cell_size = 0.01: must be at least min_cell_size"),
+    ({"range_sigma": 0}, ValueError, "range_sigma = 0.0: must be > 0 m"),
+    ({"probability_max": 0.3}, ValueError, "probability_max = 0.3: must be in (0.5, 1)"),
+    ({"significance": 1.0}, ValueError, "significance = 1.0: must be in (0, 1)"),
+    ({"branching": 5}, ValueError, "branching = 5, dim = 2: must be branching 2, 3 or 4"),
+    ({"dim": 4, "branching": 3}, ValueError, "branching = 3, dim = 4"),
+    ({"refinement": "clever"}, ValueError, "refinement = 'clever': must be 'paper'"),
+    ({"cell_size": 0.1}, TypeError, "unexpected keyword argument 'cell_size'"),
+    ({"min_cell_size": "small"}, TypeError, "min_cell_size = 'small': must be a number"),
+    ({"min_cell_size": 1e-9, "max_cell_size": 1e9}, ValueError, "at most 2^36 of the smallest"),
+]
+
+
+@pytest.mark.parametrize("options, error, message", OPTIONS, ids=[o[2] for o in OPTIONS])
+def test_wrong_options_are_refused(options, error, message):
+    with pytest.raises(error) as caught:
+        ndtree.AdaptiveMap(**options)
+    assert message in str(caught.value)
+
+
+def test_a_fixed_map_takes_no_options_of_refinement():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'significance'"):
+        ndtree.FixedMap(significance=0.9)
+    assert ndtree.FixedMap(cell_size=3.0).options["min_cell_size"] == 3.0
+
+
+def test_options_default_to_those_of_the_library():
+    m = ndtree.AdaptiveMap()
+    assert m.options == ndtree.default_options()
+    other = ndtree.AdaptiveMap(**{name: value * 0.99 for name, value in m.options.items()})
+    assert other.options == {name: value * 0.99 for name, value in m.options.items()}
+
+
+def damaged_files():
+    m = ndtree.AdaptiveMap(dim=3)
+    m.insert(*room_scan(3, 0))
+    whole = m.to_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 0x10
+    version = bytearray(whole)
+    version[8] = 9
+    return [
+        (b"", "not an ndtree map"),
+        (b"P5\n# a picture\n", "not an ndtree map"),
+        (whole[:-1], "truncated or overlong"),
+        (whole[:30], "truncated or overlong"),
+        (whole + b"more", "truncated or overlong"),
+        (bytes(flipped), "damaged: the checksum does not match"),
+        (bytes(version), "format version 9: this ndtree reads version 1"),
+    ]
+
+
+@pytest.mark.parametrize("content, message", damaged_files(), ids=lambda v: v if isinstance(v, str) else "")
+def test_damaged_files_are_refused_with_their_name(content, message, tmp_path):
+    path = tmp_path / "hall.ndt"
+    path.write_bytes(content)
+    with pytest.raises(ValueError) as caught:
+        ndtree.load(path)
+    assert str(path) in str(caught.value) and message in str(caught.value)
+
+
+def test_every_single_flipped_byte_is_noticed():
+    m = ndtree.AdaptiveMap()
+    m.insert(POINTS[:3], ORIGIN)
+    whole = m.to_bytes()
+    for i in range(len(whole)):
+        broken = bytearray(whole)
+        broken[i] ^= 0x40
+        with pytest.raises(ValueError):
+            ndtree.from_bytes(bytes(broken))
+
+
+def test_files_that_cannot_be_read_or_written(tmp_path):
+    m = ndtree.AdaptiveMap()
+    with pytest.raises(FileNotFoundError):
+        ndtree.load(tmp_path / "none.ndt")
+    with pytest.raises(IsADirectoryError):
+        ndtree.load(tmp_path)
+    with pytest.raises(FileNotFoundError):
+        m.save(tmp_path / "no folder" / "hall.ndt")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError):
+        m.save(tmp_path / "folder")
+    assert [p.name for p in tmp_path.iterdir()] == ["folder"]

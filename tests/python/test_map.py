@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps as Python sees them: what a scan does, and that queries, files and copies agree."""
+
+import copy
+import pickle
+import threading
+
+import numpy as np
+import pytest
+from conftest import room_scan
+
+import ndtree
+
+
+def make(kind: str, branching: int, dim: int) -> ndtree.OccupancyMap:
+    sizes = {2: 0.8, 3: 0.9, 4: 0.8}
+    if kind == "fixed":
+        return ndtree.FixedMap(dim=dim, branching=branching, cell_size=0.1)
+    return ndtree.AdaptiveMap(
+        dim=dim, branching=branching, min_cell_size=0.1, max_cell_size=sizes[branching], range_sigma=0.02
+    )
+
+
+@pytest.fixture(params=["adaptive", "fixed"])
+def filled(request, shape) -> ndtree.OccupancyMap:
+    branching, dim = shape
+    m = make(request.param, branching, dim)
+    for seed in range(5):
+        points, origin = room_scan(dim, seed)
+        m.insert(points, origin)
+    return m
+
+
+def test_insert_reports_each_outcome(shape):
+    branching, dim = shape
+    m = make("adaptive", branching, dim)
+    axis = np.eye(dim)[0]
+    points = np.array([axis, 2 * axis, 9 * axis, 0 * axis, np.full(dim, np.nan), np.full(dim, np.inf)])
+    report = m.insert(points, np.zeros(dim), returned=np.array([True, False, True, True, True, True]), max_range=5)
+    assert (report.beams, report.returned, report.not_returned) == (6, 1, 1)
+    assert (report.beyond_max_range, report.invalid) == (1, 3)
+    assert report.updates == m.stats().updates > 0
+    assert report.seconds > 0
+    assert "invalid=3" in repr(report)
+
+
+def test_a_room_is_free_inside_and_occupied_at_its_walls(filled):
+    dim = filled.dim
+    random = np.random.default_rng(1)
+    for seed in range(5, 30):
+        points, origin = room_scan(dim, seed, beams=40 * 4**dim)
+        filled.insert(points, origin)
+    state = filled.state(random.uniform(-0.4, 0.4, (200, dim)))
+    assert (state == 0).mean() > 0.97
+    walls, origin = room_scan(dim, 99, 200)
+    assert filled.occupied_within(walls, 0.15).mean() > 0.9
+    assert (filled.state(np.full((1, dim), 50.0)) == -1).all()
+
+
+def test_queries_agree_with_the_leaves(filled):
+    leaves = filled.leaves()
+    stats = filled.stats()
+    assert len(leaves) == stats.leaves == len(leaves.size) == len(leaves.lower)
+    assert leaves.observed.sum() == stats.observed_leaves
+    centre = leaves.lower + leaves.size[:, None] / 2
+    np.testing.assert_array_equal(filled.state(centre), leaves.state)
+    np.testing.assert_allclose(filled.probability(centre), leaves.probability)
+    np.testing.assert_allclose(leaves.probability, 1 / (1 + np.exp(-leaves.log_odds.astype(float))), rtol=1e-6)
+    np.testing.assert_array_equal(filled.state(leaves.lower), leaves.state)  # half-open: the lower corner is inside
+    assert (leaves.log_odds[~leaves.observed] == 0).all()
+    assert (leaves.hits[~leaves.observed] == 0).all()
+
+
+def test_rays_end_at_the_first_occupied_leaf(filled):
+    leaves = filled.leaves()
+    lower = leaves.lower[leaves.state == 1]
+    upper = lower + leaves.size[leaves.state == 1][:, None]
+    random = np.random.default_rng(2)
+    origins = random.uniform(-0.3, 0.3, (40, filled.dim))
+    directions = random.normal(size=(40, filled.dim)) * 7
+    found = filled.cast_rays(origins, directions, max_range=20)
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    for o, d, distance in zip(origins, unit, found):
+        enter = np.max(np.minimum((lower - o) / d, (upper - o) / d), axis=1)
+        leave = np.min(np.maximum((lower - o) / d, (upper - o) / d), axis=1)
+        hit = np.maximum(enter, 0)[(leave > enter) & (leave > 0)]
+        expected = hit.min() if hit.size else np.nan
+        assert distance == pytest.approx(expected, abs=1e-9, nan_ok=True)
+    assert np.isfinite(found).any() or filled.dim == 4  # five scans are few for the cells of four dimensions
+
+
+def test_file_pickle_and_copy_keep_everything(filled, tmp_path):
+    path = tmp_path / "room.ndt"
+    filled.save(path)
+    assert [p.name for p in tmp_path.iterdir()] == ["room.ndt"]
+    again = ndtree.load(str(path))
+    assert type(again) is type(filled)
+    bytes_ = filled.to_bytes()
+    for other in (again, pickle.loads(pickle.dumps(filled)), copy.copy(filled), copy.deepcopy(filled)):
+        assert other.to_bytes() == bytes_
+        assert other.options == filled.options
+    points, origin = room_scan(filled.dim, 77)
+    one, two = copy.copy(filled), ndtree.from_bytes(bytes_)
+    one.insert(points, origin)
+    assert filled.to_bytes() == bytes_  # a copy is independent
+    two.insert(points, origin)
+    assert one.to_bytes() == two.to_bytes()  # and goes on as the original would
+
+
+def test_one_origin_each_equals_one_origin_for_all(shape):
+    branching, dim = shape
+    points, origin = room_scan(dim, 3)
+    one, each = make("adaptive", branching, dim), make("adaptive", branching, dim)
+    one.insert(points, origin)
+    each.insert(points, np.tile(origin, (len(points), 1)))
+    assert one.to_bytes() == each.to_bytes()
+
+
+def test_threads_share_a_map():
+    m = make("adaptive", 2, 3)
+    stop = threading.Event()
+    errors = []
+
+    def ask():
+        while not stop.is_set():
+            try:
+                m.state(np.random.default_rng(0).uniform(-2, 2, (1000, 3)))
+                len(m.leaves())
+            except Exception as error:
+                errors.append(error)
+
+    threads = [threading.Thread(target=ask) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    alone = make("adaptive", 2, 3)
+    for seed in range(30):
+        points, origin = room_scan(3, seed, 1000)
+        m.insert(points, origin)
+        alone.insert(points, origin)
+    stop.set()
+    for thread in threads:
+        thread.join()
+    assert not errors
+    assert m.to_bytes() == alone.to_bytes()
+
+
+def test_four_dimensions_hold_time_as_a_fourth_axis():
+    """A door seen on three days (x, y, z, time of day): closed in the first half, in the second a wall behind it."""
+    m = ndtree.AdaptiveMap(dim=4, branching=2, min_cell_size=0.1, max_cell_size=0.8, range_sigma=0.02)
+    random = np.random.default_rng(5)
+    for i in range(180):
+        time = 0.8 * (i % 60 + 0.5) / 60
+        target = np.column_stack([np.full(400, 1.05 if time < 0.4 else 2.05), random.uniform(-0.5, 0.5, (400, 2))])
+        m.insert(np.column_stack([target, np.full(400, time)]), [0.0, 0.0, 0.0, time])
+    at = random.uniform(-0.2, 0.2, (300, 2))
+    closed = np.column_stack([np.full(300, 1.05), at, np.full(300, 0.2)])
+    opened = closed + [0, 0, 0, 0.4]
+    assert m.occupied_within(closed, 0.05).mean() > 0.9
+    assert (m.state(opened) == 0).mean() > 0.9
+    ahead = np.tile([1.0, 0.0, 0.0, 0.0], (300, 1))
+    cell = 0.8  # hits deep inside a cell leave no conflict that would split it further
+    for points, distance in ((closed, 1.05), (opened, 2.05)):
+        ranges = m.cast_rays(points * [0, 0, 0, 1], ahead)
+        assert distance - cell <= np.median(ranges) <= distance
+
+
+@pytest.mark.skipif(not ndtree.has_octomap, reason="built without OctoMap")
+def test_octomap_answers_the_same_calls(tmp_path):
+    o = ndtree.OctoMap(cell_size=0.1, dim=3)
+    f = ndtree.FixedMap(cell_size=0.1, dim=3)
+    for seed in range(20):
+        points, origin = room_scan(3, seed)
+        assert o.insert(points, origin).returned == f.insert(points, origin).returned == 300
+    random = np.random.default_rng(0)
+    inside = random.uniform(-1.5, 1.5, (2000, 3))
+    known = (o.state(inside) != -1) & (f.state(inside) != -1)
+    assert known.mean() > 0.9
+    assert (o.state(inside) == f.state(inside))[known].mean() > 0.98
+    stats = o.stats()
+    assert stats.pruned_leaves <= stats.leaves <= stats.observed_leaves
+    assert stats.updates > 0 and f.stats().pruned_leaves is None
+    assert len(o.leaves()) == stats.leaves
+    again = pickle.loads(pickle.dumps(o))
+    np.testing.assert_array_equal(again.state(inside), o.state(inside))
+    o.save(tmp_path / "room.ot")
+    assert (tmp_path / "room.ot").read_bytes().startswith(b"# Octomap OcTree file")
+    flat = ndtree.OctoMap(cell_size=0.1, dim=2, insertion="scan")
+    points, origin = room_scan(2, 0)
+    flat.insert(points, origin)
+    assert flat.leaves().lower.shape[1] == 2

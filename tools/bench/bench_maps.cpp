@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Insertion and queries of our maps and of OctoMap, over simulated worlds and recordings.
+///
+/// usage: ndtree-bench [--beams N] [LOG …] [--benchmark_…]
+///
+/// Candidates alternate in random order; five repetitions, of which median, mean and spread are printed.
+#include <benchmark/benchmark.h>
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <memory>
+#include <random>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "log_input.hpp"
+#include "ndtree/ndtree.hpp"
+#ifdef NDTREE_HAVE_OCTOMAP
+#include "octomap_baseline.hpp"
+#endif
+
+namespace {
+
+using namespace ndtree;
+
+/// Scans of one log, few enough for the slowest candidate.
+template <int D>
+struct Workload {
+  std::vector<Scan<D>> scans;
+  std::size_t beams = 0;
+  MapOptions options;
+  double max_range = kUnlimitedRange;
+};
+
+/// About `beams` beams in scans spread evenly over the log, so that all of its space is in them.
+template <int D>
+std::shared_ptr<const Workload<D>> thin(const std::vector<Scan<D>>& scans, std::size_t beams,
+                                        const MapOptions& options, double max_range) {
+  auto work = std::make_shared<Workload<D>>();
+  work->options = options;
+  work->max_range = max_range;
+  std::size_t total = 0;
+  for (const auto& scan : scans) total += static_cast<std::size_t>(scan.size());
+  const std::size_t step = std::max<std::size_t>(1, total / std::max<std::size_t>(1, beams));
+  for (std::size_t i = 0; i < scans.size(); i += step) {
+    work->beams += static_cast<std::size_t>(scans[i].size());
+    work->scans.push_back(scans[i]);
+  }
+  return work;
+}
+
+template <class Map, int D>
+Map built(const Workload<D>& work, Map map) {
+  for (const auto& scan : work.scans) map.insert(scan, work.max_range);
+  return map;
+}
+
+/// A map that grew from nothing, once an iteration; the time is that of the insertions alone.
+template <int D, class Make>
+void insertion(benchmark::State& state, const Workload<D>& work, const Make& make) {
+  std::uint64_t updates = 0;
+  for (auto _ : state) {
+    auto map = make(work.options);
+    double seconds = 0.0;
+    updates = 0;
+    for (const auto& scan : work.scans) {
+      const InsertReport report = map.insert(scan, work.max_range);
+      seconds += report.seconds;
+      updates += report.updates;
+    }
+    state.SetIterationTime(seconds);
+  }
+  state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * work.beams));
+  state.counters["updates_per_beam"] = static_cast<double>(updates) / static_cast<double>(work.beams);
+}
+
+/// Points near end points and along beams, in random order: what a planner asks about.
+template <int D>
+std::vector<Vector<D>> questions(const Workload<D>& work) {
+  std::vector<Vector<D>> points;
+  std::mt19937 random(1);
+  for (int i = 0; i < 100000; ++i) {
+    const auto& scan = work.scans[random() % work.scans.size()];
+    const auto beam = static_cast<Eigen::Index>(random() % static_cast<std::size_t>(scan.size()));
+    const double t = static_cast<double>(random()) / 4294967296.0 * 1.1;
+    points.push_back(scan.origins.col(0) + t * (scan.endpoints.col(beam) - scan.origins.col(0)));
+  }
+  return points;
+}
+
+template <int D, class Make>
+void point_queries(benchmark::State& state, const Workload<D>& work, const Make& make) {
+  const auto map = built(work, make(work.options));
+  const auto points = questions(work);
+  for (auto _ : state) {
+    int occupied = 0;
+    for (const auto& point : points) occupied += ndtree::state(map, point) == CellState::occupied;
+    benchmark::DoNotOptimize(occupied);
+  }
+  state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * points.size()));
+}
+
+template <int D, class Make>
+void ray_casts(benchmark::State& state, const Workload<D>& work, const Make& make) {
+  const auto map = built(work, make(work.options));
+  const auto points = questions(work);
+  const Vector<D> origin = work.scans.front().origins.col(0);
+  const std::size_t count = std::min<std::size_t>(points.size(), 10000);
+  for (auto _ : state) {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const Vector<D> direction = points[i] - origin;
+      if (direction.allFinite() && direction.squaredNorm() > 0.0)
+        sum += ndtree::cast_ray(map, origin, direction, 30.0).value_or(0.0);
+    }
+    benchmark::DoNotOptimize(sum);
+  }
+  state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * count));
+}
+
+template <int D, class Make>
+void add(const std::string& log, const char* candidate, const std::shared_ptr<const Workload<D>>& work,
+         Make make) {
+  const auto name = [&](const char* what) { return std::string(what) + "/" + log + "/" + candidate; };
+  benchmark::RegisterBenchmark(name("insert").c_str(),
+                               [=](benchmark::State& s) { insertion<D>(s, *work, make); })
+      ->UseManualTime()
+      ->Unit(benchmark::kMillisecond);
+  benchmark::RegisterBenchmark(name("state").c_str(), [=](benchmark::State& s) {
+    point_queries<D>(s, *work, make);
+  })->Unit(benchmark::kMillisecond);
+  benchmark::RegisterBenchmark(name("cast_ray").c_str(), [=](benchmark::State& s) {
+    ray_casts<D>(s, *work, make);
+  })->Unit(benchmark::kMillisecond);
+}
+
+template <int N, int D>
+void add_own(const std::string& log, const char* candidate, const std::shared_ptr<const Workload<D>>& work) {
+  add<D>(log, candidate, work, [](const MapOptions& options) { return AdaptiveMap<N, D>(options); });
+}
+
+template <int D>
+void add_all(const std::string& log, const std::shared_ptr<const Workload<D>>& work) {
+  add_own<2, D>(log, "adaptive", work);
+  add_own<3, D>(log, "adaptive N=3", work);
+  add_own<4, D>(log, "adaptive N=4", work);
+  add<D>(log, "fixed", work, [](const MapOptions& options) { return FixedMap<2, D>(options); });
+#ifdef NDTREE_HAVE_OCTOMAP
+  add<D>(log, "OctoMap insertRay", work,
+         [](const MapOptions& options) { return OctomapBaseline(options.min_cell_size, options); });
+  add<D>(log, "OctoMap insertPointCloud", work, [](const MapOptions& options) {
+    return OctomapBaseline(options.min_cell_size, options, OctomapInsertion::scan_at_once);
+  });
+  add<D>(log, "OctoMap insertPointCloud lazy", work, [](const MapOptions& options) {
+    return OctomapBaseline(options.min_cell_size, options, OctomapInsertion::scan_at_once_lazy);
+  });
+#endif
+}
+
+void add_log(const Log& log, const std::string& name, std::size_t beams, const MapOptions& options,
+             double max_range) {
+  std::visit(
+      [&](const auto& scans) {
+        constexpr int D = std::decay_t<decltype(scans[0].origins)>::RowsAtCompileTime;
+        add_all<D>(name, thin<D>(scans, beams, options, max_range));
+      },
+      log.scans);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::vector<char*> arguments(argv, argv + argc);
+  std::string repetitions = "--benchmark_repetitions=5";
+  std::string interleaving = "--benchmark_enable_random_interleaving=true";
+  std::string aggregates = "--benchmark_report_aggregates_only=true";
+  for (std::string* one : {&aggregates, &interleaving, &repetitions})  // Before the user's, which then win.
+    arguments.insert(arguments.begin() + 1, one->data());
+  int count = static_cast<int>(arguments.size());
+  benchmark::Initialize(&count, arguments.data());
+
+  CLI::App app(
+      "Insertion and queries of adaptive, fixed and OctoMap maps; --benchmark_… options are passed on.");
+  std::size_t beams = 150000;
+  double max_range = kUnlimitedRange;
+  std::vector<std::string> paths;
+  std::vector<std::string> worlds{"office", "apartment", "street"};
+  MapOptions options;
+  app.add_option("LOG", paths, "Recordings beside the simulated worlds")->check(CLI::ExistingFile);
+  app.add_option("--world", worlds, "Simulated worlds; none: --world ''");
+  app.add_option("--beams", beams, "Beams a log, in scans spread evenly over it")->capture_default_str();
+  app.add_option("--min-cell-size", options.min_cell_size, "[m]")->capture_default_str();
+  app.add_option("--max-cell-size", options.max_cell_size, "[m]")->capture_default_str();
+  app.add_option("--range-sigma", options.range_sigma, "[m]")->capture_default_str();
+  app.add_option("--range-sigma-quadratic", options.range_sigma_quadratic, "[1/m]")->capture_default_str();
+  app.add_option("--max-range", max_range, "[m]");
+  CLI11_PARSE(app, count, arguments.data());
+  try {
+    for (const std::string& world : worlds)
+      if (!world.empty()) add_log(simulate_log(world, {}, SIZE_MAX), world, beams, options, max_range);
+    for (const std::string& path : paths) {
+      const std::string file = path.substr(path.find_last_of('/') + 1);
+      add_log(read_log(path, {}, SIZE_MAX), file, beams, options, max_range);
+    }
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "ndtree-bench: %s\n", error.what());
+    return 1;
+  }
+  benchmark::RunSpecifiedBenchmarks();
+  benchmark::Shutdown();
+  return 0;
+}
