@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// ndtree-compare: one log into several maps, and what each of them costs and knows.
+
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstddef>
+#include <exception>
+#include <iostream>
+#include <limits>
+#include <map>
+#include <optional>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "comparison.hpp"
+#include "log_input.hpp"
+#include "ndtree/version.hpp"
+#include "report.hpp"
+
+namespace {
+
+constexpr int kDone = 0;
+constexpr int kBadInput = 1;
+constexpr int kWrongCall = 2;
+
+/// What the command line says.
+struct Call {
+  std::string log;
+  std::string world;
+  std::optional<int> dim;
+  std::size_t limit = std::numeric_limits<std::size_t>::max();
+  std::string maps = ndtree::kHaveOctomap ? "adaptive,fixed,octomap" : "adaptive,fixed";
+  std::string json;
+  std::string csv;
+  ndtree::ComparisonOptions options;
+};
+
+const std::map<std::string, std::string>& option_help() {
+  static const std::map<std::string, std::string> help{
+      {"min_cell_size", "smallest cell of the adaptive map, and cell of the others [m]"},
+      {"max_cell_size", "largest cell that is ever updated [m]"},
+      {"range_sigma", "standard deviation of a range at the sensor [m]"},
+      {"range_sigma_quadratic", "its growth with the squared range [1/m]"},
+      {"probability_min", "least that one beam says; OctoMap's miss"},
+      {"probability_max", "most that one beam says; OctoMap's hit"},
+      {"log_odds_min", "lower bound of a cell's log-odds"},
+      {"log_odds_max", "upper bound of a cell's log-odds"},
+      {"miss_given_occupied", "share of beams that pass an occupied cell"},
+      {"hit_given_free", "share of beams that end in a free cell"},
+      {"significance", "confidence of the split test"},
+      {"merge_free_below", "siblings merge if all are at most this probable"},
+      {"merge_occupied_above", "or all at least this"},
+  };
+  return help;
+}
+
+std::string flag(std::string name) {
+  std::replace(name.begin(), name.end(), '_', '-');
+  return "--" + name;
+}
+
+void declare(CLI::App& app, Call& call) {
+  app.add_option("LOG", call.log,
+                 "CARMEN log or plain text, also gzipped, or .npz; recognised by its content");
+  app.add_option("--world", call.world, "simulated log instead: office, apartment or street")
+      ->check(CLI::IsMember({"office", "apartment", "street"}));
+  app.add_option("--dim", call.dim, "2 or 3; by default the log's own")->check(CLI::IsMember({2, 3}));
+  app.add_option("--limit", call.limit, "use only the first scans of the log")
+      ->check(CLI::PositiveNumber)
+      ->type_name("SCANS");
+  app.add_option("--maps", call.maps, "adaptive, fixed, octomap, octomap-scan, octomap-scan-lazy")
+      ->capture_default_str();
+  app.add_option("--branching", call.options.branching, "children per axis of a node of our maps: 2, 3 or 4")
+      ->capture_default_str();
+  app.add_option("--max-range", call.options.max_range,
+                 "longer beams say only that the space up to there is free [m]; by default unlimited");
+  app.add_option("--held-out", call.options.held_out,
+                 "every so manieth scan is not mapped but tests the maps; 0: none")
+      ->capture_default_str();
+  app.add_option("--repeat", call.options.repeat, "timed runs of each map, alternating")
+      ->capture_default_str();
+  ndtree::for_each_option(call.options.map, [&](const char* name, double& value) {
+    const auto help = option_help().find(name);
+    app.add_option(flag(name), value, help == option_help().end() ? "option of the map" : help->second)
+        ->capture_default_str();
+  });
+  app.add_option("--json", call.json, "write all figures to this file")->type_name("FILE");
+  app.add_option("--csv", call.csv, "write a line for each map to this file")->type_name("FILE");
+  app.set_version_flag("--version", NDTREE_VERSION);
+  app.footer(
+      "Examples:\n"
+      "  ndtree-compare intel.log.gz --max-range 20\n"
+      "  ndtree-compare --world office --repeat 1\n"
+      "  ndtree-compare kinect.npz --range-sigma 0.005 --range-sigma-quadratic 0.0015 --json kinect.json\n"
+      "  ndtree-compare street.npz --branching 3 --min-cell-size 0.1 --maps adaptive,octomap,octomap-scan\n"
+      "\n"
+      "Exit status: 0 done, 1 the input is bad, 2 the call is wrong.");
+}
+
+std::vector<std::string> split_at_commas(const std::string& text) {
+  std::vector<std::string> parts;
+  std::istringstream in(text);
+  for (std::string name; std::getline(in, name, ',');) parts.push_back(name);
+  return parts;
+}
+
+/// @throws std::invalid_argument naming what is wrong.
+void check(Call& call) {
+  if (call.log.empty() == call.world.empty())
+    throw std::invalid_argument("expected either a LOG or --world; see --help");
+  call.options.maps = split_at_commas(call.maps);
+  call.options.validate();
+  for (const std::string& file : {call.json, call.csv})
+    if (!file.empty() && file == call.log) throw std::invalid_argument(file + ": would overwrite the log");
+}
+
+/// On one line of the terminal, if there is one.
+void show_progress(const std::string& what, double done) {
+  static const bool is_terminal = isatty(STDERR_FILENO) == 1;
+  if (!is_terminal) return;
+  std::cerr << "\r\033[K" << what;
+  if (!what.empty()) std::cerr << " (" << static_cast<int>(100.0 * done) << " %)";
+  std::cerr << std::flush;
+}
+
+void run(const Call& call) {
+  for (const std::string& file : {call.json, call.csv})
+    if (!file.empty()) ndtree::check_writable(file);
+  show_progress("reading", 0.0);
+  const ndtree::Log log = call.world.empty() ? ndtree::read_log(call.log, call.dim, call.limit)
+                                             : ndtree::simulate_log(call.world, call.dim, call.limit);
+  const auto report = ndtree::to_json(ndtree::compare(log, call.options, show_progress));
+  show_progress("", 1.0);
+  if (!call.json.empty()) ndtree::write_file(call.json, ndtree::to_text(report));
+  if (!call.csv.empty()) ndtree::write_file(call.csv, ndtree::to_csv(report));
+  std::cout << ndtree::to_table(report) << std::flush;
+}
+
+/// One line of printable characters, whatever a log holds.
+int complain(const char* what, int status) {
+  show_progress("", 1.0);
+  std::string line(what);
+  for (char& c : line)
+    if (static_cast<unsigned char>(c) < 32 || c == 127) c = '?';
+  std::cerr << "ndtree-compare: " << line << "\n";
+  return status;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "Maps one log with cells that adapt, with cells of one size, and with OctoMap, and compares them.",
+      "ndtree-compare");
+  Call call;
+  try {
+    declare(app, call);
+    app.parse(argc, argv);
+    check(call);
+  } catch (const CLI::Success& asked) {
+    return app.exit(asked);
+  } catch (const std::exception& error) {
+    return complain(error.what(), kWrongCall);
+  }
+  try {
+    run(call);
+  } catch (const std::exception& error) {
+    return complain(error.what(), kBadInput);
+  }
+  return std::cout ? kDone : complain("standard output cannot be written", kBadInput);
+}
