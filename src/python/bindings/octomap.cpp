@@ -3,8 +3,9 @@
 #include <stdexcept>
 #include <string>
 
+#include "octomap_baseline.hpp"  // Before the adapter, which finds OctoMap's queries only if they are declared.
+//
 #include "map_adapter.hpp"
-#include "octomap_baseline.hpp"
 #include "python_map.hpp"
 
 namespace ndtree::python {

@@ -41,8 +41,9 @@ MAP_OPTIONS = (
 OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
 
 #: What a comparison can have in it; "paper" is the adaptive map exactly as the paper has it, "octomap-scan"
-#: inserts scans by ``insertPointCloud``, which updates each cell once a scan.
-KINDS = ("adaptive", "paper", "fixed", "octomap", "octomap-scan")
+#: inserts scans by ``insertPointCloud``, which updates each cell once a scan, "-lazy" without pruning.
+KINDS = ("adaptive", "paper", "fixed", "octomap", "octomap-scan", "octomap-scan-lazy")
+_INSERTIONS = {"octomap": "ray", "octomap-scan": "scan", "octomap-scan-lazy": "scan_lazy"}
 
 
 def make_map(name: str, *, dim: int, cell_size: float | None = None, **options: Any) -> OccupancyMap:
@@ -91,8 +92,7 @@ def make_map(name: str, *, dim: int, cell_size: float | None = None, **options: 
     taken = {option.name for option in MAP_OPTIONS if option.octomap}
     if not _core.has_octomap:
         raise RuntimeError(f"map {name!r}: OctoMap was not there when ndtree was built")
-    insertion = "scan" if kind == "octomap-scan" else "ray"
-    return _core.OctoMap(dim=dim, cell_size=cell_size, insertion=insertion, **_only(taken, options))
+    return _core.OctoMap(dim=dim, cell_size=cell_size, insertion=_INSERTIONS[kind], **_only(taken, options))
 
 
 def _only(names: set[str], options: dict[str, Any]) -> dict[str, Any]:

@@ -27,8 +27,10 @@ MapMaker = Callable[[], OccupancyMap]
 Maps = Union[Sequence[str], Mapping[str, MapMaker]]
 Progress = Callable[[str, int, int], None]
 
+DEFAULT_MAPS = ("adaptive", "fixed", "octomap") if _core.has_octomap else ("adaptive", "fixed")
 OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
 COUNTED = ("leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
+NEEDED = ("cells", "nodes", "updates", "memory_bytes", "resident_bytes")
 EXACT_SAMPLES = 100_000
 NEAR_SURFACE = 0.1
 
@@ -102,11 +104,12 @@ def compare(
     Returns
     -------
     Comparison
-        "cells" are leaves that at least one beam updated, "updates" pairs of a beam and a leaf, "seconds"
-        the insertion alone. "truth" is about the scans held out: shares of points every 0.1 m along the
-        beams, up to 0.1 m before their end, that the map calls free, occupied and unknown; the share of end
-        points within 0.05 m of an occupied cell; of ray casts, those that end within 0.1 m of the measured
-        range, and their median error [m]. "exact", on simulated logs, compares with the world itself.
+        A dict. "cells" are leaves that at least one beam updated, "updates" pairs of a beam and a leaf,
+        "seconds" the insertion alone. "truth" is about the scans held out: of "samples", points every 0.1 m
+        along the beams up to 0.1 m before their end, how many the map calls free, occupied and unknown; how
+        many end points are within 0.05 m of an occupied cell; how many ray casts end within 0.1 m of the
+        measured range, and their median error [m]. "exact", on simulated logs, compares with the world
+        itself. "ratios" say what the adaptive map needs of the fixed one.
 
     Raises
     ------
@@ -119,27 +122,28 @@ def compare(
     if held_out == 1:
         raise ValueError("held_out = 1: must be 0 or at least 2, or nothing is left to map")
     if maps is None:
-        maps = ("adaptive", "fixed", "octomap") if _core.has_octomap else ("adaptive", "fixed")
+        maps = DEFAULT_MAPS
     if "min_cell_size" in options:
         cell_size = options.pop("min_cell_size")
     progress = progress or _no_progress
     scans = _loaded(log, progress)
     dim = scans[0].dim
     makers = _makers(maps, dim, cell_size, options)
-    mapped = [scan for i, scan in enumerate(scans) if not _is_held_out(i, held_out)]
+    mapped = {i: scan for i, scan in enumerate(scans) if not _is_held_out(i, held_out)}
+    if not mapped:
+        raise ValueError("held_out: no scan is left to map")
     unseen = [scan for i, scan in enumerate(scans) if _is_held_out(i, held_out)]
 
     built = {name: _Built() for name in makers}
     for run in range(repeat):
         for name, make in makers.items():
             label = name if repeat == 1 else f"{name}, run {run + 1}"
-            _build(built[name], make, mapped, max_range, lambda done, n=label: progress(n, done, len(mapped)))
+            _build(built[name], make, mapped, max_range, partial(progress, label))
 
     rows = []
     for name, one in built.items():
         row = _figures(name, one)
-        told = partial(progress, f"{name}, truth")
-        row["truth"] = _truth(one.map, unseen, max_range, lambda done: told(done, len(unseen)))
+        row["truth"] = _truth(one.map, unseen, max_range, partial(progress, f"{name}, truth"))
         rows.append(row)
     if isinstance(log, SimulatedLog):
         samples = _exact_samples(log, scans, max_range)
@@ -155,6 +159,7 @@ def compare(
         scans_mapped=len(mapped),
         beams={outcome: first.beams[outcome] for outcome in OUTCOMES},
         parameters={
+            **_plain(first.map.options),
             "held_out": held_out,
             "max_range": _finite(max_range),
             "repeat": repeat,
@@ -217,19 +222,26 @@ class _Built:
 
 
 def _build(
-    built: _Built, make: MapMaker, scans: Sequence[Scan], max_range: float, progress: Callable[[int], None]
+    built: _Built,
+    make: MapMaker,
+    scans: Mapping[int, Scan],
+    max_range: float,
+    progress: Callable[[int, int], None],
 ) -> None:
     first = not built.seconds
     before = _resident_bytes()
     target = make()
     seconds = 0.0
-    for done, scan in enumerate(scans, start=1):
-        report = scan.insert_into(target, max_range=max_range)
+    for done, (i, scan) in enumerate(scans.items(), start=1):
+        try:
+            report = scan.insert_into(target, max_range=max_range)
+        except ValueError as error:
+            raise ValueError(f"scan {i}: {error}") from None
         seconds += report.seconds
         if first:
             for outcome in OUTCOMES:
                 built.beams[outcome] += getattr(report, outcome)
-        progress(done)
+        progress(done, len(scans))
     built.seconds.append(seconds)
     if first:
         # The maps of the first run are kept, so that no map grows into memory that another has freed.
@@ -251,8 +263,15 @@ def _figures(name: str, built: _Built) -> dict[str, Any]:
     stats = built.map.stats()
     leaves = built.map.leaves()
     median = statistics.median(built.seconds)
-    row: dict[str, Any] = {"map": name, "cells": int(stats.observed_leaves)}
+    is_octomap = _core.has_octomap and isinstance(built.map, _core.OctoMap)
+    row: dict[str, Any] = {
+        "map": name,
+        "refinement": built.map.refinement,
+        "cells": int(stats.observed_leaves),
+    }
     row.update({key: int(getattr(stats, key)) for key in COUNTED})
+    if is_octomap:  # It has no such thing, which is not the same as none.
+        row["splits"] = row["merges"] = None
     row["seconds"] = {
         "median": median,
         "min": min(built.seconds),
@@ -262,28 +281,37 @@ def _figures(name: str, built: _Built) -> dict[str, Any]:
     row["beams_per_second"] = sum(built.beams.values()) / median if median > 0 else None
     row["bytes_per_node"] = row["memory_bytes"] / row["nodes"] if row["nodes"] else None
     row["resident_bytes"] = built.resident_bytes
-    if _core.has_octomap and isinstance(built.map, _core.OctoMap):
+    if is_octomap:
         row["cells_pruned"] = int(stats.pruned_leaves)
     sizes, where, count = np.unique(leaves.size, return_inverse=True, return_counts=True)
     observed = np.bincount(where.ravel(), weights=leaves.observed, minlength=len(sizes))
     row["cell_sizes"] = [
         {"size": float(size), "observed": int(seen), "leaves": int(all_)}
-        for size, seen, all_ in zip(sizes, observed, count)
+        for size, seen, all_ in zip(sizes[::-1], observed[::-1], count[::-1])
     ]
     return row
 
 
 def _truth(
-    target: OccupancyMap, scans: Sequence[Scan], max_range: float, progress: Callable[[int], None]
+    target: OccupancyMap, scans: Sequence[Scan], max_range: float, progress: Callable[[int, int], None]
 ) -> dict[str, Any] | None:
     if not scans:
         return None
     truth = _core.HeldOutTruth()
     for done, scan in enumerate(scans, start=1):
         truth += scan.evaluate_on(target, max_range=max_range)
-        progress(done)
-    keys = ("free", "occupied", "unknown", "samples", "endpoints_near", "endpoints", "casts_within", "casts")
-    return {key: _finite(getattr(truth, key)) for key in (*keys, "median_error")}
+        progress(done, len(scans))
+    result: dict[str, Any] = {}
+    for total, shares in (
+        ("samples", ("free", "occupied", "unknown")),
+        ("endpoints", ("endpoints_near",)),
+        ("casts", ("casts_within",)),
+    ):
+        n = getattr(truth, total)
+        result.update({key: round(getattr(truth, key) * n) if n else 0 for key in shares})
+        result[total] = n
+    result["median_error"] = _finite(truth.median_error)
+    return result
 
 
 def _exact_samples(
@@ -342,13 +370,19 @@ def _exact(target: OccupancyMap, samples: dict[str, NDArray[np.float64]]) -> dic
 
 
 def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """The first map in terms of the second: below 1 it needs less."""
-    if len(rows) < 2:
-        return {}
-    one, other = rows[0], rows[1]
-    pairs = {key: (one[key], other[key]) for key in ("cells", "leaves", "nodes", "updates", "memory_bytes")}
-    pairs["seconds"] = (one["seconds"]["median"], other["seconds"]["median"])
-    return {key: a / b if b else None for key, (a, b) in pairs.items()}
+    """What the adaptive map, or else the first, needs of the fixed one, and of others under their names."""
+    ours = next((row for row in rows if row["map"] == "adaptive"), rows[0])
+    result: dict[str, Any] = {}
+    for row in rows:
+        if row is ours:
+            continue
+        pairs = {key: (ours[key], row[key]) for key in NEEDED}
+        pairs["seconds"] = (ours["seconds"]["median"], row["seconds"]["median"])
+        if "cells_pruned" in row:
+            pairs["cells_pruned"] = (ours["cells"], row["cells_pruned"])
+        of_map = {key: one / other if one and other else None for key, (one, other) in pairs.items()}
+        result.update(of_map if row["map"] == "fixed" else {row["map"]: of_map})
+    return result
 
 
 def _finite(value: float | None) -> float | None:
@@ -381,16 +415,13 @@ def _table(comparison: Comparison) -> str:
     def line(label: str, text: Callable[[dict[str, Any]], str | None]) -> None:
         cells = [text(row) for row in rows]
         if any(cell is not None for cell in cells):
-            lines.append((label, ["–" if cell is None else cell for cell in cells]))
+            lines.append((label, ["-" if cell is None else cell for cell in cells]))
 
-    def share(section: str, key: str, within: str | None = None) -> Callable[[dict[str, Any]], str | None]:
-        def text(row: dict[str, Any]) -> str | None:
-            values = row.get(section) or {}
-            values = values.get(within, {}) if within else values
-            value = values.get(key)
-            return None if value is None else f"{100 * value:.2f} %"
+    def truth(key: str, of: str) -> Callable[[dict[str, Any]], str | None]:
+        return lambda row: _percent(row["truth"][key], row["truth"][of]) if row["truth"] else None
 
-        return text
+    def exact(where: str, state: str) -> Callable[[dict[str, Any]], str | None]:
+        return lambda row: _percent(row["exact"][where][state], 1) if "exact" in row else None
 
     line("cells", lambda row: _grouped(row["cells"]))
     line("  after pruning", lambda row: _grouped(row.get("cells_pruned")))
@@ -400,15 +431,15 @@ def _table(comparison: Comparison) -> str:
     line("beams a second", lambda row: _grouped(row["beams_per_second"]))
     line("memory", lambda row: _bytes(row["memory_bytes"]))
     line("  resident", lambda row: _bytes(row["resident_bytes"]))
-    line("free space called free", share("truth", "free"))
-    line("  called occupied", share("truth", "occupied"))
-    line("  called unknown", share("truth", "unknown"))
-    line("end points at occupied", share("truth", "endpoints_near"))
-    line("ray casts within 0.1 m", share("truth", "casts_within"))
+    line("free space called free", truth("free", "samples"))
+    line("  called occupied", truth("occupied", "samples"))
+    line("  called unknown", truth("unknown", "samples"))
+    line("end points at occupied", truth("endpoints_near", "endpoints"))
+    line("ray casts within 0.1 m", truth("casts_within", "casts"))
     line("  median error", lambda row: _centimetres((row["truth"] or {}).get("median_error")))
-    line("exactly free, called free", share("exact", "free", "free"))
-    line("  last 0.1 m before walls", share("exact", "free", "near"))
-    line("exactly inside, called occupied", share("exact", "occupied", "inside"))
+    line("exactly free, called free", exact("free", "free"))
+    line("  last 0.1 m before walls", exact("near", "free"))
+    line("exactly inside, called occupied", exact("inside", "occupied"))
 
     labels = max(len(label) for label, _ in lines)
     widths = [max(len(row["map"]), *(len(cells[i]) for _, cells in lines)) for i, row in enumerate(rows)]
@@ -425,21 +456,23 @@ def _table(comparison: Comparison) -> str:
         "  ".join([label.ljust(labels), *(cell.rjust(width) for cell, width in zip(cells, widths))])
         for label, cells in lines
     ]
-    tail = []
     ratios = comparison["ratios"]
-    if ratios:
-        needs = ", ".join(
-            f"{100 * ratios[key]:.1f} % of the {'time' if key == 'seconds' else key}"
-            for key in ("cells", "updates", "seconds")
-            if ratios.get(key) is not None
-        )
-        tail = ["", f"{rows[0]['map']} needs {needs} that {rows[1]['map']} needs"]
+    needs = [
+        f"{100 * ratios[key]:.1f} % of the {'time' if key == 'seconds' else key}"
+        for key in ("cells", "updates", "seconds")
+        if ratios.get(key) is not None
+    ]
+    ours = next((row["map"] for row in rows if row["map"] == "adaptive"), rows[0]["map"])
+    tail = ["", f"{ours} needs {', '.join(needs)} that fixed needs"] if needs else []
     return "\n".join([*head, *body, *tail])
 
 
 def _grouped(value: float | None) -> str | None:
-    """12 345 678, with a narrow gap that no line breaks."""
-    return None if value is None else f"{round(value):,}".replace(",", "\u202f")
+    return None if value is None else f"{round(value):,}"
+
+
+def _percent(part: float | None, whole: float) -> str | None:
+    return None if part is None or not whole else f"{100 * part / whole:.2f} %"
 
 
 def _bytes(value: float | None) -> str | None:

@@ -16,6 +16,7 @@ from ndtree._core import Leaves, OccupancyMap
 
 try:
     from matplotlib.axes import Axes
+    from matplotlib.backend_bases import FigureCanvasBase
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import LineCollection, PolyCollection
     from matplotlib.figure import Figure
@@ -29,6 +30,8 @@ Integers = NDArray[np.int64]
 Region = Sequence[float]
 CutAbove = Union[float, str, None]
 
+#: Endings of picture files.
+FORMATS = tuple(f".{ending}" for ending in sorted(FigureCanvasBase.get_supported_filetypes()))
 MAX_IMAGE_CELLS = 16_000_000
 UNKNOWN = 0.5
 BORDER_COLOR = "#2b5c8a"
@@ -172,7 +175,7 @@ def side_by_side(
     region: Region | None = None,
     row: bool | None = None,
     width: float = 16.0,
-    dpi: float = 150.0,
+    dpi: float = 200.0,
 ) -> None:
     """Write one picture with an adaptive map's leaves and occupancy, and a fixed map's occupancy (Fig. 4).
 
@@ -196,7 +199,7 @@ def side_by_side(
     fine, even = _cells_of(adaptive), _cells_of(fixed)
     shown = tuple(region) if region is not None else _found(fine)
     shape = (shown[3] - shown[2]) / (shown[1] - shown[0])
-    in_row = shape > 0.75 if row is None else row
+    in_row = shape > 0.4 if row is None else row
     figure, axes = _panels(3, in_row, shape, width)
     _draw_borders(fine, axes[0], shown, BORDER_COLOR)
     _draw_occupancy(fine, axes[1], shown)
@@ -215,7 +218,7 @@ def occupied(
     ax: Axes | None = None,
     *,
     azimuth: float = -60.0,
-    elevation: float = 40.0,
+    elevation: float = 50.0,
     cut_above: CutAbove = "auto",
     region: Region | None = None,
     colormap: str = "turbo",
@@ -237,7 +240,7 @@ def occupied(
     elevation : float
         How high, from -90 below to 90 above [degrees].
     cut_above : float, "auto" or None
-        Cells above this height are left out [m]. "auto" finds a ceiling, if there is one.
+        What is above this height is left out [m]. "auto" finds a ceiling, if there is one.
     region : (x_min, x_max, y_min, y_max, z_min, z_max), optional
         What to show [m]; left out, where something was found.
     colormap : str
@@ -251,8 +254,8 @@ def occupied(
         Without frame; its coordinates are metres in the plane of the picture.
     """
     _require_dim(m, 3)
-    chosen = _chosen_cubes(_cells_of(m), region, cut_above)
-    return _draw_cubes(chosen, _axes(ax), azimuth, elevation, colormap, heights or _heights(chosen))
+    chosen, bounds = _chosen_cubes(_cells_of(m), region, cut_above)
+    return _draw_cubes(chosen, bounds, _axes(ax), azimuth, elevation, colormap, heights or _heights(chosen))
 
 
 def side_by_side_3d(
@@ -261,11 +264,11 @@ def side_by_side_3d(
     path: str | os.PathLike[str],
     *,
     azimuth: float = -60.0,
-    elevation: float = 40.0,
+    elevation: float = 50.0,
     cut_above: CutAbove = "auto",
     region: Region | None = None,
     width: float = 16.0,
-    dpi: float = 150.0,
+    dpi: float = 200.0,
 ) -> None:
     """Write one picture with the occupied cells of an adaptive and a fixed 3-D map, seen alike.
 
@@ -289,12 +292,12 @@ def side_by_side_3d(
     if cut_above == "auto":
         cut_above = _ceiling(_inside(every[0].where(every[0].occupied), region))
     chosen = [_chosen_cubes(one, region, cut_above) for one in every]
-    heights = _heights(chosen[0])
-    probe = _draw_cubes(chosen[0], _axes(None), azimuth, elevation, "turbo", heights)
+    heights = _heights(chosen[0][0])
+    probe = _draw_cubes(*chosen[0], _axes(None), azimuth, elevation, "turbo", heights)
     shape = float(np.ptp(probe.get_ylim()) / np.ptp(probe.get_xlim()))
     figure, axes = _panels(2, shape > 0.4, shape, width)
     for ax, one, whole, kind in zip(axes, chosen, every, ("adaptive", "fixed")):
-        _draw_cubes(one, ax, azimuth, elevation, "turbo", heights)
+        _draw_cubes(*one, ax, azimuth, elevation, "turbo", heights)
         ax.set_xlim(probe.get_xlim())
         ax.set_ylim(probe.get_ylim())
         ax.set_title(_title(whole, kind))
@@ -318,6 +321,12 @@ def _cells_of(m: OccupancyMap) -> _Cells:
         np.asarray(leaves.observed, dtype=np.bool_),
         np.asarray(leaves.hits, dtype=np.int64),
     )
+
+
+def _brightness(probability: Floats) -> Floats:
+    """0 for the freest cells, 1 for the most surely occupied, 0.5 for unknown: no clamp leaves white grey."""
+    low, high = min(probability.min(), 0.499), max(probability.max(), 0.501)
+    return np.interp(probability, (low, UNKNOWN, high), (0.0, UNKNOWN, 1.0))
 
 
 def _require_dim(m: OccupancyMap, dim: int) -> None:
@@ -362,13 +371,14 @@ def _found(every: _Cells) -> tuple[float, ...]:
         hit = every.where(every.occupied)
     if not len(hit.size):
         hit = every.where(every.observed)
-    area = np.maximum(hit.hits, 1).astype(np.float64)
+    weight = np.maximum(hit.hits, 1).astype(np.float64)
     seen = every.where(every.observed)
     bounds: list[float] = []
     for a in range(every.lower.shape[1]):
-        low = _quantile(hit.lower[:, a], area, 0.002)
-        high = _quantile(hit.upper[:, a], area, 0.998)
-        margin = 0.03 * (high - low) + 1.0
+        # Half a cell is enough: what was hit is in it, and large cells reach far behind it.
+        middle = hit.lower[:, a] + hit.size // 2
+        low, high = (_quantile(middle, weight, share) for share in (0.002, 0.998))
+        margin = 0.03 * (high - low) + 2.0
         bounds.append(max(low - margin, float(seen.lower[:, a].min())) * every.unit)
         bounds.append(min(high + margin, float(seen.upper[:, a].max())) * every.unit)
     return tuple(bounds)
@@ -390,14 +400,10 @@ def _inside(cubes: _Cells, region: Region) -> _Cells:
 
 
 def _title(one: _Cells, kind: str) -> str:
-    """For example "adaptive, 0.05 to 1.6 m: 16 390 cells"."""
+    """For example "adaptive, 0.05 to 1.6 m: 16,390 cells"."""
     low, high = (float(edge(one.size[one.observed])) * one.unit for edge in (np.min, np.max))
     sizes = f"{low:g} m" if low == high else f"{low:g} to {high:g} m"
-    return f"{kind}, {sizes}: {_grouped(np.count_nonzero(one.observed))} cells"
-
-
-def _grouped(count: float) -> str:
-    return f"{int(count):,}".replace(",", "\u202f")
+    return f"{kind}, {sizes}: {np.count_nonzero(one.observed):,} cells"
 
 
 # --- Drawing in the plane -------------------------------------------------------------------------
@@ -437,7 +443,9 @@ def _joined(lines: Integers) -> Integers:
 
 def _draw_occupancy(every: _Cells, ax: Axes, region: Region | None) -> Axes:
     region = tuple(region) if region is not None else _found(every)
-    image, extent = _image(_inside(every.where(every.observed), region), region)
+    seen = every.where(every.observed)
+    seen = replace(seen, probability=_brightness(seen.probability))
+    image, extent = _image(_inside(seen, region), region)
     ax.set_facecolor(str(UNKNOWN))
     ax.imshow(image, cmap="gray", vmin=0.0, vmax=1.0, origin="lower", extent=extent)
     return _framed(ax, region)
@@ -484,44 +492,48 @@ def _framed(ax: Axes, region: Region) -> Axes:
 # --- Drawing cubes --------------------------------------------------------------------------------
 
 
-def _chosen_cubes(every: _Cells, region: Region | None, cut_above: CutAbove) -> _Cells:
-    """Occupied leaves to be shown. @raises ValueError if there are none."""
+def _chosen_cubes(every: _Cells, region: Region | None, cut_above: CutAbove) -> tuple[_Cells, Region]:
+    """Occupied leaves to be shown, and the bounds [m] to which they are cut."""
     cubes = every.where(every.occupied)
     if not len(cubes.size):
         raise ValueError("the map has no occupied cells that could be drawn")
-    cubes = _inside(cubes, region if region is not None else _found(every))
+    bounds = list(region if region is not None else _found(every))
+    cubes = _inside(cubes, bounds)
     if cut_above == "auto":
         cut_above = _ceiling(cubes)
     if isinstance(cut_above, str):
         raise ValueError(f"cut_above = {cut_above!r}: must be a height in metres, 'auto' or None")
     if cut_above is not None:
-        below = cubes.lower[:, 2] * cubes.unit < cut_above - 1e-9 * cubes.unit
-        cubes = cubes.where(below)
+        bounds[5] = min(bounds[5], cut_above)
+        cubes = _inside(cubes, bounds)
     if not len(cubes.size):
-        raise ValueError(f"cut_above = {cut_above:g} m: no occupied cell is below")
-    return cubes
+        raise ValueError(f"region = {tuple(bounds)}: no occupied cell is in it")
+    return cubes, bounds
 
 
 def _ceiling(cubes: _Cells) -> float | None:
-    """Height [m] below a ceiling: the lowest layer in the upper half that covers much of what is below."""
-    bottom, top = int(cubes.lower[:, 2].min()), int(cubes.upper[:, 2].max())
-    layers = top - bottom
-    if layers < 4 or layers > 1_000_000:
+    """Height [m] just below a ceiling: a layer much wider than what is around it, with little above.
+
+    Only small cells are looked at: large ones stand for whole regions behind surfaces.
+    """
+    small = cubes.where(cubes.size <= 4 * cubes.size.min())
+    area = small.size.astype(np.float64) ** 2
+    bottom = int(_quantile(small.lower[:, 2], area, 0.001))
+    layers = int(_quantile(small.upper[:, 2], area, 0.999)) - bottom
+    if not 4 <= layers <= 1_000_000:
         return None
-    area = np.zeros(layers + 1)
-    np.add.at(area, cubes.lower[:, 2] - bottom, cubes.size.astype(np.float64) ** 2)
-    np.add.at(area, cubes.upper[:, 2] - bottom, -(cubes.size.astype(np.float64) ** 2))
-    area = np.cumsum(area)[:layers]
-    middle = layers // 2
-    floor = area[:middle].max()
-    wide = np.flatnonzero(area[middle:] > 0.35 * floor)
-    if not floor or not len(wide):
+    begin = np.clip(small.lower[:, 2] - bottom, 0, layers)
+    end = np.clip(small.upper[:, 2] - bottom, 0, layers)
+    width = np.bincount(begin, area, layers + 1) - np.bincount(end, area, layers + 1)
+    lower, upper = np.split(np.cumsum(width)[:layers], [layers // 2])
+    peak = int(upper.argmax())
+    is_wide = upper[peak] >= 0.25 * lower.max() and upper[peak] >= 2.0 * np.median(upper)
+    is_top = upper[peak + 4 :].sum() <= 0.05 * (lower.sum() + upper.sum())
+    if not (is_wide and is_top):
         return None
-    # Walls fill all layers a little; a ceiling stands out among those of the upper half.
-    upper = area[middle:]
-    if upper[wide].max() < 3.0 * np.median(upper):
-        return None
-    return float((bottom + middle + wide[0]) * cubes.unit)
+    rise = np.flatnonzero(upper[: peak + 1] < 0.3 * upper[peak])
+    first = int(rise[-1]) + 1 if len(rise) else 0
+    return float((bottom + layers // 2 + first) * cubes.unit)
 
 
 def _heights(cubes: _Cells) -> tuple[float, float]:
@@ -531,7 +543,13 @@ def _heights(cubes: _Cells) -> tuple[float, float]:
 
 
 def _draw_cubes(
-    cubes: _Cells, ax: Axes, azimuth: float, elevation: float, colormap: str, heights: tuple[float, float]
+    cubes: _Cells,
+    bounds: Region,
+    ax: Axes,
+    azimuth: float,
+    elevation: float,
+    colormap: str,
+    heights: tuple[float, float],
 ) -> Axes:
     a, e = math.radians(azimuth), math.radians(elevation)
     to_viewer = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
@@ -546,20 +564,21 @@ def _draw_cubes(
     level = np.clip((middle - heights[0]) / (heights[1] - heights[0]), 0.0, 1.0)
     colors = _colormap(colormap)(0.05 + 0.9 * level)[:, :3]
 
+    lower = np.maximum(cubes.lower * cubes.unit, np.asarray(bounds[0::2], dtype=np.float64))
+    upper = np.minimum(cubes.upper * cubes.unit, np.asarray(bounds[1::2], dtype=np.float64))
     faces, face_colors, order = [], [], []
     for axis in range(3):
         if abs(to_viewer[axis]) < 1e-9:
             continue
         open_ = np.flatnonzero(_is_open(cubes, axis, int(side[axis])))
-        corner = cubes.lower[open_].astype(np.float64)
-        size = cubes.size[open_].astype(np.float64)
+        low, high = lower[open_], upper[open_]
+        quad = np.repeat(low[:, None, :], 4, axis=1)
         if side[axis] > 0:
-            corner[:, axis] += size
+            quad[:, :, axis] = high[:, None, axis]
         one, two = (b for b in range(3) if b != axis)
-        quad = np.repeat(corner[:, None, :], 4, axis=1)
-        quad[:, 1:3, one] += size[:, None]
-        quad[:, 2:4, two] += size[:, None]
-        faces.append((quad * cubes.unit) @ screen)
+        quad[:, 1:3, one] = high[:, None, one]
+        quad[:, 2:4, two] = high[:, None, two]
+        faces.append(quad @ screen)
         face_colors.append(colors[open_] * shades[axis])
         order.append(open_)
     # A cube's own faces do not hide each other, so that only the order of the cubes counts.

@@ -81,6 +81,8 @@ def _head(path: str) -> bytes:
                 head = head[: head.rfind(b"\n") + 1] or head
     except EOFError:  # Cut off: what there is may still tell the format.
         head = _rescued_head(path)
+        if not head:
+            raise ValueError(f"{path}: the gzip stream is cut off, expected {_KNOWN}") from None
     except (gzip.BadGzipFile, zlib.error):
         raise ValueError(f"{path}: the gzip stream is damaged, expected {_KNOWN}") from None
     if not head.strip():
@@ -89,12 +91,13 @@ def _head(path: str) -> bytes:
 
 
 def _rescued_head(path: str) -> bytes:
-    """What can be unpacked of a gzip stream that is cut off."""
+    """The whole lines that can be unpacked of a gzip stream that is cut off."""
     with open(path, "rb") as file:
         try:
-            return zlib.decompressobj(wbits=31).decompress(file.read(_HEAD_BYTES), _HEAD_BYTES)
+            head = zlib.decompressobj(wbits=31).decompress(file.read(_HEAD_BYTES), _HEAD_BYTES)
         except zlib.error:
             return b""
+    return head[: head.rfind(b"\n") + 1]
 
 
 def _recognised(path: str, head: bytes) -> str:
@@ -114,7 +117,7 @@ def _recognised(path: str, head: bytes) -> str:
             return "carmen"
         if dimension_of(fields) is not None:
             return "text"
-        start = " ".join(fields)
+        start = line.strip()
         start = start if len(start) <= 40 else start[:37] + "..."
         raise ValueError(f"{path}: line {number}: found {start!r}, expected {_KNOWN} ({EXPECTED})")
     raise ValueError(f"{path}: only comments, expected {_KNOWN}")
@@ -127,6 +130,6 @@ def _text_dimension(path: str, head: bytes) -> int:
             continue
         dim = dimension_of(fields)
         if dim is None:
-            raise ValueError(f"{path}: line {number}: {EXPECTED}, found {' '.join(fields)[:40]!r}")
+            raise ValueError(f"{path}: line {number}: {EXPECTED}, found {line.strip()[:40]!r}")
         return dim
     raise ValueError(f"{path}: only comments, {EXPECTED}")

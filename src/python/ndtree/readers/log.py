@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import gzip
-import os
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -37,8 +36,8 @@ class Log(ABC):
 
     @property
     def name(self) -> str:
-        """How reports call the log: the name of the file without its folder."""
-        return os.path.basename(self.path) if self.path else self.format
+        """How reports call the log: by its path."""
+        return self.path or self.format
 
     @abstractmethod
     def __iter__(self) -> Iterator[Scan]: ...
@@ -77,7 +76,7 @@ def parsed_lines(path: str, parse: Callable[[str], Scan | None]) -> Iterator[Sca
         try:
             for line in file:
                 number += 1
-                scan = parse(line.decode("utf-8", "replace"))
+                scan = parse(line.decode("utf-8", "replace").rstrip("\r\n"))
                 if scan is not None:
                     yield scan
         except (EOFError, gzip.BadGzipFile, zlib.error):

@@ -27,8 +27,8 @@ class SimulatedLog(SizedLog):
 
     @property
     def name(self) -> str:
-        """For example "simulated office"."""
-        return f"simulated {self.world}"
+        """For example "world office"."""
+        return f"world {self.world}"
 
     def __len__(self) -> int:
         return len(self._simulation)

@@ -1,0 +1,617 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The commands of the command line: demo, map, compare and info."""
+
+import errno
+import functools
+import inspect
+import json
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any, Callable, Optional
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+import ndtree
+from ndtree._core import OccupancyMap
+from ndtree._options import KINDS, MAP_OPTIONS, make_map
+from ndtree.cli import BAD_INPUT, WRONG_CALL
+from ndtree.comparison import DEFAULT_MAPS, Comparison, compare
+from ndtree.readers import MAP_MAGIC, Log, read, simulate
+
+
+def _examples(*lines: str) -> str:
+    return "\n\n".join(("Examples:", *lines))
+
+
+app = typer.Typer(
+    name="ndtree",
+    help="Occupancy maps whose cells adapt to what is measured.",
+    epilog="Exit status: 0 done, 1 the input is bad, 2 the call is wrong.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+class World(str, Enum):
+    """Worlds to simulate."""
+
+    office = "office"
+    apartment = "apartment"
+    street = "street"
+
+
+class WrongCall(Exception):
+    """What the user asked for cannot be done, whatever the input."""
+
+
+# --- Options that commands share --------------------------------------------------------------------
+
+LogArgument = Annotated[
+    Optional[Path],
+    typer.Argument(
+        metavar="LOG", help="CARMEN log, .npz recording or text; gzip is unpacked.", show_default=False
+    ),
+]
+Dim = Annotated[
+    Optional[int], typer.Option(min=2, max=3, help="2 or 3; else what the log says.", show_default=False)
+]
+MaxRange = Annotated[
+    Optional[float],
+    typer.Option(help="Longer beams are free space up to here \\[m]; else no limit.", show_default=False),
+]
+Json = Annotated[
+    Optional[Path], typer.Option("--json", metavar="FILE", help="Write all figures; - for standard output.")
+]
+Scans = Annotated[Optional[int], typer.Option(min=1, help="Simulate this many scans.", show_default=False)]
+Seed = Annotated[int, typer.Option(min=0, help="Of the simulated log.")]
+HeldOut = Annotated[int, typer.Option(min=0, help="Keep each N-th scan for the truth; 0: none.")]
+Repeat = Annotated[int, typer.Option(min=1, help="Runs in turns, for the times.")]
+
+
+def map_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Gives a command a flag for each option of the maps; those given arrive in `options`."""
+    signature = inspect.signature(command)
+    given = [p for p in signature.parameters.values() if p.name != "options"]
+    flags = [
+        inspect.Parameter(
+            option.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=None,
+            annotation=Annotated[
+                Optional[option.type],
+                typer.Option(
+                    help=option.help.replace("[", r"\["),
+                    show_default=False,
+                    rich_help_panel="Options of the maps (default: their own)",
+                ),
+            ],
+        )
+        for option in MAP_OPTIONS
+    ]
+    names = [option.name for option in MAP_OPTIONS]
+
+    @functools.wraps(command)
+    def with_options(**arguments: Any) -> None:
+        options = {name: arguments.pop(name) for name in names}
+        command(options={name: value for name, value in options.items() if value is not None}, **arguments)
+
+    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in given] + flags
+    with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    with_options.__annotations__ = {p.name: p.annotation for p in parameters}
+    return with_options
+
+
+def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
+    """Ends a command with one line and the right exit status where the input or the call is bad."""
+
+    @functools.wraps(command)
+    def guarded(**arguments: Any) -> None:
+        try:
+            command(**arguments)
+        except BrokenPipeError:
+            raise
+        except WrongCall as error:
+            _end(str(error), WRONG_CALL)
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            _end(f"{where}{error.strerror or error}", BAD_INPUT)
+        except ImportError as error:
+            _end(str(error), WRONG_CALL)
+        except (ValueError, MemoryError) as error:
+            _end(str(error) or "not enough memory", BAD_INPUT)
+
+    return guarded
+
+
+def _end(message: str, status: int) -> None:
+    print(f"ndtree: {' '.join(message.split())}", file=sys.stderr)
+    raise typer.Exit(status)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"ndtree {ndtree.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+# --- Commands ---------------------------------------------------------------------------------------
+
+
+@app.command(epilog=_examples("ndtree demo", "ndtree demo intel.log.gz --output pictures"))
+@reports_errors
+@map_options
+def demo(
+    log: LogArgument = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path(
+        "ndtree-demo"
+    ),
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    scans: Scans = None,
+    seed: Seed = 1,
+    json_file: Json = None,
+    options: Any = None,
+) -> None:
+    """Map a log in several ways, print what each map costs and how true it is, and draw them.
+
+    Without LOG it simulates an office.
+    """
+    opened = _open(log, World.office if log is None else None, dim, scans, seed)
+    size = options.get("min_cell_size", ndtree.default_options()["min_cell_size"])
+    maps = ["adaptive", "fixed", f"fixed@{2 * size:g}"]
+    if ndtree.has_octomap:
+        maps.append("octomap")
+    plot = _plot()
+    _check_target(json_file)
+    output.mkdir(parents=True, exist_ok=True)
+    comparison = _compare(opened, maps, options, max_range=max_range)
+    if not _is_stdout(json_file):
+        print(comparison)
+    _write_json(comparison, json_file)
+    objects = comparison.map_objects
+    pictures = [output / f"adaptive-{name.replace('@', '-')}.png" for name in maps[1:3]]
+    for name, path in zip(maps[1:3], pictures):
+        _draw_side_by_side(plot, objects["adaptive"], objects[name], path)
+    say = sys.stderr if _is_stdout(json_file) else sys.stdout
+    print(file=say)
+    for path in pictures:
+        print(path, file=say)
+
+
+@app.command(
+    "map",
+    epilog=_examples(
+        "ndtree map intel.log.gz -o intel.ndt --picture intel.png",
+        "ndtree map room.npz -o room.ndt --min-cell-size 0.025 --range-sigma-quadratic 0.0015",
+    ),
+)
+@reports_errors
+@map_options
+def map_(
+    log: Annotated[Path, typer.Argument(help="CARMEN log, .npz recording or text; gzip is unpacked.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Where the map is written.")],
+    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
+    picture: Annotated[Optional[Path], typer.Option(metavar="PNG", help="Draw the map, too.")] = None,
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    json_file: Json = None,
+    options: Any = None,
+) -> None:
+    """Build a map from a log, and write it to a file."""
+    opened = _open(log, None, dim)
+    plot = _plot() if picture else None
+    for path in (output, json_file):
+        _check_target(path)
+    _check_picture(plot, picture)
+    limit = _limit(max_range)
+    target = _made(lambda: _new_map(opened.dim, fixed, options))
+    report = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
+    seconds, scans = 0.0, 0
+    with _progress() as advance:
+        for scan in opened:
+            try:
+                one = scan.insert_into(target, max_range=limit)
+            except ValueError as error:
+                raise ValueError(f"{log}: scan {scans}: {error}") from None
+            report = {key: count + getattr(one, key) for key, count in report.items()}
+            seconds += one.seconds
+            scans += 1
+            advance("mapping", scans, _length(opened))
+    if not scans:
+        raise ValueError(f"{log}: no scans, expected at least one")
+    if plot and picture:
+        with _replaced(picture) as path:
+            _draw(plot, target, path)
+    with _replaced(output) as path:
+        target.save(path)
+    figures = {"log": str(log), "scans": scans, "beams": report, "seconds": seconds, **_map_figures(target)}
+    if not _is_stdout(json_file):
+        print(f"{log}: {scans} scans, {_beams(report)}")
+        _print_map(target)
+        print(f"inserted in {seconds:.3f} s; wrote {output}" + (f" and {picture}" if picture else ""))
+    _write_json(figures, json_file)
+
+
+@app.command(
+    "compare",
+    epilog=_examples(
+        "ndtree compare intel.log.gz --repeat 5 --json intel.json",
+        "ndtree compare --world apartment --maps adaptive,fixed,fixed@0.1,octomap --picture rooms.png",
+    ),
+)
+@reports_errors
+@map_options
+def compare_(
+    log: LogArgument = None,
+    world: Annotated[
+        Optional[World], typer.Option(help="Simulate this instead of LOG.", show_default=False)
+    ] = None,
+    maps: Annotated[
+        Optional[str],
+        typer.Option(
+            help=f"Of {', '.join(KINDS)}, with @ and a cell size where it differs.", show_default=False
+        ),
+    ] = None,
+    held_out: HeldOut = 10,
+    repeat: Repeat = 1,
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    scans: Scans = None,
+    seed: Seed = 1,
+    json_file: Json = None,
+    csv_file: Annotated[
+        Optional[Path], typer.Option("--csv", metavar="FILE", help="Write a line a map.")
+    ] = None,
+    picture: Annotated[
+        Optional[Path], typer.Option(metavar="PNG", help="Draw the first two maps side by side.")
+    ] = None,
+    options: Any = None,
+) -> None:
+    """Compare maps of the same log: cells, updates, time, memory, and truth on scans held out."""
+    if (log is None) == (world is None):
+        raise WrongCall("compare: expected either LOG or --world")
+    opened = _open(log, world, dim, scans, seed)
+    names = [name.strip() for name in maps.split(",")] if maps is not None else None
+    plot = _plot() if picture else None
+    for path in (json_file, csv_file):
+        _check_target(path)
+    _check_picture(plot, picture)
+    if picture and names is not None and len(names) < 2:
+        raise WrongCall("--picture: expected at least two maps")
+    comparison = _compare(opened, names, options, max_range=max_range, held_out=held_out, repeat=repeat)
+    if plot and picture:
+        _draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], picture)
+    if not (_is_stdout(json_file) or _is_stdout(csv_file)):
+        print(comparison)
+    _write(comparison.to_csv, csv_file)
+    _write_json(comparison, json_file)
+
+
+@app.command(epilog=_examples("ndtree info intel.log.gz", "ndtree info intel.ndt --json -"))
+@reports_errors
+def info(
+    path: Annotated[Path, typer.Argument(help="A map, or a log.")],
+    dim: Dim = None,
+    json_file: Json = None,
+) -> None:
+    """Say what is in a map or a log."""
+    _check_target(json_file)
+    with open(path, "rb") as file:
+        is_map = file.read(len(MAP_MAGIC)) == MAP_MAGIC
+    if is_map:
+        loaded = ndtree.load(path)
+        figures = {"map": str(path), **_map_figures(loaded)}
+        if not _is_stdout(json_file):
+            print(f"{path}: {loaded!r}")
+            _print_map(loaded)
+    else:
+        opened = read(path, dim=dim)
+        figures = _log_figures(opened)
+        if not _is_stdout(json_file):
+            _print_log(figures)
+    _write_json(figures, json_file)
+
+
+# --- Logs and maps ----------------------------------------------------------------------------------
+
+
+def _open(
+    path: Optional[Path],
+    world: Optional[World],
+    dim: Optional[int],
+    scans: Optional[int] = None,
+    seed: int = 1,
+) -> Log:
+    if path is not None:
+        if scans is not None:
+            raise WrongCall("--scans: is for simulated logs only")
+        return read(path, dim=dim)
+    if world is None:
+        raise WrongCall("expected a LOG")
+    simulated = simulate(world.value, seed=seed, scans=scans)
+    if dim not in (None, simulated.dim):
+        raise WrongCall(f"--dim {dim}: the {world.value} is {simulated.dim}-D")
+    return simulated
+
+
+def _length(log: Log) -> int:
+    return len(log) if hasattr(log, "__len__") else 0
+
+
+def _limit(max_range: Optional[float]) -> float:
+    if max_range is None:
+        return math.inf
+    if not max_range > 0:
+        raise WrongCall(f"--max-range {max_range:g}: must be > 0 m")
+    return max_range
+
+
+def _made(make: Callable[[], Any]) -> Any:
+    """What `make` makes; options that it refuses are a wrong call, not bad input."""
+    try:
+        return make()
+    except (ValueError, TypeError, RuntimeError) as error:
+        raise WrongCall(str(error)) from None
+
+
+def _new_map(dim: int, fixed: bool, options: dict[str, Any]) -> OccupancyMap:
+    if not fixed:
+        return ndtree.AdaptiveMap(dim=dim, **options)
+    return ndtree.FixedMap(
+        dim=dim,
+        **{("cell_size" if name == "min_cell_size" else name): value for name, value in options.items()},
+    )
+
+
+def _compare(
+    log: Log,
+    maps: Optional[Sequence[str]],
+    options: dict[str, Any],
+    *,
+    max_range: Optional[float],
+    **more: Any,
+) -> Comparison:
+    limit = _limit(max_range)
+    if more.get("held_out") == 1:
+        raise WrongCall("--held-out 1: must be 0, or at least 2, or nothing is left to map")
+    maps = maps or DEFAULT_MAPS
+    if len(set(maps)) != len(maps):
+        raise WrongCall(f"--maps {','.join(maps)}: must be different")
+    settings = dict(options)
+    size = settings.pop("min_cell_size", None)
+    for name in maps:
+        _made(functools.partial(make_map, name, dim=log.dim, cell_size=size, **settings))
+    with _progress() as advance:
+        try:
+            return compare(log, maps, max_range=limit, progress=advance, **more, **options)
+        except ValueError as error:
+            if str(error).startswith(log.name):
+                raise
+            raise ValueError(f"{log.name}: {error}") from None
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int, int], None]]:
+    """A function that shows what is going on, on a terminal only."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda what, done, total: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("")
+        current = ""
+
+        def advance(what: str, done: int, total: int) -> None:
+            nonlocal current
+            if what != current:
+                current = what
+                bar.reset(task)
+            bar.update(task, description=what, completed=done, total=total or None)
+
+        yield advance
+
+
+# --- Figures ----------------------------------------------------------------------------------------
+
+
+def _map_figures(m: OccupancyMap) -> dict[str, Any]:
+    stats, leaves = m.stats(), m.leaves()
+    counts = ("leaves", "observed_leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
+    seen = leaves.observed
+    states = {
+        state: int(np.count_nonzero(leaves.state[seen] == value))
+        for state, value in (("free", 0), ("occupied", 1))
+    }
+    bounds = None
+    if seen.any():
+        upper = leaves.lower + leaves.size[:, None]
+        bounds = {"lower": leaves.lower[seen].min(axis=0).tolist(), "upper": upper[seen].max(axis=0).tolist()}
+    sizes, count = np.unique(leaves.size[seen], return_counts=True)
+    return {
+        "dim": m.dim,
+        "branching": m.branching,
+        "refinement": m.refinement,
+        "options": m.options,
+        "stats": {key: int(getattr(stats, key)) for key in counts},
+        "cells": states,
+        "cell_sizes": [{"size": float(s), "observed": int(n)} for s, n in zip(sizes, count)],
+        "observed_bounds": bounds,
+    }
+
+
+def _print_map(m: OccupancyMap) -> None:
+    figures = _map_figures(m)
+    stats, states = figures["stats"], figures["cells"]
+    print(
+        f"  {stats['observed_leaves']} observed leaves of {stats['leaves']}: {states['occupied']} occupied, "
+        f"{states['free']} free; {stats['nodes']} nodes in {stats['memory_bytes'] / 2**20:.2f} MiB"
+    )
+    print(f"  {stats['updates']} updates, {stats['splits']} splits, {stats['merges']} merges")
+    if figures["observed_bounds"]:
+        print(
+            f"  observed from {_point(figures['observed_bounds']['lower'])} "
+            f"to {_point(figures['observed_bounds']['upper'])} m"
+        )
+    for row in figures["cell_sizes"]:
+        print(f"  cells of {row['size']:g} m: {row['observed']}")
+
+
+def _log_figures(log: Log) -> dict[str, Any]:
+    beams = dict.fromkeys(("beams", "returned", "not_returned", "invalid"), 0)
+    ranges: list[Any] = []
+    low, high = np.full(log.dim, np.inf), np.full(log.dim, -np.inf)
+    scans, stamps = 0, []
+    with _progress() as advance:
+        for scan in log:
+            scans += 1
+            stamps.append(scan.stamp)
+            distance = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
+            valid = np.isfinite(distance) & (distance > 0)
+            returned = valid if scan.returned is None else valid & scan.returned
+            beams["beams"] += len(scan)
+            beams["invalid"] += int(np.count_nonzero(~valid))
+            beams["returned"] += int(np.count_nonzero(returned))
+            beams["not_returned"] += int(np.count_nonzero(valid & ~returned))
+            ranges.append(distance[returned])
+            if returned.any():
+                low = np.minimum(low, scan.endpoints[returned].min(axis=0))
+                high = np.maximum(high, scan.endpoints[returned].max(axis=0))
+            advance("reading", scans, _length(log))
+    if not scans:
+        raise ValueError(f"{log.path}: no scans, expected at least one")
+    every = np.concatenate(ranges)
+    known = every.size > 0
+    return {
+        "log": str(log.path),
+        "format": log.format,
+        "dim": log.dim,
+        "scans": scans,
+        "beams": beams,
+        "seconds": float(max(stamps) - min(stamps)),
+        "range": {"median": float(np.median(every)), "max": float(every.max())} if known else None,
+        "bounds": {"lower": low.tolist(), "upper": high.tolist()} if known else None,
+    }
+
+
+def _print_log(figures: dict[str, Any]) -> None:
+    print(
+        f"{figures['log']}: {figures['format']} log, {figures['dim']}-D, {figures['scans']} scans"
+        + (f" in {figures['seconds']:.1f} s" if figures["seconds"] > 0 else "")
+    )
+    print(f"  {_beams(figures['beams'])}")
+    if figures["range"]:
+        print(f"  ranges: median {figures['range']['median']:.2f} m, longest {figures['range']['max']:.2f} m")
+        print(
+            f"  end points from {_point(figures['bounds']['lower'])} "
+            f"to {_point(figures['bounds']['upper'])} m"
+        )
+
+
+def _beams(counts: dict[str, int]) -> str:
+    parts = [f"{count} {key.replace('_', ' ')}" for key, count in counts.items() if key != "beams" and count]
+    return f"{counts['beams']} beams: {', '.join(parts)}"
+
+
+def _point(values: Sequence[float]) -> str:
+    return f"({', '.join(f'{value:.2f}' for value in values)})"
+
+
+# --- Output -----------------------------------------------------------------------------------------
+
+
+def _write_json(figures: dict[str, Any], target: Optional[Path]) -> None:
+    _write(lambda: json.dumps(figures, indent=2, allow_nan=False) + "\n", target)
+
+
+def _write(text: Callable[[], str], target: Optional[Path]) -> None:
+    if target is None:
+        return
+    if _is_stdout(target):
+        sys.stdout.write(text())
+        return
+    with _replaced(target) as path:
+        path.write_text(text(), encoding="utf-8")
+
+
+def _is_stdout(target: Optional[Path]) -> bool:
+    return str(target) == "-"
+
+
+def _check_target(target: Optional[Path]) -> None:
+    """Refuses a file that could not be written before the work is done, not after it."""
+    if target is None or _is_stdout(target):
+        return
+    if target.is_dir():
+        raise IsADirectoryError(
+            errno.EISDIR, "is a folder, expected the name of a file to write", str(target)
+        )
+    try:
+        with tempfile.NamedTemporaryFile(dir=target.parent):
+            pass
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror}", str(target)) from None
+
+
+def _check_picture(plot: Any, target: Optional[Path]) -> None:
+    _check_target(target)
+    if target is not None and target.suffix.lower() not in plot.FORMATS:
+        raise WrongCall(f"--picture {target}: the name must end in {', '.join(plot.FORMATS)}")
+
+
+@contextmanager
+def _replaced(target: Path) -> Iterator[Path]:
+    """A temporary name beside a file, which takes the file's place when all went well."""
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}.", suffix=target.suffix)
+    os.close(handle)
+    path = Path(name)
+    try:
+        yield path
+        umask = os.umask(0)
+        os.umask(umask)
+        path.chmod(0o666 & ~umask)
+        path.replace(target)
+    finally:
+        path.unlink(missing_ok=True)
+
+
+# --- Pictures ---------------------------------------------------------------------------------------
+
+
+def _plot() -> Any:
+    """The module that draws; @raises ImportError that names the extra."""
+    from ndtree import plot
+
+    return plot
+
+
+def _draw(plot: Any, m: OccupancyMap, path: Path) -> None:
+    ax = plot.occupancy(m) if m.dim == 2 else plot.occupied(m)
+    ax.figure.savefig(path, dpi=150)
+
+
+def _draw_side_by_side(plot: Any, one: OccupancyMap, other: OccupancyMap, target: Path) -> None:
+    draw = plot.side_by_side if one.dim == 2 else plot.side_by_side_3d
+    with _replaced(target) as path:
+        draw(one, other, path)

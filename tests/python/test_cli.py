@@ -1,0 +1,361 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command line does what the library does, and where it cannot, ends with one line and a status."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("typer")
+pytest.importorskip("rich")
+pytest.importorskip("matplotlib")
+
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree.commands import app
+
+RUN = CliRunner()
+IS_ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
+
+
+def run(*arguments: object) -> Any:
+    return RUN.invoke(app, [str(argument) for argument in arguments])
+
+
+def plain(text: str) -> str:
+    """Without colours, frames and line breaks."""
+    return " ".join(re.sub(r"\x1b\[[0-9;]*m|[│╭╮╰╯─]", " ", text).split())
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A text log of a simulated office."""
+    path = tmp_path_factory.mktemp("logs") / "office.txt"
+    with open(path, "w") as file:
+        for scan in ndtree.simulate("office", seed=2, scans=20):
+            for end, returned in zip(scan.endpoints, scan.returned):
+                file.write(f"{scan.origin[0]} {scan.origin[1]} {end[0]} {end[1]} {int(returned)}\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def log_3d(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of a simulated apartment."""
+    scans = list(ndtree.simulate("apartment", seed=2, scans=6))
+    path = tmp_path_factory.mktemp("logs") / "apartment.npz"
+    np.savez(
+        path,
+        origins=np.array([scan.origin for scan in scans]),
+        points=np.concatenate([scan.endpoints for scan in scans]).astype(np.float32),
+        offsets=np.cumsum([0, *(len(scan) for scan in scans)]),
+        no_return=np.concatenate([~scan.returned for scan in scans]),
+    )
+    return path
+
+
+# --- What the commands do ---------------------------------------------------------------------------
+
+
+def test_map_writes_the_map_that_the_library_makes(log: Path, tmp_path: Path) -> None:
+    target, picture, figures = tmp_path / "a.ndt", tmp_path / "a.png", tmp_path / "a.json"
+    done = run(
+        "map", log, "-o", target, "--picture", picture, "--json", figures,
+        "--min-cell-size", 0.1, "--max-range", 9, "--significance", 0.9,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    by_hand = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, significance=0.9)
+    for scan in ndtree.read(log):
+        scan.insert_into(by_hand, max_range=9)
+    assert ndtree.load(target).to_bytes() == by_hand.to_bytes()
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    written = json.loads(figures.read_text())
+    assert written["stats"]["updates"] == by_hand.stats().updates
+    assert written["options"]["significance"] == 0.9
+    assert written["scans"] == 20
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.ndt", "a.png"]
+    assert f"wrote {target} and {picture}" in done.output
+
+
+def test_map_fixed_and_3d(log_3d: Path, tmp_path: Path) -> None:
+    target, picture = tmp_path / "a.ndt", tmp_path / "a.png"
+    done = run("map", log_3d, "-o", target, "--fixed", "--min-cell-size", 0.2, "--picture", picture)
+    assert done.exit_code == 0, done.output
+    m = ndtree.load(target)
+    assert (m.dim, m.refinement) == (3, "fixed")
+    assert set(m.leaves().size[m.leaves().observed]) == {0.2}
+    assert picture.stat().st_size > 10_000
+
+
+def test_compare_prints_and_writes_the_figures(log: Path, tmp_path: Path) -> None:
+    figures, table, picture = tmp_path / "a.json", tmp_path / "a.csv", tmp_path / "a.png"
+    done = run(
+        "compare", log, "--maps", "adaptive,fixed,fixed@0.2", "--held-out", 5, "--repeat", 2,
+        "--json", figures, "--csv", table, "--picture", picture,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    written = json.loads(figures.read_text())
+    again = ndtree.compare(ndtree.read(log), ("adaptive", "fixed", "fixed@0.2"), held_out=5)
+    assert written["scans_mapped"] == 16
+    for one, other in zip(written["maps"], again["maps"]):
+        assert (one["cells"], one["updates"], one["truth"]) == (
+            other["cells"],
+            other["updates"],
+            other["truth"],
+        )
+        assert f"{one['cells']:,}" in done.output
+        assert one["seconds"]["runs"] == 2
+    assert len(list(csv.DictReader(io.StringIO(table.read_text())))) == 3
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_compare_simulates_and_writes_json_to_standard_output() -> None:
+    done = run("compare", "--world", "apartment", "--scans", 3, "--held-out", 3, "--maps", "fixed",
+               "--min-cell-size", 0.2, "--json", "-")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    written = json.loads(done.stdout)
+    assert (written["log"], written["dim"]) == ("world apartment", 3)
+    assert set(written["maps"][0]["exact"]) == {"free", "near", "inside"}
+
+
+def test_demo_draws_and_names_its_pictures(log: Path, tmp_path: Path) -> None:
+    for given in ((log,), ("--scans", 20)):
+        folder = tmp_path / "new" / str(len(given))
+        done = run("demo", *given, "--output", folder)
+        assert done.exit_code == 0, done.output
+        for name in ("adaptive-fixed.png", "adaptive-fixed-0.1.png"):
+            assert str(folder / name) in done.output
+            assert (folder / name).read_bytes().startswith(b"\x89PNG")
+        assert "ray casts within 0.1 m" in done.output
+
+
+def test_info_of_a_log_and_of_a_map(log: Path, log_3d: Path, tmp_path: Path) -> None:
+    done = run("info", log, "--json", tmp_path / "log.json")
+    assert done.exit_code == 0, done.output
+    written = json.loads((tmp_path / "log.json").read_text())
+    scans = list(ndtree.read(log))
+    assert written["scans"] == len(scans) == 20
+    assert written["beams"]["beams"] == sum(len(scan) for scan in scans)
+    assert written["beams"]["not_returned"] == sum(int((~scan.returned).sum()) for scan in scans)
+    assert "text log, 2-D, 20 scans" in done.output
+    assert "npz log, 3-D, 6 scans" in run("info", log_3d).output
+
+    m = ndtree.AdaptiveMap(dim=2)
+    scans[0].insert_into(m)
+    m.save(tmp_path / "a.ndt")
+    done = run("info", tmp_path / "a.ndt", "--json", "-")
+    assert json.loads(done.stdout)["stats"]["leaves"] == m.stats().leaves
+    assert f"{m.stats().observed_leaves} observed leaves" in run("info", tmp_path / "a.ndt").output
+
+
+def test_help_has_examples_and_no_default_of_the_maps_twice() -> None:
+    for command in ("demo", "map", "compare", "info"):
+        done = run(command, "--help")
+        assert done.exit_code == 0
+        assert f"Examples: ndtree {command}" in plain(done.output)
+    text = plain(run("compare", "--help").output)
+    assert "[m]" in text
+    for value in ndtree.default_options().values():
+        assert f"[default: {value}" not in text
+    assert run("--version").output == f"ndtree {ndtree.__version__}\n"
+
+
+# --- What is refused --------------------------------------------------------------------------------
+
+
+def refused(done: Any, status: int, *expected: str) -> None:
+    assert done.exit_code == status, done.output
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("ndtree: "), done.stderr
+    for text in expected:
+        assert text in lines[0]
+
+
+BAD_LOGS = {
+    "missing": (None, ["No such file"]),
+    "directory": ("directory", ["expected a CARMEN log"]),
+    "empty": (b"", ["the file is empty, expected"]),
+    "rubbish": (bytes(range(256)) * 9, ["binary data, expected"]),
+    "cut gzip": (b"\x1f\x8b\x08\0\0\0\0\0\0\x03", ["the gzip stream is cut off, expected"]),
+    "bad line": (b"0 0 1 1\n0 0 1 x\n", ["line 2: expected a number in column 4, found 'x'"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD_LOGS)
+@pytest.mark.parametrize("command", ["map", "compare", "info", "demo"])
+def test_bad_logs_end_with_one_line_and_status_1(command: str, case: str, tmp_path: Path) -> None:
+    content, expected = BAD_LOGS[case]
+    bad = tmp_path / "in" / "bad.log"
+    bad.parent.mkdir()
+    if content == "directory":
+        bad.mkdir()
+        expected = expected if command != "info" else ["Is a directory"]
+    elif content is not None:
+        bad.write_bytes(content)
+    out = tmp_path / "out"
+    out.mkdir()
+    outputs: dict[str, tuple[object, ...]] = {
+        "map": ("-o", out / "a.ndt", "--picture", out / "a.png", "--json", out / "a.json"),
+        "compare": ("--picture", out / "a.png", "--json", out / "a.json", "--csv", out / "a.csv"),
+        "info": ("--json", out / "a.json"),
+        "demo": ("--output", out, "--json", out / "a.json"),
+    }
+    refused(run(command, bad, *outputs[command]), 1, str(bad), *expected)
+    assert list(out.iterdir()) == [], "a refused call leaves nothing behind"
+
+
+def test_a_scan_that_cannot_be_mapped_is_named(tmp_path: Path) -> None:
+    log = tmp_path / "far.txt"
+    log.write_text("0 0 1 1\n1 0 1e13 0\n")
+    for arguments in (("map", log, "-o", tmp_path / "a.ndt"), ("compare", log, "--held-out", 0)):
+        refused(run(*arguments), 1, f"{log}: scan 1: beam 0 reaches")
+    assert [path.name for path in tmp_path.iterdir()] == ["far.txt"]
+
+
+def test_damaged_maps_are_named(tmp_path: Path) -> None:
+    m = ndtree.AdaptiveMap(dim=2)
+    m.insert(np.ones((3, 2)), np.zeros(2))
+    damaged = tmp_path / "a.ndt"
+    damaged.write_bytes(m.to_bytes()[:-9])
+    refused(run("info", damaged), 1, str(damaged))
+
+
+@pytest.mark.parametrize("option", ["-o", "--picture", "--json"])
+@pytest.mark.parametrize("where", ["no folder", "a folder", "read-only"])
+def test_unwritable_output_is_refused_before_the_work(
+    option: str, where: str, log: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    target = folder / "a.png"
+    if where == "a folder":
+        target.mkdir(parents=True)
+    elif where == "read-only":
+        if IS_ROOT:
+            folder = Path("/proc")
+            target = folder / "a.png"
+        else:
+            folder.mkdir(mode=0o500)
+    arguments = ["map", log, option, target]
+    if option != "-o":
+        arguments += ["-o", tmp_path / "a.ndt"]
+    refused(run(*arguments), 1, str(target))
+    assert not (tmp_path / "a.ndt").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments, expected",
+    [
+        (("compare",), "expected either LOG or --world"),
+        (("compare", "LOG", "--world", "office"), "expected either LOG or --world"),
+        (("compare", "LOG", "--maps", "fancy"), "map 'fancy': must be one of adaptive, paper, fixed"),
+        (("compare", "LOG", "--maps", "fixed@big"), "expected a cell size in metres behind the @"),
+        (("compare", "LOG", "--maps", "fixed,fixed"), "--maps fixed,fixed: must be different"),
+        (("compare", "LOG", "--maps", "fixed", "--picture", "OUT/a.png"), "--picture: expected at least two"),
+        (("compare", "LOG", "--held-out", 1), "--held-out 1: must be 0, or at least 2"),
+        (("compare", "LOG", "--max-range", 0), "--max-range 0: must be > 0 m"),
+        (("compare", "LOG", "--scans", 3), "--scans: is for simulated logs only"),
+        (("compare", "--world", "office", "--dim", 3), "--dim 3: the office is 2-D"),
+        (("compare", "LOG", "--range-sigma", -1), "range_sigma = -1.0: must be > 0 m"),
+        (("compare", "LOG", "--branching", 7), "branching = 7"),
+        (("compare", "LOG", "--refinement", "magic"), "refinement = 'magic'"),
+        (("map", "LOG", "-o", "OUT/a.ndt", "--min-cell-size", 0), "min_cell_size = 0.0: must be > 0 m"),
+        (("map", "LOG", "-o", "OUT/a.ndt", "--fixed", "--significance", 0.9), "'significance'"),
+        (("map", "LOG", "-o", "OUT/a.ndt", "--picture", "OUT/a.txt"), "the name must end in"),
+    ],
+)
+def test_wrong_calls_end_with_one_line_and_status_2(
+    arguments: tuple[object, ...], expected: str, log: Path, tmp_path: Path
+) -> None:
+    places = {"LOG": str(log), "OUT/a.png": str(tmp_path / "a.png")}
+    filled = [
+        str(places.get(str(argument), argument)).replace("OUT", str(tmp_path)) for argument in arguments
+    ]
+    refused(run(*filled), 2, expected)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments", [("fly",), ("map", "LOG"), ("compare", "LOG", "--held-out", "x"), ("info", "--fast")]
+)
+def test_what_is_no_call_at_all_has_status_2(arguments: tuple[str, ...], log: Path) -> None:
+    done = run(*(str(log) if argument == "LOG" else argument for argument in arguments))
+    assert done.exit_code == 2
+    assert "Usage" in done.output
+
+
+# --- The process ------------------------------------------------------------------------------------
+
+
+def start(*arguments: object, code: str = "") -> subprocess.CompletedProcess[str]:
+    program = f"{code}\nimport sys; sys.argv[0] = 'ndtree'\nfrom ndtree.cli import main; main()"
+    command = [sys.executable, "-c", program, *(str(argument) for argument in arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_the_process_has_the_exit_status(log: Path, tmp_path: Path) -> None:
+    done = start("info", log)
+    assert (done.returncode, done.stderr) == (0, ""), "no progress bar where nobody looks"
+    assert "20 scans" in done.stdout
+    bad = start("info", tmp_path / "none.log")
+    assert bad.returncode == 1
+    assert bad.stderr == f"ndtree: {tmp_path / 'none.log'}: No such file or directory\n"
+    assert start("info").returncode == 2
+
+
+@pytest.mark.parametrize("missing", ["typer", "rich"])
+def test_without_the_extra_it_is_named(missing: str) -> None:
+    done = start("info", "x", code=f"import sys; sys.modules[{missing!r}] = None")
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "pip install 'ndtree-mapping[cli]'" in done.stderr
+
+
+def test_without_matplotlib_maps_are_made_and_pictures_refused(log: Path, tmp_path: Path) -> None:
+    code = "import sys; sys.modules['matplotlib'] = None"
+    assert start("map", log, "-o", tmp_path / "a.ndt", code=code).returncode == 0
+    done = start("map", log, "-o", tmp_path / "b.ndt", "--picture", tmp_path / "b.png", code=code)
+    assert done.returncode == 2
+    assert "pip install 'ndtree-mapping[plot]'" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["a.ndt"]
+
+
+def test_a_reader_that_leaves_early_is_no_error(log: Path) -> None:
+    program = "from ndtree.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "compare", str(log), "--json", "-"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    errors = process.stderr.read()
+    process.wait()
+    assert "Traceback" not in errors
+    process.stderr.close()
+
+
+# --- Real recordings --------------------------------------------------------------------------------
+
+
+def test_compare_on_a_real_log(recordings: Path, tmp_path: Path) -> None:
+    target = tmp_path / "a.json"
+    log = recordings / "laser2d_intel" / "intel-corrected.log.gz"
+    done = run("compare", log, "--maps", "adaptive,fixed", "--max-range", 20, "--json", target)
+    assert done.exit_code == 0, done.output
+    written = json.loads(target.read_text())
+    assert (written["scans"], written["scans_mapped"]) == (910, 819)
+    assert 0 < written["ratios"]["cells"] < 0.5
+    assert written["maps"][0]["truth"]["samples"] > 100_000

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pictures show what the map says at each pixel, in front what is in front, and in seconds."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ndtree
+
+pytest.importorskip("matplotlib")
+
+from conftest import room_scan
+from matplotlib.collections import LineCollection, PolyCollection
+
+from ndtree import plot
+
+
+def inserted(m: Any, scans: int = 8) -> Any:
+    for seed in range(scans):
+        m.insert(*room_scan(m.dim, seed))
+    return m
+
+
+@pytest.fixture(scope="module")
+def flat() -> Any:
+    return inserted(ndtree.AdaptiveMap(dim=2, max_cell_size=0.8))
+
+
+@pytest.fixture(scope="module")
+def solid() -> Any:
+    return inserted(ndtree.AdaptiveMap(dim=3, max_cell_size=0.8), scans=40)
+
+
+def shown_image(ax: Any) -> tuple[np.ndarray, tuple[float, float, float, float]]:
+    image = ax.images[0]
+    return np.asarray(image.get_array()), image.get_extent()
+
+
+def centres(image: np.ndarray, extent: tuple[float, float, float, float]) -> np.ndarray:
+    height, width = image.shape
+    x = extent[0] + (np.arange(width) + 0.5) * (extent[1] - extent[0]) / width
+    y = extent[2] + (np.arange(height) + 0.5) * (extent[3] - extent[2]) / height
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def states_of(image: np.ndarray) -> np.ndarray:
+    return np.where(image > 0.5, 1, np.where(image < 0.5, 0, -1)).ravel()
+
+
+# --- 2-D --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("branching", [2, 3])
+@pytest.mark.parametrize("kind", ["adaptive", "fixed"])
+def test_each_pixel_has_the_state_of_the_map_there(kind: str, branching: int) -> None:
+    if kind == "adaptive":
+        m = inserted(ndtree.AdaptiveMap(dim=2, branching=branching, max_cell_size=1.5))
+    else:
+        m = inserted(ndtree.FixedMap(dim=2, branching=branching, cell_size=0.1))
+    image, extent = shown_image(plot.occupancy(m))
+    np.testing.assert_array_equal(states_of(image), m.state(centres(image, extent)))
+    assert image.size > 1000
+    assert {0, 1} <= set(states_of(image))
+
+
+def test_region_is_what_is_shown(flat: Any) -> None:
+    ax = plot.occupancy(flat, region=(-1.03, 0.52, 0.11, 0.97))
+    assert (*ax.get_xlim(), *ax.get_ylim()) == (-1.03, 0.52, 0.11, 0.97)
+    image, extent = shown_image(ax)
+    np.testing.assert_array_equal(states_of(image), flat.state(centres(image, extent)))
+
+
+def test_vast_maps_become_images_of_bounded_size() -> None:
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.01, max_cell_size=5.12)
+    m.insert(np.array([[3000.0, 2000.0]]), np.zeros(2))
+    image, _ = shown_image(plot.occupancy(m, region=(0, 3000, 0, 2000)))
+    assert image.size <= 2 * plot.MAX_IMAGE_CELLS
+    assert (image > 0.5).any()
+
+
+def drawn_border(ax: Any, horizontal: bool) -> set[tuple[int, int]]:
+    """Unit segments along one axis that the lines cover, in cells of 0.05 m."""
+    units: list[tuple[int, int]] = []
+    along, across = (0, 1) if horizontal else (1, 0)
+    for collection in ax.collections:
+        assert isinstance(collection, LineCollection)
+        for (x0, y0), (x1, y1) in collection.get_segments():
+            a, b = np.rint(np.array([[x0, y0], [x1, y1]]) / 0.05).astype(int)
+            if a[across] == b[across]:
+                units += [(int(a[across]), k) for k in range(a[along], b[along])]
+    assert len(units) == len(set(units)), "a border is drawn twice"
+    return set(units)
+
+
+def test_borders_are_the_leaves_sides_each_once(flat: Any) -> None:
+    leaves = flat.leaves()
+    whole = (-100.0, 100.0, -100.0, 100.0)
+    ax = plot.cells(flat, region=whole)
+    lower = np.rint(leaves.lower / 0.05).astype(int)
+    size = np.rint(leaves.size / 0.05).astype(int)
+    expected: tuple[set[tuple[int, int]], set[tuple[int, int]]] = (set(), set())
+    for (x, y), s in zip(lower, size):
+        for k in range(s):
+            expected[0].update(((y, x + k), (y + s, x + k)))
+            expected[1].update(((x, y + k), (x + s, y + k)))
+    assert drawn_border(ax, horizontal=True) == {(int(a), int(b)) for a, b in expected[0]}
+    assert drawn_border(ax, horizontal=False) == {(int(a), int(b)) for a, b in expected[1]}
+    assert len(leaves.size) > 300
+
+
+@pytest.mark.parametrize("axis, held", [("x", 0), ("y", 1), ("z", 2), (2, 2)])
+def test_slice_has_the_states_of_its_plane(solid: Any, axis: Any, held: int) -> None:
+    image, extent = shown_image(plot.slice(solid, axis, 0.31, borders=True))
+    points = np.insert(centres(image, extent), held, 0.31, axis=1)
+    np.testing.assert_array_equal(states_of(image), solid.state(points))
+
+
+# --- 3-D --------------------------------------------------------------------------------------------
+
+
+def faces_of(ax: Any) -> tuple[np.ndarray, np.ndarray]:
+    (collection,) = ax.collections
+    assert isinstance(collection, PolyCollection)
+    quads = np.array([path.vertices[:4] for path in collection.get_paths()])
+    return quads, collection.get_facecolors()[:, :3]
+
+
+@pytest.mark.parametrize("azimuth, elevation", [(-60.0, 50.0), (35.0, 20.0), (130.0, 60.0), (215.0, -30.0)])
+@pytest.mark.parametrize("branching", [2, 3])
+def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevation: float) -> None:
+    m = inserted(ndtree.AdaptiveMap(dim=3, branching=branching, max_cell_size=0.9, min_cell_size=0.1), 30)
+    region = (-5.0, 5.0) * 3
+    heights = (-2.0, 2.0)
+    view: dict[str, Any] = {"azimuth": azimuth, "elevation": elevation, "cut_above": None, "heights": heights}
+    quads, colors = faces_of(plot.occupied(m, region=region, **view))
+
+    a, e = np.radians([azimuth, elevation])
+    to_viewer = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    right = np.array([-np.sin(a), np.cos(a), 0.0])
+    up = np.cross(to_viewer, right)
+    leaves = m.leaves()
+    chosen = leaves.state == 1
+    lower, size = leaves.lower[chosen], leaves.size[chosen]
+    generator = np.random.default_rng(2)
+    checked = 0
+    for _ in range(150):
+        # Of the cubes on a line of sight, the nearest one is seen.
+        inside = lower[(i := generator.integers(len(size)))] + generator.uniform(0.2, 0.8, 3) * size[i]
+        with np.errstate(divide="ignore"):
+            one = (lower - inside) / to_viewer
+            two = (lower + size[:, None] - inside) / to_viewer
+        enter, leave = np.minimum(one, two).max(axis=1), np.maximum(one, two).min(axis=1)
+        met = np.flatnonzero(enter < leave - 1e-9)
+        nearest = met[leave[met].argmax()]
+        level = np.clip((lower[nearest, 2] + 0.5 * size[nearest] + 2.0) / 4.0, 0, 1)
+        expected = np.array(plot._colormap("turbo")(0.05 + 0.9 * level)[:3])
+
+        point = np.array([inside @ right, inside @ up])
+        edges = np.roll(quads, -1, axis=1) - quads
+        side = edges[:, :, 0] * (point[1] - quads[:, :, 1]) - edges[:, :, 1] * (point[0] - quads[:, :, 0])
+        hit = np.flatnonzero((side > 1e-9).all(axis=1) | (side < -1e-9).all(axis=1))
+        if not len(hit):
+            continue  # On an edge.
+        shown = colors[hit[-1]]
+        ratio = shown / np.maximum(expected, 1e-9)
+        np.testing.assert_allclose(ratio[expected > 0.05], ratio[expected > 0.05].mean(), rtol=1e-6)
+        assert 0.6 < ratio[expected > 0.05].mean() <= 1.0 + 1e-9
+        checked += 1
+    assert checked > 120
+
+
+def test_ceiling_is_cut_away_in_a_room_and_only_there() -> None:
+    def room(with_ceiling: bool) -> Any:
+        m = ndtree.FixedMap(dim=3, cell_size=0.1)
+        generator = np.random.default_rng(4)
+        n = 40_000
+        wall = generator.uniform((-2, -2, 0), (2, 2, 2.5), (n, 3))
+        side = generator.integers(0, 6 if with_ceiling else 5, n)
+        for axis in range(3):
+            wall[side == 2 * axis, axis] = (-2, -2, 0)[axis]
+            wall[side == 2 * axis + 1, axis] = (2, 2, 2.5)[axis]
+        m.insert(wall, np.array([0.1, 0.2, 1.2]))
+        return m
+
+    def top(m: Any, **more: Any) -> float:
+        quads, _ = faces_of(plot.occupied(m, azimuth=0.0, elevation=0.0, **more))
+        return float(quads[:, :, 1].max())
+
+    assert 2.2 < top(room(True)) <= 2.5
+    assert top(room(True), cut_above=None) > 2.5
+    assert top(room(True), cut_above=1.0) == pytest.approx(1.0)
+    assert top(room(False)) > 2.4
+
+
+# --- Files, errors, speed ---------------------------------------------------------------------------
+
+
+def test_side_by_side_is_written(flat: Any, solid: Any, tmp_path: Path) -> None:
+    fixed = inserted(ndtree.FixedMap(dim=2, cell_size=0.1))
+    fixed_3d = inserted(ndtree.FixedMap(dim=3, cell_size=0.2))
+    plot.side_by_side(flat, fixed, tmp_path / "2d.png", dpi=60)
+    plot.side_by_side(flat, fixed, tmp_path / "column.png", dpi=60, row=False)
+    plot.side_by_side_3d(solid, fixed_3d, tmp_path / "3d.png", dpi=60)
+    from matplotlib.image import imread
+
+    pictures = {path.name: imread(path) for path in tmp_path.iterdir()}
+    for name, picture in pictures.items():
+        assert picture.std() > 0.05, f"{name} is blank"
+    assert pictures["column.png"].shape[0] > pictures["2d.png"].shape[0]
+
+
+def test_an_axes_that_is_given_is_used(flat: Any, solid: Any) -> None:
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots(2, 2).ravel()
+    assert plot.cells(flat, axes[0]) is axes[0]
+    assert plot.occupancy(flat, axes[1]) is axes[1]
+    assert plot.occupied(solid, axes[2]) is axes[2]
+    assert plot.slice(solid, "z", 0.0, axes[3]) is axes[3]
+
+
+def test_wrong_maps_are_refused(flat: Any, solid: Any, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="the map is 3-D: this picture needs a 2-D map"):
+        plot.occupancy(solid)
+    with pytest.raises(ValueError, match="the map is 2-D: this picture needs a 3-D map"):
+        plot.occupied(flat)
+    with pytest.raises(ValueError, match="the map is empty"):
+        plot.cells(ndtree.AdaptiveMap(dim=2))
+    with pytest.raises(ValueError, match="axis = 'w': must be x, y, z, 0, 1 or 2"):
+        plot.slice(solid, "w", 0.0)
+    with pytest.raises(ValueError, match="z = 90 m: the map was not observed there"):
+        plot.slice(solid, "z", 90.0)
+    with pytest.raises(ValueError, match="no occupied cell is in it"):
+        plot.occupied(solid, cut_above=-9.0)
+    with pytest.raises(ValueError, match="cut_above = 'roof': must be a height in metres, 'auto' or None"):
+        plot.occupied(solid, cut_above="roof")
+
+
+def test_without_matplotlib_the_extra_is_named() -> None:
+    code = (
+        "import sys; sys.modules['matplotlib'] = None; import ndtree\n"
+        "try:\n    import ndtree.plot\nexcept ImportError as error:\n    print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "pip install 'ndtree-mapping[plot]'" in done.stdout
+    assert done.stdout.count("\n") == 1
+
+
+def test_a_million_leaves_are_drawn_in_seconds(tmp_path: Path) -> None:
+    m = ndtree.FixedMap(dim=2, cell_size=0.02)
+    angle = np.linspace(0, 2 * np.pi, 8000, endpoint=False)
+    m.insert(15 * np.stack([np.cos(angle), np.sin(angle)], axis=1), np.zeros(2))
+    assert m.stats().leaves > 1_000_000
+    start = time.perf_counter()
+    plot.occupancy(m).figure.savefig(tmp_path / "a.png")
+    plot.cells(m).figure.savefig(tmp_path / "b.png")
+    assert time.perf_counter() - start < 40

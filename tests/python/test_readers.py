@@ -1,0 +1,333 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Logs of every format say the same, and damaged ones say what is wrong, where, and what was expected."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.readers import read
+
+FLASER = "FLASER 3 1.0 2.0 81.9 0.5 0.25 0.0 0.5 0.25 0.0 12.5 host 12.5"
+
+
+def arrays(dim: int = 3, scans: int = 4, beams: int = 5) -> dict[str, np.ndarray]:
+    generator = np.random.default_rng(3)
+    return {
+        "origins": generator.normal(size=(scans, dim)),
+        "points": generator.normal(size=(scans * beams, dim)).astype(np.float32),
+        "offsets": np.arange(scans + 1, dtype=np.int64) * beams,
+        "no_return": generator.random(scans * beams) < 0.3,
+        "stamps": np.arange(scans) * 0.1,
+    }
+
+
+def save(path: Path, **changes: np.ndarray | None) -> Path:
+    content = {name: array for name, array in {**arrays(), **changes}.items() if array is not None}
+    np.savez_compressed(path, **content)
+    return path
+
+
+# --- What is read -----------------------------------------------------------------------------------
+
+
+def test_carmen_plain_and_packed_are_the_same(tmp_path: Path) -> None:
+    text = f"# a comment\nPARAM laser_offset 0.0 host 0\n{FLASER}\nODOM 0 0 0 0 0 0 1 host 1\n{FLASER}\n"
+    plain, packed = tmp_path / "a.log", tmp_path / "b"
+    plain.write_text(text)
+    packed.write_bytes(gzip.compress(text.encode()))
+    for path in (plain, packed):
+        log = read(path)
+        assert (log.format, log.dim, log.path) == ("carmen", 2, str(path))
+        scans = list(log)
+        assert len(scans) == 2
+        assert len(list(log)) == 2, "a log can be read again"
+        np.testing.assert_allclose(scans[0].origin, [0.5, 0.25])
+        np.testing.assert_allclose(scans[0].endpoints[0], [0.5, -0.75], atol=1e-12)
+        np.testing.assert_array_equal(scans[0].returned, [True, True, False])
+        assert scans[0].stamp == 12.5
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_text_has_the_scans_of_npz(tmp_path: Path, dim: int) -> None:
+    content = arrays(dim)
+    npz = tmp_path / "log.npz"
+    np.savez(npz, **content)
+    lines = ["# origin, end point, returned"]
+    for i, origin in enumerate(content["origins"]):
+        for k in range(content["offsets"][i], content["offsets"][i + 1]):
+            numbers = [*origin, *content["points"][k].astype(float), int(not content["no_return"][k])]
+            lines.append(" ".join(repr(float(number)) for number in numbers))
+    text = tmp_path / "log.txt"
+    text.write_text("\n".join(lines) + "\n")
+    one, other = read(npz), read(text)
+    assert (one.format, other.format, one.dim, other.dim) == ("npz", "text", dim, dim)
+    assert len(one) == 4
+    pairs = list(zip(one, other))
+    assert len(pairs) == 4
+    for a, b in pairs:
+        np.testing.assert_allclose(a.endpoints, b.endpoints)
+        np.testing.assert_allclose(a.origin, b.origin)
+        np.testing.assert_array_equal(a.returned, b.returned)
+
+
+def test_npz_in_one_plane_is_2d_unless_told(tmp_path: Path) -> None:
+    content = arrays()
+    content["points"][:, 2] = 0.75
+    content["origins"][:, 2] = 0.75
+    content["points"][3] = np.nan
+    path = save(tmp_path / "flat.npz", **content)
+    assert read(path).dim == 2
+    assert next(iter(read(path))).endpoints.shape == (5, 2)
+    assert read(path, dim=3).dim == 3
+    content["origins"][1, 2] = 0.76
+    assert read(save(path, **content)).dim == 3
+
+
+def test_npz_needs_neither_no_return_nor_stamps(tmp_path: Path) -> None:
+    scan = next(iter(read(save(tmp_path / "a.npz", no_return=None, stamps=None))))
+    assert scan.returned is None
+    assert scan.stamp == 0.0
+
+
+def test_format_can_be_forced(tmp_path: Path) -> None:
+    path = tmp_path / "odd"
+    path.write_text(f"UNKNOWN_RECORD 1 2\n{FLASER}\n")
+    with pytest.raises(ValueError, match="line 1: found 'UNKNOWN_RECORD"):
+        read(path)
+    assert len(list(read(path, format="carmen"))) == 1
+    with pytest.raises(ValueError, match="format = 'pcd': must be one of carmen, npz, text"):
+        read(path, format="pcd")
+
+
+@pytest.mark.parametrize("world, dim", [("office", 2), ("apartment", 3), ("street", 3)])
+def test_simulated_logs_measure_their_world(world: str, dim: int) -> None:
+    log = ndtree.simulate(world, seed=5, scans=3, noise_scale=0.0, outlier_rate=0.0)
+    assert (log.format, log.dim, log.path, len(log)) == ("simulated", dim, None, 3)
+    checked = 0
+    for scan in log:
+        hit = scan.returned & np.isfinite(scan.endpoints).all(axis=1)
+        way = scan.endpoints[hit] - scan.origin
+        measured = np.linalg.norm(way, axis=1)
+        exact = log.distance(np.broadcast_to(scan.origin, way.shape), way, max_range=1000.0)
+        np.testing.assert_allclose(measured, exact, atol=1e-6)
+        assert not log.contains(scan.origin + 0.99 * way).any()
+        checked += len(measured)
+    assert checked > 500
+    np.testing.assert_array_equal(log[1].endpoints, list(log)[1].endpoints)
+    with pytest.raises(IndexError):
+        log[3]
+    with pytest.raises(ValueError, match="office"):
+        ndtree.simulate("castle")
+
+
+# --- What is refused --------------------------------------------------------------------------------
+
+
+def truncated(path: Path, keep: float) -> Path:
+    content = path.read_bytes()
+    path.write_bytes(content[: int(keep * len(content))])
+    return path
+
+
+def cut_gzip(folder: Path) -> Path:
+    generator = np.random.default_rng(1)
+    lines = [
+        f"FLASER 3 {' '.join(f'{r:.3f}' for r in generator.random(3))} 0 0 0 0 0 0 1 host 1"
+        for _ in range(2000)
+    ]
+    path = folder / "cut.log.gz"
+    path.write_bytes(gzip.compress("\n".join(lines).encode()))
+    return truncated(path, 0.6)
+
+
+def written(name: str, content: bytes) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        path = folder / name
+        path.write_bytes(content)
+        return path
+
+    return write
+
+
+BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "truncated gzip": (cut_gzip, r"behind line \d+: the gzip stream is cut off"),
+    "gzip of a few bytes": (
+        written("a.gz", gzip.compress(FLASER.encode())[:12]),
+        "the gzip stream is cut off",
+    ),
+    "damaged gzip": (written("a.gz", b"\x1f\x8b" + b"no gzip at all" * 9), "gzip stream is damaged"),
+    "empty file": (written("empty.log", b""), "the file is empty, expected a CARMEN log"),
+    "blank file": (written("blank.log", b"\n \n\t\n"), "the file is empty, expected a CARMEN log"),
+    "comments only": (written("c.txt", b"# nothing\n# here\n"), "only comments, expected"),
+    "binary rubbish": (written("x.log", bytes(range(256)) * 20), "binary data, expected a CARMEN log"),
+    "prose": (written("x.txt", b"Dear reader,\n"), "line 1: found 'Dear reader,', expected"),
+    "a picture": (written("x.png", b"\x89PNG\r\n\x1a\n\0\0"), "binary data, expected"),
+    "a map": (written("x.ndt", b"\x89NDT\r\n\x1a\n\0\0"), r"a map, to be opened by ndtree.load\(\)"),
+    "three columns": (written("x.txt", b"1 2 3\n"), "line 1: found '1 2 3', expected"),
+    "a shorter line": (written("x.txt", b"0 0 1 1\n0 0 1\n"), "line 2: expected 4 or 5 numbers, found 3"),
+    "no number": (written("x.txt", b"0 0 1 1\n0 0 one 1\n"), "line 2: expected a number in column 3"),
+    "a flag of 2": (written("x.txt", b"0 0 1 1 2\n"), "line 1: expected 0 or 1 in column 5"),
+    "carmen without scans": (written("x.log", b"PARAM a b host 0\n"), "no FLASER or ROBOTLASER1 record"),
+    "carmen cut in a line": (
+        written("x.log", (FLASER + "\n" + FLASER[:20]).encode()),
+        "line 2: FLASER: expected",
+    ),
+    "truncated npz": (lambda folder: truncated(save(folder / "a.npz"), 0.7), "expected a whole .npz"),
+    "other zip": (
+        lambda folder: np.savez(folder / "a.npz", other=np.zeros(3)) or folder / "a.npz",
+        r"a zip archive without points.npy",
+    ),
+    "missing array": (
+        lambda folder: save(folder / "a.npz", offsets=None),
+        "no array offsets, expected origins, points, offsets, found",
+    ),
+    "points of one axis": (
+        lambda folder: save(folder / "a.npz", points=np.zeros(20)),
+        r"points: has shape \(20,\) of float64, expected \(P, 2\) or \(P, 3\) floats",
+    ),
+    "origins of other axes": (
+        lambda folder: save(folder / "a.npz", origins=np.zeros((4, 2))),
+        r"origins: has shape \(4, 2\) of float64, expected \(S, 3\) floats",
+    ),
+    "offsets too short": (
+        lambda folder: save(folder / "a.npz", offsets=np.arange(4)),
+        r"offsets: has shape \(4,\) of int64, expected \(5,\) integers",
+    ),
+    "offsets of floats": (
+        lambda folder: save(folder / "a.npz", offsets=np.arange(5) * 5.0),
+        r"offsets: has shape \(5,\) of float64, expected \(5,\) integers",
+    ),
+    "offsets falling": (
+        lambda folder: save(folder / "a.npz", offsets=np.array([0, 10, 5, 15, 20])),
+        "offsets: must rise from 0 to 20, the number of points",
+    ),
+    "offsets beyond": (
+        lambda folder: save(folder / "a.npz", offsets=np.array([0, 5, 10, 15, 25])),
+        "offsets: must rise from 0 to 20, the number of points",
+    ),
+    "short no_return": (
+        lambda folder: save(folder / "a.npz", no_return=np.zeros(19, dtype=bool)),
+        r"no_return: has shape \(19,\) of bool, expected \(20,\) bools",
+    ),
+    "no_return of numbers": (
+        lambda folder: save(folder / "a.npz", no_return=np.zeros(20)),
+        r"no_return: has shape \(20,\) of float64, expected \(20,\) bools",
+    ),
+    "stamps too short": (
+        lambda folder: save(folder / "a.npz", stamps=np.zeros(3)),
+        r"stamps: has shape \(3,\) of float64, expected \(4,\) numbers",
+    ),
+    "pickled objects": (
+        lambda folder: save(folder / "a.npz", points=np.array([{}] * 20, dtype=object)),
+        "points: cannot be read as an array",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_broken_files_are_named_with_place_and_expectation(case: str, tmp_path: Path) -> None:
+    make, message = BROKEN[case]
+    path = make(tmp_path)
+    with pytest.raises(ValueError, match=message) as caught:
+        list(read(path))
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_file_and_directory(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        read(tmp_path / "none.log")
+    with pytest.raises(IsADirectoryError, match="is a directory, expected a CARMEN log"):
+        read(tmp_path)
+
+
+def test_wrong_dim_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="dim = 4: must be 2 or 3"):
+        read(tmp_path / "none.log", dim=4)
+    with pytest.raises(ValueError, match="expected a 2-D log"):
+        read(save(tmp_path / "a.npz"), dim=2)
+    with pytest.raises(ValueError, match=r"expected \(P, 3\)"):
+        read(save(tmp_path / "b.npz", **arrays(2)), dim=3)
+    carmen = written("a.log", FLASER.encode())(tmp_path)
+    with pytest.raises(ValueError, match="a CARMEN log is 2-D"):
+        read(carmen, dim=3)
+    with pytest.raises(ValueError, match="the first beam is 2-D, expected dim=2"):
+        read(written("a.txt", b"0 0 1 1\n")(tmp_path), dim=3)
+
+
+# --- Scan -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "endpoints, origin, returned, message",
+    [
+        (np.zeros(3), np.zeros(3), None, r"endpoints has shape \(3,\): must be \(n, dim\)"),
+        (np.zeros((4, 2)), np.zeros(3), None, r"origin has shape \(3,\): must be \(2,\) or \(4, 2\)"),
+        (np.zeros((4, 2)), np.zeros((3, 2)), None, r"origin has shape \(3, 2\): must be \(2,\) or \(4, 2\)"),
+        (np.zeros((4, 2)), np.zeros(2), np.ones(3, bool), r"returned has shape \(3,\): must be \(4,\)"),
+        (np.zeros((4, 2)), np.zeros(2), np.ones(4), "returned has dtype float64: must be bool"),
+    ],
+)
+def test_scan_names_both_shapes(
+    endpoints: np.ndarray, origin: np.ndarray, returned: np.ndarray | None, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        ndtree.Scan(endpoints, origin, returned)
+
+
+def test_scan_inserts_as_the_map_does() -> None:
+    scan = ndtree.Scan([[2.0, 0.1], [9.0, 0.2]], [0.0, 0.0], np.array([True, False]), stamp=2)
+    one, other = ndtree.AdaptiveMap(dim=2), ndtree.AdaptiveMap(dim=2)
+    report = scan.insert_into(one, max_range=5.0)
+    other.insert(scan.endpoints, scan.origin, returned=scan.returned, max_range=5.0)
+    assert (report.returned, report.not_returned, len(scan), scan.dim) == (1, 1, 2, 2)
+    np.testing.assert_array_equal(one.leaves().log_odds, other.leaves().log_odds)
+
+
+# --- Real recordings --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "npz, carmen",
+    [
+        ("laser2d_intel/laser2d_intel.npz", "laser2d_intel/intel-corrected.log.gz"),
+        (
+            "laser2d_freiburg_079/laser2d_freiburg_079.npz",
+            "laser2d_freiburg_079/freiburg-079-corrected.log.gz",
+        ),
+    ],
+)
+def test_recordings_are_the_same_in_both_formats(recordings: Path, npz: str, carmen: str) -> None:
+    one, other = read(recordings / npz), read(recordings / carmen)
+    assert (one.dim, one.format, other.format) == (2, "npz", "carmen")
+    scans = 0
+    for a, b in zip(one, other):
+        near = a.returned & b.returned
+        np.testing.assert_allclose(a.endpoints[near], b.endpoints[near], atol=1e-3)
+        np.testing.assert_allclose(a.origin, b.origin, atol=1e-6)
+        np.testing.assert_array_equal(a.returned, b.returned)
+        scans += 1
+    assert scans == len(one)
+
+
+@pytest.mark.parametrize(
+    "name, dim, scans",
+    [
+        ("laser2d_mrpt_sena", 2, 224),
+        ("kinect_7scenes", 3, 200),
+        ("lidar_avia_hku_mb", 3, 457),
+        ("stereo_sparse_kitti00", 3, 135),
+        ("sfm_mono_7scenes", 3, 125),
+    ],
+)
+def test_recordings_have_the_scans_that_they_should(
+    recordings: Path, name: str, dim: int, scans: int
+) -> None:
+    log = read(recordings / name / f"{name}.npz")
+    assert (log.dim, len(log), sum(1 for _ in log)) == (dim, scans, scans)
