@@ -12,9 +12,9 @@
 namespace ndtree {
 
 struct SplitOptions {
-  double miss_given_occupied = 0.05;  ///< p(miss|occ): share of beams that pass an occupied cell.
-  double hit_given_free = 0.01;       ///< p(hit|free): share of beams that end in a free cell.
-  double significance = 0.995;        ///< Confidence with which both hypotheses must be rejected.
+  double miss_given_occupied = 0.1;  ///< p(miss|occ): share of beams that pass an occupied cell.
+  double hit_given_free = 0.05;      ///< p(hit|free): share of beams that end in a free cell.
+  double significance = 0.995;       ///< Confidence with which both hypotheses must be rejected.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {

@@ -24,8 +24,9 @@ namespace ndtree {
   if (!(p > 0.0)) return -HUGE_VAL;
   if (!(p < 1.0)) return HUGE_VAL;
   if (p > 0.5) return -normal_quantile(1.0 - p);
-  // Start left of the root, where normal_cdf is convex: the steps then only ever shorten.
-  double x = p < 0.05 ? -std::sqrt(-2.0 * std::log(p)) : -2.0;
+  // Start where exp(-x² / 2) / 2, which is nowhere below normal_cdf for x <= 0, equals p: left of the root.
+  // There normal_cdf is convex, so the first step passes the root and the others return to it, ever shorter.
+  double x = -std::sqrt(-2.0 * std::log(2.0 * p));
   for (int step = 0; step < 100; ++step) {
     const double density = 0.39894228040143267794 * std::exp(-0.5 * x * x);
     const double next = x + (p - normal_cdf(x)) / density;
