@@ -33,7 +33,7 @@ struct ComparisonOptions {
   MapOptions map;                      ///< Of all maps; the fixed ones and OctoMap have min_cell_size alone.
   int branching = 2;                   ///< N of our maps: 2, 3 or 4. OctoMap has 2.
   double max_range = kUnlimitedRange;  ///< [m].
-  std::size_t held_out = 10;           ///< Every so manieth scan is not mapped but asked about; 0: none.
+  std::size_t held_out = 10;           ///< Every scan of this number is not mapped but asked about; 0: none.
   int repeat = 5;                      ///< Timed runs of each map; they alternate run by run.
   std::vector<std::string> maps;       ///< Of kAllMaps, in the order of the report.
   HeldOutTruthOptions truth;

@@ -80,7 +80,9 @@ void declare(CLI::App& app, Call& call) {
   app.add_option("--max-range", call.options.max_range,
                  "longer beams say only that the space up to there is free [m]; by default unlimited");
   app.add_option("--held-out", call.options.held_out,
-                 "every so manieth scan is not mapped but tests the maps; 0: none")
+                 "every K-th scan is not mapped but tests the maps; 0: none")
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("K")
       ->capture_default_str();
   app.add_option("--repeat", call.options.repeat, "timed runs of each map, alternating")
       ->capture_default_str();

@@ -304,13 +304,18 @@ std::string ratio_table(const Json& json) {
 }
 
 std::string notes(const Json& json) {
-  std::string text = "\n" + json["machine"]["processor"].get<std::string>() + ", " +
-                     json["machine"]["compiler"].get<std::string>() + "; " +
-                     std::to_string(json["parameters"]["repeat"].get<int>()) +
-                     " timed runs of each map, alternating\n"
-                     "resident: growth of a process that builds this map alone\n";
-  for (const Json& map : json["maps"])
-    text += map["map"].get<std::string>() + ": " + map["refinement"].get<std::string>() + "\n";
+  const auto text_of = [](const Json& value) { return value.get<std::string>(); };
+  std::string text = "\n" + text_of(json["machine"]["processor"]) + ", " +
+                     text_of(json["machine"]["compiler"]) +
+                     "; timed runs of each map, alternating: " + count(json["parameters"]["repeat"]) +
+                     "\nresident: growth of a process that builds this map alone\n";
+  bool octomap = false;
+  for (const Json& map : json["maps"]) {
+    text += text_of(map["map"]) + ": " + text_of(map["refinement"]) + "\n";
+    octomap = octomap || map.contains("cells_pruned");
+  }
+  if (octomap && json["dim"] == 2)
+    text += "OctoMap holds a 2-D map as one layer of cells, which cannot be pruned\n";
   if (!kHaveOctomap) text += "built without OctoMap: no octomap columns\n";
   for (const auto& [name, value] : json["parameters"].items())
     text += name + " = " + (value.is_null() ? "unlimited" : shortest(value)) + "\n";

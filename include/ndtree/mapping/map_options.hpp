@@ -31,9 +31,9 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions {
   /// Levels between the smallest and the largest cell for N children per axis. Sizes are decimal numbers that
   /// no double holds exactly: a ratio within 1e-9 of a power of N is taken for that power.
   [[nodiscard]] int num_levels(int branching) const {
+    const double largest = max_cell_size / min_cell_size * (1.0 + 1e-9);
     int levels = 0;
-    for (double ratio = branching; ratio <= max_cell_size / min_cell_size * (1.0 + 1e-9); ratio *= branching)
-      ++levels;
+    for (double ratio = branching; ratio <= largest && std::isfinite(ratio); ratio *= branching) ++levels;
     return levels;
   }
 };

@@ -63,7 +63,8 @@ class OccupancyMap {
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   explicit OccupancyMap(const MapOptions& options = {})
-      : OccupancyMap(options, Tree(valid(options).min_cell_size, options.num_levels(N)), UpdateCounters{}) {}
+      : OccupancyMap(options, Tree(valid(options).min_cell_size, valid(options).num_levels(N)),
+                     UpdateCounters{}) {}
 
   /// A map that goes on from a stored state; the tree must have been made with the same options.
   OccupancyMap(const MapOptions& options, Tree tree, const UpdateCounters& counters)

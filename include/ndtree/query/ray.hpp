@@ -21,7 +21,7 @@ namespace ndtree {
 template <class Map>
 [[nodiscard]] std::optional<double> cast_ray(const Map& map, const Vector<Map::kDim>& origin,
                                              const Vector<Map::kDim>& direction, double max_range) {
-  const double length = direction.norm();
+  const double length = direction.stableNorm();  // Neither overflows nor underflows.
   if (!origin.allFinite() || !(length > 0.0) || !direction.allFinite())
     throw std::invalid_argument("ray: origin and direction must be finite, and the direction not zero");
   if (!(max_range > 0.0))

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Options spelled out, so that what a test works out by hand does not move with the defaults.
+#pragma once
+
+#include "ndtree/mapping/map_options.hpp"
+
+namespace ndtree::test {
+
+/// @param min_cell_size @param max_cell_size [m].
+inline MapOptions spelled_out_options(double min_cell_size, double max_cell_size) {
+  MapOptions options;
+  options.min_cell_size = min_cell_size;
+  options.max_cell_size = max_cell_size;
+  options.range_sigma = 0.06;
+  options.range_sigma_quadratic = 0.0;
+  options.probability_min = 0.4;
+  options.probability_max = 0.7;
+  options.log_odds_min = -2.0;
+  options.log_odds_max = 3.5;
+  options.miss_given_occupied = 0.05;
+  options.hit_given_free = 0.01;
+  options.significance = 0.995;
+  options.merge_free_below = 0.13;
+  options.merge_occupied_above = 0.96;
+  return options;
+}
+
+}  // namespace ndtree::test

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+
+#include "ndtree/tree/child_index.hpp"
+#include "shapes.hpp"
+
+namespace ndtree::test {
+namespace {
+
+constexpr int kMaxChildren = 4096;
+
+std::int64_t power(int base, int exponent) {
+  std::int64_t result = 1;
+  while (exponent-- > 0) result *= base;
+  return result;
+}
+
+/// Above this, the N of one dimension are checked by the compiler: thousands of functions less to emit.
+constexpr int kMaxEmitted = 64;
+
+/// Largest N with N^D <= 4096, or kMaxEmitted for D = 1.
+constexpr int largest_branching(int dim) {
+  for (int n = kMaxEmitted; n > 1; --n) {
+    std::int64_t children = 1;
+    for (int i = 0; i < dim && children <= kMaxChildren; ++i) children *= n;
+    if (children <= kMaxChildren) return n;
+  }
+  return 1;
+}
+
+template <int D>
+struct Maps {
+  int (*number)(const Offset<D>&);
+  Offset<D> (*offset)(int);
+};
+
+template <int D, int... I>
+constexpr std::array<Maps<D>, sizeof...(I)> all_maps(std::integer_sequence<int, I...>) {
+  return {{{&child_number<I + 2, D>, &child_offset<I + 2, D>}...}};
+}
+
+/// Checks each child of each N against the sums and quotients of Sec. II-A.
+/// @returns how many children were checked.
+template <int D>
+std::int64_t check_dimension() {
+  constexpr int kLargest = largest_branching(D);
+  static const auto kMaps = all_maps<D>(std::make_integer_sequence<int, kLargest - 1>{});
+  std::int64_t checked = 0;
+  for (int n = 2; n <= kLargest; ++n) {
+    const Maps<D>& maps = kMaps[static_cast<std::size_t>(n - 2)];
+    const std::int64_t children = power(n, D);
+    std::int64_t wrong = 0;
+    for (int j = 0; j < children; ++j, ++checked) {
+      const Offset<D> offset = maps.offset(j);
+      std::int64_t sum = 0;
+      for (int k = 1; k <= D; ++k) {
+        const int i = offset[static_cast<std::size_t>(k - 1)];
+        wrong += i != j / power(n, k - 1) % n;
+        sum += i * power(n, k - 1);
+      }
+      wrong += sum != j || maps.number(offset) != j;
+    }
+    EXPECT_EQ(wrong, 0) << "N = " << n << ", D = " << D;
+    EXPECT_LE(children, kMaxChildren);
+  }
+  EXPECT_TRUE(D == 1 || power(kLargest + 1, D) > kMaxChildren);
+  return checked;
+}
+
+template <int... I>
+std::int64_t check_dimensions(std::integer_sequence<int, I...>) {
+  return (check_dimension<I + 1>() + ...);
+}
+
+TEST(ChildIndex, MapsAreThePapersAndInverseForEveryShape) {
+  EXPECT_EQ(check_dimensions(std::make_integer_sequence<int, 12>{}), 138348);
+}
+
+/// One dimension: number and offset are the same. At the ends and in the middle.
+template <int N>
+constexpr bool is_identity() {
+  for (const int j : {0, 1, N / 2, N - 2, N - 1})
+    if (child_number<N, 1>(Offset<1>{j}) != j || std::get<0>(child_offset<N, 1>(j)) != j) return false;
+  return true;
+}
+template <int... I>
+constexpr int count_identities(std::integer_sequence<int, I...>) {
+  int count = 0;
+  for (const bool holds : {is_identity<I + kMaxEmitted + 1>()...}) count += holds;
+  return count;
+}
+static_assert(count_identities(std::make_integer_sequence<int, kMaxChildren - kMaxEmitted>{}) ==
+              kMaxChildren - kMaxEmitted);
+
+TEST(ChildIndex, ByHand) {
+  EXPECT_EQ((child_number<3, 2>({2, 1})), 5);
+  EXPECT_EQ((child_number<2, 3>({0, 0, 1})), 4);
+  EXPECT_EQ((child_offset<5, 2>(23)), (Offset<2>{3, 4}));
+  static_assert(child_number<2, 2>(Offset<2>{1, 0}) == 1, "the first axis counts single children");
+}
+
+TEST(ChildIndex, IntegerPower) {
+  EXPECT_EQ(integer_power(7, 0), 1);
+  EXPECT_EQ(integer_power(3, 4), 81);
+  EXPECT_EQ(integer_power(2, 40), 1099511627776);
+}
+
+template <class S>
+class ChildIndexOf : public ::testing::Test {};
+TYPED_TEST_SUITE(ChildIndexOf, Shapes, ShapeNames);
+
+TYPED_TEST(ChildIndexOf, DiagonalVerticesBoundTheChildren) {
+  NDTREE_SHAPE;
+  Box<D> box;
+  for (int a = 0; a < D; ++a) {
+    box.lower[a] = -3.0 + a;
+    box.upper[a] = box.lower[a] + 2.0 * N;
+  }
+  EXPECT_EQ((diagonal_vertex<N, D>(box, 0)), box.lower);
+  EXPECT_EQ((diagonal_vertex<N, D>(box, N)), box.upper);
+  for (int m = 0; m <= N; ++m)
+    for (int a = 0; a < D; ++a)
+      EXPECT_DOUBLE_EQ((diagonal_vertex<N, D>(box, m)[a]), box.lower[a] + 2.0 * m) << "m = " << m;
+  // Sub-volumes are as large as each other, and together as large as the whole (property 4 of Sec. II).
+  double volume = 0.0;
+  int cases = 0;
+  for (int j = 0; j < static_cast<int>(power(N, D)); ++j, ++cases) {
+    const Offset<D> offset = child_offset<N, D>(j);
+    double product = 1.0;
+    for (int a = 0; a < D; ++a) {
+      const int i = offset[static_cast<std::size_t>(a)];
+      product *= diagonal_vertex<N, D>(box, i + 1)[a] - diagonal_vertex<N, D>(box, i)[a];
+    }
+    EXPECT_NEAR(product, std::pow(2.0, D), 1e-12);
+    volume += product;
+  }
+  EXPECT_NEAR(volume, std::pow(2.0 * N, D), 1e-9);
+  EXPECT_EQ(cases, power(N, D));
+}
+
+}  // namespace
+}  // namespace ndtree::test

@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "ndtree/tree/lattice.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
+
+namespace ndtree::test {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+const std::vector<double>& units() {
+  static const std::vector<double> kUnits{0.05, 0.1, 0.25, 0.01, 1.0 / 3.0, 0.7, 1e-3, 1.0, 12.34, 1e5};
+  return kUnits;
+}
+
+/// The value, and its neighbours on either side.
+std::vector<double> with_neighbours(double x) {
+  return {std::nextafter(x, -kInfinity), x, std::nextafter(x, kInfinity)};
+}
+
+/// How many of the points do not lie between the borders of their coordinate.
+template <class Geometry>
+int count_misplaced(const Geometry& geometry, const std::vector<double>& points) {
+  int misplaced = 0;
+  for (const double x : points) {
+    const std::int64_t k = geometry.coordinate(x);
+    const bool placed = geometry.border(k) <= x && x < geometry.border(k + 1);
+    if (!placed && misplaced++ == 0)
+      ADD_FAILURE() << x << " is not in cell " << k << " of " << geometry.unit() << " m";
+  }
+  return misplaced;
+}
+
+TEST(Lattice, CoordinateIsTheCellWhoseBordersEncloseThePoint) {
+  Random random(1);
+  SCOPED_TRACE(random.trace());
+  std::size_t cases = 0;
+  for (const double unit : units()) {
+    const LatticeGeometry<2, 2> geometry(unit, 3);
+    std::vector<double> points{0.0, -0.0, geometry.reach(), -geometry.reach()};
+    for (int i = -400; i <= 400; ++i)  // Decimal numbers as people write, multiply and divide them.
+      for (const double x :
+           {i * 0.05, i * 0.1, i / 20.0, i / 10.0, i * unit, i * 0.3, 1e6 + i * 0.01, i - 1e6})
+        for (const double near : with_neighbours(x)) points.push_back(near);
+    for (int i = 0; i < 1000; ++i) {
+      const double size = std::exp2(random.uniform(-10.0, 38.0));
+      const std::int64_t k = std::llround(random.uniform(-size, size));
+      for (const double near : with_neighbours(geometry.border(k))) points.push_back(near);
+      points.push_back(random.uniform(-size, size) * unit);
+    }
+    EXPECT_EQ(count_misplaced(geometry, points), 0);
+    cases += points.size();
+  }
+  EXPECT_EQ(cases, 10u * (4u + 801u * 8u * 3u + 4000u));
+}
+
+TEST(Lattice, CoordinateInvertsBorder) {
+  int cases = 0;
+  for (const double unit : units()) {
+    const LatticeGeometry<3, 1> geometry(unit, 2);
+    for (const std::int64_t middle :
+         {std::int64_t{0}, std::int64_t{100000000}, std::int64_t{1} << 33, -(std::int64_t{1} << 37)})
+      for (std::int64_t k = middle - 200; k <= middle + 200; ++k, ++cases) {
+        ASSERT_EQ(geometry.coordinate(geometry.border(k)), k);
+        ASSERT_EQ(geometry.coordinate(std::nextafter(geometry.border(k), -kInfinity)), k - 1);
+      }
+  }
+  EXPECT_EQ(cases, 10 * 4 * 401);
+}
+
+TEST(Lattice, BorderIsTheNearestDoubleToAMultipleOfTheUnit) {
+  Random random(2);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (const double unit : units()) {
+    const LatticeGeometry<2, 2> geometry(unit, 0);
+    for (int i = 0; i < 500; ++i, ++cases) {
+      const double size = std::exp2(random.uniform(0.0, 38.0));
+      const std::int64_t k = std::llround(random.uniform(-size, size));
+      const double border = geometry.border(k);
+      const auto distance = [&](double x) { return std::abs(std::fma(static_cast<double>(k), unit, -x)); };
+      ASSERT_LE(distance(border), distance(std::nextafter(border, kInfinity)));
+      ASSERT_LE(distance(border), distance(std::nextafter(border, -kInfinity)));
+    }
+  }
+  EXPECT_EQ(cases, 5000);
+}
+
+TEST(Lattice, ReachIsClosed) {
+  const LatticeGeometry<2, 2> geometry(0.01, 4);
+  EXPECT_GE(geometry.reach(), 1e6);  // 1000 km at 1 cm.
+  const double reach = geometry.reach();
+  const double beyond = std::nextafter(reach, kInfinity);
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_TRUE(geometry.in_reach(reach) && geometry.in_reach(-reach) && geometry.in_reach(0.0));
+  for (const double x : {beyond, -beyond, kInfinity, -kInfinity, nan})
+    EXPECT_FALSE(geometry.in_reach(x)) << x;
+  EXPECT_TRUE(geometry.in_reach(Vector<2>(reach, -reach)));
+  EXPECT_FALSE(geometry.in_reach(Vector<2>(0.0, beyond)));
+  EXPECT_FALSE(geometry.in_reach(Vector<2>(nan, 0.0)));
+}
+
+TEST(Lattice, RefusesWhatItCannotAddress) {
+  struct Row {
+    double unit;
+    int num_levels;
+    const char* message;
+  };
+  const Row rows[] = {{0.0, 1, "min_cell_size = 0.0"},       {-0.1, 1, "min_cell_size = -0.1"},
+                      {kInfinity, 1, "min_cell_size = inf"}, {std::nan(""), 1, "min_cell_size = "},
+                      {0.1, -1, "number of levels = -1"},    {0.1, 23, "23 levels"}};
+  for (const Row& row : rows) {
+    SCOPED_TRACE(row.message);
+    try {
+      const LatticeGeometry<3, 2> geometry(row.unit, row.num_levels);
+      ADD_FAILURE() << "accepted";
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find(row.message), std::string::npos) << error.what();
+    }
+  }
+  EXPECT_EQ((LatticeGeometry<3, 2>(0.1, 22).edge(0)), 31381059609);  // 3^22, the last below 2^36.
+  EXPECT_EQ((LatticeGeometry<2, 2>(0.1, 36).edge(0)), 68719476736);
+  EXPECT_THROW((LatticeGeometry<2, 2>(0.1, 37)), std::invalid_argument);
+  EXPECT_EQ((LatticeGeometry<4096, 1>(0.1, 3).edge(0)), 68719476736);
+}
+
+template <class S>
+class LatticeOf : public ::testing::Test {};
+TYPED_TEST_SUITE(LatticeOf, Shapes, ShapeNames);
+
+TYPED_TEST(LatticeOf, EdgesGrowByNFromOneUnit) {
+  NDTREE_SHAPE;
+  const LatticeGeometry<N, D> geometry(0.1, 3);
+  EXPECT_EQ(geometry.finest_level(), -3);
+  EXPECT_EQ(geometry.unit(), 0.1);
+  std::int64_t edge = 1;
+  for (int level = -3; level <= 5; ++level, edge *= N) {
+    EXPECT_EQ(geometry.edge(level), edge) << "level " << level;
+    EXPECT_DOUBLE_EQ(geometry.cell_size(level), 0.1 * static_cast<double>(edge));
+  }
+}
+
+TYPED_TEST(LatticeOf, CellsOfAllLevelsShareTheirBordersToTheLastBit) {
+  NDTREE_SHAPE;
+  Random random(3);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (const double unit : units()) {
+    const LatticeGeometry<N, D> geometry(unit, 4);
+    for (int i = 0; i < 200; ++i, ++cases) {
+      const int small = random.integer(-4, 2);
+      const int large = random.integer(small, 2);
+      // A large cell anywhere within 1000 km at 1 cm, and a small one that begins where it ends.
+      const std::int64_t places = 100000000 / geometry.edge(large);
+      CellIndex<D> below{{}, large};
+      for (auto& lower : below.lower)
+        lower = geometry.edge(large) * std::llround(random.uniform(-1.0, 1.0) * static_cast<double>(places));
+      CellIndex<D> above{below.lower, small};
+      const auto axis = static_cast<std::size_t>(random.integer(0, D - 1));
+      above.lower[axis] += geometry.edge(large);
+      const Box<D> box_below = geometry.box(below);
+      const Box<D> box_above = geometry.box(above);
+      for (int a = 0; a < D; ++a) {
+        if (a == static_cast<int>(axis)) {
+          ASSERT_EQ(box_below.upper[a], box_above.lower[a]);
+        } else {
+          ASSERT_EQ(box_below.lower[a], box_above.lower[a]);
+        }
+        ASSERT_EQ(box_below.lower[a], unit * static_cast<double>(below.lower[static_cast<std::size_t>(a)]));
+      }
+    }
+  }
+  EXPECT_EQ(cases, 2000);
+}
+
+TYPED_TEST(LatticeOf, ChildrenLieBetweenTheDiagonalVertices) {
+  NDTREE_SHAPE;
+  const LatticeGeometry<N, D> geometry(0.1, 2);
+  int cases = 0;
+  for (const std::int64_t lower : {std::int64_t{0}, std::int64_t{-7 * N * N}, std::int64_t{10000000}}) {
+    CellIndex<D> cell{{}, 0};
+    cell.lower.fill(lower);
+    const Box<D> whole = geometry.box(cell);
+    for (int j = 0; j < static_cast<int>(integer_power(N, D)); ++j, ++cases) {
+      const Offset<D> offset = child_offset<N, D>(j);
+      const CellIndex<D> child = geometry.child(cell, offset);
+      const Box<D> part = geometry.box(child);
+      EXPECT_EQ(child.level, -1);
+      for (int a = 0; a < D; ++a) {
+        const int i = offset[static_cast<std::size_t>(a)];
+        const double tolerance = 1e-15 * (1.0 + whole.upper.cwiseAbs().maxCoeff());
+        ASSERT_NEAR(part.lower[a], (diagonal_vertex<N, D>(whole, i)[a]), tolerance);
+        ASSERT_NEAR(part.upper[a], (diagonal_vertex<N, D>(whole, i + 1)[a]), tolerance);
+        ASSERT_TRUE(i > 0 || part.lower[a] == whole.lower[a]);
+        ASSERT_TRUE(i < N - 1 || part.upper[a] == whole.upper[a]);
+      }
+    }
+  }
+  EXPECT_EQ(cases, 3 * integer_power(N, D));
+}
+
+TYPED_TEST(LatticeOf, CellContainsItsHalfOpenRange) {
+  NDTREE_SHAPE;
+  const LatticeGeometry<N, D> geometry(0.25, 1);
+  CellIndex<D> cell{{}, 0};
+  cell.lower.fill(-N);
+  for (std::size_t a = 0; a < D; ++a) {
+    Lattice<D> inside = cell.lower;
+    EXPECT_TRUE(geometry.contains(cell, inside));
+    inside[a] = -1;
+    EXPECT_TRUE(geometry.contains(cell, inside));
+    inside[a] = 0;
+    EXPECT_FALSE(geometry.contains(cell, inside));
+    inside[a] = -N - 1;
+    EXPECT_FALSE(geometry.contains(cell, inside));
+  }
+}
+
+}  // namespace
+}  // namespace ndtree::test

@@ -1,0 +1,211 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/cell/sensor_model.hpp"
+#include "random.hpp"
+
+namespace ndtree::test {
+namespace {
+
+double density(double x, double mean, double sigma) {
+  const double z = (x - mean) / sigma;
+  return std::exp(-0.5 * z * z) / (sigma * std::sqrt(2.0 * std::acos(-1.0)));
+}
+
+/// Simpson's rule over the obstacle's distance, where its density is not negligible.
+double probability_of_obstacle_in(double from, double to, double range, double sigma) {
+  from = std::max(from, range - 12.0 * sigma);
+  to = std::min(to, range + 12.0 * sigma);
+  if (!(from < to)) return 0.0;
+  constexpr int kSteps = 2000;
+  const double step = (to - from) / kSteps;
+  double sum = density(from, range, sigma) + density(to, range, sigma);
+  for (int i = 1; i < kSteps; ++i) sum += (i % 2 == 1 ? 4.0 : 2.0) * density(from + i * step, range, sigma);
+  return sum * step / 3.0;
+}
+
+/// The derivation: 1 where the obstacle is inside the cell, 1/2 before it, 0 beyond.
+double integrated(double entry, double exit, double range, double sigma) {
+  return probability_of_obstacle_in(entry, exit, range, sigma) +
+         0.5 * probability_of_obstacle_in(-1e9, entry, range, sigma);
+}
+
+TEST(SensorModel, IsTheIntegralOfItsDerivation) {
+  Random random(33);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (; cases < 1000; ++cases) {
+    const double range = random.uniform(0.5, 20.0);
+    const double sigma = random.uniform(0.005, 0.2);
+    const double entry = range + random.uniform(-6.0, 5.0) * sigma;
+    const double exit = entry + random.uniform(0.01, random.chance(0.5) ? 1.0 : 10.0) * sigma;
+    ASSERT_NEAR(BeamSensorModel::probability(entry, exit, range, sigma),
+                integrated(entry, exit, range, sigma), 1e-10)
+        << "cell [" << entry << ", " << exit << "], range " << range << ", sigma " << sigma;
+  }
+  EXPECT_EQ(cases, 1000);
+}
+
+TEST(SensorModel, ByHand) {
+  struct Row {
+    const char* what;
+    double entry, exit, probability;
+  };
+  const Row rows[] = {// Range 10, sigma 0.1.
+                      {"far before", 0.0, 5.0, 0.0},
+                      {"far behind", 15.0, 20.0, 0.5},
+                      {"all around the end point", 5.0, 15.0, 1.0},
+                      {"up to the end point", 5.0, 10.0, 0.5},
+                      {"from the end point on", 10.0, 15.0, 0.75},
+                      {"one sigma on each side", 9.9, 10.1, 0.7620171191028144},
+                      {"one sigma before", 9.9, 10.0, 0.42067237303427145}};
+  for (const Row& row : rows)
+    EXPECT_NEAR(BeamSensorModel::probability(row.entry, row.exit, 10.0, 0.1), row.probability, 1e-12)
+        << row.what;
+}
+
+TEST(SensorModel, CellsThatTileTheLineShareTheObstacle) {
+  Random random(34);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (; cases < 200; ++cases) {
+    const double range = random.uniform(2.0, 10.0);
+    const double sigma = random.uniform(0.01, 0.1);
+    double sum = 0.0;
+    double entry = range - 20.0 * sigma;
+    while (entry < range + 20.0 * sigma) {
+      const double exit = entry + random.uniform(0.05, 2.0) * sigma;
+      const double before = BeamSensorModel::cdf(entry, range, sigma);
+      sum += BeamSensorModel::probability(entry, exit, range, sigma) - 0.5 * before;
+      entry = exit;
+    }
+    ASSERT_NEAR(sum, 1.0, 1e-12);
+  }
+  EXPECT_EQ(cases, 200);
+}
+
+TEST(SensorModel, LogOddsAreClampedAndOtherwiseThoseOfTheProbability) {
+  SensorOptions options;
+  options.probability_min = 0.3;
+  options.probability_max = 0.9;
+  const BeamSensorModel model(options);
+  const auto low = static_cast<float>(std::log(0.3 / 0.7));
+  const auto high = static_cast<float>(std::log(0.9 / 0.1));
+  EXPECT_EQ(model.log_odds_free(), low);
+  Random random(35);
+  SCOPED_TRACE(random.trace());
+  int clamped_low = 0;
+  int clamped_high = 0;
+  int between = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const double range = 5.0;
+    const double sigma = 0.05;
+    const double entry = range + random.uniform(-4.0, 4.0) * sigma;
+    const double exit = entry + random.uniform(0.0, 6.0) * sigma;
+    const double p = integrated(entry, exit, range, sigma);
+    const float value =
+        model.log_odds(BeamSensorModel::cdf(entry, range, sigma), BeamSensorModel::cdf(exit, range, sigma));
+    ASSERT_GE(value, low);
+    ASSERT_LE(value, high);
+    if (p < 0.3 - 1e-9) {
+      ASSERT_EQ(value, low);
+      ++clamped_low;
+    } else if (p > 0.9 + 1e-9) {
+      ASSERT_EQ(value, high);
+      ++clamped_high;
+    } else if (p > 0.3 + 1e-9 && p < 0.9 - 1e-9) {
+      ASSERT_NEAR(value, std::log(p / (1.0 - p)), 1e-6);
+      ++between;
+    }
+  }
+  EXPECT_GT(clamped_low, 300);
+  EXPECT_GT(clamped_high, 100);
+  EXPECT_GT(between, 300);
+}
+
+TEST(SensorModel, ClearlyFreeCellsReallyGetTheLeastProbability) {
+  Random random(36);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  int beyond = 0;
+  for (; cases < 5000; ++cases) {
+    SensorOptions options;
+    options.probability_min = random.uniform(0.01, 0.49);
+    const BeamSensorModel model(options);
+    const double range = random.uniform(0.1, 30.0);
+    const double sigma = random.uniform(0.005, 0.3);
+    const double until = model.clearly_free_until(range, sigma);
+    ASSERT_LT(until, range);
+    const double exit = cases % 4 == 0   ? std::nextafter(until, -1.0)
+                        : cases % 4 == 1 ? until - random.uniform(0.0, 3.0) * sigma
+                                         : until + random.uniform(0.0, 1.0) * sigma;
+    const double entry = exit - random.uniform(0.0, 3.0) * sigma;
+    const float value =
+        model.log_odds(BeamSensorModel::cdf(entry, range, sigma), BeamSensorModel::cdf(exit, range, sigma));
+    if (exit < until) {
+      ASSERT_EQ(value, model.log_odds_free());
+    } else if (exit - until > 1e-9) {
+      // The bound is tight: a cell that began long before would get more.
+      ASSERT_GT(model.log_odds(0.0, BeamSensorModel::cdf(exit, range, sigma)), model.log_odds_free());
+      ++beyond;
+    }
+  }
+  EXPECT_EQ(cases, 5000);
+  EXPECT_GT(beyond, 1000);
+}
+
+TEST(SensorModel, SigmaGrowsWithTheSquaredRange) {
+  SensorOptions options;
+  options.range_sigma = 0.01;
+  options.range_sigma_quadratic = 0.002;
+  EXPECT_DOUBLE_EQ(BeamSensorModel(options).sigma(0.0), 0.01);
+  EXPECT_DOUBLE_EQ(BeamSensorModel(options).sigma(1.0), 0.012);
+  EXPECT_DOUBLE_EQ(BeamSensorModel(options).sigma(5.0), 0.06);
+  EXPECT_DOUBLE_EQ(BeamSensorModel(SensorOptions{}).sigma(5.0), SensorOptions{}.range_sigma);
+  EXPECT_EQ(BeamSensorModel::kReachSigmas, 3.0);
+}
+
+TEST(SensorOptions, BadValuesAreRefusedByName) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  struct Row {
+    double SensorOptions::*option;
+    double value;
+    const char* message;
+  };
+  using S = SensorOptions;
+  const Row rows[] = {{&S::range_sigma, 0.0, "range_sigma = 0.0: must be > 0"},
+                      {&S::range_sigma, -1.5, "range_sigma = -1.5: "},
+                      {&S::range_sigma, nan, "range_sigma = "},
+                      {&S::range_sigma, kInfinity, "range_sigma = inf: "},
+                      {&S::range_sigma_quadratic, -0.25, "range_sigma_quadratic = -0.25: must be >= 0"},
+                      {&S::range_sigma_quadratic, kInfinity, "range_sigma_quadratic = inf: "},
+                      {&S::probability_min, 0.0, "probability_min = 0.0: must be in (0, 0.5)"},
+                      {&S::probability_min, 0.5, "probability_min = 0.5: "},
+                      {&S::probability_min, nan, "probability_min = "},
+                      {&S::probability_max, 0.5, "probability_max = 0.5: must be in (0.5, 1)"},
+                      {&S::probability_max, 1.0, "probability_max = 1.0: "},
+                      {&S::log_odds_min, 0.0, "log_odds_min = 0.0: must be < 0"},
+                      {&S::log_odds_min, -kInfinity, "log_odds_min = -inf: "},
+                      {&S::log_odds_max, 0.0, "log_odds_max = 0.0: must be > 0"},
+                      {&S::log_odds_max, kInfinity, "log_odds_max = inf: "}};
+  EXPECT_NO_THROW(SensorOptions{}.validate());
+  for (const Row& row : rows) {
+    SensorOptions options;
+    options.*row.option = row.value;
+    try {
+      options.validate();
+      ADD_FAILURE() << row.message << "accepted";
+    } catch (const std::invalid_argument& error) {
+      EXPECT_EQ(std::string(error.what()).rfind(row.message, 0), 0u) << error.what();
+    }
+  }
+}
+
+}  // namespace
+}  // namespace ndtree::test

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/cell/split_test.hpp"
+#include "options.hpp"
+
+namespace ndtree::test {
+namespace {
+
+constexpr double kCritical95 = 3.841458820694124;
+constexpr double kCritical995 = 7.879438576622417;
+constexpr double kCritical999 = 10.827566170662733;
+
+/// The paper's formulas term by term (Sec. III-A).
+bool reference(double hits, double misses, double miss_given_occupied, double hit_given_free,
+               double critical) {
+  const double n = hits + misses;
+  const double hits_occ = n * (1.0 - miss_given_occupied);
+  const double misses_occ = n * miss_given_occupied;
+  const double hits_free = n * hit_given_free;
+  const double misses_free = n * (1.0 - hit_given_free);
+  if (n == 0.0 || misses <= misses_occ || hits <= hits_free) return false;  // Cleaner than expected.
+  const double chi_occ = (hits - hits_occ) * (hits - hits_occ) / hits_occ +
+                         (misses - misses_occ) * (misses - misses_occ) / misses_occ;
+  const double chi_free = (hits - hits_free) * (hits - hits_free) / hits_free +
+                          (misses - misses_free) * (misses - misses_free) / misses_free;
+  return std::min(chi_occ, chi_free) > critical;
+}
+
+TEST(SplitTest, AgreesWithThePapersFormulas) {
+  struct Row {
+    double miss_given_occupied, hit_given_free, significance, critical;
+  };
+  const Row rows[] = {{0.05, 0.01, 0.995, kCritical995}, {0.01, 0.05, 0.995, kCritical995},
+                      {0.2, 0.1, 0.95, kCritical95},     {0.3, 0.02, 0.999, kCritical999},
+                      {0.02, 0.3, 0.999, kCritical999},  {0.5, 0.5, 0.95, kCritical95}};
+  int cases = 0;
+  for (const Row& row : rows) {
+    SplitOptions options;
+    options.miss_given_occupied = row.miss_given_occupied;
+    options.hit_given_free = row.hit_given_free;
+    options.significance = row.significance;
+    const ChiSquareSplitTest splits(options);
+    EXPECT_NEAR(splits.critical_value(), row.critical, 1e-11 * row.critical);
+    int yes = 0;
+    for (std::uint32_t hits = 0; hits <= 120; ++hits)
+      for (std::uint32_t misses = 0; misses <= 120; ++misses, ++cases) {
+        const bool expected =
+            reference(hits, misses, row.miss_given_occupied, row.hit_given_free, row.critical);
+        ASSERT_EQ(splits(hits, misses), expected) << hits << " hits, " << misses << " misses";
+        OccupancyCell cell;
+        cell.set_counts(hits, misses);
+        ASSERT_EQ(splits(cell), expected);
+        yes += expected;
+      }
+    EXPECT_EQ(yes > 0, row.miss_given_occupied < 0.5);
+  }
+  EXPECT_EQ(cases, 6 * 121 * 121);
+}
+
+TEST(SplitTest, ByHand) {
+  struct Row {
+    std::uint32_t hits, misses;
+    bool splits;
+    const char* why;
+  };
+  // p(miss|occ) = 0.05, p(hit|free) = 0.01.
+  const Row rows[] = {
+      {0, 0, false, "nothing is known"},
+      {1000, 0, false, "never a miss"},
+      {0, 1000, false, "never a hit"},
+      {1, 1, true, "n = 2: chi² 8.53 if occupied, 48.5 if free"},
+      {2, 1, false, "n = 3: chi² 5.07 if occupied"},
+      {10, 10, true, "half and half"},
+      {1, 9, true, "n = 10: chi² 8.18 if free"},
+      {1, 10, false, "n = 11: chi² 7.27 if free"},
+      {1000, 5, false, "50 misses were expected, had it been occupied: cleaner, though chi² is 41.8"},
+      {1, 5000, false, "50 hits were expected, had it been free: cleaner, though chi² is 48.5"},
+      {32767, 32767, true, "saturated"},
+      {32767, 1, false, "saturated, one miss"}};
+  const ChiSquareSplitTest splits{spelled_out_options(1.0, 1.0)};
+  for (const Row& row : rows)
+    EXPECT_EQ(splits(row.hits, row.misses), row.splits)
+        << row.hits << " hits, " << row.misses << " misses: " << row.why;
+}
+
+TEST(SplitTest, NeverSplitsWhereEveryCountIsCleanerThanOneErrorRate) {
+  SplitOptions options;
+  options.miss_given_occupied = 0.5;
+  options.hit_given_free = 0.5;
+  options.significance = 1e-9;
+  const ChiSquareSplitTest splits(options);
+  int cases = 0;
+  for (std::uint32_t hits = 0; hits <= 200; ++hits)
+    for (std::uint32_t misses = 0; misses <= 200; ++misses, ++cases) ASSERT_FALSE(splits(hits, misses));
+  EXPECT_EQ(cases, 201 * 201);
+}
+
+TEST(SplitOptions, BadValuesAreRefusedByName) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  struct Row {
+    double SplitOptions::*option;
+    const char* name;
+  };
+  const Row rows[] = {{&SplitOptions::miss_given_occupied, "miss_given_occupied = "},
+                      {&SplitOptions::hit_given_free, "hit_given_free = "},
+                      {&SplitOptions::significance, "significance = "}};
+  EXPECT_NO_THROW(SplitOptions{}.validate());
+  int cases = 0;
+  for (const Row& row : rows)
+    for (const double bad : {0.0, 1.0, -0.1, 1.5, nan}) {
+      SplitOptions options;
+      options.*row.option = bad;
+      try {
+        options.validate();
+        ADD_FAILURE() << row.name << bad << " accepted";
+      } catch (const std::invalid_argument& error) {
+        EXPECT_EQ(std::string(error.what()).rfind(row.name, 0), 0u) << error.what();
+        EXPECT_NE(std::string(error.what()).find("must be in (0, 1)"), std::string::npos) << error.what();
+      }
+      ++cases;
+    }
+  EXPECT_EQ(cases, 15);
+}
+
+}  // namespace
+}  // namespace ndtree::test
