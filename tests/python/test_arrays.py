@@ -66,13 +66,25 @@ WRONG = [
         "returned: must be an array of bool, or None",
     ),
     (lambda m: m.insert(POINTS, ORIGIN, max_range=0), ValueError, "max_range = 0.000000 m: must be > 0"),
-    (lambda m: m.insert(POINTS, [0.0, np.nan]), ValueError, "origin = (0.000000, nan) m: every component must be"),
+    (
+        lambda m: m.insert(POINTS, [0.0, np.nan]),
+        ValueError,
+        "origin = (0.000000, nan) m: every component must be",
+    ),
     (lambda m: m.insert([[1e18, 0.0]], ORIGIN), ValueError, "beam 0 reaches"),
-    (lambda m: m.insert([["a", "b"]], ORIGIN), TypeError, "points has dtype <U1: must be an array of real numbers"),
+    (
+        lambda m: m.insert([["a", "b"]], ORIGIN),
+        TypeError,
+        "points has dtype <U1: must be an array of real numbers",
+    ),
     (lambda m: m.insert(POINTS + 1j, ORIGIN), TypeError, "points has dtype complex128: must be"),
     (lambda m: m.state(np.zeros((1, 3))), ValueError, "points has shape (1, 3): must be (n, 2)"),
     (lambda m: m.cast_rays(ORIGIN, np.zeros((1, 2))), ValueError, "ray: origin and direction must be finite"),
-    (lambda m: m.cast_rays(ORIGIN, np.ones((1, 2)), max_range=-1), ValueError, "max_range = -1.000000 m: must be > 0"),
+    (
+        lambda m: m.cast_rays(ORIGIN, np.ones((1, 2)), max_range=-1),
+        ValueError,
+        "max_range = -1.000000 m: must be > 0",
+    ),
     (lambda m: m.occupied_within(POINTS, -1), ValueError, "radius = -1.0 m: must be >= 0"),
 ]
 

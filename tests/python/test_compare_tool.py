@@ -21,7 +21,7 @@ PARAMETERS = {
     "min_cell_size", "max_cell_size", "range_sigma", "range_sigma_quadratic", "probability_min",
     "probability_max", "log_odds_min", "log_odds_max", "miss_given_occupied", "hit_given_free",
     "significance", "merge_free_below", "merge_occupied_above", "max_range", "held_out", "repeat",
-    "sample_spacing", "sample_margin", "endpoint_radius", "cast_tolerance", "cast_overshoot",
+    "sample_spacing", "sample_margin", "endpoint_radius", "cast_tolerance", "cast_overshoot", "no_return",
 }  # fmt: skip
 TRUTH = {
     "free", "occupied", "unknown", "samples", "endpoints_near", "endpoints", "casts_within", "casts",
@@ -465,3 +465,21 @@ def test_odd_bytes_in_a_complaint_are_replaced(tmp_path):
     result = call(log)
     expect_complaint(result, 1, "line 1001")
     assert "\x1b" not in result.stderr
+
+
+def test_beams_without_return_can_be_left_out(tmp_path):
+    log = tmp_path / "log.txt"
+    log.write_text("".join(f"0 0 {2 + 0.01 * i} 1 {i % 2}\n" for i in range(100)))
+    beams = {}
+    for what in ("free", "ignore"):
+        json_file = tmp_path / f"{what}.json"
+        done = call(
+            str(log), "--no-return", what, "--held-out", "0", "--repeat", "1", "--json", str(json_file)
+        )
+        assert done.returncode == 0, done.stderr
+        report = json.loads(json_file.read_text())
+        assert report["parameters"]["no_return"] == what
+        beams[what] = report["beams"]
+    assert (beams["free"]["returned"], beams["free"]["not_returned"]) == (50, 50)
+    assert (beams["ignore"]["returned"], beams["ignore"]["not_returned"]) == (50, 0)
+    assert call(str(log), "--no-return", "guess").returncode == 2

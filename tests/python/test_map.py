@@ -36,7 +36,9 @@ def test_insert_reports_each_outcome(shape):
     m = make("adaptive", branching, dim)
     axis = np.eye(dim)[0]
     points = np.array([axis, 2 * axis, 9 * axis, 0 * axis, np.full(dim, np.nan), np.full(dim, np.inf)])
-    report = m.insert(points, np.zeros(dim), returned=np.array([True, False, True, True, True, True]), max_range=5)
+    report = m.insert(
+        points, np.zeros(dim), returned=np.array([True, False, True, True, True, True]), max_range=5
+    )
     assert (report.beams, report.returned, report.not_returned) == (6, 1, 1)
     assert (report.beyond_max_range, report.invalid) == (1, 3)
     assert report.updates == m.stats().updates > 0
@@ -65,8 +67,12 @@ def test_queries_agree_with_the_leaves(filled):
     centre = leaves.lower + leaves.size[:, None] / 2
     np.testing.assert_array_equal(filled.state(centre), leaves.state)
     np.testing.assert_allclose(filled.probability(centre), leaves.probability)
-    np.testing.assert_allclose(leaves.probability, 1 / (1 + np.exp(-leaves.log_odds.astype(float))), rtol=1e-6)
-    np.testing.assert_array_equal(filled.state(leaves.lower), leaves.state)  # half-open: the lower corner is inside
+    np.testing.assert_allclose(
+        leaves.probability, 1 / (1 + np.exp(-leaves.log_odds.astype(float))), rtol=1e-6
+    )
+    np.testing.assert_array_equal(
+        filled.state(leaves.lower), leaves.state
+    )  # half-open: the lower corner is inside
     assert (leaves.log_odds[~leaves.observed] == 0).all()
     assert (leaves.hits[~leaves.observed] == 0).all()
 
@@ -145,16 +151,18 @@ def test_threads_share_a_map():
 
 
 def test_four_dimensions_hold_time_as_a_fourth_axis():
-    """A door seen on three days (x, y, z, time of day): closed in the first half, in the second a wall behind it."""
+    """A door on three days (x, y, z, time): closed in the first half, in the second a wall behind it."""
     m = ndtree.AdaptiveMap(dim=4, branching=2, min_cell_size=0.1, max_cell_size=0.8, range_sigma=0.02)
     random = np.random.default_rng(5)
     for i in range(180):
         time = 0.8 * (i % 60 + 0.5) / 60
-        target = np.column_stack([np.full(400, 1.05 if time < 0.4 else 2.05), random.uniform(-0.5, 0.5, (400, 2))])
+        target = np.column_stack(
+            [np.full(400, 1.05 if time < 0.4 else 2.05), random.uniform(-0.5, 0.5, (400, 2))]
+        )
         m.insert(np.column_stack([target, np.full(400, time)]), [0.0, 0.0, 0.0, time])
     at = random.uniform(-0.2, 0.2, (300, 2))
     closed = np.column_stack([np.full(300, 1.05), at, np.full(300, 0.2)])
-    opened = closed + [0, 0, 0, 0.4]
+    opened = closed + np.array([0, 0, 0, 0.4])
     assert m.occupied_within(closed, 0.05).mean() > 0.9
     assert (m.state(opened) == 0).mean() > 0.9
     ahead = np.tile([1.0, 0.0, 0.0, 0.0], (300, 1))

@@ -79,4 +79,6 @@ def test_everything_public_is_documented(name):
     assert type_.__doc__
     for member in public(vars(type_)):
         documentation = getattr(type_, member).__doc__ or ""
-        assert len(documentation.splitlines()) > 1 or not documentation.startswith(member + "("), f"{name}.{member}"
+        assert len(documentation.splitlines()) > 1 or not documentation.startswith(member + "("), (
+            f"{name}.{member}"
+        )

@@ -279,4 +279,12 @@ Log simulate_log(const std::string& world, std::optional<int> dim, std::size_t l
   return log;
 }
 
+void keep_returned(Log& log) {
+  std::visit(
+      [](auto& scans) {
+        for (auto& scan : scans) scan = scan.returned_only();
+      },
+      log.scans);
+}
+
 }  // namespace ndtree

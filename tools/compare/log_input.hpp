@@ -42,4 +42,7 @@ struct Log {
 /// @param limit the log ends after so many scans. @throws InputError for any other name.
 [[nodiscard]] Log simulate_log(const std::string& world, std::optional<int> dim, std::size_t limit);
 
+/// Leaves out every beam that did not return.
+void keep_returned(Log& log);
+
 }  // namespace ndtree

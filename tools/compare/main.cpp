@@ -34,6 +34,7 @@ struct Call {
   std::string world;
   std::optional<int> dim;
   std::size_t limit = std::numeric_limits<std::size_t>::max();
+  std::string no_return = "free";
   std::string maps = ndtree::kHaveOctomap ? "adaptive,fixed,octomap" : "adaptive,fixed";
   std::string json;
   std::string csv;
@@ -79,6 +80,10 @@ void declare(CLI::App& app, Call& call) {
       ->capture_default_str();
   app.add_option("--max-range", call.options.max_range,
                  "longer beams say only that the space up to there is free [m]; by default unlimited");
+  app.add_option("--no-return", call.no_return,
+                 "what a beam without return says: free, up to its end point; or ignore, nothing")
+      ->check(CLI::IsMember({"free", "ignore"}))
+      ->capture_default_str();
   app.add_option("--held-out", call.options.held_out,
                  "every K-th scan is not mapped but tests the maps; 0: none")
       ->check(CLI::NonNegativeNumber)
@@ -96,7 +101,7 @@ void declare(CLI::App& app, Call& call) {
   app.set_version_flag("--version", NDTREE_VERSION);
   app.footer(
       "Examples:\n"
-      "  ndtree-compare intel.log.gz --max-range 20\n"
+      "  ndtree-compare intel.log.gz --max-range 20 --no-return ignore\n"
       "  ndtree-compare --world office --repeat 1\n"
       "  ndtree-compare kinect.npz --range-sigma 0.005 --range-sigma-quadratic 0.0015 --json kinect.json\n"
       "  ndtree-compare street.npz --branching 3 --min-cell-size 0.1 --maps adaptive,octomap,octomap-scan\n"
@@ -134,9 +139,11 @@ void run(const Call& call) {
   for (const std::string& file : {call.json, call.csv})
     if (!file.empty()) ndtree::check_writable(file);
   show_progress("reading", 0.0);
-  const ndtree::Log log = call.world.empty() ? ndtree::read_log(call.log, call.dim, call.limit)
-                                             : ndtree::simulate_log(call.world, call.dim, call.limit);
-  const auto report = ndtree::to_json(ndtree::compare(log, call.options, show_progress));
+  ndtree::Log log = call.world.empty() ? ndtree::read_log(call.log, call.dim, call.limit)
+                                       : ndtree::simulate_log(call.world, call.dim, call.limit);
+  if (call.no_return == "ignore") ndtree::keep_returned(log);
+  auto report = ndtree::to_json(ndtree::compare(log, call.options, show_progress));
+  report["parameters"]["no_return"] = call.no_return;
   show_progress("", 1.0);
   if (!call.json.empty()) ndtree::write_file(call.json, ndtree::to_text(report));
   if (!call.csv.empty()) ndtree::write_file(call.csv, ndtree::to_csv(report));

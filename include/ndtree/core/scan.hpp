@@ -43,6 +43,25 @@ struct Scan {
 
   [[nodiscard]] Eigen::Index size() const { return endpoints.cols(); }
 
+  /// The same scan with only the beams that returned, in their order: for sensors whose missing returns say
+  /// nothing, because glass, dark surfaces or the sky cause them alike.
+  [[nodiscard]] Scan returned_only() const {
+    if (returned.size() == 0) return *this;
+    Scan result;
+    result.stamp = stamp;
+    const Eigen::Index kept = returned.count();
+    result.endpoints.resize(D, kept);
+    result.origins.resize(D, origins.cols() == 1 ? 1 : kept);
+    if (origins.cols() == 1) result.origins = origins;
+    for (Eigen::Index i = 0, k = 0; i < size(); ++i) {
+      if (!returned[i]) continue;
+      result.endpoints.col(k) = endpoints.col(i);
+      if (origins.cols() != 1) result.origins.col(k) = origins.col(i);
+      ++k;
+    }
+    return result;
+  }
+
   /// @throws std::invalid_argument if the arrays' sizes disagree.
   [[nodiscard]] ScanView<D> view() const {
     if (origins.cols() != 1 && origins.cols() != size())

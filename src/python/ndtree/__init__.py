@@ -32,7 +32,7 @@ if has_octomap:
     from ._core import OctoMap
 else:
 
-    def OctoMap(*_args: object, **_options: object) -> OccupancyMap:  # noqa: N802
+    def OctoMap(*_args: object, **_options: object) -> OccupancyMap:
         """Say why there is no OctoMap: it was not there when the module was built."""
         raise RuntimeError(
             "ndtree was built without OctoMap: install liboctomap-dev and build it again "

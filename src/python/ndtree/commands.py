@@ -52,6 +52,13 @@ class World(str, Enum):
     street = "street"
 
 
+class NoReturnKind(str, Enum):
+    """What a beam without return says."""
+
+    free = "free"
+    ignore = "ignore"
+
+
 class WrongCall(Exception):
     """What the user asked for cannot be done, whatever the input."""
 
@@ -70,6 +77,9 @@ Dim = Annotated[
 MaxRange = Annotated[
     Optional[float],
     typer.Option(help="Longer beams are free space up to here \\[m]; else no limit.", show_default=False),
+]
+NoReturn = Annotated[
+    NoReturnKind, typer.Option(help="What a beam without return says: free up to its end point, or nothing.")
 ]
 Json = Annotated[
     Optional[Path], typer.Option("--json", metavar="FILE", help="Write all figures; - for standard output.")
@@ -168,6 +178,7 @@ def demo(
     ),
     dim: Dim = None,
     max_range: MaxRange = None,
+    no_return: NoReturn = NoReturnKind.free,
     scans: Scans = None,
     seed: Seed = 1,
     json_file: Json = None,
@@ -185,7 +196,7 @@ def demo(
     plot = _plot()
     _check_target(json_file)
     output.mkdir(parents=True, exist_ok=True)
-    comparison = _compare(opened, maps, options, max_range=max_range)
+    comparison = _compare(opened, maps, options, max_range=max_range, no_return=no_return.value)
     if not _is_stdout(json_file):
         print(comparison)
     _write_json(comparison, json_file)
@@ -215,6 +226,7 @@ def map_(
     picture: Annotated[Optional[Path], typer.Option(metavar="PNG", help="Draw the map, too.")] = None,
     dim: Dim = None,
     max_range: MaxRange = None,
+    no_return: NoReturn = NoReturnKind.free,
     json_file: Json = None,
     options: Any = None,
 ) -> None:
@@ -230,6 +242,8 @@ def map_(
     seconds, scans = 0.0, 0
     with _progress() as advance:
         for scan in opened:
+            if no_return is NoReturnKind.ignore:
+                scan = scan.returned_only()
             try:
                 one = scan.insert_into(target, max_range=limit)
             except ValueError as error:
@@ -256,7 +270,7 @@ def map_(
 @app.command(
     "compare",
     epilog=_examples(
-        "ndtree compare intel.log.gz --repeat 5 --json intel.json",
+        "ndtree compare intel.log.gz --max-range 20 --no-return ignore --json intel.json",
         "ndtree compare --world apartment --maps adaptive,fixed,fixed@0.1,octomap --picture rooms.png",
     ),
 )
@@ -277,6 +291,7 @@ def compare_(
     repeat: Repeat = 1,
     dim: Dim = None,
     max_range: MaxRange = None,
+    no_return: NoReturn = NoReturnKind.free,
     scans: Scans = None,
     seed: Seed = 1,
     json_file: Json = None,
@@ -299,7 +314,15 @@ def compare_(
     _check_picture(plot, picture)
     if picture and names is not None and len(names) < 2:
         raise WrongCall("--picture: expected at least two maps")
-    comparison = _compare(opened, names, options, max_range=max_range, held_out=held_out, repeat=repeat)
+    comparison = _compare(
+        opened,
+        names,
+        options,
+        max_range=max_range,
+        no_return=no_return.value,
+        held_out=held_out,
+        repeat=repeat,
+    )
     if plot and picture:
         _draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], picture)
     if not (_is_stdout(json_file) or _is_stdout(csv_file)):

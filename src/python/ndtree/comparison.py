@@ -28,6 +28,7 @@ Maps = Union[Sequence[str], Mapping[str, MapMaker]]
 Progress = Callable[[str, int, int], None]
 
 DEFAULT_MAPS = ("adaptive", "fixed", "octomap") if _core.has_octomap else ("adaptive", "fixed")
+NO_RETURN = ("free", "ignore")
 OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
 COUNTED = ("leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
 NEEDED = ("cells", "nodes", "updates", "memory_bytes", "resident_bytes")
@@ -72,6 +73,7 @@ def compare(
     *,
     held_out: int = 10,
     max_range: float = math.inf,
+    no_return: str = "free",
     repeat: int = 1,
     cell_size: float | None = None,
     progress: Progress | None = None,
@@ -92,6 +94,8 @@ def compare(
         Each held_out-th scan is not mapped, and tells how true the maps are; 0 maps all.
     max_range : float
         Longer beams say only that the space up to there is free [m].
+    no_return : str
+        What a beam without return says: "free", that space is free up to its end point; "ignore", nothing.
     repeat : int
         How often each map is made, in turns, for the times. Updates and cells do not depend on it.
     cell_size : float, optional
@@ -121,12 +125,16 @@ def compare(
             raise ValueError(f"{name} = {value}: must be >= {least}")
     if held_out == 1:
         raise ValueError("held_out = 1: must be 0 or at least 2, or nothing is left to map")
+    if no_return not in NO_RETURN:
+        raise ValueError(f"no_return = {no_return!r}: must be one of {', '.join(NO_RETURN)}")
     if maps is None:
         maps = DEFAULT_MAPS
     if "min_cell_size" in options:
         cell_size = options.pop("min_cell_size")
     progress = progress or _no_progress
     scans = _loaded(log, progress)
+    if no_return == "ignore":
+        scans = [scan.returned_only() for scan in scans]
     dim = scans[0].dim
     makers = _makers(maps, dim, cell_size, options)
     mapped = {i: scan for i, scan in enumerate(scans) if not _is_held_out(i, held_out)}
@@ -162,6 +170,7 @@ def compare(
             **_plain(first.map.options),
             "held_out": held_out,
             "max_range": _finite(max_range),
+            "no_return": no_return,
             "repeat": repeat,
             "maps": {name: _plain(one.map.options) for name, one in built.items()},
         },

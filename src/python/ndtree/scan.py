@@ -82,6 +82,16 @@ class Scan:
         """Number of coordinates of a point."""
         return self.endpoints.shape[1]
 
+    def returned_only(self) -> Scan:
+        """The same scan with only the beams that returned, in their order.
+
+        For sensors whose missing returns say nothing: glass, dark surfaces and the sky cause them alike.
+        """
+        if self.returned is None:
+            return self
+        origin = self.origin if self.origin.ndim == 1 else self.origin[self.returned]
+        return Scan(self.endpoints[self.returned], origin, stamp=self.stamp)
+
     def insert_into(self, target: OccupancyMap, *, max_range: float = math.inf) -> InsertReport:
         """Integrate the scan into a map; the same as the map's own ``insert``.
 

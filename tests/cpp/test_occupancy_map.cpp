@@ -1,0 +1,677 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "flat_map.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "options.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
+#include "trees.hpp"
+
+namespace ndtree::test {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+const double kNan = std::numeric_limits<double>::quiet_NaN();
+
+template <int D>
+Scan<D> scan_of(const std::vector<Vector<D>>& origins, const std::vector<Vector<D>>& endpoints,
+                const std::vector<bool>& returned = {}) {
+  Scan<D> scan;
+  scan.origins.resize(D, static_cast<Eigen::Index>(origins.size()));
+  scan.endpoints.resize(D, static_cast<Eigen::Index>(endpoints.size()));
+  scan.returned.resize(static_cast<Eigen::Index>(returned.size()));
+  for (std::size_t i = 0; i < origins.size(); ++i)
+    scan.origins.col(static_cast<Eigen::Index>(i)) = origins[i];
+  for (std::size_t i = 0; i < endpoints.size(); ++i)
+    scan.endpoints.col(static_cast<Eigen::Index>(i)) = endpoints[i];
+  for (std::size_t i = 0; i < returned.size(); ++i) scan.returned[static_cast<Eigen::Index>(i)] = returned[i];
+  return scan;
+}
+
+template <int D>
+Scan<D> one_beam(const Vector<D>& origin, const Vector<D>& endpoint, bool returned = true) {
+  return scan_of<D>({origin}, {endpoint}, {returned});
+}
+
+/// Beams within (-size, size): measured numbers, or exact ones on a grid of a quarter of the smallest cell.
+template <int D>
+Scan<D> random_beams(Random& random, int count, double size, double grid) {
+  std::vector<Vector<D>> origins;
+  std::vector<Vector<D>> endpoints;
+  std::vector<bool> returned;
+  const auto place = [&] {
+    Vector<D> point;
+    for (int a = 0; a < D; ++a) {
+      point[a] = random.uniform(-size, size);
+      if (grid > 0.0) point[a] = std::round(point[a] / grid) * grid;
+    }
+    return point;
+  };
+  for (int i = 0; i < count; ++i) {
+    origins.push_back(place());
+    endpoints.push_back(place());
+    if (grid > 0.0)  // Often parallel to an axis, sometimes of no length.
+      for (int a = 0; a < D; ++a)
+        if (random.chance(0.3)) endpoints.back()[a] = origins.back()[a];
+    returned.push_back(random.chance(0.8));
+  }
+  return scan_of<D>(origins, endpoints, returned);
+}
+
+/// Leaves that a beam updated.
+template <class Map>
+LeafMap<Map::kDim, OccupancyCell> observed_leaves(const Map& map) {
+  LeafMap<Map::kDim, OccupancyCell> leaves;
+  for_each_leaf(map.tree(), [&](const auto& leaf) {
+    if (leaf.cell().observed()) leaves.emplace(leaf.index, leaf.cell());
+  });
+  return leaves;
+}
+
+template <class Map, class Flat>
+void expect_equal(const Map& map, const Flat& flat) {
+  std::size_t observed = 0;
+  for (const auto& [index, evidence] : flat.cells) observed += evidence.observed;
+  const auto leaves = observed_leaves(map);
+  EXPECT_EQ(leaves.size(), observed);
+  EXPECT_EQ(map.stats().observed_leaves, observed);
+  int wrong = 0;
+  for (const auto& [index, cell] : leaves) {
+    const auto found = flat.cells.find(index);
+    const bool same = found != flat.cells.end() && found->second.observed &&
+                      found->second.hits == cell.hits() && found->second.misses == cell.misses() &&
+                      std::abs(found->second.log_odds - cell.log_odds()) <= 1e-5f;
+    if (!same && wrong++ == 0) {
+      ADD_FAILURE() << "level " << index.level << " at " << index.lower[0] << " ...: " << cell.hits()
+                    << " hits, " << cell.misses() << " misses, log-odds " << cell.log_odds() << "; expected "
+                    << (found == flat.cells.end()
+                            ? "another cell"
+                            : std::to_string(found->second.hits) + " hits, " +
+                                  std::to_string(found->second.misses) + " misses, log-odds " +
+                                  std::to_string(found->second.log_odds));
+    }
+  }
+  EXPECT_EQ(wrong, 0);
+  EXPECT_EQ(map.counters().updates, flat.updates);
+  EXPECT_EQ(map.counters().splits, flat.splits);
+  EXPECT_EQ(map.counters().merges, flat.merges);
+}
+
+template <class S>
+class OccupancyMapOf : public ::testing::Test {};
+TYPED_TEST_SUITE(OccupancyMapOf, Shapes, ShapeNames);
+
+TYPED_TEST(OccupancyMapOf, FixedMapEqualsEveryCellClippedAgainstEveryBeam) {
+  NDTREE_SHAPE;
+  Random random(40);
+  SCOPED_TRACE(random.trace());
+  constexpr double kUnit = 0.25;
+  const int cells = D <= 2 ? 12 : D == 3 ? 6 : 4;  // From -cells to cells on each axis.
+  const double size = cells * kUnit - 0.5;         // 3 sigma behind the end points still fit.
+  int beams = 0;
+  for (const double grid : {0.0, kUnit / 4.0})
+    for (const double max_range : {kInfinity, 1.0}) {
+      const MapOptions options = spelled_out_options(kUnit, 1.0);
+      FixedMap<N, D> map(options);
+      FlatMap<N, D> flat(options, options.num_levels(N), false, 0, 0);
+      // The same lattice, all of it in smallest cells.
+      flat.cells = FlatMap<N, D>(options, 0, false, -cells, cells).cells;
+      LeafMap<D, Evidence> finest;
+      for (const auto& [index, evidence] : flat.cells)
+        finest[CellIndex<D>{index.lower, -options.num_levels(N)}] = evidence;
+      flat.cells = finest;
+      for (int scan = 0; scan < 3; ++scan) {
+        const Scan<D> beam_list = random_beams<D>(random, 25, size, grid);
+        const auto report = map.insert(beam_list, max_range);
+        const std::uint64_t before = flat.updates;
+        for (Eigen::Index i = 0; i < beam_list.size(); ++i, ++beams)
+          flat.insert(beam_list.origins.col(i), beam_list.endpoints.col(i), beam_list.returned[i], max_range);
+        EXPECT_EQ(report.updates, flat.updates - before);
+        EXPECT_EQ(report.beams, 25u);
+        EXPECT_EQ(report.beams,
+                  report.returned + report.not_returned + report.beyond_max_range + report.invalid);
+      }
+      expect_equal(map, flat);
+      map.check_invariants();
+    }
+  EXPECT_EQ(beams, 2 * 2 * 3 * 25);
+}
+
+TYPED_TEST(OccupancyMapOf, AdaptiveMapEqualsThePaperWithoutATree) {
+  NDTREE_SHAPE;
+  Random random(41);
+  SCOPED_TRACE(random.trace());
+  constexpr double kUnit = 0.25;
+  const int levels = N == 2 ? 2 : 1;
+  const double coarsest = kUnit * std::pow(N, levels);
+  MapOptions options = spelled_out_options(kUnit, coarsest);
+  options.range_sigma = 0.03;
+  options.merge_free_below = 0.42;  // One beam is enough, so that much merges.
+  options.merge_occupied_above = 0.65;
+  ASSERT_EQ(options.num_levels(N), levels);
+  const double size = 2.0 * coarsest - 0.125;
+  int beams = 0;
+  std::uint64_t splits = 0;
+  std::uint64_t merges = 0;
+  for (const double grid : {0.0, kUnit / 4.0}) {
+    AdaptiveMap<N, D> map(options);
+    FlatMap<N, D> flat(options, levels, true, -2, 2);
+    const int scans = D <= 2 ? 12 : 20;
+    for (int scan = 0; scan < scans; ++scan) {
+      // Beams from one origin that end in one wall, now and then elsewhere; then the wall is taken away.
+      Scan<D> beam_list = random_beams<D>(random, 20, size, grid);
+      for (Eigen::Index i = 0; i < beam_list.size(); ++i) {
+        if (random.chance(0.7)) beam_list.origins.col(i).setConstant(-size + 0.375);
+        if (random.chance(0.7)) beam_list.endpoints(0, i) = scan < scans / 2 ? 0.125 : size - 0.25;
+      }
+      map.insert(beam_list);
+      for (Eigen::Index i = 0; i < beam_list.size(); ++i, ++beams)
+        flat.insert(beam_list.origins.col(i), beam_list.endpoints.col(i), beam_list.returned[i], kInfinity);
+      ASSERT_NO_THROW(map.check_invariants());
+    }
+    expect_equal(map, flat);
+    splits += map.counters().splits;
+    merges += map.counters().merges;
+  }
+  EXPECT_EQ(beams, 2 * 20 * (D <= 2 ? 12 : 20));
+  EXPECT_GE(splits, 5u);
+  EXPECT_GE(merges, D <= 2 ? 1u : 0u);
+}
+
+TYPED_TEST(OccupancyMapOf, AdaptiveMapThatMayNotSplitIsAFixedMap) {
+  NDTREE_SHAPE;
+  Random random(42);
+  SCOPED_TRACE(random.trace());
+  const Scan<D> beams = random_beams<D>(random, 150, 4.0, 0.0);
+  // One size only.
+  MapOptions options = spelled_out_options(0.25, 0.25);
+  AdaptiveMap<N, D> one_size(options);
+  FixedMap<N, D> fixed(options);
+  auto report = one_size.insert(beams);
+  const auto fixed_report = fixed.insert(beams);
+  EXPECT_EQ(leaves_of(one_size.tree()), leaves_of(fixed.tree()));
+  EXPECT_EQ(report.updates, fixed_report.updates);
+  EXPECT_EQ(report.splits + report.merges, 0u);
+  EXPECT_GT(observed_leaves(fixed).size(), 20u);
+
+  // Error rates of one half, with which no count contradicts.
+  options = spelled_out_options(0.25, 0.25 * N);
+  options.miss_given_occupied = 0.5;
+  options.hit_given_free = 0.5;
+  AdaptiveMap<N, D> unwilling(options);
+  FixedMap<N, D> coarse(spelled_out_options(0.25 * N, 0.25 * N));
+  report = unwilling.insert(beams);
+  EXPECT_EQ(report.updates, coarse.insert(beams).updates);
+  EXPECT_EQ(report.splits + report.merges, 0u);
+  const auto coarse_leaves = observed_leaves(coarse);
+  const auto leaves = observed_leaves(unwilling);
+  EXPECT_EQ(leaves.size(), coarse_leaves.size());
+  int cases = 0;
+  for (const auto& [fine_index, cell] : leaves) {
+    auto index = fine_index;
+    for (auto& lower : index.lower) lower /= N;  // Between the lattices.
+    ASSERT_EQ(index.level, 0);
+    ASSERT_EQ(coarse_leaves.count(index), 1u);
+    ASSERT_EQ(coarse_leaves.at(index), cell);
+    ++cases;
+  }
+  EXPECT_GT(cases, 10);
+}
+
+TYPED_TEST(OccupancyMapOf, OneScanEqualsItsBeamsOneByOneAndTheSameInputTheSameMap) {
+  NDTREE_SHAPE;
+  Random random(43);
+  SCOPED_TRACE(random.trace());
+  const MapOptions options = spelled_out_options(0.1, 0.1 * N * N);
+  const Scan<D> beams = random_beams<D>(random, 120, 2.0, 0.0);
+  AdaptiveMap<N, D> whole(options);
+  AdaptiveMap<N, D> again(options);
+  AdaptiveMap<N, D> one_by_one(options);
+  const auto report = whole.insert(beams, 3.0);
+  again.insert(beams, 3.0);
+  InsertReport sum;
+  for (Eigen::Index i = 0; i < beams.size(); ++i) {
+    const auto one =
+        one_by_one.insert(one_beam<D>(beams.origins.col(i), beams.endpoints.col(i), beams.returned[i]), 3.0);
+    sum.updates += one.updates;
+    sum.splits += one.splits;
+    sum.merges += one.merges;
+  }
+  EXPECT_EQ(leaves_of(whole.tree()), leaves_of(again.tree()));
+  EXPECT_EQ(observed_leaves(whole), observed_leaves(one_by_one));
+  EXPECT_EQ(report.updates, sum.updates);
+  EXPECT_EQ(report.splits, sum.splits);
+  EXPECT_EQ(report.merges, sum.merges);
+  EXPECT_GT(report.updates, 120u);
+
+  // One origin for all is the same as the same origin for each.
+  Scan<D> shared = beams;
+  shared.origins = beams.origins.leftCols(1);
+  Scan<D> repeated = beams;
+  repeated.origins = beams.origins.col(0).replicate(1, beams.size());
+  AdaptiveMap<N, D> a(options);
+  AdaptiveMap<N, D> b(options);
+  a.insert(shared);
+  b.insert(repeated);
+  EXPECT_EQ(leaves_of(a.tree()), leaves_of(b.tree()));
+  EXPECT_EQ(shared.view().origin_per_beam, false);
+  EXPECT_EQ(repeated.view().origin_per_beam, true);
+}
+
+TYPED_TEST(OccupancyMapOf, RandomScansKeepTheInvariants) {
+  NDTREE_SHAPE;
+  Random random(44);
+  SCOPED_TRACE(random.trace());
+  int scans = 0;
+  for (int round = 0; round < 3; ++round) {
+    MapOptions options = spelled_out_options(0.05, 0.05 * N * N);
+    options.range_sigma = random.uniform(0.01, 0.1);
+    options.range_sigma_quadratic = random.chance(0.5) ? 0.0 : 0.002;
+    options.hit_given_free = random.uniform(0.005, 0.1);
+    options.merge_free_below = random.uniform(0.12, 0.4);
+    options.merge_occupied_above = random.uniform(0.6, 0.97);
+    AdaptiveMap<N, D> map(options);
+    for (int i = 0; i < 8; ++i, ++scans) {
+      const double size = std::exp2(random.uniform(-3.0, 2.0));
+      const auto report = map.insert(random_beams<D>(random, 40, size, 0.0), random.uniform(0.5, 5.0));
+      ASSERT_EQ(report.beams, 40u);
+      ASSERT_GE(report.seconds, 0.0);
+      ASSERT_NO_THROW(map.check_invariants());
+    }
+    const MapStats stats = map.stats();
+    std::size_t leaves = 0;
+    std::size_t observed = 0;
+    for_each_leaf(map.tree(), [&](const auto& leaf) {
+      ++leaves;
+      observed += leaf.cell().observed();
+      ASSERT_TRUE(leaf.index.level <= 0 || leaf.cell() == OccupancyCell{}) << "updated above max_cell_size";
+      ASSERT_GE(leaf.index.level, -2);
+    });
+    EXPECT_EQ(stats.leaves, leaves);
+    EXPECT_EQ(stats.observed_leaves, observed);
+    EXPECT_EQ(stats.nodes, map.tree().num_nodes());
+    EXPECT_EQ(stats.updates, map.counters().updates);
+    EXPECT_GE(stats.memory_bytes, stats.nodes * 8);
+  }
+  EXPECT_EQ(scans, 24);
+}
+
+TYPED_TEST(OccupancyMapOf, RefusedCallsChangeNothing) {
+  NDTREE_SHAPE;
+  Random random(45);
+  SCOPED_TRACE(random.trace());
+  AdaptiveMap<N, D> map(spelled_out_options(0.1, 0.1 * N));
+  map.insert(random_beams<D>(random, 60, 1.0, 0.0));
+  const auto before = leaves_of(map.tree());
+  const auto root = map.tree().root().index;
+  const std::uint64_t updates = map.counters().updates;
+  const Vector<D> zero = Vector<D>::Zero();
+  const Vector<D> one = Vector<D>::Ones();
+  struct Row {
+    const char* what;
+    Scan<D> scan;
+    double max_range;
+    const char* message;
+  };
+  const Vector<D> nan = Vector<D>::Constant(kNan);
+  const Row rows[] = {
+      {"origin is NaN", one_beam<D>(nan, one), 5.0, "origin"},
+      {"origin is infinite", one_beam<D>(Vector<D>::Constant(kInfinity), one), 5.0, "origin"},
+      {"max_range is zero", one_beam<D>(zero, one), 0.0, "max_range = 0"},
+      {"max_range is negative", one_beam<D>(zero, one), -1.0, "max_range = -1"},
+      {"max_range is NaN", one_beam<D>(zero, one), kNan, "max_range"},
+      {"end point out of reach", scan_of<D>({zero}, {one, Vector<D>::Constant(1e30)}), kInfinity,
+       "beam 1 reaches"},
+      {"origin out of reach", scan_of<D>({zero, Vector<D>::Constant(-1e30)}, {one, one}), kInfinity,
+       "beam 1"},
+      {"max_range out of reach", scan_of<D>({zero}, {one, Vector<D>::Constant(1e30)}), 1e20, "beam 1"},
+      {"too many origins", scan_of<D>({zero, zero}, {one}), kInfinity,
+       "origins has 2 columns: must be 1 or 1"},
+      {"no origin", scan_of<D>({}, {one}), kInfinity, "origins has 0 columns"},
+      {"returned too short", scan_of<D>({zero}, {one, one}, {true}), kInfinity, "returned has 1 entries"}};
+  int cases = 0;
+  for (const Row& row : rows) {
+    SCOPED_TRACE(row.what);
+    try {
+      map.insert(row.scan, row.max_range);
+      ADD_FAILURE() << "accepted";
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find(row.message), std::string::npos) << error.what();
+    }
+    EXPECT_EQ(leaves_of(map.tree()), before);
+    EXPECT_EQ(map.tree().root().index, root);
+    EXPECT_EQ(map.counters().updates, updates);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 11);
+  // A far end point is no harm where max_range ends the beam before.
+  EXPECT_EQ(map.insert(one_beam<D>(zero, Vector<D>::Constant(1e30)), 2.0).beyond_max_range, 1u);
+}
+
+TEST(OccupancyMap, OutcomesHaveTheirEffects) {
+  // Cells of 0.5 m; beams along the row [0, 0.5) of y, from x = 0.25.
+  struct Row {
+    const char* what;
+    Vector<2> endpoint;
+    bool returned;
+    double max_range;
+    const char* outcome;
+    std::vector<int> states;  // Of the cells from x = 0 on.
+  };
+  const int free = 0;
+  const int hit = 1;
+  const int none = -1;
+  const Row rows[] = {
+      {"returned", {1.75, 0.25}, true, kInfinity, "returned", {free, free, free, hit, none}},
+      {"not returned: not the cell it ends in",
+       {1.75, 0.25},
+       false,
+       kInfinity,
+       "not",
+       {free, free, free, none}},
+      {"not returned, ends on a border", {1.5, 0.25}, false, kInfinity, "not", {free, free, free, none}},
+      {"beyond max_range", {1.75, 0.25}, true, 1.0, "beyond", {free, free, none, none}},
+      {"exactly max_range", {1.75, 0.25}, true, 1.5, "returned", {free, free, free, hit, none}},
+      {"not returned, cut by max_range", {1.75, 0.25}, false, 1.0, "not", {free, free, none, none}},
+      {"max_range ends on a border", {1.75, 0.25}, true, 0.75, "beyond", {free, free, none, none}},
+      {"too short to leave its cell", {0.375, 0.25}, true, kInfinity, "returned", {hit, none}},
+      {"NaN", {kNan, 0.25}, true, kInfinity, "invalid", {none, none}},
+      {"infinite", {kInfinity, 0.25}, false, kInfinity, "invalid", {none, none}},
+      {"infinite, in spite of max_range", {kInfinity, 0.25}, true, 1.0, "invalid", {none, none}},
+      {"zero length", {0.25, 0.25}, true, kInfinity, "invalid", {none, none}},
+  };
+  int cases = 0;
+  for (const Row& row : rows) {
+    SCOPED_TRACE(row.what);
+    MapOptions options = spelled_out_options(0.5, 0.5);
+    options.range_sigma = 0.001;
+    FixedMap<2, 2> map(options);
+    const auto report = map.insert(one_beam<2>({0.25, 0.25}, row.endpoint, row.returned), row.max_range);
+    const std::string outcome = row.outcome;
+    EXPECT_EQ(report.beams, 1u);
+    EXPECT_EQ(report.returned, outcome == "returned");
+    EXPECT_EQ(report.not_returned, outcome == "not");
+    EXPECT_EQ(report.beyond_max_range, outcome == "beyond");
+    EXPECT_EQ(report.invalid, outcome == "invalid");
+    std::uint64_t updates = 0;
+    for (std::size_t i = 0; i < row.states.size(); ++i) {
+      const auto leaf = map.tree().find_leaf(Vector<2>(0.5 * static_cast<double>(i) + 0.25, 0.25));
+      const OccupancyCell cell = leaf ? leaf->cell() : OccupancyCell{};
+      EXPECT_EQ(static_cast<int>(cell.state()), row.states[i]) << "cell " << i;
+      EXPECT_EQ(cell.hits(), row.states[i] == hit) << "cell " << i;
+      EXPECT_EQ(cell.misses(), row.states[i] == free) << "cell " << i;
+      updates += row.states[i] != none;
+    }
+    EXPECT_EQ(report.updates, updates);
+    EXPECT_EQ(map.stats().observed_leaves, updates);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 12);
+}
+
+TEST(OccupancyMap, EndPointsOnBordersAndCornersCountOneHit) {
+  // Cells of 1 m. A returned beam that only touches the cell of its end point hits the next one along it.
+  struct Row {
+    const char* what;
+    Vector<2> origin, endpoint, hit;  // `hit`: centre of the cell.
+    std::uint64_t misses;
+  };
+  const Row rows[] = {
+      {"right, onto a border", {0.5, 0.5}, {2.0, 0.5}, {2.5, 0.5}, 2},
+      {"left, onto a border", {3.5, 0.5}, {2.0, 0.5}, {2.5, 0.5}, 1},
+      {"up, onto a border", {0.5, 0.5}, {0.5, 2.0}, {0.5, 2.5}, 2},
+      {"down, onto a border", {0.5, 3.5}, {0.5, 2.0}, {0.5, 2.5}, 1},
+      {"up right into a corner", {0.5, 0.5}, {2.0, 2.0}, {2.5, 2.5}, 2},
+      {"down left into a corner", {3.5, 3.5}, {2.0, 2.0}, {2.5, 2.5}, 1},
+      {"down right into a corner, whose cell it only touches", {0.5, 3.5}, {2.0, 2.0}, {2.5, 1.5}, 2},
+      {"up left into a corner, whose cell it only touches", {3.5, 0.5}, {2.0, 2.0}, {1.5, 2.5}, 2},
+      {"along a face", {0.5, 2.0}, {2.5, 2.0}, {2.5, 2.5}, 2}};
+  int cases = 0;
+  for (const Row& row : rows) {
+    SCOPED_TRACE(row.what);
+    MapOptions options = spelled_out_options(1.0, 1.0);
+    FixedMap<2, 2> map(options);
+    map.insert(one_beam<2>(row.origin, row.endpoint));
+    std::uint64_t hits = 0;
+    std::uint64_t misses = 0;
+    for (const auto& [index, cell] : observed_leaves(map)) {
+      hits += cell.hits();
+      misses += cell.misses();
+    }
+    EXPECT_EQ(hits, 1u);
+    EXPECT_EQ(misses, row.misses);
+    EXPECT_EQ(map.tree().find_leaf(row.hit)->cell().hits(), 1u);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 9);
+}
+
+TEST(OccupancyMap, PaperModeSplitsAndMergesAsWorkedOutByHand) {
+  MapOptions options = spelled_out_options(0.25, 1.0);
+  options.range_sigma = 0.001;
+  AdaptiveMap<2, 2> map(options);
+  const double free = std::log(0.4 / 0.6);      // probability_min
+  const double occupied = std::log(0.7 / 0.3);  // probability_max
+  const auto leaf_at = [&](double x, double y) { return *map.tree().find_leaf(Vector<2>(x, y)); };
+  const auto size_at = [&](double x, double y) {
+    return map.tree().geometry().cell_size(leaf_at(x, y).index.level);
+  };
+
+  // A: from the cell [0, 1)² into the one to its right, and ends there.
+  auto report = map.insert(one_beam<2>({0.5, 0.5}, {1.5, 0.5}));
+  EXPECT_EQ(report.updates, 2u);
+  EXPECT_EQ(report.splits, 0u);
+  EXPECT_EQ(size_at(1.5, 0.5), 1.0);
+  EXPECT_EQ(leaf_at(1.5, 0.5).cell().hits(), 1u);
+  EXPECT_NEAR(leaf_at(1.5, 0.5).cell().log_odds(), occupied, 1e-6);
+  EXPECT_NEAR(leaf_at(0.5, 0.5).cell().log_odds(), free, 1e-6);
+
+  // B: through it and into [2, 3) x [0, 1). One hit and one miss: chi² is 8.53 and 48.5, above 7.88.
+  const auto b = one_beam<2>({0.5, 0.25}, {2.5, 0.25});
+  report = map.insert(b);
+  EXPECT_EQ(report.updates, 3u);
+  EXPECT_EQ(report.splits, 1u);
+  EXPECT_EQ(report.merges, 0u);
+  for (const double x : {1.25, 1.75})
+    for (const double y : {0.25, 0.75}) {
+      EXPECT_EQ(size_at(x, y), 0.5);
+      EXPECT_EQ(leaf_at(x, y).cell(), OccupancyCell{});  // Unknown, with empty counts.
+    }
+  EXPECT_EQ(size_at(0.5, 0.5), 1.0);
+  EXPECT_EQ(size_at(2.5, 0.5), 1.0);
+  EXPECT_EQ(leaf_at(0.5, 0.5).cell().misses(), 2u);
+
+  // Five times B, then five times B' in the upper row: each child gets five misses, log-odds -2.03, clamped
+  // to -2.
+  for (int i = 0; i < 5; ++i) {
+    report = map.insert(b);
+    EXPECT_EQ(report.updates, 4u);
+    EXPECT_EQ(report.splits + report.merges, 0u);
+  }
+  EXPECT_EQ(leaf_at(1.25, 0.25).cell().misses(), 5u);
+  const auto b_above = one_beam<2>({0.5, 0.75}, {2.5, 0.75});
+  for (int i = 0; i < 5; ++i) {
+    report = map.insert(b_above);
+    EXPECT_EQ(report.updates, 4u);
+    EXPECT_EQ(report.merges,
+              i == 4 ? 1u : 0u);  // -1.62 after the fourth is not yet below ln(0.13 / 0.87) = -1.90.
+  }
+  EXPECT_EQ(size_at(1.5, 0.5), 1.0);
+  EXPECT_NEAR(leaf_at(1.5, 0.5).cell().log_odds(), -2.0, 1e-6);
+  EXPECT_EQ(leaf_at(1.5, 0.5).cell().hits(), 0u);
+  EXPECT_EQ(leaf_at(1.5, 0.5).cell().misses(), 20u);
+  // Three neighbours of max_cell_size; two are as free as can be, and stay two cells.
+  EXPECT_EQ(observed_leaves(map).size(), 3u);
+  EXPECT_EQ(leaf_at(0.5, 0.5).cell().misses(), 12u);
+  EXPECT_NEAR(leaf_at(0.5, 0.5).cell().log_odds(), -2.0, 1e-6);
+  EXPECT_EQ(leaf_at(2.5, 0.5).cell().hits(), 11u);
+  EXPECT_NEAR(leaf_at(2.5, 0.5).cell().log_odds(), 3.5, 1e-6);
+  EXPECT_EQ(map.counters().updates, 2u + 3u + 10u * 4u);
+  map.check_invariants();
+}
+
+TEST(OccupancyMap, NothingMergesAboveMaxCellSize) {
+  AdaptiveMap<2, 2> map(spelled_out_options(0.25, 0.5));
+  // All of [0, 4)² as free as can be, from beams through each row of cells.
+  for (int i = 0; i < 12; ++i)
+    for (int row = 0; row < 8; ++row)
+      map.insert(one_beam<2>({0.0, row * 0.5 + 0.25}, {4.5, row * 0.5 + 0.25}, false));
+  int cases = 0;
+  for_each_leaf(map.tree(), [&](const auto& leaf) {
+    const Box<2> box = map.tree().box(leaf.index);
+    if (!(box.lower.minCoeff() >= 0.0 && box.upper.maxCoeff() <= 4.0)) return;
+    EXPECT_EQ(leaf.index.level, 0);
+    EXPECT_NEAR(leaf.cell().log_odds(), -2.0, 1e-6);
+    ++cases;
+  });
+  EXPECT_EQ(cases, 64);
+  EXPECT_EQ(map.counters().merges, 0u);
+}
+
+TEST(OccupancyMap, SpaceAndTimeInFourDimensions) {
+  // x, y, z in metres and time in units of a cell. A door stands at x = 2 while 0 <= time < 1, and is gone
+  // later.
+  MapOptions options = spelled_out_options(0.25, 1.0);
+  options.range_sigma = 0.01;
+  AdaptiveMap<2, 4> adaptive(options);
+  FixedMap<2, 4> fixed(options);
+  int beams = 0;
+  for (int i = 0; i < 20; ++i)
+    for (const double y : {0.1, 0.4, 0.6, 0.9})
+      for (const double time : {0.5, 1.5}) {
+        const double x = time < 1.0 ? 2.125 : 3.125;
+        const auto scan = one_beam<4>({0.5, 0.5, 0.5, time}, {x, y, 0.5, time});
+        adaptive.insert(scan);
+        fixed.insert(scan);
+        ++beams;
+      }
+  EXPECT_EQ(beams, 160);
+  adaptive.check_invariants();
+  fixed.check_invariants();
+  const auto state = [](const auto& map, double x, double time) {
+    const auto leaf = map.tree().find_leaf(Vector<4>(x, 0.5 + 0.4 * (x - 0.5) / 1.625, 0.5, time));
+    return leaf ? leaf->cell().state() : CellState::unknown;
+  };
+  EXPECT_EQ(state(fixed, 2.125, 0.5), CellState::occupied);
+  EXPECT_EQ(state(adaptive, 2.125, 0.5), CellState::occupied);
+  const auto later = [](const auto& map) {
+    return map.tree().find_leaf(Vector<4>(2.125, 0.55, 0.5, 1.5))->cell();
+  };
+  EXPECT_EQ(later(fixed).state(), CellState::free);
+  EXPECT_EQ(later(adaptive).state(), CellState::free);
+  EXPECT_EQ(state(fixed, 2.125, 2.5), CellState::unknown);
+  EXPECT_LT(adaptive.stats().observed_leaves, fixed.stats().observed_leaves);
+}
+
+TEST(OccupancyMap, CopiesAreIndependent) {
+  Random random(46);
+  SCOPED_TRACE(random.trace());
+  AdaptiveMap<2, 2> map(spelled_out_options(0.1, 0.8));
+  map.insert(random_beams<2>(random, 50, 2.0, 0.0));
+  const auto before = leaves_of(map.tree());
+  AdaptiveMap<2, 2> copy = map;
+  copy.insert(random_beams<2>(random, 50, 8.0, 0.0));
+  EXPECT_EQ(leaves_of(map.tree()), before);
+  EXPECT_NE(leaves_of(copy.tree()), before);
+  map.check_invariants();
+  copy.check_invariants();
+}
+
+TEST(OccupancyMap, AnEmptyScanDoesNothing) {
+  AdaptiveMap<2, 2> map;
+  const Scan<2> empty = scan_of<2>({Vector<2>::Zero()}, {});
+  const auto report = map.insert(empty);
+  EXPECT_EQ(report.beams, 0u);
+  EXPECT_EQ(report.updates, 0u);
+  EXPECT_EQ(map.stats().nodes, 1u);
+  // Beams that say nothing, each from its own origin.
+  const auto mixed = scan_of<2>({{kNan, 0.0}, {0.0, 0.0}, {1.0, 1.0}}, {{1.0, 1.0}, {kNan, 1.0}, {1.0, 1.0}});
+  EXPECT_EQ(map.insert(mixed).invalid, 3u);
+  EXPECT_EQ(map.stats().nodes, 1u);
+}
+
+TEST(OccupancyMap, FarFromTheOriginAsNear) {
+  Random random(47);
+  SCOPED_TRACE(random.trace());
+  // Dyadic cells and points, so that the shift by 2^20 m, 1048 km, is exact.
+  MapOptions options = spelled_out_options(0.0078125, 0.0625);
+  options.range_sigma = 0.01;
+  const double shift = 1048576.0;
+  AdaptiveMap<2, 2> near(options);
+  AdaptiveMap<2, 2> far(options);
+  Scan<2> beams = random_beams<2>(random, 200, 1.0, 1.0 / 1024.0);
+  near.insert(beams);
+  beams.origins.array() += shift;
+  beams.endpoints.array() += shift;
+  far.insert(beams);
+  LeafMap<2, OccupancyCell> shifted;
+  for (const auto& [near_index, cell] : observed_leaves(near)) {
+    auto index = near_index;
+    for (auto& lower : index.lower) lower += static_cast<std::int64_t>(shift * 128.0);
+    shifted.emplace(index, cell);
+  }
+  EXPECT_EQ(observed_leaves(far), shifted);
+  EXPECT_GT(shifted.size(), 100u);
+  far.check_invariants();
+}
+
+TEST(MapOptions, LevelsBetweenTheSmallestAndTheLargestCell) {
+  struct Row {
+    double min_cell_size, max_cell_size;
+    int branching, levels;
+  };
+  const Row rows[] = {{0.05, 1.6, 2, 5},  {0.05, 1.59, 2, 4}, {0.1, 0.1, 2, 0},   {0.1, 0.19, 2, 0},
+                      {0.1, 0.3, 3, 1},   {0.1, 0.9, 3, 2},   {0.1, 2.7, 3, 3},   {0.1, 0.7, 7, 1},
+                      {0.01, 0.25, 5, 2}, {0.02, 2.5, 5, 3},  {0.05, 0.35, 7, 1}, {0.05, 6.4, 2, 7}};
+  for (const Row& row : rows) {
+    MapOptions options;
+    options.min_cell_size = row.min_cell_size;
+    options.max_cell_size = row.max_cell_size;
+    EXPECT_EQ(options.num_levels(row.branching), row.levels)
+        << row.min_cell_size << " to " << row.max_cell_size << ", N = " << row.branching;
+  }
+}
+
+TEST(MapOptions, BadValuesAreRefusedByName) {
+  struct Row {
+    std::function<void(MapOptions&)> spoil;
+    const char* message;
+  };
+  const Row rows[] = {
+      {[](MapOptions& o) { o.min_cell_size = 0.0; }, "min_cell_size = 0.0: must be > 0"},
+      {[](MapOptions& o) { o.min_cell_size = -0.1; }, "min_cell_size = -0.1: "},
+      {[](MapOptions& o) { o.min_cell_size = kNan; }, "min_cell_size = "},
+      {[](MapOptions& o) { o.max_cell_size = 0.04; }, "max_cell_size = 0.04: must be at least min_cell_size"},
+      {[](MapOptions& o) { o.max_cell_size = kInfinity; }, "max_cell_size = inf: "},
+      {[](MapOptions& o) { o.max_cell_size = 1e300; }, ""},  // More levels than the lattice has.
+      {[](MapOptions& o) { o.min_cell_size = 1e-300, o.max_cell_size = 1e300; }, ""},
+      {[](MapOptions& o) { o.range_sigma = 0.0; }, "range_sigma = "},
+      {[](MapOptions& o) { o.significance = 1.0; }, "significance = "},
+      {[](MapOptions& o) { o.merge_free_below = 0.6; }, "merge_free_below = "}};
+  int cases = 0;
+  for (const Row& row : rows) {
+    MapOptions options;
+    row.spoil(options);
+    try {
+      const AdaptiveMap<2, 2> map(options);
+      ADD_FAILURE() << row.message << "accepted";
+    } catch (const std::invalid_argument& error) {
+      EXPECT_EQ(std::string(error.what()).rfind(row.message, 0), 0u) << error.what();
+    }
+    ++cases;
+  }
+  EXPECT_EQ(cases, 10);
+}
+
+}  // namespace
+}  // namespace ndtree::test
