@@ -378,6 +378,56 @@ TYPED_TEST(BeamTraversalOf, NearlyDiagonalBeamsStepOverSliversInOrder) {
   EXPECT_GT(visits, 900u);
 }
 
+/// From so far away that several planes round to the same t: their cells are not crossed over any length.
+TYPED_TEST(BeamTraversalOf, PlanesThatRoundingJoinsLeaveNoEmptyParts) {
+  NDTREE_SHAPE;
+  NdTree<N, D, int> tree(kUnit, 2);
+  tree.split(tree.root());
+  for (int j = 0; j < tree.kNumChildren; ++j) tree.split(tree.child(tree.root(), j));
+  const auto directions = static_cast<int>(integer_power(3, D));
+  int cases = 0;
+  std::size_t visits = 0;
+  std::size_t skipped = 0;
+  for (int number = 0; number < directions; ++number) {
+    const Offset<D> signs = child_offset<3, D>(number);
+    for (const double far : {0x1p50, 0x1p51, 0x1p52}) {  // There, doubles are 1/4, 1/2 and 1 m apart.
+      Vector<D> origin;
+      Vector<D> direction;
+      for (int a = 0; a < D; ++a) {
+        direction[a] = signs[static_cast<std::size_t>(a)] - 1;
+        origin[a] = 0.375 - direction[a] * far;
+      }
+      std::vector<Crossing<D>> expected;
+      for_each_leaf(tree, [&](const auto& leaf) {
+        const Box<D> box = tree.box(leaf.index);
+        double t_enter = 0.0;
+        double t_exit = 0x1p60;
+        for (int a = 0; a < D; ++a) {
+          const double to_lower = box.lower[a] - origin[a];
+          const double to_upper = box.upper[a] - origin[a];
+          if (direction[a] == 0.0) {
+            if (to_lower > 0.0 || to_upper <= 0.0) t_exit = t_enter;
+          } else {
+            t_enter = std::max(t_enter, std::min(to_lower / direction[a], to_upper / direction[a]));
+            t_exit = std::min(t_exit, std::max(to_lower / direction[a], to_upper / direction[a]));
+          }
+        }
+        skipped += t_enter == t_exit;
+        if (t_enter < t_exit) expected.push_back({leaf.index, t_enter, t_exit});
+      });
+      std::sort(expected.begin(), expected.end(),
+                [](const auto& a, const auto& b) { return a.t_enter < b.t_enter; });
+      ASSERT_EQ(traversed(tree, origin, direction, 0.0, 0x1p60), expected)
+          << direction.transpose() << " " << far;
+      visits += expected.size();
+      ++cases;
+    }
+  }
+  EXPECT_EQ(cases, 3 * directions);
+  EXPECT_GT(visits, 10u);
+  EXPECT_GT(skipped, 2u);
+}
+
 TYPED_TEST(BeamTraversalOf, StopsWhenTheVisitorSaysSo) {
   NDTREE_SHAPE;
   Random random(24);

@@ -119,10 +119,10 @@ TYPED_TEST(NodePoolOf, BlocksKeepAddressAndContentUntilFreed) {
       ASSERT_TRUE(content.address[j].cell() == numbered_cell<Cell>(content.number + j));
   }
   EXPECT_GT(cases, 1000u);
-  // What is held is what was needed at most, in chunks of 64 KiB or one block, and their list.
+  // What is held is what was needed at most, in chunks of 8 KiB or one block, and their list.
   const std::size_t block_bytes = sizeof(Node<Cell>) * static_cast<std::size_t>(kBlockSize);
   EXPECT_GE(pool.memory_bytes(), most * block_bytes);
-  EXPECT_LE(pool.memory_bytes(), most * block_bytes + std::max<std::size_t>(65536, block_bytes) + 4096);
+  EXPECT_LE(pool.memory_bytes(), most * block_bytes + std::max<std::size_t>(8192, block_bytes) + 4096);
 }
 
 TYPED_TEST(NodePoolOf, LastFreedIsUsedFirstAndCostsNoMemory) {

@@ -139,9 +139,10 @@ class NodePool {
   static constexpr BlockId kMaxBlocks = 0x7fffffffu;
   static constexpr BlockId kNone = 0x7fffffffu;
   static constexpr std::size_t kBlockBytes = sizeof(NodeType) * kBlockSize;
-  static constexpr int chunk_bits() {  // Chunks of about 64 KiB, and at least one block.
+  /// Chunks are of about 8 KiB, so that small maps are small, and of at least one block.
+  static constexpr int chunk_bits() {
     int bits = 0;
-    while ((kBlockBytes << (bits + 1)) <= 65536) ++bits;
+    while ((kBlockBytes << (bits + 1)) <= 8192) ++bits;
     return bits;
   }
   static constexpr int kChunkBits = chunk_bits();
