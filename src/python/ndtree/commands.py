@@ -630,8 +630,10 @@ def _plot() -> Any:
 
 
 def _draw(plot: Any, m: OccupancyMap, path: Path) -> None:
-    ax = plot.occupancy(m) if m.dim == 2 else plot.occupied(m)
-    ax.figure.savefig(path, dpi=150)
+    if m.dim == 3:
+        plot.overview_3d(m, path)
+    else:
+        plot.occupancy(m).figure.savefig(path, dpi=150)
 
 
 def _draw_side_by_side(plot: Any, one: OccupancyMap, other: OccupancyMap, target: Path) -> None:

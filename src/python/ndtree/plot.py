@@ -267,10 +267,11 @@ def side_by_side_3d(
     elevation: float = 50.0,
     cut_above: CutAbove = "auto",
     region: Region | None = None,
+    slice_at: float | None = None,
     width: float = 16.0,
     dpi: float = 200.0,
 ) -> None:
-    """Write one picture with the occupied cells of an adaptive and a fixed 3-D map, seen alike.
+    """Write one picture of an adaptive and a fixed 3-D map: occupied cells, seen alike, and a level slice.
 
     Parameters
     ----------
@@ -280,27 +281,79 @@ def side_by_side_3d(
         The picture; its ending chooses the format.
     azimuth, elevation, cut_above, region
         As for `occupied`.
+    slice_at : float, optional
+        Height of the slices [m]; left out, half-way up what the cubes show.
     width : float
         Of the picture [inches].
     dpi : float
         Pixels an inch.
     """
-    for m in (adaptive, fixed):
+    maps = {"adaptive": adaptive, "fixed": fixed}
+    _draw_3d(maps, path, azimuth, elevation, cut_above, region, slice_at, width, dpi)
+
+
+def overview_3d(
+    m: OccupancyMap,
+    path: str | os.PathLike[str],
+    *,
+    azimuth: float = -60.0,
+    elevation: float = 50.0,
+    cut_above: CutAbove = "auto",
+    region: Region | None = None,
+    slice_at: float | None = None,
+    width: float = 12.0,
+    dpi: float = 150.0,
+) -> None:
+    """Write one picture of a 3-D map: its occupied cells above, a level slice with the leaves below.
+
+    Parameters
+    ----------
+    m : AdaptiveMap, FixedMap or OctoMap
+        With ``dim`` 3.
+    path, azimuth, elevation, cut_above, region, slice_at, width, dpi
+        As for `side_by_side_3d`.
+    """
+    _draw_3d({"occupied": m}, path, azimuth, elevation, cut_above, region, slice_at, width, dpi)
+
+
+def _draw_3d(
+    maps: dict[str, OccupancyMap],
+    path: str | os.PathLike[str],
+    azimuth: float,
+    elevation: float,
+    cut_above: CutAbove,
+    region: Region | None,
+    slice_at: float | None,
+    width: float,
+    dpi: float,
+) -> None:
+    """A column for each map: its cubes, and below them its slice; the first map chooses what is shown."""
+    for m in maps.values():
         _require_dim(m, 3)
-    every = [_cells_of(m) for m in (adaptive, fixed)]
+    every = [_cells_of(m) for m in maps.values()]
     region = tuple(region) if region is not None else _found(every[0])
     if cut_above == "auto":
         cut_above = _ceiling(_inside(every[0].where(every[0].occupied), region))
     chosen = [_chosen_cubes(one, region, cut_above) for one in every]
     heights = _heights(chosen[0][0])
+    if slice_at is None:
+        slice_at = 0.5 * (heights[0] + heights[1])
     probe = _draw_cubes(*chosen[0], _axes(None), azimuth, elevation, "turbo", heights)
-    shape = float(np.ptp(probe.get_ylim()) / np.ptp(probe.get_xlim()))
-    figure, axes = _panels(2, shape > 0.4, shape, width)
-    for ax, one, whole, kind in zip(axes, chosen, every, ("adaptive", "fixed")):
-        _draw_cubes(*one, ax, azimuth, elevation, "turbo", heights)
-        ax.set_xlim(probe.get_xlim())
-        ax.set_ylim(probe.get_ylim())
-        ax.set_title(_title(whole, kind))
+    shapes = (
+        float(np.ptp(probe.get_ylim()) / np.ptp(probe.get_xlim())),
+        (region[3] - region[2]) / (region[1] - region[0]),
+    )
+    figure = Figure(figsize=(width, width / len(maps) * sum(shapes) + 1.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, len(maps), squeeze=False, height_ratios=shapes)
+    for column, (kind, m, one, whole) in enumerate(zip(maps, maps.values(), chosen, every)):
+        above, below = axes[:, column]
+        _draw_cubes(*one, above, azimuth, elevation, "turbo", heights)
+        above.set_xlim(probe.get_xlim())
+        above.set_ylim(probe.get_ylim())
+        above.set_title(_title(whole, kind))
+        slice(m, "z", slice_at, below, region=region[:4], borders=kind != "fixed")
+        below.set_title(f"slice at z = {slice_at:.2f} m: occupied white, free black, unknown grey")
     figure.savefig(path, dpi=dpi)
 
 
