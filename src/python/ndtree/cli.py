@@ -7,8 +7,7 @@ import os
 import sys
 from typing import NoReturn
 
-#: Exit status: done; the input is bad; the call is wrong.
-DONE, BAD_INPUT, WRONG_CALL = 0, 1, 2
+from ndtree.exit_status import DONE, WRONG_CALL
 
 
 def main() -> NoReturn:

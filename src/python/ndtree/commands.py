@@ -23,8 +23,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 import ndtree
 from ndtree._core import OccupancyMap
 from ndtree._options import KINDS, MAP_OPTIONS, make_map
-from ndtree.cli import BAD_INPUT, WRONG_CALL
 from ndtree.comparison import DEFAULT_MAPS, Comparison, compare
+from ndtree.exit_status import BAD_INPUT, WRONG_CALL
 from ndtree.readers import MAP_MAGIC, Log, read, simulate
 
 
@@ -78,7 +78,7 @@ MaxRange = Annotated[
     Optional[float],
     typer.Option(help="Longer beams are free space up to here \\[m]; else no limit.", show_default=False),
 ]
-NoReturn = Annotated[
+NoReturnOption = Annotated[
     NoReturnKind, typer.Option(help="What a beam without return says: free up to its end point, or nothing.")
 ]
 Json = Annotated[
@@ -178,7 +178,7 @@ def demo(
     ),
     dim: Dim = None,
     max_range: MaxRange = None,
-    no_return: NoReturn = NoReturnKind.free,
+    no_return: NoReturnOption = NoReturnKind.free,
     scans: Scans = None,
     seed: Seed = 1,
     json_file: Json = None,
@@ -226,7 +226,7 @@ def map_(
     picture: Annotated[Optional[Path], typer.Option(metavar="PNG", help="Draw the map, too.")] = None,
     dim: Dim = None,
     max_range: MaxRange = None,
-    no_return: NoReturn = NoReturnKind.free,
+    no_return: NoReturnOption = NoReturnKind.free,
     json_file: Json = None,
     options: Any = None,
 ) -> None:
@@ -291,7 +291,7 @@ def compare_(
     repeat: Repeat = 1,
     dim: Dim = None,
     max_range: MaxRange = None,
-    no_return: NoReturn = NoReturnKind.free,
+    no_return: NoReturnOption = NoReturnKind.free,
     scans: Scans = None,
     seed: Seed = 1,
     json_file: Json = None,
