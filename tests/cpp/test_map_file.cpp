@@ -118,7 +118,13 @@ TEST(MapFileContent, ImpossibleContentIsRefusedDespiteAGoodChecksum) {
     std::string broken = bytes;
     broken[i] = static_cast<char>(broken[i] ^ 0x80);
     try {  // Some bytes may have any value; then the map must at least be consistent.
-      from_bytes<Map>(with_checksum(broken)).check_invariants();
+      Map accepted = from_bytes<Map>(with_checksum(broken));
+      accepted.check_invariants();
+      for (const double x : {-30.0, 30.0})
+        for (const double y : {-30.0, 30.0}) {
+          scan.endpoints = Vector<2>(x, y);
+          if (accepted.options().min_cell_size > 0.01) accepted.insert(scan, 50.0);
+        }
     } catch (const std::runtime_error&) {
       ++refused;
     }
@@ -155,6 +161,16 @@ TEST(MapFileContent, ErrorsNameWhatIsWrong) {
   };
   for (const auto& row : rows)
     EXPECT_NE(message(row.bytes).find(row.expected), std::string::npos) << message(row.bytes);
+}
+
+TEST(MapFileContent, ARootThatCouldNotGrowOnIsRefused) {
+  using Map = AdaptiveMap<2, 2>;
+  const Map map;
+  std::string bytes = to_bytes(map);
+  const std::size_t node = bytes.size() - 8;  // The one leaf, before the checksum.
+  const std::size_t level = node - 2 * sizeof(std::int64_t) - sizeof(std::int32_t);
+  bytes[level] = static_cast<char>(map.tree().geometry().coarsest_level());
+  EXPECT_THROW(static_cast<void>(from_bytes<Map>(with_checksum(bytes))), std::runtime_error);
 }
 
 class MapFileOnDisk : public testing::Test {

@@ -186,3 +186,41 @@ def test_files_that_cannot_be_read_or_written(tmp_path):
     with pytest.raises(OSError):
         m.save(tmp_path / "folder")
     assert [p.name for p in tmp_path.iterdir()] == ["folder"]
+
+
+def test_misaligned_arrays_are_copied():
+    bytes_ = b"x" + POINTS.tobytes()
+    misaligned = np.frombuffer(bytes_, "f8", offset=1).reshape(POINTS.shape)
+    assert not misaligned.flags.aligned
+    one, other = ndtree.AdaptiveMap(), ndtree.AdaptiveMap()
+    one.insert(POINTS, ORIGIN)
+    other.insert(misaligned, ORIGIN)
+    assert one.to_bytes() == other.to_bytes()
+
+
+def test_saving_touches_no_other_file(tmp_path):
+    (tmp_path / "hall.ndt.part").write_text("mine")
+    ndtree.AdaptiveMap().save(tmp_path / "hall.ndt")
+    assert (tmp_path / "hall.ndt.part").read_text() == "mine"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["hall.ndt", "hall.ndt.part"]
+
+
+@pytest.mark.parametrize("bound", [16.0, 33.4, 40.0, 700.0])
+def test_extreme_bounds_survive_merging_and_a_file(bound):
+    m = ndtree.AdaptiveMap(
+        log_odds_min=-bound, log_odds_max=bound, probability_min=1e-6, probability_max=1 - 1e-6
+    )
+    for seed in range(40):
+        m.insert(*room_scan(2, seed))
+    assert m.stats().merges > 0
+    assert ndtree.from_bytes(m.to_bytes()).to_bytes() == m.to_bytes()
+    assert np.abs(m.leaves().log_odds).max() <= np.float32(bound)
+
+
+def test_a_beam_too_long_to_be_sampled_is_refused_when_evaluating():
+    m = ndtree.AdaptiveMap()
+    with pytest.raises(ValueError, match=r"beam 0 is .* m long: .* give a max_range"):
+        m.evaluate([[1e12, 0.0]], ORIGIN)
+    with pytest.raises(ValueError, match="max_range = -1"):
+        m.evaluate(POINTS, ORIGIN, max_range=-1)
+    assert m.evaluate([[1e12, 0.0]], ORIGIN, max_range=20).casts == 0

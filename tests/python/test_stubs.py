@@ -69,8 +69,15 @@ def test_options_of_the_maps_are_those_of_the_library():
     assert options("AdaptiveMap") == everything
     for name in ("FixedMap", "OctoMap"):
         assert options(name) - {"cell_size"} < everything
-    for name in options("FixedMap"):
-        ndtree.FixedMap(**{name: ndtree.default_options().get(name, 0.05)})
+    for kind in {"AdaptiveMap", "FixedMap", "OctoMap"} - OPTIONAL:
+        accepted = set()
+        for name in everything | {"cell_size"}:
+            try:
+                getattr(ndtree, kind)(**{name: ndtree.default_options().get(name, 0.05)})
+            except TypeError:
+                continue
+            accepted.add(name)
+        assert accepted == options(kind)
 
 
 @pytest.mark.parametrize("name", sorted(public(CLASSES) - OPTIONAL))

@@ -50,20 +50,6 @@ struct Ray {
   bool hit;
 };
 
-std::uint64_t& count_of(InsertReport& report, BeamOutcome outcome) {
-  switch (outcome) {
-    case BeamOutcome::returned:
-      return report.returned;
-    case BeamOutcome::not_returned:
-      return report.not_returned;
-    case BeamOutcome::beyond_max_range:
-      return report.beyond_max_range;
-    case BeamOutcome::invalid:
-      break;
-  }
-  return report.invalid;
-}
-
 /// FNV-1a: a damaged file must be found out before OctoMap reads it, which trusts what it reads.
 std::uint64_t checksum(const std::string& bytes) {
   std::uint64_t hash = 0xcbf29ce484222325ULL;
@@ -147,7 +133,7 @@ std::vector<Ray> OctomapBaseline::Impl::rays(const ScanView<D>& scan, double max
   report.beams = static_cast<std::uint64_t>(scan.size);
   for (Eigen::Index i = 0; i < scan.size; ++i) {
     const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
-    ++count_of(report, beam.outcome);
+    ++report.count(beam.outcome);
     if (beam.outcome == BeamOutcome::invalid) continue;
     const Vector<3> origin = detail::in_space(beam.origin);
     const Vector<3> end = detail::in_space(Vector<D>(beam.free_end()));

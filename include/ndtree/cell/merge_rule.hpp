@@ -3,6 +3,7 @@
 /// When N^D siblings say the same and become one cell, and what that cell then knows (Sec. III-B).
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 
@@ -50,17 +51,22 @@ class SameStateMergeRule {
       if (free ? value > free_below_ : value < occupied_above_) return std::nullopt;
     }
     double sum = 0.0;
+    float lowest = siblings[0].cell().log_odds();
+    float highest = lowest;
     std::uint32_t hits = 0;
     std::uint32_t misses = 0;
     for (int j = 0; j < count; ++j) {
       sum += siblings[j].cell().probability();
+      lowest = std::min(lowest, siblings[j].cell().log_odds());
+      highest = std::max(highest, siblings[j].cell().log_odds());
       hits += siblings[j].cell().hits();
       misses += siblings[j].cell().misses();
     }
     OccupancyCell parent;
     parent.set_counts(hits, misses);
     if (splits(parent)) return std::nullopt;
-    parent.set_log_odds(static_cast<float>(log_odds(sum / count)));
+    // The mean lies among its parts; near 0 and 1 rounding would leave them.
+    parent.set_log_odds(std::clamp(static_cast<float>(log_odds(sum / count)), lowest, highest));
     return parent;
   }
 

@@ -38,7 +38,8 @@ class OccupancyCell {
   void count_hit() { set_counts(hits() + 1, misses()); }
   void count_miss() { set_counts(hits(), misses() + 1); }
 
-  /// Counts above kMaxCount are halved together, rounded up, as often as needed: their ratio stays.
+  /// Counts above kMaxCount are halved together as often as needed: their ratio stays but for rounding, which
+  /// is upwards, so that what was seen once is never forgotten.
   void set_counts(std::uint32_t hits, std::uint32_t misses) {
     while (hits > kMaxCount || misses > kMaxCount) {
       hits = (hits + 1) / 2;

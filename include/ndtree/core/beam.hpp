@@ -33,6 +33,7 @@ struct Beam {
 
   Beam(const Vector<D>& from, const Vector<D>& to, bool returned = true, double max_range = kUnlimitedRange)
       : origin(from), endpoint(to), displacement(to - from), range(displacement.norm()) {
+    if (std::isinf(range)) range = displacement.stableNorm();  // The plain norm squares too far.
     if (!(range > 0.0) || !std::isfinite(range) || !origin.allFinite()) return;
     const bool in_reach = range <= max_range;
     t_free = in_reach ? 1.0 : max_range / range;

@@ -9,6 +9,8 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "ndtree/cell/occupancy_cell.hpp"
@@ -96,13 +98,21 @@ struct HeldOutTruth {
 /// @param map any type for which `state(map, point)`, `occupied_within(map, point, radius)` and
 ///   `cast_ray(map, origin, direction, max_range)` are found, in ndtree or in the map's own namespace.
 /// @param max_range [m] beams that are longer are not asked about, nor are those that did not return.
+/// @throws std::invalid_argument if max_range is not > 0, or a beam is too long to be sampled.
 template <class Map, int D>
 void evaluate(const Map& map, const ScanView<D>& scan, double max_range, HeldOutTruth& truth,
               const HeldOutTruthOptions& options = {}) {
   options.validate();
+  constexpr double kMaxSamples = 1e7;
+  if (!(max_range > 0.0))
+    throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
   for (Eigen::Index i = 0; i < scan.size; ++i) {
     const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
     if (beam.outcome != BeamOutcome::returned) continue;
+    if (!(beam.range / options.sample_spacing < kMaxSamples))
+      throw std::invalid_argument("beam " + std::to_string(i) + " is " + std::to_string(beam.range) +
+                                  " m long: expected less than " + std::to_string(kMaxSamples) +
+                                  " samples; give a max_range");
 
     for (std::int64_t k = 1;; ++k) {
       const double distance = static_cast<double>(k) * options.sample_spacing;

@@ -12,6 +12,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <random>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -104,19 +105,27 @@ class ByteReader {
   return {what, path, std::error_code(error != 0 ? error : EIO, std::generic_category())};
 }
 
-/// Writes a file under a temporary name beside it and renames it: readers see the old file or the whole new
-/// one.
+/// Writes a file under a temporary name of its own beside it and renames it: readers see the old file or the
+/// whole new one, also if two programs write it at once.
 /// @throws std::filesystem::filesystem_error naming the file and the system's reason; nothing is left behind.
 inline void write_file(const std::filesystem::path& path, std::string_view bytes) {
-  std::filesystem::path temporary = path;
-  temporary += ".part";
-  std::error_code error;
+  std::filesystem::path temporary;
+  std::FILE* out = nullptr;
+  std::random_device random;
+  for (int attempt = 0; out == nullptr; ++attempt) {
+    temporary = path;
+    temporary += "." + std::to_string(random()) + ".part";
+    errno = 0;
+    out = std::fopen(temporary.string().c_str(), "wbx");  // x: never a file that is there already.
+    if (out == nullptr && (errno != EEXIST || attempt == 100)) throw file_error("cannot write", path, errno);
+  }
   errno = 0;
-  std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
-  out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  out.close();
-  if (!out) {
-    const int reason = errno;
+  const bool written = std::fwrite(bytes.data(), 1, bytes.size(), out) == bytes.size();
+  const int write_errno = errno;
+  const bool closed = std::fclose(out) == 0;
+  std::error_code error;
+  if (!written || !closed) {
+    const int reason = written ? errno : write_errno;
     std::filesystem::remove(temporary, error);
     throw file_error("cannot write", path, reason);
   }

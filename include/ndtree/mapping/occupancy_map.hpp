@@ -34,6 +34,21 @@ struct InsertReport {
   std::uint64_t splits = 0;            ///< Leaves that were split.
   std::uint64_t merges = 0;            ///< Parents that took the place of their children.
   double seconds = 0.0;                ///< Wall time of the call [s].
+
+  /// The count that beams of this outcome add to.
+  [[nodiscard]] std::uint64_t& count(BeamOutcome outcome) {
+    switch (outcome) {
+      case BeamOutcome::returned:
+        return returned;
+      case BeamOutcome::not_returned:
+        return not_returned;
+      case BeamOutcome::beyond_max_range:
+        return beyond_max_range;
+      case BeamOutcome::invalid:
+        break;
+    }
+    return invalid;
+  }
 };
 
 /// The size of a map and what happened to it since it was made.
@@ -87,7 +102,7 @@ class OccupancyMap {
     BeamUpdate<Tree, Refinement, Sensor> update(tree_, refinement_, sensor_, options_, counters_);
     for (Eigen::Index i = 0; i < scan.size; ++i) {
       const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
-      ++count_of(report, beam.outcome);
+      ++report.count(beam.outcome);
       if (beam.outcome != BeamOutcome::invalid) update.integrate(beam);
     }
     report.updates = counters_.updates - before.updates;
@@ -131,8 +146,8 @@ class OccupancyMap {
       if (leaf.index.level > coarsest && cell.observed())
         throw std::logic_error("an observed leaf of level " + std::to_string(leaf.index.level) +
                                ": the coarsest that may be updated is " + std::to_string(coarsest));
-      if (!(static_cast<double>(cell.log_odds()) >= options_.log_odds_min - 1e-6 &&
-            static_cast<double>(cell.log_odds()) <= options_.log_odds_max + 1e-6))
+      if (!(cell.log_odds() >= static_cast<float>(options_.log_odds_min) &&
+            cell.log_odds() <= static_cast<float>(options_.log_odds_max)))
         throw std::logic_error("a leaf with log-odds " + std::to_string(cell.log_odds()) + ": out of bounds");
       if (!cell.observed() && cell != OccupancyCell{})
         throw std::logic_error("a leaf that was never observed holds evidence");
@@ -145,21 +160,8 @@ class OccupancyMap {
     return options;
   }
 
-  static std::uint64_t& count_of(InsertReport& report, BeamOutcome outcome) {
-    switch (outcome) {
-      case BeamOutcome::returned:
-        return report.returned;
-      case BeamOutcome::not_returned:
-        return report.not_returned;
-      case BeamOutcome::beyond_max_range:
-        return report.beyond_max_range;
-      case BeamOutcome::invalid:
-        break;
-    }
-    return report.invalid;
-  }
-
-  /// Checks a whole scan, then makes room for all that its beams reach; so nothing fails half-way.
+  /// Checks a whole scan, then makes room for all that its beams reach; so only lack of memory, or of node
+  /// ids, can still stop it half-way.
   void grow_to_contain(const ScanView<D>& scan, double max_range) {
     if (!(max_range > 0.0))
       throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");

@@ -36,8 +36,9 @@ class LatticeGeometry {
   /// @param unit edge of the smallest cell [m]. @param num_levels levels below level 0, >= 0.
   /// @throws std::invalid_argument if the unit is not positive or N^num_levels exceeds 2^36.
   LatticeGeometry(double unit, int num_levels) : unit_(unit), num_levels_(num_levels) {
-    if (!(unit > 0.0) || !std::isfinite(unit))
-      throw std::invalid_argument("min_cell_size = " + std::to_string(unit) + " m: must be > 0 and finite");
+    if (!(unit > 0.0) || !std::isfinite(reach()))
+      throw std::invalid_argument("min_cell_size = " + std::to_string(unit) +
+                                  " m: must be > 0, and 2^38 of it finite");
     if (num_levels < 0)
       throw std::invalid_argument("number of levels = " + std::to_string(num_levels) + ": must be >= 0");
     std::int64_t edge = 1;

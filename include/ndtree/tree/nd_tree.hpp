@@ -127,12 +127,16 @@ class NdTree {
   }
 
   /// Back to one leaf, with another root region: where a stored tree begins.
-  /// @throws std::invalid_argument if no growth leads to such a root.
+  /// @throws std::invalid_argument if such a root could not grow on to all that is in reach.
   void reset(const CellIndex<D>& root_index) {
     bool reachable = root_index.level >= 0 && root_index.level <= geometry_.coarsest_level();
+    const bool is_last = root_index.level == geometry_.coarsest_level();
+    const std::int64_t reach = geometry_.coordinate(geometry_.reach());
     for (std::size_t a = 0; reachable && a < D; ++a)  // The first root, which begins at 0, is inside.
       reachable = root_index.lower[a] % geometry_.edge(0) == 0 && root_index.lower[a] <= 0 &&
-                  root_index.lower[a] > -geometry_.edge(root_index.level);
+                  root_index.lower[a] > -geometry_.edge(root_index.level) &&
+                  (!is_last || (root_index.lower[a] <= -reach &&
+                                root_index.lower[a] + geometry_.edge(root_index.level) > reach));
     if (!reachable)
       throw std::invalid_argument("root of level " + std::to_string(root_index.level) +
                                   ": not one that a tree can grow to");

@@ -75,6 +75,7 @@ class Node<Cell, std::enable_if_t<Cell::kLeavesTopBitOfFirstWordClear>> {
 template <class NodeType, int kBlockSize>
 class NodePool {
   static_assert(std::is_trivially_copyable_v<NodeType> && std::is_trivially_destructible_v<NodeType>);
+  static_assert(alignof(NodeType) <= __STDCPP_DEFAULT_NEW_ALIGNMENT__);
 
  public:
   NodePool() = default;

@@ -118,7 +118,9 @@ void bind_own_map(py::module_& module, const char* name, bool adaptive, const ch
              const char* only = adaptive ? PaperRefinement::kName : FixedRefinement::kName;
              if (refinement != only)
                throw py::value_error("refinement = '" + refinement + "': must be '" + only + "'");
-             return Type(make_map(adaptive, branching, dim, options_from_keywords(options, adaptive, name)));
+             return Type(
+                 make_map(adaptive, branching, dim,
+                          options_from_keywords(options, adaptive ? Kind::adaptive : Kind::fixed, name)));
            }),
            py::kw_only(), "dim"_a = 2, "branching"_a = 2,
            "refinement"_a = adaptive ? PaperRefinement::kName : FixedRefinement::kName)
@@ -135,17 +137,18 @@ void bind_own_map(py::module_& module, const char* name, bool adaptive, const ch
 
 }  // namespace
 
-MapOptions options_from_keywords(const py::kwargs& keywords, bool adaptive, const char* type) {
+MapOptions options_from_keywords(const py::kwargs& keywords, Kind kind, const char* type) {
   MapOptions options;
   for (const auto& [key, value] : keywords) {
     const auto name = key.cast<std::string>();
     bool known = false;
     for_each_option(options, [&](const char* option, double& place) {
       const std::string_view here = option;
-      const bool of_sensor =
-          here.substr(0, 5) == "range" || here.substr(0, 4) == "prob" || here.substr(0, 8) == "log_odds";
-      const bool accepted =
-          adaptive || of_sensor ? name == here : here == "min_cell_size" && name == "cell_size";
+      const bool of_probability = here.substr(0, 4) == "prob" || here.substr(0, 8) == "log_odds";
+      const bool of_sensor = of_probability || here.substr(0, 5) == "range";
+      const bool read = kind == Kind::adaptive || (kind == Kind::fixed && of_sensor) ||
+                        (kind == Kind::octomap && of_probability);
+      const bool accepted = read ? name == here : here == "min_cell_size" && name == "cell_size";
       if (!accepted) return;
       known = true;
       const double number = PyFloat_AsDouble(value.ptr());
@@ -158,7 +161,7 @@ MapOptions options_from_keywords(const py::kwargs& keywords, bool adaptive, cons
     if (!known)
       throw py::type_error(std::string(type) + "() got an unexpected keyword argument '" + name + "'");
   }
-  if (!adaptive) options.max_cell_size = std::max(options.max_cell_size, options.min_cell_size);
+  if (kind != Kind::adaptive) options.max_cell_size = std::max(options.max_cell_size, options.min_cell_size);
   return options;
 }
 
@@ -271,7 +274,9 @@ void bind_maps(py::module_& module) {
           "Name of the rule that decides on cell sizes.")
       .def_property_readonly(
           "options", [](const PythonMap& m) { return options_dict(m.constant().options()); },
-          "dict of float: every option that the map uses.")
+          "dict of float: the map's options; those of refinement mean nothing to a fixed map, nor "
+          "range_sigma to "
+          "OctoMap.")
       .def(
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,

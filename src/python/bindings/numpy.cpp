@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "numpy.hpp"
 
+#include <new>
+
 namespace ndtree::python {
 
 std::string shape_text(const py::array& array) {
@@ -20,8 +22,9 @@ DoubleArray as_doubles(const py::object& object, const char* name) {
   if (kind != 'f' && kind != 'i' && kind != 'u' && !empty_list)
     throw py::type_error(std::string(name) + " has dtype " + py::str(array.dtype()).cast<std::string>() +
                          ": must be an array of real numbers");
-  auto doubles = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(array);
-  if (!doubles) throw py::error_already_set();
+  constexpr int kPlain = py::array::c_style | py::array::forcecast | py::detail::npy_api::NPY_ARRAY_ALIGNED_;
+  auto doubles = py::array_t<double, kPlain>::ensure(array);
+  if (!doubles) throw std::bad_alloc();
   return py::reinterpret_borrow<DoubleArray>(doubles);
 }
 
@@ -54,7 +57,7 @@ py::object as_mask(const py::object& object, const char* name, py::ssize_t n) {
   if (array.ndim() != 1 || array.shape(0) != n)
     throw py::value_error(std::string(name) + " has shape " + shape_text(array) + ": must be (" +
                           std::to_string(n) + ",), one for each point");
-  return BoolArray::ensure(array);
+  return BoolArray(array);
 }
 
 BeamArrays::BeamArrays(const py::object& points, const py::object& origin, const py::object& mask,
@@ -62,7 +65,6 @@ BeamArrays::BeamArrays(const py::object& points, const py::object& origin, const
     : endpoints(as_points(points, "points", dimension)),
       origins(as_points_or_one(origin, "origin", dimension, endpoints.shape(0))),
       returned(as_mask(mask, "returned", endpoints.shape(0))),
-      dim(dimension),
       size_(endpoints.shape(0)),
       origin_per_beam_(origins.ndim() == 2) {
   if (!returned.is_none()) mask_data_ = py::reinterpret_borrow<BoolArray>(returned).data();

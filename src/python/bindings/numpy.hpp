@@ -40,7 +40,6 @@ struct BeamArrays {
   DoubleArray endpoints;
   DoubleArray origins;
   py::object returned;  // None or BoolArray
-  int dim;
 
   BeamArrays(const py::object& points, const py::object& origin, const py::object& mask, int dimension);
 

@@ -114,7 +114,7 @@ ValueError
     A value is out of bounds; the message names it and the limit.
 )")
       .def(py::init([](int dim, const std::string& insertion, const py::kwargs& keywords) {
-             const MapOptions options = options_from_keywords(keywords, false, "OctoMap");
+             const MapOptions options = options_from_keywords(keywords, Kind::octomap, "OctoMap");
              options.validate();
              return PythonOctoMap(
                  adapter(OctomapBaseline(options.min_cell_size, options, insertion_from(insertion)), dim));

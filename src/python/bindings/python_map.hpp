@@ -49,8 +49,12 @@ struct PythonFixedMap : PythonMap {
   using PythonMap::PythonMap;
 };
 
+/// Whose keywords: an adaptive map reads every option, a fixed one those of cell and sensor, OctoMap those of
+/// the cell and of probabilities.
+enum class Kind { adaptive, fixed, octomap };
+
 /// Options from keywords. @throws TypeError naming a keyword that is unknown or not a number.
-MapOptions options_from_keywords(const pybind11::kwargs& keywords, bool adaptive, const char* type);
+MapOptions options_from_keywords(const pybind11::kwargs& keywords, Kind kind, const char* type);
 
 /// What repr() shows: type, dimension, cell sizes, and how much there is.
 std::string describe(const char* type, const PythonMap& map, bool adaptive);

@@ -174,8 +174,6 @@ class OctoMap(OccupancyMap):
         dim: int = 3,
         insertion: str = "ray",
         cell_size: float = ...,
-        range_sigma: float = ...,
-        range_sigma_quadratic: float = ...,
         probability_min: float = ...,
         probability_max: float = ...,
         log_odds_min: float = ...,

@@ -195,12 +195,12 @@ def demo(
         maps.append("octomap")
     plot = _plot()
     _check_target(json_file)
-    output.mkdir(parents=True, exist_ok=True)
     comparison = _compare(opened, maps, options, max_range=max_range, no_return=no_return.value)
     if not _is_stdout(json_file):
         print(comparison)
     _write_json(comparison, json_file)
     objects = comparison.map_objects
+    output.mkdir(parents=True, exist_ok=True)
     pictures = [output / f"adaptive-{name.replace('@', '-')}.png" for name in maps[1:3]]
     for name, path in zip(maps[1:3], pictures):
         _draw_side_by_side(plot, objects["adaptive"], objects[name], path)

@@ -130,6 +130,8 @@ def compare(
     if maps is None:
         maps = DEFAULT_MAPS
     if "min_cell_size" in options:
+        if cell_size is not None:
+            raise ValueError("cell_size and min_cell_size say the same: give one of them")
         cell_size = options.pop("min_cell_size")
     progress = progress or _no_progress
     scans = _loaded(log, progress)
@@ -326,7 +328,7 @@ def _truth(
 def _exact_samples(
     log: SimulatedLog, scans: Sequence[Scan], max_range: float
 ) -> dict[str, NDArray[np.float64]]:
-    """Points of space that the sensor has really seen, with what is there in truth.
+    """Points of space that the sensor has really seen, held-out scans included, with what is there in truth.
 
     "free" lies anywhere before the first surface along random beams, "near" in the last 0.1 m before it, and
     "inside" in the first 0.05 m behind it.
@@ -334,7 +336,7 @@ def _exact_samples(
     generator = np.random.default_rng(0)
     returned = [scan for scan in scans if len(scan)]
     per_scan = -(-EXACT_SAMPLES // max(len(returned), 1))
-    origins, directions = [], []
+    origins, directions = [np.empty((0, log.dim))], [np.empty((0, log.dim))]
     for scan in returned:
         known = np.isfinite(scan.endpoints).all(axis=1)
         known &= True if scan.returned is None else scan.returned

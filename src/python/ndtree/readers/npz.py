@@ -86,7 +86,7 @@ def _load(path: str) -> dict[str, NDArray[Any]]:
             for name in (*REQUIRED, "no_return", "stamps"):
                 if name in found:
                     arrays[name] = archive[name]
-    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, ValueError) as error:
+    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError) as error:
         if isinstance(error, FileNotFoundError):
             raise
         raise ValueError(f"{path}: {name}: cannot be read as an array, expected a whole .npz") from None
@@ -123,8 +123,7 @@ def _check(path: str, arrays: dict[str, NDArray[Any]]) -> None:
         offsets.shape == (len(origins) + 1,) and offsets.dtype.kind in "iu",
         f"({len(origins) + 1},) integers, one more than origins",
     )
-    steps = np.diff(offsets.astype(np.int64))
-    if offsets[0] != 0 or offsets[-1] != len(points) or np.any(steps < 0):
+    if offsets[0] != 0 or offsets[-1] != len(points) or np.any(offsets[1:] < offsets[:-1]):
         raise ValueError(f"{path}: offsets: must rise from 0 to {len(points)}, the number of points")
     if "no_return" in arrays:
         no_return = arrays["no_return"]
