@@ -79,7 +79,8 @@ WRONG = [
     ),
     (lambda m: m.insert(POINTS + 1j, ORIGIN), TypeError, "points has dtype complex128: must be"),
     (lambda m: m.state(np.zeros((1, 3))), ValueError, "points has shape (1, 3): must be (n, 2)"),
-    (lambda m: m.cast_rays(ORIGIN, np.zeros((1, 2))), ValueError, "ray: origin and direction must be finite"),
+    (lambda m: m.cast_rays(ORIGIN, [[1, 1], [0, 0]]), ValueError, "ray 1: the direction must not be zero"),
+    (lambda m: m.cast_rays(ORIGIN, [[1, 1], [1, np.nan]]), ValueError, "ray 1: origin and direction must be"),
     (
         lambda m: m.cast_rays(ORIGIN, np.ones((1, 2)), max_range=-1),
         ValueError,

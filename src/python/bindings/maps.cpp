@@ -67,6 +67,17 @@ py::array_t<double> cast_rays(const PythonMap& map, const py::object& origins, c
   const int dim = map.constant().dim();
   const DoubleArray d = as_points(directions, "directions", dim);
   const DoubleArray o = as_points_or_one(origins, "origins", dim, d.shape(0));
+  for (py::ssize_t i = 0; i < d.shape(0); ++i) {  // Name the ray, before any is cast.
+    bool is_zero = true;
+    for (int a = 0; a < dim; ++a) {
+      const double origin = o.data()[(o.ndim() == 2 ? i * dim : 0) + a];
+      const double direction = d.data()[i * dim + a];
+      is_zero = is_zero && direction == 0.0;
+      if (!std::isfinite(direction) || !std::isfinite(origin))
+        throw py::value_error("ray " + std::to_string(i) + ": origin and direction must be finite");
+    }
+    if (is_zero) throw py::value_error("ray " + std::to_string(i) + ": the direction must not be zero");
+  }
   py::array_t<double> out(d.shape(0));
   double* const results = out.mutable_data();
   const std::size_t step = o.ndim() == 2 ? static_cast<std::size_t>(dim) : 0;
@@ -388,6 +399,11 @@ Returns
 -------
 (n,) float64
     Metres; nan where there is none. 0 for a ray that starts in an occupied leaf.
+
+Raises
+------
+ValueError
+    A shape is wrong, max_range not > 0, or a ray is not finite or has a zero direction; it is named.
 )")
       .def("evaluate", &evaluate, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
            "max_range"_a = kInfinity, "truth"_a = py::none(),
