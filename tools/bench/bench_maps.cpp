@@ -8,6 +8,8 @@
 #include <benchmark/benchmark.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdint>
 #include <cstdio>
 #include <memory>
 #include <random>
@@ -172,14 +174,19 @@ void add_log(const Log& log, const std::string& name, std::size_t beams, const M
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::vector<char*> arguments(argv, argv + argc);
-  std::string repetitions = "--benchmark_repetitions=5";
-  std::string interleaving = "--benchmark_enable_random_interleaving=true";
-  std::string aggregates = "--benchmark_report_aggregates_only=true";
-  for (std::string* one : {&aggregates, &interleaving, &repetitions})  // Before the user's, which then win.
-    arguments.insert(arguments.begin() + 1, one->data());
-  int count = static_cast<int>(arguments.size());
-  benchmark::Initialize(&count, arguments.data());
+  // Google Benchmark gets what is its own, after our defaults, so that the user's settings win.
+  std::vector<std::string> ours;
+  std::vector<std::string> of_benchmark{argv[0], "--benchmark_repetitions=5",
+                                        "--benchmark_enable_random_interleaving=true",
+                                        "--benchmark_report_aggregates_only=true"};
+  for (int i = 1; i < argc; ++i) {
+    const std::string argument = argv[i];
+    (argument.rfind("--benchmark_", 0) == 0 ? of_benchmark : ours).push_back(argument);
+  }
+  std::vector<char*> pointers;
+  for (std::string& one : of_benchmark) pointers.push_back(one.data());
+  int count = static_cast<int>(pointers.size());
+  benchmark::Initialize(&count, pointers.data());
 
   CLI::App app(
       "Insertion and queries of adaptive, fixed and OctoMap maps; --benchmark_… options are passed on.");
@@ -189,17 +196,24 @@ int main(int argc, char** argv) {
   std::vector<std::string> worlds{"office", "apartment", "street"};
   MapOptions options;
   app.add_option("LOG", paths, "Recordings beside the simulated worlds")->check(CLI::ExistingFile);
-  app.add_option("--world", worlds, "Simulated worlds; none: --world ''");
+  app.add_option("--world", worlds, "Simulated worlds, with commas between; or none")
+      ->delimiter(',')
+      ->expected(1);
   app.add_option("--beams", beams, "Beams a log, in scans spread evenly over it")->capture_default_str();
   app.add_option("--min-cell-size", options.min_cell_size, "[m]")->capture_default_str();
   app.add_option("--max-cell-size", options.max_cell_size, "[m]")->capture_default_str();
   app.add_option("--range-sigma", options.range_sigma, "[m]")->capture_default_str();
   app.add_option("--range-sigma-quadratic", options.range_sigma_quadratic, "[1/m]")->capture_default_str();
   app.add_option("--max-range", max_range, "[m]");
-  CLI11_PARSE(app, count, arguments.data());
+  try {
+    std::reverse(ours.begin(), ours.end());  // As CLI11 takes them.
+    app.parse(ours);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;
+  }
   try {
     for (const std::string& world : worlds)
-      if (!world.empty()) add_log(simulate_log(world, {}, SIZE_MAX), world, beams, options, max_range);
+      if (world != "none") add_log(simulate_log(world, {}, SIZE_MAX), world, beams, options, max_range);
     for (const std::string& path : paths) {
       const std::string file = path.substr(path.find_last_of('/') + 1);
       add_log(read_log(path, {}, SIZE_MAX), file, beams, options, max_range);
