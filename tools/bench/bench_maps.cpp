@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <memory>
 #include <random>
+#include <sstream>
 #include <string>
 #include <variant>
 #include <vector>
@@ -193,12 +194,10 @@ int main(int argc, char** argv) {
   std::size_t beams = 150000;
   double max_range = kUnlimitedRange;
   std::vector<std::string> paths;
-  std::vector<std::string> worlds{"office", "apartment", "street"};
+  std::string worlds = "office,apartment,street";
   MapOptions options;
   app.add_option("LOG", paths, "Recordings beside the simulated worlds")->check(CLI::ExistingFile);
-  app.add_option("--world", worlds, "Simulated worlds, with commas between; or none")
-      ->delimiter(',')
-      ->expected(1);
+  app.add_option("--world", worlds, "Simulated worlds, with commas between, or none")->capture_default_str();
   app.add_option("--beams", beams, "Beams a log, in scans spread evenly over it")->capture_default_str();
   app.add_option("--min-cell-size", options.min_cell_size, "[m]")->capture_default_str();
   app.add_option("--max-cell-size", options.max_cell_size, "[m]")->capture_default_str();
@@ -212,8 +211,9 @@ int main(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : 2;
   }
   try {
-    for (const std::string& world : worlds)
-      if (world != "none") add_log(simulate_log(world, {}, SIZE_MAX), world, beams, options, max_range);
+    std::istringstream names(worlds == "none" ? "" : worlds);
+    for (std::string world; std::getline(names, world, ',');)
+      add_log(simulate_log(world, {}, SIZE_MAX), world, beams, options, max_range);
     for (const std::string& path : paths) {
       const std::string file = path.substr(path.find_last_of('/') + 1);
       add_log(read_log(path, {}, SIZE_MAX), file, beams, options, max_range);
