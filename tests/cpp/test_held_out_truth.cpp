@@ -28,6 +28,10 @@ ndtree::CellState state(const Wall& map, const ndtree::Vector<2>& point) {
                                 : ndtree::CellState::unknown;
 }
 
+double probability(const Wall& map, const ndtree::Vector<2>& point) {
+  return point.x() < map.wall ? 0.1 : point.x() < map.back ? 0.999 : 0.5;
+}
+
 bool occupied_within(const Wall& map, const ndtree::Vector<2>& point, double radius) {
   return point.x() >= map.wall - radius && point.x() <= map.back + radius;
 }
@@ -88,6 +92,24 @@ TEST(HeldOutTruth, CountsOneBeamAgainstAWall) {
     EXPECT_EQ(truth.endpoints_near, c.near ? 1u : 0u);
     EXPECT_EQ(truth.casts(), 1u);
     EXPECT_EQ(truth.casts_within, c.within ? 1u : 0u);
+    EXPECT_NEAR(truth.free_log_likelihood,
+                static_cast<double>(c.free) * std::log(0.9) +
+                    static_cast<double>(c.occupied) * std::log(0.02) +
+                    static_cast<double>(c.unknown) * std::log(0.5),
+                1e-12);
+    EXPECT_NEAR(truth.endpoint_log_likelihood,
+                std::log(c.range < c.map.wall   ? 0.1
+                         : c.range < c.map.back ? 0.98
+                                                : 0.5),
+                1e-12);
+    ASSERT_EQ(truth.log_score().has_value(), truth.samples() > 0);
+    ASSERT_EQ(truth.balanced_accuracy().has_value(), truth.samples() > 0);
+    if (const auto samples = static_cast<double>(truth.samples()); samples > 0.0) {
+      EXPECT_NEAR(*truth.log_score(),
+                  0.5 * (truth.free_log_likelihood / samples + truth.endpoint_log_likelihood), 1e-12);
+      EXPECT_NEAR(*truth.balanced_accuracy(),
+                  0.5 * (static_cast<double>(c.free) / samples + (c.near ? 1.0 : 0.0)), 1e-12);
+    }
     if (std::isinf(c.error))
       EXPECT_EQ(truth.median_cast_error(), c.error);
     else
@@ -127,6 +149,9 @@ TEST(HeldOutTruth, AddingEqualsEvaluatingTogether) {
   EXPECT_EQ(sum.endpoints_near, together.endpoints_near);
   EXPECT_EQ(sum.casts_within, together.casts_within);
   EXPECT_EQ(sum.cast_errors, together.cast_errors);
+  EXPECT_NEAR(sum.free_log_likelihood, together.free_log_likelihood, 1e-12);
+  EXPECT_NEAR(sum.endpoint_log_likelihood, together.endpoint_log_likelihood, 1e-12);
+  EXPECT_LT(together.free_log_likelihood, 0.0);
   EXPECT_GT(sum.free, 0u);
   EXPECT_GT(sum.occupied, 0u);
   EXPECT_GT(sum.unknown, 0u);
@@ -209,6 +234,7 @@ TEST(HeldOutTruth, OptionsOutOfBoundsAreNamed) {
       {&HeldOutTruthOptions::endpoint_radius, -0.5, "endpoint_radius = -0.5: must be >= 0 m"},
       {&HeldOutTruthOptions::cast_tolerance, -0.5, "cast_tolerance = -0.5: must be >= 0 m"},
       {&HeldOutTruthOptions::cast_overshoot, -0.5, "cast_overshoot = -0.5: must be >= 0 m"},
+      {&HeldOutTruthOptions::probability_clip, 0.5, "probability_clip = 0.5: must be in (0, 0.5)"},
   };
   for (const Case& c : cases) {
     HeldOutTruthOptions options;

@@ -23,7 +23,7 @@ template <class Type>
 class MapFile : public testing::Test {
  public:
   static constexpr int D = Type::D;
-  using Adaptive = AdaptiveMap<Type::N, D>;
+  using Adaptive = PaperMap<Type::N, D>;
   using Fixed = FixedMap<Type::N, D>;
 
   static Scan<D> scan(std::uint32_t seed) {
@@ -105,7 +105,7 @@ std::string with_checksum(std::string bytes) {
 }
 
 TEST(MapFileContent, ImpossibleContentIsRefusedDespiteAGoodChecksum) {
-  using Map = AdaptiveMap<2, 2>;
+  using Map = PaperMap<2, 2>;
   Map map;
   Scan<2> scan;
   scan.origins = Vector<2>(0.1, 0.1);
@@ -135,13 +135,13 @@ TEST(MapFileContent, ImpossibleContentIsRefusedDespiteAGoodChecksum) {
 TEST(MapFileContent, ErrorsNameWhatIsWrong) {
   const auto message = [](const std::string& bytes) -> std::string {
     try {
-      static_cast<void>(from_bytes<AdaptiveMap<2, 2>>(bytes));
+      static_cast<void>(from_bytes<PaperMap<2, 2>>(bytes));
     } catch (const std::runtime_error& error) {
       return error.what();
     }
     return "no error";
   };
-  const std::string good = to_bytes(AdaptiveMap<2, 2>());
+  const std::string good = to_bytes(PaperMap<2, 2>());
   std::string version = good;
   version[8] = 7;
   std::string damaged = good;
@@ -155,7 +155,7 @@ TEST(MapFileContent, ErrorsNameWhatIsWrong) {
       {version, "format version 7: this ndtree reads version 1"},
       {good.substr(0, good.size() - 3), "truncated or overlong"},
       {damaged, "damaged: the checksum does not match"},
-      {to_bytes(AdaptiveMap<2, 3>()),
+      {to_bytes(PaperMap<2, 3>()),
        "holds a map with branching 2, dim 3 and refinement 'paper', not branching 2"},
       {to_bytes(FixedMap<2, 2>()), "refinement 'fixed', not branching 2, dim 2 and 'paper'"},
   };
@@ -164,7 +164,7 @@ TEST(MapFileContent, ErrorsNameWhatIsWrong) {
 }
 
 TEST(MapFileContent, ARootThatCouldNotGrowOnIsRefused) {
-  using Map = AdaptiveMap<2, 2>;
+  using Map = PaperMap<2, 2>;
   const Map map;
   std::string bytes = to_bytes(map);
   const std::size_t node = bytes.size() - 8;  // The one leaf, before the checksum.
@@ -186,19 +186,19 @@ class MapFileOnDisk : public testing::Test {
 };
 
 TEST_F(MapFileOnDisk, AppearsWholeAndAlone) {
-  AdaptiveMap<2, 3> map;
+  PaperMap<2, 3> map;
   Scan<3> scan;
   scan.origins = Vector<3>(0.0, 0.0, 0.0);
   scan.endpoints = Vector<3>(1.0, 2.0, 3.0);
   save(map, folder_ / "hall.ndt");
   map.insert(scan);
   save(map, folder_ / "hall.ndt");
-  EXPECT_EQ(to_bytes(load<AdaptiveMap<2, 3>>(folder_ / "hall.ndt")), to_bytes(map));
+  EXPECT_EQ(to_bytes(load<PaperMap<2, 3>>(folder_ / "hall.ndt")), to_bytes(map));
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1);
 }
 
 TEST_F(MapFileOnDisk, FailuresNameTheFileAndLeaveNothing) {
-  const AdaptiveMap<2, 3> map;
+  const PaperMap<2, 3> map;
   try {
     save(map, folder_ / "missing" / "hall.ndt");
     FAIL() << "wrote into a folder that does not exist";
@@ -209,11 +209,11 @@ TEST_F(MapFileOnDisk, FailuresNameTheFileAndLeaveNothing) {
   std::filesystem::create_directory(folder_ / "taken");
   EXPECT_THROW(save(map, folder_ / "taken"), std::filesystem::filesystem_error);
   EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder_), {}), 1);
-  EXPECT_THROW(static_cast<void>(load<AdaptiveMap<2, 3>>(folder_ / "none.ndt")),
+  EXPECT_THROW(static_cast<void>(load<PaperMap<2, 3>>(folder_ / "none.ndt")),
                std::filesystem::filesystem_error);
   std::ofstream(folder_ / "text.ndt") << "not a map";
   try {
-    static_cast<void>(load<AdaptiveMap<2, 3>>(folder_ / "text.ndt"));
+    static_cast<void>(load<PaperMap<2, 3>>(folder_ / "text.ndt"));
     FAIL() << "loaded a text";
   } catch (const std::runtime_error& error) {
     EXPECT_NE(std::string(error.what()).find("text.ndt: not an ndtree map"), std::string::npos)

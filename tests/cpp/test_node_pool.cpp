@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <map>
 #include <set>
 #include <utility>
@@ -31,8 +33,10 @@ WideCell numbered_cell<WideCell>(int number) {
 }
 template <>
 OccupancyCell numbered_cell<OccupancyCell>(int number) {
-  return OccupancyCell::from_words(static_cast<std::uint32_t>(number) & 0x7fffffffu,
-                                   0.25f * static_cast<float>(number));
+  const float log_odds = 0.25f * static_cast<float>(number);
+  std::array<std::uint32_t, 2> words{static_cast<std::uint32_t>(number) & 0x7fffffffu, 0};
+  std::memcpy(&words[1], &log_odds, sizeof log_odds);
+  return OccupancyCell::from_words(words);
 }
 template <>
 int numbered_cell<int>(int number) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -21,7 +22,7 @@ TEST(OccupancyCell, StartsUnknownAndUnobserved) {
   EXPECT_EQ(cell.misses(), 0u);
   EXPECT_FALSE(cell.observed());
   EXPECT_EQ(cell.state(), CellState::unknown);
-  EXPECT_EQ(cell.counts_word(), 0u);
+  EXPECT_EQ(cell.words(), (std::array<std::uint32_t, 2>{0, 0}));
   EXPECT_EQ(sizeof(OccupancyCell), 8u);
 }
 
@@ -121,20 +122,21 @@ TEST(OccupancyCell, WordsRoundTrip) {
     const auto misses = static_cast<std::uint32_t>(random.integer(0, kMax));
     cell.set_counts(hits, misses);
     cell.set_log_odds(static_cast<float>(random.uniform(-5.0, 5.0)));
-    const auto again = OccupancyCell::from_words(cell.counts_word(), cell.log_odds());
+    const auto again = OccupancyCell::from_words(cell.words());
     ASSERT_EQ(again, cell);
     ASSERT_EQ(again.hits(), hits);
     ASSERT_EQ(again.misses(), misses);
     ASSERT_TRUE(again.observed());
-    ASSERT_EQ(cell.counts_word() >> 31, 0u);
+    ASSERT_EQ(cell.words()[0] >> 31, 0u);
     // Nothing else is inside: the two words are the cell.
-    std::uint32_t words[2];
-    std::memcpy(words, &cell, sizeof(words));
-    ASSERT_EQ(words[0], cell.counts_word());
+    std::array<std::uint32_t, 2> words;
+    std::memcpy(words.data(), &cell, sizeof words);
+    ASSERT_EQ(words, cell.words());
   }
   EXPECT_EQ(cases, 1000);
-  const auto cell = OccupancyCell::from_words(0xffffffffu, 1.0f);
-  EXPECT_EQ(cell.counts_word(), 0x7fffffffu);
+  const auto cell = OccupancyCell::from_words({0xffffffffu, 0x3f800000u});
+  EXPECT_EQ(cell.words()[0], 0x7fffffffu);
+  EXPECT_EQ(cell.log_odds(), 1.0f);
   EXPECT_EQ(cell.hits(), kMax);
   EXPECT_EQ(cell.misses(), kMax);
 }
@@ -150,7 +152,7 @@ TEST(OccupancyCell, EqualityTakesAllOfIt) {
   b = a;
   b.count_miss();
   EXPECT_TRUE(a != b);
-  EXPECT_NE(OccupancyCell::from_words(0x40000000u, 0.0f), OccupancyCell{});
+  EXPECT_NE(OccupancyCell::from_words({0x40000000u, 0u}), OccupancyCell{});
 }
 
 }  // namespace

@@ -164,7 +164,7 @@ TYPED_TEST(OccupancyMapOf, AdaptiveMapEqualsThePaperWithoutATree) {
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
   for (const double grid : {0.0, kUnit / 4.0}) {
-    AdaptiveMap<N, D> map(options);
+    PaperMap<N, D> map(options);
     FlatMap<N, D> flat(options, levels, true, -2, 2);
     const int scans = D <= 2 ? 12 : 20;
     for (int scan = 0; scan < scans; ++scan) {
@@ -195,7 +195,7 @@ TYPED_TEST(OccupancyMapOf, AdaptiveMapThatMayNotSplitIsAFixedMap) {
   const Scan<D> beams = random_beams<D>(random, 150, 4.0, 0.0);
   // One size only.
   MapOptions options = spelled_out_options(0.25, 0.25);
-  AdaptiveMap<N, D> one_size(options);
+  PaperMap<N, D> one_size(options);
   FixedMap<N, D> fixed(options);
   auto report = one_size.insert(beams);
   const auto fixed_report = fixed.insert(beams);
@@ -208,7 +208,7 @@ TYPED_TEST(OccupancyMapOf, AdaptiveMapThatMayNotSplitIsAFixedMap) {
   options = spelled_out_options(0.25, 0.25 * N);
   options.miss_given_occupied = 0.5;
   options.hit_given_free = 0.5;
-  AdaptiveMap<N, D> unwilling(options);
+  PaperMap<N, D> unwilling(options);
   FixedMap<N, D> coarse(spelled_out_options(0.25 * N, 0.25 * N));
   report = unwilling.insert(beams);
   EXPECT_EQ(report.updates, coarse.insert(beams).updates);
@@ -234,9 +234,9 @@ TYPED_TEST(OccupancyMapOf, OneScanEqualsItsBeamsOneByOneAndTheSameInputTheSameMa
   SCOPED_TRACE(random.trace());
   const MapOptions options = spelled_out_options(0.1, 0.1 * N * N);
   const Scan<D> beams = random_beams<D>(random, 120, 2.0, 0.0);
-  AdaptiveMap<N, D> whole(options);
-  AdaptiveMap<N, D> again(options);
-  AdaptiveMap<N, D> one_by_one(options);
+  PaperMap<N, D> whole(options);
+  PaperMap<N, D> again(options);
+  PaperMap<N, D> one_by_one(options);
   const auto report = whole.insert(beams, 3.0);
   again.insert(beams, 3.0);
   InsertReport sum;
@@ -259,8 +259,8 @@ TYPED_TEST(OccupancyMapOf, OneScanEqualsItsBeamsOneByOneAndTheSameInputTheSameMa
   shared.origins = beams.origins.leftCols(1);
   Scan<D> repeated = beams;
   repeated.origins = beams.origins.col(0).replicate(1, beams.size());
-  AdaptiveMap<N, D> a(options);
-  AdaptiveMap<N, D> b(options);
+  PaperMap<N, D> a(options);
+  PaperMap<N, D> b(options);
   a.insert(shared);
   b.insert(repeated);
   EXPECT_EQ(leaves_of(a.tree()), leaves_of(b.tree()));
@@ -280,7 +280,7 @@ TYPED_TEST(OccupancyMapOf, RandomScansKeepTheInvariants) {
     options.hit_given_free = random.uniform(0.005, 0.1);
     options.merge_free_below = random.uniform(0.12, 0.4);
     options.merge_occupied_above = random.uniform(0.6, 0.97);
-    AdaptiveMap<N, D> map(options);
+    PaperMap<N, D> map(options);
     for (int i = 0; i < 8; ++i, ++scans) {
       const double size = std::exp2(random.uniform(-3.0, 2.0));
       const auto report = map.insert(random_beams<D>(random, 40, size, 0.0), random.uniform(0.5, 5.0));
@@ -310,7 +310,7 @@ TYPED_TEST(OccupancyMapOf, RefusedCallsChangeNothing) {
   NDTREE_SHAPE;
   Random random(45);
   SCOPED_TRACE(random.trace());
-  AdaptiveMap<N, D> map(spelled_out_options(0.1, 0.1 * N));
+  PaperMap<N, D> map(spelled_out_options(0.1, 0.1 * N));
   map.insert(random_beams<D>(random, 60, 1.0, 0.0));
   const auto before = leaves_of(map.tree());
   const auto root = map.tree().root().index;
@@ -459,7 +459,7 @@ TEST(OccupancyMap, EndPointsOnBordersAndCornersCountOneHit) {
 TEST(OccupancyMap, PaperModeSplitsAndMergesAsWorkedOutByHand) {
   MapOptions options = spelled_out_options(0.25, 1.0);
   options.range_sigma = 0.001;
-  AdaptiveMap<2, 2> map(options);
+  PaperMap<2, 2> map(options);
   const double free = std::log(0.4 / 0.6);      // probability_min
   const double occupied = std::log(0.7 / 0.3);  // probability_max
   const auto leaf_at = [&](double x, double y) { return *map.tree().find_leaf(Vector<2>(x, y)); };
@@ -521,7 +521,7 @@ TEST(OccupancyMap, PaperModeSplitsAndMergesAsWorkedOutByHand) {
 }
 
 TEST(OccupancyMap, NothingMergesAboveMaxCellSize) {
-  AdaptiveMap<2, 2> map(spelled_out_options(0.25, 0.5));
+  PaperMap<2, 2> map(spelled_out_options(0.25, 0.5));
   // All of [0, 4)² as free as can be, from beams through each row of cells.
   for (int i = 0; i < 12; ++i)
     for (int row = 0; row < 8; ++row)
@@ -543,7 +543,7 @@ TEST(OccupancyMap, SpaceAndTimeInFourDimensions) {
   // later.
   MapOptions options = spelled_out_options(0.25, 1.0);
   options.range_sigma = 0.01;
-  AdaptiveMap<2, 4> adaptive(options);
+  PaperMap<2, 4> adaptive(options);
   FixedMap<2, 4> fixed(options);
   int beams = 0;
   for (int i = 0; i < 20; ++i)
@@ -576,10 +576,10 @@ TEST(OccupancyMap, SpaceAndTimeInFourDimensions) {
 TEST(OccupancyMap, CopiesAreIndependent) {
   Random random(46);
   SCOPED_TRACE(random.trace());
-  AdaptiveMap<2, 2> map(spelled_out_options(0.1, 0.8));
+  PaperMap<2, 2> map(spelled_out_options(0.1, 0.8));
   map.insert(random_beams<2>(random, 50, 2.0, 0.0));
   const auto before = leaves_of(map.tree());
-  AdaptiveMap<2, 2> copy = map;
+  PaperMap<2, 2> copy = map;
   copy.insert(random_beams<2>(random, 50, 8.0, 0.0));
   EXPECT_EQ(leaves_of(map.tree()), before);
   EXPECT_NE(leaves_of(copy.tree()), before);
@@ -588,7 +588,7 @@ TEST(OccupancyMap, CopiesAreIndependent) {
 }
 
 TEST(OccupancyMap, AnEmptyScanDoesNothing) {
-  AdaptiveMap<2, 2> map;
+  PaperMap<2, 2> map;
   const Scan<2> empty = scan_of<2>({Vector<2>::Zero()}, {});
   const auto report = map.insert(empty);
   EXPECT_EQ(report.beams, 0u);
@@ -607,8 +607,8 @@ TEST(OccupancyMap, FarFromTheOriginAsNear) {
   MapOptions options = spelled_out_options(0.0078125, 0.0625);
   options.range_sigma = 0.01;
   const double shift = 1048576.0;
-  AdaptiveMap<2, 2> near(options);
-  AdaptiveMap<2, 2> far(options);
+  PaperMap<2, 2> near(options);
+  PaperMap<2, 2> far(options);
   Scan<2> beams = random_beams<2>(random, 200, 1.0, 1.0 / 1024.0);
   near.insert(beams);
   beams.origins.array() += shift;
@@ -663,7 +663,7 @@ TEST(MapOptions, BadValuesAreRefusedByName) {
     MapOptions options;
     row.spoil(options);
     try {
-      const AdaptiveMap<2, 2> map(options);
+      const PaperMap<2, 2> map(options);
       ADD_FAILURE() << row.message << "accepted";
     } catch (const std::invalid_argument& error) {
       EXPECT_EQ(std::string(error.what()).rfind(row.message, 0), 0u) << error.what();

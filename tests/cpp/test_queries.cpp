@@ -43,8 +43,8 @@ std::vector<PlainLeaf<Map::kDim>> plain_leaves(const Map& map) {
 
 /// Free space, scattered surfaces and unknown rest, in cells of 0.25 m and more.
 template <int N, int D>
-AdaptiveMap<N, D> random_map(Random& random) {
-  AdaptiveMap<N, D> map(spelled_out_options(0.25, 0.25 * N));
+PaperMap<N, D> random_map(Random& random) {
+  PaperMap<N, D> map(spelled_out_options(0.25, 0.25 * N));
   Scan<D> scan;
   scan.origins = Vector<D>::Constant(0.1);
   scan.endpoints.resize(D, 40);

@@ -106,10 +106,16 @@ OPTIONS = [
     ({"max_cell_size": 0.01}, ValueError, "max_cell_size = 0.01: must be at least min_cell_size"),
     ({"range_sigma": 0}, ValueError, "range_sigma = 0.0: must be > 0 m"),
     ({"probability_max": 0.3}, ValueError, "probability_max = 0.3: must be in (0.5, 1)"),
-    ({"significance": 1.0}, ValueError, "significance = 1.0: must be in (0, 1)"),
+    ({"refinement": "paper", "significance": 1.0}, ValueError, "significance = 1.0: must be in (0, 1)"),
+    ({"split_probability": 1.0}, ValueError, "split_probability = 1.0: must be in (0, 1)"),
+    ({"evidence_memory": 256}, ValueError, "evidence_memory = 256.0: must be in [1, 255] nats"),
+    ({"merge_loss": -1}, ValueError, "merge_loss = -1.0: must be >= 0 bits"),
+    ({"miss_given_occupied": 0.5, "hit_given_free": 0.5}, ValueError, "hit_given_free = 0.5: must be less"),
+    ({"significance": 0.9}, TypeError, "unexpected keyword argument 'significance'"),
+    ({"refinement": "paper", "merge_loss": 1}, TypeError, "unexpected keyword argument 'merge_loss'"),
     ({"branching": 5}, ValueError, "branching = 5, dim = 2: must be branching 2, 3 or 4"),
     ({"dim": 4, "branching": 3}, ValueError, "branching = 3, dim = 4"),
-    ({"refinement": "clever"}, ValueError, "refinement = 'clever': must be 'paper'"),
+    ({"refinement": "clever"}, ValueError, "refinement = 'clever': must be 'evidence' or 'paper'"),
     ({"cell_size": 0.1}, TypeError, "unexpected keyword argument 'cell_size'"),
     ({"min_cell_size": "small"}, TypeError, "min_cell_size = 'small': must be a number"),
     ({"min_cell_size": 1e-9, "max_cell_size": 1e9}, ValueError, "at most 2^36 of the smallest"),
@@ -130,10 +136,14 @@ def test_a_fixed_map_takes_no_options_of_refinement():
 
 
 def test_options_default_to_those_of_the_library():
-    m = ndtree.AdaptiveMap()
-    assert m.options == ndtree.default_options()
-    other = ndtree.AdaptiveMap(**{name: value * 0.99 for name, value in m.options.items()})
-    assert other.options == {name: value * 0.99 for name, value in m.options.items()}
+    read = set()
+    for refinement in ("evidence", "paper"):
+        m = ndtree.AdaptiveMap(refinement=refinement)
+        assert m.options.items() < ndtree.default_options().items()
+        changed = {name: value * 0.99 for name, value in m.options.items()}
+        assert ndtree.AdaptiveMap(refinement=refinement, **changed).options == changed
+        read |= set(m.options)
+    assert read == set(ndtree.default_options())
 
 
 def damaged_files():

@@ -196,3 +196,31 @@ def test_octomap_answers_the_same_calls(tmp_path):
     points, origin = room_scan(2, 0)
     flat.insert(points, origin)
     assert flat.leaves().lower.shape[1] == 2
+
+
+def test_compress_meets_its_budget_and_says_what_it_lost() -> None:
+    m = ndtree.AdaptiveMap(dim=2)
+    for scan in ndtree.simulate("office", scans=40):
+        scan.insert_into(m, max_range=20)
+    whole = m.stats()
+    report = copy.copy(m).compress(max_loss=0)
+    assert report.leaves_before == whole.observed_leaves >= report.leaves
+    assert report.bytes_before >= report.bytes
+    assert report.loss == 0
+    half = copy.copy(m)
+    report = half.compress(max_leaves=whole.observed_leaves // 2)
+    assert half.stats().observed_leaves == report.leaves <= whole.observed_leaves // 2
+    assert report.loss > 0
+    small = copy.copy(m)
+    assert small.compress(max_bytes=whole.memory_bytes // 2).bytes == small.stats().memory_bytes
+    assert small.stats().memory_bytes <= whole.memory_bytes // 2
+    for call, message in (
+        ({}, "expected max_loss, max_leaves or max_bytes"),
+        ({"max_loss": -1}, "max_loss = -1.0: must be >= 0 bits"),
+        ({"max_leaves": 1}, "max_leaves = 1: must be at least"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            m.compress(**call)
+    with pytest.raises(ValueError, match="refinement = 'paper': only a map refined by 'evidence'"):
+        ndtree.AdaptiveMap(refinement="paper").compress(max_loss=1)
+    assert m.stats().observed_leaves == whole.observed_leaves

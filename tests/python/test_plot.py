@@ -78,7 +78,7 @@ def test_region_is_what_is_shown(flat: Any) -> None:
 
 
 def test_vast_maps_become_images_of_bounded_size() -> None:
-    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.01, max_cell_size=5.12)
+    m = ndtree.AdaptiveMap(dim=2, refinement="paper", min_cell_size=0.01, max_cell_size=5.12)
     m.insert(np.array([[3000.0, 2000.0]]), np.zeros(2))
     image, _ = shown_image(plot.occupancy(m, region=(0, 3000, 0, 2000)))
     assert image.size <= 2 * plot.MAX_IMAGE_CELLS

@@ -147,6 +147,7 @@ Candidate candidate(const std::string& name, const Job<D>& job, Make make) {
 template <int N, int D>
 Candidate own_candidate(const std::string& name, const Job<D>& job) {
   if (name == "adaptive") return candidate(name, job, [&job] { return AdaptiveMap<N, D>(job.options.map); });
+  if (name == "paper") return candidate(name, job, [&job] { return PaperMap<N, D>(job.options.map); });
   return candidate(name, job, [&job] { return FixedMap<N, D>(job.options.map); });
 }
 

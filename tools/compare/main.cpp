@@ -53,9 +53,16 @@ const std::map<std::string, std::string>& option_help() {
       {"log_odds_max", "upper bound of a cell's log-odds"},
       {"miss_given_occupied", "share of beams that pass an occupied cell"},
       {"hit_given_free", "share of beams that end in a free cell"},
-      {"significance", "confidence of the split test"},
-      {"merge_free_below", "siblings merge if all are at most this probable"},
-      {"merge_occupied_above", "or all at least this"},
+      {"significance", "paper: confidence of the split test"},
+      {"merge_free_below", "paper: siblings merge if all are at most this probable"},
+      {"merge_occupied_above", "paper: or all at least this"},
+      {"split_probability", "a cell splits if more probably than this it is partially occupied"},
+      {"merge_loss", "siblings merge if that loses at most this for each cell saved [bits]"},
+      {"inherited_doubt", "inherited free evidence that counts half where a beam ends [nats]"},
+      {"occupied_weight", "weight of evidence for occupied against evidence for free space"},
+      {"noise_sigmas", "no split makes smaller cells than this many standard deviations"},
+      {"evidence_memory", "a cell remembers evidence of this weight [nats]"},
+      {"evidence_prior", "evidence for and against that every cell begins with [nats]"},
   };
   return help;
 }
@@ -74,7 +81,7 @@ void declare(CLI::App& app, Call& call) {
   app.add_option("--limit", call.limit, "use only the first scans of the log")
       ->check(CLI::PositiveNumber)
       ->type_name("SCANS");
-  app.add_option("--maps", call.maps, "adaptive, fixed, octomap, octomap-scan, octomap-scan-lazy")
+  app.add_option("--maps", call.maps, "adaptive, paper, fixed, octomap, octomap-scan, octomap-scan-lazy")
       ->capture_default_str();
   app.add_option("--branching", call.options.branching, "children per axis of a node of our maps: 2, 3 or 4")
       ->capture_default_str();

@@ -63,6 +63,7 @@ Json parameters(const ComparisonOptions& options) {
   json["endpoint_radius"] = options.truth.endpoint_radius;
   json["cast_tolerance"] = options.truth.cast_tolerance;
   json["cast_overshoot"] = options.truth.cast_overshoot;
+  json["probability_clip"] = options.truth.probability_clip;
   return json;
 }
 
@@ -75,6 +76,8 @@ Json truth(const HeldOutTruth& truth) {
           {"endpoints", truth.endpoints},
           {"casts_within", truth.casts_within},
           {"casts", truth.casts()},
+          {"balanced_accuracy", nullable(truth.balanced_accuracy())},
+          {"log_score", nullable(truth.log_score())},
           {"median_error", nullable(truth.median_cast_error().value_or(HUGE_VAL))}};
 }
 
@@ -251,6 +254,11 @@ void add_map_rows(const Json& maps, Table& table) {
   row_of_truth("  occupied", "occupied", "samples");
   row_of_truth("  unknown", "unknown", "samples");
   row_of_truth("end points near occupied", "endpoints_near", "endpoints");
+  row("balanced accuracy", [](const Json& map) {
+    const Json& accuracy = map["truth"]["balanced_accuracy"];
+    return accuracy.is_number() ? decimals(accuracy, 2, 100.0) + " %" : "-";
+  });
+  row("log score [nats]", [](const Json& map) { return decimals(map["truth"]["log_score"], 4); });
   row_of_truth("ray casts right", "casts_within", "casts");
   row("  median error [m]", [](const Json& map) { return decimals(map["truth"]["median_error"], 4); });
 }

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <cstring>
 
@@ -14,10 +15,15 @@ namespace ndtree {
 /// A cell is one of these; `unknown` is no evidence, or evidence that balances exactly.
 enum class CellState : std::int8_t { unknown = -1, free = 0, occupied = 1 };
 
+[[nodiscard]] inline CellState state_of(float log_odds) {
+  return log_odds > 0.0f ? CellState::occupied : log_odds < 0.0f ? CellState::free : CellState::unknown;
+}
+
 /// Evidence of one leaf in 8 bytes. Invariant: a cell that was never updated has log-odds 0 and no counts.
 class OccupancyCell {
  public:
   static constexpr bool kLeavesTopBitOfFirstWordClear = true;  // See Node.
+  static constexpr int kNumWords = 2;
   static constexpr std::uint32_t kMaxCount = 0x7fff;
 
   [[nodiscard]] float log_odds() const { return log_odds_; }
@@ -26,9 +32,7 @@ class OccupancyCell {
   [[nodiscard]] std::uint32_t misses() const { return (counts_ >> 15) & kMaxCount; }
   /// At least one beam updated this cell, or a cell that was merged into it.
   [[nodiscard]] bool observed() const { return (counts_ & kObserved) != 0; }
-  [[nodiscard]] CellState state() const {
-    return log_odds_ > 0.0f ? CellState::occupied : log_odds_ < 0.0f ? CellState::free : CellState::unknown;
-  }
+  [[nodiscard]] CellState state() const { return state_of(log_odds_); }
 
   /// Recursive Bayes update in log-odds, clamped (Sec. III).
   void update(float log_odds_of_measurement, float log_odds_min, float log_odds_max) {
@@ -52,12 +56,16 @@ class OccupancyCell {
     counts_ |= kObserved;
   }
 
-  /// The cell as two words, for files; from_words() is the inverse and clears what a cell cannot hold.
-  [[nodiscard]] std::uint32_t counts_word() const { return counts_; }
-  [[nodiscard]] static OccupancyCell from_words(std::uint32_t counts, float log_odds) {
+  /// The cell as words, for files; from_words() is the inverse and clears what a cell cannot hold.
+  [[nodiscard]] std::array<std::uint32_t, kNumWords> words() const {
+    std::array<std::uint32_t, kNumWords> words{counts_, 0};
+    std::memcpy(&words[1], &log_odds_, sizeof log_odds_);
+    return words;
+  }
+  [[nodiscard]] static OccupancyCell from_words(const std::array<std::uint32_t, kNumWords>& words) {
     OccupancyCell cell;
-    cell.counts_ = counts & 0x7fffffffu;
-    cell.log_odds_ = log_odds;
+    cell.counts_ = words[0] & 0x7fffffffu;
+    std::memcpy(&cell.log_odds_, &words[1], sizeof cell.log_odds_);
     return cell;
   }
 

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "ndtree/core/beam.hpp"
 #include "ndtree/core/log_odds.hpp"
 
 namespace ndtree {
@@ -66,6 +67,13 @@ class BeamSensorModel {
   /// Standard deviation of a measured range [m].
   [[nodiscard]] double sigma(double range) const {
     return options_.range_sigma + options_.range_sigma_quadratic * range * range;
+  }
+
+  /// The last point that a beam says anything about, as its t.
+  template <int D>
+  [[nodiscard]] double t_end(const Beam<D>& beam) const {
+    if (beam.outcome != BeamOutcome::returned) return beam.t_free;
+    return 1.0 + kReachSigmas * sigma(beam.range) / beam.range;
   }
 
   /// The model as derived, not clamped; entry and exit in metres from the sensor.

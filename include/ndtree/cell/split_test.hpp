@@ -15,6 +15,7 @@ struct SplitOptions {
   double miss_given_occupied = 0.1;  ///< p(miss|occ): share of beams that pass an occupied cell.
   double hit_given_free = 0.05;      ///< p(hit|free): share of beams that end in a free cell.
   double significance = 0.995;       ///< Confidence with which both hypotheses must be rejected.
+  double split_probability = 0.7;    ///< Of being partially occupied, above which a cell splits.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
@@ -23,6 +24,8 @@ struct SplitOptions {
     require_option(hit_given_free > 0.0 && hit_given_free < 1.0, "hit_given_free", hit_given_free,
                    "in (0, 1)");
     require_option(significance > 0.0 && significance < 1.0, "significance", significance, "in (0, 1)");
+    require_option(split_probability > 0.0 && split_probability < 1.0, "split_probability", split_probability,
+                   "in (0, 1)");
   }
 };
 

@@ -30,6 +30,9 @@ struct HeldOutTruthOptions {
   double endpoint_radius = 0.05;  ///< An end point is found if an occupied cell is this near [m].
   double cast_tolerance = 0.10;   ///< A ray cast is right if it ends this near to the measured range [m].
   double cast_overshoot = 10.0;   ///< A ray cast is given up this far behind the end point [m].
+  /// Probabilities are taken for no less than this and no more than 1 minus this: one cell that is surely
+  /// wrong does not decide the log score.
+  double probability_clip = 0.02;
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
@@ -39,18 +42,22 @@ struct HeldOutTruthOptions {
     require_option(endpoint_radius >= 0.0, "endpoint_radius", endpoint_radius, ">= 0 m");
     require_option(cast_tolerance >= 0.0, "cast_tolerance", cast_tolerance, ">= 0 m");
     require_option(cast_overshoot >= 0.0, "cast_overshoot", cast_overshoot, ">= 0 m");
+    require_option(probability_clip > 0.0 && probability_clip < 0.5, "probability_clip", probability_clip,
+                   "in (0, 0.5)");
   }
 };
 
 /// What a map said about held-out beams, as counts; of beams that returned from within the maximum range.
 /// Shares are none where nothing was counted.
 struct HeldOutTruth {
-  std::uint64_t free = 0;            ///< Samples of free space that the map calls free, ...
-  std::uint64_t occupied = 0;        ///< ... occupied, ...
-  std::uint64_t unknown = 0;         ///< ... or unknown.
-  std::uint64_t endpoints = 0;       ///< End points.
-  std::uint64_t endpoints_near = 0;  ///< End points with an occupied cell within endpoint_radius.
-  std::uint64_t casts_within = 0;    ///< Ray casts that end within cast_tolerance of the measured range.
+  std::uint64_t free = 0;                ///< Samples of free space that the map calls free, ...
+  std::uint64_t occupied = 0;            ///< ... occupied, ...
+  std::uint64_t unknown = 0;             ///< ... or unknown.
+  std::uint64_t endpoints = 0;           ///< End points.
+  std::uint64_t endpoints_near = 0;      ///< End points with an occupied cell within endpoint_radius.
+  std::uint64_t casts_within = 0;        ///< Ray casts that end within cast_tolerance of the measured range.
+  double free_log_likelihood = 0.0;      ///< Sum of log(1 - p) over the samples of free space [nats].
+  double endpoint_log_likelihood = 0.0;  ///< Sum of log p over the end points [nats].
   std::vector<double>
       cast_errors;  ///< |cast - measured range|, one a ray cast; infinite if it finds nothing.
 
@@ -64,6 +71,19 @@ struct HeldOutTruth {
     return share(endpoints_near, endpoints);
   }
   [[nodiscard]] std::optional<double> casts_within_share() const { return share(casts_within, casts()); }
+
+  /// Mean of the share of free space called free and of the share of end points found.
+  [[nodiscard]] std::optional<double> balanced_accuracy() const {
+    if (samples() == 0 || endpoints == 0) return std::nullopt;
+    return 0.5 * (*free_share() + *endpoints_near_share());
+  }
+  /// Mean log-likelihood of what the beams found under the map's probabilities [nats], free samples and end
+  /// points weighted equally: a proper score, the higher the better, at most 0.
+  [[nodiscard]] std::optional<double> log_score() const {
+    if (samples() == 0 || endpoints == 0) return std::nullopt;
+    return 0.5 * (free_log_likelihood / static_cast<double>(samples()) +
+                  endpoint_log_likelihood / static_cast<double>(endpoints));
+  }
 
   /// Exact median of cast_errors [m], of an even number the mean of the middle two; infinite if as many casts
   /// find nothing. O(casts).
@@ -84,6 +104,8 @@ struct HeldOutTruth {
     endpoints += other.endpoints;
     endpoints_near += other.endpoints_near;
     casts_within += other.casts_within;
+    free_log_likelihood += other.free_log_likelihood;
+    endpoint_log_likelihood += other.endpoint_log_likelihood;
     cast_errors.insert(cast_errors.end(), other.cast_errors.begin(), other.cast_errors.end());
   }
 
@@ -95,8 +117,9 @@ struct HeldOutTruth {
 };
 
 /// Asks the map about each beam of a scan that was not mapped, and adds what it says to `truth`.
-/// @param map any type for which `state(map, point)`, `occupied_within(map, point, radius)` and
-///   `cast_ray(map, origin, direction, max_range)` are found, in ndtree or in the map's own namespace.
+/// @param map any type for which `probability(map, point)`, `state(map, point)`,
+///   `occupied_within(map, point, radius)` and `cast_ray(map, origin, direction, max_range)` are found, in
+///   ndtree or in the map's own namespace.
 /// @param max_range [m] beams that are longer are not asked about, nor are those that did not return.
 /// @throws std::invalid_argument if max_range is not > 0, or a beam is too long to be sampled.
 template <class Map, int D>
@@ -106,6 +129,9 @@ void evaluate(const Map& map, const ScanView<D>& scan, double max_range, HeldOut
   constexpr double kMaxSamples = 1e7;
   if (!(max_range > 0.0))
     throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
+  const auto clipped = [&](double p) {
+    return std::clamp(p, options.probability_clip, 1.0 - options.probability_clip);
+  };
   for (Eigen::Index i = 0; i < scan.size; ++i) {
     const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
     if (beam.outcome != BeamOutcome::returned) continue;
@@ -122,9 +148,11 @@ void evaluate(const Map& map, const ScanView<D>& scan, double max_range, HeldOut
       ++(found == CellState::free       ? truth.free
          : found == CellState::occupied ? truth.occupied
                                         : truth.unknown);
+      truth.free_log_likelihood += std::log1p(-clipped(probability(map, point)));
     }
 
     ++truth.endpoints;
+    truth.endpoint_log_likelihood += std::log(clipped(probability(map, beam.endpoint)));
     if (occupied_within(map, beam.endpoint, options.endpoint_radius)) ++truth.endpoints_near;
 
     const std::optional<double> cast =

@@ -3,7 +3,9 @@
 /// The map's own file: options, counters and the tree, versioned and with a checksum.
 #pragma once
 
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <stdexcept>
@@ -11,7 +13,6 @@
 #include <string_view>
 #include <utility>
 
-#include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
@@ -29,7 +30,7 @@ struct MapFileHeader {
 // u32 branching, u32 dim, text refinement, u32 number of options, each text name and f64 value, 3 u64
 // counters, i32 level and D i64 lower corner of the root, the nodes depth first, u32 CRC-32 of all before it.
 // A text is u16 length and bytes. A node is the u32 0x80000000 if it has children, which follow; 0 for a leaf
-// that was never observed; else the u32 of counts and the f32 of log-odds of a leaf.
+// that was never observed; else the cell's words, each u32: first its counts, then its log-odds as f32.
 namespace detail {
 
 inline constexpr std::string_view kMapFileMagic{"\x89NDT\r\n\x1a\n", 8};
@@ -44,8 +45,8 @@ void write_nodes(const Tree& tree, const typename Tree::NodeType& node, ByteWrit
     const auto* children = tree.children(node);
     for (int j = 0; j < Tree::kNumChildren; ++j) write_nodes(tree, children[j], out);
   } else {
-    out.put(node.cell().counts_word());
-    if (node.cell().observed()) out.put(node.cell().log_odds());
+    const auto words = node.cell().words();
+    for (std::size_t i = 0; i < words.size() && (i == 0 || node.cell().observed()); ++i) out.put(words[i]);
   }
 }
 
@@ -62,8 +63,10 @@ void read_nodes(Tree& tree, typename Tree::NodeType& node, int level, ByteReader
     return;
   }
   if (word == 0) return;  // Never observed, as the cell is already.
-  const OccupancyCell cell = OccupancyCell::from_words(word, in.get<float>());
-  if (!cell.observed() || (word & kInnerNode) != 0)
+  std::array<std::uint32_t, Tree::Cell::kNumWords> words{word};
+  for (std::size_t i = 1; i < words.size(); ++i) words[i] = in.get<std::uint32_t>();
+  const auto cell = Tree::Cell::from_words(words);
+  if (!cell.observed() || cell.words() != words)
     throw std::runtime_error("a cell with counts that no map writes, at byte " +
                              std::to_string(in.position()));
   node.become_leaf(cell);

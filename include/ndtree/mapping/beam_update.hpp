@@ -3,20 +3,12 @@
 /// One beam into the tree: Bayes update and counts leaf by leaf, splits on the way, merges on the way back.
 #pragma once
 
-#include <cstdint>
-
 #include "ndtree/core/beam.hpp"
 #include "ndtree/mapping/map_options.hpp"
+#include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 
 namespace ndtree {
-
-/// What changed the tree so far; a map keeps these over its life.
-struct UpdateCounters {
-  std::uint64_t updates = 0;  ///< (beam, leaf) pairs whose occupancy was updated.
-  std::uint64_t splits = 0;   ///< Leaves split because the refinement asked for it.
-  std::uint64_t merges = 0;   ///< Parents that took the place of their children.
-};
 
 /// Visitor that integrates one beam (Sec. III). Three kinds of leaves:
 /// - the one that the end point of a returned beam lies in counts a hit; if the beam only touches that cell
@@ -40,14 +32,8 @@ class BeamUpdate : public BeamVisitor {
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
         counters_(counters) {}
 
-  /// The last point that a beam says anything about, as its t.
-  [[nodiscard]] static double t_end(const Beam<D>& beam, const Sensor& sensor) {
-    if (beam.outcome != BeamOutcome::returned) return beam.t_free;
-    return 1.0 + Sensor::kReachSigmas * sensor.sigma(beam.range) / beam.range;
-  }
-
   /// @pre the beam is valid, and the tree contains it up to t_end().
-  void integrate(const Beam<D>& beam) {
+  void add(const Beam<D>& beam) {
     range_ = beam.range;
     returned_ = beam.outcome == BeamOutcome::returned;
     hit_counted_ = false;
@@ -56,8 +42,11 @@ class BeamUpdate : public BeamVisitor {
     sigma_ = sensor_.sigma(range_);
     t_clearly_free_ = returned_ ? sensor_.clearly_free_until(range_, sigma_) / range_ : beam.t_free;
     free_end_ = beam.free_end();
-    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, t_end(beam, sensor_), *this);
+    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, sensor_.t_end(beam), *this);
   }
+
+  /// After the last beam of a scan: nothing is left to do.
+  void finish() {}
 
   template <class Ref>
   void enter(const Ref& leaf) {

@@ -4,7 +4,10 @@
 #pragma once
 
 #include <cmath>
+#include <string_view>
 
+#include "ndtree/cell/evidence_merge.hpp"
+#include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/cell/merge_rule.hpp"
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/split_test.hpp"
@@ -12,7 +15,7 @@
 namespace ndtree {
 
 /// The options of a map; those of the sensor, the split test and the merge rule are among its members.
-struct MapOptions : SensorOptions, SplitOptions, MergeOptions {
+struct MapOptions : SensorOptions, SplitOptions, MergeOptions, EvidenceOptions, EvidenceMergeOptions {
   double min_cell_size = 0.05;  ///< Leaves are never split below this edge length [m].
   /// No larger cell is ever updated [m]. The map uses the largest min_cell_size * N^k that is not above it.
   double max_cell_size = 1.6;
@@ -26,6 +29,8 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions {
     SensorOptions::validate();
     SplitOptions::validate();
     MergeOptions::validate();
+    EvidenceOptions::validate();
+    EvidenceMergeOptions::validate();
   }
 
   /// Levels between the smallest and the largest cell for N children per axis. Sizes are decimal numbers that
@@ -37,6 +42,16 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions {
     return levels;
   }
 };
+
+/// The one refinement that reads an option, by its kName; empty for an option that more than one reads.
+[[nodiscard]] inline std::string_view only_reader(std::string_view option) {
+  for (const char* const name : {"significance", "merge_free_below", "merge_occupied_above"})
+    if (option == name) return "paper";
+  for (const char* const name : {"split_probability", "merge_loss", "inherited_doubt", "occupied_weight",
+                                 "noise_sigmas", "evidence_memory", "evidence_prior"})
+    if (option == name) return "evidence";
+  return {};
+}
 
 /// Calls `visit(name, value)` for every option, in this order: the one list behind files and bindings.
 /// @param options a MapOptions, const or not; the value is a reference to its double.
@@ -55,6 +70,13 @@ void for_each_option(Options& options, Visit&& visit) {
   visit("significance", options.significance);
   visit("merge_free_below", options.merge_free_below);
   visit("merge_occupied_above", options.merge_occupied_above);
+  visit("split_probability", options.split_probability);
+  visit("merge_loss", options.merge_loss);
+  visit("inherited_doubt", options.inherited_doubt);
+  visit("occupied_weight", options.occupied_weight);
+  visit("noise_sigmas", options.noise_sigmas);
+  visit("evidence_memory", options.evidence_memory);
+  visit("evidence_prior", options.evidence_prior);
 }
 
 }  // namespace ndtree

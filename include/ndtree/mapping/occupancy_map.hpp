@@ -11,13 +11,13 @@
 #include <string>
 #include <utility>
 
-#include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/scan.hpp"
-#include "ndtree/mapping/beam_update.hpp"
+#include "ndtree/mapping/compress.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/refinement.hpp"
+#include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 #include "ndtree/tree/visit.hpp"
 
@@ -74,7 +74,8 @@ class OccupancyMap {
   using RefinementType = Refinement;
   using Options = MapOptions;
   using Counters = UpdateCounters;
-  using Tree = NdTree<N, D, OccupancyCell>;
+  using Cell = typename Refinement::Cell;
+  using Tree = NdTree<N, D, Cell>;
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   explicit OccupancyMap(const MapOptions& options = {})
@@ -89,7 +90,8 @@ class OccupancyMap {
         tree_(std::move(tree)),
         counters_(counters) {}
 
-  /// Integrates the beams of a scan one by one in their order (Sec. III); merging follows each beam.
+  /// Integrates a scan, as the refinement has it: beam by beam in their order, with merging after each
+  /// (paper, fixed; Sec. III), or all beams at once.
   /// @param max_range [m] beams that are longer say only that the space up to there is free.
   /// @throws std::invalid_argument if max_range is not > 0, if the scan's one origin is not finite, or if a
   ///   beam leaves what the lattice can address. The map is then unchanged.
@@ -99,12 +101,14 @@ class OccupancyMap {
     InsertReport report;
     report.beams = static_cast<std::uint64_t>(scan.size);
     const UpdateCounters before = counters_;
-    BeamUpdate<Tree, Refinement, Sensor> update(tree_, refinement_, sensor_, options_, counters_);
+    typename Refinement::template Update<Tree, Sensor> update(tree_, refinement_, sensor_, options_,
+                                                              counters_);
     for (Eigen::Index i = 0; i < scan.size; ++i) {
       const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
       ++report.count(beam.outcome);
-      if (beam.outcome != BeamOutcome::invalid) update.integrate(beam);
+      if (beam.outcome != BeamOutcome::invalid) update.add(beam);
     }
+    update.finish();
     report.updates = counters_.updates - before.updates;
     report.splits = counters_.splits - before.splits;
     report.merges = counters_.merges - before.merges;
@@ -113,6 +117,18 @@ class OccupancyMap {
   }
   InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange) {
     return insert(scan.view(), max_range);
+  }
+
+  /// Joins siblings where that loses the least information, until the budget is met; later insertions go on
+  /// from there, and divide again what beams contradict. O(nodes log nodes).
+  /// @throws std::invalid_argument if no limit is given, or one cannot be met; the map is then unchanged.
+  CompressReport compress(const CompressBudget& budget) {
+    detail::Compression compression(tree_, refinement_.merge_rule,
+                                    Refinement::coarsest_level(tree_.geometry().finest_level()),
+                                    sizeof(*this) - sizeof(tree_));
+    const CompressReport report = compression.run(budget);
+    counters_.merges += report.merges;
+    return report;
   }
 
   [[nodiscard]] const Tree& tree() const { return tree_; }
@@ -142,14 +158,14 @@ class OccupancyMap {
     tree_.check_invariants();
     const int coarsest = Refinement::coarsest_level(tree_.geometry().finest_level());
     for_each_leaf(tree_, [&](const auto& leaf) {
-      const OccupancyCell& cell = leaf.cell();
+      const Cell& cell = leaf.cell();
       if (leaf.index.level > coarsest && cell.observed())
         throw std::logic_error("an observed leaf of level " + std::to_string(leaf.index.level) +
                                ": the coarsest that may be updated is " + std::to_string(coarsest));
       if (!(cell.log_odds() >= static_cast<float>(options_.log_odds_min) &&
             cell.log_odds() <= static_cast<float>(options_.log_odds_max)))
         throw std::logic_error("a leaf with log-odds " + std::to_string(cell.log_odds()) + ": out of bounds");
-      if (!cell.observed() && cell != OccupancyCell{})
+      if (!cell.observed() && cell != Cell{})
         throw std::logic_error("a leaf that was never observed holds evidence");
     });
   }
@@ -178,7 +194,7 @@ class OccupancyMap {
     for (Eigen::Index i = 0; i < scan.size; ++i) {
       const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
       if (beam.outcome == BeamOutcome::invalid) continue;
-      const Vector<D> end = beam.point(BeamUpdate<Tree, Refinement, Sensor>::t_end(beam, sensor_));
+      const Vector<D> end = beam.point(sensor_.t_end(beam));
       for (const Vector<D>& point : {beam.origin, end, beam.free_end()}) {
         if (!tree_.geometry().in_reach(point))
           throw std::invalid_argument("beam " + std::to_string(i) + " reaches " + describe(point) +
@@ -206,9 +222,13 @@ class OccupancyMap {
   UpdateCounters counters_;
 };
 
-/// The adaptive map of the paper: cells find their size while mapping.
+/// The map whose cells find their size while mapping.
 template <int N, int D>
-using AdaptiveMap = OccupancyMap<N, D, PaperRefinement>;
+using AdaptiveMap = OccupancyMap<N, D, EvidenceRefinement>;
+
+/// The adaptive map with exactly the rules of the paper.
+template <int N, int D>
+using PaperMap = OccupancyMap<N, D, PaperRefinement>;
 
 /// The baseline: the same map, with every cell of min_cell_size.
 template <int N, int D>

@@ -5,10 +5,16 @@
 
 #include <optional>
 
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/evidence_merge.hpp"
+#include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/cell/merge_rule.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/partial_occupancy.hpp"
 #include "ndtree/cell/split_test.hpp"
+#include "ndtree/mapping/beam_update.hpp"
 #include "ndtree/mapping/map_options.hpp"
+#include "ndtree/mapping/scan_update.hpp"
 
 namespace ndtree {
 
@@ -17,6 +23,9 @@ namespace ndtree {
 struct PaperRefinement {
   static constexpr const char* kName = "paper";
   static constexpr bool kAdaptive = true;
+  using Cell = OccupancyCell;
+  template <class Tree, class Sensor>
+  using Update = BeamUpdate<Tree, PaperRefinement, Sensor>;
 
   ChiSquareSplitTest split_test;
   SameStateMergeRule merge_rule;
@@ -33,10 +42,54 @@ struct PaperRefinement {
   }
 };
 
+/// Cells start at max_cell_size; whole scans decide with all their beams. A cell splits where a beam ends
+/// after a free way through it, or where its hits and misses make it probable that it is partially occupied;
+/// children keep what their parent knew. Siblings join where next to no information is lost.
+struct EvidenceRefinement {
+  static constexpr const char* kName = "evidence";
+  static constexpr bool kAdaptive = true;
+  using Cell = EvidenceCell;
+  template <class Tree, class Sensor>
+  using Update = ScanUpdate<Tree, EvidenceRefinement, Sensor>;
+
+  EvidenceModel model;
+  PartialOccupancyModel partial_occupancy;
+  EvidenceMergeRule merge_rule;
+  double split_probability;
+
+  explicit EvidenceRefinement(const MapOptions& options)
+      : model(options, options),
+        partial_occupancy(options),
+        merge_rule(options, model),
+        split_probability(options.split_probability) {}
+
+  [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
+  /// Whether smaller cells could tell more than this one about what it knows and what the scan adds.
+  /// In free space every hit asks for smaller cells, which show whether it is local; they join again if not.
+  /// In unknown space only a hit that noise cannot bring there does: before it lies free space.
+  [[nodiscard]] bool splits(const EvidenceCell& cell, const ScanEvidence& scan) const {
+    switch (cell.state()) {
+      case CellState::free:
+        return scan.resolvable_hits > 0;
+      case CellState::unknown:
+        return scan.deep_hits > 0;
+      case CellState::occupied:
+        break;
+    }
+    if (scan.resolvable_misses + scan.deep_hits == 0) return false;
+    const OccupancyHypotheses what =
+        partial_occupancy(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
+    return what.partial > split_probability;
+  }
+};
+
 /// Every cell that a beam updates has min_cell_size: the fixed-resolution grid, by the same code.
 struct FixedRefinement {
   static constexpr const char* kName = "fixed";
   static constexpr bool kAdaptive = false;
+  using Cell = OccupancyCell;
+  template <class Tree, class Sensor>
+  using Update = BeamUpdate<Tree, FixedRefinement, Sensor>;
 
   explicit FixedRefinement(const MapOptions&) {}
 

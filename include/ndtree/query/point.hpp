@@ -10,9 +10,9 @@ namespace ndtree {
 
 /// The cell that contains a point; an unobserved one outside the map. O(depth).
 template <class Map>
-[[nodiscard]] OccupancyCell cell_at(const Map& map, const Vector<Map::kDim>& point) {
+[[nodiscard]] typename Map::Cell cell_at(const Map& map, const Vector<Map::kDim>& point) {
   const auto leaf = map.tree().find_leaf(point);
-  return leaf ? leaf->cell() : OccupancyCell{};
+  return leaf ? leaf->cell() : typename Map::Cell{};
 }
 
 /// Unknown, free or occupied; unknown outside the map and for points that are not finite.

@@ -26,61 +26,50 @@ struct BeamVisitor {
   void leave(const Ref&) {}
 };
 
-namespace detail {
-
-template <class Tree, class Visitor>
-class BeamTraversal {
-  static constexpr int N = Tree::kBranching;
-  static constexpr int D = Tree::kDim;
+/// One beam on the lattice: where it crosses planes, and which children of a cell it passes through. The only
+/// code that steps along beams.
+template <int N, int D>
+class BeamStepper {
   static constexpr double kNever = std::numeric_limits<double>::infinity();
 
  public:
-  BeamTraversal(Tree& tree, const Vector<D>& origin, const Vector<D>& direction, Visitor& visitor)
-      : tree_(tree), geometry_(tree.geometry()), origin_(origin), direction_(direction), visitor_(visitor) {}
+  BeamStepper(const LatticeGeometry<N, D>& geometry, const Vector<D>& origin, const Vector<D>& direction)
+      : geometry_(&geometry), origin_(origin), direction_(direction) {}
 
-  bool run(double t_begin, double t_end) {
-    const auto root = tree_.root();
-    const std::int64_t edge = geometry_.edge(root.index.level);
+  [[nodiscard]] const Vector<D>& origin() const { return origin_; }
+  [[nodiscard]] const Vector<D>& direction() const { return direction_; }
+
+  /// Narrows [t_begin, t_end] to the part inside the cell. @returns whether more than a point remains.
+  bool clip(const CellIndex<D>& cell, double& t_begin, double& t_end) const {
+    const std::int64_t edge = geometry_->edge(cell.level);
     for (std::size_t a = 0; a < D; ++a) {
       const double d = direction_[static_cast<int>(a)];
-      double t_lower = crossing(a, root.index.lower[a]);
-      double t_upper = crossing(a, root.index.lower[a] + edge);
+      double t_lower = crossing(a, cell.lower[a]);
+      double t_upper = crossing(a, cell.lower[a] + edge);
       if (d < 0.0) std::swap(t_lower, t_upper);
       if (d == 0.0) {  // Parallel to the faces: inside for ever, or never.
-        if (t_lower == kNever || t_upper == -kNever) return true;
+        if (t_lower == kNever || t_upper == -kNever) return false;
         t_lower = -kNever;
         t_upper = kNever;
       }
       t_begin = std::max(t_begin, t_lower);
       t_end = std::min(t_end, t_upper);
     }
-    return t_begin < t_end ? descend(root, t_begin, t_end) : true;
+    return t_begin < t_end;
   }
 
- private:
-  /// Where the beam meets the lattice plane at `coordinate` on axis a. It depends on the plane alone, and
-  /// never decreases from plane to plane along the beam: cells of all levels agree on their common faces. For
-  /// a beam parallel to the plane: -inf if the beam lies on the plane or above it, +inf if below.
-  [[nodiscard]] double crossing(std::size_t a, std::int64_t coordinate) const {
-    const double distance = geometry_.border(coordinate) - origin_[static_cast<int>(a)];
-    const double d = direction_[static_cast<int>(a)];
-    if (d == 0.0) return distance <= 0.0 ? -kNever : kNever;
-    return distance / d;
-  }
-
-  template <class Ref>
-  bool descend(const Ref& ref, double t_enter, double t_exit) {
-    if (ref.is_leaf()) {
-      visitor_.enter(ref);
-      if (ref.is_leaf()) return visitor_.leaf(ref, t_enter, t_exit);
-    }
-    const int level = ref.index.level - 1;
-    const std::int64_t edge = geometry_.edge(level);
+  /// Calls `visit(number, index, t_enter, t_exit)` for each child that the beam passes through over more than
+  /// a point, in order. @param t_enter, t_exit of the parent. @param visit returns false to stop.
+  /// @returns false if it was stopped.
+  template <class Visit>
+  bool for_each_child(const CellIndex<D>& parent, double t_enter, double t_exit, Visit&& visit) const {
+    const int level = parent.level - 1;
+    const std::int64_t edge = geometry_->edge(level);
     std::array<std::int64_t, D> i;  // Offset of the current child.
     std::array<double, D> t_next;   // Where the beam leaves it on each axis.
     for (std::size_t a = 0; a < D; ++a) {
       const double d = direction_[static_cast<int>(a)];
-      const std::int64_t first = ref.index.lower[a];
+      const std::int64_t first = parent.lower[a];
       t_next[a] = kNever;
       if (d >= 0.0) {  // Planes at or before the entry are passed; the beam is in the cell above them.
         i[a] = 0;
@@ -102,41 +91,83 @@ class BeamTraversal {
         }
       }
     }
-    auto* const siblings = tree_.children(*ref.node);
     for (double t = t_enter;;) {
       double t_leave = t_exit;
       for (std::size_t a = 0; a < D; ++a) t_leave = std::min(t_leave, t_next[a]);
       if (t_leave > t) {  // Else a sliver that rounding left: the beam is already in the next child.
-        Ref child{siblings, {ref.index.lower, level}};
+        CellIndex<D> child{parent.lower, level};
         std::int64_t number = 0;
         for (std::size_t a = D; a-- > 0;) {
-          child.index.lower[a] += i[a] * edge;
+          child.lower[a] += i[a] * edge;
           number = number * N + i[a];
         }
-        child.node += number;
-        if (!descend(child, t, t_leave)) return false;
+        if (!visit(static_cast<int>(number), child, t, t_leave)) return false;
         t = t_leave;
       }
-      if (t_leave >= t_exit) break;
+      if (t_leave >= t_exit) return true;
       for (std::size_t a = 0; a < D; ++a) {  // Through an edge or a corner: all its axes step at once.
         if (t_next[a] > t_leave) continue;
         if (direction_[static_cast<int>(a)] > 0.0) {
           ++i[a];
-          t_next[a] = i[a] < N - 1 ? crossing(a, ref.index.lower[a] + (i[a] + 1) * edge) : kNever;
+          t_next[a] = i[a] < N - 1 ? crossing(a, parent.lower[a] + (i[a] + 1) * edge) : kNever;
         } else {
           --i[a];
-          t_next[a] = i[a] > 0 ? crossing(a, ref.index.lower[a] + i[a] * edge) : kNever;
+          t_next[a] = i[a] > 0 ? crossing(a, parent.lower[a] + i[a] * edge) : kNever;
         }
       }
     }
+  }
+
+ private:
+  /// Where the beam meets the lattice plane at `coordinate` on axis a. It depends on the plane alone, and
+  /// never decreases from plane to plane along the beam: cells of all levels agree on their common faces. For
+  /// a beam parallel to the plane: -inf if the beam lies on the plane or above it, +inf if below.
+  [[nodiscard]] double crossing(std::size_t a, std::int64_t coordinate) const {
+    const double distance = geometry_->border(coordinate) - origin_[static_cast<int>(a)];
+    const double d = direction_[static_cast<int>(a)];
+    if (d == 0.0) return distance <= 0.0 ? -kNever : kNever;
+    return distance / d;
+  }
+
+  const LatticeGeometry<N, D>* geometry_;
+  Vector<D> origin_;
+  Vector<D> direction_;
+};
+
+namespace detail {
+
+template <class Tree, class Visitor>
+class BeamTraversal {
+  static constexpr int D = Tree::kDim;
+
+ public:
+  BeamTraversal(Tree& tree, const Vector<D>& origin, const Vector<D>& direction, Visitor& visitor)
+      : tree_(tree), stepper_(tree.geometry(), origin, direction), visitor_(visitor) {}
+
+  bool run(double t_begin, double t_end) {
+    const auto root = tree_.root();
+    return stepper_.clip(root.index, t_begin, t_end) ? descend(root, t_begin, t_end) : true;
+  }
+
+ private:
+  template <class Ref>
+  bool descend(const Ref& ref, double t_enter, double t_exit) {
+    if (ref.is_leaf()) {
+      visitor_.enter(ref);
+      if (ref.is_leaf()) return visitor_.leaf(ref, t_enter, t_exit);
+    }
+    auto* const siblings = tree_.children(*ref.node);
+    if (!stepper_.for_each_child(ref.index, t_enter, t_exit,
+                                 [&](int number, const CellIndex<D>& index, double enter, double exit) {
+                                   return descend(Ref{siblings + number, index}, enter, exit);
+                                 }))
+      return false;
     visitor_.leave(ref);
     return true;
   }
 
   Tree& tree_;
-  const LatticeGeometry<N, D>& geometry_;
-  const Vector<D> origin_;
-  const Vector<D> direction_;
+  const BeamStepper<Tree::kBranching, D> stepper_;
   Visitor& visitor_;
 };
 

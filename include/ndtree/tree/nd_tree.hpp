@@ -114,6 +114,19 @@ class NdTree {
   [[nodiscard]] std::size_t num_inner_nodes() const { return pool_.num_blocks() - 1; }
   [[nodiscard]] std::size_t num_nodes() const { return 1 + num_inner_nodes() * kNumChildren; }
   [[nodiscard]] std::size_t num_leaves() const { return num_nodes() - num_inner_nodes(); }
+  /// Gives back the memory of blocks that merging has freed, and puts siblings' blocks in depth-first order.
+  /// Pointers to nodes do not hold. O(nodes).
+  void shrink_to_fit() {
+    Pool old;
+    old.swap(pool_);
+    pool_.reserve(old.num_blocks());
+    pool_.allocate();
+    copy_node(old, old.block(kRootBlock)[0], pool_.block(kRootBlock)[0]);
+  }
+  /// Bytes that a tree with so many inner nodes holds after shrink_to_fit().
+  [[nodiscard]] static std::size_t memory_bytes_of(std::size_t num_inner_nodes) {
+    return sizeof(NdTree) + Pool::memory_bytes_of(num_inner_nodes + 1);
+  }
   /// Bytes held by the nodes' storage, used or not.
   [[nodiscard]] std::size_t memory_bytes() const { return sizeof(*this) + pool_.memory_bytes(); }
 
@@ -146,7 +159,19 @@ class NdTree {
   }
 
  private:
+  using Pool = NodePool<NodeType, kNumChildren>;
   static constexpr BlockId kRootBlock = 0;  // Of this block only the first node is used.
+
+  void copy_node(const Pool& from, const NodeType& source, NodeType& target) {
+    if (source.is_leaf()) {
+      target.become_leaf(source.cell());
+      return;
+    }
+    const BlockId block = pool_.allocate();
+    target.become_inner(block);
+    const NodeType* const sources = from.block(source.children());
+    for (int j = 0; j < kNumChildren; ++j) copy_node(from, sources[j], pool_.block(block)[j]);
+  }
 
   template <class R, class Tree>
   static R child_of(Tree& tree, const R& parent, int number) {
@@ -223,7 +248,7 @@ class NdTree {
   }
 
   LatticeGeometry<N, D> geometry_;
-  NodePool<NodeType, kNumChildren> pool_;
+  Pool pool_;
   CellIndex<D> root_index_{};
 };
 

@@ -74,6 +74,7 @@ class Node<Cell, std::enable_if_t<Cell::kLeavesTopBitOfFirstWordClear>> {
 /// Freed blocks are used again, the last freed first. Copyable; a copy keeps all ids.
 template <class NodeType, int kBlockSize>
 class NodePool {
+  using Chunk = std::unique_ptr<std::byte[]>;
   static_assert(std::is_trivially_copyable_v<NodeType> && std::is_trivially_destructible_v<NodeType>);
   static_assert(alignof(NodeType) <= __STDCPP_DEFAULT_NEW_ALIGNMENT__);
 
@@ -124,6 +125,13 @@ class NodePool {
   }
 
   [[nodiscard]] std::size_t num_blocks() const { return num_blocks_; }
+  /// Bytes that a pool with so many blocks holds if it was made for them.
+  [[nodiscard]] static std::size_t memory_bytes_of(std::size_t num_blocks) {
+    const std::size_t chunks = (num_blocks + kChunkMask) >> kChunkBits;
+    return chunks * (kChunkBytes + sizeof(Chunk));
+  }
+  /// Room for so many blocks in the directory; none is allocated.
+  void reserve(std::size_t num_blocks) { chunks_.reserve((num_blocks + kChunkMask) >> kChunkBits); }
   /// Bytes held, used or not.
   [[nodiscard]] std::size_t memory_bytes() const {
     return chunks_.size() * kChunkBytes + chunks_.capacity() * sizeof(chunks_[0]);
@@ -150,7 +158,6 @@ class NodePool {
   static constexpr BlockId kChunkMask = (BlockId{1} << kChunkBits) - 1;
   static constexpr std::size_t kChunkBytes = kBlockBytes << kChunkBits;
 
-  using Chunk = std::unique_ptr<std::byte[]>;
   static Chunk allocate_chunk() { return Chunk(new std::byte[kChunkBytes]); }
 
   std::vector<Chunk> chunks_;

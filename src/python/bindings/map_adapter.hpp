@@ -8,6 +8,7 @@
 #include <memory>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 
 #include "map_interface.hpp"
@@ -74,6 +75,12 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   InsertReport insert(const BeamArrays& beams, double max_range) override {
     return map_.insert(beams.view<D>(), max_range);
   }
+  CompressReport compress(const CompressBudget& budget) override {
+    if constexpr (std::is_same_v<typename Map::RefinementType, EvidenceRefinement>)
+      return map_.compress(budget);
+    else
+      return MapInterface::compress(budget);
+  }
   [[nodiscard]] PythonStats stats() const override { return {map_.stats(), {}}; }
   [[nodiscard]] std::string to_bytes() const override { return ndtree::to_bytes(map_); }
   [[nodiscard]] LeafArrays leaves() const override {
@@ -99,22 +106,27 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   }
 };
 
-/// Both kinds of map for one branching and dimension; each pair is compiled in a file of its own.
+/// All refinements for one branching and dimension; they are compiled in a file of their own.
 template <int N, int D>
-std::unique_ptr<MapInterface> make_map(bool adaptive, const MapOptions& options) {
-  if (adaptive) return std::make_unique<MapAdapter<AdaptiveMap<N, D>>>(AdaptiveMap<N, D>(options));
-  return std::make_unique<MapAdapter<FixedMap<N, D>>>(FixedMap<N, D>(options));
+std::unique_ptr<MapInterface> make_map(std::string_view refinement, const MapOptions& options) {
+  if (refinement == FixedRefinement::kName)
+    return std::make_unique<MapAdapter<FixedMap<N, D>>>(FixedMap<N, D>(options));
+  if (refinement == PaperRefinement::kName)
+    return std::make_unique<MapAdapter<PaperMap<N, D>>>(PaperMap<N, D>(options));
+  return std::make_unique<MapAdapter<AdaptiveMap<N, D>>>(AdaptiveMap<N, D>(options));
 }
 
 template <int N, int D>
 std::unique_ptr<MapInterface> map_from_bytes(std::string_view bytes, const std::string& refinement) {
   if (refinement == FixedRefinement::kName)
     return std::make_unique<MapAdapter<FixedMap<N, D>>>(from_bytes<FixedMap<N, D>>(bytes));
+  if (refinement == PaperRefinement::kName)
+    return std::make_unique<MapAdapter<PaperMap<N, D>>>(from_bytes<PaperMap<N, D>>(bytes));
   return std::make_unique<MapAdapter<AdaptiveMap<N, D>>>(from_bytes<AdaptiveMap<N, D>>(bytes));
 }
 
-#define NDTREE_PYTHON_MAP(prefix, N, D)                                                  \
-  prefix template std::unique_ptr<MapInterface> make_map<N, D>(bool, const MapOptions&); \
+#define NDTREE_PYTHON_MAP(prefix, N, D)                                                              \
+  prefix template std::unique_ptr<MapInterface> make_map<N, D>(std::string_view, const MapOptions&); \
   prefix template std::unique_ptr<MapInterface> map_from_bytes<N, D>(std::string_view, const std::string&)
 
 }  // namespace ndtree::python

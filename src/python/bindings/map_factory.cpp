@@ -18,7 +18,7 @@ namespace {
 struct Instantiation {
   int branching;
   int dim;
-  std::unique_ptr<MapInterface> (*make)(bool, const MapOptions&);
+  std::unique_ptr<MapInterface> (*make)(std::string_view, const MapOptions&);
   std::unique_ptr<MapInterface> (*read)(std::string_view, const std::string&);
 };
 
@@ -41,8 +41,9 @@ const Instantiation& find(int branching, int dim) {
 
 }  // namespace
 
-std::unique_ptr<MapInterface> make_map(bool adaptive, int branching, int dim, const MapOptions& options) {
-  return find(branching, dim).make(adaptive, options);
+std::unique_ptr<MapInterface> make_map(std::string_view refinement, int branching, int dim,
+                                       const MapOptions& options) {
+  return find(branching, dim).make(refinement, options);
 }
 
 std::unique_ptr<MapInterface> map_from_bytes(std::string_view bytes) {

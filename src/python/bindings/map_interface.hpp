@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -43,6 +44,11 @@ class MapInterface {
   [[nodiscard]] virtual const MapOptions& options() const = 0;
 
   virtual InsertReport insert(const BeamArrays& beams, double max_range) = 0;
+  /// @throws std::invalid_argument where the refinement cannot, or the budget cannot be met.
+  virtual CompressReport compress(const CompressBudget&) {
+    throw std::invalid_argument("refinement = '" + refinement() +
+                                "': only a map refined by 'evidence' can be compressed");
+  }
   virtual void probability(const double* points, std::size_t n, float* out) const = 0;
   virtual void state(const double* points, std::size_t n, std::int8_t* out) const = 0;
   virtual void occupied_within(const double* points, std::size_t n, double radius, bool* out) const = 0;
@@ -58,9 +64,10 @@ class MapInterface {
   [[nodiscard]] virtual std::string file_bytes() const { return to_bytes(); }
 };
 
-/// Map for one of the branchings and dimensions that are compiled in.
+/// Map for one of the branchings and dimensions that are compiled in. @param refinement a policy's kName.
 /// @throws std::invalid_argument that lists them.
-std::unique_ptr<MapInterface> make_map(bool adaptive, int branching, int dim, const MapOptions& options);
+std::unique_ptr<MapInterface> make_map(std::string_view refinement, int branching, int dim,
+                                       const MapOptions& options);
 
 /// The map in a map file's bytes. @throws std::runtime_error if they are damaged or of a kind not compiled
 /// in.

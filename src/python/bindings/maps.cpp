@@ -28,9 +28,7 @@ Leaves to_python(LeafArrays&& arrays, int dim) {
   std::vector<std::int8_t> states(n);
   for (std::size_t i = 0; i < n; ++i) {
     probabilities[i] = static_cast<float>(probability(static_cast<double>(arrays.log_odds[i])));
-    states[i] = arrays.log_odds[i] > 0.0f   ? std::int8_t{1}
-                : arrays.log_odds[i] < 0.0f ? std::int8_t{0}
-                                            : std::int8_t{-1};
+    states[i] = static_cast<std::int8_t>(state_of(arrays.log_odds[i]));
   }
   Leaves leaves;
   leaves.lower = take(std::move(arrays.lower), dim);
@@ -94,9 +92,21 @@ HeldOutTruth evaluate(const PythonMap& map, const py::object& points, const py::
   return result;
 }
 
-py::dict options_dict(const MapOptions& options) {
+/// Whether a map of this refinement has such an option; cell sizes of maps with one size are called
+/// otherwise.
+bool is_read(std::string_view option, std::string_view refinement) {
+  const std::string_view only = only_reader(option);
+  if (!only.empty()) return refinement == only;
+  const bool of_probability = option.substr(0, 4) == "prob" || option.substr(0, 8) == "log_odds";
+  if (refinement == kOctomap) return of_probability;
+  return refinement != FixedRefinement::kName || of_probability || option.substr(0, 5) == "range";
+}
+
+py::dict options_dict(const MapOptions& options, std::string_view refinement) {
   py::dict dict;
-  for_each_option(options, [&](const char* name, double value) { dict[name] = value; });
+  for_each_option(options, [&](const char* name, double value) {
+    if (is_read(name, refinement) || std::string_view(name) == "min_cell_size") dict[name] = value;
+  });
   return dict;
 }
 
@@ -126,15 +136,15 @@ void bind_own_map(py::module_& module, const char* name, bool adaptive, const ch
   py::class_<Type, PythonMap>(module, name, doc)
       .def(py::init([name, adaptive](int dim, int branching, const std::string& refinement,
                                      const py::kwargs& options) {
-             const char* only = adaptive ? PaperRefinement::kName : FixedRefinement::kName;
-             if (refinement != only)
-               throw py::value_error("refinement = '" + refinement + "': must be '" + only + "'");
+             if (adaptive && refinement != EvidenceRefinement::kName && refinement != PaperRefinement::kName)
+               throw py::value_error("refinement = '" + refinement + "': must be 'evidence' or 'paper'");
+             if (!adaptive && refinement != FixedRefinement::kName)
+               throw py::value_error("refinement = '" + refinement + "': must be 'fixed'");
              return Type(
-                 make_map(adaptive, branching, dim,
-                          options_from_keywords(options, adaptive ? Kind::adaptive : Kind::fixed, name)));
+                 make_map(refinement, branching, dim, options_from_keywords(options, refinement, name)));
            }),
            py::kw_only(), "dim"_a = 2, "branching"_a = 2,
-           "refinement"_a = adaptive ? PaperRefinement::kName : FixedRefinement::kName)
+           "refinement"_a = adaptive ? EvidenceRefinement::kName : FixedRefinement::kName)
       .def("__repr__", [name, adaptive](const Type& map) { return describe(name, map, adaptive); })
       .def("__copy__",
            [](const Type& map) { return Type(map.read([](const MapInterface& m) { return m.clone(); })); })
@@ -148,18 +158,17 @@ void bind_own_map(py::module_& module, const char* name, bool adaptive, const ch
 
 }  // namespace
 
-MapOptions options_from_keywords(const py::kwargs& keywords, Kind kind, const char* type) {
+MapOptions options_from_keywords(const py::kwargs& keywords, std::string_view refinement, const char* type) {
   MapOptions options;
+  const bool adaptive = refinement != FixedRefinement::kName && refinement != kOctomap;
   for (const auto& [key, value] : keywords) {
     const auto name = key.cast<std::string>();
     bool known = false;
     for_each_option(options, [&](const char* option, double& place) {
       const std::string_view here = option;
-      const bool of_probability = here.substr(0, 4) == "prob" || here.substr(0, 8) == "log_odds";
-      const bool of_sensor = of_probability || here.substr(0, 5) == "range";
-      const bool read = kind == Kind::adaptive || (kind == Kind::fixed && of_sensor) ||
-                        (kind == Kind::octomap && of_probability);
-      const bool accepted = read ? name == here : here == "min_cell_size" && name == "cell_size";
+      const bool accepted = is_read(here, refinement)
+                                ? name == here
+                                : here == "min_cell_size" && name == "cell_size" && !adaptive;
       if (!accepted) return;
       known = true;
       const double number = PyFloat_AsDouble(value.ptr());
@@ -172,7 +181,7 @@ MapOptions options_from_keywords(const py::kwargs& keywords, Kind kind, const ch
     if (!known)
       throw py::type_error(std::string(type) + "() got an unexpected keyword argument '" + name + "'");
   }
-  if (kind != Kind::adaptive) options.max_cell_size = std::max(options.max_cell_size, options.min_cell_size);
+  if (!adaptive) options.max_cell_size = std::max(options.max_cell_size, options.min_cell_size);
   return options;
 }
 
@@ -204,6 +213,20 @@ void bind_maps(py::module_& module) {
                ", invalid=" + std::to_string(r.invalid) + ", updates=" + std::to_string(r.updates) +
                ", splits=" + std::to_string(r.splits) + ", merges=" + std::to_string(r.merges) +
                ", seconds=" + number(r.seconds) + ")";
+      });
+
+  py::class_<CompressReport>(module, "CompressReport", "What compress() did.")
+      .def_readonly("leaves_before", &CompressReport::leaves_before, "Observed leaves before ...")
+      .def_readonly("leaves", &CompressReport::leaves, "... and after.")
+      .def_readonly("bytes_before", &CompressReport::bytes_before, "Bytes that the map held before ...")
+      .def_readonly("bytes", &CompressReport::bytes, "... and after.")
+      .def_readonly("merges", &CompressReport::merges, "Parents that took the place of their children.")
+      .def_readonly("loss", &CompressReport::loss, "Information lost [bits].")
+      .def("__repr__", [](const CompressReport& r) {
+        return "CompressReport(leaves_before=" + std::to_string(r.leaves_before) +
+               ", leaves=" + std::to_string(r.leaves) + ", bytes_before=" + std::to_string(r.bytes_before) +
+               ", bytes=" + std::to_string(r.bytes) + ", merges=" + std::to_string(r.merges) +
+               ", loss=" + number(r.loss) + ")";
       });
 
   py::class_<PythonStats>(module, "MapStats", "The size of a map, and what happened to it since it was made.")
@@ -266,6 +289,12 @@ void bind_maps(py::module_& module) {
           "casts_within", [](const HeldOutTruth& t) { return or_nan(t.casts_within_share()); },
           "Share of casts that end where the beam did.")
       .def_property_readonly(
+          "balanced_accuracy", [](const HeldOutTruth& t) { return or_nan(t.balanced_accuracy()); },
+          "Mean of `free` and `endpoints_near`.")
+      .def_property_readonly(
+          "log_score", [](const HeldOutTruth& t) { return or_nan(t.log_score()); },
+          "Mean log-likelihood [nats] of free samples and end points, weighted equally; at most 0.")
+      .def_property_readonly(
           "median_error", [](const HeldOutTruth& t) { return or_nan(t.median_cast_error()); },
           "Median distance [m] between cast and beam; inf where most casts find nothing.")
       .def("__iadd__", [](HeldOutTruth& a, const HeldOutTruth& b) -> HeldOutTruth& {
@@ -284,10 +313,9 @@ void bind_maps(py::module_& module) {
           "refinement", [](const PythonMap& m) { return m.constant().refinement(); },
           "Name of the rule that decides on cell sizes.")
       .def_property_readonly(
-          "options", [](const PythonMap& m) { return options_dict(m.constant().options()); },
-          "dict of float: the map's options; those of refinement mean nothing to a fixed map, nor "
-          "range_sigma to "
-          "OctoMap.")
+          "options",
+          [](const PythonMap& m) { return options_dict(m.constant().options(), m.constant().refinement()); },
+          "dict of float: the options that the map reads.")
       .def(
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
@@ -296,7 +324,10 @@ void bind_maps(py::module_& module) {
             return map.write([&](MapInterface& m) { return m.insert(beams, max_range); });
           },
           "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "max_range"_a = kInfinity,
-          R"(Integrate a scan, beam by beam (Sec. III of the paper).
+          R"(Integrate a scan.
+
+All beams together, so that their order does not matter; a fixed map, and one refined as the paper has it,
+beam by beam (Sec. III of the paper).
 
 Parameters
 ----------
@@ -318,6 +349,38 @@ Raises
 ValueError
     A shape is wrong, an option out of bounds, the one origin not finite, or a point too far away for the
     lattice of cells. The map is then unchanged.
+)")
+      .def(
+          "compress",
+          [](PythonMap& map, std::optional<double> max_loss, std::optional<std::size_t> max_leaves,
+             std::optional<std::size_t> max_bytes) {
+            return map.write([&](MapInterface& m) { return m.compress({max_loss, max_leaves, max_bytes}); });
+          },
+          py::kw_only(), "max_loss"_a = py::none(), "max_leaves"_a = py::none(), "max_bytes"_a = py::none(),
+          R"(Make the map smaller, losing as little information as possible.
+
+Siblings join in the order of what that loses for each leaf saved: the logarithm of how much better several
+cells explain the beams than one does (a Bayes factor), and the divergence of their occupancies from the one of
+the cell that takes their place. Later scans go on from there. Only for maps refined by "evidence".
+
+Parameters
+----------
+max_loss : float, optional
+    What may be lost, the sum over all merges [bits].
+max_leaves : int, optional
+    Observed leaves that may remain.
+max_bytes : int, optional
+    Memory that the map may hold.
+
+Returns
+-------
+CompressReport
+
+Raises
+------
+ValueError
+    No limit is given, one is out of bounds or cannot be met, or the map has another refinement. The map is then
+    unchanged.
 )")
       .def(
           "probability",
@@ -459,7 +522,9 @@ dim : int
 branching : int
     Children of a node along each axis: 2, 3 or 4 (in four dimensions 2).
 refinement : str
-    "paper": the rules of Einhorn, Schroeter and Gross (ICRA 2011), as published.
+    "evidence": cells split where a beam ends behind a free way through them or hits and misses contradict each
+    other, keep what their parents knew, and join where next to no information is lost. "paper": the rules of
+    Einhorn, Schroeter and Gross (ICRA 2011), as published.
 min_cell_size : float
     Cells are never split below this edge length [m].
 max_cell_size : float
@@ -472,15 +537,32 @@ log_odds_min, log_odds_max : float
     Bounds of a cell's log-odds.
 miss_given_occupied, hit_given_free : float
     Error rates p(miss|occ) and p(hit|free) of the sensor.
+split_probability : float
+    A cell splits if it is more probably than this partially occupied ("evidence").
+merge_loss : float
+    Siblings join if that loses at most this for each cell that it saves ("evidence") [bits].
+inherited_doubt : float
+    Inherited evidence for free space of this weight counts half in a new cell where a beam ends ("evidence")
+    [nats].
+occupied_weight : float
+    Weight of evidence for occupied space against evidence for free space ("evidence").
+noise_sigmas : float
+    No split makes cells smaller than this many standard deviations of the range ("evidence").
+evidence_memory : float
+    A cell remembers evidence of this weight; older fades ("evidence") [nats].
+evidence_prior : float
+    Evidence for and against that every cell begins with ("evidence") [nats].
 significance : float
-    Confidence of the chi-square test that splits a cell.
+    Confidence of the chi-square test that splits a cell ("paper").
 merge_free_below, merge_occupied_above : float
-    Siblings join if all are at most, or all at least, this probable.
+    Siblings join if all are at most, or all at least, this probable ("paper").
 
 Raises
 ------
 ValueError
     A value is out of bounds; the message names it and the limit.
+TypeError
+    There is no such option, or the refinement does not read it.
 )");
   bind_own_map<PythonFixedMap>(module, "FixedMap", false,
                                R"(The baseline: the same map with every cell of one size.
@@ -538,8 +620,14 @@ ValueError
       },
       "bytes"_a, "The map that to_bytes() wrote; ValueError as load().");
   module.def(
-      "default_options", [] { return options_dict(MapOptions{}); },
-      "dict of float: what AdaptiveMap uses where nothing is said.");
+      "default_options",
+      [] {
+        py::dict dict;
+        const MapOptions options;
+        for_each_option(options, [&](const char* name, double value) { dict[name] = value; });
+        return dict;
+      },
+      "dict of float: what maps use where nothing is said.");
 }
 
 }  // namespace ndtree::python

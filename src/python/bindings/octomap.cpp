@@ -29,7 +29,7 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
     return std::make_unique<OctomapAdapter>(map_);
   }
   [[nodiscard]] int branching() const override { return 2; }
-  [[nodiscard]] std::string refinement() const override { return "octomap"; }
+  [[nodiscard]] std::string refinement() const override { return kOctomap; }
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
   InsertReport insert(const BeamArrays& beams, double max_range) override {
     return map_.insert(beams.view<D>(), max_range);
@@ -114,7 +114,7 @@ ValueError
     A value is out of bounds; the message names it and the limit.
 )")
       .def(py::init([](int dim, const std::string& insertion, const py::kwargs& keywords) {
-             const MapOptions options = options_from_keywords(keywords, Kind::octomap, "OctoMap");
+             const MapOptions options = options_from_keywords(keywords, kOctomap, "OctoMap");
              options.validate();
              return PythonOctoMap(
                  adapter(OctomapBaseline(options.min_cell_size, options, insertion_from(insertion)), dim));

@@ -9,6 +9,7 @@
 #include <mutex>
 #include <shared_mutex>
 #include <string>
+#include <string_view>
 #include <utility>
 
 #include "map_interface.hpp"
@@ -49,12 +50,13 @@ struct PythonFixedMap : PythonMap {
   using PythonMap::PythonMap;
 };
 
-/// Whose keywords: an adaptive map reads every option, a fixed one those of cell and sensor, OctoMap those of
-/// the cell and of probabilities.
-enum class Kind { adaptive, fixed, octomap };
+/// What OctoMap calls its refinement here, beside those of our own maps.
+inline constexpr const char* kOctomap = "octomap";
 
-/// Options from keywords. @throws TypeError naming a keyword that is unknown or not a number.
-MapOptions options_from_keywords(const pybind11::kwargs& keywords, Kind kind, const char* type);
+/// Options from keywords. @param refinement of the map, which decides what options it reads.
+/// @throws TypeError naming a keyword that is unknown, not read by this map, or not a number.
+MapOptions options_from_keywords(const pybind11::kwargs& keywords, std::string_view refinement,
+                                 const char* type);
 
 /// What repr() shows: type, dimension, cell sizes, and how much there is.
 std::string describe(const char* type, const PythonMap& map, bool adaptive);

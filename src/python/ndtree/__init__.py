@@ -12,6 +12,7 @@ Lengths are in metres, arrays are (n, dim), everything is in the map frame.
 
 from ._core import (
     AdaptiveMap,
+    CompressReport,
     FixedMap,
     HeldOutTruth,
     InsertReport,
@@ -24,6 +25,7 @@ from ._core import (
     has_octomap,
     load,
 )
+from .calibration import Calibration, calibrate
 from .comparison import Comparison, compare
 from .readers import Log, read, simulate
 from .scan import Scan
@@ -42,7 +44,9 @@ else:
 
 __all__ = [
     "AdaptiveMap",
+    "Calibration",
     "Comparison",
+    "CompressReport",
     "FixedMap",
     "HeldOutTruth",
     "InsertReport",
@@ -53,6 +57,7 @@ __all__ = [
     "OctoMap",
     "Scan",
     "__version__",
+    "calibrate",
     "compare",
     "default_options",
     "from_bytes",

@@ -29,6 +29,20 @@ class InsertReport:
     @property
     def seconds(self) -> float: ...
 
+class CompressReport:
+    @property
+    def leaves_before(self) -> int: ...
+    @property
+    def leaves(self) -> int: ...
+    @property
+    def bytes_before(self) -> int: ...
+    @property
+    def bytes(self) -> int: ...
+    @property
+    def merges(self) -> int: ...
+    @property
+    def loss(self) -> float: ...
+
 class MapStats:
     @property
     def leaves(self) -> int: ...
@@ -85,6 +99,10 @@ class HeldOutTruth:
     @property
     def casts_within(self) -> float: ...
     @property
+    def balanced_accuracy(self) -> float: ...
+    @property
+    def log_score(self) -> float: ...
+    @property
     def median_error(self) -> float: ...
     def __iadd__(self, other: HeldOutTruth) -> Self: ...
 
@@ -105,6 +123,13 @@ class OccupancyMap:
         returned: ArrayLike | None = None,
         max_range: float = ...,
     ) -> InsertReport: ...
+    def compress(
+        self,
+        *,
+        max_loss: float | None = None,
+        max_leaves: int | None = None,
+        max_bytes: int | None = None,
+    ) -> CompressReport: ...
     def probability(self, points: ArrayLike) -> NDArray[np.float32]: ...
     def state(self, points: ArrayLike) -> NDArray[np.int8]: ...
     def occupied_within(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]: ...
@@ -131,7 +156,7 @@ class AdaptiveMap(OccupancyMap):
         *,
         dim: int = 2,
         branching: int = 2,
-        refinement: str = "paper",
+        refinement: str = "evidence",
         min_cell_size: float = ...,
         max_cell_size: float = ...,
         range_sigma: float = ...,
@@ -142,6 +167,13 @@ class AdaptiveMap(OccupancyMap):
         log_odds_max: float = ...,
         miss_given_occupied: float = ...,
         hit_given_free: float = ...,
+        split_probability: float = ...,
+        merge_loss: float = ...,
+        inherited_doubt: float = ...,
+        occupied_weight: float = ...,
+        noise_sigmas: float = ...,
+        evidence_memory: float = ...,
+        evidence_prior: float = ...,
         significance: float = ...,
         merge_free_below: float = ...,
         merge_occupied_above: float = ...,

@@ -19,6 +19,7 @@ class MapOption:
     help: str
     fixed: bool = False  # FixedMap takes it, too ...
     octomap: bool = False  # ... and OctoMap.
+    refinement: str | None = None  # The only refinement of AdaptiveMap that takes it.
 
 
 MAP_OPTIONS = (
@@ -34,11 +35,25 @@ MAP_OPTIONS = (
     MapOption("log_odds_max", float, "A cell's log-odds never rise above.", fixed=True, octomap=True),
     MapOption("miss_given_occupied", float, "Share of beams that pass an occupied cell."),
     MapOption("hit_given_free", float, "Share of beams that end in a free cell."),
-    MapOption("significance", float, "Confidence of the split test."),
-    MapOption("merge_free_below", float, "Siblings join if all are at most this probable."),
-    MapOption("merge_occupied_above", float, "Siblings join if all are at least this probable."),
+    MapOption(
+        "split_probability",
+        float,
+        "Of being partially occupied, above it a cell splits.",
+        refinement="evidence",
+    ),
+    MapOption("merge_loss", float, "Siblings join if no more is lost a cell [bits].", refinement="evidence"),
+    MapOption("inherited_doubt", float, "Inherited evidence that counts half [nats].", refinement="evidence"),
+    MapOption("occupied_weight", float, "Of evidence for occupied against free.", refinement="evidence"),
+    MapOption("noise_sigmas", float, "No split makes cells smaller than this.", refinement="evidence"),
+    MapOption("evidence_memory", float, "Evidence that a cell remembers [nats].", refinement="evidence"),
+    MapOption("evidence_prior", float, "Evidence that a cell begins with [nats].", refinement="evidence"),
+    MapOption("significance", float, "Confidence of the split test.", refinement="paper"),
+    MapOption("merge_free_below", float, "Siblings join if all are at most this.", refinement="paper"),
+    MapOption("merge_occupied_above", float, "Siblings join if all are at least this.", refinement="paper"),
 )
 OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
+
+DEFAULT_REFINEMENT = _core.AdaptiveMap().refinement
 
 #: What a comparison can have in it; "paper" is the adaptive map exactly as the paper has it, "octomap-scan"
 #: inserts scans by ``insertPointCloud``, which updates each cell once a scan, "-lazy" without pruning.
@@ -83,7 +98,9 @@ def make_map(name: str, *, dim: int, cell_size: float | None = None, **options: 
             options["refinement"] = "paper"
         if cell_size is not None:
             options["min_cell_size"] = cell_size
-        return _core.AdaptiveMap(dim=dim, **options)
+        refinement = options.get("refinement", DEFAULT_REFINEMENT)
+        taken = {option.name for option in MAP_OPTIONS if option.refinement in (None, refinement)}
+        return _core.AdaptiveMap(dim=dim, **_only(taken, options))
     if cell_size is None:
         cell_size = _core.default_options()["min_cell_size"]
     if kind == "fixed":

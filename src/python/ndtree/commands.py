@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands of the command line: demo, map, compare and info."""
+"""The commands of the command line: demo, map, compare, calibrate and info."""
 
 import errno
 import functools
@@ -329,6 +329,39 @@ def compare_(
         print(comparison)
     _write(comparison.to_csv, csv_file)
     _write_json(comparison, json_file)
+
+
+@app.command(
+    epilog=_examples(
+        "ndtree calibrate intel.log.gz --max-range 20 --no-return ignore",
+        "ndtree calibrate room.npz --json room.json",
+    )
+)
+@reports_errors
+def calibrate(
+    log: Annotated[Path, typer.Argument(help="CARMEN log, .npz recording or text; gzip is unpacked.")],
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    no_return: NoReturnOption = NoReturnKind.free,
+    limit: Annotated[
+        Optional[int], typer.Option(min=1, help="Only so many scans from the beginning.", show_default=False)
+    ] = None,
+    json_file: Json = None,
+) -> None:
+    """Estimate the options of the sensor from a log: the noise of its ranges, and its error rates."""
+    opened = _open(log, None, dim)
+    _check_target(json_file)
+    far = _limit(max_range)
+    with _progress() as advance:
+        figures = ndtree.calibrate(
+            opened, max_range=far, no_return=no_return.value, limit=limit, progress=advance
+        )
+    if not _is_stdout(json_file):
+        print(figures)
+        flags = [f"--{name.replace('_', '-')} {value:.3g}" for name, value in figures.options().items()]
+        if flags:
+            print(f"\nfor ndtree map and ndtree compare: {' '.join(flags)}")
+    _write(figures.to_json, json_file)
 
 
 @app.command(epilog=_examples("ndtree info intel.log.gz", "ndtree info intel.ndt --json -"))

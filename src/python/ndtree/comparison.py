@@ -112,7 +112,9 @@ def compare(
         "seconds" the insertion alone. "truth" is about the scans held out: of "samples", points every 0.1 m
         along the beams up to 0.1 m before their end, how many the map calls free, occupied and unknown; how
         many end points are within 0.05 m of an occupied cell; how many ray casts end within 0.1 m of the
-        measured range, and their median error [m]. "exact", on simulated logs, compares with the world
+        measured range, and their median error [m]; "balanced_accuracy", the mean of the shares of free space
+        and end points that are right; and "log_score", the mean log-likelihood [nats] of both under the map's
+        probabilities, clipped to [0.02, 0.98]. "exact", on simulated logs, compares with the world
         itself. "ratios" say what the adaptive map needs of the fixed one.
 
     Raises
@@ -321,7 +323,8 @@ def _truth(
         n = getattr(truth, total)
         result.update({key: round(getattr(truth, key) * n) if n else 0 for key in shares})
         result[total] = n
-    result["median_error"] = _finite(truth.median_error)
+    for key in ("balanced_accuracy", "log_score", "median_error"):
+        result[key] = _finite(getattr(truth, key))
     return result
 
 
@@ -446,6 +449,8 @@ def _table(comparison: Comparison) -> str:
     line("  called occupied", truth("occupied", "samples"))
     line("  called unknown", truth("unknown", "samples"))
     line("end points at occupied", truth("endpoints_near", "endpoints"))
+    line("balanced accuracy", lambda row: _percent((row["truth"] or {}).get("balanced_accuracy"), 1))
+    line("log score", lambda row: _nats((row["truth"] or {}).get("log_score")))
     line("ray casts within 0.1 m", truth("casts_within", "casts"))
     line("  median error", lambda row: _centimetres((row["truth"] or {}).get("median_error")))
     line("exactly free, called free", exact("free", "free"))
@@ -488,6 +493,10 @@ def _percent(part: float | None, whole: float) -> str | None:
 
 def _bytes(value: float | None) -> str | None:
     return None if value is None else f"{value / 2**20:.2f} MiB"
+
+
+def _nats(value: float | None) -> str | None:
+    return None if value is None else f"{value:.3f}"
 
 
 def _centimetres(value: float | None) -> str | None:

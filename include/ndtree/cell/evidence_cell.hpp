@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What is known about one cell when the evidence for and against occupied space is kept apart.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/core/log_odds.hpp"
+
+namespace ndtree {
+
+/// What the beams of one scan say about one cell: sums, so that their order does not matter.
+struct ScanEvidence {
+  std::int64_t occupied = 0;  ///< For occupied space, in units of EvidenceCell::kUnit ...
+  std::int64_t free = 0;      ///< ... and against it.
+  std::uint32_t hits = 0;     ///< Beams that ended in the cell.
+  std::uint32_t misses = 0;   ///< Beams that passed all of it.
+  // Of these, those with so little noise that a smaller cell could tell more:
+  std::uint32_t resolvable_hits = 0;
+  std::uint32_t resolvable_misses = 0;
+  std::uint32_t deep_hits = 0;  ///< Of the resolvable hits, those that noise cannot bring to where they are.
+  std::uint32_t beams = 0;      ///< Beams that said anything.
+};
+
+/// Evidence of one leaf in 12 bytes: log-odds weights of all that was for occupied and of all that was for
+/// free, and the counts of hits and misses. The log-odds is a function of the two sums (see EvidenceModel)
+/// and is kept beside them because queries want nothing else. Invariant: a cell that was never updated is all
+/// zeros.
+class EvidenceCell {
+ public:
+  static constexpr bool kLeavesTopBitOfFirstWordClear = true;  // See Node.
+  static constexpr int kNumWords = 3;
+  static constexpr std::uint32_t kMaxCount = 0xfff;
+  /// Evidence is counted in these steps [nats]: whole numbers, so that sums do not depend on their order.
+  static constexpr double kUnit = 1.0 / 256.0;
+  static constexpr std::int64_t kMaxEvidence = 0xffff;
+
+  [[nodiscard]] float log_odds() const { return log_odds_; }
+  [[nodiscard]] double probability() const { return ndtree::probability(static_cast<double>(log_odds_)); }
+  [[nodiscard]] CellState state() const { return state_of(log_odds_); }
+  [[nodiscard]] bool observed() const { return (counts_ & kObserved) != 0; }
+  [[nodiscard]] std::uint32_t hits() const { return counts_ & kMaxCount; }
+  [[nodiscard]] std::uint32_t misses() const { return (counts_ >> 12) & kMaxCount; }
+  /// Evidence for occupied and for free space, in kUnit.
+  [[nodiscard]] std::int64_t occupied_evidence() const { return occupied_; }
+  [[nodiscard]] std::int64_t free_evidence() const { return free_; }
+
+  /// Counts above kMaxCount are halved together until both fit; what was seen once is never forgotten.
+  void set_counts(std::uint32_t hits, std::uint32_t misses) {
+    while (hits > kMaxCount || misses > kMaxCount) {
+      hits = (hits + 1) / 2;
+      misses = (misses + 1) / 2;
+    }
+    counts_ = kObserved | misses << 12 | hits;
+  }
+  /// @pre both are in [0, kMaxEvidence], and log_odds is what the model makes of them.
+  void set_evidence(std::int64_t occupied, std::int64_t free, float log_odds) {
+    occupied_ = static_cast<std::uint16_t>(occupied);
+    free_ = static_cast<std::uint16_t>(free);
+    log_odds_ = log_odds;
+    counts_ |= kObserved;
+  }
+
+  /// The cell as words, for files; from_words() is the inverse and clears what a cell cannot hold.
+  [[nodiscard]] std::array<std::uint32_t, kNumWords> words() const {
+    std::array<std::uint32_t, kNumWords> words{counts_, 0,
+                                               static_cast<std::uint32_t>(occupied_) << 16 | free_};
+    std::memcpy(&words[1], &log_odds_, sizeof log_odds_);
+    return words;
+  }
+  [[nodiscard]] static EvidenceCell from_words(const std::array<std::uint32_t, kNumWords>& words) {
+    EvidenceCell cell;
+    cell.counts_ = words[0] & (kObserved | kMaxCount << 12 | kMaxCount);
+    std::memcpy(&cell.log_odds_, &words[1], sizeof cell.log_odds_);
+    cell.occupied_ = static_cast<std::uint16_t>(words[2] >> 16);
+    cell.free_ = static_cast<std::uint16_t>(words[2] & 0xffff);
+    return cell;
+  }
+
+  friend bool operator==(const EvidenceCell& a, const EvidenceCell& b) {
+    return a.counts_ == b.counts_ && a.log_odds_ == b.log_odds_ && a.occupied_ == b.occupied_ &&
+           a.free_ == b.free_;
+  }
+  friend bool operator!=(const EvidenceCell& a, const EvidenceCell& b) { return !(a == b); }
+
+ private:
+  static constexpr std::uint32_t kObserved = 0x40000000u;
+  std::uint32_t counts_ = 0;  // Bit 31 clear, bit 30 observed, 12 bits misses, 12 bits hits.
+  float log_odds_ = 0.0f;
+  std::uint16_t occupied_ = 0;
+  std::uint16_t free_ = 0;
+};
+
+}  // namespace ndtree

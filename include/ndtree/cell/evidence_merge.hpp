@@ -1,0 +1,125 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// When N^D siblings become one cell because that loses next to no information (Sec. V).
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <optional>
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/core/beta.hpp"
+
+namespace ndtree {
+
+struct EvidenceMergeOptions {
+  double merge_loss = 4.0;  ///< Siblings join if that loses at most this for each cell that it saves [bits].
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const {
+    require_option(merge_loss >= 0.0 && std::isfinite(merge_loss), "merge_loss", merge_loss,
+                   ">= 0 bits and finite");
+  }
+};
+
+/// Siblings join where one cell says nearly the same as N^D cells do. Two things are lost, in bits:
+/// - about what comes: each cell's beams end in it with a probability of its own, or all with the same. The
+/// loss is
+///   the logarithm of the ratio of the two evidences (a Bayes factor), beta-binomial with the prior Beta(0.1,
+///   1), most space being free; none where the one explains the beams better.
+/// - about what is: the Kullback-Leibler divergence of each sibling's occupancy from the parent's, 1/2 being
+/// that of
+///   a cell never observed.
+/// While mapping, siblings of different states never join, and neither do those that were not all observed:
+/// evidence that is still young cannot tell them apart, and space of which nothing is known must not seem
+/// known.
+class EvidenceMergeRule {
+ public:
+  EvidenceMergeRule(const EvidenceMergeOptions& options, const EvidenceModel& model)
+      : max_loss_(options.merge_loss), model_(model) {}
+
+  /// What siblings, all leaves, become together, and what that loses.
+  struct Joined {
+    EvidenceCell cell;
+    double loss = 0.0;  ///< [bits], >= 0.
+    int observed = 0;   ///< Siblings that were observed.
+  };
+
+  /// @param siblings nodes, of which all must be leaves for a merge. @param share_divisor as in
+  ///   EvidenceModel::inherited(), whose inverse a merge of equal cells is.
+  /// @returns the parent's cell, or none if the siblings stay. O(siblings).
+  template <class NodeType>
+  [[nodiscard]] std::optional<EvidenceCell> operator()(const NodeType* siblings, int count,
+                                                       int share_divisor) const {
+    const CellState state = siblings[0].is_leaf() ? siblings[0].cell().state() : CellState::unknown;
+    if (state == CellState::unknown) return std::nullopt;
+    for (int j = 1; j < count; ++j)
+      if (!siblings[j].is_leaf() || siblings[j].cell().state() != state) return std::nullopt;
+    const Joined joined = join(siblings, count, share_divisor);
+    if (joined.loss > max_loss_ * (count - 1) || joined.cell.state() != state) return std::nullopt;
+    return joined.cell;
+  }
+
+  /// Joins siblings whatever they say. Those that were never observed bring no evidence, but become known.
+  /// @pre all are leaves.
+  template <class NodeType>
+  [[nodiscard]] Joined join(const NodeType* siblings, int count, int share_divisor) const {
+    Joined joined;
+    double apart = 0.0;
+    double all_hits = 0.0;
+    double all_misses = 0.0;
+    std::int64_t occupied = 0;
+    std::int64_t free = 0;
+    std::int64_t hits = 0;
+    std::int64_t misses = 0;
+    for (int j = 0; j < count; ++j) {
+      const EvidenceCell& cell = siblings[j].cell();
+      if (!cell.observed()) continue;
+      ++joined.observed;
+      const double h = model_.effective_hits(cell);
+      const double m = model_.effective_misses(cell);
+      apart += log_evidence(h, m);
+      all_hits += h;
+      all_misses += m;
+      occupied += cell.occupied_evidence();
+      free += cell.free_evidence();
+      hits += cell.hits();
+      misses += cell.misses();
+    }
+    if (joined.observed == 0) return joined;
+    model_.assign(joined.cell, scaled(occupied, share_divisor, count), scaled(free, share_divisor, count));
+    joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, share_divisor, count)),
+                           static_cast<std::uint32_t>(scaled(misses, share_divisor, count)));
+    double divergence = 0.0;
+    const double q = joined.cell.probability();
+    for (int j = 0; j < count; ++j) {
+      const double p = siblings[j].cell().probability();
+      divergence += p * std::log2(p / q) + (1.0 - p) * std::log2((1.0 - p) / (1.0 - q));
+    }
+    constexpr double kNatsPerBit = 0.69314718055994531;
+    const double bayes_factor = (apart - log_evidence(all_hits, all_misses)) / kNatsPerBit;
+    joined.loss = std::max(0.0, bayes_factor) + std::max(0.0, divergence);
+    return joined;
+  }
+
+  /// Logarithm of the probability of the counts under the prior.
+  [[nodiscard]] static double log_evidence(double hits, double misses) {
+    constexpr double kPriorHits = 0.1;
+    constexpr double kPriorMisses = 1.0;
+    static const double prior = log_beta(kPriorHits, kPriorMisses);
+    return log_beta(hits + kPriorHits, misses + kPriorMisses) - prior;
+  }
+
+ private:
+  /// Rounded up, so that what was seen once is not forgotten.
+  [[nodiscard]] static std::int64_t scaled(std::int64_t sum, std::int64_t times, std::int64_t over) {
+    return (sum * times + over - 1) / over;
+  }
+
+  double max_loss_;
+  EvidenceModel model_;
+};
+
+}  // namespace ndtree

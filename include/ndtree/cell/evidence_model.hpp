@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What one beam is worth to a cell, and what a cell's collected evidence makes of its occupancy.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/core/log_odds.hpp"
+
+namespace ndtree {
+
+struct EvidenceOptions {
+  double occupied_weight = 0.8;  ///< Evidence for occupied space counts this much of evidence for free space.
+  double evidence_memory = 200.0;  ///< A cell remembers evidence of this weight; older fades [nats].
+  double evidence_prior = 0.5;     ///< Evidence of both kinds that every cell begins with [nats].
+  double inherited_doubt =
+      3.0;  ///< Inherited free evidence of this weight counts half where a beam ends [nats].
+  double noise_sigmas = 1.0;  ///< No split makes cells smaller than this many standard deviations.
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const {
+    require_option(occupied_weight > 0.0 && std::isfinite(occupied_weight), "occupied_weight",
+                   occupied_weight, "> 0 and finite");
+    require_option(evidence_memory >= 1.0 && evidence_memory <= 255.0, "evidence_memory", evidence_memory,
+                   "in [1, 255] nats");
+    require_option(evidence_prior > 0.0 && std::isfinite(evidence_prior), "evidence_prior", evidence_prior,
+                   "> 0 nats and finite");
+    require_option(inherited_doubt >= 0.0 && std::isfinite(inherited_doubt), "inherited_doubt",
+                   inherited_doubt, ">= 0 nats and finite");
+    require_option(noise_sigmas >= 0.0 && std::isfinite(noise_sigmas), "noise_sigmas", noise_sigmas,
+                   ">= 0 and finite");
+  }
+};
+
+/// One in so many of the beams through a node crosses one of its children, in the mean: of N^D children, a
+/// beam passes through about N.
+template <class Tree>
+inline constexpr int kShareDivisor = Tree::kNumChildren / Tree::kBranching;
+
+/// Weighs beams and turns a cell's evidence E+ (for occupied) and E- (for free) into log-odds:
+///   log((E+ + prior) / (E- + prior)), within [log_odds_min, log_odds_max].
+/// A beam adds the inverse sensor model's log-odds to one of the two: its part above 0, times
+/// occupied_weight, to E+, its part below 0 to E-.
+///
+/// A recursive Bayes update adds up E+ - E-, and must be clamped so that a cell can change its mind; the
+/// clamp forgets how *often* a cell was passed and hit, and then a few grazing beams or wrong hits tip it.
+/// The ratio keeps the share of beams that end in the cell, the posterior mean of rho under a Beta prior (see
+/// PartialOccupancyModel), and with weight 1 it is 0 where the unclamped sum is 0: the same sensor model, but
+/// without loss of memory.
+class EvidenceModel {
+ public:
+  EvidenceModel(const EvidenceOptions& options, const SensorOptions& sensor)
+      : options_(options),
+        log_odds_min_(static_cast<float>(sensor.log_odds_min)),
+        log_odds_max_(static_cast<float>(sensor.log_odds_max)),
+        hit_(options.occupied_weight * ndtree::log_odds(sensor.probability_max)),
+        miss_(units(-ndtree::log_odds(sensor.probability_min))),
+        memory_(units(options.evidence_memory)) {}
+
+  /// Evidence for free space from a beam that passed a cell, in EvidenceCell::kUnit.
+  [[nodiscard]] std::int64_t of_miss() const { return miss_; }
+  /// Adds what a beam says near its end point: the log-odds of the inverse sensor model.
+  void add(ScanEvidence& sum, float log_odds_of_measurement) const {
+    const auto nats = static_cast<double>(log_odds_of_measurement);
+    if (nats > 0.0)
+      sum.occupied += units(options_.occupied_weight * nats);
+    else
+      sum.free += units(-nats);
+  }
+
+  [[nodiscard]] float log_odds_of(std::int64_t occupied, std::int64_t free) const {
+    const double prior = options_.evidence_prior / EvidenceCell::kUnit;
+    const auto value = static_cast<float>(
+        std::log((static_cast<double>(occupied) + prior) / (static_cast<double>(free) + prior)));
+    return std::clamp(value, log_odds_min_, log_odds_max_);
+  }
+
+  /// A cell with this evidence, faded to what it can remember: the ratio stays, but for rounding.
+  void assign(EvidenceCell& cell, std::int64_t occupied, std::int64_t free) const {
+    const std::int64_t sum = occupied + free;
+    if (sum > memory_) {
+      occupied = faded(occupied, memory_, sum);
+      free = faded(free, memory_, sum);
+    }
+    cell.set_evidence(occupied, free, log_odds_of(occupied, free));
+  }
+
+  /// The joint evidence of a scan.
+  void update(EvidenceCell& cell, const ScanEvidence& scan) const {
+    assign(cell, cell.occupied_evidence() + scan.occupied, cell.free_evidence() + scan.free);
+    cell.set_counts(cell.hits() + scan.hits, cell.misses() + scan.misses);
+  }
+
+  /// What a child knows from its parent. @param share_divisor one in so many of a parent's beams crosses one
+  /// of
+  ///   its children, in the mean.
+  [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, int share_divisor) const {
+    EvidenceCell child;
+    if (!parent.observed()) return child;
+    assign(child, parent.occupied_evidence() / share_divisor, parent.free_evidence() / share_divisor);
+    child.set_counts(parent.hits() / static_cast<std::uint32_t>(share_divisor),
+                     parent.misses() / static_cast<std::uint32_t>(share_divisor));
+    return child;
+  }
+
+  /// A beam ended in a child that knows only what its parent knew. That E nats of the parent's free evidence
+  /// are due to the child is the mean over all children; perhaps none of those beams came through this one.
+  /// The fewer they were, the likelier that is: E² / (E + inherited_doubt) remain.
+  void doubt(EvidenceCell& child) const {
+    if (!child.observed() || child.state() == CellState::occupied || child.free_evidence() == 0) return;
+    const auto evidence = static_cast<double>(child.free_evidence());
+    const double kept = evidence * evidence / (evidence + options_.inherited_doubt / EvidenceCell::kUnit);
+    assign(child, child.occupied_evidence(), static_cast<std::int64_t>(std::floor(kept)));
+  }
+
+  [[nodiscard]] double noise_sigmas() const { return options_.noise_sigmas; }
+  /// Beams that a cell's evidence is worth, of those that end in it and of those that pass it.
+  [[nodiscard]] double effective_hits(const EvidenceCell& cell) const {
+    return static_cast<double>(cell.occupied_evidence()) * EvidenceCell::kUnit / hit_;
+  }
+  [[nodiscard]] double effective_misses(const EvidenceCell& cell) const {
+    return static_cast<double>(cell.free_evidence()) / static_cast<double>(miss_);
+  }
+
+ private:
+  [[nodiscard]] static std::int64_t units(double nats) { return std::llround(nats / EvidenceCell::kUnit); }
+  /// part * whole / sum, rounded to nearest, but nothing that was there fades to nothing.
+  [[nodiscard]] static std::int64_t faded(std::int64_t part, std::int64_t whole, std::int64_t sum) {
+    return part == 0 ? 0 : std::max<std::int64_t>(1, (part * whole + sum / 2) / sum);
+  }
+
+  EvidenceOptions options_;
+  float log_odds_min_;
+  float log_odds_max_;
+  double hit_;           // [nats]
+  std::int64_t miss_;    // In kUnit.
+  std::int64_t memory_;  // In kUnit.
+};
+
+}  // namespace ndtree

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// How likely a cell is entirely free, entirely occupied, or partially occupied (Sec. III-A and V).
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/cell/split_test.hpp"
+#include "ndtree/core/beta.hpp"
+
+namespace ndtree {
+
+/// Probabilities of what a cell may be; they add up to 1.
+struct OccupancyHypotheses {
+  double free = 0.0;
+  double occupied = 0.0;
+  double partial = 0.0;
+};
+
+/// Posterior of the three hypotheses, given how many beams ended in the cell and how many passed it.
+///
+/// Beams that reach the cell end in it with an unknown probability rho, independently of each other. The cell
+/// is entirely free if rho is at most hit_given_free, entirely occupied if it is at least
+/// 1 - miss_given_occupied, and partially occupied between; the three are equally likely beforehand, and rho
+/// is uniform within each. The evidence of an interval [u, v] is then
+///   (1 / (v - u)) * integral of rho^h (1 - rho)^m over [u, v], proportional to
+///   (I_v(h + 1, m + 1) - I_u(h + 1, m + 1)) / (v - u),
+/// I being the incomplete beta function: beta-binomial evidence, truncated. Unlike a point hypothesis, an
+/// interval does not reject counts that are cleaner than the error rates predict.
+///
+/// Where in the cell a beam ended enters through the counts: a beam that came a long free way through the
+/// cell before it ended has passed a part of it, and counts as a miss and as a hit.
+class PartialOccupancyModel {
+ public:
+  /// @throws std::invalid_argument if the error rates leave no room for partially occupied cells.
+  explicit PartialOccupancyModel(const SplitOptions& options)
+      : free_until_(options.hit_given_free), occupied_from_(1.0 - options.miss_given_occupied) {
+    require_option(free_until_ < occupied_from_, "hit_given_free", options.hit_given_free,
+                   "less than 1 - miss_given_occupied");
+  }
+
+  [[nodiscard]] OccupancyHypotheses operator()(std::uint32_t hits, std::uint32_t misses) const {
+    const double a = hits + 1.0;
+    const double b = misses + 1.0;
+    const double below = incomplete_beta(a, b, free_until_);
+    const double above = incomplete_beta(b, a, 1.0 - occupied_from_);  // 1 - I, without cancellation.
+    OccupancyHypotheses evidence;
+    evidence.free = below / free_until_;
+    evidence.occupied = above / (1.0 - occupied_from_);
+    evidence.partial = std::max(0.0, 1.0 - below - above) / (occupied_from_ - free_until_);
+    const double sum = evidence.free + evidence.occupied + evidence.partial;
+    return {evidence.free / sum, evidence.occupied / sum, evidence.partial / sum};
+  }
+
+ private:
+  double free_until_;
+  double occupied_from_;
+};
+
+}  // namespace ndtree

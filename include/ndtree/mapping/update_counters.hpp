@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What updates did to a tree, in numbers.
+#pragma once
+
+#include <cstdint>
+
+namespace ndtree {
+
+/// What changed the tree so far; a map keeps these over its life.
+struct UpdateCounters {
+  std::uint64_t updates = 0;  ///< (beam, leaf) pairs whose occupancy was updated.
+  std::uint64_t splits = 0;   ///< Leaves split because the refinement asked for it.
+  std::uint64_t merges = 0;   ///< Parents that took the place of their children.
+};
+
+}  // namespace ndtree

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "ndtree/core/beta.hpp"
+#include "random.hpp"
+
+namespace ndtree::test {
+namespace {
+
+/// log(n!) by adding up, with sixteen more bits than a double.
+long double log_factorial(int n) {
+  static std::vector<long double> sums{0.0L};
+  while (static_cast<int>(sums.size()) <= n)
+    sums.push_back(sums.back() + std::log(static_cast<long double>(sums.size())));
+  return sums[static_cast<std::size_t>(n)];
+}
+
+/// P(at least a of n = a + b - 1 draws): I_x(a, b) for whole a and b.
+long double binomial_tail(int a, int b, long double x) {
+  const int n = a + b - 1;
+  long double sum = 0.0L;
+  for (int k = n; k >= a; --k)
+    sum += std::exp(log_factorial(n) - log_factorial(k) - log_factorial(n - k) + k * std::log(x) +
+                    (n - k) * std::log1p(-x));
+  return sum;
+}
+
+/// log of the density's numerator t^(a - 1) (1 - t)^(b - 1) at t = u³ (10 - 15 u + 6 u²), times dt / du. The
+/// substitution is flat at both ends: there the integrand vanishes with two derivatives for a, b >= 1.
+long double log_integrand(long double a, long double b, long double u) {
+  const long double t = u * u * u * (10.0L + u * (-15.0L + 6.0L * u));
+  const long double v = 1.0L - u;
+  const long double rest = v * v * v * (10.0L + v * (-15.0L + 6.0L * v));
+  return (a - 1.0L) * std::log(t) + (b - 1.0L) * std::log(rest) + std::log(30.0L * u * u * v * v);
+}
+
+/// I_x(a, b) for a, b >= 1 as the share of the density's integral below x, by Gauss's three points in each of
+/// many pieces on both sides.
+long double integrated(long double a, long double b, long double x) {
+  long double low = 0.0L;  // u of x, by bisection.
+  long double high = 1.0L;
+  for (int i = 0; i < 80; ++i) {
+    const long double u = 0.5L * (low + high);
+    (u * u * u * (10.0L + u * (-15.0L + 6.0L * u)) < x ? low : high) = u;
+  }
+  constexpr int kPieces = 1000;
+  long double peak = -HUGE_VALL;
+  for (int i = 1; i < kPieces; ++i)
+    peak = std::max(peak, log_integrand(a, b, static_cast<long double>(i) / kPieces));
+  const long double node = std::sqrt(0.6L);
+  const auto integral = [&](long double from, long double to) {
+    const long double half = 0.5L * (to - from) / kPieces;
+    long double sum = 0.0L;
+    for (int i = 0; i < kPieces; ++i) {
+      const long double middle = from + (2 * i + 1) * half;
+      sum += 8.0L * std::exp(log_integrand(a, b, middle) - peak);
+      for (const long double u : {middle - node * half, middle + node * half})
+        sum += 5.0L * std::exp(log_integrand(a, b, u) - peak);
+    }
+    return sum * half / 9.0L;
+  };
+  const long double below = integral(0.0L, low);
+  return below / (below + integral(low, 1.0L));
+}
+
+TEST(Beta, LogBetaIsThatOfFactorials) {
+  int cases = 0;
+  for (int a = 1; a <= 60; ++a)
+    for (int b = 1; b <= 60; ++b, ++cases) {
+      const auto expected =
+          static_cast<double>(log_factorial(a - 1) + log_factorial(b - 1) - log_factorial(a + b - 1));
+      ASSERT_NEAR(log_beta(a, b), expected, 1e-13 * (1.0 + std::abs(expected))) << a << ", " << b;
+    }
+  EXPECT_EQ(cases, 3600);
+  EXPECT_NEAR(log_beta(0.5, 0.5), std::log(std::acos(-1.0)), 1e-14);  // B(1/2, 1/2) = π.
+  EXPECT_NEAR(log_beta(0.1, 1.0), std::log(10.0), 1e-14);             // B(a, 1) = 1 / a.
+  EXPECT_NEAR(log_beta(5000.0, 5000.0), static_cast<double>(2.0L * log_factorial(4999) - log_factorial(9999)),
+              1e-10);
+}
+
+TEST(Beta, IncompleteEqualsItsIntegral) {
+  Random random(120);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (; cases < 250; ++cases) {
+    const double a = std::exp(random.uniform(0.0, 5.0));
+    const double b = std::exp(random.uniform(0.0, 5.0));
+    // Around the mean, out to where next to nothing is left.
+    const double mean = a / (a + b);
+    const double deviation = std::sqrt(mean * (1.0 - mean) / (a + b + 1.0));
+    const double x = std::clamp(mean + random.uniform(-5.0, 5.0) * deviation, 1e-3, 1.0 - 1e-3);
+    const auto expected = static_cast<double>(integrated(a, b, x));
+    ASSERT_NEAR(incomplete_beta(a, b, x), expected, 1e-9 * expected + 1e-14) << a << ", " << b << ", " << x;
+  }
+  EXPECT_EQ(cases, 250);
+}
+
+TEST(Beta, IncompleteHasItsClosedForms) {
+  int cases = 0;
+  for (int i = 1; i < 200; ++i) {
+    const double x = i / 200.0;
+    ASSERT_NEAR(incomplete_beta(1.0, 1.0, x), x, 1e-14);
+    // The arcsine law.
+    ASSERT_NEAR(incomplete_beta(0.5, 0.5, x), 2.0 / std::acos(-1.0) * std::asin(std::sqrt(x)), 1e-13);
+    for (const double c : {0.1, 0.5, 1.5, 2.0, 7.0, 40.0, 333.25}) {
+      const double power = std::pow(x, c);
+      ASSERT_NEAR(incomplete_beta(c, 1.0, x), power, 1e-12 * power + 1e-16) << c << ", " << x;
+      const double rest = -std::expm1(c * std::log1p(-x));
+      ASSERT_NEAR(incomplete_beta(1.0, c, x), rest, 1e-12 * rest) << c << ", " << x;
+      ++cases;
+    }
+  }
+  EXPECT_EQ(cases, 199 * 7);
+}
+
+TEST(Beta, IncompleteOfWholeNumbersIsABinomialTail) {
+  Random random(121);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (int a = 1; a <= 12; ++a)
+    for (int b = 1; b <= 12; ++b)
+      for (const double x : {1e-6, 0.01, 0.05, 0.3, 0.5, 0.77, 0.95, 0.999}) {
+        const auto expected = static_cast<double>(binomial_tail(a, b, x));
+        ASSERT_NEAR(incomplete_beta(a, b, x), expected, 1e-12 * expected) << a << ", " << b << ", " << x;
+        ++cases;
+      }
+  // Many counts: the logarithms of the factorials have lost digits.
+  for (int i = 0; i < 60; ++i, ++cases) {
+    const int sum = random.integer(1000, 10000);
+    const int a = random.integer(1, sum - 1);
+    const double mean = static_cast<double>(a) / sum;
+    const double x =
+        std::clamp(mean + random.uniform(-5.0, 5.0) * std::sqrt(mean * (1.0 - mean) / sum), 1e-5, 1.0 - 1e-5);
+    const auto expected = static_cast<double>(binomial_tail(a, sum - a, x));
+    ASSERT_NEAR(incomplete_beta(a, sum - a, x), expected, 1e-10 * expected + 1e-15)
+        << a << ", " << sum - a << ", " << x;
+  }
+  EXPECT_EQ(cases, 12 * 12 * 8 + 60);
+}
+
+TEST(Beta, IncompleteIsSymmetricMonotoneAndEndsAt0And1) {
+  Random random(122);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (; cases < 400; ++cases) {
+    const double a = std::exp(random.uniform(-2.0, 9.0));
+    const double b = std::exp(random.uniform(-2.0, 9.0));
+    EXPECT_EQ(incomplete_beta(a, b, 0.0), 0.0);
+    EXPECT_EQ(incomplete_beta(a, b, 1.0), 1.0);
+    EXPECT_EQ(incomplete_beta(a, b, -0.5), 0.0);
+    EXPECT_EQ(incomplete_beta(a, b, 1.5), 1.0);
+    const double mean = a / (a + b);
+    const double deviation = std::sqrt(mean * (1.0 - mean) / (a + b + 1.0));
+    double before = 0.0;
+    for (int i = -12; i <= 12; ++i) {
+      const double x = std::clamp(mean + 0.5 * i * deviation, 0.0, 1.0);
+      const double value = incomplete_beta(a, b, x);
+      ASSERT_GE(value, before - 1e-14) << a << ", " << b << ", " << x;
+      ASSERT_LE(value, 1.0 + 1e-14);
+      const double from_above = 1.0 - incomplete_beta(b, a, 1.0 - x);
+      ASSERT_NEAR(value, from_above, 1e-10) << a << ", " << b << ", " << x;
+      before = value;
+    }
+  }
+  EXPECT_EQ(cases, 400);
+}
+
+/// Where the sides of the mean are told apart, a neighbour must not be sent to and fro.
+TEST(Beta, IncompleteMeetsItselfAtTheSwitchOfSidesForWholeNumbers) {
+  Random random(123);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (; cases < 20000; ++cases) {
+    const double a = random.integer(1, 5000);
+    const double b = random.integer(1, 5000);
+    const double middle = (a + 1.0) / (a + b + 2.0);
+    const double value = incomplete_beta(a, b, middle);
+    ASSERT_NEAR(incomplete_beta(a, b, std::nextafter(middle, 1.0)), value, 1e-9) << a << ", " << b;
+    ASSERT_NEAR(incomplete_beta(a, b, std::nextafter(middle, 0.0)), value, 1e-9) << a << ", " << b;
+  }
+  EXPECT_EQ(cases, 20000);
+}
+
+/// The same where a + 1, b + 1 and a + b + 2 are rounded each for itself.
+TEST(Beta, IncompleteMeetsItselfAtTheSwitchOfSidesForRealNumbers) {
+  Random random(124);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (; cases < 20000; ++cases) {
+    const double a = std::exp(random.uniform(-2.0, 9.0));
+    const double b = std::exp(random.uniform(-2.0, 9.0));
+    const double middle = (a + 1.0) / (a + b + 2.0);
+    double x = std::nextafter(middle, 0.0);
+    for (int i = 0; i < 5; ++i, x = std::nextafter(x, 1.0))
+      ASSERT_NEAR(incomplete_beta(a, b, x), incomplete_beta(a, b, middle), 1e-9) << a << ", " << b;
+  }
+  EXPECT_EQ(cases, 20000);
+}
+
+}  // namespace
+}  // namespace ndtree::test

@@ -1,0 +1,318 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/cell/evidence_model.hpp"
+#include "options.hpp"
+#include "random.hpp"
+
+namespace ndtree::test {
+namespace {
+
+MapOptions options_with(double memory, double prior = 0.5, double inherited_doubt = 3.0) {
+  MapOptions options = spelled_out_options(0.05, 1.6);
+  options.evidence_memory = memory;
+  options.evidence_prior = prior;
+  options.inherited_doubt = inherited_doubt;
+  return options;
+}
+
+EvidenceModel model_with(double memory, double prior = 0.5, double inherited_doubt = 3.0) {
+  const MapOptions options = options_with(memory, prior, inherited_doubt);
+  return EvidenceModel(options, options);
+}
+
+// log(0.6 / 0.4) = 0.405465, of probability_min = 0.4, in units of 1/256.
+constexpr std::int64_t kMiss = 104;
+
+TEST(EvidenceModel, LogOddsAreTheRatioWithinItsBounds) {
+  Random random(140);
+  SCOPED_TRACE(random.trace());
+  int low = 0;
+  int high = 0;
+  int cases = 0;
+  for (const double prior : {0.01, 0.5, 4.0}) {
+    const EvidenceModel model = model_with(200.0, prior);
+    for (int i = 0; i < 5000; ++i, ++cases) {
+      const auto occupied = static_cast<std::int64_t>(std::exp(random.uniform(0.0, 11.0)) - 1.0);
+      const auto free = random.chance(0.1)
+                            ? occupied
+                            : static_cast<std::int64_t>(std::exp(random.uniform(0.0, 11.0)) - 1.0);
+      const float value = model.log_odds_of(occupied, free);
+      const double ratio =
+          (static_cast<double>(occupied) / 256.0 + prior) / (static_cast<double>(free) / 256.0 + prior);
+      ASSERT_NEAR(value, std::min(std::max(std::log(ratio), -2.0), 3.5), 1e-6) << occupied << ", " << free;
+      ASSERT_EQ(value > 0.0f, occupied > free);
+      ASSERT_EQ(value < 0.0f, occupied < free);
+      ASSERT_GE(model.log_odds_of(occupied + 1, free), value);
+      ASSERT_LE(model.log_odds_of(occupied, free + 1), value);
+      low += value == -2.0f;
+      high += value == 3.5f;
+    }
+  }
+  EXPECT_EQ(cases, 15000);
+  EXPECT_GT(low, 100);
+  EXPECT_GT(high, 100);
+  // The smallest difference of the largest sums is still told.
+  const EvidenceModel model = model_with(255.0, 4.0);
+  EXPECT_GT(model.log_odds_of(0xffff, 0xfffe), 0.0f);
+  EXPECT_LT(model.log_odds_of(0xfffe, 0xffff), 0.0f);
+  EXPECT_EQ(model.log_odds_of(0xffff, 0xffff), 0.0f);
+}
+
+TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
+  MapOptions options = options_with(200.0);
+  int cases = 0;
+  for (const double weight : {0.25, 0.8, 1.0, 1.5}) {
+    options.occupied_weight = weight;
+    const EvidenceModel model(options, options);
+    EXPECT_EQ(model.of_miss(), kMiss);
+    ScanEvidence sum;
+    std::int64_t occupied = 0;
+    std::int64_t free = 0;
+    for (int i = -200; i <= 200; ++i, ++cases) {
+      const auto log_odds = static_cast<float>(0.01 * i);
+      model.add(sum, log_odds);
+      if (i > 0) occupied += std::llround(256.0 * weight * static_cast<double>(log_odds));
+      if (i < 0) free += std::llround(-256.0 * static_cast<double>(log_odds));
+      ASSERT_EQ(sum.occupied, occupied) << log_odds;
+      ASSERT_EQ(sum.free, free) << log_odds;
+    }
+    EXPECT_EQ(sum.hits + sum.misses + sum.beams, 0u) << "counts are not its business";
+  }
+  EXPECT_EQ(cases, 4 * 401);
+  // A beam that passed, and a beam near its end that says the same.
+  const EvidenceModel model = model_with(200.0);
+  ScanEvidence near;
+  model.add(near, static_cast<float>(std::log(0.4 / 0.6)));
+  EXPECT_EQ(near.free, model.of_miss());
+}
+
+TEST(EvidenceModel, FadingKeepsTheRatioAndForgetsNothing) {
+  Random random(141);
+  SCOPED_TRACE(random.trace());
+  int faded = 0;
+  int cases = 0;
+  for (; cases < 20000; ++cases) {
+    const double memory = random.uniform(1.0, 255.0);
+    const std::int64_t limit = std::llround(256.0 * memory);
+    const EvidenceModel model = model_with(memory);
+    const auto occupied = static_cast<std::int64_t>(std::exp(random.uniform(0.0, 14.0)) - 1.0);
+    const auto free = static_cast<std::int64_t>(std::exp(random.uniform(0.0, 14.0)) - 1.0);
+    EvidenceCell cell;
+    cell.set_counts(3, 4);
+    model.assign(cell, occupied, free);
+    ASSERT_TRUE(cell.observed());
+    ASSERT_EQ(cell.hits(), 3u);
+    ASSERT_EQ(cell.misses(), 4u);
+    const std::int64_t kept_occupied = cell.occupied_evidence();
+    const std::int64_t kept_free = cell.free_evidence();
+    ASSERT_EQ(cell.log_odds(), model.log_odds_of(kept_occupied, kept_free));
+    if (occupied + free <= limit) {
+      ASSERT_EQ(kept_occupied, occupied);
+      ASSERT_EQ(kept_free, free);
+      continue;
+    }
+    ++faded;
+    const double scale = static_cast<double>(limit) / static_cast<double>(occupied + free);
+    ASSERT_LE(kept_occupied + kept_free, limit + 1);  // Each is rounded for itself.
+    ASSERT_NEAR(static_cast<double>(kept_occupied), scale * static_cast<double>(occupied),
+                occupied > 0 && kept_occupied == 1 ? 1.0 : 0.5 + 1e-9);
+    ASSERT_NEAR(static_cast<double>(kept_free), scale * static_cast<double>(free),
+                free > 0 && kept_free == 1 ? 1.0 : 0.5 + 1e-9);
+    ASSERT_EQ(kept_occupied == 0, occupied == 0);
+    ASSERT_EQ(kept_free == 0, free == 0);
+    ASSERT_LE(kept_occupied, EvidenceCell::kMaxEvidence);
+    ASSERT_LE(kept_free, EvidenceCell::kMaxEvidence);
+  }
+  EXPECT_EQ(cases, 20000);
+  EXPECT_GT(faded, 5000);
+  // Cells come closer to what they are told lately: a free cell is occupied after as much of the other.
+  const EvidenceModel model = model_with(10.0);
+  EvidenceCell cell;
+  model.assign(cell, 0, 1000000);
+  EXPECT_EQ(cell.free_evidence(), 2560);
+  model.assign(cell, 2570, cell.free_evidence());
+  EXPECT_EQ(cell.state(), CellState::occupied);
+}
+
+TEST(EvidenceModel, AScanAddsUpHoweverItIsDivided) {
+  Random random(142);
+  SCOPED_TRACE(random.trace());
+  const EvidenceModel model = model_with(200.0);
+  int cases = 0;
+  for (; cases < 500; ++cases) {
+    ScanEvidence whole;
+    EvidenceCell in_parts;
+    const int parts = random.integer(1, 12);
+    for (int i = 0; i < parts; ++i) {
+      ScanEvidence part;
+      part.occupied = random.integer(0, 2000);
+      part.free = random.integer(0, 2000);
+      part.hits = static_cast<std::uint32_t>(random.integer(0, 300));
+      part.misses = static_cast<std::uint32_t>(random.integer(0, 300));
+      model.update(in_parts, part);
+      whole.occupied += part.occupied;
+      whole.free += part.free;
+      whole.hits += part.hits;
+      whole.misses += part.misses;
+    }
+    EvidenceCell at_once;
+    model.update(at_once, whole);
+    ASSERT_EQ(in_parts, at_once);
+    ASSERT_EQ(at_once.occupied_evidence(), whole.occupied);
+    ASSERT_EQ(at_once.free_evidence(), whole.free);
+    ASSERT_EQ(at_once.hits(), whole.hits);
+    ASSERT_EQ(at_once.misses(), whole.misses);
+    ASSERT_EQ(at_once.log_odds(), model.log_odds_of(whole.occupied, whole.free));
+  }
+  EXPECT_EQ(cases, 500);
+  // What a cell can hold at most, and more.
+  EvidenceCell cell;
+  ScanEvidence much;
+  much.occupied = std::int64_t{1} << 40;
+  much.free = std::int64_t{1} << 40;
+  much.hits = much.misses = 1u << 30;
+  for (int i = 0; i < 3; ++i) model.update(cell, much);
+  EXPECT_EQ(cell.occupied_evidence(), 25600);
+  EXPECT_EQ(cell.free_evidence(), 25600);
+  EXPECT_EQ(cell.hits(), cell.misses());
+}
+
+TEST(EvidenceModel, ChildrenInheritTheirShare) {
+  Random random(143);
+  SCOPED_TRACE(random.trace());
+  const EvidenceModel model = model_with(200.0);
+  int cases = 0;
+  for (const int divisor : {1, 2, 3, 5, 9, 8}) {
+    EXPECT_EQ(model.inherited(EvidenceCell{}, divisor), EvidenceCell{}) << "of nothing, nothing";
+    for (int i = 0; i < 300; ++i, ++cases) {
+      EvidenceCell parent;
+      parent.set_counts(static_cast<std::uint32_t>(random.integer(0, 4095)),
+                        static_cast<std::uint32_t>(random.integer(0, 4095)));
+      model.assign(parent, random.integer(0, 25000), random.integer(0, 25000));
+      const EvidenceCell child = model.inherited(parent, divisor);
+      ASSERT_TRUE(child.observed());
+      ASSERT_EQ(child.occupied_evidence(), parent.occupied_evidence() / divisor);
+      ASSERT_EQ(child.free_evidence(), parent.free_evidence() / divisor);
+      ASSERT_EQ(child.hits(), parent.hits() / static_cast<std::uint32_t>(divisor));
+      ASSERT_EQ(child.misses(), parent.misses() / static_cast<std::uint32_t>(divisor));
+      ASSERT_EQ(child.log_odds(), model.log_odds_of(child.occupied_evidence(), child.free_evidence()));
+      if (divisor == 1) {
+        ASSERT_EQ(child, parent);
+      }
+    }
+  }
+  EXPECT_EQ(cases, 1800);
+}
+
+TEST(EvidenceModel, DoubtTakesFreeEvidenceOnly) {
+  struct Row {
+    const char* what;
+    std::int64_t occupied, free;
+    double doubt;
+    std::int64_t kept;
+  };
+  const Row rows[] = {{"as much as the doubt: half remains", 100, 768, 3.0, 384},
+                      {"three times the doubt", 100, 3 * 768, 3.0, 1728},
+                      {"a third of the doubt", 10, 256, 3.0, 64},
+                      {"rounded down", 0, 100, 1.0, 28},  // 28.09
+                      {"balanced", 768, 768, 3.0, 384},
+                      {"occupied: nothing to doubt", 1001, 1000, 3.0, 1000},
+                      {"without doubt", 0, 1000, 0.0, 1000},
+                      {"no evidence, no doubt", 0, 0, 0.0, 0},
+                      {"almost none of it remains", 0, 10, 1000.0, 0}};
+  int cases = 0;
+  for (const Row& row : rows) {
+    SCOPED_TRACE(row.what);
+    const EvidenceModel model = model_with(200.0, 0.5, row.doubt);
+    EvidenceCell cell;
+    cell.set_counts(5, 6);
+    model.assign(cell, row.occupied, row.free);
+    model.doubt(cell);
+    EXPECT_EQ(cell.occupied_evidence(), row.occupied);
+    EXPECT_EQ(cell.free_evidence(), row.kept);
+    EXPECT_EQ(cell.log_odds(), model.log_odds_of(row.occupied, row.kept));
+    EXPECT_EQ(cell.hits(), 5u);
+    EXPECT_EQ(cell.misses(), 6u);
+    EvidenceCell unobserved;
+    model.doubt(unobserved);
+    EXPECT_EQ(unobserved, EvidenceCell{});
+    ++cases;
+  }
+  EXPECT_EQ(cases, 9);
+}
+
+TEST(EvidenceModel, EffectiveBeamsAreThoseThatWereAdded) {
+  const EvidenceModel model = model_with(200.0);
+  const auto hit = static_cast<float>(std::log(0.7 / 0.3));
+  int cases = 0;
+  for (int hits = 0; hits <= 30; ++hits)
+    for (int misses = 0; misses <= 60; misses += 3, ++cases) {
+      ScanEvidence scan;
+      for (int i = 0; i < hits; ++i) model.add(scan, hit);
+      scan.free = misses * model.of_miss();
+      EvidenceCell cell;
+      model.update(cell, scan);
+      ASSERT_NEAR(model.effective_hits(cell), hits, 3e-3 * hits);  // Units are rounded.
+      ASSERT_EQ(model.effective_misses(cell), misses);
+    }
+  EXPECT_EQ(cases, 31 * 21);
+}
+
+TEST(EvidenceOptions, BadValuesAreRefusedByName) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double infinity = std::numeric_limits<double>::infinity();
+  struct Row {
+    double EvidenceOptions::*option;
+    double value;
+    const char* message;
+  };
+  const Row rows[] = {
+      {&EvidenceOptions::evidence_memory, 0.5, "evidence_memory = 0.5: must be in [1, 255] nats"},
+      {&EvidenceOptions::evidence_memory, 255.5, "evidence_memory = 255.5: "},
+      {&EvidenceOptions::evidence_memory, nan, "evidence_memory = "},
+      {&EvidenceOptions::evidence_prior, 0.0, "evidence_prior = 0.0: must be > 0 nats and finite"},
+      {&EvidenceOptions::evidence_prior, -1.0, "evidence_prior = -1.0: "},
+      {&EvidenceOptions::evidence_prior, infinity, "evidence_prior = inf: "},
+      {&EvidenceOptions::evidence_prior, nan, "evidence_prior = "},
+      {&EvidenceOptions::inherited_doubt, -0.1, "inherited_doubt = -0.1: must be >= 0 nats and finite"},
+      {&EvidenceOptions::inherited_doubt, infinity, "inherited_doubt = inf: "},
+      {&EvidenceOptions::inherited_doubt, nan, "inherited_doubt = "},
+      {&EvidenceOptions::occupied_weight, 0.0, "occupied_weight = 0.0: must be > 0 and finite"},
+      {&EvidenceOptions::occupied_weight, infinity, "occupied_weight = inf: "},
+      {&EvidenceOptions::occupied_weight, nan, "occupied_weight = "},
+      {&EvidenceOptions::noise_sigmas, -1.0, "noise_sigmas = -1.0: must be >= 0 and finite"},
+      {&EvidenceOptions::noise_sigmas, infinity, "noise_sigmas = inf: "},
+      {&EvidenceOptions::noise_sigmas, nan, "noise_sigmas = "}};
+  EXPECT_NO_THROW(EvidenceOptions{}.validate());
+  EvidenceOptions outermost;
+  outermost.evidence_memory = 255.0;
+  outermost.inherited_doubt = 0.0;
+  outermost.noise_sigmas = 0.0;
+  EXPECT_NO_THROW(outermost.validate());
+  outermost.evidence_memory = 1.0;
+  EXPECT_NO_THROW(outermost.validate());
+  int cases = 0;
+  for (const Row& row : rows) {
+    MapOptions options;
+    options.*row.option = row.value;
+    try {
+      options.validate();
+      ADD_FAILURE() << row.message << "accepted";
+    } catch (const std::invalid_argument& error) {
+      EXPECT_EQ(std::string(error.what()).rfind(row.message, 0), 0u) << error.what();
+    }
+    ++cases;
+  }
+  EXPECT_EQ(cases, 16);
+}
+
+}  // namespace
+}  // namespace ndtree::test

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/cell/partial_occupancy.hpp"
+
+namespace ndtree::test {
+namespace {
+
+SplitOptions options_of(double hit_given_free, double miss_given_occupied) {
+  SplitOptions options;
+  options.hit_given_free = hit_given_free;
+  options.miss_given_occupied = miss_given_occupied;
+  return options;
+}
+
+/// The mean of rho^hits (1 - rho)^misses over [from, to], relative to its largest value anywhere: by Gauss's
+/// three points in each of many pieces.
+long double mean_likelihood(double hits, double misses, long double from, long double to) {
+  const long double n = hits + misses;
+  const auto log_likelihood = [&](long double rho) {
+    return hits * std::log(rho) + misses * std::log1p(-rho);
+  };
+  const bool inside = hits > 0 && misses > 0;
+  const long double peak = inside ? log_likelihood(hits / n) : 0.0L;
+  constexpr int kPieces = 1500;
+  const long double half = 0.5L * (to - from) / kPieces;
+  const long double node = std::sqrt(0.6L) * half;
+  long double sum = 0.0L;
+  for (int i = 0; i < kPieces; ++i) {
+    const long double middle = from + (2 * i + 1) * half;
+    sum += 8.0L * std::exp(log_likelihood(middle) - peak);
+    sum += 5.0L * std::exp(log_likelihood(middle - node) - peak);
+    sum += 5.0L * std::exp(log_likelihood(middle + node) - peak);
+  }
+  return sum / 18.0L / kPieces;
+}
+
+struct Rates {
+  double hit_given_free, miss_given_occupied;
+};
+constexpr Rates kRates[] = {{0.05, 0.1}, {0.01, 0.05}, {0.3, 0.2}, {0.45, 0.5}};
+
+TEST(PartialOccupancy, EqualsTheThreeIntegrals) {
+  int cases = 0;
+  for (const Rates& rates : kRates) {
+    const PartialOccupancyModel model(options_of(rates.hit_given_free, rates.miss_given_occupied));
+    for (const std::uint32_t hits : {0u, 1u, 2u, 7u, 40u, 300u, 4095u})
+      for (const std::uint32_t misses : {0u, 1u, 3u, 11u, 60u, 500u, 4095u}) {
+        SCOPED_TRACE(std::to_string(hits) + " hits, " + std::to_string(misses) + " misses");
+        const long double u = rates.hit_given_free;
+        const long double v = 1.0L - rates.miss_given_occupied;
+        const long double free = mean_likelihood(hits, misses, 0.0L, u);
+        const long double occupied = mean_likelihood(hits, misses, v, 1.0L);
+        const long double partial = mean_likelihood(hits, misses, u, v);
+        const long double sum = free + occupied + partial;
+        const OccupancyHypotheses what = model(hits, misses);
+        EXPECT_NEAR(what.free, static_cast<double>(free / sum), 1e-8);
+        EXPECT_NEAR(what.occupied, static_cast<double>(occupied / sum), 1e-8);
+        EXPECT_NEAR(what.partial, static_cast<double>(partial / sum), 1e-8);
+        EXPECT_NEAR(what.free + what.occupied + what.partial, 1.0, 1e-14);
+        ++cases;
+      }
+  }
+  EXPECT_EQ(cases, 4 * 49);
+}
+
+TEST(PartialOccupancy, ManyBeamsDecide) {
+  const PartialOccupancyModel model(options_of(0.05, 0.1));
+  const OccupancyHypotheses nothing = model(0, 0);
+  EXPECT_NEAR(nothing.free, 1.0 / 3.0, 1e-14);
+  EXPECT_NEAR(nothing.occupied, 1.0 / 3.0, 1e-14);
+  EXPECT_NEAR(nothing.partial, 1.0 / 3.0, 1e-14);
+  struct Row {
+    std::uint32_t hits, misses;
+    double free, occupied, partial;
+  };
+  const Row rows[] = {{1000, 0, 0, 1, 0},  {1000, 50, 0, 1, 0},  // Fewer misses than the error rate predicts.
+                      {0, 1000, 1, 0, 0},  {20, 1000, 1, 0, 0},  // Fewer hits.
+                      {500, 500, 0, 0, 1}, {200, 1000, 0, 0, 1}, {4095, 4095, 0, 0, 1}, {1000, 300, 0, 0, 1}};
+  int cases = 0;
+  for (const Row& row : rows) {
+    SCOPED_TRACE(std::to_string(row.hits) + " hits, " + std::to_string(row.misses) + " misses");
+    const OccupancyHypotheses what = model(row.hits, row.misses);
+    EXPECT_NEAR(what.free, row.free, 1e-3);
+    EXPECT_NEAR(what.occupied, row.occupied, 1e-3);
+    EXPECT_NEAR(what.partial, row.partial, 1e-3);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 8);
+}
+
+TEST(PartialOccupancy, HitsSpeakForOccupiedAndMissesForFree) {
+  int cases = 0;
+  for (const Rates& rates : kRates) {
+    const PartialOccupancyModel model(options_of(rates.hit_given_free, rates.miss_given_occupied));
+    for (std::uint32_t hits = 0; hits < 60; ++hits)
+      for (std::uint32_t misses = 0; misses < 60; ++misses, ++cases) {
+        const OccupancyHypotheses now = model(hits, misses);
+        const OccupancyHypotheses hit = model(hits + 1, misses);
+        const OccupancyHypotheses miss = model(hits, misses + 1);
+        ASSERT_GE(hit.occupied, now.occupied - 1e-12) << hits << ", " << misses;
+        ASSERT_LE(hit.free, now.free + 1e-12) << hits << ", " << misses;
+        ASSERT_LE(miss.occupied, now.occupied + 1e-12) << hits << ", " << misses;
+        ASSERT_GE(miss.free, now.free - 1e-12) << hits << ", " << misses;
+        ASSERT_GE(now.partial, 0.0);
+      }
+  }
+  EXPECT_EQ(cases, 4 * 3600);
+  // Free and occupied are each other's mirror image.
+  const PartialOccupancyModel one(options_of(0.05, 0.2));
+  const PartialOccupancyModel other(options_of(0.2, 0.05));
+  for (std::uint32_t hits = 0; hits < 40; ++hits)
+    for (std::uint32_t misses = 0; misses < 40; ++misses) {
+      ASSERT_NEAR(one(hits, misses).free, other(misses, hits).occupied, 1e-12);
+      ASSERT_NEAR(one(hits, misses).partial, other(misses, hits).partial, 1e-12);
+    }
+}
+
+TEST(PartialOccupancy, RatesThatLeaveNoRoomAreRefused) {
+  struct Row {
+    double hit_given_free, miss_given_occupied;
+    bool room;
+  };
+  const Row rows[] = {{0.5, 0.5, false}, {0.75, 0.25, false}, {0.9, 0.2, false},
+                      {0.25, 0.5, true}, {0.5, 0.25, true},   {0.75, 0.125, true}};
+  int cases = 0;
+  for (const Row& row : rows) {
+    ++cases;
+    try {
+      const PartialOccupancyModel model(options_of(row.hit_given_free, row.miss_given_occupied));
+      EXPECT_TRUE(row.room) << row.hit_given_free;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_FALSE(row.room);
+      const std::string text = error.what();
+      EXPECT_EQ(text.rfind("hit_given_free = 0.", 0), 0u) << text;
+      EXPECT_NE(text.find("must be less than 1 - miss_given_occupied"), std::string::npos) << text;
+    }
+  }
+  EXPECT_EQ(cases, 6);
+}
+
+}  // namespace
+}  // namespace ndtree::test

@@ -1,0 +1,784 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <set>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "options.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
+#include "trees.hpp"
+
+namespace ndtree::test {
+namespace {
+
+/// The map without a tree: a list of cells, each clipped against each beam of a scan. Slow and plain. What a
+/// cell makes of its evidence, and when siblings join, is taken from their models, which have their own
+/// tests.
+template <int N, int D>
+class FlatScanMap {
+ public:
+  LeafMap<D, EvidenceCell> cells;
+  std::uint64_t updates = 0;
+  std::uint64_t splits = 0;
+  std::uint64_t merges = 0;
+  std::uint64_t whole_again = 0;  ///< Splits undone by the same scan, which count as neither.
+
+  /// Level-0 cells of [first, last) on each axis; beams must not leave them.
+  FlatScanMap(const MapOptions& options, int first, int last)
+      : options_(options),
+        num_levels_(options.num_levels(N)),
+        model_(options, options),
+        merge_rule_(options, model_),
+        partial_occupancy_(options) {
+    std::vector<CellIndex<D>> begun{CellIndex<D>{}};
+    for (std::size_t a = 0; a < D; ++a) {
+      std::vector<CellIndex<D>> longer;
+      for (const auto& cell : begun)
+        for (int k = first; k < last; ++k) {
+          longer.push_back(cell);
+          longer.back().lower[a] = k * edge(0);
+        }
+      begun = std::move(longer);
+    }
+    for (const auto& cell : begun) cells[cell] = {};
+  }
+
+  void insert(const Scan<D>& scan, double max_range) {
+    beams_.clear();
+    for (Eigen::Index i = 0; i < scan.size(); ++i)
+      add(scan.origins.col(scan.origins.cols() == 1 ? 0 : i), scan.endpoints.col(i),
+          scan.returned.size() == 0 || scan.returned[i], max_range);
+    struct Waiting {
+      CellIndex<D> index;
+      bool fresh;
+    };
+    std::vector<Waiting> waiting;
+    for (const auto& [index, cell] : cells) waiting.push_back({index, false});
+    std::set<CellIndex<D>, IndexLess> split_now;
+    while (!waiting.empty()) {
+      const Waiting next = waiting.back();
+      waiting.pop_back();
+      const ScanEvidence scan_evidence = evidence(next.index);
+      EvidenceCell& cell = cells[next.index];
+      if (next.fresh && scan_evidence.hits > 0) model_.doubt(cell);
+      if (next.index.level > -num_levels_ && splits_now(cell, scan_evidence)) {
+        const bool fresh = cell.observed();
+        const EvidenceCell child_cell = model_.inherited(cell, kShare);
+        cells.erase(next.index);
+        for (const auto& child : children_of<N, D>(next.index, edge(next.index.level - 1))) {
+          cells[child] = child_cell;
+          waiting.push_back({child, fresh});
+        }
+        split_now.insert(next.index);
+        ++splits;
+      } else if (scan_evidence.beams > 0) {
+        model_.update(cell, scan_evidence);
+        updates += scan_evidence.beams;
+      }
+    }
+    // Parents that a beam crosses, the finest first.
+    for (int level = -num_levels_; level < 0; ++level) {
+      std::set<CellIndex<D>, IndexLess> parents;
+      for (const auto& [index, cell] : cells)
+        if (index.level == level) parents.insert(parent_of(index));
+      for (const auto& parent : parents) {
+        if (!crossed(parent) || !merge(parent)) continue;
+        if (split_now.count(parent) != 0) {
+          --splits;
+          ++whole_again;
+        } else {
+          ++merges;
+        }
+      }
+    }
+  }
+
+  /// What the beams of the last scan say about a cell.
+  [[nodiscard]] ScanEvidence evidence(const CellIndex<D>& index) const {
+    const double size = static_cast<double>(edge(index.level)) * options_.min_cell_size;
+    const bool finest = index.level == -num_levels_;
+    ScanEvidence sum;
+    for (const FlatBeam& beam : beams_) {
+      double enter = 0.0;
+      double exit = 0.0;
+      if (!clip(beam, index, enter, exit)) continue;
+      const bool resolvable = !finest && size / N >= options_.noise_sigmas * beam.sigma;
+      if (!beam.returned) {
+        if (contains(index, beam.free_end)) continue;
+        count_miss(sum, log_odds_of(options_.probability_min), resolvable);
+        continue;
+      }
+      // A surface is never thinner than 5/3 of the noise, or the cells that are small would say less than it.
+      const bool small = finest || size <= 2.0 * beam.sigma;
+      if (small) exit = std::max(exit, enter + 5.0 / 3.0 * beam.sigma / beam.range);
+      const double occupied_or_free = normal_cdf_of((exit - 1.0) * beam.range / beam.sigma);
+      const double p = occupied_or_free - 0.5 * normal_cdf_of((enter - 1.0) * beam.range / beam.sigma);
+      const float near =
+          log_odds_of(std::min(std::max(p, options_.probability_min), options_.probability_max));
+      if (occupied_or_free < options_.probability_min) {
+        count_miss(sum, near, resolvable);
+        continue;
+      }
+      const bool hit = contains(index, cell_of_hit(beam));
+      const bool behind = !hit && enter >= 1.0;
+      if (behind && !small) continue;
+      if (near > 0.0f)
+        sum.occupied += units(options_.occupied_weight * static_cast<double>(near));
+      else
+        sum.free += units(-static_cast<double>(near));
+      if (hit) {
+        ++sum.hits;
+        sum.resolvable_hits += resolvable;
+        sum.deep_hits += resolvable && std::max((1.0 - enter) * beam.range, size) > 3.0 * beam.sigma;
+      } else if (!behind) {
+        ++sum.misses;
+      }
+      ++sum.beams;
+    }
+    return sum;
+  }
+
+ private:
+  struct FlatBeam;
+  /// The smallest cell that counts the hit: that of the end point, or the next if the beam only touches that
+  /// one.
+  [[nodiscard]] CellIndex<D> cell_of_hit(const FlatBeam& beam) const {
+    const auto cell_at = [&](const Vector<D>& point) {
+      CellIndex<D> cell;
+      cell.level = -num_levels_;
+      for (std::size_t a = 0; a < D; ++a)
+        cell.lower[a] =
+            static_cast<std::int64_t>(std::floor(point[static_cast<int>(a)] / options_.min_cell_size));
+      return cell;
+    };
+    const CellIndex<D> cell = cell_at(beam.endpoint);
+    double enter = 0.0;
+    double exit = 0.0;
+    if (clip(beam, cell, enter, exit)) return cell;
+    return cell_at(beam.endpoint + 1e-9 * (beam.endpoint - beam.origin));
+  }
+
+  struct FlatBeam {
+    Vector<D> origin;
+    Vector<D> path;
+    Vector<D> endpoint;
+    Vector<D> free_end;
+    double range;
+    double sigma;
+    double t_end;
+    bool returned;
+  };
+  static constexpr int kShare = static_cast<int>(integer_power(N, D)) / N;
+
+  static double normal_cdf_of(double z) { return 0.5 * std::erfc(-z / std::sqrt(2.0)); }
+  static float log_odds_of(double p) { return static_cast<float>(std::log(p / (1.0 - p))); }
+  static std::int64_t units(double nats) { return std::llround(256.0 * nats); }
+  static void count_miss(ScanEvidence& sum, float log_odds, bool resolvable) {
+    sum.free += units(-static_cast<double>(log_odds));
+    ++sum.misses;
+    sum.resolvable_misses += resolvable;
+    ++sum.beams;
+  }
+
+  void add(const Vector<D>& origin, const Vector<D>& endpoint, bool returned, double max_range) {
+    const Vector<D> path = endpoint - origin;
+    const double range = path.norm();
+    if (!std::isfinite(range) || range == 0.0) return;
+    const bool cut = range > max_range;
+    const double t_free = cut ? max_range / range : 1.0;
+    returned = returned && !cut;
+    const double sigma = options_.range_sigma + options_.range_sigma_quadratic * range * range;
+    beams_.push_back({origin, path, endpoint, cut ? Vector<D>(origin + t_free * path) : endpoint, range,
+                      sigma, returned ? 1.0 + 3.0 * sigma / range : t_free, returned});
+  }
+
+  [[nodiscard]] bool splits_now(const EvidenceCell& cell, const ScanEvidence& scan) const {
+    if (cell.log_odds() < 0.0f) return scan.resolvable_hits > 0;
+    if (cell.log_odds() == 0.0f) return scan.deep_hits > 0;
+    return (scan.resolvable_misses > 0 || scan.deep_hits > 0) &&
+           partial_occupancy_(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits).partial >
+               options_.split_probability;
+  }
+
+  [[nodiscard]] std::int64_t edge(int level) const { return edge_above<N>(-num_levels_, level); }
+  [[nodiscard]] double border(std::int64_t k) const {
+    return static_cast<double>(k) * options_.min_cell_size;
+  }
+  [[nodiscard]] bool contains(const CellIndex<D>& cell, const CellIndex<D>& smaller) const {
+    for (std::size_t a = 0; a < D; ++a)
+      if (smaller.lower[a] < cell.lower[a] || smaller.lower[a] >= cell.lower[a] + edge(cell.level))
+        return false;
+    return true;
+  }
+  [[nodiscard]] bool contains(const CellIndex<D>& cell, const Vector<D>& point) const {
+    for (int a = 0; a < D; ++a) {
+      const std::int64_t lower = cell.lower[static_cast<std::size_t>(a)];
+      if (point[a] < border(lower) || point[a] >= border(lower + edge(cell.level))) return false;
+    }
+    return true;
+  }
+  /// @returns whether the beam crosses the cell over more than a point of (0, t_end).
+  [[nodiscard]] bool clip(const FlatBeam& beam, const CellIndex<D>& index, double& enter,
+                          double& exit) const {
+    enter = 0.0;
+    exit = beam.t_end;
+    for (int a = 0; a < D; ++a) {
+      const std::int64_t lower = index.lower[static_cast<std::size_t>(a)];
+      const double to_lower = border(lower) - beam.origin[a];
+      const double to_upper = border(lower + edge(index.level)) - beam.origin[a];
+      if (beam.path[a] == 0.0) {
+        if (to_lower > 0.0 || to_upper <= 0.0) return false;
+        continue;
+      }
+      enter = std::max(enter, std::min(to_lower / beam.path[a], to_upper / beam.path[a]));
+      exit = std::min(exit, std::max(to_lower / beam.path[a], to_upper / beam.path[a]));
+    }
+    return enter < exit;
+  }
+  [[nodiscard]] bool crossed(const CellIndex<D>& index) const {
+    double enter = 0.0;
+    double exit = 0.0;
+    return std::any_of(beams_.begin(), beams_.end(),
+                       [&](const FlatBeam& beam) { return clip(beam, index, enter, exit); });
+  }
+  [[nodiscard]] CellIndex<D> parent_of(CellIndex<D> cell) const {
+    const std::int64_t size = edge(++cell.level);
+    for (auto& lower : cell.lower) lower -= ((lower % size) + size) % size;
+    return cell;
+  }
+  bool merge(const CellIndex<D>& parent) {
+    const auto children = children_of<N, D>(parent, edge(parent.level - 1));
+    std::vector<Node<EvidenceCell>> nodes(children.size());
+    for (std::size_t j = 0; j < children.size(); ++j) {
+      const auto found = cells.find(children[j]);
+      if (found == cells.end())
+        nodes[j].become_inner(1);
+      else
+        nodes[j].become_leaf(found->second);
+    }
+    const auto merged = merge_rule_(nodes.data(), static_cast<int>(nodes.size()), kShare);
+    if (!merged) return false;
+    for (const auto& child : children) cells.erase(child);
+    cells[parent] = *merged;
+    return true;
+  }
+
+  MapOptions options_;
+  int num_levels_;
+  EvidenceModel model_;
+  EvidenceMergeRule merge_rule_;
+  PartialOccupancyModel partial_occupancy_;
+  std::vector<FlatBeam> beams_;
+};
+
+template <int D>
+Scan<D> scan_of(const std::vector<Vector<D>>& origins, const std::vector<Vector<D>>& endpoints) {
+  Scan<D> scan;
+  scan.origins.resize(D, static_cast<Eigen::Index>(origins.size()));
+  scan.endpoints.resize(D, static_cast<Eigen::Index>(endpoints.size()));
+  for (std::size_t i = 0; i < origins.size(); ++i)
+    scan.origins.col(static_cast<Eigen::Index>(i)) = origins[i];
+  for (std::size_t i = 0; i < endpoints.size(); ++i)
+    scan.endpoints.col(static_cast<Eigen::Index>(i)) = endpoints[i];
+  return scan;
+}
+
+/// Beams within (-size, size), of which many come from one place and end in one wall: measured numbers, or
+/// exact ones on a grid, often parallel to an axis, sometimes of no length.
+template <int D>
+Scan<D> random_scan(Random& random, int count, double size, double grid, double wall) {
+  Scan<D> scan;
+  scan.origins.resize(D, count);
+  scan.endpoints.resize(D, count);
+  scan.returned.resize(count);
+  const auto place = [&](double x) { return grid > 0.0 ? std::round(x / grid) * grid : x; };
+  for (Eigen::Index i = 0; i < count; ++i) {
+    const bool from_one_place = random.chance(0.7);
+    for (int a = 0; a < D; ++a) {
+      scan.origins(a, i) = place(from_one_place ? -0.8 * size : random.uniform(-size, size));
+      scan.endpoints(a, i) = place(random.uniform(-size, size));
+      if (grid > 0.0 && random.chance(0.3)) scan.endpoints(a, i) = scan.origins(a, i);
+    }
+    if (random.chance(0.6)) scan.endpoints(0, i) = place(wall);
+    scan.returned[i] = random.chance(0.8);
+  }
+  return scan;
+}
+
+template <int D>
+Scan<D> shuffled(Random& random, const Scan<D>& scan) {
+  Scan<D> result = scan;
+  for (auto i = static_cast<int>(scan.size()) - 1; i > 0; --i) {
+    const int j = random.integer(0, i);
+    result.origins.col(i).swap(result.origins.col(j));
+    result.endpoints.col(i).swap(result.endpoints.col(j));
+    std::swap(result.returned[i], result.returned[j]);
+  }
+  return result;
+}
+
+/// The sum of twelve uniform numbers: nearly normal, and never beyond six.
+inline double normal(Random& random) {
+  double sum = -6.0;
+  for (int i = 0; i < 12; ++i) sum += random.uniform();
+  return sum;
+}
+
+/// A sensor in the empty room [-half, half]^D that looks in the same directions in every scan.
+template <int D>
+struct Room {
+  Vector<D> origin;
+  double half;
+  std::vector<Vector<D>> directions;
+
+  Room(Random& random, const Vector<D>& from, double half_edge, int count) : origin(from), half(half_edge) {
+    for (int i = 0; i < count; ++i) {
+      Vector<D> direction;
+      for (int a = 0; a < D; ++a) direction[a] = normal(random);
+      directions.push_back(direction.normalized());
+    }
+  }
+  [[nodiscard]] Scan<D> scan(Random& random, double sigma) const {
+    std::vector<Vector<D>> endpoints;
+    for (const Vector<D>& direction : directions) {
+      double range = HUGE_VAL;
+      for (int a = 0; a < D; ++a)
+        if (direction[a] != 0.0)
+          range = std::min(range, (std::copysign(half, direction[a]) - origin[a]) / direction[a]);
+      endpoints.push_back(origin + (range + sigma * normal(random)) * direction);
+    }
+    return scan_of<D>({origin}, endpoints);
+  }
+};
+
+template <class Cells>
+auto observed_of(const Cells& cells) {
+  Cells observed;
+  for (const auto& [index, cell] : cells)
+    if (cell.observed()) observed.emplace(index, cell);
+  return observed;
+}
+
+std::string text_of(const EvidenceCell& cell) {
+  return std::to_string(cell.occupied_evidence()) + " for, " + std::to_string(cell.free_evidence()) +
+         " against, " + std::to_string(cell.hits()) + " hits, " + std::to_string(cell.misses()) + " misses";
+}
+
+/// Every observed leaf, to the last unit, and the counters.
+template <class Map, class Flat>
+void expect_equal(const Map& map, const Flat& flat) {
+  const auto leaves = observed_of(leaves_of(map.tree()));
+  const auto expected = observed_of(flat.cells);
+  int wrong = 0;
+  for (const auto& [index, cell] : leaves) {
+    const auto found = expected.find(index);
+    if (found != expected.end() && found->second == cell) continue;
+    if (wrong++ == 0)
+      ADD_FAILURE() << "level " << index.level << " at " << index.lower[0] << " ...: " << text_of(cell)
+                    << "; expected " << (found == expected.end() ? "another cell" : text_of(found->second));
+  }
+  EXPECT_EQ(wrong, 0);
+  EXPECT_EQ(leaves.size(), expected.size());
+  EXPECT_EQ(map.counters().updates, flat.updates);
+  EXPECT_EQ(map.counters().splits, flat.splits);
+  EXPECT_EQ(map.counters().merges, flat.merges);
+}
+
+template <class S>
+class ScanUpdateOf : public ::testing::Test {};
+TYPED_TEST_SUITE(ScanUpdateOf, Shapes, ShapeNames);
+
+constexpr double kUnit = 0.25;
+
+TYPED_TEST(ScanUpdateOf, EveryCellOfOneSizeGetsTheSumOverTheBeams) {
+  NDTREE_SHAPE;
+  Random random(130);
+  SCOPED_TRACE(random.trace());
+  struct Row {
+    double range_sigma, evidence_memory, max_range;
+  };
+  const Row rows[] = {{0.06, 200.0, kUnlimitedRange}, {0.2, 200.0, 1.0}, {0.2, 2.0, kUnlimitedRange}};
+  const int cells = D <= 2 ? 12 : D == 3 ? 6 : 4;  // From -cells to cells on each axis.
+  int beams = 0;
+  std::uint64_t hits = 0;
+  for (const Row& row : rows)
+    for (const double grid : {0.0, kUnit / 4.0}) {
+      MapOptions options = spelled_out_options(kUnit, kUnit);
+      options.range_sigma = row.range_sigma;
+      options.evidence_memory = row.evidence_memory;
+      AdaptiveMap<N, D> map(options);
+      FlatScanMap<N, D> flat(options, -cells, cells);
+      const double size = cells * kUnit - 3.0 * row.range_sigma - 0.01;
+      for (int i = 0; i < 4; ++i) {
+        const Scan<D> scan = random_scan<D>(random, 25, size, grid, 0.125);
+        const std::uint64_t before = flat.updates;
+        const InsertReport report = map.insert(scan, row.max_range);
+        flat.insert(scan, row.max_range);
+        EXPECT_EQ(report.updates, flat.updates - before);
+        EXPECT_EQ(report.splits + report.merges, 0u);
+        expect_equal(map, flat);
+        ASSERT_NO_THROW(map.check_invariants());
+        beams += 25;
+      }
+      for (const auto& [index, cell] : flat.cells) hits += cell.hits();
+    }
+  EXPECT_EQ(beams, 3 * 2 * 4 * 25);
+  EXPECT_GT(hits, 100u);
+}
+
+TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
+  NDTREE_SHAPE;
+  Random random(131);
+  SCOPED_TRACE(random.trace());
+  struct Row {
+    double range_sigma, range_sigma_quadratic, noise_sigmas, merge_loss, evidence_memory;
+  };
+  const Row rows[] = {{0.06, 0.0, 1.0, 4.0, 200.0},
+                      {0.3, 0.0, 0.0, 1.0, 200.0},    // Cells of all sizes are small beside the noise ...
+                      {0.2, 0.0, 1.5, 2.0, 20.0},     // ... and may not all be split.
+                      {0.02, 0.002, 3.0, 0.3, 5.0}};  // Every beam has noise of its own.
+  const int levels = N == 2 ? 2 : 1;
+  const double coarsest = kUnit * std::pow(N, levels);
+  int scans = 0;
+  std::uint64_t splits = 0;
+  std::uint64_t merges = 0;
+  std::uint64_t whole_again = 0;
+  for (const Row& row : rows)
+    for (const double grid : {0.0, kUnit / 4.0}) {
+      MapOptions options = spelled_out_options(kUnit, coarsest);
+      options.range_sigma = row.range_sigma;
+      options.range_sigma_quadratic = row.range_sigma_quadratic;
+      options.noise_sigmas = row.noise_sigmas;
+      options.merge_loss = row.merge_loss;
+      options.evidence_memory = row.evidence_memory;
+      ASSERT_EQ(options.num_levels(N), levels);
+      AdaptiveMap<N, D> map(options);
+      FlatScanMap<N, D> flat(options, -2, 2);
+      const double reach = 2.0 * coarsest;
+      const double size =
+          reach - 3.0 * (row.range_sigma + row.range_sigma_quadratic * 4.0 * D * reach * reach) - kUnit / 4.0;
+      for (int i = 0; i < 12; ++i, ++scans) {  // Half-way the wall is taken away.
+        const Scan<D> scan = random_scan<D>(random, 30, size, grid, (i < 6 ? 0.2 : 0.9) * size);
+        map.insert(scan);
+        flat.insert(scan, kUnlimitedRange);
+        expect_equal(map, flat);
+        ASSERT_NO_THROW(map.check_invariants());
+        if (this->HasFailure()) return;
+      }
+      splits += flat.splits;
+      merges += flat.merges;
+      whole_again += flat.whole_again;
+    }
+  EXPECT_EQ(scans, 4 * 2 * 12);
+  EXPECT_GE(splits, 30u);
+  EXPECT_GE(merges, 5u);
+  EXPECT_GE(whole_again, 20u);
+}
+
+TYPED_TEST(ScanUpdateOf, OneHitForEachBeamThatReturned) {
+  NDTREE_SHAPE;
+  Random random(132);
+  SCOPED_TRACE(random.trace());
+  int beams = 0;
+  for (int i = 0; i < 40; ++i) {
+    AdaptiveMap<N, D> map(spelled_out_options(kUnit, kUnit));
+    // Exact ones, that pass and end on borders, but not where a border meets another.
+    Scan<D> scan = random_scan<D>(random, 10, 1.5, i % 2 == 0 ? 0.0 : kUnit / 4.0, 0.0);
+    if (i % 2 != 0) scan.endpoints.bottomRows(D - 1).array() += kUnit / 3.0;
+    const InsertReport report = map.insert(scan);
+    std::uint64_t hits = 0;
+    for_each_leaf(map.tree(), [&](const auto& leaf) { hits += leaf.cell().hits(); });
+    ASSERT_EQ(hits, report.returned);
+    beams += 10;
+  }
+  EXPECT_EQ(beams, 400);
+}
+
+TYPED_TEST(ScanUpdateOf, TheOrderOfAScansBeamsDoesNotMatter) {
+  NDTREE_SHAPE;
+  Random random(133);
+  SCOPED_TRACE(random.trace());
+  int orders = 0;
+  for (const double grid : {0.0, 0.025}) {
+    MapOptions options = spelled_out_options(0.1, 0.1 * N * N);
+    options.evidence_memory = 20.0;
+    AdaptiveMap<N, D> map(options);
+    for (int i = 0; i < 5; ++i) {
+      const Scan<D> scan = random_scan<D>(random, 80, 2.0, grid, 0.3 * i);
+      AdaptiveMap<N, D> others[3] = {map, map, map};
+      map.insert(scan, 3.0);
+      ASSERT_NO_THROW(map.check_invariants());
+      const std::string bytes = to_bytes(map);
+      Scan<D> backwards = scan;
+      backwards.origins = scan.origins.rowwise().reverse().eval();
+      backwards.endpoints = scan.endpoints.rowwise().reverse().eval();
+      backwards.returned = scan.returned.reverse().eval();
+      others[0].insert(backwards, 3.0);
+      others[1].insert(shuffled(random, scan), 3.0);
+      others[2].insert(shuffled(random, scan), 3.0);
+      for (const auto& other : others) {
+        ASSERT_TRUE(to_bytes(other) == bytes);
+        ++orders;
+      }
+    }
+    EXPECT_GT(map.stats().observed_leaves, 10u);
+  }
+  EXPECT_EQ(orders, 30);
+}
+
+TYPED_TEST(ScanUpdateOf, FilesHoldAllOfAMap) {
+  NDTREE_SHAPE;
+  Random random(134);
+  SCOPED_TRACE(random.trace());
+  AdaptiveMap<N, D> map(spelled_out_options(0.1, 0.1 * N * N));
+  int scans = 0;
+  for (; scans < 6; ++scans) {
+    map.insert(random_scan<D>(random, 60, 2.0, 0.0, 0.5));
+    const std::string bytes = to_bytes(map);
+    AdaptiveMap<N, D> again = from_bytes<AdaptiveMap<N, D>>(bytes);
+    ASSERT_TRUE(to_bytes(again) == bytes);
+    ASSERT_EQ(leaves_of(again.tree()), leaves_of(map.tree()));
+    ASSERT_EQ(map_file_header(bytes).refinement, "evidence");
+    const Scan<D> next = random_scan<D>(random, 20, 2.0, 0.0, -0.5);
+    map.insert(next);
+    again.insert(next);
+    ASSERT_TRUE(to_bytes(again) == to_bytes(map)) << "a loaded map goes on as the original";
+  }
+  EXPECT_EQ(scans, 6);
+}
+
+TYPED_TEST(ScanUpdateOf, ALongWayAndAHitSplitUnknownSpaceAtOnce) {
+  NDTREE_SHAPE;
+  Random random(135);
+  SCOPED_TRACE(random.trace());
+  const int levels = N == 2 ? 5 : N == 3 ? 3 : 2;
+  int beams = 0;
+  int finest = 0;
+  int noisy = 0;
+  int clear = 0;
+  for (const double sigma : {0.002, 0.03, 0.11})
+    for (const double noise_sigmas : {0.0, 1.0, 4.0})
+      for (int i = 0; i < 40; ++i, ++beams) {
+        MapOptions options = spelled_out_options(0.05, 0.05 * std::pow(N, levels));
+        options.range_sigma = sigma;
+        options.noise_sigmas = noise_sigmas;
+        AdaptiveMap<N, D> map(options);
+        const auto& geometry = map.tree().geometry();
+        const double size = geometry.cell_size(0);
+        const Box<D> whole{Vector<D>::Zero(), Vector<D>::Constant(size)};
+        Vector<D> from = random_point(random, whole);
+        Vector<D> to = random_point(random, whole);
+        while ((to - from).norm() < 0.5 * size) {
+          from = random_point(random, whole);
+          to = random_point(random, whole);
+        }
+        const double range = (to - from).norm();
+        map.insert(scan_of<D>({from}, {to}));
+        ASSERT_NO_THROW(map.check_invariants());
+
+        const auto end = *map.tree().find_leaf(to);
+        double way = 0.0;   // Through the cell of the end point, up to it ...
+        double rest = 0.0;  // ... and from there.
+        traverse_beam(map.tree(), from, Vector<D>(to - from), 0.0, 1.0 + 3.0 * sigma / range,
+                      [&](const auto& leaf, double t_enter, double t_exit) {
+                        if (leaf.index == end.index) {
+                          way = (1.0 - t_enter) * range;
+                          rest = (t_exit - 1.0) * range;
+                        }
+                        // F(exit + 5/3) < probability_min = 0.4, by a margin.
+                        if ((t_exit - 1.0) * range < -1.93 * sigma) {
+                          EXPECT_EQ(leaf.cell().state(), CellState::free) << text_of(leaf.cell());
+                        }
+                      });
+        if (way > 0.5 * sigma &&
+            rest > 0.5 * sigma) {  // F(0.5) - F(-0.5) / 2 = 0.54: more occupied than not.
+          EXPECT_EQ(end.cell().state(), CellState::occupied);
+          ++clear;
+        }
+        // As fine as possible, as the noise allows, or as the hit asks for. On a line all siblings can join.
+        const double end_size = geometry.cell_size(end.index.level);
+        const bool is_finest = end.index.level == geometry.finest_level();
+        const bool is_noisy = end_size / N < noise_sigmas * sigma;
+        const bool is_shallow = end_size <= 3.0 * sigma && way <= 3.0 * sigma;
+        EXPECT_TRUE(D == 1 || is_finest || is_noisy || is_shallow) << end_size << ", way " << way;
+        EXPECT_TRUE(D == 1 || is_noisy || end.index.level < 0);
+        EXPECT_EQ(map.counters().splits, static_cast<std::uint64_t>(-end.index.level));
+        finest += is_finest;
+        noisy += !is_finest && is_noisy;
+        for_each_leaf(map.tree(), [&](const auto& leaf) {
+          EXPECT_TRUE(leaf.index.level >= 0 || geometry.cell_size(leaf.index.level) >= noise_sigmas * sigma);
+        });
+        if (this->HasFailure()) return;
+      }
+  EXPECT_EQ(beams, 3 * 3 * 40);
+  EXPECT_GT(finest, 40);
+  EXPECT_GT(noisy, 40);
+  EXPECT_GT(clear, 200);
+}
+
+TYPED_TEST(ScanUpdateOf, NothingIsOccupiedWithoutAHitNearby) {
+  NDTREE_SHAPE;
+  Random random(136);
+  SCOPED_TRACE(random.trace());
+  int occupied = 0;
+  int worlds = 0;
+  for (; worlds < 12; ++worlds) {
+    MapOptions options = spelled_out_options(0.05, 0.05 * std::pow(N, N == 2 ? 4 : 2));
+    options.range_sigma = random.uniform(0.01, 0.1);
+    options.range_sigma_quadratic = worlds % 3 == 2 ? 0.03 : 0.0;
+    options.noise_sigmas = worlds % 4 == 0 ? 1.0 : 4.0;
+    AdaptiveMap<N, D> map(options);
+    const Room<D> room(random, Vector<D>::Constant(random.uniform(-0.5, 0.5)), 1.51, 50);
+    std::vector<std::pair<Vector<D>, double>> ends;  // With three standard deviations.
+    for (int i = 0; i < 10; ++i) {
+      const Scan<D> scan = worlds % 2 == 0 ? room.scan(random, options.range_sigma)
+                                           : random_scan<D>(random, 50, 2.0, 0.0, i < 6 ? 0.5 : 1.9);
+      map.insert(scan);
+      for (Eigen::Index k = 0; k < scan.size(); ++k) {
+        if (scan.returned.size() != 0 && !scan.returned[k]) continue;
+        const auto origin = scan.origins.col(scan.origins.cols() == 1 ? 0 : k);
+        const double squared_range = (scan.endpoints.col(k) - origin).squaredNorm();
+        ends.emplace_back(scan.endpoints.col(k),
+                          3.0 * (options.range_sigma + options.range_sigma_quadratic * squared_range));
+      }
+    }
+    for_each_leaf(map.tree(), [&](const auto& leaf) {
+      if (leaf.cell().state() != CellState::occupied) return;
+      const Box<D> box = map.tree().box(leaf.index);
+      const double size = map.tree().geometry().cell_size(leaf.index.level);
+      EXPECT_TRUE(std::any_of(
+          ends.begin(), ends.end(),
+          [&](const auto& end) { return std::sqrt(box.squared_distance(end.first)) <= end.second + size; }))
+          << "level " << leaf.index.level << ", " << text_of(leaf.cell());
+      ++occupied;
+    });
+  }
+  EXPECT_EQ(worlds, 12);
+  EXPECT_GT(occupied, 30);
+}
+
+TYPED_TEST(ScanUpdateOf, StationaryInputSettles) {
+  NDTREE_SHAPE;
+  Random random(137);
+  SCOPED_TRACE(random.trace());
+  const int count = D == 1 ? 2 : 200;
+  int scans = 0;
+  for (const bool noisy : {false, true}) {
+    MapOptions options = spelled_out_options(0.05, 0.05 * std::pow(N, N == 2 ? 4 : 2));
+    options.range_sigma = 0.03;
+    AdaptiveMap<N, D> map(options);
+    const Room<D> room(random, Vector<D>::Constant(0.13), 1.01, count);
+    const Scan<D> first = room.scan(random, options.range_sigma);
+    std::uint64_t in_second_half = 0;
+    std::uint64_t changes = 0;
+    for (int i = 0; i < 60; ++i, ++scans) {
+      const InsertReport report = map.insert(noisy ? room.scan(random, options.range_sigma) : first);
+      changes += report.splits + report.merges;
+      if (i >= 30) in_second_half += report.splits + report.merges;
+    }
+    const MapStats stats = map.stats();
+    EXPECT_GT(changes, 0u);
+    EXPECT_LE(changes, 60 + 2 * stats.observed_leaves);
+    // In a scan less than one cell, and of a thousand five. Noise moves end points between cells: twelve.
+    const double share = noisy ? 0.012 : 0.005;
+    EXPECT_LE(static_cast<double>(in_second_half),
+              30.0 * (1.0 + share * static_cast<double>(stats.observed_leaves)));
+  }
+  EXPECT_EQ(scans, 120);
+}
+
+TYPED_TEST(ScanUpdateOf, ChildrenKnowWhatTheirParentKnew) {
+  NDTREE_SHAPE;
+  Random random(138);
+  SCOPED_TRACE(random.trace());
+  const int levels = N == 2 ? 3 : 2;
+  const double size = 0.05 * std::pow(N, levels);
+  MapOptions options = spelled_out_options(0.05, size);
+  options.range_sigma = 0.005;
+  AdaptiveMap<N, D> map(options);
+  const Box<D> whole{Vector<D>::Zero(), Vector<D>::Constant(size)};
+  std::vector<Vector<D>> origins;
+  std::vector<Vector<D>> endpoints;
+  for (int i = 0; i < 120; ++i) {  // Through the whole cell, without a hit in it.
+    origins.push_back(random_point(random, whole));
+    origins.back()[0] = -0.5 * size;
+    endpoints.push_back(origins.back());
+    endpoints.back()[0] = 2.5 * size;
+  }
+  map.insert(scan_of<D>(origins, endpoints));
+  const Vector<D> middle = Vector<D>::Constant(0.5 * size);
+  const auto before = *map.tree().find_leaf(middle);
+  ASSERT_EQ(before.index, CellIndex<D>{});
+  const EvidenceCell coarse = before.cell();
+  ASSERT_EQ(coarse.misses(), 120u);
+  ASSERT_EQ(coarse.state(), CellState::free);
+
+  Vector<D> from = Vector<D>::Constant(0.02);  // Along the first row of cells, into the last.
+  from[0] = -0.02;
+  Vector<D> hit = from;
+  hit[0] = size - 0.02;
+  map.insert(scan_of<D>({from}, std::vector<Vector<D>>(10, hit)));
+  EXPECT_EQ(map.tree().geometry().cell_size(map.tree().find_leaf(hit)->index.level), options.min_cell_size);
+  int cases = 0;
+  int unvisited = 0;
+  for_each_leaf_in(map.tree(), whole, [&](const auto& leaf) {
+    const Box<D> box = map.tree().box(leaf.index);
+    if (!whole.contains(box.lower)) return;
+    ++cases;
+    if (box.squared_distance(hit) > 0.0) {
+      EXPECT_EQ(leaf.cell().state(), CellState::free) << text_of(leaf.cell());
+      EXPECT_TRUE(leaf.cell().observed());
+    }
+    // Where the beam did not come: the parent's evidence, by the share of its beams that crosses one child.
+    bool crossed = true;
+    for (int a = 1; a < D; ++a) crossed = crossed && box.lower[a] == 0.0;
+    if (crossed) return;
+    ++unvisited;
+    // Each parent but the first was a child that the beams ended in, and was doubted.
+    const std::int64_t share = integer_power(N, D - 1);
+    std::int64_t evidence = coarse.free_evidence() / share;
+    std::int64_t misses = coarse.misses() / share;
+    for (int level = -1; level > leaf.index.level; --level) {
+      const auto inherited = static_cast<double>(evidence);
+      evidence = static_cast<std::int64_t>(inherited * inherited / (inherited + 3.0 * 256.0)) / share;
+      misses /= share;
+    }
+    EXPECT_EQ(leaf.cell().free_evidence(), evidence);
+    EXPECT_EQ(leaf.cell().occupied_evidence(), 0);
+    EXPECT_EQ(leaf.cell().misses(), misses);
+  });
+  EXPECT_GT(cases, 3);
+  EXPECT_EQ(unvisited == 0, D == 1);
+}
+
+/// The end point where two or more borders meet belongs to one cell, though the beam may only touch it.
+TEST(ScanUpdate, EndPointsOnCornersCountOneHit) {
+  struct Row {
+    Vector<2> origin;
+    Vector<2> endpoint;
+  };
+  const Row rows[] = {{{0.25, 0.25}, {1.0, 1.0}}, {{1.75, 1.75}, {1.0, 1.0}}, {{1.75, 1.0}, {1.0, 1.0}},
+                      {{1.0, 0.25}, {1.0, 1.0}},  {{0.25, 1.75}, {1.0, 1.0}}, {{1.75, 0.25}, {1.0, 1.0}}};
+  int cases = 0;
+  for (const Row& row : rows) {
+    SCOPED_TRACE(cases);
+    AdaptiveMap<2, 2> map(spelled_out_options(0.5, 0.5));
+    map.insert(scan_of<2>({row.origin}, {row.endpoint}));
+    std::uint32_t hits = 0;
+    for_each_leaf(map.tree(), [&](const auto& leaf) { hits += leaf.cell().hits(); });
+    EXPECT_EQ(hits, 1u);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 6);
+}
+
+}  // namespace
+}  // namespace ndtree::test

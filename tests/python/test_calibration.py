@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Calibration finds the noise and the error rates that a log was made with, and those known of real ones."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.calibration import _fitted
+
+
+def sigma_at(found: ndtree.Calibration, r: float) -> float:
+    assert found.range_sigma is not None and found.range_sigma_quadratic is not None
+    return found.range_sigma.value + found.range_sigma_quadratic.value * r**2
+
+
+def kept(world: str, **options: Any) -> list[ndtree.Scan]:
+    return list(ndtree.simulate(world, **options))
+
+
+@pytest.fixture(scope="module")
+def office() -> list[ndtree.Scan]:
+    return kept("office", seed=3, scans=160)
+
+
+@pytest.fixture(scope="module")
+def found_office(office: list[ndtree.Scan]) -> ndtree.Calibration:
+    return ndtree.calibrate(office)
+
+
+# --- Noise ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scale", [2.0])
+def test_constant_noise_is_recovered(scale: float) -> None:
+    found = ndtree.calibrate(kept("office", seed=2, scans=160, noise_scale=scale))
+    for r in (0.5, 2.0, 5.0):
+        assert sigma_at(found, r) == pytest.approx(0.02 * scale, rel=0.2)
+    assert found.range_sigma.low <= found.range_sigma.value <= found.range_sigma.high
+    assert found.range_sigma.high - found.range_sigma.low < 0.4 * found.range_sigma.value
+    assert found.range_sigma.count > 10_000 and found.surfaces > 300
+
+
+def test_noise_that_grows_with_the_range_is_recovered() -> None:
+    found = ndtree.calibrate(kept("apartment", seed=2, scans=28))
+    for r in (0.8, 1.5, 3.0, 5.0):
+        assert sigma_at(found, r) == pytest.approx(0.002 + 0.0015 * r**2, rel=0.2)
+    assert found.range_sigma_quadratic.low > 0
+    rising = [sigma for _, sigma, _ in found.sigma_by_range]
+    assert rising[-1] > 5 * rising[0]
+
+
+def test_a_log_without_noise_has_almost_none() -> None:
+    found = ndtree.calibrate(kept("office", seed=2, scans=80, noise_scale=0))
+    assert found.range_sigma.value < 1e-6
+    assert found.range_sigma_quadratic.value < 1e-6
+    assert found.options()["range_sigma"] == 1e-4
+    ndtree.AdaptiveMap(dim=2, **found.options())
+
+
+def test_errors_of_poses_are_in_the_noise(found_office: ndtree.Calibration) -> None:
+    blurred = ndtree.calibrate(kept("office", seed=3, scans=160, position_sigma=0.03))
+    assert sigma_at(blurred, 2.0) > 1.3 * sigma_at(found_office, 2.0)
+
+
+def test_without_flat_surfaces_there_is_no_noise_to_give() -> None:
+    random = np.random.default_rng(5)
+    print("seed 5")
+    cloud = [ndtree.Scan(random.uniform(-9, 9, (400, 3)), np.zeros(3)) for _ in range(20)]
+    found = ndtree.calibrate(cloud)
+    assert found.range_sigma is None and found.range_sigma_quadratic is None
+    assert found.surfaces == 0 and found.sigma_by_range == ()
+    assert not {"range_sigma", "range_sigma_quadratic"} & set(found.options())
+    assert "no flat surfaces" in str(found)
+    assert json.loads(found.to_json())["range_sigma"] is None
+
+
+@pytest.mark.parametrize(
+    "where, sigma, expected",
+    [
+        ([1.0, 2.0, 3.0], [0.03, 0.06, 0.11], (0.02, 0.01)),
+        ([1.0, 2.0, 3.0], [0.02, 0.02, 0.02], (0.02, 0.0)),
+        ([1.0, 2.0, 3.0], [0.01, 0.04, 0.09], (0.0, 0.01)),
+        ([2.0], [0.02], (0.02, 0.0)),
+        ([1.0, 2.0, 3.0], [0.03, math.nan, 0.11], (0.02, 0.01)),
+    ],
+)
+def test_fit_is_exact_where_the_noise_is(where: Any, sigma: Any, expected: Any) -> None:
+    found = _fitted(np.array(where), np.array(sigma), np.ones(len(where)))
+    assert found == pytest.approx(expected, abs=1e-4)
+
+
+def test_fit_has_no_negative_parts() -> None:
+    where, pieces = np.array([1.0, 2.0, 3.0]), np.ones(3)
+    for sigma in ([0.09, 0.04, 0.01], [0.001, 0.08, 0.3]):
+        assert min(_fitted(where, np.array(sigma), pieces)) == 0
+
+
+# --- Error rates and facts --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "cause, name", [("no_return_rate", "miss_given_occupied"), ("outlier_rate", "hit_given_free")]
+)
+def test_error_rates_are_recovered(cause: str, name: str) -> None:
+    """Of 8 % more beams that miss, or hit on their way, nearly all are found, and no others."""
+    both = {"outlier_rate": 0.0, "no_return_rate": 0.0}
+    few, many = (
+        getattr(ndtree.calibrate(kept("office", seed=4, scans=180, **one)), name)
+        for one in (both, {**both, cause: 0.08})
+    )
+    assert few.value < 0.02
+    assert many.value - few.value == pytest.approx(0.08, rel=0.35)
+    assert many.low < many.value < many.high
+    assert many.count > 300
+
+
+def test_beams_without_return_can_be_ignored() -> None:
+    scans = kept("office", seed=4, scans=120, outlier_rate=0, no_return_rate=0.08)
+    free, ignored = (ndtree.calibrate(scans, no_return=kind) for kind in ("free", "ignore"))
+    assert free.no_return_share == ignored.no_return_share == pytest.approx(0.08, abs=0.01)
+    assert ignored.miss_given_occupied.value < 0.4 * free.miss_given_occupied.value
+
+
+def test_facts_are_those_of_the_log(office: list[ndtree.Scan]) -> None:
+    found = ndtree.calibrate(office, max_range=6.0)
+    ranges = np.concatenate([np.linalg.norm(scan.endpoints - scan.origin, axis=1) for scan in office])
+    returned = np.concatenate([scan.returned for scan in office])
+    known = np.isfinite(ranges)
+    assert (found.dim, found.scans, found.beams) == (2, 160, known.sum())
+    assert found.returned == (known & returned).sum()
+    assert found.no_return_share == pytest.approx(1 - found.returned / found.beams)
+    assert found.longest_range == pytest.approx(ranges[known & returned].max())
+    assert found.median_range == pytest.approx(np.median(ranges[known & returned]))
+    assert max(r for r, _, _ in found.sigma_by_range) <= 6.0
+    assert ndtree.calibrate(office, limit=20).scans == 20
+
+
+def test_the_same_log_gives_the_same_and_its_options_make_a_map(found_office: ndtree.Calibration) -> None:
+    one, other = found_office, ndtree.calibrate(ndtree.simulate("office", seed=3, scans=160))
+    assert one.to_json() == other.to_json().replace('"world office"', '"scans"')
+    names = {"range_sigma", "range_sigma_quadratic", "miss_given_occupied", "hit_given_free"}
+    assert set(one.options()) == names
+    m = ndtree.AdaptiveMap(dim=2, **one.options())
+    assert m.options["range_sigma"] == one.range_sigma.value
+    for name in names:
+        assert name in str(one)
+
+
+def test_a_long_log_is_thinned(
+    monkeypatch: pytest.MonkeyPatch, office: list[ndtree.Scan], found_office: ndtree.Calibration
+) -> None:
+    whole = found_office
+    monkeypatch.setattr("ndtree.calibration.MOST_POINTS", 20_000)
+    monkeypatch.setattr("ndtree.calibration.UPDATES", 1.5e6)
+    thin = ndtree.calibrate(office)
+    assert sigma_at(thin, 2.0) == pytest.approx(sigma_at(whole, 2.0), rel=0.2)
+    assert 0 < thin.miss_given_occupied.count < whole.miss_given_occupied.count
+    assert (thin.beams, thin.longest_range) == (whole.beams, whole.longest_range)
+
+
+# --- What is refused --------------------------------------------------------------------------------
+
+
+def scans_2d(beams: int) -> Iterator[ndtree.Scan]:
+    yield ndtree.Scan(np.ones((beams, 2)), np.zeros(2))
+
+
+@pytest.mark.parametrize(
+    "log, options, expected",
+    [
+        ([], {}, "scans: no scans, expected at least one"),
+        (scans_2d(99), {}, "scans: 99 beams returned, expected at least 100"),
+        (scans_2d(200), {"max_range": 0}, "max_range = 0 m: must be > 0"),
+        (scans_2d(200), {"max_range": math.nan}, "max_range = nan m: must be > 0"),
+        (scans_2d(200), {"no_return": "maybe"}, "no_return = 'maybe': must be one of free, ignore"),
+        (scans_2d(200), {"limit": 0}, "limit = 0: must be >= 1"),
+        (scans_2d(200), {"min_cell_size": -1}, "min_cell_size = -1 m: must be > 0 and finite"),
+        ([*scans_2d(9), ndtree.Scan(np.ones((9, 3)), np.zeros(3))], {}, "scans: scan 1 is 3-D: must be 2-D"),
+        ([ndtree.Scan(np.ones((9, 4)), np.zeros(4))], {}, "scans: scan 0 is 4-D: must be 2-D or 3-D"),
+        ([ndtree.Scan(np.full((9, 2), 1e13), np.zeros(2))], {}, "scans: scan 0: beam 0 reaches"),
+        ([ndtree.Scan(np.full((200, 2), np.nan), np.zeros(2))], {}, "0 beams returned"),
+    ],
+)
+def test_bad_input_is_named(log: Any, options: dict[str, Any], expected: str) -> None:
+    with pytest.raises(ValueError) as error:
+        ndtree.calibrate(log, **options)
+    assert expected in str(error.value)
+
+
+# --- The command line -------------------------------------------------------------------------------
+
+
+def run(*arguments: object) -> Any:
+    pytest.importorskip("typer")
+    pytest.importorskip("rich")
+    from typer.testing import CliRunner
+
+    from ndtree.commands import app
+
+    return CliRunner().invoke(app, ["calibrate", *(str(argument) for argument in arguments)])
+
+
+@pytest.fixture(scope="module")
+def log(office: list[ndtree.Scan], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("logs") / "office.npz"
+    np.savez(
+        path,
+        origins=np.array([scan.origin for scan in office]),
+        points=np.concatenate([scan.endpoints for scan in office]),
+        offsets=np.cumsum([0, *(len(scan) for scan in office)]),
+        no_return=np.concatenate([~scan.returned for scan in office]),
+    )
+    return path
+
+
+def test_the_command_does_what_the_library_does(log: Path, tmp_path: Path) -> None:
+    target = tmp_path / "a.json"
+    options = ("--max-range", 9, "--no-return", "ignore", "--limit", 60, "--dim", 2)
+    done = run(log, *options, "--json", target)
+    assert done.exit_code == 0, done.output
+    found = ndtree.calibrate(ndtree.read(log), max_range=9, no_return="ignore", limit=60)
+    assert target.read_text() == found.to_json()
+    assert str(found) in done.output
+    assert f"--range-sigma {found.range_sigma.value:.3g} " in done.output
+    written = json.loads(target.read_text())
+    assert (written["log"], written["scans"], written["dim"]) == (str(log), 60, 2)
+    assert set(written["range_sigma"]) == {"value", "low", "high", "count"}
+    assert set(written["sigma_by_range"][0]) == {"range", "sigma", "count"}
+    assert written["options"]["range_sigma"] == written["range_sigma"]["value"]
+    assert json.loads(run(log, "--limit", 3, "--json", "-").stdout)["scans"] == 3
+
+
+@pytest.mark.parametrize(
+    "content, arguments, status, expected",
+    [
+        (None, ("--max-range", 0), 2, "--max-range 0: must be > 0 m"),
+        (b"0 0 1 1\n0 0 1 x\n", (), 1, "bad.log: line 2: expected a number in column 4, found 'x'"),
+        (b"\x1f\x8b\x08\0\0\0\0\0\0\x03", (), 1, "bad.log: the gzip stream is cut off, expected"),
+        (b"0 0 1 1\n0 0 1 2\n", (), 1, "bad.log: 2 beams returned, expected at least 100"),
+        (b"0 0 1 1\n1 0 1e13 0\n", (), 1, "bad.log: scan 1: beam 0 reaches"),
+        (None, ("--dim", 3), 1, "expected (P, 3) for dim=3"),
+        (None, ("--json", "/nowhere/a.json"), 1, "/nowhere/a.json: cannot be written"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_one_line(
+    content: bytes | None,
+    arguments: tuple[object, ...],
+    status: int,
+    expected: str,
+    log: Path,
+    tmp_path: Path,
+) -> None:
+    bad = tmp_path / "bad.log"
+    if content is not None:
+        bad.write_bytes(content)
+    done = run(log if content is None else bad, *arguments)
+    assert done.exit_code == status, done.output
+    assert done.stdout == ""
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1 and lines[0].startswith("ndtree: "), done.stderr
+    assert expected in lines[0]
+
+
+@pytest.mark.parametrize(
+    "arguments", [(), ("LOG", "--limit", 0), ("LOG", "--no-return", "maybe"), ("LOG", "x")]
+)
+def test_what_is_no_call_has_status_2(arguments: tuple[object, ...], log: Path) -> None:
+    done = run(*(log if argument == "LOG" else argument for argument in arguments))
+    assert done.exit_code == 2
+    assert "Usage" in done.output
+
+
+def test_help_has_examples() -> None:
+    done = run("--help")
+    assert done.exit_code == 0
+    assert "ndtree calibrate intel.log.gz" in done.output
+
+
+# --- Real recordings --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "log, limit, max_range, expected",
+    [
+        ("laser2d_intel", 500, 20, {2.0: 0.017}),
+        ("laser2d_freiburg_079", 600, 20, {1.9: 0.020}),
+        ("laser2d_mrpt_sena", None, 50, {8.6: 0.014}),
+        ("kinect_7scenes", 40, 10, {r: 0.005 + 0.0015 * r**2 for r in (1.0, 2.0, 3.0)}),
+        ("lidar_avia_hku_mb", 120, 100, {10.0: 0.016}),
+    ],
+)
+def test_known_thickness_of_walls(
+    monkeypatch: pytest.MonkeyPatch,
+    recordings: Path,
+    log: str,
+    limit: int | None,
+    max_range: float,
+    expected: dict[float, float],
+) -> None:
+    monkeypatch.setattr("ndtree.calibration.UPDATES", 5e6)  # Sooner done.
+    scans = ndtree.read(recordings / log / f"{log}.npz")
+    found = ndtree.calibrate(scans, limit=limit, max_range=max_range, no_return="ignore")
+    for r, sigma in expected.items():
+        assert sigma / 1.6 < sigma_at(found, r) < 1.6 * sigma, (r, sigma_at(found, r))
+    for rate in (found.miss_given_occupied, found.hit_given_free):
+        assert rate is None or 0.001 <= rate.value < 0.15
+    assert found.hit_given_free is not None or found.dim == 3
