@@ -38,17 +38,7 @@ class FlatScanMap {
         model_(options, options),
         merge_rule_(options, model_),
         partial_occupancy_(options) {
-    std::vector<CellIndex<D>> begun{CellIndex<D>{}};
-    for (std::size_t a = 0; a < D; ++a) {
-      std::vector<CellIndex<D>> longer;
-      for (const auto& cell : begun)
-        for (int k = first; k < last; ++k) {
-          longer.push_back(cell);
-          longer.back().lower[a] = k * edge(0);
-        }
-      begun = std::move(longer);
-    }
-    for (const auto& cell : begun) cells[cell] = {};
+    for (const auto& cell : cells_within(CellIndex<D>{}, edge(0), first, last)) cells[cell] = {};
   }
 
   void insert(const Scan<D>& scan, double max_range) {

@@ -3,9 +3,7 @@
 /// What is known about one cell when the evidence for and against occupied space is kept apart.
 #pragma once
 
-#include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstdint>
 #include <cstring>
 
@@ -50,12 +48,8 @@ class EvidenceCell {
   [[nodiscard]] std::int64_t occupied_evidence() const { return occupied_; }
   [[nodiscard]] std::int64_t free_evidence() const { return free_; }
 
-  /// Counts above kMaxCount are halved together until both fit; what was seen once is never forgotten.
   void set_counts(std::uint32_t hits, std::uint32_t misses) {
-    while (hits > kMaxCount || misses > kMaxCount) {
-      hits = (hits + 1) / 2;
-      misses = (misses + 1) / 2;
-    }
+    halve_to_fit(hits, misses, kMaxCount);
     counts_ = kObserved | misses << 12 | hits;
   }
   /// @pre both are in [0, kMaxEvidence], and log_odds is what the model makes of them.

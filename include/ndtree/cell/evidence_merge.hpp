@@ -26,12 +26,11 @@ struct EvidenceMergeOptions {
 
 /// Siblings join where one cell says nearly the same as N^D cells do. Two things are lost, in bits:
 /// - about what comes: each cell's beams end in it with a probability of its own, or all with the same. The
-/// loss is
-///   the logarithm of the ratio of the two evidences (a Bayes factor), beta-binomial with the prior Beta(0.1,
-///   1), most space being free; none where the one explains the beams better.
+///   loss is the logarithm of the ratio of the two evidences (a Bayes factor), beta-binomial with the prior
+///   Beta(0.1, 1), most space being free; none where the one explains the beams better.
 /// - about what is: the Kullback-Leibler divergence of each sibling's occupancy from the parent's, 1/2 being
-/// that of
-///   a cell never observed.
+///   that of a cell never observed.
+///
 /// While mapping, siblings of different states never join, and neither do those that were not all observed:
 /// evidence that is still young cannot tell them apart, and space of which nothing is known must not seem
 /// known.
@@ -47,8 +46,8 @@ class EvidenceMergeRule {
     int observed = 0;   ///< Siblings that were observed.
   };
 
-  /// @param siblings nodes, of which all must be leaves for a merge. @param share_divisor as in
-  ///   EvidenceModel::inherited(), whose inverse a merge of equal cells is.
+  /// @param siblings nodes, of which all must be leaves for a merge.
+  /// @param share_divisor as in EvidenceModel::inherited(), whose inverse a merge of equal cells is.
   /// @returns the parent's cell, or none if the siblings stay. O(siblings).
   template <class NodeType>
   [[nodiscard]] std::optional<EvidenceCell> operator()(const NodeType* siblings, int count,

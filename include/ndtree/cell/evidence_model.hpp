@@ -17,9 +17,8 @@ struct EvidenceOptions {
   double occupied_weight = 0.8;  ///< Evidence for occupied space counts this much of evidence for free space.
   double evidence_memory = 200.0;  ///< A cell remembers evidence of this weight; older fades [nats].
   double evidence_prior = 0.5;     ///< Evidence of both kinds that every cell begins with [nats].
-  double inherited_doubt =
-      3.0;  ///< Inherited free evidence of this weight counts half where a beam ends [nats].
-  double noise_sigmas = 1.0;  ///< No split makes cells smaller than this many standard deviations.
+  double inherited_doubt = 3.0;  ///< Inherited evidence of this weight counts half where a beam ends [nats].
+  double noise_sigmas = 1.0;     ///< No split makes cells smaller than this many standard deviations.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
@@ -95,9 +94,8 @@ class EvidenceModel {
     cell.set_counts(cell.hits() + scan.hits, cell.misses() + scan.misses);
   }
 
-  /// What a child knows from its parent. @param share_divisor one in so many of a parent's beams crosses one
-  /// of
-  ///   its children, in the mean.
+  /// What a child knows from its parent.
+  /// @param share_divisor one in so many of a parent's beams crosses one of its children, in the mean.
   [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, int share_divisor) const {
     EvidenceCell child;
     if (!parent.observed()) return child;

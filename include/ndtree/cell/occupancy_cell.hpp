@@ -19,6 +19,15 @@ enum class CellState : std::int8_t { unknown = -1, free = 0, occupied = 1 };
   return log_odds > 0.0f ? CellState::occupied : log_odds < 0.0f ? CellState::free : CellState::unknown;
 }
 
+/// Counts above max_count are halved together as often as needed: their ratio stays but for rounding, which
+/// is upwards, so that what was seen once is never forgotten.
+inline void halve_to_fit(std::uint32_t& hits, std::uint32_t& misses, std::uint32_t max_count) {
+  while (hits > max_count || misses > max_count) {
+    hits = (hits + 1) / 2;
+    misses = (misses + 1) / 2;
+  }
+}
+
 /// Evidence of one leaf in 8 bytes. Invariant: a cell that was never updated has log-odds 0 and no counts.
 class OccupancyCell {
  public:
@@ -42,13 +51,8 @@ class OccupancyCell {
   void count_hit() { set_counts(hits() + 1, misses()); }
   void count_miss() { set_counts(hits(), misses() + 1); }
 
-  /// Counts above kMaxCount are halved together as often as needed: their ratio stays but for rounding, which
-  /// is upwards, so that what was seen once is never forgotten.
   void set_counts(std::uint32_t hits, std::uint32_t misses) {
-    while (hits > kMaxCount || misses > kMaxCount) {
-      hits = (hits + 1) / 2;
-      misses = (misses + 1) / 2;
-    }
+    halve_to_fit(hits, misses, kMaxCount);
     counts_ = kObserved | misses << 15 | hits;
   }
   void set_log_odds(float log_odds) {

@@ -62,9 +62,8 @@ class Compression {
     collect(tree.root(), kNone, coarsest_level);
   }
 
-  /// @throws std::invalid_argument if max_leaves or max_bytes is less than cells of max_cell_size need;
-  /// nothing is
-  ///   changed then.
+  /// @throws std::invalid_argument if max_leaves or max_bytes is less than cells of max_cell_size need; the
+  ///   tree is then unchanged.
   CompressReport run(const CompressBudget& budget) {
     budget.validate();
     if (budget.max_leaves && *budget.max_leaves < least_leaves_)
@@ -82,14 +81,13 @@ class Compression {
       const bool small_enough = (budget.max_leaves || budget.max_bytes) &&
                                 (!budget.max_leaves || report.leaves <= *budget.max_leaves) &&
                                 (!budget.max_bytes || bytes_of(tree_.num_inner_nodes()) <= *budget.max_bytes);
-      if (small_enough && next.loss > 0.0) break;
-      if (budget.max_loss && report.loss + next.loss > *budget.max_loss) break;
+      if (small_enough && next.joined.loss > 0.0) break;
+      if (budget.max_loss && report.loss + next.joined.loss > *budget.max_loss) break;
       candidates_.pop();
       InnerNode& node = inner_nodes_[next.node];
-      const Joined joined = join(*node.node);
-      tree_.merge(*node.node, joined.cell);
-      report.loss += next.loss;
-      report.leaves -= static_cast<std::size_t>(std::max(0, joined.observed - 1));
+      tree_.merge(*node.node, next.joined.cell);
+      report.loss += next.joined.loss;
+      report.leaves -= static_cast<std::size_t>(std::max(0, next.joined.observed - 1));
       ++report.merges;
       if (node.parent != kNone && --inner_nodes_[node.parent].divided_children == 0) consider(node.parent);
     }
@@ -107,7 +105,7 @@ class Compression {
   struct Candidate {
     double cost;  // For each leaf saved.
     std::size_t node;
-    double loss;
+    Joined joined;
     friend bool operator>(const Candidate& a, const Candidate& b) {
       return a.cost != b.cost ? a.cost > b.cost : a.node > b.node;
     }
@@ -141,14 +139,10 @@ class Compression {
     return observed;
   }
 
-  [[nodiscard]] Joined join(const typename Tree::NodeType& parent) const {
-    return rule_.join(tree_.children(parent), Tree::kNumChildren, kShareDivisor<Tree>);
-  }
-
   void consider(std::size_t node) {
-    const Joined joined = join(*inner_nodes_[node].node);
-    const double loss = std::max(0.0, joined.loss);
-    candidates_.push({loss / std::max(1, joined.observed - 1), node, loss});
+    const Joined joined =
+        rule_.join(tree_.children(*inner_nodes_[node].node), Tree::kNumChildren, kShareDivisor<Tree>);
+    candidates_.push({joined.loss / std::max(1, joined.observed - 1), node, joined});
   }
 
   Tree& tree_;

@@ -28,8 +28,8 @@ namespace ndtree {
 /// - near it, within the sensor's noise: what the inverse sensor model says, and a miss if behind;
 /// - in it: a hit, and what the inverse sensor model says;
 /// - before it: up to three standard deviations behind a hit the leaf takes what the model says, but only if
-/// it is
-///   small, or of the smallest. A surface is not the whole of a coarse cell that it lies in front of.
+///   it is small, or of the smallest. A surface is not the whole of a coarse cell that it lies in front of.
+///
 /// A hit asks for smaller cells if the beam came a longer way through the leaf than noise explains, or if the
 /// leaf is larger than what the noise leaves open. A beam without return is a miss of all leaves that it
 /// passes as a whole.
@@ -101,9 +101,8 @@ class ScanUpdate {
     int child;
   };
 
-  /// @param first, last range of segments_ that holds the node's. @param fresh the node came about in this
-  /// scan
-  ///   and knows what its parent knew.
+  /// @param first, last range of segments_ that holds the node's.
+  /// @param fresh the node came about in this scan and knows what its parent knew.
   void descend(const Ref& ref, std::size_t first, std::size_t last, bool fresh) {
     bool splits = false;
     bool fresh_children = false;

@@ -36,9 +36,6 @@ class BeamStepper {
   BeamStepper(const LatticeGeometry<N, D>& geometry, const Vector<D>& origin, const Vector<D>& direction)
       : geometry_(&geometry), origin_(origin), direction_(direction) {}
 
-  [[nodiscard]] const Vector<D>& origin() const { return origin_; }
-  [[nodiscard]] const Vector<D>& direction() const { return direction_; }
-
   /// Narrows [t_begin, t_end] to the part inside the cell. @returns whether more than a point remains.
   bool clip(const CellIndex<D>& cell, double& t_begin, double& t_end) const {
     const std::int64_t edge = geometry_->edge(cell.level);

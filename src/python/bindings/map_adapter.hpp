@@ -106,23 +106,33 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   }
 };
 
-/// All refinements for one branching and dimension; they are compiled in a file of their own.
+template <class T>
+struct TypeOf {
+  using type = T;
+};
+
+/// Makes a map of this refinement by `make(TypeOf<Map>)`. All refinements of one branching and dimension are
+/// compiled in a file of their own.
+template <int N, int D, class Make>
+std::unique_ptr<MapInterface> with_refinement(std::string_view refinement, const Make& make) {
+  const auto adapted = [&](auto type) {
+    using Map = typename decltype(type)::type;
+    return std::make_unique<MapAdapter<Map>>(make(type));
+  };
+  if (refinement == FixedRefinement::kName) return adapted(TypeOf<FixedMap<N, D>>{});
+  if (refinement == PaperRefinement::kName) return adapted(TypeOf<PaperMap<N, D>>{});
+  return adapted(TypeOf<AdaptiveMap<N, D>>{});
+}
+
 template <int N, int D>
 std::unique_ptr<MapInterface> make_map(std::string_view refinement, const MapOptions& options) {
-  if (refinement == FixedRefinement::kName)
-    return std::make_unique<MapAdapter<FixedMap<N, D>>>(FixedMap<N, D>(options));
-  if (refinement == PaperRefinement::kName)
-    return std::make_unique<MapAdapter<PaperMap<N, D>>>(PaperMap<N, D>(options));
-  return std::make_unique<MapAdapter<AdaptiveMap<N, D>>>(AdaptiveMap<N, D>(options));
+  return with_refinement<N, D>(refinement, [&](auto type) { return typename decltype(type)::type(options); });
 }
 
 template <int N, int D>
 std::unique_ptr<MapInterface> map_from_bytes(std::string_view bytes, const std::string& refinement) {
-  if (refinement == FixedRefinement::kName)
-    return std::make_unique<MapAdapter<FixedMap<N, D>>>(from_bytes<FixedMap<N, D>>(bytes));
-  if (refinement == PaperRefinement::kName)
-    return std::make_unique<MapAdapter<PaperMap<N, D>>>(from_bytes<PaperMap<N, D>>(bytes));
-  return std::make_unique<MapAdapter<AdaptiveMap<N, D>>>(from_bytes<AdaptiveMap<N, D>>(bytes));
+  return with_refinement<N, D>(refinement,
+                               [&](auto type) { return from_bytes<typename decltype(type)::type>(bytes); });
 }
 
 #define NDTREE_PYTHON_MAP(prefix, N, D)                                                              \

@@ -17,39 +17,31 @@ class MapOption:
     name: str
     type: type
     help: str
-    fixed: bool = False  # FixedMap takes it, too ...
-    octomap: bool = False  # ... and OctoMap.
-    refinement: str | None = None  # The only refinement of AdaptiveMap that takes it.
 
 
 MAP_OPTIONS = (
-    MapOption("branching", int, "Children of a node along each axis, N.", fixed=True),
+    MapOption("branching", int, "Children of a node along each axis, N."),
     MapOption("min_cell_size", float, "Edge of the smallest cells [m]; of all cells where they are fixed."),
     MapOption("max_cell_size", float, "Edge of the largest cells that are updated [m]."),
     MapOption("refinement", str, "Policy that splits and merges cells."),
-    MapOption("range_sigma", float, "Standard deviation of a range [m].", fixed=True),
-    MapOption("range_sigma_quadratic", float, "Its growth with the squared range [1/m].", fixed=True),
-    MapOption("probability_min", float, "No beam says less about a cell.", fixed=True, octomap=True),
-    MapOption("probability_max", float, "No beam says more about a cell.", fixed=True, octomap=True),
-    MapOption("log_odds_min", float, "A cell's log-odds never fall below.", fixed=True, octomap=True),
-    MapOption("log_odds_max", float, "A cell's log-odds never rise above.", fixed=True, octomap=True),
+    MapOption("range_sigma", float, "Standard deviation of a range [m]."),
+    MapOption("range_sigma_quadratic", float, "Its growth with the squared range [1/m]."),
+    MapOption("probability_min", float, "No beam says less about a cell."),
+    MapOption("probability_max", float, "No beam says more about a cell."),
+    MapOption("log_odds_min", float, "A cell's log-odds never fall below."),
+    MapOption("log_odds_max", float, "A cell's log-odds never rise above."),
     MapOption("miss_given_occupied", float, "Share of beams that pass an occupied cell."),
     MapOption("hit_given_free", float, "Share of beams that end in a free cell."),
-    MapOption(
-        "split_probability",
-        float,
-        "Of being partially occupied, above it a cell splits.",
-        refinement="evidence",
-    ),
-    MapOption("merge_loss", float, "Siblings join if no more is lost a cell [bits].", refinement="evidence"),
-    MapOption("inherited_doubt", float, "Inherited evidence that counts half [nats].", refinement="evidence"),
-    MapOption("occupied_weight", float, "Of evidence for occupied against free.", refinement="evidence"),
-    MapOption("noise_sigmas", float, "No split makes cells smaller than this.", refinement="evidence"),
-    MapOption("evidence_memory", float, "Evidence that a cell remembers [nats].", refinement="evidence"),
-    MapOption("evidence_prior", float, "Evidence that a cell begins with [nats].", refinement="evidence"),
-    MapOption("significance", float, "Confidence of the split test.", refinement="paper"),
-    MapOption("merge_free_below", float, "Siblings join if all are at most this.", refinement="paper"),
-    MapOption("merge_occupied_above", float, "Siblings join if all are at least this.", refinement="paper"),
+    MapOption("split_probability", float, "Of being partially occupied, above it a cell splits."),
+    MapOption("merge_loss", float, "Siblings join if no more is lost a cell [bits]."),
+    MapOption("inherited_doubt", float, "Inherited evidence that counts half [nats]."),
+    MapOption("occupied_weight", float, "Of evidence for occupied against free."),
+    MapOption("noise_sigmas", float, "No split makes cells smaller than this."),
+    MapOption("evidence_memory", float, "Evidence that a cell remembers [nats]."),
+    MapOption("evidence_prior", float, "Evidence that a cell begins with [nats]."),
+    MapOption("significance", float, "Confidence of the split test."),
+    MapOption("merge_free_below", float, "Siblings join if all are at most this."),
+    MapOption("merge_occupied_above", float, "Siblings join if all are at least this."),
 )
 OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
 
@@ -98,17 +90,16 @@ def make_map(name: str, *, dim: int, cell_size: float | None = None, **options: 
             options["refinement"] = "paper"
         if cell_size is not None:
             options["min_cell_size"] = cell_size
-        refinement = options.get("refinement", DEFAULT_REFINEMENT)
-        taken = {option.name for option in MAP_OPTIONS if option.refinement in (None, refinement)}
-        return _core.AdaptiveMap(dim=dim, **_only(taken, options))
+        plain = _core.AdaptiveMap(dim=dim, refinement=options.get("refinement", DEFAULT_REFINEMENT))
+        return _core.AdaptiveMap(dim=dim, **_only({"branching", "refinement", *plain.options}, options))
     if cell_size is None:
         cell_size = _core.default_options()["min_cell_size"]
     if kind == "fixed":
-        taken = {option.name for option in MAP_OPTIONS if option.fixed}
+        taken = {"branching", *_core.FixedMap(dim=dim).options}
         return _core.FixedMap(dim=dim, cell_size=cell_size, **_only(taken, options))
-    taken = {option.name for option in MAP_OPTIONS if option.octomap}
     if not _core.has_octomap:
         raise RuntimeError(f"map {name!r}: OctoMap was not there when ndtree was built")
+    taken = set(_core.OctoMap(dim=dim).options)
     return _core.OctoMap(dim=dim, cell_size=cell_size, insertion=_INSERTIONS[kind], **_only(taken, options))
 
 

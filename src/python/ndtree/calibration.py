@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree import _core
-from ndtree.comparison import NO_RETURN
+from ndtree.comparison import NO_RETURN, is_held_out, no_progress
 from ndtree.readers.log import Log
 from ndtree.scan import Scan
 
@@ -245,7 +245,7 @@ def calibrate(
         raise ValueError(f"min_cell_size = {cell:g} m: must be > 0 and finite")
     if not isinstance(log, Log):
         log = _Scans(log)
-    source = _Source(log, limit, progress or _no_progress)
+    source = _Source(log, limit, progress or no_progress)
     generator = np.random.default_rng(SEED)
 
     points = _Points(generator)
@@ -288,10 +288,6 @@ def calibrate(
         sigma_by_range=() if noise is None else noise.bins,
         min_cell_size=cell,
     )
-
-
-def _no_progress(what: str, done: int, total: int) -> None:
-    pass
 
 
 # --- Reading ----------------------------------------------------------------------------------------
@@ -780,7 +776,7 @@ def _rates(
         if share < 1:
             use &= generator.random(len(use)) < share
         beams = beams.only(use)
-        if i % HELD_OUT == HELD_OUT - 1:
+        if is_held_out(i, HELD_OUT):
             unseen.append(beams)
         elif len(beams.length):
             with source.naming(i):

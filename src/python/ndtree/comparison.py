@@ -135,16 +135,16 @@ def compare(
         if cell_size is not None:
             raise ValueError("cell_size and min_cell_size say the same: give one of them")
         cell_size = options.pop("min_cell_size")
-    progress = progress or _no_progress
+    progress = progress or no_progress
     scans = _loaded(log, progress)
     if no_return == "ignore":
         scans = [scan.returned_only() for scan in scans]
     dim = scans[0].dim
     makers = _makers(maps, dim, cell_size, options)
-    mapped = {i: scan for i, scan in enumerate(scans) if not _is_held_out(i, held_out)}
+    mapped = {i: scan for i, scan in enumerate(scans) if not is_held_out(i, held_out)}
     if not mapped:
         raise ValueError("held_out: no scan is left to map")
-    unseen = [scan for i, scan in enumerate(scans) if _is_held_out(i, held_out)]
+    unseen = [scan for i, scan in enumerate(scans) if is_held_out(i, held_out)]
 
     built = {name: _Built() for name in makers}
     for run in range(repeat):
@@ -185,11 +185,11 @@ def compare(
     return result
 
 
-def _no_progress(what: str, done: int, total: int) -> None:
+def no_progress(what: str, done: int, total: int) -> None:
     pass
 
 
-def _is_held_out(i: int, held_out: int) -> bool:
+def is_held_out(i: int, held_out: int) -> bool:
     """Whether scan i, counted from 0, is kept for the truth: the last of every `held_out`."""
     return held_out > 0 and i % held_out == held_out - 1
 

@@ -35,17 +35,7 @@ class FlatMap {
   /// @param adaptive false: nothing splits or merges.
   FlatMap(const MapOptions& options, int num_levels, bool adaptive, int first, int last)
       : options_(options), num_levels_(num_levels), adaptive_(adaptive) {
-    std::vector<CellIndex<D>> begun{CellIndex<D>{}};
-    for (std::size_t a = 0; a < D; ++a) {
-      std::vector<CellIndex<D>> longer;
-      for (const auto& cell : begun)
-        for (int k = first; k < last; ++k) {
-          longer.push_back(cell);
-          longer.back().lower[a] = k * edge(0);
-        }
-      begun = std::move(longer);
-    }
-    for (const auto& cell : begun) cells[cell] = {};
+    for (const auto& cell : cells_within(CellIndex<D>{}, edge(0), first, last)) cells[cell] = {};
   }
 
   void insert(const Vector<D>& origin, const Vector<D>& endpoint, bool returned, double max_range) {

@@ -34,20 +34,26 @@ LeafMap<Tree::kDim, typename Tree::Cell> leaves_of(const Tree& tree) {
   return leaves;
 }
 
-/// The children's indices, spelled out: every combination of N positions on each axis.
-template <int N, int D>
-std::vector<CellIndex<D>> children_of(const CellIndex<D>& parent, std::int64_t child_edge) {
-  std::vector<CellIndex<D>> result{{parent.lower, parent.level - 1}};
+/// Every combination of positions [first, last) on each axis, counted in edges from the one cell.
+template <int D>
+std::vector<CellIndex<D>> cells_within(const CellIndex<D>& at, std::int64_t edge, int first, int last) {
+  std::vector<CellIndex<D>> result{at};
   for (std::size_t a = D; a-- > 0;) {  // The first axis varies fastest.
     std::vector<CellIndex<D>> longer;
     for (const CellIndex<D>& begun : result)
-      for (int i = 0; i < N; ++i) {
+      for (int i = first; i < last; ++i) {
         longer.push_back(begun);
-        longer.back().lower[a] += i * child_edge;
+        longer.back().lower[a] += i * edge;
       }
     result = std::move(longer);
   }
   return result;
+}
+
+/// The children's indices, spelled out.
+template <int N, int D>
+std::vector<CellIndex<D>> children_of(const CellIndex<D>& parent, std::int64_t child_edge) {
+  return cells_within(CellIndex<D>{parent.lower, parent.level - 1}, child_edge, 0, N);
 }
 
 /// N to the power of the level's height over the finest: the edge of a cell in lattice units.
