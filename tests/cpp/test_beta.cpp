@@ -201,5 +201,67 @@ TEST(Beta, IncompleteMeetsItselfAtTheSwitchOfSidesForRealNumbers) {
   EXPECT_EQ(cases, 20000);
 }
 
+/// The probability of each beam, given those before, is a share of the counts so far: Pólya's urn.
+TEST(RateComparison, IsThatOfSequencesOfBeams) {
+  Random random(125);
+  SCOPED_TRACE(random.trace());
+  int one = 0;
+  int cases = 0;
+  for (const double prior : {0.1, 1.0})
+    for (int i = 0; i < 2000; ++i, ++cases) {
+      const auto log_probability = [&](int hits, int misses) {
+        double sum = 0.0;
+        for (int k = 0; k < hits; ++k) sum += std::log((prior + k) / (prior + 1.0 + k));
+        for (int k = 0; k < misses; ++k) sum += std::log((1.0 + k) / (prior + 1.0 + hits + k));
+        return sum;
+      };
+      RateComparison rates(prior);
+      int hits = 0;
+      int misses = 0;
+      double apart = 0.0;
+      for (int cell = random.integer(1, 9); cell > 0; --cell) {
+        const int h = random.integer(0, 20);
+        const int m = random.integer(0, random.chance(0.5) ? 3 : 60);
+        rates.add(h, m);
+        apart += log_probability(h, m);
+        hits += h;
+        misses += m;
+      }
+      ASSERT_NEAR(rates.bits_for_many(), (apart - log_probability(hits, misses)) / std::log(2.0), 1e-9);
+      one += rates.bits_for_many() < 0.0;
+    }
+  EXPECT_EQ(cases, 4000);
+  EXPECT_GT(one, 500);
+  EXPECT_LT(one, 3500);
+}
+
+/// Over rho = u^(1/a), of which u is uniform under Beta(a, 1).
+TEST(RateComparison, EvidenceIsAnIntegral) {
+  Random random(126);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (; cases < 20; ++cases) {
+    const double prior = random.chance(0.5) ? 0.1 : 1.0;
+    const auto log_evidence = [&](double h, double m) {
+      constexpr int kPieces = 20000;
+      long double sum = 0.0L;
+      for (int i = 0; i < kPieces; ++i) {
+        const long double rho = std::pow((i + 0.5L) / kPieces, 1.0L / prior);
+        sum += std::exp(h * std::log(rho) + m * std::log1p(-rho));
+      }
+      return static_cast<double>(std::log(sum / kPieces));
+    };
+    const double h = random.uniform(0.0, 20.0);
+    const double m = random.uniform(1.0, 50.0);
+    RateComparison rates(prior);
+    rates.add(h, m);
+    rates.add(0.5 * h, 2.0 * m);
+    ASSERT_NEAR(rates.bits_for_many() * std::log(2.0),
+                log_evidence(h, m) + log_evidence(0.5 * h, 2.0 * m) - log_evidence(1.5 * h, 3.0 * m), 1e-4)
+        << h << ", " << m;
+  }
+  EXPECT_EQ(cases, 20);
+}
+
 }  // namespace
 }  // namespace ndtree::test

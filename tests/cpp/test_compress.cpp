@@ -105,7 +105,7 @@ TEST(CompressLoss, WhatLosesLittleKeepsStates) {
   auto map = room<2, 2>(200);
   const auto before = map;
   const CompressReport report =
-      map.compress({0.02 * static_cast<double>(map.stats().observed_leaves), {}, {}});
+      map.compress({0.1 * static_cast<double>(map.stats().observed_leaves), {}, {}});
   EXPECT_GT(report.merges, 0u);
   int same = 0;
   int all = 0;

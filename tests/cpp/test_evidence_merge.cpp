@@ -18,9 +18,9 @@
 namespace ndtree::test {
 namespace {
 
-constexpr double kHit = 0.8 * 0.84729786038720367;  // occupied_weight of log(0.7 / 0.3) [nats].
-constexpr double kMiss = 104.0 / 256.0;             // log(0.6 / 0.4) in whole units, of probability_min.
-constexpr double kSureToJoin = 1000.0;              // Bits.
+constexpr double kHit = 0.84729786038720367;  // log(0.7 / 0.3), of probability_max [nats].
+constexpr double kMiss = 104.0 / 256.0;       // log(0.6 / 0.4) in whole units, of probability_min.
+constexpr double kSureToJoin = 1000.0;        // Bits.
 const MapOptions& base_options() {
   static const MapOptions kOptions = spelled_out_options(0.05, 1.6);
   return kOptions;
@@ -56,24 +56,27 @@ std::optional<EvidenceCell> merged(double merge_loss, const std::vector<Evidence
   return rule_with(merge_loss)(nodes.data(), static_cast<int>(nodes.size()), share_divisor);
 }
 
-/// log of B(h + 0.1, m + 1) / B(0.1, 1), spelled out.
-double log_evidence_of(double h, double m) {
-  return std::lgamma(h + 0.1) + std::lgamma(m + 1.0) - std::lgamma(h + m + 1.1) -
-         (std::lgamma(0.1) + std::lgamma(1.0) - std::lgamma(1.1));
-}
-
-/// Bits that the siblings' merge loses for each cell that it saves.
-double loss_of(const std::vector<EvidenceCell>& cells, int share = 2) {
+/// Of B(h + a, m + 1) / B(a, 1), the product over the cells against that of their sums [bits].
+double bits_for_many(const std::vector<EvidenceCell>& cells, double a) {
+  const auto log_evidence = [&](double h, double m) {
+    return std::lgamma(h + a) + std::lgamma(m + 1.0) - std::lgamma(h + m + a + 1.0) -
+           (std::lgamma(a) + std::lgamma(1.0) - std::lgamma(a + 1.0));
+  };
   double apart = 0.0;
   double hits = 0.0;
   double misses = 0.0;
   for (const EvidenceCell& cell : cells) {
     const double h = static_cast<double>(cell.occupied_evidence()) / 256.0 / kHit;
     const double m = static_cast<double>(cell.free_evidence()) / 256.0 / kMiss;
-    apart += log_evidence_of(h, m);
+    apart += log_evidence(h, m);
     hits += h;
     misses += m;
   }
+  return (apart - log_evidence(hits, misses)) / std::log(2.0);
+}
+
+/// Bits that the siblings' merge loses for each cell that it saves.
+double loss_of(const std::vector<EvidenceCell>& cells, int share = 2) {
   const double q =
       rule_with(0.0).join(nodes_of(cells).data(), static_cast<int>(cells.size()), share).cell.probability();
   double divergence = 0.0;
@@ -81,48 +84,15 @@ double loss_of(const std::vector<EvidenceCell>& cells, int share = 2) {
     const double p = cell.probability();
     divergence += p * std::log(p / q) + (1.0 - p) * std::log((1.0 - p) / (1.0 - q));
   }
-  return (std::max(0.0, apart - log_evidence_of(hits, misses)) + std::max(0.0, divergence)) / std::log(2.0) /
+  return (std::max(0.0, bits_for_many(cells, 0.1)) + std::max(0.0, divergence) / std::log(2.0)) /
          static_cast<double>(cells.size() - 1);
 }
 
-TEST(EvidenceMerge, LogEvidenceIsThatOfASequenceOfBeams) {
-  // The probability of each beam, given those before, is a share of the counts so far: Pólya's urn.
-  int cases = 0;
-  for (int hits = 0; hits <= 40; ++hits)
-    for (int misses = 0; misses <= 40; ++misses, ++cases) {
-      long double sum = 0.0L;
-      for (int i = 0; i < hits; ++i) sum += std::log((0.1L + i) / (1.1L + i));
-      for (int j = 0; j < misses; ++j) sum += std::log((1.0L + j) / (1.1L + hits + j));
-      ASSERT_NEAR(EvidenceMergeRule::log_evidence(hits, misses), static_cast<double>(sum), 1e-10)
-          << hits << ", " << misses;
-    }
-  EXPECT_EQ(cases, 41 * 41);
-  EXPECT_EQ(EvidenceMergeRule::log_evidence(0.0, 0.0), 0.0);
-}
-
-TEST(EvidenceMerge, LogEvidenceIsAnIntegral) {
-  // Over rho = u^10, of which u is uniform under Beta(0.1, 1).
-  Random random(150);
-  SCOPED_TRACE(random.trace());
-  int cases = 0;
-  for (; cases < 40; ++cases) {
-    const double h = random.uniform(0.0, 20.0);
-    const double m = random.uniform(1.0, 50.0);
-    constexpr int kPieces = 20000;
-    long double sum = 0.0L;
-    for (int i = 0; i < kPieces; ++i) {
-      const long double u = (i + 0.5L) / kPieces;
-      sum += std::exp(10.0L * h * std::log(u) + m * std::log1p(-std::pow(u, 10.0L)));
-    }
-    const auto expected = static_cast<double>(std::log(sum / kPieces));
-    ASSERT_NEAR(EvidenceMergeRule::log_evidence(h, m), expected, 1e-5) << h << ", " << m;
-  }
-  EXPECT_EQ(cases, 40);
-}
-
 TEST(EvidenceMerge, ByHand) {
-  const EvidenceCell free = cell_of(0, 2080);                // 20 beams that passed.
-  const EvidenceCell little = cell_of(0, 1);                 // As good as nothing.
+  const EvidenceCell free = cell_of(0, 2080);  // 20 beams that passed.
+  const EvidenceCell once = cell_of(0, 104);   // One beam that passed.
+  const EvidenceCell little = cell_of(0, 1);   // As good as nothing.
+  const EvidenceCell less_free = cell_of(500, 2080);
   const EvidenceCell nearly_occupied = cell_of(2000, 2080);  // Free still.
   const EvidenceCell occupied = cell_of(2170, 208);          // 10 hits, 2 misses.
   const EvidenceCell balanced = cell_of(500, 500);
@@ -136,9 +106,11 @@ TEST(EvidenceMerge, ByHand) {
   const Row rows[] = {
       {"all free", {free, free, free, free}, 0.0, true},
       {"all occupied", {occupied, occupied, occupied, occupied}, 0.05, true},
-      {"as much as one unit", {free, little, little, free}, 1.0, true},
-      {"different, and that matters", {free, free, free, nearly_occupied}, 0.5, false},
-      {"the same, were it not held against them", {free, free, free, nearly_occupied}, 20.0, true},
+      {"as much as one beam", {free, once, once, free}, 1.0, true},
+      {"as good as nothing", {free, free, free, little}, kSureToJoin, false},
+      {"different, and that matters", {free, free, free, less_free}, 0.5, false},
+      {"the same, were it not held against them", {free, free, free, less_free}, 20.0, true},
+      {"one that is not clearly free", {free, free, free, nearly_occupied}, kSureToJoin, false},
       {"free and occupied", {free, free, free, occupied}, kSureToJoin, false},
       {"occupied and free", {occupied, free, free, free}, kSureToJoin, false},
       {"the last not observed", {free, free, free, unknown}, kSureToJoin, false},
@@ -152,7 +124,7 @@ TEST(EvidenceMerge, ByHand) {
     EXPECT_EQ(merged(row.merge_loss, row.cells, 2).has_value(), row.merges) << loss_of(row.cells);
     ++cases;
   }
-  EXPECT_EQ(cases, 12);
+  EXPECT_EQ(cases, 14);
 }
 
 TEST(EvidenceMerge, DividedSiblingsStay) {
@@ -173,6 +145,7 @@ TEST(EvidenceMerge, TheLossDecidesAmongSiblingsOfOneState) {
   SCOPED_TRACE(random.trace());
   int joined = 0;
   int apart = 0;
+  int too_different = 0;
   int cases = 0;
   for (; cases < 6000; ++cases) {
     const auto count = static_cast<std::size_t>(random.chance(0.5) ? 4 : 9);
@@ -195,6 +168,12 @@ TEST(EvidenceMerge, TheLossDecidesAmongSiblingsOfOneState) {
       hits += cells.back().hits();
       misses += cells.back().misses();
     }
+    const auto unclear = [](const EvidenceCell& cell) { return cell.log_odds() > -0.5f; };
+    if (is_free ? std::any_of(cells.begin(), cells.end(), unclear) : bits_for_many(cells, 1.0) > -1.0) {
+      ASSERT_FALSE(merged(kSureToJoin, cells, share).has_value());
+      ++too_different;
+      continue;
+    }
     const double loss = loss_of(cells, share);
     if (loss < 1e-6) {  // One cell explains them better than many: nothing is lost.
       ASSERT_TRUE(merged(0.0, cells, share).has_value() || loss > 0.0);
@@ -214,8 +193,9 @@ TEST(EvidenceMerge, TheLossDecidesAmongSiblingsOfOneState) {
     ASSERT_EQ(parent->state(), is_free ? CellState::free : CellState::occupied);
   }
   EXPECT_EQ(cases, 6000);
-  EXPECT_GT(joined, 1000);
-  EXPECT_GT(apart, 1000);
+  EXPECT_GT(joined, 800);
+  EXPECT_GT(apart, 800);
+  EXPECT_GT(too_different, 300);
 }
 
 TEST(EvidenceMerge, ASplitUndoneIsNearlyIdentity) {
@@ -229,25 +209,19 @@ TEST(EvidenceMerge, ASplitUndoneIsNearlyIdentity) {
     for (int i = 0; i < 300; ++i, ++cases) {
       const int more = random.integer(5000, 40000);
       const int less = random.integer(0, more / 2) * (random.chance(0.7) ? 1 : 0);
-      const bool is_free = random.chance(0.5);
-      const EvidenceCell parent = is_free ? cell_of(less, more, 700, 900) : cell_of(more, less, 800, 40);
-      const auto share = static_cast<std::int64_t>(row.share);
-      const auto again = merged(1.0,
-                                std::vector<EvidenceCell>(static_cast<std::size_t>(row.count),
-                                                          model().inherited(parent, row.share)),
-                                row.share);
+      const EvidenceCell parent = cell_of(less, more, 700, 900);
+      const auto beams = static_cast<std::size_t>(100 * row.share);
+      const std::vector<EvidenceCell> children(static_cast<std::size_t>(row.count),
+                                               model().inherited(parent, row.share, 100, beams));
+      const auto again = merged(1.0, children, row.share);
       ASSERT_TRUE(again.has_value()) << "nothing tells the children apart";
-      ASSERT_EQ(again->occupied_evidence(), parent.occupied_evidence() / share * share);
-      ASSERT_EQ(again->free_evidence(), parent.free_evidence() / share * share);
-      ASSERT_NEAR(again->hits(), parent.hits(), row.share - 1);
-      ASSERT_NEAR(again->misses(), parent.misses(), row.share - 1);
+      ASSERT_NEAR(static_cast<double>(again->occupied_evidence()),
+                  static_cast<double>(parent.occupied_evidence()), row.share);
+      ASSERT_NEAR(static_cast<double>(again->free_evidence()), static_cast<double>(parent.free_evidence()),
+                  row.share);
+      ASSERT_NEAR(again->hits(), parent.hits(), row.share);
+      ASSERT_NEAR(again->misses(), parent.misses(), row.share);
       ASSERT_EQ(again->state(), parent.state());
-      // Of what can be divided, nothing is lost.
-      ASSERT_EQ(*merged(1.0,
-                        std::vector<EvidenceCell>(static_cast<std::size_t>(row.count),
-                                                  model().inherited(*again, row.share)),
-                        row.share),
-                *again);
     }
   EXPECT_EQ(cases, 7 * 300);
 }

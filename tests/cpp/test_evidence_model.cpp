@@ -15,16 +15,16 @@
 namespace ndtree::test {
 namespace {
 
-MapOptions options_with(double memory, double prior = 0.5, double inherited_doubt = 3.0) {
+MapOptions options_with(double memory, double prior = 0.5, double inherited_beams = 3.0) {
   MapOptions options = spelled_out_options(0.05, 1.6);
   options.evidence_memory = memory;
   options.evidence_prior = prior;
-  options.inherited_doubt = inherited_doubt;
+  options.inherited_beams = inherited_beams;
   return options;
 }
 
-EvidenceModel model_with(double memory, double prior = 0.5, double inherited_doubt = 3.0) {
-  const MapOptions options = options_with(memory, prior, inherited_doubt);
+EvidenceModel model_with(double memory, double prior = 0.5, double inherited_beams = 3.0) {
+  const MapOptions options = options_with(memory, prior, inherited_beams);
   return EvidenceModel(options, options);
 }
 
@@ -67,18 +67,17 @@ TEST(EvidenceModel, LogOddsAreTheRatioWithinItsBounds) {
 }
 
 TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
-  MapOptions options = options_with(200.0);
+  const EvidenceModel model = model_with(200.0);
+  EXPECT_EQ(model.of_miss(), kMiss);
   int cases = 0;
-  for (const double weight : {0.25, 0.8, 1.0, 1.5}) {
-    options.occupied_weight = weight;
-    const EvidenceModel model(options, options);
-    EXPECT_EQ(model.of_miss(), kMiss);
+  for (const double size : {5.0 / 3.0, 4.0, 1000.0}) {
     ScanEvidence sum;
     std::int64_t occupied = 0;
     std::int64_t free = 0;
     for (int i = -200; i <= 200; ++i, ++cases) {
       const auto log_odds = static_cast<float>(0.01 * i);
-      model.add(sum, log_odds);
+      model.add(sum, log_odds, size);
+      const double weight = EvidenceModel::probability_inside(size);
       if (i > 0) occupied += std::llround(256.0 * weight * static_cast<double>(log_odds));
       if (i < 0) free += std::llround(-256.0 * static_cast<double>(log_odds));
       ASSERT_EQ(sum.occupied, occupied) << log_odds;
@@ -86,12 +85,31 @@ TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
     }
     EXPECT_EQ(sum.hits + sum.misses + sum.beams, 0u) << "counts are not its business";
   }
-  EXPECT_EQ(cases, 4 * 401);
+  EXPECT_EQ(cases, 3 * 401);
   // A beam that passed, and a beam near its end that says the same.
-  const EvidenceModel model = model_with(200.0);
   ScanEvidence near;
-  model.add(near, static_cast<float>(std::log(0.4 / 0.6)));
+  model.add(near, static_cast<float>(std::log(0.4 / 0.6)), 3.0);
   EXPECT_EQ(near.free, model.of_miss());
+}
+
+TEST(EvidenceModel, ProbabilityInsideIsTheMeanOverPlaces) {
+  int cases = 0;
+  double last = 0.0;
+  for (double u = 0.25; u < 40.0; u *= 1.3, ++cases) {
+    constexpr int kPieces = 20000;
+    double sum = 0.0;
+    for (int i = 0; i < kPieces; ++i) {
+      const double x =
+          u * (i + 0.5) / kPieces;  // Measured there; the surface is x too near to u - x too far.
+      sum += 0.5 * (std::erfc(-(u - x) / std::sqrt(2.0)) - std::erfc(x / std::sqrt(2.0)));
+    }
+    const double inside = EvidenceModel::probability_inside(u);
+    ASSERT_NEAR(inside, sum / kPieces, 1e-7) << u;
+    ASSERT_GT(inside, last);
+    ASSERT_LT(inside, 1.0);
+    last = inside;
+  }
+  EXPECT_EQ(cases, 20);
 }
 
 TEST(EvidenceModel, FadingKeepsTheRatioAndForgetsNothing) {
@@ -188,75 +206,71 @@ TEST(EvidenceModel, AScanAddsUpHoweverItIsDivided) {
 TEST(EvidenceModel, ChildrenInheritTheirShare) {
   Random random(143);
   SCOPED_TRACE(random.trace());
-  const EvidenceModel model = model_with(200.0);
   int cases = 0;
-  for (const int divisor : {1, 2, 3, 5, 9, 8}) {
-    EXPECT_EQ(model.inherited(EvidenceCell{}, divisor), EvidenceCell{}) << "of nothing, nothing";
-    for (int i = 0; i < 300; ++i, ++cases) {
-      EvidenceCell parent;
-      parent.set_counts(static_cast<std::uint32_t>(random.integer(0, 4095)),
-                        static_cast<std::uint32_t>(random.integer(0, 4095)));
-      model.assign(parent, random.integer(0, 25000), random.integer(0, 25000));
-      const EvidenceCell child = model.inherited(parent, divisor);
-      ASSERT_TRUE(child.observed());
-      ASSERT_EQ(child.occupied_evidence(), parent.occupied_evidence() / divisor);
-      ASSERT_EQ(child.free_evidence(), parent.free_evidence() / divisor);
-      ASSERT_EQ(child.hits(), parent.hits() / static_cast<std::uint32_t>(divisor));
-      ASSERT_EQ(child.misses(), parent.misses() / static_cast<std::uint32_t>(divisor));
-      ASSERT_EQ(child.log_odds(), model.log_odds_of(child.occupied_evidence(), child.free_evidence()));
-      if (divisor == 1) {
-        ASSERT_EQ(child, parent);
+  int none = 0;
+  for (const int divisor : {1, 2, 3, 5, 9, 8})
+    for (const double inherited_beams : {0.0, 3.0, 50.0}) {
+      const EvidenceModel model = model_with(200.0, 0.5, inherited_beams);
+      EXPECT_EQ(model.inherited(EvidenceCell{}, divisor, 3, 5), EvidenceCell{}) << "of nothing, nothing";
+      for (int i = 0; i < 300; ++i, ++cases) {
+        EvidenceCell parent;
+        parent.set_counts(static_cast<std::uint32_t>(random.integer(0, 4095)),
+                          static_cast<std::uint32_t>(random.integer(0, 4095)));
+        model.assign(parent, random.integer(0, random.chance(0.5) ? 500 : 25000), random.integer(0, 25000));
+        const int beams = random.integer(1, 40);
+        const int passed = random.integer(0, beams);
+        const EvidenceCell child = model.inherited(parent, divisor, static_cast<std::size_t>(passed),
+                                                   static_cast<std::size_t>(beams));
+        const double share =
+            0.05 / divisor + 0.95 * (passed + inherited_beams / divisor) / (beams + inherited_beams);
+        const double free = share * static_cast<double>(parent.free_evidence());
+        if (parent.state() != CellState::occupied && free < static_cast<double>(kMiss) - 1e-6) {
+          ASSERT_EQ(child, EvidenceCell{});
+          ++none;
+          continue;
+        }
+        ASSERT_TRUE(child.observed());
+        ASSERT_NEAR(static_cast<double>(child.free_evidence()), free - 0.5, 0.5 + 1e-6);
+        const bool of_occupied = parent.state() == CellState::occupied;
+        const double share_of_hits = of_occupied ? 1.0 / divisor : std::min(1.0 / divisor, share);
+        ASSERT_NEAR(static_cast<double>(child.occupied_evidence()),
+                    share_of_hits * static_cast<double>(parent.occupied_evidence()) - 0.5, 0.5 + 1e-6);
+        if (parent.state() == CellState::free) {
+          ASSERT_NE(child.state(), CellState::occupied);
+        }
+        ASSERT_EQ(child.log_odds(), model.log_odds_of(child.occupied_evidence(), child.free_evidence()));
+        ASSERT_NEAR(child.hits(), share_of_hits * parent.hits() - 0.5, 0.5 + 1e-6);
+        ASSERT_NEAR(child.misses(), share * parent.misses() - 0.5, 0.5 + 1e-6);
       }
     }
-  }
-  EXPECT_EQ(cases, 1800);
+  EXPECT_EQ(cases, 5400);
+  EXPECT_GT(none, 50);
 }
 
-TEST(EvidenceModel, DoubtTakesFreeEvidenceOnly) {
-  struct Row {
-    const char* what;
-    std::int64_t occupied, free;
-    double doubt;
-    std::int64_t kept;
+TEST(EvidenceModel, EvidenceIsSharedOutAsTheBeamsGo) {
+  const EvidenceModel model = model_with(200.0, 0.5, 3.0);
+  EvidenceCell parent;
+  model.assign(parent, 0, 40000);
+  const auto free_of = [&](std::size_t passed, std::size_t beams) {
+    return model.inherited(parent, 2, passed, beams).free_evidence();
   };
-  const Row rows[] = {{"as much as the doubt: half remains", 100, 768, 3.0, 384},
-                      {"three times the doubt", 100, 3 * 768, 3.0, 1728},
-                      {"a third of the doubt", 10, 256, 3.0, 64},
-                      {"rounded down", 0, 100, 1.0, 28},  // 28.09
-                      {"balanced", 768, 768, 3.0, 384},
-                      {"occupied: nothing to doubt", 1001, 1000, 3.0, 1000},
-                      {"without doubt", 0, 1000, 0.0, 1000},
-                      {"no evidence, no doubt", 0, 0, 0.0, 0},
-                      {"almost none of it remains", 0, 10, 1000.0, 0}};
-  int cases = 0;
-  for (const Row& row : rows) {
-    SCOPED_TRACE(row.what);
-    const EvidenceModel model = model_with(200.0, 0.5, row.doubt);
-    EvidenceCell cell;
-    cell.set_counts(5, 6);
-    model.assign(cell, row.occupied, row.free);
-    model.doubt(cell);
-    EXPECT_EQ(cell.occupied_evidence(), row.occupied);
-    EXPECT_EQ(cell.free_evidence(), row.kept);
-    EXPECT_EQ(cell.log_odds(), model.log_odds_of(row.occupied, row.kept));
-    EXPECT_EQ(cell.hits(), 5u);
-    EXPECT_EQ(cell.misses(), 6u);
-    EvidenceCell unobserved;
-    model.doubt(unobserved);
-    EXPECT_EQ(unobserved, EvidenceCell{});
-    ++cases;
-  }
-  EXPECT_EQ(cases, 9);
+  EXPECT_EQ(free_of(50, 100), 20000) << "half of the beams is the mean";
+  EXPECT_GT(free_of(100, 100), 38000) << "all came through here";
+  EXPECT_LT(free_of(0, 100), 2000) << "none";
+  EXPECT_GT(free_of(0, 100), 1000) << "but others may have";
+  EXPECT_GT(free_of(0, 1), 10000) << "a single beam says little";
+  EXPECT_LT(free_of(0, 1), 20000);
 }
 
 TEST(EvidenceModel, EffectiveBeamsAreThoseThatWereAdded) {
   const EvidenceModel model = model_with(200.0);
   const auto hit = static_cast<float>(std::log(0.7 / 0.3));
+  constexpr double kLarge = 1e6;  // Standard deviations: the surface is in the cell.
   int cases = 0;
   for (int hits = 0; hits <= 30; ++hits)
     for (int misses = 0; misses <= 60; misses += 3, ++cases) {
       ScanEvidence scan;
-      for (int i = 0; i < hits; ++i) model.add(scan, hit);
+      for (int i = 0; i < hits; ++i) model.add(scan, hit, kLarge);
       scan.free = misses * model.of_miss();
       EvidenceCell cell;
       model.update(cell, scan);
@@ -282,19 +296,16 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
       {&EvidenceOptions::evidence_prior, -1.0, "evidence_prior = -1.0: "},
       {&EvidenceOptions::evidence_prior, infinity, "evidence_prior = inf: "},
       {&EvidenceOptions::evidence_prior, nan, "evidence_prior = "},
-      {&EvidenceOptions::inherited_doubt, -0.1, "inherited_doubt = -0.1: must be >= 0 nats and finite"},
-      {&EvidenceOptions::inherited_doubt, infinity, "inherited_doubt = inf: "},
-      {&EvidenceOptions::inherited_doubt, nan, "inherited_doubt = "},
-      {&EvidenceOptions::occupied_weight, 0.0, "occupied_weight = 0.0: must be > 0 and finite"},
-      {&EvidenceOptions::occupied_weight, infinity, "occupied_weight = inf: "},
-      {&EvidenceOptions::occupied_weight, nan, "occupied_weight = "},
+      {&EvidenceOptions::inherited_beams, -0.1, "inherited_beams = -0.1: must be >= 0 and finite"},
+      {&EvidenceOptions::inherited_beams, infinity, "inherited_beams = inf: "},
+      {&EvidenceOptions::inherited_beams, nan, "inherited_beams = "},
       {&EvidenceOptions::noise_sigmas, -1.0, "noise_sigmas = -1.0: must be >= 0 and finite"},
       {&EvidenceOptions::noise_sigmas, infinity, "noise_sigmas = inf: "},
       {&EvidenceOptions::noise_sigmas, nan, "noise_sigmas = "}};
   EXPECT_NO_THROW(EvidenceOptions{}.validate());
   EvidenceOptions outermost;
   outermost.evidence_memory = 255.0;
-  outermost.inherited_doubt = 0.0;
+  outermost.inherited_beams = 0.0;
   outermost.noise_sigmas = 0.0;
   EXPECT_NO_THROW(outermost.validate());
   outermost.evidence_memory = 1.0;
@@ -311,7 +322,7 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
     }
     ++cases;
   }
-  EXPECT_EQ(cases, 16);
+  EXPECT_EQ(cases, 13);
 }
 
 }  // namespace

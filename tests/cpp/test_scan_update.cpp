@@ -46,28 +46,22 @@ class FlatScanMap {
     for (Eigen::Index i = 0; i < scan.size(); ++i)
       add(scan.origins.col(scan.origins.cols() == 1 ? 0 : i), scan.endpoints.col(i),
           scan.returned.size() == 0 || scan.returned[i], max_range);
-    struct Waiting {
-      CellIndex<D> index;
-      bool fresh;
-    };
-    std::vector<Waiting> waiting;
-    for (const auto& [index, cell] : cells) waiting.push_back({index, false});
+    std::vector<CellIndex<D>> waiting;
+    for (const auto& [index, cell] : cells) waiting.push_back(index);
     std::set<CellIndex<D>, IndexLess> split_now;
     while (!waiting.empty()) {
-      const Waiting next = waiting.back();
+      const CellIndex<D> next = waiting.back();
       waiting.pop_back();
-      const ScanEvidence scan_evidence = evidence(next.index);
-      EvidenceCell& cell = cells[next.index];
-      if (next.fresh && scan_evidence.hits > 0) model_.doubt(cell);
-      if (next.index.level > -num_levels_ && splits_now(cell, scan_evidence)) {
-        const bool fresh = cell.observed();
-        const EvidenceCell child_cell = model_.inherited(cell, kShare);
-        cells.erase(next.index);
-        for (const auto& child : children_of<N, D>(next.index, edge(next.index.level - 1))) {
-          cells[child] = child_cell;
-          waiting.push_back({child, fresh});
+      const ScanEvidence scan_evidence = evidence(next);
+      EvidenceCell& cell = cells[next];
+      if (next.level > -num_levels_ && splits_now(cell, scan_evidence)) {
+        const EvidenceCell parent = cell;
+        cells.erase(next);
+        for (const auto& child : children_of<N, D>(next, edge(next.level - 1))) {
+          cells[child] = model_.inherited(parent, kShare, num_beams(child, true), num_beams(next, false));
+          waiting.push_back(child);
         }
-        split_now.insert(next.index);
+        split_now.insert(next);
         ++splits;
       } else if (scan_evidence.beams > 0) {
         model_.update(cell, scan_evidence);
@@ -121,7 +115,9 @@ class FlatScanMap {
       const bool behind = !hit && enter >= 1.0;
       if (behind && !small) continue;
       if (near > 0.0f)
-        sum.occupied += units(options_.occupied_weight * static_cast<double>(near));
+        sum.occupied +=
+            units(EvidenceModel::probability_inside(std::max(size, 5.0 / 3.0 * beam.sigma) / beam.sigma) *
+                  static_cast<double>(near));
       else
         sum.free += units(-static_cast<double>(near));
       if (hit) {
@@ -233,12 +229,19 @@ class FlatScanMap {
     }
     return enter < exit;
   }
-  [[nodiscard]] bool crossed(const CellIndex<D>& index) const {
-    double enter = 0.0;
-    double exit = 0.0;
-    return std::any_of(beams_.begin(), beams_.end(),
-                       [&](const FlatBeam& beam) { return clip(beam, index, enter, exit); });
+  /// Beams that cross the cell; only those that passed it, which it is clearly before the end of, or all.
+  [[nodiscard]] std::size_t num_beams(const CellIndex<D>& index, bool passed) const {
+    std::size_t n = 0;
+    for (const FlatBeam& beam : beams_) {
+      double enter = 0.0;
+      double exit = 0.0;
+      if (!clip(beam, index, enter, exit)) continue;
+      n += !passed || !beam.returned ||
+           normal_cdf_of((exit - 1.0) * beam.range / beam.sigma) < options_.probability_min;
+    }
+    return n;
   }
+  [[nodiscard]] bool crossed(const CellIndex<D>& index) const { return num_beams(index, false) > 0; }
   [[nodiscard]] CellIndex<D> parent_of(CellIndex<D> cell) const {
     const std::int64_t size = edge(++cell.level);
     for (auto& lower : cell.lower) lower -= ((lower % size) + size) % size;
@@ -470,7 +473,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_EQ(scans, 4 * 2 * 12);
   EXPECT_GE(splits, 30u);
   EXPECT_GE(merges, 5u);
-  EXPECT_GE(whole_again, 20u);
+  EXPECT_GE(whole_again, 5u);
 }
 
 TYPED_TEST(ScanUpdateOf, OneHitForEachBeamThatReturned) {
@@ -669,20 +672,19 @@ TYPED_TEST(ScanUpdateOf, StationaryInputSettles) {
     const Scan<D> first = room.scan(random, options.range_sigma);
     std::uint64_t in_second_half = 0;
     std::uint64_t changes = 0;
-    for (int i = 0; i < 60; ++i, ++scans) {
+    for (int i = 0; i < 240; ++i, ++scans) {
       const InsertReport report = map.insert(noisy ? room.scan(random, options.range_sigma) : first);
       changes += report.splits + report.merges;
-      if (i >= 30) in_second_half += report.splits + report.merges;
+      if (i >= 120) in_second_half += report.splits + report.merges;
     }
     const MapStats stats = map.stats();
     EXPECT_GT(changes, 0u);
     EXPECT_LE(changes, 60 + 2 * stats.observed_leaves);
-    // In a scan less than one cell, and of a thousand five. Noise moves end points between cells: twelve.
-    const double share = noisy ? 0.012 : 0.005;
-    EXPECT_LE(static_cast<double>(in_second_half),
-              30.0 * (1.0 + share * static_cast<double>(stats.observed_leaves)));
+    // In 120 scans, fifteen and of a hundred cells two. Noise moves end points between cells: thirty.
+    const double share = noisy ? 0.3 : 0.02;
+    EXPECT_LE(static_cast<double>(in_second_half), 15.0 + share * static_cast<double>(stats.observed_leaves));
   }
-  EXPECT_EQ(scans, 120);
+  EXPECT_EQ(scans, 480);
 }
 
 TYPED_TEST(ScanUpdateOf, ChildrenKnowWhatTheirParentKnew) {
@@ -724,26 +726,30 @@ TYPED_TEST(ScanUpdateOf, ChildrenKnowWhatTheirParentKnew) {
     if (!whole.contains(box.lower)) return;
     ++cases;
     if (box.squared_distance(hit) > 0.0) {
-      EXPECT_EQ(leaf.cell().state(), CellState::free) << text_of(leaf.cell());
-      EXPECT_TRUE(leaf.cell().observed());
+      EXPECT_NE(leaf.cell().state(), CellState::occupied) << text_of(leaf.cell());
     }
-    // Where the beam did not come: the parent's evidence, by the share of its beams that crosses one child.
     bool crossed = true;
     for (int a = 1; a < D; ++a) crossed = crossed && box.lower[a] == 0.0;
-    if (crossed) return;
-    ++unvisited;
-    // Each parent but the first was a child that the beams ended in, and was doubted.
-    const std::int64_t share = integer_power(N, D - 1);
-    std::int64_t evidence = coarse.free_evidence() / share;
-    std::int64_t misses = coarse.misses() / share;
-    for (int level = -1; level > leaf.index.level; --level) {
-      const auto inherited = static_cast<double>(evidence);
-      evidence = static_cast<std::int64_t>(inherited * inherited / (inherited + 3.0 * 256.0)) / share;
-      misses /= share;
+    if (crossed) {
+      EXPECT_TRUE(leaf.cell().observed());
+      return;
     }
-    EXPECT_EQ(leaf.cell().free_evidence(), evidence);
+    ++unvisited;
+    // None of ten beams came here, nor passed the parent's siblings, in which they ended.
+    const double mean = 1.0 / static_cast<double>(integer_power(N, D - 1));
+    const double share = 0.05 * mean + 0.95 * (0.0 + 2.0 * mean) / (10.0 + 2.0);
+    auto evidence = static_cast<double>(coarse.free_evidence());
+    auto misses = static_cast<double>(coarse.misses());
+    for (int level = 0; level > leaf.index.level; --level) {
+      evidence = std::floor(evidence * share);
+      misses = std::floor(misses * share);
+    }
+    EXPECT_EQ(leaf.cell().observed(), evidence >= 104.0) << evidence;  // Of one beam.
+    if (!leaf.cell().observed()) return;
+    EXPECT_EQ(leaf.cell().state(), CellState::free) << text_of(leaf.cell());
+    EXPECT_NEAR(static_cast<double>(leaf.cell().free_evidence()), evidence, 2.0);  // Rounded at each level.
     EXPECT_EQ(leaf.cell().occupied_evidence(), 0);
-    EXPECT_EQ(leaf.cell().misses(), misses);
+    EXPECT_NEAR(leaf.cell().misses(), misses, 2.0);
   });
   EXPECT_GT(cases, 3);
   EXPECT_EQ(unvisited == 0, D == 1);

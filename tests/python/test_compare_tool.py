@@ -22,8 +22,8 @@ PARAMETERS = {
     "probability_max", "log_odds_min", "log_odds_max", "miss_given_occupied", "hit_given_free",
     "significance", "merge_free_below", "merge_occupied_above", "max_range", "held_out", "repeat",
     "sample_spacing", "sample_margin", "endpoint_radius", "cast_tolerance", "cast_overshoot", "no_return",
-    "split_probability", "merge_loss", "inherited_doubt", "noise_sigmas", "evidence_memory", "evidence_prior",
-    "probability_clip", "occupied_weight",
+    "split_probability", "merge_loss", "inherited_beams", "noise_sigmas", "evidence_memory", "evidence_prior",
+    "probability_clip",
 }  # fmt: skip
 TRUTH = {
     "free", "occupied", "unknown", "samples", "endpoints_near", "endpoints", "casts_within", "casts",
@@ -297,8 +297,8 @@ def test_options_reach_the_map_and_the_report(log):
         "min_cell_size": 0.1, "max_cell_size": 0.8, "range_sigma": 0.02, "range_sigma_quadratic": 0.001,
         "probability_min": 0.35, "probability_max": 0.8, "log_odds_min": -3.0, "log_odds_max": 4.0,
         "miss_given_occupied": 0.1, "hit_given_free": 0.02, "significance": 0.9, "merge_free_below": 0.1,
-        "merge_occupied_above": 0.9, "split_probability": 0.6, "merge_loss": 3.0, "inherited_doubt": 1.5,
-        "occupied_weight": 0.9, "noise_sigmas": 0.5, "evidence_memory": 100.0, "evidence_prior": 0.25,
+        "merge_occupied_above": 0.9, "split_probability": 0.6, "merge_loss": 3.0, "inherited_beams": 1.5,
+        "noise_sigmas": 0.5, "evidence_memory": 100.0, "evidence_prior": 0.25,
     }  # fmt: skip
     flags = [part for name, value in arguments.items() for part in ("--" + name.replace("_", "-"), value)]
     report, _ = report_of(log, *flags)

@@ -31,9 +31,11 @@ struct EvidenceMergeOptions {
 /// - about what is: the Kullback-Leibler divergence of each sibling's occupancy from the parent's, 1/2 being
 ///   that of a cell never observed.
 ///
-/// While mapping, siblings of different states never join, and neither do those that were not all observed:
-/// evidence that is still young cannot tell them apart, and space of which nothing is known must not seem
-/// known.
+/// While mapping, occupied siblings join only if their beams speak for it, by 1 bit under a uniform prior:
+/// beside a surface cells do differ. Free ones join only if all are clearly free, with log-odds of at most
+/// -0.5: a cell between the states would split again at the next hit. Siblings of different states never
+/// join, and neither do those that were not all observed: evidence that is still young cannot tell them
+/// apart, and space of which nothing is known must not seem known.
 class EvidenceMergeRule {
  public:
   EvidenceMergeRule(const EvidenceMergeOptions& options, const EvidenceModel& model)
@@ -56,6 +58,9 @@ class EvidenceMergeRule {
     if (state == CellState::unknown) return std::nullopt;
     for (int j = 1; j < count; ++j)
       if (!siblings[j].is_leaf() || siblings[j].cell().state() != state) return std::nullopt;
+    const bool alike = state == CellState::free ? all_clearly_free(siblings, count)
+                                                : bits_for_one(siblings, count) >= kLeastBitsForOneSurface;
+    if (!alike) return std::nullopt;
     const Joined joined = join(siblings, count, share_divisor);
     if (joined.loss > max_loss_ * (count - 1) || joined.cell.state() != state) return std::nullopt;
     return joined.cell;
@@ -66,9 +71,7 @@ class EvidenceMergeRule {
   template <class NodeType>
   [[nodiscard]] Joined join(const NodeType* siblings, int count, int share_divisor) const {
     Joined joined;
-    double apart = 0.0;
-    double all_hits = 0.0;
-    double all_misses = 0.0;
+    RateComparison rates(kMostSpaceIsFree);
     std::int64_t occupied = 0;
     std::int64_t free = 0;
     std::int64_t hits = 0;
@@ -77,11 +80,7 @@ class EvidenceMergeRule {
       const EvidenceCell& cell = siblings[j].cell();
       if (!cell.observed()) continue;
       ++joined.observed;
-      const double h = model_.effective_hits(cell);
-      const double m = model_.effective_misses(cell);
-      apart += log_evidence(h, m);
-      all_hits += h;
-      all_misses += m;
+      rates.add(model_.effective_hits(cell), model_.effective_misses(cell));
       occupied += cell.occupied_evidence();
       free += cell.free_evidence();
       hits += cell.hits();
@@ -97,21 +96,29 @@ class EvidenceMergeRule {
       const double p = siblings[j].cell().probability();
       divergence += p * std::log2(p / q) + (1.0 - p) * std::log2((1.0 - p) / (1.0 - q));
     }
-    constexpr double kNatsPerBit = 0.69314718055994531;
-    const double bayes_factor = (apart - log_evidence(all_hits, all_misses)) / kNatsPerBit;
-    joined.loss = std::max(0.0, bayes_factor) + std::max(0.0, divergence);
+    joined.loss = std::max(0.0, rates.bits_for_many()) + std::max(0.0, divergence);
     return joined;
   }
 
-  /// Logarithm of the probability of the counts under the prior.
-  [[nodiscard]] static double log_evidence(double hits, double misses) {
-    constexpr double kPriorHits = 0.1;
-    constexpr double kPriorMisses = 1.0;
-    static const double prior = log_beta(kPriorHits, kPriorMisses);
-    return log_beta(hits + kPriorHits, misses + kPriorMisses) - prior;
+ private:
+  static constexpr double kMostSpaceIsFree = 0.1;
+  static constexpr double kLeastBitsForOneSurface = 1.0;
+  static constexpr float kClearlyFree = -0.5f;  // Log-odds.
+
+  template <class NodeType>
+  [[nodiscard]] static bool all_clearly_free(const NodeType* siblings, int count) {
+    return std::all_of(siblings, siblings + count,
+                       [](const NodeType& sibling) { return sibling.cell().log_odds() <= kClearlyFree; });
+  }
+  /// How much speaks for one occupied cell instead of several, if it could as well be anything.
+  template <class NodeType>
+  [[nodiscard]] double bits_for_one(const NodeType* siblings, int count) const {
+    RateComparison rates(1.0);
+    for (int j = 0; j < count; ++j)
+      rates.add(model_.effective_hits(siblings[j].cell()), model_.effective_misses(siblings[j].cell()));
+    return -rates.bits_for_many();
   }
 
- private:
   /// Rounded up, so that what was seen once is not forgotten.
   [[nodiscard]] static std::int64_t scaled(std::int64_t sum, std::int64_t times, std::int64_t over) {
     return (sum * times + over - 1) / over;

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 
 #include "ndtree/cell/evidence_cell.hpp"
@@ -14,22 +15,19 @@
 namespace ndtree {
 
 struct EvidenceOptions {
-  double occupied_weight = 0.8;  ///< Evidence for occupied space counts this much of evidence for free space.
   double evidence_memory = 200.0;  ///< A cell remembers evidence of this weight; older fades [nats].
   double evidence_prior = 0.5;     ///< Evidence of both kinds that every cell begins with [nats].
-  double inherited_doubt = 3.0;  ///< Inherited evidence of this weight counts half where a beam ends [nats].
+  double inherited_beams = 2.0;  ///< Beams, spread evenly, that count with the scan that shares evidence out.
   double noise_sigmas = 1.0;     ///< No split makes cells smaller than this many standard deviations.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
-    require_option(occupied_weight > 0.0 && std::isfinite(occupied_weight), "occupied_weight",
-                   occupied_weight, "> 0 and finite");
     require_option(evidence_memory >= 1.0 && evidence_memory <= 255.0, "evidence_memory", evidence_memory,
                    "in [1, 255] nats");
     require_option(evidence_prior > 0.0 && std::isfinite(evidence_prior), "evidence_prior", evidence_prior,
                    "> 0 nats and finite");
-    require_option(inherited_doubt >= 0.0 && std::isfinite(inherited_doubt), "inherited_doubt",
-                   inherited_doubt, ">= 0 nats and finite");
+    require_option(inherited_beams >= 0.0 && std::isfinite(inherited_beams), "inherited_beams",
+                   inherited_beams, ">= 0 and finite");
     require_option(noise_sigmas >= 0.0 && std::isfinite(noise_sigmas), "noise_sigmas", noise_sigmas,
                    ">= 0 and finite");
   }
@@ -42,33 +40,42 @@ inline constexpr int kShareDivisor = Tree::kNumChildren / Tree::kBranching;
 
 /// Weighs beams and turns a cell's evidence E+ (for occupied) and E- (for free) into log-odds:
 ///   log((E+ + prior) / (E- + prior)), within [log_odds_min, log_odds_max].
-/// A beam adds the inverse sensor model's log-odds to one of the two: its part above 0, times
-/// occupied_weight, to E+, its part below 0 to E-.
+/// A beam adds the inverse sensor model's log-odds to one of the two: its part above 0 to E+, times the
+/// probability that the surface is where it was measured, its part below 0 to E-.
 ///
 /// A recursive Bayes update adds up E+ - E-, and must be clamped so that a cell can change its mind; the
 /// clamp forgets how *often* a cell was passed and hit, and then a few grazing beams or wrong hits tip it.
 /// The ratio keeps the share of beams that end in the cell, the posterior mean of rho under a Beta prior (see
-/// PartialOccupancyModel), and with weight 1 it is 0 where the unclamped sum is 0: the same sensor model, but
-/// without loss of memory.
+/// PartialOccupancyModel), and it is 0 where the unclamped sum is 0: the same sensor model, but without loss
+/// of memory.
 class EvidenceModel {
  public:
   EvidenceModel(const EvidenceOptions& options, const SensorOptions& sensor)
       : options_(options),
         log_odds_min_(static_cast<float>(sensor.log_odds_min)),
         log_odds_max_(static_cast<float>(sensor.log_odds_max)),
-        hit_(options.occupied_weight * ndtree::log_odds(sensor.probability_max)),
+        hit_(ndtree::log_odds(sensor.probability_max)),
         miss_(units(-ndtree::log_odds(sensor.probability_min))),
         memory_(units(options.evidence_memory)) {}
 
   /// Evidence for free space from a beam that passed a cell, in EvidenceCell::kUnit.
   [[nodiscard]] std::int64_t of_miss() const { return miss_; }
   /// Adds what a beam says near its end point: the log-odds of the inverse sensor model.
-  void add(ScanEvidence& sum, float log_odds_of_measurement) const {
+  /// @param size_in_sigmas the cell's edge in standard deviations of the range.
+  void add(ScanEvidence& sum, float log_odds_of_measurement, double size_in_sigmas) const {
     const auto nats = static_cast<double>(log_odds_of_measurement);
     if (nats > 0.0)
-      sum.occupied += units(options_.occupied_weight * nats);
+      sum.occupied += units(probability_inside(size_in_sigmas) * nats);
     else
       sum.free += units(-nats);
+  }
+
+  /// Probability that a surface is in the cell in which it was measured, u standard deviations wide, in the
+  /// mean over places in the cell: erf(u / sqrt 2) - sqrt(2 / pi) (1 - exp(-u² / 2)) / u.
+  [[nodiscard]] static double probability_inside(double u) {
+    constexpr double kSqrtHalf = 0.70710678118654752;
+    constexpr double kSqrt2OverPi = 0.79788456080286536;
+    return std::erf(u * kSqrtHalf) - kSqrt2OverPi * (1.0 - std::exp(-0.5 * u * u)) / u;
   }
 
   [[nodiscard]] float log_odds_of(std::int64_t occupied, std::int64_t free) const {
@@ -94,25 +101,30 @@ class EvidenceModel {
     cell.set_counts(cell.hits() + scan.hits, cell.misses() + scan.misses);
   }
 
-  /// What a child knows from its parent.
+  /// What a child knows from its parent. Free evidence is shared out as this scan's beams are: most earlier
+  /// beams took much the same ways. `inherited_beams` more beams, spread evenly, count with them, and a
+  /// twentieth is shared out evenly. Where the hits were is not known, so all children take as much of their
+  /// evidence, but those of a free cell never more than of the free: they are as free as their parent. Of a
+  /// child of a free cell to which less than one beam is due, nothing is known.
   /// @param share_divisor one in so many of a parent's beams crosses one of its children, in the mean.
-  [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, int share_divisor) const {
+  /// @param passed of this scan's `beams` in the parent, those that passed the child.
+  [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, int share_divisor, std::size_t passed,
+                                       std::size_t beams) const {
+    constexpr double kOtherWays = 0.05;
     EvidenceCell child;
     if (!parent.observed()) return child;
-    assign(child, parent.occupied_evidence() / share_divisor, parent.free_evidence() / share_divisor);
-    child.set_counts(parent.hits() / static_cast<std::uint32_t>(share_divisor),
-                     parent.misses() / static_cast<std::uint32_t>(share_divisor));
+    const double mean = 1.0 / share_divisor;
+    const double share_now = (static_cast<double>(passed) + options_.inherited_beams * mean) /
+                             (static_cast<double>(beams) + options_.inherited_beams);
+    const double share = kOtherWays * mean + (1.0 - kOtherWays) * share_now;
+    const std::int64_t free = part(parent.free_evidence(), share);
+    const bool may_be_unknown = parent.state() != CellState::occupied;
+    if (may_be_unknown && free < miss_) return child;
+    const double share_of_hits = may_be_unknown ? std::min(mean, share) : mean;
+    assign(child, part(parent.occupied_evidence(), share_of_hits), free);
+    child.set_counts(static_cast<std::uint32_t>(part(parent.hits(), share_of_hits)),
+                     static_cast<std::uint32_t>(part(parent.misses(), share)));
     return child;
-  }
-
-  /// A beam ended in a child that knows only what its parent knew. That E nats of the parent's free evidence
-  /// are due to the child is the mean over all children; perhaps none of those beams came through this one.
-  /// The fewer they were, the likelier that is: E² / (E + inherited_doubt) remain.
-  void doubt(EvidenceCell& child) const {
-    if (!child.observed() || child.state() == CellState::occupied || child.free_evidence() == 0) return;
-    const auto evidence = static_cast<double>(child.free_evidence());
-    const double kept = evidence * evidence / (evidence + options_.inherited_doubt / EvidenceCell::kUnit);
-    assign(child, child.occupied_evidence(), static_cast<std::int64_t>(std::floor(kept)));
   }
 
   [[nodiscard]] double noise_sigmas() const { return options_.noise_sigmas; }
@@ -125,6 +137,9 @@ class EvidenceModel {
   }
 
  private:
+  [[nodiscard]] static std::int64_t part(std::int64_t whole, double share) {
+    return static_cast<std::int64_t>(static_cast<double>(whole) * share);
+  }
   [[nodiscard]] static std::int64_t units(double nats) { return std::llround(nats / EvidenceCell::kUnit); }
   /// part * whole / sum, rounded to nearest, but nothing that was there fades to nothing.
   [[nodiscard]] static std::int64_t faded(std::int64_t part, std::int64_t whole, std::int64_t sum) {

@@ -49,4 +49,34 @@ namespace ndtree {
   return above_mean ? 1.0 - tail : tail;
 }
 
+/// Do beams end in several cells with a probability of each cell's own, or with one for all? The Bayes factor
+/// of the two, the probabilities being from Beta(prior_hits, 1).
+class RateComparison {
+ public:
+  explicit RateComparison(double prior_hits) : prior_hits_(prior_hits), log_prior_(-std::log(prior_hits)) {}
+
+  /// Another cell's beams; the numbers need not be whole.
+  void add(double hits, double misses) {
+    many_ += log_evidence(hits, misses);
+    hits_ += hits;
+    misses_ += misses;
+  }
+  /// log2 of the factor for a probability of each one's own; negative where one for all is likelier.
+  [[nodiscard]] double bits_for_many() const {
+    constexpr double kNatsPerBit = 0.69314718055994531;
+    return (many_ - log_evidence(hits_, misses_)) / kNatsPerBit;
+  }
+
+ private:
+  [[nodiscard]] double log_evidence(double hits, double misses) const {
+    return log_beta(hits + prior_hits_, misses + 1.0) - log_prior_;
+  }
+
+  double prior_hits_;
+  double log_prior_;
+  double many_ = 0.0;
+  double hits_ = 0.0;
+  double misses_ = 0.0;
+};
+
 }  // namespace ndtree

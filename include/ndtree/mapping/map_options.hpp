@@ -47,8 +47,8 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions, EvidenceOptions, 
 [[nodiscard]] inline std::string_view only_reader(std::string_view option) {
   for (const char* const name : {"significance", "merge_free_below", "merge_occupied_above"})
     if (option == name) return "paper";
-  for (const char* const name : {"split_probability", "merge_loss", "inherited_doubt", "occupied_weight",
-                                 "noise_sigmas", "evidence_memory", "evidence_prior"})
+  for (const char* const name : {"split_probability", "merge_loss", "inherited_beams", "noise_sigmas",
+                                 "evidence_memory", "evidence_prior"})
     if (option == name) return "evidence";
   return {};
 }
@@ -72,8 +72,7 @@ void for_each_option(Options& options, Visit&& visit) {
   visit("merge_occupied_above", options.merge_occupied_above);
   visit("split_probability", options.split_probability);
   visit("merge_loss", options.merge_loss);
-  visit("inherited_doubt", options.inherited_doubt);
-  visit("occupied_weight", options.occupied_weight);
+  visit("inherited_beams", options.inherited_beams);
   visit("noise_sigmas", options.noise_sigmas);
   visit("evidence_memory", options.evidence_memory);
   visit("evidence_prior", options.evidence_prior);

@@ -20,8 +20,8 @@ namespace ndtree {
 
 /// Integrates all beams of a scan in one walk over the tree. A leaf gets the joint evidence of the beams that
 /// cross it, so their order does not matter. A leaf that splits passes the same beams on to its children,
-/// which know what it knew. Siblings are merged on the way back. A leaf that splits and is whole again after
-/// the same scan was neither split nor merged.
+/// which begin with what is due to them of what it knew. Siblings are merged on the way back. A leaf that
+/// splits and is whole again after the same scan was neither split nor merged.
 ///
 /// What a beam says about a leaf, by where its end point lies:
 /// - behind the leaf, and clearly so: a miss, evidence for free space;
@@ -74,7 +74,7 @@ class ScanUpdate {
       if (beams_[segment.beam].stepper.clip(root.index, segment.t_enter, segment.t_exit))
         segments_[kept++] = segment;
     segments_.resize(kept);
-    if (kept > 0) descend(root, 0, kept, false);
+    if (kept > 0) descend(root, 0, kept);
     segments_.clear();
     beams_.clear();
   }
@@ -102,27 +102,21 @@ class ScanUpdate {
   };
 
   /// @param first, last range of segments_ that holds the node's.
-  /// @param fresh the node came about in this scan and knows what its parent knew.
-  void descend(const Ref& ref, std::size_t first, std::size_t last, bool fresh) {
-    bool splits = false;
-    bool fresh_children = false;
-    if (ref.is_leaf()) {
-      if (ref.index.level > coarsest_level_) {
-        tree_.split(ref);
-      } else {
-        const ScanEvidence scan = evidence(ref, first, last);
-        if (fresh && scan.hits > 0) refinement_.model.doubt(ref.cell());
-        splits = ref.index.level > finest_level_ && refinement_.splits(ref.cell(), scan);
-        if (!splits) {
-          if (scan.beams > 0) refinement_.model.update(ref.cell(), scan);
-          counters_.updates += scan.beams;
-          return;
-        }
-        fresh_children = ref.cell().observed();
-        tree_.split(ref, refinement_.model.inherited(ref.cell(), kShareDivisor<Tree>));
-        ++counters_.splits;
+  void descend(const Ref& ref, std::size_t first, std::size_t last) {
+    const bool is_leaf = ref.is_leaf();
+    const bool splits = is_leaf && ref.index.level <= coarsest_level_;
+    EvidenceCell parent;
+    if (splits) {
+      const ScanEvidence scan = evidence(ref, first, last);
+      if (ref.index.level == finest_level_ || !refinement_.splits(ref.cell(), scan)) {
+        if (scan.beams > 0) refinement_.model.update(ref.cell(), scan);
+        counters_.updates += scan.beams;
+        return;
       }
+      parent = ref.cell();
+      ++counters_.splits;
     }
+    if (is_leaf) tree_.split(ref);
 
     std::array<std::size_t, kNumChildren + 1> begin;
     std::array<CellIndex<D>, kNumChildren> index;
@@ -131,8 +125,10 @@ class ScanUpdate {
     auto* const children = tree_.children(*ref.node);
     for (int j = 0; j < kNumChildren; ++j) {
       const auto k = static_cast<std::size_t>(j);
-      if (begin[k] < begin[k + 1])
-        descend(Ref{children + j, index[k]}, begin[k], begin[k + 1], fresh_children);
+      if (splits)
+        children[j].cell() = refinement_.model.inherited(parent, kShareDivisor<Tree>,
+                                                         num_passed(begin[k], begin[k + 1]), last - first);
+      if (begin[k] < begin[k + 1]) descend(Ref{children + j, index[k]}, begin[k], begin[k + 1]);
     }
     segments_.resize(base);
 
@@ -172,6 +168,16 @@ class ScanUpdate {
       segments_[next[static_cast<std::size_t>(of_child.child)]++] = of_child.segment;
   }
 
+  /// Of these segments, those at whose end the beam has clearly not met anything.
+  [[nodiscard]] std::size_t num_passed(std::size_t first, std::size_t last) const {
+    std::size_t n = 0;
+    for (std::size_t i = first; i < last; ++i) {
+      const BeamInScan& beam = beams_[segments_[i].beam];
+      n += !beam.returned || segments_[i].t_exit < beam.t_clearly_free;
+    }
+    return n;
+  }
+
   [[nodiscard]] ScanEvidence evidence(const Ref& leaf, std::size_t first, std::size_t last) const {
     const double size = tree_.geometry().cell_size(leaf.index.level);
     const bool is_finest = leaf.index.level == finest_level_;
@@ -199,8 +205,10 @@ class ScanUpdate {
         const bool behind = !hit && segment.t_enter >= 1.0;
         if (behind && !is_small) continue;
         refinement_.model.add(
-            sum, sensor_.log_odds(Sensor::cdf(segment.t_enter * beam.range, beam.range, beam.sigma),
-                                  Sensor::cdf(t_exit * beam.range, beam.range, beam.sigma)));
+            sum,
+            sensor_.log_odds(Sensor::cdf(segment.t_enter * beam.range, beam.range, beam.sigma),
+                             Sensor::cdf(t_exit * beam.range, beam.range, beam.sigma)),
+            std::max(size / beam.sigma, kThinnestSurface));
         if (hit) {
           const double noise = kNoiseReach * beam.sigma;
           ++sum.hits;

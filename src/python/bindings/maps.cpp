@@ -541,11 +541,9 @@ split_probability : float
     A cell splits if it is more probably than this partially occupied ("evidence").
 merge_loss : float
     Siblings join if that loses at most this for each cell that it saves ("evidence") [bits].
-inherited_doubt : float
-    Inherited evidence for free space of this weight counts half in a new cell where a beam ends ("evidence")
-    [nats].
-occupied_weight : float
-    Weight of evidence for occupied space against evidence for free space ("evidence").
+inherited_beams : float
+    A cell that splits shares its evidence out as the scan's beams go, with so many more beams spread evenly
+    ("evidence").
 noise_sigmas : float
     No split makes cells smaller than this many standard deviations of the range ("evidence").
 evidence_memory : float

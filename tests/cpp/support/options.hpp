@@ -25,9 +25,8 @@ inline MapOptions spelled_out_options(double min_cell_size, double max_cell_size
   options.merge_occupied_above = 0.96;
   options.split_probability = 0.7;
   options.merge_loss = 4.0;
-  options.inherited_doubt = 3.0;
+  options.inherited_beams = 2.0;
   options.noise_sigmas = 1.0;
-  options.occupied_weight = 0.8;
   options.evidence_memory = 200.0;
   options.evidence_prior = 0.5;
   return options;
