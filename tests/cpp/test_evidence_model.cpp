@@ -183,7 +183,11 @@ TEST(EvidenceModel, AScanAddsUpHoweverItIsDivided) {
     }
     EvidenceCell at_once;
     model.update(at_once, whole);
-    ASSERT_EQ(in_parts, at_once);
+    ASSERT_EQ(in_parts.occupied_evidence(), whole.occupied);
+    ASSERT_EQ(in_parts.free_evidence(), whole.free);
+    ASSERT_EQ(in_parts.hits(), whole.hits);
+    ASSERT_EQ(in_parts.misses(), whole.misses);
+    ASSERT_EQ(in_parts.log_odds(), at_once.log_odds());
     ASSERT_EQ(at_once.occupied_evidence(), whole.occupied);
     ASSERT_EQ(at_once.free_evidence(), whole.free);
     ASSERT_EQ(at_once.hits(), whole.hits);
@@ -299,6 +303,12 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
       {&EvidenceOptions::inherited_beams, -0.1, "inherited_beams = -0.1: must be >= 0 and finite"},
       {&EvidenceOptions::inherited_beams, infinity, "inherited_beams = inf: "},
       {&EvidenceOptions::inherited_beams, nan, "inherited_beams = "},
+      {&EvidenceOptions::change_probability, -0.1, "change_probability = -0.1: must be in [0, 1)"},
+      {&EvidenceOptions::change_probability, 1.0, "change_probability = 1.0: "},
+      {&EvidenceOptions::change_probability, nan, "change_probability = "},
+      {&EvidenceOptions::evidence_half_life, -1.0,
+       "evidence_half_life = -1.0: must be >= 0 scans and finite"},
+      {&EvidenceOptions::evidence_half_life, infinity, "evidence_half_life = inf: "},
       {&EvidenceOptions::noise_sigmas, -1.0, "noise_sigmas = -1.0: must be >= 0 and finite"},
       {&EvidenceOptions::noise_sigmas, infinity, "noise_sigmas = inf: "},
       {&EvidenceOptions::noise_sigmas, nan, "noise_sigmas = "}};
@@ -307,6 +317,7 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
   outermost.evidence_memory = 255.0;
   outermost.inherited_beams = 0.0;
   outermost.noise_sigmas = 0.0;
+  outermost.change_probability = 0.0;
   EXPECT_NO_THROW(outermost.validate());
   outermost.evidence_memory = 1.0;
   EXPECT_NO_THROW(outermost.validate());
@@ -322,7 +333,7 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
     }
     ++cases;
   }
-  EXPECT_EQ(cases, 13);
+  EXPECT_EQ(cases, 18);
 }
 
 }  // namespace

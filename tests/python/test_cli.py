@@ -125,7 +125,7 @@ def test_compare_simulates_and_writes_json_to_standard_output() -> None:
     assert done.exit_code == 0, done.output
     written = json.loads(done.stdout)
     assert (written["log"], written["dim"]) == ("world apartment", 3)
-    assert set(written["maps"][0]["exact"]) == {"free", "near", "inside"}
+    assert set(written["maps"][0]["exact"]) == {"free", "near", "inside", "thin", "floor", "auc"}
 
 
 def test_demo_draws_and_names_its_pictures(log: Path, tmp_path: Path) -> None:

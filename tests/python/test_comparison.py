@@ -92,7 +92,11 @@ def test_exact_truth_finds_a_map_that_lies(log: ndtree.Log) -> None:
     assert honest.row("fixed")["truth"] is None
     assert exact["free"]["free"] > 0.95
     assert exact["inside"]["occupied"] > 0.8
-    for shares in exact.values():
+    assert exact["auc"] > 0.98
+    assert exact["thin"]["samples"] > 100
+    assert exact["thin"]["found"] > 0.5
+    for name in ("free", "near", "inside"):
+        shares = exact[name]
         assert shares["samples"] > 50_000
         assert shares["free"] + shares["occupied"] + shares["unknown"] == pytest.approx(1.0)
 
@@ -103,7 +107,24 @@ def test_exact_truth_finds_a_map_that_lies(log: ndtree.Log) -> None:
             return super().insert(points + 0.5, origin + 0.5, **more)
 
     lying = ndtree.compare(log, {"shifted": lambda: Shifted(dim=2, cell_size=0.1)}, held_out=0)
-    assert lying.row("shifted")["exact"]["inside"]["occupied"] < 0.5
+    of_lie = lying.row("shifted")["exact"]
+    assert of_lie["inside"]["occupied"] < 0.5
+    assert of_lie["auc"] < 0.7
+    assert of_lie["thin"]["found"] < 0.5
+
+
+def test_truth_by_cell_size_adds_up(comparison: ndtree.Comparison) -> None:
+    for row in comparison["maps"]:
+        sizes = row["cell_sizes"]
+        if row["map"].startswith("octomap"):
+            assert not any("free" in size for size in sizes)
+            continue
+        assert sum(size["endpoints"] for size in sizes) <= row["truth"]["endpoints"]
+        assert sum(size["endpoints"] for size in sizes) > 0.9 * row["truth"]["endpoints"]
+        near = sum(size["endpoints_near"] for size in sizes)
+        assert near == pytest.approx(row["truth"]["endpoints_near"], rel=0.02)
+        free, samples = (sum(size[key] for size in sizes) for key in ("free", "samples"))
+        assert free / samples == pytest.approx(row["truth"]["free"] / row["truth"]["samples"], abs=0.02)
 
 
 def test_ratios_are_of_the_fixed_map_and_of_others_by_name(comparison: ndtree.Comparison) -> None:

@@ -62,6 +62,8 @@ const std::map<std::string, std::string>& option_help() {
       {"noise_sigmas", "no split makes smaller cells than this many standard deviations"},
       {"evidence_memory", "a cell remembers evidence of this weight [nats]"},
       {"evidence_prior", "evidence for and against that every cell begins with [nats]"},
+      {"change_probability", "a streak of scans less likely than this is a change; 0: never"},
+      {"evidence_half_life", "a cell's evidence halves in so many scans of it; 0: never"},
   };
   return help;
 }

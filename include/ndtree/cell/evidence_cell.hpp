@@ -3,6 +3,7 @@
 /// What is known about one cell when the evidence for and against occupied space is kept apart.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <cstring>
@@ -26,14 +27,15 @@ struct ScanEvidence {
 };
 
 /// Evidence of one leaf in 12 bytes: log-odds weights of all that was for occupied and of all that was for
-/// free, and the counts of hits and misses. The log-odds is a function of the two sums (see EvidenceModel)
-/// and is kept beside them because queries want nothing else. Invariant: a cell that was never updated is all
-/// zeros.
+/// free, the counts of hits and misses, and for how many scans all beams have said the same. The log-odds is
+/// a function of the two sums (see EvidenceModel) and is kept beside them because queries want nothing else.
+/// Invariant: a cell that was never updated is all zeros.
 class EvidenceCell {
  public:
   static constexpr bool kLeavesTopBitOfFirstWordClear = true;  // See Node.
   static constexpr int kNumWords = 3;
   static constexpr std::uint32_t kMaxCount = 0xfff;
+  static constexpr std::uint32_t kMaxStreak = 0x1f;
   /// Evidence is counted in these steps [nats]: whole numbers, so that sums do not depend on their order.
   static constexpr double kUnit = 1.0 / 256.0;
   static constexpr std::int64_t kMaxEvidence = 0xffff;
@@ -50,7 +52,17 @@ class EvidenceCell {
 
   void set_counts(std::uint32_t hits, std::uint32_t misses) {
     halve_to_fit(hits, misses, kMaxCount);
-    counts_ = kObserved | misses << 12 | hits;
+    counts_ = (counts_ & kStreakBits) | kObserved | misses << 12 | hits;
+  }
+  /// Consecutive scans of which all beams ended in the cell, or all passed it; up to kMaxStreak.
+  [[nodiscard]] std::uint32_t streak() const { return (counts_ >> 24) & kMaxStreak; }
+  [[nodiscard]] bool streak_is_of_hits() const { return (counts_ & kStreakOfHits) != 0; }
+  void count_scan(bool any_hits, bool any_misses) {
+    if (!any_hits && !any_misses) return;
+    std::uint32_t length = 0;
+    if (any_hits != any_misses)
+      length = any_hits == streak_is_of_hits() ? std::min(kMaxStreak, streak() + 1) : 1;
+    counts_ = (counts_ & ~kStreakBits) | length << 24 | (any_hits ? kStreakOfHits : 0u);
   }
   /// @pre both are in [0, kMaxEvidence], and log_odds is what the model makes of them.
   void set_evidence(std::int64_t occupied, std::int64_t free, float log_odds) {
@@ -69,7 +81,7 @@ class EvidenceCell {
   }
   [[nodiscard]] static EvidenceCell from_words(const std::array<std::uint32_t, kNumWords>& words) {
     EvidenceCell cell;
-    cell.counts_ = words[0] & (kObserved | kMaxCount << 12 | kMaxCount);
+    cell.counts_ = words[0] & 0x7fffffffu;
     std::memcpy(&cell.log_odds_, &words[1], sizeof cell.log_odds_);
     cell.occupied_ = static_cast<std::uint16_t>(words[2] >> 16);
     cell.free_ = static_cast<std::uint16_t>(words[2] & 0xffff);
@@ -84,7 +96,10 @@ class EvidenceCell {
 
  private:
   static constexpr std::uint32_t kObserved = 0x40000000u;
-  std::uint32_t counts_ = 0;  // Bit 31 clear, bit 30 observed, 12 bits misses, 12 bits hits.
+  static constexpr std::uint32_t kStreakOfHits = 0x20000000u;
+  static constexpr std::uint32_t kStreakBits = kStreakOfHits | kMaxStreak << 24;
+  // Bit 31 clear, bit 30 observed, bit 29 kind of streak, 5 bits streak, 12 bits misses, 12 bits hits.
+  std::uint32_t counts_ = 0;
   float log_odds_ = 0.0f;
   std::uint16_t occupied_ = 0;
   std::uint16_t free_ = 0;

@@ -18,7 +18,9 @@ struct EvidenceOptions {
   double evidence_memory = 200.0;  ///< A cell remembers evidence of this weight; older fades [nats].
   double evidence_prior = 0.5;     ///< Evidence of both kinds that every cell begins with [nats].
   double inherited_beams = 2.0;  ///< Beams, spread evenly, that count with the scan that shares evidence out.
-  double noise_sigmas = 1.0;     ///< No split makes cells smaller than this many standard deviations.
+  double change_probability = 1e-5;  ///< A streak of scans less likely than this is a change; 0: never.
+  double evidence_half_life = 0.0;   ///< A cell's evidence halves in so many scans of it; 0: never.
+  double noise_sigmas = 1.0;         ///< No split makes cells smaller than this many standard deviations.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
@@ -28,6 +30,10 @@ struct EvidenceOptions {
                    "> 0 nats and finite");
     require_option(inherited_beams >= 0.0 && std::isfinite(inherited_beams), "inherited_beams",
                    inherited_beams, ">= 0 and finite");
+    require_option(change_probability >= 0.0 && change_probability < 1.0, "change_probability",
+                   change_probability, "in [0, 1)");
+    require_option(evidence_half_life >= 0.0 && std::isfinite(evidence_half_life), "evidence_half_life",
+                   evidence_half_life, ">= 0 scans and finite");
     require_option(noise_sigmas >= 0.0 && std::isfinite(noise_sigmas), "noise_sigmas", noise_sigmas,
                    ">= 0 and finite");
   }
@@ -56,7 +62,8 @@ class EvidenceModel {
         log_odds_max_(static_cast<float>(sensor.log_odds_max)),
         hit_(ndtree::log_odds(sensor.probability_max)),
         miss_(units(-ndtree::log_odds(sensor.probability_min))),
-        memory_(units(options.evidence_memory)) {}
+        memory_(units(options.evidence_memory)),
+        kept_(options.evidence_half_life > 0.0 ? std::exp2(-1.0 / options.evidence_half_life) : 1.0) {}
 
   /// Evidence for free space from a beam that passed a cell, in EvidenceCell::kUnit.
   [[nodiscard]] std::int64_t of_miss() const { return miss_; }
@@ -97,8 +104,26 @@ class EvidenceModel {
 
   /// The joint evidence of a scan.
   void update(EvidenceCell& cell, const ScanEvidence& scan) const {
-    assign(cell, cell.occupied_evidence() + scan.occupied, cell.free_evidence() + scan.free);
+    cell.count_scan(scan.hits > 0, scan.misses > 0);
+    if (has_changed(cell)) forget_but_streak(cell);
+    assign(cell, part(cell.occupied_evidence(), kept_) + scan.occupied,
+           part(cell.free_evidence(), kept_) + scan.free);
     cell.set_counts(cell.hits() + scan.hits, cell.misses() + scan.misses);
+  }
+
+  /// Whether the last scans contradict the cell for so long that the world must have changed there. A cell
+  /// that holds a piece of a surface is both hit and passed, scan by scan; a streak of k scans that all
+  /// passed it has the probability (1 - rho)^k, rho being the share of hits so far. Beams of a few
+  /// consecutive scans are too much alike for that to hold, so that no shorter streak than
+  /// kLeastScansOfChange counts.
+  [[nodiscard]] bool has_changed(const EvidenceCell& cell) const {
+    if (cell.streak() < kLeastScansOfChange || options_.change_probability == 0.0) return false;
+    const bool hit = cell.streak_is_of_hits();
+    if (cell.state() != (hit ? CellState::free : CellState::occupied)) return false;
+    constexpr double kPriorBeams = 0.5;
+    const double hits = effective_hits(cell) + kPriorBeams;
+    const double misses = effective_misses(cell) + kPriorBeams;
+    return std::pow((hit ? hits : misses) / (hits + misses), cell.streak()) < options_.change_probability;
   }
 
   /// What a child knows from its parent. Free evidence is shared out as this scan's beams are: most earlier
@@ -137,6 +162,18 @@ class EvidenceModel {
   }
 
  private:
+  static constexpr std::uint32_t kLeastScansOfChange = 12;
+
+  /// Leaves a cell with one beam's evidence for each scan of its streak.
+  void forget_but_streak(EvidenceCell& cell) const {
+    const bool hit = cell.streak_is_of_hits();
+    const std::int64_t one = hit ? units(hit_) : miss_;
+    const std::int64_t evidence = hit ? cell.occupied_evidence() : cell.free_evidence();
+    const std::int64_t recent = std::min(evidence, cell.streak() * one);
+    assign(cell, hit ? recent : 0, hit ? 0 : recent);
+    cell.set_counts(hit ? cell.streak() : 0, hit ? 0 : cell.streak());
+  }
+
   [[nodiscard]] static std::int64_t part(std::int64_t whole, double share) {
     return static_cast<std::int64_t>(static_cast<double>(whole) * share);
   }
@@ -152,6 +189,7 @@ class EvidenceModel {
   double hit_;           // [nats]
   std::int64_t miss_;    // In kUnit.
   std::int64_t memory_;  // In kUnit.
+  double kept_;          // From one scan to the next.
 };
 
 }  // namespace ndtree

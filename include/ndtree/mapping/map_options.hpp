@@ -47,8 +47,9 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions, EvidenceOptions, 
 [[nodiscard]] inline std::string_view only_reader(std::string_view option) {
   for (const char* const name : {"significance", "merge_free_below", "merge_occupied_above"})
     if (option == name) return "paper";
-  for (const char* const name : {"split_probability", "merge_loss", "inherited_beams", "noise_sigmas",
-                                 "evidence_memory", "evidence_prior"})
+  for (const char* const name :
+       {"split_probability", "merge_loss", "inherited_beams", "noise_sigmas", "evidence_memory",
+        "evidence_prior", "change_probability", "evidence_half_life"})
     if (option == name) return "evidence";
   return {};
 }
@@ -76,6 +77,8 @@ void for_each_option(Options& options, Visit&& visit) {
   visit("noise_sigmas", options.noise_sigmas);
   visit("evidence_memory", options.evidence_memory);
   visit("evidence_prior", options.evidence_prior);
+  visit("change_probability", options.change_probability);
+  visit("evidence_half_life", options.evidence_half_life);
 }
 
 }  // namespace ndtree

@@ -81,6 +81,13 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     else
       return MapInterface::compress(budget);
   }
+  void cell_size(const double* points, std::size_t n, double* out) const override {
+    const auto& tree = map_.tree();
+    for (std::size_t i = 0; i < n; ++i) {
+      const auto leaf = tree.find_leaf(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
+      out[i] = leaf ? tree.geometry().cell_size(leaf->index.level) : std::numeric_limits<double>::quiet_NaN();
+    }
+  }
   [[nodiscard]] PythonStats stats() const override { return {map_.stats(), {}}; }
   [[nodiscard]] std::string to_bytes() const override { return ndtree::to_bytes(map_); }
   [[nodiscard]] LeafArrays leaves() const override {

@@ -52,6 +52,10 @@ class MapInterface {
   virtual void probability(const double* points, std::size_t n, float* out) const = 0;
   virtual void state(const double* points, std::size_t n, std::int8_t* out) const = 0;
   virtual void occupied_within(const double* points, std::size_t n, double radius, bool* out) const = 0;
+  /// NaN outside the tree. @throws std::invalid_argument for maps that are not ours.
+  virtual void cell_size(const double*, std::size_t, double*) const {
+    throw std::invalid_argument("cell_size: only a map of ndtree's own has cells of several sizes");
+  }
   /// `origin_step` is dim, or 0 for one origin for all rays.
   virtual void cast_rays(const double* origins, std::size_t origin_step, const double* directions,
                          std::size_t n, double max_range, double* out) const = 0;

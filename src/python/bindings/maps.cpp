@@ -145,6 +145,26 @@ void bind_own_map(py::module_& module, const char* name, bool adaptive, const ch
            }),
            py::kw_only(), "dim"_a = 2, "branching"_a = 2,
            "refinement"_a = adaptive ? EvidenceRefinement::kName : FixedRefinement::kName)
+      .def(
+          "cell_size",
+          [](const Type& map, const py::object& points) {
+            return per_point<double>(map, points,
+                                     [](const MapInterface& m, const double* p, std::size_t n, double* out) {
+                                       m.cell_size(p, n, out);
+                                     });
+          },
+          "points"_a, R"(Edge of the leaf around each point.
+
+Parameters
+----------
+points : (n, dim) array of float
+    Map frame [m].
+
+Returns
+-------
+(n,) float64
+    [m], unknown space included; nan outside the map.
+)")
       .def("__repr__", [name, adaptive](const Type& map) { return describe(name, map, adaptive); })
       .def("__copy__",
            [](const Type& map) { return Type(map.read([](const MapInterface& m) { return m.clone(); })); })
@@ -550,6 +570,11 @@ evidence_memory : float
     A cell remembers evidence of this weight; older fades ("evidence") [nats].
 evidence_prior : float
     Evidence for and against that every cell begins with ("evidence") [nats].
+change_probability : float
+    Where so many scans in a row contradict a cell that this is less likely, the world has changed, and the cell
+    forgets what was before; 0 for never ("evidence").
+evidence_half_life : float
+    A cell's evidence halves in so many scans that observe it; 0 for never ("evidence") [scans].
 significance : float
     Confidence of the chi-square test that splits a cell ("paper").
 merge_free_below, merge_occupied_above : float

@@ -38,6 +38,8 @@ MAP_OPTIONS = (
     MapOption("noise_sigmas", float, "No split makes cells smaller than this."),
     MapOption("evidence_memory", float, "Evidence that a cell remembers [nats]."),
     MapOption("evidence_prior", float, "Evidence that a cell begins with [nats]."),
+    MapOption("change_probability", float, "A streak of scans less likely is a change; 0: never."),
+    MapOption("evidence_half_life", float, "A cell's evidence halves in so many scans; 0: never."),
     MapOption("significance", float, "Confidence of the split test."),
     MapOption("merge_free_below", float, "Siblings join if all are at most this."),
     MapOption("merge_occupied_above", float, "Siblings join if all are at least this."),

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ndtree import _core
 from ndtree._core import OccupancyMap
 from ndtree._options import make_map
+from ndtree.exact_truth import ExactTruth
 from ndtree.readers.log import Log
 from ndtree.readers.simulated import SimulatedLog
 from ndtree.scan import Scan
@@ -32,8 +33,9 @@ NO_RETURN = ("free", "ignore")
 OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
 COUNTED = ("leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
 NEEDED = ("cells", "nodes", "updates", "memory_bytes", "resident_bytes")
-EXACT_SAMPLES = 100_000
-NEAR_SURFACE = 0.1
+BY_SIZE = ("samples", "free", "endpoints", "endpoints_near")
+NEAR_SURFACE = 0.1  # Of held-out beams, left out of free space [m].
+ENDPOINT_RADIUS = 0.05  # In which an occupied cell is looked for [m].
 
 
 class Comparison(dict[str, Any]):
@@ -156,11 +158,15 @@ def compare(
     for name, one in built.items():
         row = _figures(name, one)
         row["truth"] = _truth(one.map, unseen, max_range, partial(progress, f"{name}, truth"))
+        by_size = _truth_by_size(one.map, unseen, max_range)
+        if by_size is not None:
+            for size in row["cell_sizes"]:
+                size.update(by_size.get(size["size"], dict.fromkeys(BY_SIZE, 0)))
         rows.append(row)
     if isinstance(log, SimulatedLog):
-        samples = _exact_samples(log, scans, max_range)
+        exact = ExactTruth(log, scans, max_range)
         for row in rows:
-            row["exact"] = _exact(built[row["map"]].map, samples)
+            row["exact"] = exact.of(built[row["map"]].map)
 
     first = next(iter(built.values()))
     result = Comparison(
@@ -328,59 +334,37 @@ def _truth(
     return result
 
 
-def _exact_samples(
-    log: SimulatedLog, scans: Sequence[Scan], max_range: float
-) -> dict[str, NDArray[np.float64]]:
-    """Points of space that the sensor has really seen, held-out scans included, with what is there in truth.
+def _truth_by_size(
+    target: OccupancyMap, scans: Sequence[Scan], max_range: float
+) -> dict[float, dict[str, int]] | None:
+    """The held-out truth for each size of the cells that it falls into: where a map's errors live.
 
-    "free" lies anywhere before the first surface along random beams, "near" in the last 0.1 m before it, and
-    "inside" in the first 0.05 m behind it.
+    One point of each beam is drawn from the free space before its end, beside the end point itself.
     """
+    if not hasattr(target, "cell_size"):
+        return None
     generator = np.random.default_rng(0)
-    returned = [scan for scan in scans if len(scan)]
-    per_scan = -(-EXACT_SAMPLES // max(len(returned), 1))
-    origins, directions = [np.empty((0, log.dim))], [np.empty((0, log.dim))]
-    for scan in returned:
-        known = np.isfinite(scan.endpoints).all(axis=1)
-        known &= True if scan.returned is None else scan.returned
-        beams = generator.choice(np.flatnonzero(known), per_scan) if known.any() else np.empty(0, dtype=int)
-        start = np.broadcast_to(scan.origin, scan.endpoints.shape)[beams].astype(np.float64)
-        way = scan.endpoints[beams] - start
-        far = np.linalg.norm(way, axis=1)
-        use = (far > 0) & (far <= max_range)
-        origins.append(start[use])
-        directions.append(way[use] / far[use, None])
-    start, way = np.concatenate(origins), np.concatenate(directions)
-    distance = np.asarray(log.distance(start, way, max_range=math.inf))
-    seen = np.isfinite(distance) & (distance > NEAR_SURFACE)
-    start, way, distance = start[seen], way[seen], distance[seen]
+    by_size: dict[float, dict[str, int]] = {}
 
-    def at(along: NDArray[np.float64]) -> NDArray[np.float64]:
-        return start + along[:, None] * way
+    def count(points: NDArray[np.float64], right: NDArray[np.bool_], names: tuple[str, str]) -> None:
+        size = target.cell_size(points)
+        for one in np.unique(size[np.isfinite(size)]):
+            row = by_size.setdefault(float(one), dict.fromkeys(BY_SIZE, 0))
+            row[names[0]] += int(np.count_nonzero(size == one))
+            row[names[1]] += int(np.count_nonzero(right[size == one]))
 
-    inside = at(distance + generator.uniform(0.0, NEAR_SURFACE / 2, len(distance)))
-    samples = {
-        "free": at(distance * generator.uniform(0.0, 1.0, len(distance))),
-        "near": at(distance - generator.uniform(0.0, NEAR_SURFACE, len(distance))),
-        "inside": inside[log.contains(inside)],
-    }
-    for name in ("free", "near"):
-        samples[name] = samples[name][~log.contains(samples[name])]
-    return samples
-
-
-def _exact(target: OccupancyMap, samples: dict[str, NDArray[np.float64]]) -> dict[str, Any]:
-    """Shares of the samples by what the map calls them."""
-    result: dict[str, Any] = {}
-    for name, points in samples.items():
-        states = np.asarray(target.state(points))
-        n = len(points)
-        result[name] = {
-            state: float(np.count_nonzero(states == value)) / n if n else None
-            for state, value in (("free", 0), ("occupied", 1), ("unknown", -1))
-        }
-        result[name]["samples"] = n
-    return result
+    for scan in scans:
+        start, way, far = scan.returned_beams(max_range)
+        if not len(far):
+            continue
+        end = start + far[:, None] * way
+        count(end, target.occupied_within(end, ENDPOINT_RADIUS), ("endpoints", "endpoints_near"))
+        long = far > 2 * NEAR_SURFACE
+        along = generator.uniform(NEAR_SURFACE, far[long] - NEAR_SURFACE)
+        free = start[long] + along[:, None] * way[long]
+        if len(free):
+            count(free, target.state(free) == 0, ("samples", "free"))
+    return by_size
 
 
 def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -435,7 +419,7 @@ def _table(comparison: Comparison) -> str:
         return lambda row: _percent(row["truth"][key], row["truth"][of]) if row["truth"] else None
 
     def exact(where: str, state: str) -> Callable[[dict[str, Any]], str | None]:
-        return lambda row: _percent(row["exact"][where][state], 1) if "exact" in row else None
+        return lambda row: _percent(row["exact"].get(where, {}).get(state), 1) if "exact" in row else None
 
     line("cells", lambda row: _grouped(row["cells"]))
     line("  after pruning", lambda row: _grouped(row.get("cells_pruned")))
@@ -456,6 +440,9 @@ def _table(comparison: Comparison) -> str:
     line("exactly free, called free", exact("free", "free"))
     line("  last 0.1 m before walls", exact("near", "free"))
     line("exactly inside, called occupied", exact("inside", "occupied"))
+    line("area under the ROC curve", lambda row: _number((row.get("exact") or {}).get("auc")))
+    line("thin things found", exact("thin", "found"))
+    line("floor found, under grazing beams", exact("floor", "found"))
 
     labels = max(len(label) for label, _ in lines)
     widths = [max(len(row["map"]), *(len(cells[i]) for _, cells in lines)) for i, row in enumerate(rows)]
@@ -493,6 +480,10 @@ def _percent(part: float | None, whole: float) -> str | None:
 
 def _bytes(value: float | None) -> str | None:
     return None if value is None else f"{value / 2**20:.2f} MiB"
+
+
+def _number(value: float | None) -> str | None:
+    return None if value is None else f"{value:.4f}"
 
 
 def _nats(value: float | None) -> str | None:

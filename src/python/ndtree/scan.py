@@ -92,6 +92,34 @@ class Scan:
         origin = self.origin if self.origin.ndim == 1 else self.origin[self.returned]
         return Scan(self.endpoints[self.returned], origin, stamp=self.stamp)
 
+    def returned_beams(
+        self, max_range: float = math.inf
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Beams that met a surface within `max_range`: those of which a map can be asked whether it is there.
+
+        Parameters
+        ----------
+        max_range : float
+            Beams that are longer are left out [m].
+
+        Returns
+        -------
+        starts : (n, dim) float64
+            Where the beams come from [m].
+        directions : (n, dim) float64
+            Unit vectors.
+        ranges : (n,) float64
+            Their lengths [m].
+        """
+        use = np.isfinite(self.endpoints).all(axis=1)
+        if self.returned is not None:
+            use &= self.returned
+        start = np.broadcast_to(self.origin, self.endpoints.shape)[use].astype(np.float64)
+        way = self.endpoints[use] - start
+        length = np.linalg.norm(way, axis=1)
+        use = (length > 0) & (length <= max_range)
+        return start[use], way[use] / length[use, None], length[use]
+
     def insert_into(self, target: OccupancyMap, *, max_range: float = math.inf) -> InsertReport:
         """Integrate the scan into a map; the same as the map's own ``insert``.
 
