@@ -114,17 +114,19 @@ def test_exact_truth_finds_a_map_that_lies(log: ndtree.Log) -> None:
 
 
 def test_truth_by_cell_size_adds_up(comparison: ndtree.Comparison) -> None:
+    by_size = comparison["truth_by_cell_size"]
+    assert by_size["of"] == "adaptive"
+    sizes = by_size["sizes"]
+    assert len(sizes) > 2
     for row in comparison["maps"]:
-        sizes = row["cell_sizes"]
-        if row["map"].startswith("octomap"):
-            assert not any("free" in size for size in sizes)
-            continue
-        assert sum(size["endpoints"] for size in sizes) <= row["truth"]["endpoints"]
-        assert sum(size["endpoints"] for size in sizes) > 0.9 * row["truth"]["endpoints"]
-        near = sum(size["endpoints_near"] for size in sizes)
-        assert near == pytest.approx(row["truth"]["endpoints_near"], rel=0.02)
-        free, samples = (sum(size[key] for size in sizes) for key in ("free", "samples"))
-        assert free / samples == pytest.approx(row["truth"]["free"] / row["truth"]["samples"], abs=0.02)
+        truth, name = row["truth"], row["map"]
+        assert sum(size["endpoints"] for size in sizes) == truth["endpoints"]
+        assert sum(size["endpoints_near"][name] for size in sizes) == pytest.approx(
+            truth["endpoints_near"], abs=2
+        )
+        free, samples = sum(size["free"][name] for size in sizes), sum(size["samples"] for size in sizes)
+        assert free / samples == pytest.approx(truth["free"] / truth["samples"], abs=0.02)
+    assert "by the size of cells (adaptive)" in str(comparison)
 
 
 def test_ratios_are_of_the_fixed_map_and_of_others_by_name(comparison: ndtree.Comparison) -> None:
@@ -138,7 +140,7 @@ def test_ratios_are_of_the_fixed_map_and_of_others_by_name(comparison: ndtree.Co
 
 def test_json_csv_and_table_hold_the_figures(comparison: ndtree.Comparison) -> None:
     assert json.loads(comparison.to_json()) == comparison
-    keys = "log dim branching scans scans_mapped beams parameters maps ratios".split()
+    keys = "log dim branching scans scans_mapped beams parameters maps truth_by_cell_size ratios".split()
     assert list(comparison) == keys
     assert comparison["parameters"]["max_range"] == 12.0
     assert comparison["parameters"]["min_cell_size"] == 0.1

@@ -33,7 +33,6 @@ NO_RETURN = ("free", "ignore")
 OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
 COUNTED = ("leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
 NEEDED = ("cells", "nodes", "updates", "memory_bytes", "resident_bytes")
-BY_SIZE = ("samples", "free", "endpoints", "endpoints_near")
 NEAR_SURFACE = 0.1  # Of held-out beams, left out of free space [m].
 ENDPOINT_RADIUS = 0.05  # In which an occupied cell is looked for [m].
 
@@ -158,10 +157,6 @@ def compare(
     for name, one in built.items():
         row = _figures(name, one)
         row["truth"] = _truth(one.map, unseen, max_range, partial(progress, f"{name}, truth"))
-        by_size = _truth_by_size(one.map, unseen, max_range)
-        if by_size is not None:
-            for size in row["cell_sizes"]:
-                size.update(by_size.get(size["size"], dict.fromkeys(BY_SIZE, 0)))
         rows.append(row)
     if isinstance(log, SimulatedLog):
         exact = ExactTruth(log, scans, max_range)
@@ -169,6 +164,7 @@ def compare(
             row["exact"] = exact.of(built[row["map"]].map)
 
     first = next(iter(built.values()))
+    map_objects = {name: one.map for name, one in built.items()}
     result = Comparison(
         log=getattr(log, "name", "scans"),
         dim=dim,
@@ -185,9 +181,10 @@ def compare(
             "maps": {name: _plain(one.map.options) for name, one in built.items()},
         },
         maps=rows,
+        truth_by_cell_size=_truth_by_size(map_objects, unseen, max_range),
         ratios=_ratios(rows),
     )
-    result.map_objects = {name: one.map for name, one in built.items()}
+    result.map_objects = map_objects
     return result
 
 
@@ -335,36 +332,51 @@ def _truth(
 
 
 def _truth_by_size(
-    target: OccupancyMap, scans: Sequence[Scan], max_range: float
-) -> dict[float, dict[str, int]] | None:
-    """The held-out truth for each size of the cells that it falls into: where a map's errors live.
+    maps: Mapping[str, OccupancyMap], scans: Sequence[Scan], max_range: float
+) -> dict[str, Any] | None:
+    """Held-out truth of all maps, by the size of the first adaptive map's cells: where errors live.
 
     One point of each beam is drawn from the free space before its end, beside the end point itself.
     """
-    if not hasattr(target, "cell_size"):
+    ours = next((name for name, one in maps.items() if isinstance(one, _core.AdaptiveMap)), None)
+    if ours is None or not scans:
         return None
     generator = np.random.default_rng(0)
-    by_size: dict[float, dict[str, int]] = {}
+    sizes: dict[float, dict[str, Any]] = {}
 
-    def count(points: NDArray[np.float64], right: NDArray[np.bool_], names: tuple[str, str]) -> None:
-        size = target.cell_size(points)
-        for one in np.unique(size[np.isfinite(size)]):
-            row = by_size.setdefault(float(one), dict.fromkeys(BY_SIZE, 0))
-            row[names[0]] += int(np.count_nonzero(size == one))
-            row[names[1]] += int(np.count_nonzero(right[size == one]))
+    def count(
+        points: NDArray[np.float64],
+        is_right: Callable[[OccupancyMap], NDArray[np.bool_]],
+        total: str,
+        right: str,
+    ) -> None:
+        size_here = np.nan_to_num(maps[ours].cell_size(points), nan=math.inf)  # type: ignore[attr-defined]
+        answers = {name: is_right(one) for name, one in maps.items()}
+        for size in np.unique(size_here):
+            here = size_here == size
+            row = sizes.setdefault(float(size), _no_counts(maps))
+            row[total] += int(np.count_nonzero(here))
+            for name, answer in answers.items():
+                row[right][name] += int(np.count_nonzero(answer[here]))
 
     for scan in scans:
         start, way, far = scan.returned_beams(max_range)
         if not len(far):
             continue
-        end = start + far[:, None] * way
-        count(end, target.occupied_within(end, ENDPOINT_RADIUS), ("endpoints", "endpoints_near"))
+        ends = start + far[:, None] * way
+        count(ends, lambda m, p=ends: m.occupied_within(p, ENDPOINT_RADIUS), "endpoints", "endpoints_near")
         long = far > 2 * NEAR_SURFACE
         along = generator.uniform(NEAR_SURFACE, far[long] - NEAR_SURFACE)
         free = start[long] + along[:, None] * way[long]
         if len(free):
-            count(free, target.state(free) == 0, ("samples", "free"))
-    return by_size
+            count(free, lambda m, p=free: np.asarray(m.state(p)) == 0, "samples", "free")
+    rows = [{"size": _finite(size), **sizes[size]} for size in sorted(sizes, reverse=True)]
+    return {"of": ours, "sizes": rows}
+
+
+def _no_counts(maps: Iterable[str]) -> dict[str, Any]:
+    none = dict.fromkeys(maps, 0)
+    return {"samples": 0, "free": dict(none), "endpoints": 0, "endpoints_near": dict(none)}
 
 
 def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -467,7 +479,32 @@ def _table(comparison: Comparison) -> str:
     ]
     ours = next((row["map"] for row in rows if row["map"] == "adaptive"), rows[0]["map"])
     tail = ["", f"{ours} needs {', '.join(needs)} that fixed needs"] if needs else []
-    return "\n".join([*head, *body, *tail])
+    return "\n".join([*head, *body, *_sizes_table(comparison), *tail])
+
+
+def _sizes_table(comparison: Comparison) -> list[str]:
+    """Which cells of the adaptive map, by size, are right, and whether other maps are right there."""
+    by_size = comparison["truth_by_cell_size"]
+    if by_size is None:
+        return []
+    names = [row["map"] for row in comparison["maps"]]
+    widths = [max(len(name), 8) for name in names]
+
+    def line(label: str, texts: Iterable[str | None]) -> str:
+        cells = ["-" if text is None else text for text in texts]
+        return "  ".join([label, *(cell.rjust(width) for cell, width in zip(cells, widths))])
+
+    lines = []
+    for title, right, total in (
+        ("free space called free, by the size of cells", "free", "samples"),
+        ("end points at occupied, by the size of cells", "endpoints_near", "endpoints"),
+    ):
+        lines += ["", f"{title} ({by_size['of']})", line(" " * 20, names)]
+        for row in by_size["sizes"]:
+            size = "  not mapped" if row["size"] is None else f"  {row['size']:.4g} m"
+            label = f"{size:<12}{_grouped(row[total]):>8}"
+            lines.append(line(label, (_percent(row[right][name], row[total]) for name in names)))
+    return lines
 
 
 def _grouped(value: float | None) -> str | None:
