@@ -7,6 +7,7 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "ndtree/cell/evidence_model.hpp"
 #include "options.hpp"
@@ -90,6 +91,43 @@ TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
   ScanEvidence near;
   model.add(near, static_cast<float>(std::log(0.4 / 0.6)), 3.0);
   EXPECT_EQ(near.free, model.of_miss());
+}
+
+TEST(EvidenceModel, AMissCountsByItsWayThroughTheCell) {
+  EXPECT_DOUBLE_EQ(mean_chord_of_unit_cube(1), 1.0);
+  EXPECT_DOUBLE_EQ(mean_chord_of_unit_cube(2), std::acos(-1.0) / 4.0);
+  EXPECT_DOUBLE_EQ(mean_chord_of_unit_cube(3), 2.0 / 3.0);
+  const EvidenceModel model = model_with(200.0);
+  EXPECT_EQ(model.of_miss(1.0), kMiss);
+  EXPECT_EQ(model.of_miss(0.5), kMiss / 2);
+  EXPECT_EQ(model.of_miss(1.5), kMiss * 3 / 2);
+  EXPECT_EQ(model.of_miss(1e-9), 1) << "what a beam passed is never left without evidence";
+}
+
+/// The mean over random lines: an origin and a direction, both uniform on a disc around the square.
+TEST(EvidenceModel, TheMeanChordIsThatOfRandomLines) {
+  Random random(144);
+  SCOPED_TRACE(random.trace());
+  double sum = 0.0;
+  int crossing = 0;
+  for (int i = 0; i < 400000; ++i) {
+    const double angle = random.uniform(0.0, std::acos(-1.0));
+    const double offset = random.uniform(-0.75, 0.75);  // Of the line from the middle, across its direction.
+    const double c = std::cos(angle);
+    const double s = std::sin(angle);
+    double enter = -10.0;
+    double exit = 10.0;
+    for (const auto& [at, along] : {std::pair{-s * offset, c}, std::pair{c * offset, s}}) {
+      if (along == 0.0) continue;
+      enter = std::max(enter, std::min((-0.5 - at) / along, (0.5 - at) / along));
+      exit = std::min(exit, std::max((-0.5 - at) / along, (0.5 - at) / along));
+    }
+    if (enter >= exit) continue;
+    sum += exit - enter;
+    ++crossing;
+  }
+  EXPECT_GT(crossing, 200000);
+  EXPECT_NEAR(sum / crossing, mean_chord_of_unit_cube(2), 0.003);
 }
 
 TEST(EvidenceModel, ProbabilityInsideIsTheMeanOverPlaces) {

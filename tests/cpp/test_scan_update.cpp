@@ -95,9 +95,11 @@ class FlatScanMap {
       double exit = 0.0;
       if (!clip(beam, index, enter, exit)) continue;
       const bool resolvable = !finest && size / N >= options_.noise_sigmas * beam.sigma;
+      constexpr double kMeanChords[] = {1.0, 0.78539816339744831, 2.0 / 3.0, 0.58904862254808623};
+      const double chord = (exit - enter) * beam.range / size / kMeanChords[D - 1];
       if (!beam.returned) {
         if (contains(index, beam.free_end)) continue;
-        count_miss(sum, log_odds_of(options_.probability_min), resolvable);
+        count_miss(sum, chord, resolvable);
         continue;
       }
       // A surface is never thinner than 5/3 of the noise, or the cells that are small would say less than it.
@@ -108,7 +110,7 @@ class FlatScanMap {
       const float near =
           log_odds_of(std::min(std::max(p, options_.probability_min), options_.probability_max));
       if (occupied_or_free < options_.probability_min) {
-        count_miss(sum, near, resolvable);
+        count_miss(sum, chord, resolvable);
         continue;
       }
       const bool hit = contains(index, cell_of_hit(beam));
@@ -167,8 +169,9 @@ class FlatScanMap {
   static double normal_cdf_of(double z) { return 0.5 * std::erfc(-z / std::sqrt(2.0)); }
   static float log_odds_of(double p) { return static_cast<float>(std::log(p / (1.0 - p))); }
   static std::int64_t units(double nats) { return std::llround(256.0 * nats); }
-  static void count_miss(ScanEvidence& sum, float log_odds, bool resolvable) {
-    sum.free += units(-static_cast<double>(log_odds));
+  void count_miss(ScanEvidence& sum, double chord, bool resolvable) const {
+    const double miss = -static_cast<double>(log_odds_of(options_.probability_min));
+    sum.free += std::max<std::int64_t>(1, std::llround(static_cast<double>(units(miss)) * chord));
     ++sum.misses;
     sum.resolvable_misses += resolvable;
     ++sum.beams;
@@ -680,8 +683,8 @@ TYPED_TEST(ScanUpdateOf, StationaryInputSettles) {
     const MapStats stats = map.stats();
     EXPECT_GT(changes, 0u);
     EXPECT_LE(changes, 60 + 2 * stats.observed_leaves);
-    // In 120 scans, fifteen and of a hundred cells two. Noise moves end points between cells: thirty.
-    const double share = noisy ? 0.3 : 0.02;
+    // In 120 scans, fifteen and of a hundred cells two. Noise moves end points between cells: forty.
+    const double share = noisy ? 0.4 : 0.02;
     EXPECT_LE(static_cast<double>(in_second_half), 15.0 + share * static_cast<double>(stats.observed_leaves));
   }
   EXPECT_EQ(scans, 480);

@@ -39,6 +39,19 @@ struct EvidenceOptions {
   }
 };
 
+/// Mean length of the chords that random straight lines cut out of a unit cube of this dimension: for a
+/// convex body of volume V and surface S it is D (k_D / k_(D-1)) V / S, k_D being the volume of the unit ball
+/// (Cauchy). Pi / 4 in 2-D, 2 / 3 in 3-D.
+[[nodiscard]] constexpr double mean_chord_of_unit_cube(int dim) {
+  constexpr double kPi = 3.14159265358979323846;
+  const auto unit_ball = [](int n) {
+    double volume = n % 2 == 0 ? 1.0 : 2.0;
+    for (int i = n % 2 == 0 ? 2 : 3; i <= n; i += 2) volume *= 2.0 * kPi / i;
+    return volume;
+  };
+  return unit_ball(dim) / (2.0 * unit_ball(dim - 1));
+}
+
 /// One in so many of the beams through a node crosses one of its children, in the mean: of N^D children, a
 /// beam passes through about N.
 template <class Tree>
@@ -65,8 +78,11 @@ class EvidenceModel {
         memory_(units(options.evidence_memory)),
         kept_(options.evidence_half_life > 0.0 ? std::exp2(-1.0 / options.evidence_half_life) : 1.0) {}
 
-  /// Evidence for free space from a beam that passed a cell, in EvidenceCell::kUnit.
-  [[nodiscard]] std::int64_t of_miss() const { return miss_; }
+  /// Evidence for free space from a beam that passed a cell, in EvidenceCell::kUnit. A beam through a corner
+  /// has seen little of the cell. @param chord its way through the cell, over that of a beam in the mean.
+  [[nodiscard]] std::int64_t of_miss(double chord = 1.0) const {
+    return std::max<std::int64_t>(1, std::llround(static_cast<double>(miss_) * chord));
+  }
   /// Adds what a beam says near its end point: the log-odds of the inverse sensor model.
   /// @param size_in_sigmas the cell's edge in standard deviations of the range.
   void add(ScanEvidence& sum, float log_odds_of_measurement, double size_in_sigmas) const {

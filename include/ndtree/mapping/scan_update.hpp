@@ -24,7 +24,8 @@ namespace ndtree {
 /// splits and is whole again after the same scan was neither split nor merged.
 ///
 /// What a beam says about a leaf, by where its end point lies:
-/// - behind the leaf, and clearly so: a miss, evidence for free space;
+/// - behind the leaf, and clearly so: a miss, evidence for free space in proportion to the way through the
+/// leaf;
 /// - near it, within the sensor's noise: what the inverse sensor model says, and a miss if behind;
 /// - in it: a hit, and what the inverse sensor model says;
 /// - before it: up to three standard deviations behind a hit the leaf takes what the model says, but only if
@@ -42,6 +43,7 @@ class ScanUpdate {
   static constexpr double kSmallCell = 2.0;   // Standard deviations up to which a cell is small.
   // Standard deviations; then a cell in the middle of which a beam ends gets probability_max of the defaults.
   static constexpr double kThinnestSurface = 5.0 / 3.0;
+  static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
 
  public:
   ScanUpdate(Tree& tree, const Refinement& refinement, const Sensor& sensor, const MapOptions&,
@@ -197,7 +199,8 @@ class ScanUpdate {
       if (t_exit < beam.t_clearly_free || !beam.returned) {
         if (!beam.returned && segment.t_exit >= beam.t_clearly_free && holds_end(leaf, beam))
           continue;  // Nothing is said about the rest of the cell.
-        sum.free += refinement_.model.of_miss();
+        sum.free +=
+            refinement_.model.of_miss((segment.t_exit - segment.t_enter) * beam.range / (kMeanChord * size));
         ++sum.misses;
         sum.resolvable_misses += resolvable;
       } else {
