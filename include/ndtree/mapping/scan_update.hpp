@@ -24,8 +24,7 @@ namespace ndtree {
 /// splits and is whole again after the same scan was neither split nor merged.
 ///
 /// What a beam says about a leaf, by where its end point lies:
-/// - behind the leaf, and clearly so: a miss, evidence for free space in proportion to the way through the
-/// leaf;
+/// - behind the leaf, and clearly so: a miss, evidence for free space in proportion to the way through it;
 /// - near it, within the sensor's noise: what the inverse sensor model says, and a miss if behind;
 /// - in it: a hit, and what the inverse sensor model says;
 /// - before it: up to three standard deviations behind a hit the leaf takes what the model says, but only if
@@ -190,8 +189,7 @@ class ScanUpdate {
       const BeamInScan& beam = beams_[segment.beam];
       const bool resolvable = child_size >= refinement_.model.noise_sigmas() * beam.sigma;
       const bool is_small = is_finest || size <= kSmallCell * beam.sigma;
-      // No surface seems thinner than the noise: what is said of cells below it does not depend on their
-      // size.
+      // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
       const double t_exit =
           beam.returned && is_small
               ? std::max(segment.t_exit, segment.t_enter + kThinnestSurface * beam.sigma / beam.range)

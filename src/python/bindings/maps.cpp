@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <string>
 
@@ -48,7 +49,8 @@ double or_nan(std::optional<double> value) {
 
 std::string number(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
 
-/// Calls `fill(map, points, n, out)` without the interpreter's lock, for an (n,) result.
+/// Calls `fill(map, points, n, out)`, or that member of the map, without the interpreter's lock, for an (n,)
+/// result.
 template <class T, class Fill>
 py::array_t<T> per_point(const PythonMap& map, const py::object& object, Fill&& fill) {
   const DoubleArray points = as_points(object, "points", map.constant().dim());
@@ -56,7 +58,7 @@ py::array_t<T> per_point(const PythonMap& map, const py::object& object, Fill&& 
   T* const results = out.mutable_data();
   const double* const data = points.data();
   const auto n = static_cast<std::size_t>(points.shape(0));
-  map.read([&](const MapInterface& m) { fill(m, data, n, results); });
+  map.read([&](const MapInterface& m) { std::invoke(fill, m, data, n, results); });
   return out;
 }
 
@@ -148,10 +150,7 @@ void bind_own_map(py::module_& module, const char* name, bool adaptive, const ch
       .def(
           "cell_size",
           [](const Type& map, const py::object& points) {
-            return per_point<double>(map, points,
-                                     [](const MapInterface& m, const double* p, std::size_t n, double* out) {
-                                       m.cell_size(p, n, out);
-                                     });
+            return per_point<double>(map, points, &MapInterface::cell_size);
           },
           "points"_a, R"(Edge of the leaf around each point.
 
@@ -405,10 +404,7 @@ ValueError
       .def(
           "probability",
           [](const PythonMap& map, const py::object& points) {
-            return per_point<float>(map, points,
-                                    [](const MapInterface& m, const double* p, std::size_t n, float* out) {
-                                      m.probability(p, n, out);
-                                    });
+            return per_point<float>(map, points, &MapInterface::probability);
           },
           "points"_a, R"(Probability that space is occupied at points.
 
@@ -425,10 +421,7 @@ Returns
       .def(
           "state",
           [](const PythonMap& map, const py::object& points) {
-            return per_point<std::int8_t>(
-                map, points, [](const MapInterface& m, const double* p, std::size_t n, std::int8_t* out) {
-                  m.state(p, n, out);
-                });
+            return per_point<std::int8_t>(map, points, &MapInterface::state);
           },
           "points"_a, R"(State of space at points.
 

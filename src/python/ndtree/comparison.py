@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ndtree import _core
 from ndtree._core import OccupancyMap
 from ndtree._options import make_map
-from ndtree.exact_truth import ExactTruth
+from ndtree.exact_truth import FOUND_WITHIN, NEAR_SURFACE, ExactTruth
 from ndtree.readers.log import Log
 from ndtree.readers.simulated import SimulatedLog
 from ndtree.scan import Scan
@@ -33,8 +33,6 @@ NO_RETURN = ("free", "ignore")
 OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
 COUNTED = ("leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
 NEEDED = ("cells", "nodes", "updates", "memory_bytes", "resident_bytes")
-NEAR_SURFACE = 0.1  # Of held-out beams, left out of free space [m].
-ENDPOINT_RADIUS = 0.05  # In which an occupied cell is looked for [m].
 
 
 class Comparison(dict[str, Any]):
@@ -364,7 +362,7 @@ def _truth_by_size(
         if not len(far):
             continue
         ends = start + far[:, None] * way
-        count(ends, lambda m, p=ends: m.occupied_within(p, ENDPOINT_RADIUS), "endpoints", "endpoints_near")
+        count(ends, lambda m, p=ends: m.occupied_within(p, FOUND_WITHIN), "endpoints", "endpoints_near")
         long = far > 2 * NEAR_SURFACE
         along = generator.uniform(NEAR_SURFACE, far[long] - NEAR_SURFACE)
         free = start[long] + along[:, None] * way[long]

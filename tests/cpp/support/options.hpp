@@ -3,9 +3,23 @@
 /// Options spelled out, so that what a test works out by hand does not move with the defaults.
 #pragma once
 
+#include <stdexcept>
+#include <string>
+
 #include "ndtree/mapping/map_options.hpp"
 
 namespace ndtree::test {
+
+/// What options are refused with, or "accepted".
+template <class Options>
+std::string refusal_of(const Options& options) {
+  try {
+    options.validate();
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "accepted";
+}
 
 /// @param min_cell_size @param max_cell_size [m].
 inline MapOptions spelled_out_options(double min_cell_size, double max_cell_size) {
