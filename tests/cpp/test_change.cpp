@@ -58,8 +58,8 @@ TEST(Change, AStreakIsOfScansThatAllSayTheSame) {
     }
     EXPECT_EQ(EvidenceCell::from_words(cell.words()), cell);
   };
-  expect_streak(passes(3), 1, false);
-  expect_streak(passes(1), 2, false);
+  expect_streak(passes(3), 0, false);  // There is no hit that passes could contradict.
+  expect_streak(passes(1), 0, false);
   expect_streak(hits(1), 1, true);
   expect_streak(hits(5), 2, true);
   ScanEvidence both = hits(5);

@@ -14,7 +14,7 @@
 namespace ndtree::test {
 namespace {
 
-constexpr std::uint32_t kMax = 0xfff;
+constexpr std::uint32_t kMax = 0x1ff;
 using Words = std::array<std::uint32_t, 3>;
 
 static_assert(sizeof(EvidenceCell) == 12, "three words");
@@ -98,14 +98,11 @@ TEST(EvidenceCell, CountsSaturateWithoutLosingTheirRatio) {
   struct Row {
     std::uint32_t hits, misses, kept_hits, kept_misses;
   };
-  const Row rows[] = {{kMax, kMax, kMax, kMax},
-                      {kMax + 1, 0, 0x800, 0},
-                      {0, kMax + 1, 0, 0x800},
-                      {kMax + 1, 1, 0x800, 1},  // A single miss is not forgotten.
-                      {1, kMax + 2, 1, 0x801},
-                      {kMax + 1, 100, 0x800, 50},
-                      {4 * kMax, 800, 0xffe / 2 + 0x800, 200},
-                      {4096 * kMax, 4096 * kMax, kMax, kMax}};
+  const Row rows[] = {{kMax, kMax, kMax, kMax}, {kMax + 1, 0, 0x100, 0},
+                      {0, kMax + 1, 0, kMax},   // There is no ratio to keep.
+                      {kMax + 1, 1, 0x100, 1},  // A single miss is not forgotten.
+                      {1, kMax + 2, 1, 0x101},  {kMax + 1, 100, 0x100, 50},
+                      {4 * kMax, 80, kMax, 20}, {4096 * kMax, 4096 * kMax, kMax, kMax}};
   int cases = 0;
   for (const Row& row : rows) {
     SCOPED_TRACE(std::to_string(row.hits) + " hits, " + std::to_string(row.misses) + " misses");
@@ -142,14 +139,14 @@ TEST(EvidenceCell, WordsRoundTripAndAreTheCell) {
   EXPECT_EQ(cases, 1000);
   // What a cell cannot hold is cleared.
   const auto cell = EvidenceCell::from_words({0xffffffffu, 0x3f800000u, 0xffff0001u});
-  EXPECT_EQ(cell.words(), (Words{0x7fffffffu, 0x3f800000u, 0xffff0001u}));
+  EXPECT_EQ(cell.words(), (Words{0x40ffffffu, 0x3f800000u, 0xffff0001u}));
   EXPECT_EQ(cell.hits(), kMax);
   EXPECT_EQ(cell.misses(), kMax);
   EXPECT_EQ(cell.log_odds(), 1.0f);
   EXPECT_EQ(cell.occupied_evidence(), 0xffff);
   EXPECT_EQ(cell.free_evidence(), 1);
-  EXPECT_EQ(EvidenceCell::from_words({0x40000000u | 3u << 12 | 2u, 0, 0}).hits(), 2u);
-  EXPECT_EQ(EvidenceCell::from_words({0x40000000u | 3u << 12 | 2u, 0, 0}).misses(), 3u);
+  EXPECT_EQ(EvidenceCell::from_words({0x40000000u | 3u << 9 | 2u, 0, 0}).hits(), 2u);
+  EXPECT_EQ(EvidenceCell::from_words({0x40000000u | 3u << 9 | 2u, 0, 0}).misses(), 3u);
 }
 
 TEST(EvidenceCell, EqualityTakesAllOfIt) {

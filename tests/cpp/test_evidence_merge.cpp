@@ -208,7 +208,7 @@ TEST(EvidenceMerge, ASplitUndoneIsNearlyIdentity) {
     for (int i = 0; i < 300; ++i, ++cases) {
       const int more = random.integer(5000, 40000);
       const int less = random.integer(0, more / 2) * (random.chance(0.7) ? 1 : 0);
-      const EvidenceCell parent = cell_of(less, more, 700, 900);
+      const EvidenceCell parent = cell_of(less, more, 350, 450);
       const auto beams = static_cast<std::size_t>(100 * row.share);
       const std::vector<EvidenceCell> children(static_cast<std::size_t>(row.count),
                                                model().inherited(parent, row.share, 100, beams));

@@ -18,6 +18,7 @@ namespace {
 MapOptions options_with(double memory, double prior = 0.5, double inherited_beams = 3.0) {
   MapOptions options = spelled_out_options(0.05, 1.6);
   options.evidence_memory = memory;
+  options.free_memory = memory;
   options.evidence_prior = prior;
   options.inherited_beams = inherited_beams;
   return options;
@@ -149,7 +150,7 @@ TEST(EvidenceModel, ProbabilityInsideIsTheMeanOverPlaces) {
   EXPECT_EQ(cases, 20);
 }
 
-TEST(EvidenceModel, FadingKeepsTheRatioAndForgetsNothing) {
+TEST(EvidenceModel, FadingKeepsTheRatio) {
   Random random(141);
   SCOPED_TRACE(random.trace());
   int faded = 0;
@@ -177,12 +178,8 @@ TEST(EvidenceModel, FadingKeepsTheRatioAndForgetsNothing) {
     ++faded;
     const double scale = static_cast<double>(limit) / static_cast<double>(occupied + free);
     ASSERT_LE(kept_occupied + kept_free, limit + 1);  // Each is rounded for itself.
-    ASSERT_NEAR(static_cast<double>(kept_occupied), scale * static_cast<double>(occupied),
-                occupied > 0 && kept_occupied == 1 ? 1.0 : 0.5 + 1e-9);
-    ASSERT_NEAR(static_cast<double>(kept_free), scale * static_cast<double>(free),
-                free > 0 && kept_free == 1 ? 1.0 : 0.5 + 1e-9);
-    ASSERT_EQ(kept_occupied == 0, occupied == 0);
-    ASSERT_EQ(kept_free == 0, free == 0);
+    ASSERT_NEAR(static_cast<double>(kept_occupied), scale * static_cast<double>(occupied) - 0.5, 0.5 + 1e-9);
+    ASSERT_NEAR(static_cast<double>(kept_free), scale * static_cast<double>(free) - 0.5, 0.5 + 1e-9);
     ASSERT_LE(kept_occupied, EvidenceCell::kMaxEvidence);
     ASSERT_LE(kept_free, EvidenceCell::kMaxEvidence);
   }
@@ -210,8 +207,8 @@ TEST(EvidenceModel, AScanAddsUpHoweverItIsDivided) {
       ScanEvidence part;
       part.occupied = random.integer(0, 2000);
       part.free = random.integer(0, 2000);
-      part.hits = static_cast<std::uint32_t>(random.integer(0, 300));
-      part.misses = static_cast<std::uint32_t>(random.integer(0, 300));
+      part.hits = static_cast<std::uint32_t>(random.integer(0, 42));
+      part.misses = static_cast<std::uint32_t>(random.integer(0, 42));
       model.update(in_parts, part);
       whole.occupied += part.occupied;
       whole.free += part.free;
@@ -244,6 +241,82 @@ TEST(EvidenceModel, AScanAddsUpHoweverItIsDivided) {
   EXPECT_EQ(cell.hits(), cell.misses());
 }
 
+TEST(EvidenceModel, OfOneScanOnlySoManyPassesCount) {
+  MapOptions options = options_with(200.0);
+  options.scan_beams = 16.0;
+  const EvidenceModel model(options, options);
+  struct Row {
+    std::uint32_t hits, misses;
+    std::int64_t occupied, free;
+    std::uint32_t kept_misses;
+    std::int64_t kept_free;
+    bool full;
+  };
+  const Row rows[] = {
+      {0, 15, 0, 15 * kMiss, 15, 15 * kMiss, false},
+      {0, 16, 0, 16 * kMiss, 16, 16 * kMiss, true},
+      {0, 900, 0, 900 * kMiss, 16, 16 * kMiss, true},
+      {0, 900, 0, 40, 16, 40, false},  // Many corners.
+      {0, 3, 0, 40 * kMiss, 3, 16 * kMiss, false},
+      {1, 900, 0, 900 * kMiss, 900, 900 * kMiss, true},   // With hits, all count ...
+      {0, 900, 1, 900 * kMiss, 900, 900 * kMiss, true}};  // ... and with what a surface near by says.
+  int cases = 0;
+  for (const Row& row : rows) {
+    ScanEvidence scan;
+    scan.hits = row.hits;
+    scan.misses = row.misses;
+    scan.occupied = row.occupied;
+    scan.free = row.free;
+    scan.beams = row.hits + row.misses;
+    EXPECT_EQ(model.is_full(scan), row.full);
+    model.limit(scan);
+    EXPECT_EQ(scan.misses, row.kept_misses);
+    EXPECT_EQ(scan.free, row.kept_free);
+    EXPECT_EQ(scan.hits, row.hits);
+    EXPECT_EQ(scan.occupied, row.occupied);
+    EXPECT_EQ(scan.beams, row.hits + row.kept_misses);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 7);
+}
+
+TEST(EvidenceModel, ASettledCellIsOneThatPassesLeaveAsItIs) {
+  Random random(145);
+  SCOPED_TRACE(random.trace());
+  int settled = 0;
+  int scans = 0;
+  for (const double free_memory : {1.0, 20.0, 200.0, 255.0})
+    for (const double half_life : {0.0, 5.0}) {
+      MapOptions options = options_with(200.0);
+      options.free_memory = free_memory;
+      options.evidence_half_life = half_life;
+      const EvidenceModel model(options, options);
+      EvidenceCell cell;
+      ScanEvidence hit;
+      hit.hits = hit.beams = 1;
+      hit.occupied = 217;
+      model.update(cell, hit);
+      for (int i = 0; i < 3000; ++i, ++scans) {
+        ScanEvidence passed;
+        passed.misses = passed.beams = static_cast<std::uint32_t>(random.integer(1, 16));
+        passed.free = kMiss * passed.misses + random.integer(-50, 50);
+        const EvidenceCell before = cell;
+        model.update(cell, passed);
+        ASSERT_TRUE(!model.is_settled(before) || cell == before);
+        ASSERT_FALSE(cell == before && !model.is_settled(before) && half_life == 0.0 && i > 2900);
+        settled += model.is_settled(cell);
+      }
+      EXPECT_EQ(model.is_settled(cell), half_life == 0.0);
+      if (half_life > 0.0) continue;
+      EXPECT_EQ(cell.free_evidence(), std::llround(256.0 * std::min(free_memory, 200.0)));
+      EXPECT_EQ(cell.hits(), 0u);
+      model.update(cell, hit);
+      EXPECT_FALSE(model.is_settled(cell));
+    }
+  EXPECT_EQ(scans, 8 * 3000);
+  EXPECT_GT(settled, 4000);
+}
+
 TEST(EvidenceModel, ChildrenInheritTheirShare) {
   Random random(143);
   SCOPED_TRACE(random.trace());
@@ -255,8 +328,8 @@ TEST(EvidenceModel, ChildrenInheritTheirShare) {
       EXPECT_EQ(model.inherited(EvidenceCell{}, divisor, 3, 5), EvidenceCell{}) << "of nothing, nothing";
       for (int i = 0; i < 300; ++i, ++cases) {
         EvidenceCell parent;
-        parent.set_counts(static_cast<std::uint32_t>(random.integer(0, 4095)),
-                          static_cast<std::uint32_t>(random.integer(0, 4095)));
+        parent.set_counts(static_cast<std::uint32_t>(random.integer(0, 511)),
+                          static_cast<std::uint32_t>(random.integer(0, 511)));
         model.assign(parent, random.integer(0, random.chance(0.5) ? 500 : 25000), random.integer(0, 25000));
         const int beams = random.integer(1, 40);
         const int passed = random.integer(0, beams);
@@ -333,6 +406,11 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
       {&EvidenceOptions::evidence_memory, 0.5, "evidence_memory = 0.5: must be in [1, 255] nats"},
       {&EvidenceOptions::evidence_memory, 255.5, "evidence_memory = 255.5: "},
       {&EvidenceOptions::evidence_memory, nan, "evidence_memory = "},
+      {&EvidenceOptions::free_memory, 0.5, "free_memory = 0.5: must be in [1, 255] nats"},
+      {&EvidenceOptions::free_memory, 256.0, "free_memory = 256.0: must be in [1, 255] nats"},
+      {&EvidenceOptions::free_memory, nan, "free_memory = "},
+      {&EvidenceOptions::scan_beams, 0.5, "scan_beams = 0.5: must be >= 1 and finite"},
+      {&EvidenceOptions::scan_beams, infinity, "scan_beams = "},
       {&EvidenceOptions::evidence_prior, 0.0, "evidence_prior = 0.0: must be > 0 nats and finite"},
       {&EvidenceOptions::evidence_prior, -1.0, "evidence_prior = -1.0: "},
       {&EvidenceOptions::evidence_prior, infinity, "evidence_prior = inf: "},
@@ -366,7 +444,7 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
     EXPECT_EQ(refusal.rfind(row.message, 0), 0u) << row.message << ": " << refusal;
     ++cases;
   }
-  EXPECT_EQ(cases, 18);
+  EXPECT_EQ(cases, 23);
 }
 
 }  // namespace

@@ -170,6 +170,26 @@ TEST(SensorModel, SigmaGrowsWithTheSquaredRange) {
   EXPECT_EQ(BeamSensorModel::kReachSigmas, 3.0);
 }
 
+TEST(BeamSensorModel, TheTablesSayTheSame) {
+  Random random(76);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (const double least : {0.05, 0.4, 0.49})
+    for (const double most : {0.51, 0.7, 0.95}) {
+      SensorOptions options;
+      options.probability_min = least;
+      options.probability_max = most;
+      const BeamSensorModel model(options);
+      for (int i = 0; i < 1000; ++i, ++cases) {
+        const double entry = random.uniform(-8.0, 4.0);
+        const double exit = entry + random.uniform(0.0, 4.0);
+        ASSERT_NEAR(model.tabulated_log_odds(entry, exit),
+                    static_cast<double>(model.log_odds(normal_cdf(entry), normal_cdf(exit))), 1e-3);
+      }
+    }
+  EXPECT_EQ(cases, 9000);
+}
+
 TEST(SensorOptions, BadValuesAreRefusedByName) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const double nan = std::numeric_limits<double>::quiet_NaN();

@@ -61,6 +61,8 @@ const std::map<std::string, std::string>& option_help() {
       {"inherited_beams", "beams that temper how a scan shares a split cell's evidence out"},
       {"noise_sigmas", "no split makes smaller cells than this many standard deviations"},
       {"evidence_memory", "a cell remembers evidence of this weight [nats]"},
+      {"free_memory", "so much if it knows of nothing but free space [nats]"},
+      {"scan_beams", "beams of one scan that count in a cell if all of them passed it"},
       {"evidence_prior", "evidence for and against that every cell begins with [nats]"},
       {"change_probability", "a streak of scans less likely than this is a change; 0: never"},
       {"evidence_half_life", "a cell's evidence halves in so many scans of it; 0: never"},

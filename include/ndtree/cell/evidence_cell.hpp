@@ -34,7 +34,7 @@ class EvidenceCell {
  public:
   static constexpr bool kLeavesTopBitOfFirstWordClear = true;  // See Node.
   static constexpr int kNumWords = 3;
-  static constexpr std::uint32_t kMaxCount = 0xfff;
+  static constexpr std::uint32_t kMaxCount = 0x1ff;
   static constexpr std::uint32_t kMaxStreak = 0x1f;
   /// Evidence is counted in these steps [nats]: whole numbers, so that sums do not depend on their order.
   static constexpr double kUnit = 1.0 / 256.0;
@@ -45,25 +45,28 @@ class EvidenceCell {
   [[nodiscard]] CellState state() const { return state_of(log_odds_); }
   [[nodiscard]] bool observed() const { return (counts_ & kObserved) != 0; }
   [[nodiscard]] std::uint32_t hits() const { return counts_ & kMaxCount; }
-  [[nodiscard]] std::uint32_t misses() const { return (counts_ >> 12) & kMaxCount; }
+  [[nodiscard]] std::uint32_t misses() const { return (counts_ >> 9) & kMaxCount; }
   /// Evidence for occupied and for free space, in kUnit.
   [[nodiscard]] std::int64_t occupied_evidence() const { return occupied_; }
   [[nodiscard]] std::int64_t free_evidence() const { return free_; }
 
   void set_counts(std::uint32_t hits, std::uint32_t misses) {
+    if (hits == 0) misses = std::min(misses, kMaxCount);  // There is no ratio to keep.
     halve_to_fit(hits, misses, kMaxCount);
-    counts_ = (counts_ & kStreakBits) | kObserved | misses << 12 | hits;
+    counts_ = (counts_ & kStreakBits) | kObserved | misses << 9 | hits;
   }
   /// Consecutive scans of which all beams ended in the cell, or all passed it; up to kMaxStreak.
-  [[nodiscard]] std::uint32_t streak() const { return (counts_ >> 24) & kMaxStreak; }
+  [[nodiscard]] std::uint32_t streak() const { return (counts_ >> 18) & kMaxStreak; }
   [[nodiscard]] bool streak_is_of_hits() const { return (counts_ & kStreakOfHits) != 0; }
   void count_scan(bool any_hits, bool any_misses) {
     if (!any_hits && !any_misses) return;
     std::uint32_t length = 0;
     if (any_hits != any_misses)
       length = any_hits == streak_is_of_hits() ? std::min(kMaxStreak, streak() + 1) : 1;
-    counts_ = (counts_ & ~kStreakBits) | length << 24 | (any_hits ? kStreakOfHits : 0u);
+    counts_ = (counts_ & ~kStreakBits) | length << 18 | (any_hits ? kStreakOfHits : 0u);
   }
+  /// Forgets the streak: there is nothing that it could contradict.
+  void end_streak() { counts_ &= ~kStreakBits; }
   /// @pre both are in [0, kMaxEvidence], and log_odds is what the model makes of them.
   void set_evidence(std::int64_t occupied, std::int64_t free, float log_odds) {
     occupied_ = static_cast<std::uint16_t>(occupied);
@@ -81,7 +84,7 @@ class EvidenceCell {
   }
   [[nodiscard]] static EvidenceCell from_words(const std::array<std::uint32_t, kNumWords>& words) {
     EvidenceCell cell;
-    cell.counts_ = words[0] & 0x7fffffffu;
+    cell.counts_ = words[0] & (kObserved | kStreakBits | kMaxCount << 9 | kMaxCount);
     std::memcpy(&cell.log_odds_, &words[1], sizeof cell.log_odds_);
     cell.occupied_ = static_cast<std::uint16_t>(words[2] >> 16);
     cell.free_ = static_cast<std::uint16_t>(words[2] & 0xffff);
@@ -96,9 +99,9 @@ class EvidenceCell {
 
  private:
   static constexpr std::uint32_t kObserved = 0x40000000u;
-  static constexpr std::uint32_t kStreakOfHits = 0x20000000u;
-  static constexpr std::uint32_t kStreakBits = kStreakOfHits | kMaxStreak << 24;
-  // Bit 31 clear, bit 30 observed, bit 29 kind of streak, 5 bits streak, 12 bits misses, 12 bits hits.
+  static constexpr std::uint32_t kStreakOfHits = 0x00800000u;
+  static constexpr std::uint32_t kStreakBits = kStreakOfHits | kMaxStreak << 18;
+  // From bit 0: 9 bits hits, 9 bits misses, 5 bits streak, 1 bit kind of streak; bit 30 observed.
   std::uint32_t counts_ = 0;
   float log_odds_ = 0.0f;
   std::uint16_t occupied_ = 0;

@@ -10,12 +10,15 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/core/linear_table.hpp"
 #include "ndtree/core/log_odds.hpp"
 
 namespace ndtree {
 
 struct EvidenceOptions {
   double evidence_memory = 200.0;  ///< A cell remembers evidence of this weight; older fades [nats].
+  double free_memory = 50.0;       ///< So much if it knows of nothing but free space [nats].
+  double scan_beams = 64.0;        ///< Beams of one scan that count in a cell if all of them passed it.
   double evidence_prior = 0.5;     ///< Evidence of both kinds that every cell begins with [nats].
   double inherited_beams = 2.0;  ///< Beams, spread evenly, that count with the scan that shares evidence out.
   double change_probability = 1e-5;  ///< A streak of scans less likely than this is a change; 0: never.
@@ -26,6 +29,10 @@ struct EvidenceOptions {
   void validate() const {
     require_option(evidence_memory >= 1.0 && evidence_memory <= 255.0, "evidence_memory", evidence_memory,
                    "in [1, 255] nats");
+    require_option(free_memory >= 1.0 && free_memory <= 255.0, "free_memory", free_memory,
+                   "in [1, 255] nats");
+    require_option(scan_beams >= 1.0 && std::isfinite(scan_beams), "scan_beams", scan_beams,
+                   ">= 1 and finite");
     require_option(evidence_prior > 0.0 && std::isfinite(evidence_prior), "evidence_prior", evidence_prior,
                    "> 0 nats and finite");
     require_option(inherited_beams >= 0.0 && std::isfinite(inherited_beams), "inherited_beams",
@@ -76,21 +83,26 @@ class EvidenceModel {
         hit_(ndtree::log_odds(sensor.probability_max)),
         miss_(units(-ndtree::log_odds(sensor.probability_min))),
         memory_(units(options.evidence_memory)),
+        free_memory_(units(std::min(options.free_memory, options.evidence_memory))),
+        free_memory_beams_(static_cast<std::uint32_t>(
+            std::clamp<std::int64_t>(free_memory_ / miss_, 1, EvidenceCell::kMaxCount))),
+        scan_beams_(static_cast<std::uint32_t>(std::min(options.scan_beams, 4e9))),
         kept_(options.evidence_half_life > 0.0 ? std::exp2(-1.0 / options.evidence_half_life) : 1.0) {}
 
   /// Evidence for free space from a beam that passed a cell, in EvidenceCell::kUnit. A beam through a corner
   /// has seen little of the cell. @param chord its way through the cell, over that of a beam in the mean.
   [[nodiscard]] std::int64_t of_miss(double chord = 1.0) const {
-    return std::max<std::int64_t>(1, std::llround(static_cast<double>(miss_) * chord));
+    constexpr double kHalfIsUp = 1e-6;  // Whatever the last bits of the chord are.
+    return std::max<std::int64_t>(1, rounded(static_cast<double>(miss_) * chord + kHalfIsUp));
   }
-  /// Adds what a beam says near its end point: the log-odds of the inverse sensor model.
+  /// Adds what a beam says near its end point.
+  /// @param nats the inverse sensor model's log-odds that the cell is occupied.
   /// @param size_in_sigmas the cell's edge in standard deviations of the range.
-  void add(ScanEvidence& sum, float log_odds_of_measurement, double size_in_sigmas) const {
-    const auto nats = static_cast<double>(log_odds_of_measurement);
+  void add(ScanEvidence& sum, double nats, double size_in_sigmas) const {
     if (nats > 0.0)
-      sum.occupied += units(probability_inside(size_in_sigmas) * nats);
+      sum.occupied += rounded(probability_inside_table()(1.0 / size_in_sigmas) * nats / EvidenceCell::kUnit);
     else
-      sum.free += units(-nats);
+      sum.free += rounded(-nats / EvidenceCell::kUnit);
   }
 
   /// Probability that a surface is in the cell in which it was measured, u standard deviations wide, in the
@@ -99,6 +111,13 @@ class EvidenceModel {
     constexpr double kSqrtHalf = 0.70710678118654752;
     constexpr double kSqrt2OverPi = 0.79788456080286536;
     return std::erf(u * kSqrtHalf) - kSqrt2OverPi * (1.0 - std::exp(-0.5 * u * u)) / u;
+  }
+
+  /// probability_inside() of cells at least one standard deviation wide, by 1 / u, within 1e-5.
+  [[nodiscard]] static const LinearTable<512>& probability_inside_table() {
+    static const LinearTable<512> table(
+        0.0, 1.0, [](double sigmas) { return sigmas == 0.0 ? 1.0 : probability_inside(1.0 / sigmas); });
+    return table;
   }
 
   [[nodiscard]] float log_odds_of(std::int64_t occupied, std::int64_t free) const {
@@ -110,6 +129,7 @@ class EvidenceModel {
 
   /// A cell with this evidence, faded to what it can remember: the ratio stays, but for rounding.
   void assign(EvidenceCell& cell, std::int64_t occupied, std::int64_t free) const {
+    if (occupied == 0) free = std::min(free, free_memory_);
     const std::int64_t sum = occupied + free;
     if (sum > memory_) {
       occupied = faded(occupied, memory_, sum);
@@ -124,7 +144,32 @@ class EvidenceModel {
     if (has_changed(cell)) forget_but_streak(cell);
     assign(cell, part(cell.occupied_evidence(), kept_) + scan.occupied,
            part(cell.free_evidence(), kept_) + scan.free);
-    cell.set_counts(cell.hits() + scan.hits, cell.misses() + scan.misses);
+    const std::uint32_t misses = cell.misses() + scan.misses;
+    if (cell.occupied_evidence() > 0 || scan.hits > 0) {
+      cell.set_counts(cell.hits() + scan.hits, misses);
+    } else {  // No hit is left that could be contradicted.
+      cell.set_counts(0, std::min(misses, free_memory_beams_));
+      cell.end_streak();
+    }
+  }
+
+  /// Beams of one scan are much alike: of those that say of nothing but free space, a cell counts
+  /// `scan_beams`.
+  void limit(ScanEvidence& scan) const {
+    if (scan.hits > 0 || scan.occupied > 0) return;
+    scan.free = std::min(scan.free, scan_beams_ * miss_);
+    scan.misses = std::min(scan.misses, scan_beams_);
+    scan.beams = std::min(scan.beams, scan_beams_);
+  }
+  /// Whether more beams that say of nothing but free space would change nothing in what limit() leaves.
+  [[nodiscard]] bool is_full(const ScanEvidence& scan) const {
+    return scan.misses >= scan_beams_ && scan.free >= scan_beams_ * miss_;
+  }
+  /// Whether scans of which all beams pass the cell leave it as it is: it knows as much free space as a cell
+  /// can remember, and nothing else.
+  [[nodiscard]] bool is_settled(const EvidenceCell& cell) const {
+    return cell.occupied_evidence() == 0 && cell.free_evidence() == free_memory_ && cell.hits() == 0 &&
+           cell.misses() == free_memory_beams_ && cell.streak() == 0 && kept_ == 1.0;
   }
 
   /// Whether the last scans contradict the cell for so long that the world must have changed there. A cell
@@ -193,10 +238,12 @@ class EvidenceModel {
   [[nodiscard]] static std::int64_t part(std::int64_t whole, double share) {
     return static_cast<std::int64_t>(static_cast<double>(whole) * share);
   }
+  /// To the nearest. @param x >= 0.
+  [[nodiscard]] static std::int64_t rounded(double x) { return static_cast<std::int64_t>(x + 0.5); }
   [[nodiscard]] static std::int64_t units(double nats) { return std::llround(nats / EvidenceCell::kUnit); }
-  /// part * whole / sum, rounded to nearest, but nothing that was there fades to nothing.
+  /// part * whole / sum, rounded down: what nothing adds to fades to nothing.
   [[nodiscard]] static std::int64_t faded(std::int64_t part, std::int64_t whole, std::int64_t sum) {
-    return part == 0 ? 0 : std::max<std::int64_t>(1, (part * whole + sum / 2) / sum);
+    return part * whole / sum;
   }
 
   EvidenceOptions options_;
@@ -205,7 +252,10 @@ class EvidenceModel {
   double hit_;           // [nats]
   std::int64_t miss_;    // In kUnit.
   std::int64_t memory_;  // In kUnit.
-  double kept_;          // From one scan to the next.
+  std::int64_t free_memory_;
+  std::uint32_t free_memory_beams_;
+  std::uint32_t scan_beams_;
+  double kept_;  // From one scan to the next.
 };
 
 }  // namespace ndtree

@@ -34,7 +34,7 @@ struct MapFileHeader {
 namespace detail {
 
 inline constexpr std::string_view kMapFileMagic{"\x89NDT\r\n\x1a\n", 8};
-inline constexpr std::uint32_t kMapFileVersion = 1;
+inline constexpr std::uint32_t kMapFileVersion = 2;
 inline constexpr std::uint32_t kInnerNode = 0x80000000u;
 inline constexpr std::size_t kMapFilePreamble = 20;
 

@@ -13,15 +13,21 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/beam.hpp"
 #include "ndtree/mapping/map_options.hpp"
+#include "ndtree/mapping/scan_index.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
+#include "ndtree/tree/child_index.hpp"
 
 namespace ndtree {
 
 /// Integrates all beams of a scan in one walk over the tree. A leaf gets the joint evidence of the beams that
-/// cross it, so their order does not matter. A leaf that splits passes the same beams on to its children,
-/// which begin with what is due to them of what it knew. Siblings are merged on the way back. A leaf that
-/// splits and is whole again after the same scan was neither split nor merged.
+/// cross it over more than a point: a sum of whole numbers, so that neither their order matters nor how they
+/// are found. A leaf that splits passes the same beams on to its children, which begin with what is due to
+/// them of what it knew. Siblings of which a cell changed are merged on the way back. A leaf that splits and
+/// is whole again after the same scan was neither split nor merged.
+///
+/// A cell that a scan leaves as it was is not updated, and does not count as such. That is so for cells that
+/// know as much free space as a cell can remember: where all beams pass, they are not even asked.
 ///
 /// What a beam says about a leaf, by where its end point lies:
 /// - behind the leaf, and clearly so: a miss, evidence for free space in proportion to the way through it;
@@ -42,6 +48,7 @@ class ScanUpdate {
   static constexpr double kSmallCell = 2.0;   // Standard deviations up to which a cell is small.
   // Standard deviations; then a cell in the middle of which a beam ends gets probability_max of the defaults.
   static constexpr double kThinnestSurface = 5.0 / 3.0;
+  static constexpr std::int64_t kFew = 32;  // Beams, or bins of them.
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
 
  public:
@@ -54,174 +61,301 @@ class ScanUpdate {
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)) {}
 
-  /// @pre the beam is valid, and the tree contains it up to Sensor::t_end(). It waits for finish().
+  /// @pre the beam is valid. It waits for finish().
   void add(const Beam<D>& beam) {
     const bool returned = beam.outcome == BeamOutcome::returned;
     const double sigma = sensor_.sigma(beam.range);
-    const auto number = static_cast<std::uint32_t>(beams_.size());
-    beams_.push_back({{tree_.geometry(), beam.origin, beam.displacement},
-                      returned ? cell_of_hit(beam) : tree_.geometry().coordinates(beam.free_end()),
-                      beam.range,
-                      sigma,
-                      returned ? sensor_.clearly_free_until(beam.range, sigma) / beam.range : beam.t_free,
-                      returned});
-    segments_.push_back({number, 0.0, sensor_.t_end(beam)});
+    largest_sigma_ = std::max(largest_sigma_, sigma);
+    const double t_clearly_free =
+        returned ? sensor_.clearly_free_until(beam.range, sigma) / beam.range : beam.t_free;
+    index_.add(beam.origin,
+               {beam.displacement, beam.origin, beam.range, sigma, beam.range / sigma, sensor_.t_end(beam),
+                t_clearly_free, returned ? kThinnestSurface * sigma / beam.range : 0.0,
+                returned ? cell_of_hit(beam) : tree_.geometry().coordinates(beam.free_end()), returned});
   }
 
+  /// @pre the tree contains all beams up to Sensor::t_end().
   void finish() {
-    const auto root = tree_.root();
-    std::size_t kept = 0;
-    for (Segment segment : segments_)
-      if (beams_[segment.beam].stepper.clip(root.index, segment.t_enter, segment.t_exit))
-        segments_[kept++] = segment;
-    segments_.resize(kept);
-    if (kept > 0) descend(root, 0, kept);
-    segments_.clear();
-    beams_.clear();
+    if (index_.empty()) return;
+    index_.sort();
+    const Ref root = tree_.root();
+    const Box<D> box = tree_.box(root.index);
+    View view;
+    for (std::uint32_t face = 0; face < index_.num_faces(); ++face)
+      if (index_.look(face, box, view)) views_.push_back(view);
+    if (!views_.empty()) descend(root, box, {false, 0, views_.size()});
+    views_.clear();
   }
 
  private:
   using Ref = typename Tree::Ref;
+  using Index = ScanIndex<D>;
+  using View = typename Index::View;
 
-  struct BeamInScan {
-    BeamStepper<N, D> stepper;
-    Lattice<D> end;  // The smallest cell that it ends in.
-    double range;
-    double sigma;
-    double t_clearly_free;
-    bool returned;
+  /// The beams that cross a node: those in its views, or, if they are few, one by one.
+  struct Part {
+    bool is_listed;
+    std::size_t first;  // In crossings_ if they are listed, else in views_.
+    std::size_t last;
+    [[nodiscard]] bool empty() const { return first == last; }
   };
-  /// The part of a beam that lies in a node.
-  struct Segment {
-    std::uint32_t beam;
-    double t_enter;
-    double t_exit;
-  };
-  struct SegmentOfChild {
-    Segment segment;
+
+  struct CrossingOfChild {
+    Crossing<D> crossing;
     int child;
   };
 
-  /// @param first, last range of segments_ that holds the node's.
-  void descend(const Ref& ref, std::size_t first, std::size_t last) {
-    const bool is_leaf = ref.is_leaf();
-    const bool splits = is_leaf && ref.index.level <= coarsest_level_;
-    EvidenceCell parent;
-    if (splits) {
-      const ScanEvidence scan = evidence(ref, first, last);
-      if (ref.index.level == finest_level_ || !refinement_.splits(ref.cell(), scan)) {
-        if (scan.beams > 0) refinement_.model.update(ref.cell(), scan);
-        counters_.updates += scan.beams;
-        return;
+  /// Calls `visit(crossings, n)` with the part's beams, some at a time, until it returns false.
+  template <class Visit>
+  void for_each_crossing(const Part& part, const Box<D>& box, Visit&& visit) const {
+    if (part.is_listed) {
+      visit(crossings_.data() + part.first, part.last - part.first);
+    } else {
+      for (std::size_t v = part.first; v < part.last; ++v)
+        if (!index_.for_each_crossing(views_[v], box, visit)) return;
+    }
+  }
+
+  /// One by one if they are few.
+  Part listed_if_few(const Part& part, const Box<D>& box) {
+    if (part.is_listed || num_bins(part) > kFew) return part;
+    Part listed{true, crossings_.size(), 0};
+    for_each_crossing(part, box, [&](const Crossing<D>* crossings, std::size_t n) {
+      for (std::size_t i = 0; i < n; ++i) {  // As exactly as they are then handed down.
+        const ScanBeam<D>* const beam = crossings[i].beam;
+        Crossing<D> crossing{beam, 0.0, beam->t_end};
+        if (clip_to_box<D>(box.lower - beam->origin, box.upper - beam->origin, beam->path, crossing.t_enter,
+                           crossing.t_exit))
+          crossings_.push_back(crossing);
       }
+      return true;
+    });
+    listed.last = crossings_.size();
+    return listed;
+  }
+  [[nodiscard]] std::int64_t num_bins(const Part& views) const {
+    std::int64_t bins = 0;
+    for (std::size_t v = views.first; v < views.last; ++v) bins += Index::num_bins(views_[v]);
+    return bins;
+  }
+
+  /// Hands a node's beams to its children. @param index set for the children that get any.
+  std::array<Part, kNumChildren> hand_down(const Ref& ref, const Part& part,
+                                           std::array<CellIndex<D>, kNumChildren>& index) {
+    std::array<Part, kNumChildren> parts;
+    if (!part.is_listed) {
+      for (int j = 0; j < kNumChildren; ++j) {
+        const auto k = static_cast<std::size_t>(j);
+        index[k] = tree_.geometry().child(ref.index, child_offset<N, D>(j));
+        const Box<D> box = tree_.box(index[k]);
+        parts[k] = {false, views_.size(), 0};
+        for (std::size_t i = part.first; i < part.last; ++i) {
+          View view;
+          if (index_.look(views_[i].face, box, view)) views_.push_back(view);
+        }
+        parts[k].last = views_.size();
+      }
+      return parts;
+    }
+    std::array<std::size_t, kNumChildren + 1> begin{};
+    unsorted_.clear();
+    for (std::size_t i = part.first; i < part.last; ++i) {
+      const ScanBeam<D>* const beam = crossings_[i].beam;
+      BeamStepper<N, D>(tree_.geometry(), beam->origin, beam->path)
+          .for_each_child(ref.index, crossings_[i].t_enter, crossings_[i].t_exit,
+                          [&](int child, const CellIndex<D>& child_index, double t_enter, double t_exit) {
+                            unsorted_.push_back({{beam, t_enter, t_exit}, child});
+                            ++begin[static_cast<std::size_t>(child) + 1];
+                            index[static_cast<std::size_t>(child)] = child_index;
+                            return true;
+                          });
+    }
+    begin[0] = crossings_.size();
+    for (std::size_t j = 1; j < begin.size(); ++j) begin[j] += begin[j - 1];
+    crossings_.resize(begin.back());
+    std::array<std::size_t, kNumChildren + 1> next = begin;
+    for (const CrossingOfChild& of_child : unsorted_)
+      crossings_[next[static_cast<std::size_t>(of_child.child)]++] = of_child.crossing;
+    for (std::size_t j = 0; j < parts.size(); ++j) parts[j] = {true, begin[j], begin[j + 1]};
+    return parts;
+  }
+
+  /// @param part not empty. @returns whether a cell changed.
+  bool descend(const Ref& ref, const Box<D>& box, const Part& seen) {
+    const std::size_t views_before = views_.size();
+    const std::size_t crossings_before = crossings_.size();
+    const bool changed = update_subtree(ref, box, listed_if_few(seen, box));
+    views_.resize(views_before);
+    crossings_.resize(crossings_before);
+    return changed;
+  }
+
+  bool update_subtree(const Ref& ref, const Box<D>& box, const Part& part) {
+    if (part.empty()) return false;
+    const bool is_leaf = ref.is_leaf();
+    const bool is_unknown = is_leaf && ref.index.level > coarsest_level_;
+    const bool splits = is_leaf && !is_unknown;
+    if (is_unknown && count(part, box).all == 0) return false;
+    EvidenceCell parent;
+    std::size_t beams = 0;
+    if (splits) {
+      const bool is_settled = refinement_.model.is_settled(ref.cell());
+      const bool only_free = knows_only_free(ref, box, part, is_settled);
+      if (only_free && is_settled) return false;
+      ScanEvidence scan;
+      beams = add_evidence(ref, box, part, only_free, scan);
+      if (ref.index.level == finest_level_ || !refinement_.splits(ref.cell(), scan))
+        return update(ref.cell(), scan);
       parent = ref.cell();
       ++counters_.splits;
     }
     if (is_leaf) tree_.split(ref);
 
-    std::array<std::size_t, kNumChildren + 1> begin;
-    std::array<CellIndex<D>, kNumChildren> index;
-    const std::size_t base = segments_.size();
-    pass_on(ref, first, last, begin, index);
+    bool changed = splits;
     auto* const children = tree_.children(*ref.node);
+    std::array<CellIndex<D>, kNumChildren> index;
+    const std::array<Part, kNumChildren> parts = hand_down(ref, part, index);
     for (int j = 0; j < kNumChildren; ++j) {
       const auto k = static_cast<std::size_t>(j);
+      if (parts[k].empty()) {
+        if (splits) children[j].cell() = refinement_.model.inherited(parent, kShareDivisor<Tree>, 0, beams);
+        continue;
+      }
+      const Box<D> child = tree_.box(index[k]);
       if (splits)
-        children[j].cell() = refinement_.model.inherited(parent, kShareDivisor<Tree>,
-                                                         num_passed(begin[k], begin[k + 1]), last - first);
-      if (begin[k] < begin[k + 1]) descend(Ref{children + j, index[k]}, begin[k], begin[k + 1]);
+        children[j].cell() =
+            refinement_.model.inherited(parent, kShareDivisor<Tree>, count(parts[k], child).passed, beams);
+      changed = descend(Ref{children + j, index[k]}, child, parts[k]) || changed;
     }
-    segments_.resize(base);
 
-    if (ref.index.level > coarsest_level_) return;
+    if (!changed || ref.index.level > coarsest_level_) return changed;
     const auto merged = refinement_.merge_rule(children, kNumChildren, kShareDivisor<Tree>);
-    if (!merged) return;
+    if (!merged) return true;
     tree_.merge(*ref.node, *merged);
     if (splits)
       --counters_.splits;
     else
       ++counters_.merges;
+    return true;
   }
 
-  /// Appends the segments in the children of a node to segments_, child by child: those of child j are in
-  /// [begin[j], begin[j + 1]).
-  void pass_on(const Ref& ref, std::size_t first, std::size_t last,
-               std::array<std::size_t, kNumChildren + 1>& begin,
-               std::array<CellIndex<D>, kNumChildren>& index) {
-    begin.fill(0);
-    unsorted_.clear();
-    for (std::size_t i = first; i < last; ++i) {
-      const Segment segment = segments_[i];
-      beams_[segment.beam].stepper.for_each_child(
-          ref.index, segment.t_enter, segment.t_exit,
-          [&](int child, const CellIndex<D>& child_index, double t_enter, double t_exit) {
-            unsorted_.push_back({{segment.beam, t_enter, t_exit}, child});
-            ++begin[static_cast<std::size_t>(child) + 1];
-            index[static_cast<std::size_t>(child)] = child_index;
-            return true;
-          });
-    }
-    begin[0] = segments_.size();
-    for (std::size_t j = 1; j < begin.size(); ++j) begin[j] += begin[j - 1];
-    segments_.resize(begin.back());
-    std::array<std::size_t, kNumChildren + 1> next = begin;
-    for (const SegmentOfChild& of_child : unsorted_)
-      segments_[next[static_cast<std::size_t>(of_child.child)]++] = of_child.segment;
+  bool update(EvidenceCell& cell, const ScanEvidence& scan) {
+    if (scan.beams == 0) return false;
+    const EvidenceCell before = cell;
+    refinement_.model.update(cell, scan);
+    if (cell == before) return false;
+    counters_.updates += scan.beams;
+    return true;
   }
 
-  /// Of these segments, those at whose end the beam has clearly not met anything.
-  [[nodiscard]] std::size_t num_passed(std::size_t first, std::size_t last) const {
-    std::size_t n = 0;
-    for (std::size_t i = first; i < last; ++i) {
-      const BeamInScan& beam = beams_[segments_[i].beam];
-      n += !beam.returned || segments_[i].t_exit < beam.t_clearly_free;
-    }
-    return n;
+  /// Whether a leaf is small beside the noise of some beam.
+  [[nodiscard]] bool may_be_small(const Ref& leaf) const {
+    return leaf.index.level == finest_level_ ||
+           tree_.geometry().cell_size(leaf.index.level) <= kSmallCell * largest_sigma_;
+  }
+  /// Whether it is certain, and was worth finding out, that beams say of nothing but free space in a leaf.
+  [[nodiscard]] bool knows_only_free(const Ref& leaf, const Box<D>& box, const Part& part,
+                                     bool is_settled) const {
+    constexpr std::int64_t kMany = 64;
+    if (part.is_listed)
+      return is_settled &&
+             std::all_of(crossings_.begin() + static_cast<std::ptrdiff_t>(part.first),
+                         crossings_.begin() + static_cast<std::ptrdiff_t>(part.last),
+                         [](const Crossing<D>& crossing) {
+                           return crossing.t_exit < crossing.beam->t_clearly_free - crossing.beam->t_surface;
+                         });
+    const auto begin = views_.begin() + static_cast<std::ptrdiff_t>(part.first);
+    const auto end = views_.begin() + static_cast<std::ptrdiff_t>(part.last);
+    if (std::all_of(begin, end, [](const View& view) { return view.all_pass; })) return true;
+    if (may_be_small(leaf) || (!is_settled && num_bins(part) < kMany)) return false;
+    return std::none_of(begin, end, [&](const View& view) {
+      return index_.any_end(
+          view, box, [&](const Lattice<D>& cell) { return tree_.geometry().contains(leaf.index, cell); });
+    });
   }
 
-  [[nodiscard]] ScanEvidence evidence(const Ref& leaf, std::size_t first, std::size_t last) const {
+  struct Crossings {
+    std::size_t all = 0;
+    std::size_t passed = 0;  ///< Those at whose exit the beam has clearly not met anything.
+  };
+  [[nodiscard]] Crossings count(const Part& part, const Box<D>& box) const {
+    Crossings sum;
+    for_each_crossing(part, box, [&](const Crossing<D>* crossing, std::size_t n) {
+      sum.all += n;
+      for (std::size_t i = 0; i < n; ++i)
+        sum.passed += !crossing[i].beam->returned || crossing[i].t_exit < crossing[i].beam->t_clearly_free;
+      return true;
+    });
+    return sum;
+  }
+
+  /// @param only_free no beam says of anything but free space: then not all may be needed.
+  /// @returns the number of beams that cross the leaf, whether they say anything or not; of those that were
+  /// needed.
+  std::size_t add_evidence(const Ref& leaf, const Box<D>& box, const Part& part, bool only_free,
+                           ScanEvidence& sum) const {
     const double size = tree_.geometry().cell_size(leaf.index.level);
     const bool is_finest = leaf.index.level == finest_level_;
     const double child_size = is_finest ? 0.0 : tree_.geometry().cell_size(leaf.index.level - 1);
-    ScanEvidence sum;
-    for (std::size_t i = first; i < last; ++i) {
-      const Segment& segment = segments_[i];
-      const BeamInScan& beam = beams_[segment.beam];
-      const bool resolvable = child_size >= refinement_.model.noise_sigmas() * beam.sigma;
-      const bool is_small = is_finest || size <= kSmallCell * beam.sigma;
-      // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
-      const double t_exit =
-          beam.returned && is_small
-              ? std::max(segment.t_exit, segment.t_enter + kThinnestSurface * beam.sigma / beam.range)
-              : segment.t_exit;
-      if (t_exit < beam.t_clearly_free || !beam.returned) {
-        if (!beam.returned && segment.t_exit >= beam.t_clearly_free && holds_end(leaf, beam))
-          continue;  // Nothing is said about the rest of the cell.
-        sum.free +=
-            refinement_.model.of_miss((segment.t_exit - segment.t_enter) * beam.range / (kMeanChord * size));
-        ++sum.misses;
-        sum.resolvable_misses += resolvable;
-      } else {
-        const bool hit = holds_end(leaf, beam);
-        const bool behind = !hit && segment.t_enter >= 1.0;
-        if (behind && !is_small) continue;
-        refinement_.model.add(
-            sum,
-            sensor_.log_odds(Sensor::cdf(segment.t_enter * beam.range, beam.range, beam.sigma),
-                             Sensor::cdf(t_exit * beam.range, beam.range, beam.sigma)),
-            std::max(size / beam.sigma, kThinnestSurface));
-        if (hit) {
-          const double noise = kNoiseReach * beam.sigma;
-          ++sum.hits;
-          sum.resolvable_hits += resolvable;
-          sum.deep_hits += resolvable && ((1.0 - segment.t_enter) * beam.range > noise || size > noise);
+    const double chords_per_metre = 1.0 / (kMeanChord * size);
+    std::size_t crossings = 0;
+    for_each_crossing(part, box, [&](const Crossing<D>* crossing, std::size_t n) {
+      crossings += n;
+      for (std::size_t i = 0; i < n; ++i) {
+        const ScanBeam<D>& beam = *crossing[i].beam;
+        const double t_enter = crossing[i].t_enter;
+        const double t_exit = crossing[i].t_exit;
+        const bool is_small = is_finest || size <= kSmallCell * beam.sigma;
+        if (t_exit < beam.t_clearly_free &&
+            (!is_small || std::max(t_exit, t_enter + beam.t_surface) < beam.t_clearly_free)) {
+          sum.free += refinement_.model.of_miss((t_exit - t_enter) * beam.range * chords_per_metre);
+          ++sum.misses;
+          ++sum.beams;
+          sum.resolvable_misses += child_size >= refinement_.model.noise_sigmas() * beam.sigma;
         } else {
-          sum.misses += !behind;
+          add_near_end(leaf, crossing[i], size, child_size, chords_per_metre, sum);
         }
       }
+      return !(only_free && refinement_.model.is_full(sum));
+    });
+    refinement_.model.limit(sum);
+    return crossings;
+  }
+
+  /// Adds what a beam says about a leaf that it has not clearly passed.
+  /// @param child_size 0 for leaves that cannot split [m].
+  void add_near_end(const Ref& leaf, const Crossing<D>& crossing, double size, double child_size,
+                    double chords_per_metre, ScanEvidence& sum) const {
+    const ScanBeam<D>& beam = *crossing.beam;
+    const double t_enter = crossing.t_enter;
+    const bool resolvable = child_size >= refinement_.model.noise_sigmas() * beam.sigma;
+    const bool holds_end = tree_.geometry().contains(leaf.index, beam.end);
+    if (!beam.returned) {
+      if (holds_end) return;  // Nothing is said about the rest of the cell.
+      sum.free += refinement_.model.of_miss((crossing.t_exit - t_enter) * beam.range * chords_per_metre);
+      ++sum.misses;
+      sum.resolvable_misses += resolvable;
       ++sum.beams;
+      return;
     }
-    return sum;
+    const bool is_small = leaf.index.level == finest_level_ || size <= kSmallCell * beam.sigma;
+    const bool is_behind = !holds_end && t_enter >= 1.0;
+    if (is_behind && !is_small) return;
+    // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
+    const double t_exit = is_small ? std::max(crossing.t_exit, t_enter + beam.t_surface) : crossing.t_exit;
+    refinement_.model.add(sum,
+                          sensor_.tabulated_log_odds((t_enter - 1.0) * beam.range_in_sigmas,
+                                                     (t_exit - 1.0) * beam.range_in_sigmas),
+                          std::max(size / beam.sigma, kThinnestSurface));
+    if (holds_end) {
+      const double noise = kNoiseReach * beam.sigma;
+      ++sum.hits;
+      sum.resolvable_hits += resolvable;
+      sum.deep_hits += resolvable && ((1.0 - t_enter) * beam.range > noise || size > noise);
+    } else {
+      sum.misses += !is_behind;
+    }
+    ++sum.beams;
   }
 
   /// The smallest cell that a returned beam ends in: the one that holds the end point, or, if the beam only
@@ -240,9 +374,6 @@ class ScanUpdate {
     }
     return is_touched_only ? behind : cell;
   }
-  [[nodiscard]] bool holds_end(const Ref& leaf, const BeamInScan& beam) const {
-    return tree_.geometry().contains(leaf.index, beam.end);
-  }
 
   Tree& tree_;
   const Refinement& refinement_;
@@ -250,9 +381,12 @@ class ScanUpdate {
   UpdateCounters& counters_;
   const int finest_level_;
   const int coarsest_level_;
-  std::vector<BeamInScan> beams_;
-  std::vector<Segment> segments_;         // Of the nodes on the path from the root, the deepest last.
-  std::vector<SegmentOfChild> unsorted_;  // While they are passed on.
+  double largest_sigma_ = 0.0;
+  Index index_;
+  // Of the nodes on the path from the root, the deepest last:
+  std::vector<View> views_;
+  std::vector<Crossing<D>> crossings_;
+  std::vector<CrossingOfChild> unsorted_;  // While they are handed down.
 };
 
 }  // namespace ndtree

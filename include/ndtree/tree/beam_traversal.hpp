@@ -26,6 +26,26 @@ struct BeamVisitor {
   void leave(const Ref&) {}
 };
 
+/// Narrows [t_begin, t_end], of a beam t * direction, to the part inside the half-open box [lower, upper). Of
+/// boxes that tile space, each point belongs to one.
+/// @returns whether more than a point remains.
+template <int D>
+bool clip_to_box(const Vector<D>& lower, const Vector<D>& upper, const Vector<D>& direction, double& t_begin,
+                 double& t_end) {
+  for (int a = 0; a < D; ++a) {
+    const double d = direction[a];
+    if (d == 0.0) {  // Parallel to the faces: inside for ever, or never.
+      if (lower[a] > 0.0 || upper[a] <= 0.0) return false;
+      continue;
+    }
+    const double t_lower = lower[a] / d;
+    const double t_upper = upper[a] / d;
+    t_begin = std::max(t_begin, std::min(t_lower, t_upper));
+    t_end = std::min(t_end, std::max(t_lower, t_upper));
+  }
+  return t_begin < t_end;
+}
+
 /// One beam on the lattice: where it crosses planes, and which children of a cell it passes through. The only
 /// code that steps along beams.
 template <int N, int D>
@@ -38,21 +58,8 @@ class BeamStepper {
 
   /// Narrows [t_begin, t_end] to the part inside the cell. @returns whether more than a point remains.
   bool clip(const CellIndex<D>& cell, double& t_begin, double& t_end) const {
-    const std::int64_t edge = geometry_->edge(cell.level);
-    for (std::size_t a = 0; a < D; ++a) {
-      const double d = direction_[static_cast<int>(a)];
-      double t_lower = crossing(a, cell.lower[a]);
-      double t_upper = crossing(a, cell.lower[a] + edge);
-      if (d < 0.0) std::swap(t_lower, t_upper);
-      if (d == 0.0) {  // Parallel to the faces: inside for ever, or never.
-        if (t_lower == kNever || t_upper == -kNever) return false;
-        t_lower = -kNever;
-        t_upper = kNever;
-      }
-      t_begin = std::max(t_begin, t_lower);
-      t_end = std::min(t_end, t_upper);
-    }
-    return t_begin < t_end;
+    const Box<D> box = geometry_->box(cell);
+    return clip_to_box<D>(box.lower - origin_, box.upper - origin_, direction_, t_begin, t_end);
   }
 
   /// Calls `visit(number, index, t_enter, t_exit)` for each child that the beam passes through over more than

@@ -561,6 +561,10 @@ noise_sigmas : float
     No split makes cells smaller than this many standard deviations of the range ("evidence").
 evidence_memory : float
     A cell remembers evidence of this weight; older fades ("evidence") [nats].
+free_memory : float
+    So much if it knows of nothing but free space; then more of it changes nothing ("evidence") [nats].
+scan_beams : float
+    Beams of one scan that count in a cell if all of them passed it ("evidence").
 evidence_prior : float
     Evidence for and against that every cell begins with ("evidence") [nats].
 change_probability : float

@@ -172,6 +172,8 @@ class AdaptiveMap(OccupancyMap):
         inherited_beams: float = ...,
         noise_sigmas: float = ...,
         evidence_memory: float = ...,
+        free_memory: float = ...,
+        scan_beams: float = ...,
         evidence_prior: float = ...,
         change_probability: float = ...,
         evidence_half_life: float = ...,

@@ -37,6 +37,8 @@ MAP_OPTIONS = (
     MapOption("inherited_beams", float, "Beams that temper how a scan shares evidence out."),
     MapOption("noise_sigmas", float, "No split makes cells smaller than this."),
     MapOption("evidence_memory", float, "Evidence that a cell remembers [nats]."),
+    MapOption("free_memory", float, "So much if it knows of nothing but free space [nats]."),
+    MapOption("scan_beams", float, "Beams of a scan that count in a cell if all passed it."),
     MapOption("evidence_prior", float, "Evidence that a cell begins with [nats]."),
     MapOption("change_probability", float, "A streak of scans less likely is a change; 0: never."),
     MapOption("evidence_half_life", float, "A cell's evidence halves in so many scans; 0: never."),

@@ -1,0 +1,436 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The beams of a scan by where they point: which of them may cross a cell, and whether all of them pass it.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <vector>
+
+#include "ndtree/core/types.hpp"
+#include "ndtree/tree/beam_traversal.hpp"
+
+namespace ndtree {
+
+/// What the update of a cell needs to know of a beam. Its points are origin + t * path, the end point at 1.
+template <int D>
+struct ScanBeam {
+  Vector<D> path;          ///< [m]
+  Vector<D> origin;        ///< [m]
+  double range;            ///< [m]
+  double sigma;            ///< Standard deviation of the range [m].
+  double range_in_sigmas;  ///< range / sigma.
+  double t_end;            ///< Last point that it says anything about.
+  double t_clearly_free;   ///< Cells that end before it were passed ...
+  double t_surface = 0.0;  ///< ... small cells only if they end by so much before it.
+  Lattice<D> end;          ///< The smallest cell that it ends in.
+  bool returned;
+};
+
+/// A beam that crosses a box over more than a point.
+template <int D>
+struct Crossing {
+  const ScanBeam<D>* beam;
+  double t_enter;
+  double t_exit;
+};
+
+/// Every scan becomes an image: around each origin stands a cube, each of whose faces is divided into bins of
+/// equal width, about as many as beams pass through it; and over the bins stands a pyramid of how far their
+/// beams are known to be free, and how far they reach. Laser scans in a plane, depth images, rings of lidars
+/// and unordered points need nothing else, whatever order they come in.
+///
+/// A box casts a shadow on a face, within a rectangle that costs two divisions: the beams of the rectangle's
+/// bins are all that may cross it. Depths are measured along the axis of the face, as in a depth image.
+template <int D>
+class ScanIndex {
+  static constexpr std::size_t kAxes = D - 1;  // Of a face.
+
+ public:
+  /// At most so many crossings are visited at a time.
+  static constexpr std::uint32_t kBatch = 32;
+
+  /// The beams of one face of one origin's cube that may cross a box: those of a rectangle of bins.
+  struct View {
+    std::uint32_t face = 0;
+    bool all_pass = false;  ///< All beams that cross the box pass it, whatever the size of the cells in it.
+    bool no_end = false;    ///< No beam that returned ends in the box.
+    std::array<std::int32_t, kAxes> first{};  ///< Bins, both ends included.
+    std::array<std::int32_t, kAxes> last{};
+  };
+
+  [[nodiscard]] bool empty() const { return unsorted_.empty(); }
+  [[nodiscard]] std::size_t num_faces() const { return faces_.size(); }
+
+  /// @param origin [m], finite. @param beam of a length > 0.
+  void add(const Vector<D>& origin, const ScanBeam<D>& beam) {
+    if (unsorted_.empty() || origin != last_origin_) {
+      std::array<double, D> key;
+      for (int a = 0; a < D; ++a) key[static_cast<std::size_t>(a)] = origin[a];
+      const auto [found, is_new] = cubes_.emplace(key, faces_of_cube_.size());
+      if (is_new) faces_of_cube_.resize(faces_of_cube_.size() + 2 * D, kNoFace);
+      last_origin_ = origin;
+      last_cube_ = found->second;
+    }
+    int axis = 0;
+    for (int a = 1; a < D; ++a)
+      if (std::abs(beam.path[a]) > std::abs(beam.path[axis])) axis = a;
+    const bool negative = beam.path[axis] < 0.0;
+    std::uint32_t& number = faces_of_cube_[last_cube_ + static_cast<std::size_t>(2 * axis + negative)];
+    if (number == kNoFace) {
+      number = static_cast<std::uint32_t>(faces_.size());
+      faces_.emplace_back();
+      faces_.back().origin = origin;
+      faces_.back().axis = axis;
+      faces_.back().negative = negative;
+    }
+    Face& face = faces_[number];
+    ++face.num_beams;
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      const double place = coordinate(face, beam.path, k);
+      face.lower[k] = std::min(face.lower[k], place);
+      face.upper[k] = std::max(face.upper[k], place);
+    }
+    unsorted_.push_back(beam);
+    face_of_.push_back(number);
+  }
+
+  /// After the last beam.
+  void sort() {
+    std::size_t num_bins = 0;
+    for (Face& face : faces_) {
+      divide(face);
+      face.first_bin = num_bins;
+      num_bins += face.num_bins();
+    }
+    first_beam_.assign(num_bins + 1, 0);
+    bin_of_.resize(unsorted_.size());
+    for (std::size_t i = 0; i < unsorted_.size(); ++i) {
+      const Face& face = faces_[face_of_[i]];
+      std::size_t bin = 0;
+      for (std::size_t k = kAxes; k-- > 0;) {
+        const auto n = static_cast<std::int32_t>((coordinate(face, unsorted_[i].path, k) - face.lower[k]) *
+                                                 face.bins_per_unit[k]);
+        bin = bin * static_cast<std::size_t>(face.bins[k]) +
+              static_cast<std::size_t>(std::clamp(n, 0, face.bins[k] - 1));
+      }
+      bin_of_[i] = static_cast<std::uint32_t>(face.first_bin + bin);
+      ++first_beam_[bin_of_[i] + 1];
+    }
+    for (std::size_t b = 0; b < num_bins; ++b) first_beam_[b + 1] += first_beam_[b];
+    beams_.resize(unsorted_.size());
+    inverses_.resize(unsorted_.size());
+    std::vector<std::uint32_t> next(first_beam_.begin(), first_beam_.end() - 1);
+    for (std::size_t i = 0; i < unsorted_.size(); ++i) {
+      const std::uint32_t place = next[bin_of_[i]]++;
+      beams_[place] = unsorted_[i];
+      inverses_[place].t_end = unsorted_[i].t_end;
+      for (std::size_t a = 0; a < D; ++a) {
+        const double d = unsorted_[i].path[static_cast<int>(a)];
+        inverses_[place].of_path[a] = d == 0.0 ? kAlmostParallel : 1.0 / d;
+      }
+    }
+    for (Face& face : faces_) raise_pyramid(face);
+  }
+
+  /// @returns false if no beam of the face crosses the box.
+  bool look(std::uint32_t number, const Box<D>& box, View& view) const {
+    const Face& face = faces_[number];
+    const int axis = face.axis;
+    const double from_lower = box.lower[axis] - face.origin[axis];
+    const double from_upper = box.upper[axis] - face.origin[axis];
+    const double far = face.negative ? -from_lower : from_upper;
+    if (!(far > 0.0)) return false;
+    const double near = std::max(0.0, face.negative ? -from_upper : from_lower);
+    const double over_far = 1.0 / far;
+    const double over_near = near > 0.0 ? 1.0 / near : kFarAway;
+    std::int32_t widest = 0;
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      const int a = static_cast<int>(k) + (static_cast<int>(k) >= axis);
+      const double lower = box.lower[a] - face.origin[a];
+      const double upper = box.upper[a] - face.origin[a];
+      const double first =
+          (lower * (lower < 0.0 ? over_near : over_far) - face.lower[k]) * face.bins_per_unit[k] - kMargin;
+      const double last =
+          (upper * (upper > 0.0 ? over_near : over_far) - face.lower[k]) * face.bins_per_unit[k] + kMargin;
+      if (!(last >= 0.0) || !(first < face.bins[k])) return false;
+      view.first[k] = first > 0.0 ? static_cast<std::int32_t>(first) : 0;
+      view.last[k] = last < face.bins[k] ? static_cast<std::int32_t>(last) : face.bins[k] - 1;
+      widest = std::max(widest, view.last[k] - view.first[k]);
+    }
+    // The finest level of which the view covers at most two bins on each axis, or three beside a border.
+    std::size_t level = 0;
+    while (widest >> level > 1) ++level;
+    const Depths depths = depths_in(face, level, view);
+    if (!(static_cast<double>(depths.farthest) > near)) return false;
+    view.face = number;
+    view.all_pass = far < static_cast<double>(depths.nearest_free);
+    view.no_end = far < static_cast<double>(depths.nearest_end);
+    return true;
+  }
+
+  /// Bins that the view's beams are in; about as many as beams.
+  [[nodiscard]] static std::int64_t num_bins(const View& view) {
+    std::int64_t n = 1;
+    for (std::size_t k = 0; k < kAxes; ++k) n *= view.last[k] - view.first[k] + 1;
+    return n;
+  }
+
+  /// Whether a beam of the view that returned ends in a cell. @param box the cell's.
+  template <class Contains>
+  [[nodiscard]] bool any_end(const View& view, const Box<D>& box, Contains&& contains) const {
+    if (view.no_end) return false;
+    const Face& face = faces_[view.face];
+    const double far = face.negative ? face.origin[face.axis] - box.lower[face.axis]
+                                     : box.upper[face.axis] - face.origin[face.axis];
+    const Depths* const depths = &depths_[levels_[face.first_level].first];
+    return !for_each_row_of(face.bins, view.first, view.last, [&](std::size_t from, std::size_t to) {
+      for (std::size_t b = from; b <= to; ++b) {
+        if (far < static_cast<double>(depths[b].nearest_end)) continue;
+        for (std::uint32_t i = first_beam_[face.first_bin + b]; i < first_beam_[face.first_bin + b + 1]; ++i)
+          if (beams_[i].returned && contains(beams_[i].end)) return false;
+      }
+      return true;
+    });
+  }
+
+  /// Calls `visit(crossings, n)` with the beams of the view that cross the box over more than a point, some
+  /// at a time, until it returns false. @returns whether it did not.
+  template <class Visit>
+  bool for_each_crossing(const View& view, const Box<D>& box, Visit&& visit) const {
+    const Face& face = faces_[view.face];
+    const Vector<D> to_lower = box.lower - face.origin;
+    const Vector<D> to_upper = box.upper - face.origin;
+    std::array<Crossing<D>, kBatch> crossings;
+    std::size_t found = 0;
+    const bool goes_on =
+        for_each_row_of(face.bins, view.first, view.last, [&](std::size_t from, std::size_t to) {
+          const std::uint32_t end = first_beam_[face.first_bin + to + 1];
+          for (std::uint32_t i = first_beam_[face.first_bin + from]; i < end; ++i) {
+            const Inverse& inverse = inverses_[i];
+            double t_enter = 0.0;
+            double t_exit = inverse.t_end;
+            for (std::size_t a = 0; a < D; ++a) {
+              const double t0 = to_lower[static_cast<int>(a)] * inverse.of_path[a];
+              const double t1 = to_upper[static_cast<int>(a)] * inverse.of_path[a];
+              t_enter = std::max(t_enter, std::min(t0, t1));
+              t_exit = std::min(t_exit, std::max(t0, t1));
+            }
+            // Without a branch, for nobody could foresee it.
+            crossings[found] = {&beams_[i], t_enter, t_exit};
+            found += t_exit - t_enter > -kTouch;
+            if (found < kBatch) continue;
+            found = without_touches(crossings, found, to_lower, to_upper);
+            if (found > 0 && !visit(crossings.data(), found)) return false;
+            found = 0;
+          }
+          return true;
+        });
+    if (!goes_on) return false;
+    found = without_touches(crossings, found, to_lower, to_upper);
+    return found == 0 || visit(crossings.data(), found);
+  }
+
+ private:
+  static constexpr std::uint32_t kNoFace = 0xffffffffu;
+  static constexpr double kFarAway = 1e300;
+  static constexpr double kAlmostParallel = 1e300;  // Instead of 1 / 0: times 0 it is not NaN.
+  static constexpr double kMargin = 1e-6;           // Of a bin, above all rounding.
+  static constexpr double kNarrowestBin = 1e-6;
+  static constexpr double kTouch = 1e-9;  // Of a beam's length, above all rounding.
+  static constexpr float kRounding = 1e-6f;
+
+  struct Face {
+    Vector<D> origin;
+    int axis = 0;
+    bool negative = false;
+    std::uint32_t num_beams = 0;
+    std::array<double, kAxes> lower;  // Coordinates of the beams.
+    std::array<double, kAxes> upper;
+    std::array<double, kAxes> bins_per_unit{};
+    std::array<std::int32_t, kAxes> bins{};
+    std::size_t first_bin = 0;
+    std::size_t first_level = 0;
+
+    Face() {
+      lower.fill(std::numeric_limits<double>::infinity());
+      upper.fill(-std::numeric_limits<double>::infinity());
+    }
+    [[nodiscard]] std::size_t num_bins() const {
+      std::size_t n = 1;
+      for (const std::int32_t b : bins) n *= static_cast<std::size_t>(b);
+      return n;
+    }
+  };
+  struct Depths {
+    float nearest_free = std::numeric_limits<float>::infinity();  // No beam has a surface before it.
+    float nearest_end = std::numeric_limits<float>::infinity();   // No beam that returned ends before it.
+    float farthest = -std::numeric_limits<float>::infinity();     // No beam reaches beyond it.
+  };
+  struct Inverse {
+    std::array<double, D> of_path;
+    double t_end;
+  };
+  struct Level {
+    std::size_t first = 0;  // In depths_.
+    std::array<std::int32_t, kAxes> size{};
+  };
+
+  /// Products are as good as quotients, but for beams that only touch the box, or end at its border.
+  static std::size_t without_touches(std::array<Crossing<D>, kBatch>& crossings, std::size_t n,
+                                     const Vector<D>& to_lower, const Vector<D>& to_upper) {
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      Crossing<D> crossing = crossings[i];
+      const double nearest =
+          std::min(crossing.t_exit - crossing.t_enter,
+                   std::min(std::abs(crossing.t_enter - 1.0), std::abs(crossing.t_exit - 1.0)));
+      bool crosses = true;
+      if (nearest < kTouch) {
+        crossing.t_enter = 0.0;
+        crossing.t_exit = crossing.beam->t_end;
+        crosses = clip_to_box<D>(to_lower, to_upper, crossing.beam->path, crossing.t_enter, crossing.t_exit);
+      }
+      crossings[kept] = crossing;
+      kept += crosses;
+    }
+    return kept;
+  }
+
+  /// Where a beam meets the face, in [-1, 1], on its k-th axis.
+  [[nodiscard]] static double coordinate(const Face& face, const Vector<D>& path, std::size_t k) {
+    const int a = static_cast<int>(k) + (static_cast<int>(k) >= face.axis);
+    return path[a] / std::abs(path[face.axis]);
+  }
+
+  static void divide(Face& face) {
+    double area = 1.0;  // Of the part of the face that beams pass through, without axes that do not matter.
+    int axes = 0;
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      const double extent = face.upper[k] - face.lower[k];
+      if (extent <= kNarrowestBin) continue;
+      area *= extent;
+      ++axes;
+    }
+    double width = axes == 0 ? 1.0 : std::max(kNarrowestBin, std::pow(area / face.num_beams, 1.0 / axes));
+    for (std::size_t k = 0; k < kAxes; ++k)  // No more bins on an axis than beams.
+      width = std::max(width, (face.upper[k] - face.lower[k]) / face.num_beams);
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      face.bins[k] = 1 + static_cast<std::int32_t>((face.upper[k] - face.lower[k]) / width);
+      face.bins_per_unit[k] = 1.0 / width;
+    }
+  }
+
+  void raise_pyramid(Face& face) {
+    face.first_level = levels_.size();
+    Level level{depths_.size(), face.bins};
+    depths_.resize(depths_.size() + face.num_bins());
+    for (std::size_t b = 0; b < face.num_bins(); ++b) {
+      Depths& depths = depths_[level.first + b];
+      for (std::uint32_t i = first_beam_[face.first_bin + b]; i < first_beam_[face.first_bin + b + 1]; ++i) {
+        const auto depth = static_cast<float>(std::abs(beams_[i].path[face.axis]));
+        depths.nearest_free =
+            std::min(depths.nearest_free, static_cast<float>(beams_[i].t_clearly_free - beams_[i].t_surface) *
+                                                  depth * (1.0f - kRounding) -
+                                              std::numeric_limits<float>::min());
+        if (beams_[i].returned) depths.nearest_end = std::min(depths.nearest_end, depth * (1.0f - kRounding));
+        depths.farthest =
+            std::max(depths.farthest, static_cast<float>(beams_[i].t_end) * depth * (1.0f + kRounding) +
+                                          std::numeric_limits<float>::min());
+      }
+    }
+    levels_.push_back(level);
+    while (std::any_of(level.size.begin(), level.size.end(), [](std::int32_t n) { return n > 1; })) {
+      Level above{depths_.size(), {}};
+      std::size_t count = 1;
+      for (std::size_t k = 0; k < kAxes; ++k) {
+        above.size[k] = (level.size[k] + 1) / 2;
+        count *= static_cast<std::size_t>(above.size[k]);
+      }
+      depths_.resize(depths_.size() + count);
+      std::array<std::int32_t, kAxes> at{};
+      for (std::size_t b = 0; b < count; ++b) {
+        View below;
+        for (std::size_t k = 0; k < kAxes; ++k) {
+          below.first[k] = 2 * at[k];
+          below.last[k] = std::min(2 * at[k] + 1, level.size[k] - 1);
+        }
+        depths_[above.first + b] = depths_at(level, below.first, below.last);
+        for (std::size_t k = 0; k < kAxes && ++at[k] == above.size[k]; ++k) at[k] = 0;
+      }
+      levels_.push_back(above);
+      level = above;
+    }
+  }
+
+  [[nodiscard]] Depths depths_in(const Face& face, std::size_t level, const View& view) const {
+    std::array<std::int32_t, kAxes> first;
+    std::array<std::int32_t, kAxes> last;
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      first[k] = view.first[k] >> level;
+      last[k] = view.last[k] >> level;
+    }
+    return depths_at(levels_[face.first_level + level], first, last);
+  }
+  [[nodiscard]] Depths depths_at(const Level& level, const std::array<std::int32_t, kAxes>& first,
+                                 const std::array<std::int32_t, kAxes>& last) const {
+    Depths sum;
+    for_each_row_of(level.size, first, last, [&](std::size_t from, std::size_t to) {
+      for (std::size_t b = from; b <= to; ++b) {
+        sum.nearest_free = std::min(sum.nearest_free, depths_[level.first + b].nearest_free);
+        sum.nearest_end = std::min(sum.nearest_end, depths_[level.first + b].nearest_end);
+        sum.farthest = std::max(sum.farthest, depths_[level.first + b].farthest);
+      }
+      return true;
+    });
+    return sum;
+  }
+
+  /// Calls `visit(from, to)` with the numbers of the first and the last bin of each row of a rectangle, until
+  /// it returns false. @returns whether it did not.
+  template <class Visit>
+  static bool for_each_row_of(const std::array<std::int32_t, kAxes>& size,
+                              const std::array<std::int32_t, kAxes>& first,
+                              const std::array<std::int32_t, kAxes>& last, Visit&& visit) {
+    if constexpr (kAxes == 0) {
+      return visit(std::size_t{0}, std::size_t{0});
+    } else if constexpr (kAxes == 1) {
+      return visit(static_cast<std::size_t>(first[0]), static_cast<std::size_t>(last[0]));
+    } else {
+      std::array<std::int32_t, kAxes> at = first;
+      for (;;) {
+        std::size_t row = 0;
+        for (std::size_t k = kAxes; k-- > 1;)
+          row = (row + static_cast<std::size_t>(at[k])) * static_cast<std::size_t>(size[k - 1]);
+        if (!visit(row + static_cast<std::size_t>(first[0]), row + static_cast<std::size_t>(last[0])))
+          return false;
+        std::size_t k = 1;
+        for (; k < kAxes && at[k] == last[k]; ++k) at[k] = first[k];
+        if (k == kAxes) return true;
+        ++at[k];
+      }
+    }
+  }
+
+  std::vector<ScanBeam<D>> unsorted_;  // As they came.
+  std::vector<std::uint32_t> face_of_;
+  std::vector<std::uint32_t> bin_of_;
+  std::map<std::array<double, D>, std::size_t> cubes_;  // By origin: the first of its entries in the next.
+  std::vector<std::uint32_t> faces_of_cube_;
+  Vector<D> last_origin_ = Vector<D>::Zero();
+  std::size_t last_cube_ = 0;
+
+  std::vector<Face> faces_;
+  std::vector<ScanBeam<D>> beams_;  // Bin by bin.
+  std::vector<Inverse> inverses_;
+  std::vector<std::uint32_t> first_beam_;  // Of each bin, and the end.
+  std::vector<Level> levels_;
+  std::vector<Depths> depths_;
+};
+
+}  // namespace ndtree
