@@ -67,6 +67,18 @@ long double integrated(long double a, long double b, long double x) {
   return below / (below + integral(low, 1.0L));
 }
 
+TEST(LogGamma, IsThatOfTheStandardLibrary) {
+  int cases = 0;
+  for (double x = 1e-9; x < 1e7; x *= 1.01, ++cases) {
+    const double expected = std::lgamma(x);
+    ASSERT_NEAR(log_gamma(x), expected, 1e-13 + 1e-14 * std::abs(expected)) << x;
+  }
+  EXPECT_GT(cases, 3000);
+  EXPECT_NEAR(log_gamma(1.0), 0.0, 1e-13);
+  EXPECT_NEAR(log_gamma(2.0), 0.0, 1e-13);
+  EXPECT_NEAR(log_gamma(6.0), std::log(120.0), 1e-13);
+}
+
 TEST(Beta, LogBetaIsThatOfFactorials) {
   int cases = 0;
   for (int a = 1; a <= 60; ++a)

@@ -7,6 +7,7 @@
 #include <cstring>
 #include <map>
 #include <set>
+#include <thread>
 #include <utility>
 #include <vector>
 
@@ -127,6 +128,62 @@ TYPED_TEST(NodePoolOf, BlocksKeepAddressAndContentUntilFreed) {
   const std::size_t block_bytes = sizeof(Node<Cell>) * static_cast<std::size_t>(kBlockSize);
   EXPECT_GE(pool.memory_bytes(), most * block_bytes);
   EXPECT_LE(pool.memory_bytes(), most * block_bytes + std::max<std::size_t>(8192, block_bytes) + 4096);
+}
+
+/// Threads that allocate, write, read and free, each its own blocks.
+TYPED_TEST(NodePoolOf, ThreadsWithArenasDoNotDisturbEachOther) {
+  NDTREE_LAYOUT;
+  constexpr int kThreads = 4;
+  const int steps = kBlockSize > 1000 ? 40 : 4000;
+  Pool pool;
+  std::vector<BlockId> before;
+  for (int i = 0; i < 20; ++i) before.push_back(pool.allocate());
+  for (int i = 0; i < 10; ++i) pool.free(before[static_cast<std::size_t>(i)]);
+  std::size_t bytes_after_first = 0;
+  int rounds = 0;
+  for (; rounds < 4; ++rounds) {
+    std::vector<typename Pool::Arena> arenas(kThreads);
+    std::array<std::vector<BlockId>, kThreads> held;
+    std::array<int, kThreads> wrong{};
+    for (auto& arena : arenas) pool.lend(arena);
+    std::vector<std::thread> threads;
+    for (int t = 0; t < kThreads; ++t)
+      threads.emplace_back([&, t] {
+        const auto k = static_cast<std::size_t>(t);
+        Random random(50 + static_cast<std::uint64_t>(t));
+        for (int step = 0; step < steps; ++step) {
+          if (held[k].empty() || random.chance(0.6)) {
+            held[k].push_back(pool.allocate(arenas[k]));
+            for (int j = 0; j < kBlockSize; ++j)
+              pool.block(held[k].back())[j].become_leaf(numbered_cell<Cell>(1000 * t + j));
+          } else {
+            const auto last = pool.block(held[k].back());
+            for (int j = 0; j < kBlockSize; ++j)
+              wrong[k] += !(last[j].cell() == numbered_cell<Cell>(1000 * t + j));
+            pool.free(held[k].back(), arenas[k]);
+            held[k].pop_back();
+          }
+        }
+      });
+    for (std::thread& thread : threads) thread.join();
+    for (auto& arena : arenas) pool.absorb(arena);
+    std::set<BlockId> all(before.begin() + 10, before.end());
+    std::size_t count = all.size();
+    for (std::size_t k = 0; k < kThreads; ++k) {
+      EXPECT_EQ(wrong[k], 0);
+      all.insert(held[k].begin(), held[k].end());
+      count += held[k].size();
+    }
+    EXPECT_EQ(all.size(), count) << "a block was given away twice";
+    EXPECT_EQ(pool.num_blocks(), count);
+    for (const auto& blocks : held)
+      for (const BlockId id : blocks) pool.free(id);
+    EXPECT_EQ(pool.num_blocks(), 10u);
+    if (rounds == 0) bytes_after_first = pool.memory_bytes();
+  }
+  EXPECT_EQ(rounds, 4);
+  // What is freed is used again, whoever freed it; a thread's last chunk may be new each time.
+  EXPECT_LE(pool.memory_bytes(), 2 * bytes_after_first);
 }
 
 TYPED_TEST(NodePoolOf, LastFreedIsUsedFirstAndCostsNoMemory) {

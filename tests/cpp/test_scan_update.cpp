@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <set>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -542,6 +543,41 @@ TYPED_TEST(ScanUpdateOf, TheOrderOfAScansBeamsDoesNotMatter) {
     EXPECT_GT(map.stats().observed_leaves, 10u);
   }
   EXPECT_EQ(orders, 30);
+}
+
+TYPED_TEST(ScanUpdateOf, AnyNumberOfThreadsGivesTheSameMap) {
+  NDTREE_SHAPE;
+  Random random(139);
+  SCOPED_TRACE(random.trace());
+  MapOptions options = spelled_out_options(0.1, 0.1 * N * N);
+  options.free_memory = 5.0;
+  AdaptiveMap<N, D> alone(options);
+  AdaptiveMap<N, D> others[3] = {alone, alone, alone};
+  int scans = 0;
+  std::uint64_t splits = 0;
+  std::uint64_t merges = 0;
+  for (; scans < 4; ++scans) {
+    Scan<D> scan = random_scan<D>(random, 2500, D >= 4 ? 0.8 : 2.0, 0.0, 0.3 * scans);
+    if (scans % 2 == 0) scan.origins = scan.origins.leftCols(1).eval();  // All from one place.
+    const InsertReport report = alone.insert(scan, 3.0, 1);
+    ASSERT_NO_THROW(alone.check_invariants());
+    splits += report.splits;
+    merges += report.merges;
+    const std::string bytes = to_bytes(alone);
+    for (int i = 0; i < 3; ++i) {
+      const InsertReport other = others[i].insert(scan, 3.0, (i + 2) * (i + 1));  // 2, 6, 12
+      ASSERT_TRUE(to_bytes(others[i]) == bytes);
+      ASSERT_NO_THROW(others[i].check_invariants());
+      EXPECT_EQ(other.updates, report.updates);
+      EXPECT_EQ(other.splits, report.splits);
+      EXPECT_EQ(other.merges, report.merges);
+    }
+  }
+  EXPECT_EQ(scans, 4);
+  EXPECT_GT(splits, 5u);
+  AdaptiveMap<N, D> map(options);
+  EXPECT_THROW(map.insert(random_scan<D>(random, 5, 1.0, 0.0, 0.3), 3.0, -1), std::invalid_argument);
+  EXPECT_EQ(map.stats().nodes, 1u);
 }
 
 TYPED_TEST(ScanUpdateOf, FilesHoldAllOfAMap) {

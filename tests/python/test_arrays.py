@@ -165,6 +165,22 @@ def damaged_files():
     ]
 
 
+def test_any_number_of_threads_gives_the_same_map(tmp_path):
+    files = []
+    for threads in (0, 1, 2, 5):
+        m = ndtree.AdaptiveMap(dim=3)
+        for k in range(3):
+            points = np.random.default_rng(k).uniform(-3.0, 3.0, (4000, 3))
+            m.insert(points, np.full(3, 0.1 * k), threads=threads)
+        m.save(tmp_path / f"{threads}.ndt")
+        files.append((tmp_path / f"{threads}.ndt").read_bytes())
+    assert len(set(files)) == 1
+    for m in (ndtree.AdaptiveMap(dim=2), ndtree.FixedMap(dim=2)):
+        with pytest.raises(ValueError, match="threads = -1: must be >= 0"):
+            m.insert(np.ones((5, 2)), np.zeros(2), threads=-1)
+        assert m.stats().nodes == 1
+
+
 @pytest.mark.parametrize("content, message", damaged_files(), ids=lambda v: v if isinstance(v, str) else "")
 def test_damaged_files_are_refused_with_their_name(content, message, tmp_path):
     path = tmp_path / "hall.ndt"

@@ -30,6 +30,18 @@ struct Job {
   }
 };
 
+/// With one thread, for OctoMap has no more.
+template <class Map, int D>
+InsertReport insert_alone(Map& map, const Scan<D>& scan, double max_range) {
+  return map.insert(scan, max_range, 1);
+}
+#ifdef NDTREE_HAVE_OCTOMAP
+template <int D>
+InsertReport insert_alone(OctomapBaseline& map, const Scan<D>& scan, double max_range) {
+  return map.insert(scan, max_range);
+}
+#endif
+
 /// All mapped scans into one map. @returns the sum of the reports.
 template <class Map, int D>
 InsertReport map_all(Map& map, const Job<D>& job) {
@@ -38,7 +50,7 @@ InsertReport map_all(Map& map, const Job<D>& job) {
     if (job.is_held_out(i)) continue;
     InsertReport report;
     try {
-      report = map.insert(job.scans[i], job.options.max_range);
+      report = insert_alone(map, job.scans[i], job.options.max_range);
     } catch (const std::invalid_argument& error) {
       throw InputError(job.name + ": scan " + std::to_string(i) + ": " + error.what());
     }

@@ -32,6 +32,9 @@ class BeamUpdate : public BeamVisitor {
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
         counters_(counters) {}
 
+  /// Beams do not wait.
+  void reserve(std::size_t /*num_beams*/) {}
+
   /// @pre the beam is valid, and the tree contains it up to t_end().
   void add(const Beam<D>& beam) {
     range_ = beam.range;
@@ -45,8 +48,8 @@ class BeamUpdate : public BeamVisitor {
     traverse_beam(tree_, beam.origin, beam.displacement, 0.0, sensor_.t_end(beam), *this);
   }
 
-  /// After the last beam of a scan: nothing is left to do.
-  void finish() {}
+  /// After the last beam of a scan: nothing is left to do, by whatever number of threads.
+  void finish(int /*threads*/) {}
 
   template <class Ref>
   void enter(const Ref& leaf) {

@@ -3,12 +3,14 @@
 /// The occupancy map: scans in, one tree of cells, adaptive or fixed by its refinement policy (Sec. III).
 #pragma once
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <utility>
 
 #include "ndtree/cell/sensor_model.hpp"
@@ -50,6 +52,13 @@ struct InsertReport {
     return invalid;
   }
 };
+
+/// @param threads as in insert(). @returns that number, or, for 0, the machine's number of cores.
+/// @throws std::invalid_argument if it is negative.
+[[nodiscard]] inline int number_of_threads(int threads) {
+  if (threads < 0) throw std::invalid_argument("threads = " + std::to_string(threads) + ": must be >= 0");
+  return threads > 0 ? threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+}
 
 /// The size of a map and what happened to it since it was made.
 struct MapStats {
@@ -93,30 +102,34 @@ class OccupancyMap {
   /// Integrates a scan, as the refinement has it: beam by beam in their order, with merging after each
   /// (paper, fixed; Sec. III), or all beams at once.
   /// @param max_range [m] beams that are longer say only that the space up to there is free.
-  /// @throws std::invalid_argument if max_range is not > 0, if the scan's one origin is not finite, or if a
-  ///   beam leaves what the lattice can address. The map is then unchanged.
-  InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange) {
+  /// @param threads that may work on a large scan; 0: as many as the machine has cores. The map is the same,
+  ///   bit for bit, for every number. Beam by beam there is only one.
+  /// @throws std::invalid_argument if max_range is not > 0, threads is negative, if the scan's one origin is
+  ///   not finite, or if a beam leaves what the lattice can address. The map is then unchanged.
+  InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0) {
     const auto start = std::chrono::steady_clock::now();
+    threads = number_of_threads(threads);
     grow_to_contain(scan, max_range);
     InsertReport report;
     report.beams = static_cast<std::uint64_t>(scan.size);
     const UpdateCounters before = counters_;
     typename Refinement::template Update<Tree, Sensor> update(tree_, refinement_, sensor_, options_,
                                                               counters_);
+    update.reserve(static_cast<std::size_t>(scan.size));
     for (Eigen::Index i = 0; i < scan.size; ++i) {
       const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
       ++report.count(beam.outcome);
       if (beam.outcome != BeamOutcome::invalid) update.add(beam);
     }
-    update.finish();
+    update.finish(threads);
     report.updates = counters_.updates - before.updates;
     report.splits = counters_.splits - before.splits;
     report.merges = counters_.merges - before.merges;
     report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return report;
   }
-  InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange) {
-    return insert(scan.view(), max_range);
+  InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange, int threads = 0) {
+    return insert(scan.view(), max_range, threads);
   }
 
   /// Joins siblings where that loses the least information, until the budget is met; later insertions go on

@@ -64,12 +64,17 @@ class ScanIndex {
     std::array<std::int32_t, kAxes> last{};
   };
 
-  [[nodiscard]] bool empty() const { return unsorted_.empty(); }
+  [[nodiscard]] std::size_t num_beams() const { return beams_.size(); }
   [[nodiscard]] std::size_t num_faces() const { return faces_.size(); }
+
+  void reserve(std::size_t num_beams) {
+    beams_.reserve(num_beams);
+    face_of_.reserve(num_beams);
+  }
 
   /// @param origin [m], finite. @param beam of a length > 0.
   void add(const Vector<D>& origin, const ScanBeam<D>& beam) {
-    if (unsorted_.empty() || origin != last_origin_) {
+    if (beams_.empty() || origin != last_origin_) {
       std::array<double, D> key;
       for (int a = 0; a < D; ++a) key[static_cast<std::size_t>(a)] = origin[a];
       const auto [found, is_new] = cubes_.emplace(key, faces_of_cube_.size());
@@ -96,7 +101,7 @@ class ScanIndex {
       face.lower[k] = std::min(face.lower[k], place);
       face.upper[k] = std::max(face.upper[k], place);
     }
-    unsorted_.push_back(beam);
+    beams_.push_back(beam);
     face_of_.push_back(number);
   }
 
@@ -108,32 +113,31 @@ class ScanIndex {
       face.first_bin = num_bins;
       num_bins += face.num_bins();
     }
-    first_beam_.assign(num_bins + 1, 0);
-    bin_of_.resize(unsorted_.size());
-    for (std::size_t i = 0; i < unsorted_.size(); ++i) {
+    first_in_bin_.assign(num_bins + 1, 0);
+    std::vector<std::uint32_t> bin_of(beams_.size());
+    for (std::size_t i = 0; i < beams_.size(); ++i) {
       const Face& face = faces_[face_of_[i]];
       std::size_t bin = 0;
       for (std::size_t k = kAxes; k-- > 0;) {
-        const auto n = static_cast<std::int32_t>((coordinate(face, unsorted_[i].path, k) - face.lower[k]) *
+        const auto n = static_cast<std::int32_t>((coordinate(face, beams_[i].path, k) - face.lower[k]) *
                                                  face.bins_per_unit[k]);
         bin = bin * static_cast<std::size_t>(face.bins[k]) +
               static_cast<std::size_t>(std::clamp(n, 0, face.bins[k] - 1));
       }
-      bin_of_[i] = static_cast<std::uint32_t>(face.first_bin + bin);
-      ++first_beam_[bin_of_[i] + 1];
+      bin_of[i] = static_cast<std::uint32_t>(face.first_bin + bin);
+      ++first_in_bin_[bin_of[i] + 1];
     }
-    for (std::size_t b = 0; b < num_bins; ++b) first_beam_[b + 1] += first_beam_[b];
-    beams_.resize(unsorted_.size());
-    inverses_.resize(unsorted_.size());
-    std::vector<std::uint32_t> next(first_beam_.begin(), first_beam_.end() - 1);
-    for (std::size_t i = 0; i < unsorted_.size(); ++i) {
-      const std::uint32_t place = next[bin_of_[i]]++;
-      beams_[place] = unsorted_[i];
-      inverses_[place].t_end = unsorted_[i].t_end;
+    for (std::size_t b = 0; b < num_bins; ++b) first_in_bin_[b + 1] += first_in_bin_[b];
+    sorted_.resize(beams_.size());
+    std::vector<std::uint32_t> next(first_in_bin_.begin(), first_in_bin_.end() - 1);
+    for (std::size_t i = 0; i < beams_.size(); ++i) {
+      Sorted& sorted = sorted_[next[bin_of[i]]++];
       for (std::size_t a = 0; a < D; ++a) {
-        const double d = unsorted_[i].path[static_cast<int>(a)];
-        inverses_[place].of_path[a] = d == 0.0 ? kAlmostParallel : 1.0 / d;
+        const double d = beams_[i].path[static_cast<int>(a)];
+        sorted.inverse[a] = d == 0.0 ? kAlmostParallel : 1.0 / d;
       }
+      sorted.t_end = beams_[i].t_end;
+      sorted.beam = &beams_[i];
     }
     for (Face& face : faces_) raise_pyramid(face);
   }
@@ -192,8 +196,9 @@ class ScanIndex {
     return !for_each_row_of(face.bins, view.first, view.last, [&](std::size_t from, std::size_t to) {
       for (std::size_t b = from; b <= to; ++b) {
         if (far < static_cast<double>(depths[b].nearest_end)) continue;
-        for (std::uint32_t i = first_beam_[face.first_bin + b]; i < first_beam_[face.first_bin + b + 1]; ++i)
-          if (beams_[i].returned && contains(beams_[i].end)) return false;
+        for (std::uint32_t i = first_in_bin_[face.first_bin + b]; i < first_in_bin_[face.first_bin + b + 1];
+             ++i)
+          if (sorted_[i].beam->returned && contains(sorted_[i].beam->end)) return false;
       }
       return true;
     });
@@ -210,19 +215,19 @@ class ScanIndex {
     std::size_t found = 0;
     const bool goes_on =
         for_each_row_of(face.bins, view.first, view.last, [&](std::size_t from, std::size_t to) {
-          const std::uint32_t end = first_beam_[face.first_bin + to + 1];
-          for (std::uint32_t i = first_beam_[face.first_bin + from]; i < end; ++i) {
-            const Inverse& inverse = inverses_[i];
+          const std::uint32_t end = first_in_bin_[face.first_bin + to + 1];
+          for (std::uint32_t i = first_in_bin_[face.first_bin + from]; i < end; ++i) {
+            const Sorted& sorted = sorted_[i];
             double t_enter = 0.0;
-            double t_exit = inverse.t_end;
+            double t_exit = sorted.t_end;
             for (std::size_t a = 0; a < D; ++a) {
-              const double t0 = to_lower[static_cast<int>(a)] * inverse.of_path[a];
-              const double t1 = to_upper[static_cast<int>(a)] * inverse.of_path[a];
+              const double t0 = to_lower[static_cast<int>(a)] * sorted.inverse[a];
+              const double t1 = to_upper[static_cast<int>(a)] * sorted.inverse[a];
               t_enter = std::max(t_enter, std::min(t0, t1));
               t_exit = std::min(t_exit, std::max(t0, t1));
             }
             // Without a branch, for nobody could foresee it.
-            crossings[found] = {&beams_[i], t_enter, t_exit};
+            crossings[found] = {sorted.beam, t_enter, t_exit};
             found += t_exit - t_enter > -kTouch;
             if (found < kBatch) continue;
             found = without_touches(crossings, found, to_lower, to_upper);
@@ -272,9 +277,11 @@ class ScanIndex {
     float nearest_end = std::numeric_limits<float>::infinity();   // No beam that returned ends before it.
     float farthest = -std::numeric_limits<float>::infinity();     // No beam reaches beyond it.
   };
-  struct Inverse {
-    std::array<double, D> of_path;
+  /// What tells whether a beam crosses a box.
+  struct Sorted {
+    std::array<double, D> inverse;  // Of the path.
     double t_end;
+    const ScanBeam<D>* beam;
   };
   struct Level {
     std::size_t first = 0;  // In depths_.
@@ -332,15 +339,17 @@ class ScanIndex {
     depths_.resize(depths_.size() + face.num_bins());
     for (std::size_t b = 0; b < face.num_bins(); ++b) {
       Depths& depths = depths_[level.first + b];
-      for (std::uint32_t i = first_beam_[face.first_bin + b]; i < first_beam_[face.first_bin + b + 1]; ++i) {
-        const auto depth = static_cast<float>(std::abs(beams_[i].path[face.axis]));
+      for (std::uint32_t i = first_in_bin_[face.first_bin + b]; i < first_in_bin_[face.first_bin + b + 1];
+           ++i) {
+        const ScanBeam<D>& beam = *sorted_[i].beam;
+        const auto depth = static_cast<float>(std::abs(beam.path[face.axis]));
         depths.nearest_free =
-            std::min(depths.nearest_free, static_cast<float>(beams_[i].t_clearly_free - beams_[i].t_surface) *
-                                                  depth * (1.0f - kRounding) -
-                                              std::numeric_limits<float>::min());
-        if (beams_[i].returned) depths.nearest_end = std::min(depths.nearest_end, depth * (1.0f - kRounding));
+            std::min(depths.nearest_free,
+                     static_cast<float>(beam.t_clearly_free - beam.t_surface) * depth * (1.0f - kRounding) -
+                         std::numeric_limits<float>::min());
+        if (beam.returned) depths.nearest_end = std::min(depths.nearest_end, depth * (1.0f - kRounding));
         depths.farthest =
-            std::max(depths.farthest, static_cast<float>(beams_[i].t_end) * depth * (1.0f + kRounding) +
+            std::max(depths.farthest, static_cast<float>(beam.t_end) * depth * (1.0f + kRounding) +
                                           std::numeric_limits<float>::min());
       }
     }
@@ -417,18 +426,16 @@ class ScanIndex {
     }
   }
 
-  std::vector<ScanBeam<D>> unsorted_;  // As they came.
-  std::vector<std::uint32_t> face_of_;
-  std::vector<std::uint32_t> bin_of_;
   std::map<std::array<double, D>, std::size_t> cubes_;  // By origin: the first of its entries in the next.
   std::vector<std::uint32_t> faces_of_cube_;
   Vector<D> last_origin_ = Vector<D>::Zero();
   std::size_t last_cube_ = 0;
 
   std::vector<Face> faces_;
-  std::vector<ScanBeam<D>> beams_;  // Bin by bin.
-  std::vector<Inverse> inverses_;
-  std::vector<std::uint32_t> first_beam_;  // Of each bin, and the end.
+  std::vector<ScanBeam<D>> beams_;           // As they came.
+  std::vector<std::uint32_t> face_of_;       // Of each beam.
+  std::vector<Sorted> sorted_;               // Bin by bin.
+  std::vector<std::uint32_t> first_in_bin_;  // In sorted_, of each bin, and the end.
   std::vector<Level> levels_;
   std::vector<Depths> depths_;
 };

@@ -5,8 +5,14 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <exception>
+#include <functional>
+#include <system_error>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "ndtree/cell/evidence_cell.hpp"
@@ -20,78 +26,72 @@
 
 namespace ndtree {
 
-/// Integrates all beams of a scan in one walk over the tree. A leaf gets the joint evidence of the beams that
-/// cross it over more than a point: a sum of whole numbers, so that neither their order matters nor how they
-/// are found. A leaf that splits passes the same beams on to its children, which begin with what is due to
-/// them of what it knew. Siblings of which a cell changed are merged on the way back. A leaf that splits and
-/// is whole again after the same scan was neither split nor merged.
-///
-/// A cell that a scan leaves as it was is not updated, and does not count as such. That is so for cells that
-/// know as much free space as a cell can remember: where all beams pass, they are not even asked.
-///
-/// What a beam says about a leaf, by where its end point lies:
-/// - behind the leaf, and clearly so: a miss, evidence for free space in proportion to the way through it;
-/// - near it, within the sensor's noise: what the inverse sensor model says, and a miss if behind;
-/// - in it: a hit, and what the inverse sensor model says;
-/// - before it: up to three standard deviations behind a hit the leaf takes what the model says, but only if
-///   it is small, or of the smallest. A surface is not the whole of a coarse cell that it lies in front of.
-///
-/// A hit asks for smaller cells if the beam came a longer way through the leaf than noise explains, or if the
-/// leaf is larger than what the noise leaves open. A beam without return is a miss of all leaves that it
-/// passes as a whole.
+/// The part of an update that goes down the tree: what one thread does. See ScanUpdate.
 template <class Tree, class Refinement, class Sensor>
-class ScanUpdate {
+class ScanWalk {
   static constexpr int N = Tree::kBranching;
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
   static constexpr double kNoiseReach = 3.0;  // Standard deviations that noise is taken to explain.
   static constexpr double kSmallCell = 2.0;   // Standard deviations up to which a cell is small.
-  // Standard deviations; then a cell in the middle of which a beam ends gets probability_max of the defaults.
-  static constexpr double kThinnestSurface = 5.0 / 3.0;
-  static constexpr std::int64_t kFew = 32;  // Beams, or bins of them.
+  static constexpr std::int64_t kFew = 32;    // Beams, or bins of them.
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
 
  public:
-  ScanUpdate(Tree& tree, const Refinement& refinement, const Sensor& sensor, const MapOptions&,
-             UpdateCounters& counters)
+  /// Standard deviations; then a cell in the middle of which a beam ends gets probability_max of the
+  /// defaults.
+  static constexpr double kThinnestSurface = 5.0 / 3.0;
+
+  using Ref = typename Tree::Ref;
+  using Index = ScanIndex<D>;
+  using View = typename Index::View;
+
+  /// A node whose part of the update does not touch that of any other one, with the views of its beams.
+  struct Task {
+    Ref ref;
+    Box<D> box;
+    std::vector<View> views;
+    std::vector<Crossing<D>> crossings;
+    std::int64_t effort;  ///< The larger, the longer it takes.
+  };
+
+  /// @param arena of the tree, for this thread alone.
+  ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
+           const Index& scan, double largest_sigma)
       : tree_(tree),
+        arena_(arena),
         refinement_(refinement),
         sensor_(sensor),
-        counters_(counters),
+        index_(scan),
+        largest_sigma_(largest_sigma),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)) {}
 
-  /// @pre the beam is valid. It waits for finish().
-  void add(const Beam<D>& beam) {
-    const bool returned = beam.outcome == BeamOutcome::returned;
-    const double sigma = sensor_.sigma(beam.range);
-    largest_sigma_ = std::max(largest_sigma_, sigma);
-    const double t_clearly_free =
-        returned ? sensor_.clearly_free_until(beam.range, sigma) / beam.range : beam.t_free;
-    index_.add(beam.origin,
-               {beam.displacement, beam.origin, beam.range, sigma, beam.range / sigma, sensor_.t_end(beam),
-                t_clearly_free, returned ? kThinnestSurface * sigma / beam.range : 0.0,
-                returned ? cell_of_hit(beam) : tree_.geometry().coordinates(beam.free_end()), returned});
-  }
+  [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
 
-  /// @pre the tree contains all beams up to Sensor::t_end().
-  void finish() {
-    if (index_.empty()) return;
-    index_.sort();
+  /// The whole update, or, if `tasks` are asked for, that of nodes above the coarsest level of cells, of
+  /// which none are merged; what is left to do is then in the tasks.
+  void run(std::vector<Task>* tasks = nullptr) {
+    tasks_ = tasks;
     const Ref root = tree_.root();
     const Box<D> box = tree_.box(root.index);
     View view;
     for (std::uint32_t face = 0; face < index_.num_faces(); ++face)
       if (index_.look(face, box, view)) views_.push_back(view);
-    if (!views_.empty()) descend(root, box, {false, 0, views_.size()});
+    descend(root, box, {false, 0, views_.size()});
     views_.clear();
+    tasks_ = nullptr;
+  }
+  void run(const Task& task) {
+    const bool is_listed = !task.crossings.empty();
+    views_ = task.views;
+    crossings_ = task.crossings;
+    descend(task.ref, task.box, {is_listed, 0, is_listed ? crossings_.size() : views_.size()});
+    views_.clear();
+    crossings_.clear();
   }
 
  private:
-  using Ref = typename Tree::Ref;
-  using Index = ScanIndex<D>;
-  using View = typename Index::View;
-
   /// The beams that cross a node: those in its views, or, if they are few, one by one.
   struct Part {
     bool is_listed;
@@ -180,8 +180,25 @@ class ScanUpdate {
     return parts;
   }
 
+  void defer(const Ref& ref, const Box<D>& box, const Part& part) {
+    if (part.empty()) return;
+    Task task{ref, box, {}, {}, 0};
+    if (part.is_listed)
+      task.crossings.assign(crossings_.begin() + static_cast<std::ptrdiff_t>(part.first),
+                            crossings_.begin() + static_cast<std::ptrdiff_t>(part.last));
+    else
+      task.views.assign(views_.begin() + static_cast<std::ptrdiff_t>(part.first),
+                        views_.begin() + static_cast<std::ptrdiff_t>(part.last));
+    task.effort = part.is_listed ? static_cast<std::int64_t>(part.last - part.first) : num_bins(part);
+    tasks_->push_back(std::move(task));
+  }
+
   /// @param part not empty. @returns whether a cell changed.
   bool descend(const Ref& ref, const Box<D>& box, const Part& seen) {
+    if (tasks_ != nullptr && ref.index.level <= coarsest_level_) {
+      defer(ref, box, seen);
+      return false;
+    }
     const std::size_t views_before = views_.size();
     const std::size_t crossings_before = crossings_.size();
     const bool changed = update_subtree(ref, box, listed_if_few(seen, box));
@@ -209,7 +226,7 @@ class ScanUpdate {
       parent = ref.cell();
       ++counters_.splits;
     }
-    if (is_leaf) tree_.split(ref);
+    if (is_leaf) tree_.split_node(*ref.node, {}, arena_);
 
     bool changed = splits;
     auto* const children = tree_.children(*ref.node);
@@ -231,7 +248,7 @@ class ScanUpdate {
     if (!changed || ref.index.level > coarsest_level_) return changed;
     const auto merged = refinement_.merge_rule(children, kNumChildren, kShareDivisor<Tree>);
     if (!merged) return true;
-    tree_.merge(*ref.node, *merged);
+    tree_.merge(*ref.node, *merged, arena_);
     if (splits)
       --counters_.splits;
     else
@@ -358,6 +375,124 @@ class ScanUpdate {
     ++sum.beams;
   }
 
+  Tree& tree_;
+  typename Tree::Arena& arena_;
+  const Refinement& refinement_;
+  const Sensor& sensor_;
+  const Index& index_;
+  const double largest_sigma_;
+  const int finest_level_;
+  const int coarsest_level_;
+  UpdateCounters counters_;
+  std::vector<Task>* tasks_ = nullptr;
+  // Of the nodes on the path from the root, the deepest last:
+  std::vector<View> views_;
+  std::vector<Crossing<D>> crossings_;
+  std::vector<CrossingOfChild> unsorted_;  // While they are handed down.
+};
+
+/// Integrates all beams of a scan in one walk over the tree. A leaf gets the joint evidence of the beams that
+/// cross it over more than a point: a sum of whole numbers, so that neither their order matters nor how they
+/// are found. A leaf that splits passes the same beams on to its children, which begin with what is due to
+/// them of what it knew. Siblings of which a cell changed are merged on the way back. A leaf that splits and
+/// is whole again after the same scan was neither split nor merged.
+///
+/// A cell that a scan leaves as it was is not updated, and does not count as such. That is so for cells that
+/// know as much free space as a cell can remember: where all beams pass, they are not even asked.
+///
+/// What a beam says about a leaf, by where its end point lies:
+/// - behind the leaf, and clearly so: a miss, evidence for free space in proportion to the way through it;
+/// - near it, within the sensor's noise: what the inverse sensor model says, and a miss if behind;
+/// - in it: a hit, and what the inverse sensor model says;
+/// - before it: up to three standard deviations behind a hit the leaf takes what the model says, but only if
+///   it is small, or of the smallest. A surface is not the whole of a coarse cell that it lies in front of.
+///
+/// A hit asks for smaller cells if the beam came a longer way through the leaf than noise explains, or if the
+/// leaf is larger than what the noise leaves open. A beam without return is a miss of all leaves that it
+/// passes as a whole.
+template <class Tree, class Refinement, class Sensor>
+class ScanUpdate {
+  static constexpr int D = Tree::kDim;
+  using Walk = ScanWalk<Tree, Refinement, Sensor>;
+
+ public:
+  ScanUpdate(Tree& tree, const Refinement& refinement, const Sensor& sensor, const MapOptions&,
+             UpdateCounters& counters)
+      : tree_(tree), refinement_(refinement), sensor_(sensor), counters_(counters) {}
+
+  void reserve(std::size_t num_beams) { index_.reserve(num_beams); }
+  /// @pre the beam is valid. It waits for finish().
+  void add(const Beam<D>& beam) {
+    const bool returned = beam.outcome == BeamOutcome::returned;
+    const double sigma = sensor_.sigma(beam.range);
+    largest_sigma_ = std::max(largest_sigma_, sigma);
+    const double t_clearly_free =
+        returned ? sensor_.clearly_free_until(beam.range, sigma) / beam.range : beam.t_free;
+    index_.add(beam.origin,
+               {beam.displacement, beam.origin, beam.range, sigma, beam.range / sigma, sensor_.t_end(beam),
+                t_clearly_free, returned ? Walk::kThinnestSurface * sigma / beam.range : 0.0,
+                returned ? cell_of_hit(beam) : tree_.geometry().coordinates(beam.free_end()), returned});
+  }
+
+  /// @pre the tree contains all beams up to Sensor::t_end().
+  /// @param threads that may work at once, >= 1. The result is the same for every number.
+  void finish(int threads) {
+    if (index_.num_beams() == 0) return;
+    index_.sort();
+    if (threads <= 1 || index_.num_beams() < kFewBeams) {
+      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, index_, largest_sigma_);
+      walk.run();
+      add(walk.counters());
+    } else {
+      run_tasks(threads);
+    }
+  }
+
+ private:
+  static constexpr std::size_t kFewBeams = 2000;  // Are not worth the start of a thread.
+
+  /// One thread walks down to the cells of the coarsest level, which are then shared out, the ones with the
+  /// most beams first.
+  void run_tasks(int threads) {
+    std::vector<typename Walk::Task> tasks;
+    Walk above(tree_, tree_.main_arena(), refinement_, sensor_, index_, largest_sigma_);
+    above.run(&tasks);
+    add(above.counters());
+    std::stable_sort(tasks.begin(), tasks.end(),
+                     [](const auto& a, const auto& b) { return a.effort > b.effort; });
+    struct Worker {
+      typename Tree::Arena arena;
+      UpdateCounters counters;
+      std::exception_ptr error;
+    };
+    std::vector<Worker> workers(std::min(static_cast<std::size_t>(threads), tasks.size()));
+    for (Worker& worker : workers) tree_.lend(worker.arena);
+    std::atomic<std::size_t> next{0};
+    const auto work = [&](Worker& worker) {
+      try {
+        Walk walk(tree_, worker.arena, refinement_, sensor_, index_, largest_sigma_);
+        for (std::size_t i = next++; i < tasks.size(); i = next++) walk.run(tasks[i]);
+        worker.counters = walk.counters();
+      } catch (...) {
+        worker.error = std::current_exception();
+        next = tasks.size();
+      }
+    };
+    std::vector<std::thread> running;
+    try {
+      for (std::size_t i = 1; i < workers.size(); ++i) running.emplace_back(work, std::ref(workers[i]));
+    } catch (const std::system_error&) {  // No more threads are to be had: these will do.
+    }
+    if (!workers.empty()) work(workers.front());
+    for (std::thread& thread : running) thread.join();
+    for (Worker& worker : workers) {
+      tree_.absorb(worker.arena);
+      add(worker.counters);
+    }
+    for (const Worker& worker : workers)
+      if (worker.error) std::rethrow_exception(worker.error);
+  }
+
   /// The smallest cell that a returned beam ends in: the one that holds the end point, or, if the beam only
   /// touches that one in a corner, the next along the beam.
   [[nodiscard]] Lattice<D> cell_of_hit(const Beam<D>& beam) const {
@@ -375,18 +510,18 @@ class ScanUpdate {
     return is_touched_only ? behind : cell;
   }
 
+  void add(const UpdateCounters& counters) {
+    counters_.updates += counters.updates;
+    counters_.splits += counters.splits;
+    counters_.merges += counters.merges;
+  }
+
   Tree& tree_;
   const Refinement& refinement_;
   const Sensor& sensor_;
   UpdateCounters& counters_;
-  const int finest_level_;
-  const int coarsest_level_;
   double largest_sigma_ = 0.0;
-  Index index_;
-  // Of the nodes on the path from the root, the deepest last:
-  std::vector<View> views_;
-  std::vector<Crossing<D>> crossings_;
-  std::vector<CrossingOfChild> unsorted_;  // While they are handed down.
+  ScanIndex<D> index_;
 };
 
 }  // namespace ndtree

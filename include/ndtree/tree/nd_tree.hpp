@@ -45,6 +45,7 @@ class NdTree {
   using NodeType = Node<Cell>;
   using Ref = NodeRef<NodeType, D>;
   using ConstRef = NodeRef<const NodeType, D>;
+  using Arena = typename NodePool<NodeType, kNumChildren>::Arena;
 
   /// One root, a leaf of level 0, with its lower corner at 0.
   /// @param min_cell_size edge of the smallest cell [m]. @param num_levels levels from it up to level 0.
@@ -87,19 +88,28 @@ class NdTree {
   void split(const Ref& leaf, const Cell& cell = Cell{}) { split_node(*leaf.node, cell); }
 
   /// The same for a node whose region the caller knows.
-  void split_node(NodeType& leaf, const Cell& cell = Cell{}) {
-    const BlockId block = pool_.allocate();
+  void split_node(NodeType& leaf, const Cell& cell = Cell{}) { split_node(leaf, cell, pool_.main_arena()); }
+  /// The same for one of several threads, with an arena of its own.
+  void split_node(NodeType& leaf, const Cell& cell, Arena& arena) {
+    const BlockId block = pool_.allocate(arena);
     NodeType* children = pool_.block(block);
     for (int j = 0; j < kNumChildren; ++j) children[j].become_leaf(cell);
     leaf.become_inner(block);
   }
 
   /// An inner node whose children are all leaves becomes a leaf with the given cell.
-  void merge(NodeType& parent, const Cell& cell) {
+  void merge(NodeType& parent, const Cell& cell) { merge(parent, cell, pool_.main_arena()); }
+  void merge(NodeType& parent, const Cell& cell, Arena& arena) {
     const BlockId block = parent.children();
     parent.become_leaf(cell);
-    pool_.free(block);
+    pool_.free(block, arena);
   }
+
+  /// The storage that split_node() and merge() take and free blocks through, unless a thread has its own.
+  [[nodiscard]] Arena& main_arena() { return pool_.main_arena(); }
+  /// While threads have arenas, they may split and merge below nodes of their own, and nothing else happens.
+  void lend(Arena& arena) { pool_.lend(arena); }
+  void absorb(Arena& arena) { pool_.absorb(arena); }
 
   /// Adds roots, each N times larger, until the point fits; the old root becomes the child on the far side
   /// from the point (Sec. II-C), and on axes that fit already the new one is balanced about 0. No other node

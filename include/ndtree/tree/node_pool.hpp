@@ -4,10 +4,12 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <mutex>
 #include <new>
 #include <stdexcept>
 #include <type_traits>
@@ -72,81 +74,110 @@ class Node<Cell, std::enable_if_t<Cell::kLeavesTopBitOfFirstWordClear>> {
 
 /// Blocks of `kBlockSize` nodes in chunks that never move: nodes keep their addresses while the pool grows.
 /// Freed blocks are used again, the last freed first. Copyable; a copy keeps all ids.
+///
+/// Threads may allocate and free at once, each through an arena of its own, while they read and write nodes
+/// that no other one touches; only the taking of new blocks, some dozens at a time, locks.
 template <class NodeType, int kBlockSize>
 class NodePool {
-  using Chunk = std::unique_ptr<std::byte[]>;
   static_assert(std::is_trivially_copyable_v<NodeType> && std::is_trivially_destructible_v<NodeType>);
   static_assert(alignof(NodeType) <= __STDCPP_DEFAULT_NEW_ALIGNMENT__);
+  static constexpr BlockId kMaxBlocks = 0x7fffffffu;
+  static constexpr BlockId kNone = 0x7fffffffu;
 
  public:
+  /// Where one thread takes blocks from, and gives them back to.
+  class Arena {
+    friend NodePool;
+    BlockId next_unused_ = 0;
+    BlockId end_of_chunk_ = 0;
+    BlockId first_free_ = kNone;
+    std::ptrdiff_t num_blocks_ = 0;  // Allocated less freed.
+  };
+
   NodePool() = default;
   NodePool(NodePool&& other) noexcept { swap(other); }
-  NodePool(const NodePool& other)
-      : next_unused_(other.next_unused_), first_free_(other.first_free_), num_blocks_(other.num_blocks_) {
-    chunks_.reserve(other.chunks_.size());
-    for (const auto& chunk : other.chunks_) {
-      chunks_.push_back(allocate_chunk());
-      std::memcpy(chunks_.back().get(), chunk.get(), kChunkBytes);
+  NodePool(const NodePool& other) : main_(other.main_) {
+    make_directory(other.num_chunks_);
+    for (; num_chunks_ < other.num_chunks_; ++num_chunks_) {
+      chunk(num_chunks_) = new std::byte[kChunkBytes];
+      std::memcpy(chunk(num_chunks_), other.chunk(num_chunks_), kChunkBytes);
     }
   }
   NodePool& operator=(NodePool other) noexcept {
     swap(other);
     return *this;
   }
-  ~NodePool() = default;
+  ~NodePool() {
+    for (std::size_t i = 0; i < num_chunks_; ++i) delete[] chunk(i);
+  }
 
   /// Siblings of a block, `kBlockSize` of them.
   [[nodiscard]] NodeType* block(BlockId id) {
-    return std::launder(reinterpret_cast<NodeType*>(chunks_[id >> kChunkBits].get())) +
+    return std::launder(reinterpret_cast<NodeType*>(chunk(id >> kChunkBits))) +
            (id & kChunkMask) * kBlockSize;
   }
   [[nodiscard]] const NodeType* block(BlockId id) const { return const_cast<NodePool*>(this)->block(id); }
 
+  /// The one that is used if no other is named.
+  [[nodiscard]] Arena& main_arena() { return main_; }
+
   /// A block of default nodes. @throws std::length_error beyond 2^31 blocks.
-  BlockId allocate() {
-    BlockId id = first_free_;
-    if (id != kNone) {
-      first_free_ = block(id)[0].children();
-    } else {
-      if (next_unused_ == kMaxBlocks)
-        throw std::length_error("the tree holds 2^31 blocks of nodes: it is full");
-      if ((next_unused_ >> kChunkBits) == chunks_.size()) chunks_.push_back(allocate_chunk());
-      id = next_unused_++;
-    }
+  BlockId allocate() { return allocate(main_); }
+  BlockId allocate(Arena& arena) {
+    if (arena.first_free_ == kNone && arena.next_unused_ == arena.end_of_chunk_) refill(arena);
+    const BlockId id = arena.first_free_ != kNone ? pop_free(arena) : arena.next_unused_++;
     std::uninitialized_fill_n(block(id), kBlockSize, NodeType{});
-    ++num_blocks_;
+    ++arena.num_blocks_;
     return id;
   }
 
-  void free(BlockId id) {
-    block(id)[0].become_inner(first_free_);
-    first_free_ = id;
-    --num_blocks_;
+  void free(BlockId id) { free(id, main_); }
+  void free(BlockId id, Arena& arena) {
+    push_free(arena, id);
+    --arena.num_blocks_;
   }
 
-  [[nodiscard]] std::size_t num_blocks() const { return num_blocks_; }
+  /// Before a thread begins with an arena. As long as one is lent, no block is allocated or freed without.
+  void lend(Arena& arena) {
+    arena = Arena{};
+    ++num_lent_;
+  }
+  /// When it is done: takes over what its arena holds.
+  void absorb(Arena& arena) {
+    while (arena.first_free_ != kNone) push_free(main_, pop_free(arena));
+    for (; arena.next_unused_ < arena.end_of_chunk_; ++arena.next_unused_) {
+      new (block(arena.next_unused_)) NodeType;
+      push_free(main_, arena.next_unused_);
+    }
+    main_.num_blocks_ += arena.num_blocks_;
+    arena = Arena{};
+    if (--num_lent_ == 0) forget_old_directories();
+  }
+
+  [[nodiscard]] std::size_t num_blocks() const { return static_cast<std::size_t>(main_.num_blocks_); }
   /// Bytes that a pool with so many blocks holds if it was made for them.
   [[nodiscard]] static std::size_t memory_bytes_of(std::size_t num_blocks) {
     const std::size_t chunks = (num_blocks + kChunkMask) >> kChunkBits;
-    return chunks * (kChunkBytes + sizeof(Chunk));
+    return chunks * (kChunkBytes + sizeof(std::byte*));
   }
   /// Room for so many blocks in the directory; none is allocated.
-  void reserve(std::size_t num_blocks) { chunks_.reserve((num_blocks + kChunkMask) >> kChunkBits); }
+  void reserve(std::size_t num_blocks) { make_directory((num_blocks + kChunkMask) >> kChunkBits); }
   /// Bytes held, used or not.
   [[nodiscard]] std::size_t memory_bytes() const {
-    return chunks_.size() * kChunkBytes + chunks_.capacity() * sizeof(chunks_[0]);
+    return num_chunks_ * kChunkBytes + capacity_ * sizeof(std::byte*);
   }
 
   void swap(NodePool& other) noexcept {
-    std::swap(chunks_, other.chunks_);
-    std::swap(next_unused_, other.next_unused_);
-    std::swap(first_free_, other.first_free_);
-    std::swap(num_blocks_, other.num_blocks_);
+    std::swap(directories_, other.directories_);
+    std::byte** const directory = directory_.load(std::memory_order_relaxed);
+    directory_.store(other.directory_.load(std::memory_order_relaxed), std::memory_order_relaxed);
+    other.directory_.store(directory, std::memory_order_relaxed);
+    std::swap(num_chunks_, other.num_chunks_);
+    std::swap(capacity_, other.capacity_);
+    std::swap(main_, other.main_);
   }
 
  private:
-  static constexpr BlockId kMaxBlocks = 0x7fffffffu;
-  static constexpr BlockId kNone = 0x7fffffffu;
   static constexpr std::size_t kBlockBytes = sizeof(NodeType) * kBlockSize;
   /// Chunks are of about 8 KiB, so that small maps are small, and of at least one block.
   static constexpr int chunk_bits() {
@@ -158,12 +189,58 @@ class NodePool {
   static constexpr BlockId kChunkMask = (BlockId{1} << kChunkBits) - 1;
   static constexpr std::size_t kChunkBytes = kBlockBytes << kChunkBits;
 
-  static Chunk allocate_chunk() { return Chunk(new std::byte[kChunkBytes]); }
+  [[nodiscard]] std::byte*& chunk(std::size_t number) const {
+    return directory_.load(std::memory_order_acquire)[number];
+  }
 
-  std::vector<Chunk> chunks_;
-  BlockId next_unused_ = 0;
-  BlockId first_free_ = kNone;
-  std::size_t num_blocks_ = 0;
+  /// A larger directory with the same chunks. Who still reads the old one finds in it all that it knows of.
+  void make_directory(std::size_t capacity) {
+    if (capacity <= capacity_) return;
+    directories_.push_back(std::make_unique<std::byte*[]>(capacity));
+    for (std::size_t i = 0; i < num_chunks_; ++i) directories_.back()[i] = chunk(i);
+    directory_.store(directories_.back().get(), std::memory_order_release);
+    capacity_ = capacity;
+  }
+
+  void forget_old_directories() {
+    if (directories_.size() > 1) directories_.erase(directories_.begin(), directories_.end() - 1);
+  }
+
+  BlockId pop_free(Arena& arena) {
+    const BlockId id = arena.first_free_;
+    arena.first_free_ = block(id)[0].children();
+    return id;
+  }
+  void push_free(Arena& arena, BlockId id) {
+    block(id)[0].become_inner(arena.first_free_);
+    arena.first_free_ = id;
+  }
+
+  /// Takes free blocks that no thread has, as many as a chunk holds, else a new chunk.
+  void refill(Arena& arena) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (&arena != &main_ && main_.first_free_ != kNone) {
+      for (BlockId i = 0; i <= kChunkMask && main_.first_free_ != kNone; ++i)
+        push_free(arena, pop_free(main_));
+      return;
+    }
+    if ((num_chunks_ + 1) << kChunkBits > kMaxBlocks)
+      throw std::length_error("the tree holds 2^31 blocks of nodes: it is full");
+    if (num_chunks_ == capacity_) make_directory(std::max<std::size_t>(2 * capacity_, 4));
+    if (num_lent_ == 0) forget_old_directories();
+    chunk(num_chunks_) = new std::byte[kChunkBytes];
+    arena.next_unused_ = static_cast<BlockId>(num_chunks_ << kChunkBits);
+    arena.end_of_chunk_ = arena.next_unused_ + kChunkMask + 1;
+    ++num_chunks_;
+  }
+
+  std::vector<std::unique_ptr<std::byte*[]>> directories_;  // The last one is in use.
+  std::atomic<std::byte**> directory_{nullptr};
+  std::size_t num_chunks_ = 0;
+  std::size_t capacity_ = 0;
+  int num_lent_ = 0;  // Arenas that threads work with.
+  Arena main_;
+  std::mutex mutex_;
 };
 
 }  // namespace ndtree

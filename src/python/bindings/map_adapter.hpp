@@ -72,8 +72,8 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   [[nodiscard]] int branching() const override { return Map::kBranching; }
   [[nodiscard]] std::string refinement() const override { return Map::RefinementType::kName; }
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
-  InsertReport insert(const BeamArrays& beams, double max_range) override {
-    return map_.insert(beams.view<D>(), max_range);
+  InsertReport insert(const BeamArrays& beams, double max_range, int threads) override {
+    return map_.insert(beams.view<D>(), max_range, threads);
   }
   CompressReport compress(const CompressBudget& budget) override {
     if constexpr (std::is_same_v<typename Map::RefinementType, EvidenceRefinement>)

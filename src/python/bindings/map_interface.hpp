@@ -43,7 +43,7 @@ class MapInterface {
   [[nodiscard]] virtual std::string refinement() const = 0;
   [[nodiscard]] virtual const MapOptions& options() const = 0;
 
-  virtual InsertReport insert(const BeamArrays& beams, double max_range) = 0;
+  virtual InsertReport insert(const BeamArrays& beams, double max_range, int threads) = 0;
   /// @throws std::invalid_argument where the refinement cannot, or the budget cannot be met.
   virtual CompressReport compress(const CompressBudget&) {
     throw std::invalid_argument("refinement = '" + refinement() +

@@ -338,11 +338,12 @@ void bind_maps(py::module_& module) {
       .def(
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
-             double max_range) {
+             double max_range, int threads) {
             const BeamArrays beams(points, origin, returned, map.constant().dim());
-            return map.write([&](MapInterface& m) { return m.insert(beams, max_range); });
+            return map.write([&](MapInterface& m) { return m.insert(beams, max_range, threads); });
           },
           "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "max_range"_a = kInfinity,
+          "threads"_a = 0,
           R"(Integrate a scan.
 
 All beams together, so that their order does not matter; a fixed map, and one refined as the paper has it,
@@ -358,6 +359,9 @@ returned : (n,) array of bool, optional
     False: nothing was hit, the space up to the point is free. Default: all True.
 max_range : float
     Longer beams say only that the space up to there is free [m].
+threads : int
+    That may work on a large scan; 0: as many as the machine has cores. The map is the same, bit for bit, for
+    every number. Beam by beam there is only one.
 
 Returns
 -------

@@ -31,7 +31,8 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
   [[nodiscard]] int branching() const override { return 2; }
   [[nodiscard]] std::string refinement() const override { return kOctomap; }
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
-  InsertReport insert(const BeamArrays& beams, double max_range) override {
+  InsertReport insert(const BeamArrays& beams, double max_range, int threads) override {
+    (void)number_of_threads(threads);  // OctoMap has one.
     return map_.insert(beams.view<D>(), max_range);
   }
   [[nodiscard]] PythonStats stats() const override {

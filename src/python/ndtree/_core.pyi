@@ -122,6 +122,7 @@ class OccupancyMap:
         *,
         returned: ArrayLike | None = None,
         max_range: float = ...,
+        threads: int = 0,
     ) -> InsertReport: ...
     def compress(
         self,

@@ -248,7 +248,7 @@ def _build(
     seconds = 0.0
     for done, (i, scan) in enumerate(scans.items(), start=1):
         try:
-            report = scan.insert_into(target, max_range=max_range)
+            report = scan.insert_into(target, max_range=max_range, threads=1)
         except ValueError as error:
             raise ValueError(f"scan {i}: {error}") from None
         seconds += report.seconds

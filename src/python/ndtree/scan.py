@@ -120,7 +120,9 @@ class Scan:
         use = (length > 0) & (length <= max_range)
         return start[use], way[use] / length[use, None], length[use]
 
-    def insert_into(self, target: OccupancyMap, *, max_range: float = math.inf) -> InsertReport:
+    def insert_into(
+        self, target: OccupancyMap, *, max_range: float = math.inf, threads: int = 0
+    ) -> InsertReport:
         """Integrate the scan into a map; the same as the map's own ``insert``.
 
         Parameters
@@ -129,13 +131,17 @@ class Scan:
             Of the same ``dim`` as the scan.
         max_range : float
             Longer beams say only that the space up to there is free [m].
+        threads : int
+            As for ``insert``; 0: all cores.
 
         Returns
         -------
         InsertReport
             What became of the beams.
         """
-        return target.insert(self.endpoints, self.origin, returned=self.returned, max_range=max_range)
+        return target.insert(
+            self.endpoints, self.origin, returned=self.returned, max_range=max_range, threads=threads
+        )
 
     def evaluate_on(
         self, target: OccupancyMap, *, max_range: float = math.inf, truth: HeldOutTruth | None = None
