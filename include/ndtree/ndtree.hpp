@@ -9,4 +9,5 @@
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
+#include "ndtree/query/region.hpp"
 #include "ndtree/version.hpp"

@@ -45,7 +45,7 @@ int numbered_cell<int>(int number) {
 }
 
 static_assert(sizeof(Node<OccupancyCell>) == 8, "the link shares the cell's memory");
-static_assert(sizeof(Node<int>) == 8, "the link stands beside a plain cell");
+static_assert(sizeof(Node<int>) == 12, "link and note stand beside a plain cell");
 
 template <class Cell, int BlockSize>
 struct Layout {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Insertion and queries of our maps and of OctoMap, over simulated worlds and recordings.
+/// Insertion, queries, and files of our maps and of OctoMap, over simulated worlds and recordings.
 ///
 /// usage: ndtree-bench [--beams N] [LOG …] [--benchmark_…]
 ///
@@ -15,10 +15,13 @@
 #include <random>
 #include <sstream>
 #include <string>
+#include <type_traits>
+#include <utility>
 #include <variant>
 #include <vector>
 
 #include "log_input.hpp"
+#include "ndtree/logs/simulator.hpp"
 #include "ndtree/ndtree.hpp"
 #ifdef NDTREE_HAVE_OCTOMAP
 #include "octomap_baseline.hpp"
@@ -54,29 +57,99 @@ std::shared_ptr<const Workload<D>> thin(const std::vector<Scan<D>>& scans, std::
   return work;
 }
 
+/// One scan into a map, by so many threads.
+template <class Map, int D>
+InsertReport insert(Map& map, const Scan<D>& scan, double max_range, int threads) {
+  return map.insert(scan, max_range, threads);
+}
+#ifdef NDTREE_HAVE_OCTOMAP
+template <int D>
+InsertReport insert(OctomapBaseline& map, const Scan<D>& scan, double max_range, int /*threads*/) {
+  return map.insert(scan, max_range);
+}
+#endif
+
 template <class Map, int D>
 Map built(const Workload<D>& work, Map map) {
-  for (const auto& scan : work.scans) map.insert(scan, work.max_range);
+  for (const auto& scan : work.scans) insert(map, scan, work.max_range, 1);
   return map;
 }
 
-/// A map that grew from nothing, once an iteration; the time is that of the insertions alone.
-template <int D, class Make>
-void insertion(benchmark::State& state, const Workload<D>& work, const Make& make) {
+/// The same beams, each as a scan of its own.
+template <int D>
+std::vector<Scan<D>> beam_by_beam(const std::vector<Scan<D>>& scans) {
+  std::vector<Scan<D>> beams;
+  for (const auto& scan : scans)
+    for (Eigen::Index i = 0; i < scan.size(); ++i) {
+      Scan<D> beam;
+      beam.origins = scan.origins.col(scan.origins.cols() == 1 ? 0 : i);
+      beam.endpoints = scan.endpoints.col(i);
+      if (scan.returned.size() != 0) beam.returned = scan.returned.segment(i, 1);
+      beams.push_back(std::move(beam));
+    }
+  return beams;
+}
+
+/// Every k-th beam of each scan.
+template <int D>
+std::vector<Scan<D>> thinned(const std::vector<Scan<D>>& scans, Eigen::Index k) {
+  std::vector<Scan<D>> result;
+  for (const auto& scan : scans) {
+    Scan<D> thin;
+    const Eigen::Index n = (scan.size() + k - 1) / k;
+    thin.origins = scan.origins.leftCols(1);
+    thin.endpoints.resize(D, n);
+    thin.returned.resize(n);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      thin.endpoints.col(i) = scan.endpoints.col(i * k);
+      thin.returned[i] = scan.returned.size() == 0 || scan.returned[i * k];
+    }
+    result.push_back(std::move(thin));
+  }
+  return result;
+}
+
+/// A map that grows from nothing, or that knows all of it already, once an iteration; the time is that of the
+/// insertions alone.
+/// @param scans_of the workload's scans, or another division of its beams.
+template <int D, class Make, class ScansOf>
+void insertion(benchmark::State& state, const Workload<D>& work, const Make& make, bool is_known, int threads,
+               const ScansOf& scans_of) {
+  const std::vector<Scan<D>> scans = scans_of(work.scans);
+  std::uint64_t beams = 0;
+  for (const auto& scan : scans) beams += static_cast<std::uint64_t>(scan.size());
   std::uint64_t updates = 0;
+  auto known = make(work.options);
+  if (is_known)
+    for (const auto& scan : scans) insert(known, scan, work.max_range, 1);
   for (auto _ : state) {
-    auto map = make(work.options);
+    auto map = known;
     double seconds = 0.0;
     updates = 0;
-    for (const auto& scan : work.scans) {
-      const InsertReport report = map.insert(scan, work.max_range);
+    for (const auto& scan : scans) {
+      const InsertReport report = insert(map, scan, work.max_range, threads);
       seconds += report.seconds;
       updates += report.updates;
     }
     state.SetIterationTime(seconds);
   }
-  state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * work.beams));
-  state.counters["updates_per_beam"] = static_cast<double>(updates) / static_cast<double>(work.beams);
+  state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * beams));
+  state.counters["updates_per_beam"] = static_cast<double>(updates) / static_cast<double>(beams);
+}
+
+/// To the bytes of a file, and back.
+template <int D, class Make>
+void save_and_load(benchmark::State& state, const Workload<D>& work, const Make& make) {
+  const auto map = built(work, make(work.options));
+  using Map = std::decay_t<decltype(map)>;
+  std::size_t size = 0;
+  for (auto _ : state) {
+    const std::string bytes = to_bytes(map);
+    size = bytes.size();
+    benchmark::DoNotOptimize(from_bytes<Map>(bytes).tree().num_nodes());
+  }
+  state.counters["file_bytes"] = static_cast<double>(size);
+  state.counters["memory_bytes"] = static_cast<double>(map.memory_bytes());
 }
 
 /// Points near end points and along beams, in random order: what a planner asks about.
@@ -123,14 +196,22 @@ void ray_casts(benchmark::State& state, const Workload<D>& work, const Make& mak
   state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * count));
 }
 
+template <int D, class Make, class ScansOf>
+void add_insertion(const std::string& name, const std::shared_ptr<const Workload<D>>& work, Make make,
+                   bool is_known, int threads, ScansOf scans_of) {
+  benchmark::RegisterBenchmark(
+      name.c_str(), [=](benchmark::State& s) { insertion<D>(s, *work, make, is_known, threads, scans_of); })
+      ->UseManualTime()
+      ->Unit(benchmark::kMillisecond);
+}
+
 template <int D, class Make>
 void add(const std::string& log, const char* candidate, const std::shared_ptr<const Workload<D>>& work,
          Make make) {
   const auto name = [&](const char* what) { return std::string(what) + "/" + log + "/" + candidate; };
-  benchmark::RegisterBenchmark(name("insert").c_str(),
-                               [=](benchmark::State& s) { insertion<D>(s, *work, make); })
-      ->UseManualTime()
-      ->Unit(benchmark::kMillisecond);
+  const auto same = [](const std::vector<Scan<D>>& scans) { return scans; };
+  add_insertion<D>(name("insert"), work, make, false, 1, same);
+  add_insertion<D>(name("insert again"), work, make, true, 1, same);
   benchmark::RegisterBenchmark(name("state").c_str(), [=](benchmark::State& s) {
     point_queries<D>(s, *work, make);
   })->Unit(benchmark::kMillisecond);
@@ -147,6 +228,22 @@ void add_own(const std::string& log, const char* candidate, const std::shared_pt
 template <int D>
 void add_all(const std::string& log, const std::shared_ptr<const Workload<D>>& work) {
   add_own<2, D>(log, "adaptive", work);
+  const auto make = [](const MapOptions& options) { return AdaptiveMap<2, D>(options); };
+  const auto same = [](const std::vector<Scan<D>>& scans) { return scans; };
+  add_insertion<D>("insert/" + log + "/adaptive, 2 threads", work, make, false, 2, same);
+  add_insertion<D>("insert/" + log + "/adaptive, beam by beam", work, make, false, 1, beam_by_beam<D>);
+  for (const Eigen::Index k : {4, 16})
+    add_insertion<D>("insert/" + log + "/adaptive, every " + std::to_string(k) + "th beam", work, make, false,
+                     1, [k](const std::vector<Scan<D>>& scans) { return thinned<D>(scans, k); });
+  for (const double finer : {2.0, 4.0}) {
+    auto fine = std::make_shared<Workload<D>>(*work);
+    fine->options.min_cell_size /= finer;
+    add_insertion<D>("insert/" + log + "/adaptive, cells 1/" + std::to_string(static_cast<int>(finer)),
+                     std::shared_ptr<const Workload<D>>(fine), make, false, 1, same);
+  }
+  benchmark::RegisterBenchmark(("save and load/" + log + "/adaptive").c_str(), [=](benchmark::State& s) {
+    save_and_load<D>(s, *work, make);
+  })->Unit(benchmark::kMillisecond);
   add_own<3, D>(log, "adaptive N=3", work);
   add_own<4, D>(log, "adaptive N=4", work);
   add<D>(log, "fixed", work, [](const MapOptions& options) { return FixedMap<2, D>(options); });
@@ -197,7 +294,9 @@ int main(int argc, char** argv) {
   std::string worlds = "office,apartment,street";
   MapOptions options;
   app.add_option("LOG", paths, "Recordings beside the simulated worlds")->check(CLI::ExistingFile);
-  app.add_option("--world", worlds, "Simulated worlds, with commas between, or none")->capture_default_str();
+  app.add_option("--world", worlds,
+                 "office, apartment, street, or images of 640 x 480; with commas between; or none")
+      ->capture_default_str();
   app.add_option("--beams", beams, "Beams a log, in scans spread evenly over it")->capture_default_str();
   app.add_option("--min-cell-size", options.min_cell_size, "[m]")->capture_default_str();
   app.add_option("--max-cell-size", options.max_cell_size, "[m]")->capture_default_str();
@@ -213,7 +312,19 @@ int main(int argc, char** argv) {
   try {
     std::istringstream names(worlds == "none" ? "" : worlds);
     for (std::string world; std::getline(names, world, ',');)
-      add_log(simulate_log(world, {}, SIZE_MAX), world, beams, options, max_range);
+      if (world == "images") {  // Of the apartment, 640 x 480.
+        SimulationOptions few;
+        few.scans = 8;
+        DepthCamera camera;
+        camera.width = 640;
+        camera.height = 480;
+        const SimulatedLog<3> log = simulate_apartment(few, camera);
+        std::vector<Scan<3>> scans;
+        for (std::size_t i = 0; i < log.T_map_sensor.size(); ++i) scans.push_back(log.scan(i));
+        add_all<3>(world, thin<3>(scans, SIZE_MAX, options, max_range));
+      } else {
+        add_log(simulate_log(world, {}, SIZE_MAX), world, beams, options, max_range);
+      }
     for (const std::string& path : paths) {
       const std::string file = path.substr(path.find_last_of('/') + 1);
       add_log(read_log(path, {}, SIZE_MAX), file, beams, options, max_range);

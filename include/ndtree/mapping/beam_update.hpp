@@ -92,6 +92,7 @@ class BeamUpdate : public BeamVisitor {
 
   template <class Ref>
   void leave(const Ref& parent) {
+    parent.node->set_note(0);  // Until the scan is done.
     if (!try_merge_) return;
     try_merge_ = false;  // A sibling that stays divided forbids the merge one level up, too.
     if (parent.index.level > coarsest_level_) return;

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/cell/summary.hpp"
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/mapping/compress.hpp"
@@ -97,7 +98,9 @@ class OccupancyMap {
         refinement_(options),
         sensor_(options),
         tree_(std::move(tree)),
-        counters_(counters) {}
+        counters_(counters) {
+    summarise_unknown(tree_, *tree_.root().node);
+  }
 
   /// Integrates a scan, as the refinement has it: beam by beam in their order, with merging after each
   /// (paper, fixed; Sec. III), or all beams at once.
@@ -115,13 +118,19 @@ class OccupancyMap {
     const UpdateCounters before = counters_;
     typename Refinement::template Update<Tree, Sensor> update(tree_, refinement_, sensor_, options_,
                                                               counters_);
-    update.reserve(static_cast<std::size_t>(scan.size));
-    for (Eigen::Index i = 0; i < scan.size; ++i) {
-      const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
-      ++report.count(beam.outcome);
-      if (beam.outcome != BeamOutcome::invalid) update.add(beam);
+    try {
+      update.reserve(static_cast<std::size_t>(scan.size));
+      for (Eigen::Index i = 0; i < scan.size; ++i) {
+        const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
+        ++report.count(beam.outcome);
+        if (beam.outcome != BeamOutcome::invalid) update.add(beam);
+      }
+      update.finish(threads);
+      summarise_unknown(tree_, *tree_.root().node);
+    } catch (...) {  // Of lack of memory: what is there stays valid.
+      forget_summaries(tree_);
+      throw;
     }
-    update.finish(threads);
     report.updates = counters_.updates - before.updates;
     report.splits = counters_.splits - before.splits;
     report.merges = counters_.merges - before.merges;
@@ -141,6 +150,8 @@ class OccupancyMap {
                                     sizeof(*this) - sizeof(tree_));
     const CompressReport report = compression.run(budget);
     counters_.merges += report.merges;
+    forget_summaries(tree_);
+    summarise_unknown(tree_, *tree_.root().node);
     return report;
   }
 
@@ -170,6 +181,9 @@ class OccupancyMap {
   void check_invariants() const {
     tree_.check_invariants();
     const int coarsest = Refinement::coarsest_level(tree_.geometry().finest_level());
+    for_each_node(tree_, [&](const auto& ref) {
+      if (!ref.is_leaf()) check_summary(ref);
+    });
     for_each_leaf(tree_, [&](const auto& leaf) {
       const Cell& cell = leaf.cell();
       if (leaf.index.level > coarsest && cell.observed())
@@ -187,6 +201,19 @@ class OccupancyMap {
   static const MapOptions& valid(const MapOptions& options) {
     options.validate();
     return options;
+  }
+
+  void check_summary(const typename Tree::ConstRef& parent) const {
+    Summary expected;
+    const auto* const children = tree_.children(*parent.node);
+    bool known = true;
+    for (int j = 0; j < Tree::kNumChildren; ++j) {
+      known = known && Summary::of(children[j]).is_known();
+      expected.add(Summary::of(children[j]));
+    }
+    if (parent.node->note() != (known ? expected.word() : 0))
+      throw std::logic_error("the summary of a node of level " + std::to_string(parent.index.level) +
+                             " is not that of its children");
   }
 
   /// Checks a whole scan, then makes room for all that its beams reach; so only lack of memory, or of node

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <exception>
 #include <functional>
+#include <optional>
 #include <system_error>
 #include <thread>
 #include <utility>
@@ -17,6 +18,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/cell/summary.hpp"
 #include "ndtree/core/beam.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan_index.hpp"
@@ -245,9 +247,17 @@ class ScanWalk {
       changed = descend(Ref{children + j, index[k]}, child, parts[k]) || changed;
     }
 
-    if (!changed || ref.index.level > coarsest_level_) return changed;
-    const auto merged = refinement_.merge_rule(children, kNumChildren, kShareDivisor<Tree>);
-    if (!merged) return true;
+    if (tasks_ != nullptr) {
+      ref.node->set_note(0);  // Until they are done.
+      return changed;
+    }
+    const auto merged = changed && ref.index.level <= coarsest_level_
+                            ? refinement_.merge_rule(children, kNumChildren, kShareDivisor<Tree>)
+                            : std::nullopt;
+    if (!merged) {
+      if (changed || ref.node->note() == 0) summarise(tree_, *ref.node);
+      return changed;
+    }
     tree_.merge(*ref.node, *merged, arena_);
     if (splits)
       --counters_.splits;

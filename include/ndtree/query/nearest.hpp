@@ -5,7 +5,7 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/tree/visit.hpp"
+#include "ndtree/query/region.hpp"
 
 namespace ndtree {
 
@@ -13,10 +13,15 @@ namespace ndtree {
 template <class Map>
 [[nodiscard]] bool occupied_within(const Map& map, const Vector<Map::kDim>& point, double radius) {
   const Box<Map::kDim> around{(point.array() - radius).matrix(), (point.array() + radius).matrix()};
-  return !for_each_leaf_in(map.tree(), around, [&](const auto& leaf) -> bool {
-    return leaf.cell().state() != CellState::occupied ||
-           map.tree().box(leaf.index).squared_distance(point) > radius * radius;
+  bool found = false;
+  detail::for_each_node_touching(map.tree(), map.tree().root(), around, [&](const auto& ref, bool) {
+    if (found || !Summary::of(*ref.node).may_contain(CellState::occupied) ||
+        map.tree().box(ref.index).squared_distance(point) > radius * radius)
+      return false;
+    found = ref.is_leaf();
+    return !found;
   });
+  return found;
 }
 
 }  // namespace ndtree

@@ -8,10 +8,29 @@
 #include <string>
 
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/summary.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 
 namespace ndtree {
+
+namespace detail {
+
+struct FirstOccupied : BeamVisitor {
+  std::optional<double> t;
+  template <class Ref>
+  bool passes_over(const Ref& parent) {
+    return !Summary::of(*parent.node).may_contain(CellState::occupied);
+  }
+  template <class Ref>
+  bool leaf(const Ref& leaf, double t_enter, double) {
+    if (leaf.cell().state() != CellState::occupied) return true;
+    t = t_enter;
+    return false;
+  }
+};
+
+}  // namespace detail
 
 /// Distance [m] from `origin` to where the ray enters the first occupied leaf; 0 if it starts in one; none if
 /// there is none within `max_range` [m]. Unknown space does not stop a ray. The direction may have any length
@@ -26,14 +45,9 @@ template <class Map>
     throw std::invalid_argument("ray: origin and direction must be finite, and the direction not zero");
   if (!(max_range > 0.0))
     throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
-  std::optional<double> distance;
-  traverse_beam(map.tree(), origin, direction, 0.0, max_range / length,
-                [&](const auto& leaf, double t_enter, double) -> bool {
-                  if (leaf.cell().state() != CellState::occupied) return true;
-                  distance = t_enter * length;
-                  return false;
-                });
-  return distance;
+  detail::FirstOccupied first;
+  traverse_beam(map.tree(), origin, direction, 0.0, max_range / length, first);
+  return first.t ? std::optional<double>(*first.t * length) : std::nullopt;
 }
 
 }  // namespace ndtree

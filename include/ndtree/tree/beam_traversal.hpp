@@ -21,6 +21,11 @@ struct BeamVisitor {
   /// Before a leaf is visited: may split it, and the beam then goes on among its children.
   template <class Ref>
   void enter(const Ref&) {}
+  /// Before an inner node: whether the beam goes through it without visiting what is below.
+  template <class Ref>
+  bool passes_over(const Ref&) {
+    return false;
+  }
   /// After the last visited child of an inner node: may merge them.
   template <class Ref>
   void leave(const Ref&) {}
@@ -159,6 +164,8 @@ class BeamTraversal {
     if (ref.is_leaf()) {
       visitor_.enter(ref);
       if (ref.is_leaf()) return visitor_.leaf(ref, t_enter, t_exit);
+    } else if (visitor_.passes_over(ref)) {
+      return true;
     }
     auto* const siblings = tree_.children(*ref.node);
     if (!stepper_.for_each_child(ref.index, t_enter, t_exit,

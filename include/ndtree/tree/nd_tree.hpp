@@ -179,6 +179,7 @@ class NdTree {
     }
     const BlockId block = pool_.allocate();
     target.become_inner(block);
+    target.set_note(source.note());
     const NodeType* const sources = from.block(source.children());
     for (int j = 0; j < kNumChildren; ++j) copy_node(from, sources[j], pool_.block(block)[j]);
   }
@@ -202,13 +203,21 @@ class NdTree {
       const std::int64_t edge = tree.geometry_.edge(--ref.index.level);
       int number = 0;
       for (std::size_t a = D; a-- > 0;) {
-        const std::int64_t i = (coordinates[a] - ref.index.lower[a]) / edge;
+        const std::int64_t i = quotient((coordinates[a] - ref.index.lower[a]), edge);
         ref.index.lower[a] += i * edge;
         number = number * N + static_cast<int>(i);
       }
       ref.node = tree.children(*ref.node) + number;
     }
     return ref;
+  }
+
+  /// offset / edge, known to be less than N: a division takes longer than some comparisons.
+  static std::int64_t quotient(std::int64_t offset, std::int64_t edge) {
+    if constexpr (N > 8) return offset / edge;
+    std::int64_t i = 0;
+    for (std::int64_t border = edge, m = 1; m < N; ++m, border += edge) i += offset >= border;
+    return i;
   }
 
   void grow_towards(const Lattice<D>& target) {

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What lies below an inner node, in one word, so that queries need not look.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstring>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+
+namespace ndtree {
+
+/// The states of all leaves below a node, and an upper bound of their log-odds. The note of an inner node is
+/// such a word; 0 is that of a node about which nothing is known yet.
+class Summary {
+ public:
+  Summary() = default;
+  explicit Summary(std::uint32_t word) : word_(word) {}
+  template <class Cell>
+  [[nodiscard]] static Summary of_cell(const Cell& cell) {
+    return Summary(kKnown | flag(cell.state()) | bound(cell.log_odds()));
+  }
+  /// Of a leaf, or what an inner node's note says.
+  template <class NodeType>
+  [[nodiscard]] static Summary of(const NodeType& node) {
+    return node.is_leaf() ? of_cell(node.cell()) : Summary(node.note());
+  }
+
+  [[nodiscard]] std::uint32_t word() const { return word_; }
+  [[nodiscard]] bool is_known() const { return (word_ & kKnown) != 0; }
+  /// Whether some leaf has, or might have, this state.
+  [[nodiscard]] bool may_contain(CellState state) const { return !is_known() || (word_ & flag(state)) != 0; }
+  /// No leaf has more, and one has at least this but for a 32,768th. @pre is_known().
+  [[nodiscard]] float max_log_odds() const {
+    const std::uint32_t bits = float_bits(word_ & kBound);
+    float value = 0.0f;
+    std::memcpy(&value, &bits, sizeof value);
+    return value;
+  }
+  void add(const Summary& other) {
+    word_ = ((word_ | other.word_) & ~kBound) | std::max(word_ & kBound, other.word_ & kBound);
+  }
+
+ private:
+  static constexpr std::uint32_t kKnown = 1;
+  static constexpr std::uint32_t kBound = 0xffffff00u;  // The upper 24 bits of a float, ordered as it is.
+
+  [[nodiscard]] static std::uint32_t flag(CellState state) {
+    return state == CellState::occupied ? 2u : state == CellState::free ? 4u : 8u;
+  }
+  /// Inverse of what bound() makes of a float's bits, so that they are ordered as floats are.
+  [[nodiscard]] static std::uint32_t float_bits(std::uint32_t ordered) {
+    return (ordered & 0x80000000u) != 0 ? ordered & 0x7fffffffu : ~ordered;
+  }
+  [[nodiscard]] static std::uint32_t bound(float value) {
+    std::uint32_t bits = 0;
+    std::memcpy(&bits, &value, sizeof bits);
+    bits = (bits & 0x80000000u) != 0 ? ~bits : bits | 0x80000000u;
+    return bits > 0xffffff00u ? kBound : (bits + 0xffu) & kBound;  // Upwards.
+  }
+
+  std::uint32_t word_ = 0;
+};
+
+/// Writes the note of an inner node from those of its children. @returns it; unknown if one of them is.
+template <class Tree>
+Summary summarise(Tree& tree, typename Tree::NodeType& parent) {
+  const auto* const children = tree.children(parent);
+  Summary summary;
+  for (int j = 0; j < Tree::kNumChildren; ++j) {
+    const Summary child = Summary::of(children[j]);
+    if (!child.is_known()) {
+      parent.set_note(0);
+      return {};
+    }
+    summary.add(child);
+  }
+  parent.set_note(summary.word());
+  return summary;
+}
+
+/// Writes the notes of a node and of all below it that are 0. O(inner nodes that have or had one, and their
+/// children).
+template <class Tree>
+void summarise_unknown(Tree& tree, typename Tree::NodeType& node) {
+  if (node.is_leaf() || node.note() != 0) return;
+  auto* const children = tree.children(node);
+  for (int j = 0; j < Tree::kNumChildren; ++j) summarise_unknown(tree, children[j]);
+  summarise(tree, node);
+}
+
+/// All notes of a tree become unknown. O(nodes).
+template <class Tree>
+void forget_summaries(Tree& tree) {
+  const auto descend = [&](const auto& self, typename Tree::NodeType& node) -> void {
+    if (node.is_leaf()) return;
+    node.set_note(0);
+    auto* const children = tree.children(node);
+    for (int j = 0; j < Tree::kNumChildren; ++j) self(self, children[j]);
+  };
+  descend(descend, *tree.root().node);
+}
+
+}  // namespace ndtree

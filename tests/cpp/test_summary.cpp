@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+
+#include "ndtree/cell/summary.hpp"
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/nearest.hpp"
+#include "ndtree/query/ray.hpp"
+#include "ndtree/query/region.hpp"
+#include "options.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
+
+namespace ndtree::test {
+namespace {
+
+TEST(Summary, BoundsAreOrderedAsLogOddsAndHardlyAbove) {
+  Random random(190);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (; cases < 20000; ++cases) {
+    const auto scale = static_cast<float>(std::exp(random.uniform(-20.0, 3.0)));
+    OccupancyCell cell;
+    cell.set_log_odds((random.chance(0.5) ? -1.0f : 1.0f) * scale);
+    const Summary summary = Summary::of_cell(cell);
+    ASSERT_TRUE(summary.is_known());
+    ASSERT_GE(summary.max_log_odds(), cell.log_odds());
+    ASSERT_LE(summary.max_log_odds(), cell.log_odds() + scale / 32000.0f);
+    for (const CellState state : {CellState::unknown, CellState::free, CellState::occupied})
+      ASSERT_EQ(summary.may_contain(state), cell.state() == state);
+    OccupancyCell other;
+    other.set_log_odds(static_cast<float>(random.uniform(-3.0, 3.0)));
+    Summary both = summary;
+    both.add(Summary::of_cell(other));
+    ASSERT_EQ(both.max_log_odds(), std::max(summary.max_log_odds(), Summary::of_cell(other).max_log_odds()));
+    ASSERT_TRUE(both.may_contain(cell.state()) && both.may_contain(other.state()));
+  }
+  EXPECT_EQ(cases, 20000);
+  EXPECT_EQ(Summary::of_cell(OccupancyCell{}).max_log_odds(), 0.0f);
+  EXPECT_FALSE(Summary().is_known());
+  EXPECT_TRUE(Summary().may_contain(CellState::occupied)) << "what is not known may be";
+}
+
+template <class S>
+class SummaryOf : public ::testing::Test {};
+TYPED_TEST_SUITE(SummaryOf, Shapes, ShapeNames);
+
+/// Queries that use summaries, against all leaves one by one, while the map grows, merges and is compressed.
+template <class Map>
+void queries_equal_those_over_all_leaves(Random& random, Map map) {
+  constexpr int D = Map::kDim;
+  int boxes = 0;
+  int with_occupied = 0;
+  int all_free = 0;
+  for (int i = 0; i < 12; ++i) {
+    Scan<D> scan;
+    const int count = i < 6 ? 60 : 300;
+    scan.origins = Vector<D>::Constant(random.uniform(-0.3, 0.3));
+    scan.endpoints.resize(D, count);
+    for (Eigen::Index k = 0; k < count; ++k)
+      for (int a = 0; a < D; ++a)
+        scan.endpoints(a, k) = a == 0 && random.chance(0.7) ? (i < 9 ? 1.2 : 1.8) : random.uniform(-1.5, 1.5);
+    map.insert(scan, kUnlimitedRange, 1 + i % 3);
+    if constexpr (Map::RefinementType::kAdaptive && !std::is_same_v<typename Map::Cell, OccupancyCell>) {
+      if (i == 7) map.compress({{}, std::max<std::size_t>(20, map.stats().observed_leaves / 2), {}});
+    }
+    ASSERT_NO_THROW(map.check_invariants());
+    const Map copy = i == 10 ? from_bytes<Map>(to_bytes(map)) : map;
+    ASSERT_NO_THROW(copy.check_invariants());
+    for (int k = 0; k < 40; ++k, ++boxes) {
+      Box<D> region;
+      const double size = std::exp(random.uniform(-4.0, 1.0));
+      for (int a = 0; a < D; ++a) region.lower[a] = random.uniform(-2.0, 2.0);
+      region.upper = region.lower.array() + size;
+      RegionStates expected;
+      const Box<D> root = copy.tree().box(copy.tree().root().index);
+      const bool outside = (region.lower.array() < root.lower.array()).any() ||
+                           (region.upper.array() > root.upper.array()).any();
+      expected.unknown = outside;
+      double most = outside ? 0.5 : 0.0;
+      bool near = false;
+      const double radius = 0.5 * size;
+      for_each_leaf(copy.tree(), [&](const auto& leaf) {
+        const Box<D> box = copy.tree().box(leaf.index);
+        const CellState state = leaf.cell().state();
+        near =
+            near || (state == CellState::occupied && box.squared_distance(region.lower) <= radius * radius);
+        if (!region.touches(box)) return;
+        expected.occupied = expected.occupied || state == CellState::occupied;
+        expected.free = expected.free || state == CellState::free;
+        expected.unknown = expected.unknown || state == CellState::unknown;
+        most = std::max(most, leaf.cell().probability());
+      });
+      const RegionStates states = states_in(copy, region);
+      ASSERT_EQ(states.occupied, expected.occupied);
+      ASSERT_EQ(states.free, expected.free);
+      ASSERT_EQ(states.unknown, expected.unknown);
+      ASSERT_EQ(max_probability(copy, region), most);
+      ASSERT_EQ(occupied_within(copy, region.lower, radius), near);
+      with_occupied += states.occupied;
+      all_free += states.free && !states.occupied && !states.unknown;
+    }
+    for (int k = 0; k < 40; ++k) {
+      Vector<D> from;
+      Vector<D> direction;
+      for (int a = 0; a < D; ++a) {
+        from[a] = random.uniform(-1.0, 1.0);
+        direction[a] = random.uniform(-1.0, 1.0);
+      }
+      double nearest = std::numeric_limits<double>::infinity();
+      traverse_beam(copy.tree(), from, direction, 0.0, 5.0 / direction.norm(),
+                    [&](const auto& leaf, double t_enter, double) {
+                      if (leaf.cell().state() == CellState::occupied)
+                        nearest = std::min(nearest, t_enter * direction.stableNorm());
+                    });
+      const auto cast = cast_ray(copy, from, direction, 5.0);
+      ASSERT_EQ(cast.value_or(std::numeric_limits<double>::infinity()), nearest);
+    }
+  }
+  EXPECT_EQ(boxes, 480);
+  EXPECT_GT(with_occupied, 20);
+  if (D < 4) {
+    EXPECT_GT(all_free, 0);
+  }
+}
+
+TYPED_TEST(SummaryOf, QueriesEqualThoseOverAllLeaves) {
+  NDTREE_SHAPE;
+  Random random(191);
+  SCOPED_TRACE(random.trace());
+  const MapOptions options = spelled_out_options(0.1, 0.1 * N * N);
+  queries_equal_those_over_all_leaves(random, AdaptiveMap<N, D>(options));
+  queries_equal_those_over_all_leaves(random, PaperMap<N, D>(options));
+  queries_equal_those_over_all_leaves(random, FixedMap<N, D>(options));
+}
+
+}  // namespace
+}  // namespace ndtree::test
