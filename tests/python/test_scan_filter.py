@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Beams without return can be left out, from a scan and from a whole comparison."""
+"""Beams without return can be left out, from a scan and from a whole comparison; beams keep their sigmas."""
 
 import numpy as np
 import pytest
@@ -18,6 +18,36 @@ def test_returned_only_keeps_the_order_and_the_origins():
     np.testing.assert_array_equal(each.origin, ENDPOINTS[[0, 2]] + 9)
     whole = ndtree.Scan(ENDPOINTS, np.zeros(2))
     assert whole.returned_only() is whole
+
+
+def test_the_sigma_of_each_beam_is_kept_checked_and_handed_on():
+    sigma = np.arange(4, dtype=np.float32) + 1
+    scan = ndtree.Scan(ENDPOINTS, np.zeros(2), RETURNED, range_sigma=sigma)
+    np.testing.assert_array_equal(scan.returned_only().range_sigma, sigma[[0, 2]])
+    assert scan.range_sigma.dtype == np.float32
+    assert ndtree.Scan(ENDPOINTS, np.zeros(2), RETURNED).returned_only().range_sigma is None
+
+    class Target:
+        def insert(self, endpoints, origin, **options):
+            return options
+
+    np.testing.assert_array_equal(scan.insert_into(Target())["range_sigma"], sigma)
+    assert "range_sigma" not in ndtree.Scan(ENDPOINTS, np.zeros(2)).insert_into(Target())
+
+
+@pytest.mark.parametrize(
+    "sigma, message",
+    [
+        (np.ones(3), r"range_sigma has shape \(3,\): must be \(4,\) for endpoints of shape \(4, 2\)"),
+        ([1, 2, 0, 4], "range_sigma = 0 m of beam 2: must be > 0 and finite"),
+        ([1, -1, 2, 4], "range_sigma = -1 m of beam 1: must be > 0 and finite"),
+        ([1, 1, 2, np.inf], "range_sigma = inf m of beam 3"),
+        ([np.nan, 1, 2, 3], "range_sigma = nan m of beam 0"),
+    ],
+)
+def test_a_wrong_sigma_is_refused(sigma, message):
+    with pytest.raises(ValueError, match=message):
+        ndtree.Scan(ENDPOINTS, np.zeros(2), range_sigma=sigma)
 
 
 def test_a_comparison_without_the_beams_that_did_not_return():

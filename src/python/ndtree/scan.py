@@ -28,17 +28,20 @@ class Scan:
         False where nothing was hit up to the end point. Left out: every beam hit a surface.
     stamp : float
         Time of the reading [s]; 0 where the log has none.
+    range_sigma : array_like, (n,), optional
+        Standard deviation of each beam's range [m]. Left out: the map's own, from its options.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit together; both are named.
+        If the shapes do not fit together, both are named; or if a `range_sigma` is not above 0 and finite.
     """
 
     endpoints: NDArray[np.floating[Any]]
     origin: NDArray[np.floating[Any]]
     returned: NDArray[np.bool_] | None = None
     stamp: float = 0.0
+    range_sigma: NDArray[np.floating[Any]] | None = None
 
     def __post_init__(self) -> None:
         endpoints = _floats(self.endpoints)
@@ -54,16 +57,27 @@ class Scan:
         object.__setattr__(self, "endpoints", endpoints)
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "stamp", float(self.stamp))
-        if self.returned is None:
-            return
-        returned = np.asarray(self.returned)
-        if returned.dtype != np.bool_:
-            raise ValueError(f"returned has dtype {returned.dtype}: must be bool")
-        if returned.shape != (n,):
+        if self.returned is not None:
+            returned = np.asarray(self.returned)
+            if returned.dtype != np.bool_:
+                raise ValueError(f"returned has dtype {returned.dtype}: must be bool")
+            self._set_of_each_beam("returned", returned)
+        if self.range_sigma is not None:
+            range_sigma = _floats(self.range_sigma)
+            self._set_of_each_beam("range_sigma", range_sigma)
+            wrong = np.flatnonzero(~((range_sigma > 0) & np.isfinite(range_sigma)))
+            if wrong.size:
+                raise ValueError(
+                    f"range_sigma = {range_sigma[wrong[0]]:g} m of beam {wrong[0]}: must be > 0 and finite"
+                )
+
+    def _set_of_each_beam(self, name: str, values: NDArray[Any]) -> None:
+        n, dim = self.endpoints.shape
+        if values.shape != (n,):
             raise ValueError(
-                f"returned has shape {returned.shape}: must be ({n},) for endpoints of shape ({n}, {dim})"
+                f"{name} has shape {values.shape}: must be ({n},) for endpoints of shape ({n}, {dim})"
             )
-        object.__setattr__(self, "returned", returned)
+        object.__setattr__(self, name, values)
 
     def __len__(self) -> int:
         """Number of beams."""
@@ -90,7 +104,8 @@ class Scan:
         if self.returned is None:
             return self
         origin = self.origin if self.origin.ndim == 1 else self.origin[self.returned]
-        return Scan(self.endpoints[self.returned], origin, stamp=self.stamp)
+        range_sigma = None if self.range_sigma is None else self.range_sigma[self.returned]
+        return Scan(self.endpoints[self.returned], origin, stamp=self.stamp, range_sigma=range_sigma)
 
     def returned_beams(
         self, max_range: float = math.inf
@@ -139,8 +154,9 @@ class Scan:
         InsertReport
             What became of the beams.
         """
+        own = {} if self.range_sigma is None else {"range_sigma": self.range_sigma}
         return target.insert(
-            self.endpoints, self.origin, returned=self.returned, max_range=max_range, threads=threads
+            self.endpoints, self.origin, returned=self.returned, max_range=max_range, threads=threads, **own
         )
 
     def evaluate_on(
