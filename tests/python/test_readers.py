@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers import read
+from ndtree import readers
+from ndtree.readers import FORMATS, READER_OPTIONS, read
 
 FLASER = "FLASER 3 1.0 2.0 81.9 0.5 0.25 0.0 0.5 0.25 0.0 12.5 host 12.5"
 
@@ -101,8 +102,39 @@ def test_format_can_be_forced(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="line 1: found 'UNKNOWN_RECORD"):
         read(path)
     assert len(list(read(path, format="carmen"))) == 1
-    with pytest.raises(ValueError, match="format = 'pcd': must be one of carmen, npz, text"):
-        read(path, format="pcd")
+    with pytest.raises(
+        ValueError, match=r"format = 'odd': must be one of (\w+, )*carmen, (\w+, )*npz, (\w+, )*text"
+    ):
+        read(path, format="odd")
+
+
+def test_options_have_one_meaning_each_and_are_refused_where_nothing_reads_them(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_text(FLASER)
+    with pytest.raises(TypeError, match="topic: a CARMEN log takes no such option, it takes none"):
+        read(path, topic="/scan")
+    assert read(path, topic=None).format == "carmen"
+    taken = [option for format in readers._TABLE for option in format.options]
+    for option in taken:
+        assert [other for other in READER_OPTIONS if other.name == option.name] == [option]
+        assert option.name.isidentifier() and option.help.endswith(".")
+    names = [format.name for format in readers._TABLE]
+    assert sorted(names) == list(FORMATS) and len(set(names)) == len(names)
+    assert {format.stored_as for format in readers._TABLE} <= {"file", "folder", "either"}
+
+
+def test_what_is_damaged_can_be_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_text(f"{FLASER}\nFLASER 3 1.0\n{FLASER}\nFLASER x\n")
+    log = read(path, keep_going=True)
+    for _ in range(2):
+        assert len(list(log)) == 2
+        assert {kind: skipped.count for kind, skipped in log.skipped.items()} == {"damaged lines": 2}
+    assert log.skipped["damaged lines"].first.startswith(f"{path}: line 2: FLASER: expected")
+    cut = cut_gzip(tmp_path)
+    log = read(cut, keep_going=True)
+    assert 500 < len(list(log)) < 2000
+    assert list(log.skipped) == ["damaged gzip streams"]
 
 
 @pytest.mark.parametrize("world, dim", [("office", 2), ("apartment", 3), ("street", 3)])
@@ -245,6 +277,8 @@ def test_missing_file_and_directory(tmp_path: Path) -> None:
         read(tmp_path / "none.log")
     with pytest.raises(IsADirectoryError, match="is a directory, expected a CARMEN log"):
         read(tmp_path)
+    with pytest.raises(IsADirectoryError, match="is a directory, expected text with one beam"):
+        read(tmp_path, format="text")
 
 
 def test_wrong_dim_is_refused(tmp_path: Path) -> None:

@@ -299,14 +299,14 @@ class _Scans(Log):
     format = "scans"
 
     def __init__(self, scans: Iterable[Scan]) -> None:
-        self._scans = list(scans)
-        super().__init__(None, dim=self._scans[0].dim if self._scans else 2)
+        self._kept = list(scans)
+        super().__init__(None, dim=self._kept[0].dim if self._kept else 2)
 
     def __len__(self) -> int:
-        return len(self._scans)
+        return len(self._kept)
 
-    def __iter__(self) -> Iterator[Scan]:
-        return iter(self._scans)
+    def _scans(self) -> Iterator[Scan]:
+        return iter(self._kept)
 
 
 class _Source:

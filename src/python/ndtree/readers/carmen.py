@@ -6,7 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ndtree import _core
-from ndtree.readers.log import Log, parsed_lines
+from ndtree.readers.log import LineLog
+from ndtree.readers.source import Format, Source, require_dim
+from ndtree.readers.text import first_fields
 from ndtree.scan import Scan
 
 #: Records of the format; lines that start otherwise make a file something else.
@@ -17,7 +19,7 @@ KEYWORDS = frozenset(
 )
 
 
-class CarmenLog(Log):
+class CarmenLog(LineLog):
     """The FLASER and ROBOTLASER1 records of a CARMEN log."""
 
     format = "carmen"
@@ -25,21 +27,31 @@ class CarmenLog(Log):
     def __init__(self, path: str) -> None:
         super().__init__(path, dim=2)
 
-    def __iter__(self) -> Iterator[Scan]:
+    def _scans(self) -> Iterator[Scan]:
         parser = _core.CarmenParser()
 
         def parse(line: str) -> Scan | None:
-            try:
-                record = parser.parse_line(line)
-            except ValueError as error:
-                raise ValueError(f"{self.path}: {error}") from None
+            record = parser.parse_line(line)
             return None if record is None else Scan(*record)
 
         found = False
-        for scan in parsed_lines(str(self.path), parse):
+        for scan in self._parsed(parse):
             found = True
             yield scan
         if not found:
             raise ValueError(
                 f"{self.path}: no FLASER or ROBOTLASER1 record: expected at least one laser scan"
             )
+
+
+def _recognises(source: Source) -> bool:
+    fields = first_fields(source)
+    return bool(fields) and fields[0] in KEYWORDS
+
+
+def _open(source: Source, *, dim: int | None = None) -> CarmenLog:
+    require_dim(source, CARMEN, 2, dim)
+    return CarmenLog(source.path)
+
+
+CARMEN = Format("carmen", "a CARMEN log", _recognises, _open)

@@ -8,11 +8,20 @@ import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import IO
 
 from ndtree.scan import Scan
 
 GZIP_MAGIC = b"\x1f\x8b"
+
+
+@dataclass
+class Skipped:
+    """What was passed over of one kind: how often, and what was said of the first."""
+
+    count: int
+    first: str
 
 
 class Log(ABC):
@@ -23,9 +32,13 @@ class Log(ABC):
     path : str or None
         The file; None for a simulated log.
     format : str
-        "carmen", "npz", "text" or "simulated".
+        The word for ``format=`` of `read`, or "simulated".
     dim : int
         Number of coordinates of a point.
+    keep_going : bool
+        Pass over what is damaged instead of raising.
+    skipped : dict of str to Skipped
+        By kind, what the last loop has passed over so far.
     """
 
     format: str
@@ -33,17 +46,65 @@ class Log(ABC):
     def __init__(self, path: str | None, dim: int) -> None:
         self.path = path
         self.dim = dim
+        self.keep_going = False
+        self.skipped: dict[str, Skipped] = {}
 
     @property
     def name(self) -> str:
         """How reports call the log: by its path."""
         return self.path or self.format
 
+    def __iter__(self) -> Iterator[Scan]:
+        self.skipped.clear()
+        yield from self._scans()
+
     @abstractmethod
-    def __iter__(self) -> Iterator[Scan]: ...
+    def _scans(self) -> Iterator[Scan]:
+        """Read the scans from the first on."""
+
+    def _skip(self, kind: str, error: Exception) -> None:
+        """Raise an error, or with ``keep_going`` note it: the reader then goes on behind the damage.
+
+        `kind` is in the plural, as in "scans without a pose"; a reader returns where nothing can follow.
+        """
+        if not self.keep_going:
+            raise error
+        if kind in self.skipped:
+            self.skipped[kind].count += 1
+        else:
+            self.skipped[kind] = Skipped(1, str(error))
 
     def __repr__(self) -> str:
         return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D>"
+
+
+class LineLog(Log):
+    """A text file, packed by gzip or not, whose lines a parser turns into scans."""
+
+    path: str
+
+    def _parsed(self, parse: Callable[[str], Scan | None]) -> Iterator[Scan]:
+        """Scans that a parser finds in the lines; its errors get the file's name."""
+        number = 0
+        with open_plain(self.path) as file:
+            try:
+                for line in file:
+                    number += 1
+                    try:
+                        scan = parse(line.decode("utf-8", "replace").rstrip("\r\n"))
+                    except ValueError as error:
+                        self._skip("damaged lines", ValueError(f"{self.path}: {error}"))
+                        continue
+                    if scan is not None:
+                        yield scan
+            except (EOFError, gzip.BadGzipFile, zlib.error):
+                self._skip(
+                    "damaged gzip streams",
+                    ValueError(
+                        f"{self.path}: behind line {number}: "
+                        "the gzip stream is cut off or damaged, expected a whole one"
+                    ),
+                )
 
 
 class SizedLog(Log):
@@ -67,19 +128,3 @@ def open_plain(path: str) -> Iterator[IO[bytes]]:
             return
         with gzip.GzipFile(fileobj=file) as unpacked:
             yield unpacked
-
-
-def parsed_lines(path: str, parse: Callable[[str], Scan | None]) -> Iterator[Scan]:
-    """Scans that a parser finds in the lines of a file; its errors get the file's name."""
-    number = 0
-    with open_plain(path) as file:
-        try:
-            for line in file:
-                number += 1
-                scan = parse(line.decode("utf-8", "replace").rstrip("\r\n"))
-                if scan is not None:
-                    yield scan
-        except (EOFError, gzip.BadGzipFile, zlib.error):
-            raise ValueError(
-                f"{path}: behind line {number}: the gzip stream is cut off or damaged, expected a whole one"
-            ) from None

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.readers.log import SizedLog
+from ndtree.readers.source import Format, Source
 from ndtree.scan import Scan
 
+ZIP_MAGIC = b"PK\x03\x04"
 REQUIRED = ("origins", "points", "offsets")
 
 
@@ -54,7 +56,7 @@ class NpzLog(SizedLog):
     def __len__(self) -> int:
         return len(self._origins)
 
-    def __iter__(self) -> Iterator[Scan]:
+    def _scans(self) -> Iterator[Scan]:
         for i in range(len(self)):
             part = slice(int(self._offsets[i]), int(self._offsets[i + 1]))
             yield Scan(
@@ -63,15 +65,6 @@ class NpzLog(SizedLog):
                 None if self._returned is None else self._returned[part],
                 0.0 if self._stamps is None else float(self._stamps[i]),
             )
-
-
-def is_recording(path: str) -> bool:
-    """Whether a zip file holds at least one of the arrays that a recording must have."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return any(f"{name}.npy" in archive.namelist() for name in REQUIRED)
-    except zipfile.BadZipFile:
-        raise ValueError(f"{path}: the zip archive is cut off or damaged, expected a whole .npz") from None
 
 
 def _load(path: str) -> dict[str, NDArray[Any]]:
@@ -145,3 +138,23 @@ def _is_one_value(values: NDArray[Any]) -> bool:
     """Whether all values that are not NaN are equal."""
     known = values[~np.isnan(values)]
     return known.size == 0 or bool(np.all(known == known[0]))
+
+
+def _recognises(source: Source) -> bool:
+    """Whether a zip file holds at least one of the arrays that a recording must have."""
+    if not source.head.startswith(ZIP_MAGIC):
+        return False
+    try:
+        with zipfile.ZipFile(source.path) as archive:
+            return any(f"{name}.npy" in archive.namelist() for name in REQUIRED)
+    except zipfile.BadZipFile:
+        raise ValueError(
+            f"{source.path}: the zip archive is cut off or damaged, expected a whole .npz"
+        ) from None
+
+
+def _open(source: Source, *, dim: int | None = None) -> NpzLog:
+    return NpzLog(source.path, dim)
+
+
+NPZ = Format("npz", "an .npz recording", _recognises, _open)

@@ -33,7 +33,7 @@ class SimulatedLog(SizedLog):
     def __len__(self) -> int:
         return len(self._simulation)
 
-    def __iter__(self) -> Iterator[Scan]:
+    def _scans(self) -> Iterator[Scan]:
         for i in range(len(self)):
             yield self[i]
 

@@ -7,28 +7,26 @@ import re
 from collections.abc import Iterator
 
 from ndtree import _core
-from ndtree.readers.log import Log, parsed_lines
+from ndtree.readers.log import LineLog
+from ndtree.readers.source import Format, Source
 from ndtree.scan import Scan
 
 EXPECTED = "expected 4 or 5 numbers a line in 2-D, 6 or 7 in 3-D"
 
 
-class TextLog(Log):
+class TextLog(LineLog):
     """Consecutive lines with the same origin are one scan."""
 
     format = "text"
 
-    def __iter__(self) -> Iterator[Scan]:
+    def _scans(self) -> Iterator[Scan]:
         parser = _core.XyzParser2() if self.dim == 2 else _core.XyzParser3()
 
         def parse(line: str) -> Scan | None:
-            try:
-                record = parser.parse_line(line)
-            except ValueError as error:
-                raise ValueError(f"{self.path}: {error}") from None
+            record = parser.parse_line(line)
             return None if record is None else Scan(*record)
 
-        yield from parsed_lines(str(self.path), parse)
+        yield from self._parsed(parse)
         last = parser.finish()
         if last is not None:
             yield Scan(*last)
@@ -48,3 +46,38 @@ def dimension_of(fields: list[str]) -> int | None:
     except ValueError:
         return None
     return {4: 2, 5: 2, 6: 3, 7: 3}.get(len(fields))
+
+
+def first_line(source: Source) -> tuple[int, str] | None:
+    """Number and content of the first line of text that is more than a comment; None for binary data, too."""
+    if b"\0" in source.head:
+        return None
+    for number, line in enumerate(source.head.decode("utf-8", "replace").splitlines(), start=1):
+        if fields_of(line):
+            return number, line
+    return None
+
+
+def first_fields(source: Source) -> list[str]:
+    """Fields of that line; none if there is no such line."""
+    line = first_line(source)
+    return fields_of(line[1]) if line else []
+
+
+def _recognises(source: Source) -> bool:
+    return dimension_of(first_fields(source)) is not None
+
+
+def _open(source: Source, *, dim: int | None = None) -> TextLog:
+    line = first_line(source)
+    if line is None:
+        raise ValueError(f"{source.path}: only comments, {EXPECTED}")
+    found = dimension_of(fields_of(line[1]))
+    if found is None:
+        raise ValueError(f"{source.path}: line {line[0]}: {EXPECTED}, found {line[1].strip()[:40]!r}")
+    if dim not in (None, found):
+        raise ValueError(f"{source.path}: the first beam is {found}-D, expected dim={found}")
+    return TextLog(source.path, found)
+
+
+TEXT = Format("text", "text with one beam a line", _recognises, _open)
