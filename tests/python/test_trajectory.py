@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses between poses are SciPy's, files of TUM and KITTI say the same, and wrong ones are named."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ndtree.readers.trajectory import (
+    STAMP_TOLERANCE,
+    Pose,
+    Trajectory,
+    matrices_of,
+    quaternions_of,
+    read_trajectory,
+)
+
+spatial = pytest.importorskip("scipy.spatial.transform")
+
+
+def drive(n: int = 40, seed: int = 4) -> Trajectory:
+    generator = np.random.default_rng(seed)
+    stamps = 1.7e9 + np.cumsum(generator.uniform(0.01, 0.3, n))
+    positions = 4e5 + np.cumsum(generator.normal(size=(n, 3)), axis=0)
+    return Trajectory(stamps, positions, spatial.Rotation.random(n, random_state=seed).as_quat())
+
+
+def test_between_poses_is_what_scipy_says() -> None:
+    one = drive()
+    wanted = np.random.default_rng(5).uniform(one.stamps[0], one.stamps[-1], 500)
+    wanted = np.concatenate([wanted, one.stamps])
+    positions, quaternions = one.poses_at(wanted)
+    oracle = spatial.Slerp(one.stamps - one.stamps[0], spatial.Rotation.from_quat(one.quaternions))
+    expected = oracle(wanted - one.stamps[0])
+    np.testing.assert_allclose(matrices_of(quaternions), expected.as_matrix(), atol=1e-6)
+    for axis in range(3):
+        np.testing.assert_allclose(
+            positions[:, axis], np.interp(wanted, one.stamps, one.positions[:, axis]), atol=1e-8
+        )
+    np.testing.assert_array_equal(positions[500:], one.positions)
+    for i in (0, 250, 520):
+        pose = one.pose_at(wanted[i])
+        np.testing.assert_array_equal(pose.position, positions[i])
+        np.testing.assert_allclose(pose.rotation, expected[i].as_matrix(), atol=1e-6)
+
+
+def test_matrices_and_quaternions_are_scipys_and_inverse() -> None:
+    rotations = spatial.Rotation.random(300, random_state=6)
+    halves = spatial.Rotation.from_rotvec(np.pi * np.vstack([np.eye(3), -np.eye(3), np.zeros((1, 3))]))
+    every = spatial.Rotation.concatenate([rotations, halves])
+    np.testing.assert_allclose(matrices_of(every.as_quat()), every.as_matrix(), atol=1e-15)
+    again = quaternions_of(every.as_matrix())
+    np.testing.assert_allclose(np.abs(np.sum(again * every.as_quat(), axis=1)), 1.0, atol=1e-14)
+
+
+def test_poses_compose_and_invert() -> None:
+    one = Pose.from_quaternion([1, 2, 3], spatial.Rotation.random(random_state=1).as_quat())
+    two = Pose.from_matrix(np.hstack([spatial.Rotation.random(random_state=2).as_matrix(), [[4], [5], [6]]]))
+    points = np.random.default_rng(1).normal(size=(20, 3)).astype(np.float32)
+    np.testing.assert_allclose((one @ two).apply(points), one.apply(two.apply(points)), atol=1e-12)
+    np.testing.assert_allclose(one.inverse().apply(one.apply(points)), points, atol=1e-6)
+    assert one.apply(points).dtype == np.float64
+    np.testing.assert_array_equal(Pose.identity().apply(points), points)
+
+
+def test_what_is_fixed_to_the_sensor_moves_with_it() -> None:
+    one, mount = drive(), Pose.from_quaternion([0.5, 0, 0.2], [0, 0, np.sqrt(0.5), np.sqrt(0.5)])
+    stamp = one.stamps[3]
+    moved, expected = one.transformed(mount).pose_at(stamp), one.pose_at(stamp) @ mount
+    np.testing.assert_allclose(moved.position, expected.position, atol=1e-8)
+    np.testing.assert_allclose(moved.rotation, expected.rotation, atol=1e-12)
+
+
+def test_outside_is_refused_but_for_rounding() -> None:
+    one = drive()
+    for stamp, end in ((one.stamps[0], -1), (one.stamps[-1], 1)):
+        near = one.pose_at(stamp + end * 0.9 * STAMP_TOLERANCE)
+        np.testing.assert_array_equal(near.position, one.positions[0 if end < 0 else -1])
+        with pytest.raises(ValueError, match=r"trajectory: no pose at \d+\.\d{6} s, expected a time from"):
+            one.pose_at(stamp + end * 1.5 * STAMP_TOLERANCE)
+    with pytest.raises(ValueError, match="no pose at nan"):
+        one.pose_at(np.nan)
+    single = Trajectory([5.0], np.ones((1, 3)), np.eye(3)[None])
+    np.testing.assert_array_equal(single.pose_at(5.0).position, np.ones(3))
+
+
+def test_files_of_tum_and_kitti_say_the_same(tmp_path: Path) -> None:
+    one = drive()
+    tum, kitti, times = tmp_path / "a.txt", tmp_path / "b.txt.gz", tmp_path / "times.txt"
+    np.savetxt(tum, np.hstack([one.stamps[:, None], one.positions, one.quaternions]), header="t x y z q")
+    matrices = np.concatenate([matrices_of(one.quaternions), one.positions[:, :, None]], axis=2)
+    np.savetxt(kitti, matrices.reshape(-1, 12))
+    np.savetxt(times, one.stamps)
+    for read in (read_trajectory(tum), read_trajectory(kitti, times=times)):
+        np.testing.assert_allclose(read.stamps, one.stamps, rtol=0)
+        np.testing.assert_allclose(read.positions, one.positions, atol=1e-9)
+        np.testing.assert_allclose(matrices_of(read.quaternions), matrices_of(one.quaternions), atol=1e-12)
+    np.testing.assert_array_equal(read_trajectory(kitti).stamps, np.arange(40))
+
+
+BROKEN = {
+    "empty": ("# nothing\n\n", "no poses, expected 8 numbers a line"),
+    "seven columns": ("0 0 0 0 0 0 1\n", "line 1: found 7 numbers, expected 8 numbers a line"),
+    "a shorter line": (
+        "0 0 0 0 0 0 0 1\n# and\n1 0 0 0 0 0 1\n",
+        "line 3: found 7 numbers, expected 8 as in",
+    ),
+    "a word": ("0 0 0 0 0 0 0 one\n", "line 1: found '0 0 0 0 0 0 0 one', expected only numbers"),
+    "time turned back": ("1 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "pose 1: stamp 0.000000 s follows 1.000000 s"),
+    "no length": ("0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 0\n", r"pose 1: quaternion .* has length 0, expected 1"),
+    "a mirror": ("1 0 0 0 0 1 0 0 0 0 -1 0\n", "is no rotation, expected rows of length 1"),
+    "nan": ("nan 0 0 0 0 0 0 1\n", "stamps: pose 0 is not finite"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_broken_files_are_named_with_place_and_expectation(case: str, tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text(BROKEN[case][0])
+    with pytest.raises(ValueError, match=BROKEN[case][1]) as caught:
+        read_trajectory(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+def test_times_must_fit(tmp_path: Path) -> None:
+    poses, times, tum = tmp_path / "poses.txt", tmp_path / "times.txt", tmp_path / "tum.txt"
+    poses.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n")
+    tum.write_text("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n")
+    assert len(read_trajectory(tum)) == 1, "a pose said twice is one"
+    times.write_text("1\n2\n")
+    with pytest.raises(ValueError, match=f"{times}: 2 times, expected 1 as there are poses in {poses}"):
+        read_trajectory(poses, times=times)
+    with pytest.raises(ValueError, match="has times of its own"):
+        read_trajectory(tum, times=times)
+    times.write_text("1 2\n")
+    with pytest.raises(ValueError, match="line 1: found 2 numbers, expected one"):
+        read_trajectory(poses, times=times)
+    poses.write_bytes(gzip.compress(b"1 0 0 0 0 1 0 0 0 0 1 0\n" * 100)[:-20])
+    with pytest.raises(ValueError, match="gzip stream is cut off or damaged"):
+        read_trajectory(poses)
+    with pytest.raises(FileNotFoundError):
+        read_trajectory(tmp_path / "none.txt")
+
+
+def test_shapes_are_named() -> None:
+    with pytest.raises(ValueError, match=r"shapes \(2,\), \(3, 3\) and \(2, 4\)"):
+        Trajectory([0, 1], np.zeros((3, 3)), np.zeros((2, 4)))
+
+
+def test_a_recorded_trajectory_is_read(recordings: Path) -> None:
+    one = read_trajectory(recordings / "kinect_tum_fr1_rpy" / "tum_format" / "groundtruth.txt")
+    assert len(one) > 100 and np.all(np.diff(one.stamps) > 0)
+    other = read_trajectory(recordings / "lidar_avia_hku_mb" / "pcd_format" / "odom_poses.txt")
+    assert len(other) >= 457
