@@ -240,6 +240,32 @@ def read_trajectory(
     return Trajectory(stamps, matrices[:, :, 3], matrices[:, :, :3], name=name)
 
 
+def read_pose(path: str | os.PathLike[str]) -> Pose:
+    """The pose in a file of its own: a matrix of 3x4 or 4x4 numbers, however broken into lines."""
+    name = os.fspath(path)
+    values = [value for _, line in _numbers(name) for value in line]
+    if len(values) not in (12, 16):
+        raise ValueError(f"{name}: found {len(values)} numbers, expected a matrix of 3x4 or 4x4")
+    matrix = np.array(values).reshape(-1, 4)
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name}: the pose is not finite")
+    if len(matrix) == 4 and not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-9):
+        raise ValueError(f"{name}: the last row is {matrix[3].tolist()}, expected 0 0 0 1")
+    try:
+        return Pose.from_matrix(matrix)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def trajectory_kind(path: str | os.PathLike[str]) -> str | None:
+    """What the first line with anything on it looks like: "tum", "kitti", or None for neither."""
+    try:
+        _, values = next(_numbers(os.fspath(path)), (0, []))
+    except ValueError:
+        return None
+    return {8: "tum", 12: "kitti"}.get(len(values))
+
+
 def read_times(path: str | os.PathLike[str]) -> Floats:
     """Times of a file that has one number a line [s]."""
     name = os.fspath(path)
