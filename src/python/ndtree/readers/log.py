@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import zlib
 from abc import ABC, abstractmethod
@@ -14,6 +15,10 @@ from typing import IO
 from ndtree.scan import Scan
 
 GZIP_MAGIC = b"\x1f\x8b"
+BZIP2_MAGIC = b"BZh"
+
+#: What reading raises where gzip cannot go on.
+GZIP_ERRORS = (EOFError, gzip.BadGzipFile, zlib.error)
 
 
 @dataclass
@@ -97,7 +102,7 @@ class LineLog(Log):
                         continue
                     if scan is not None:
                         yield scan
-            except (EOFError, gzip.BadGzipFile, zlib.error):
+            except GZIP_ERRORS:
                 self._skip(
                     "damaged gzip streams",
                     ValueError(
@@ -119,12 +124,22 @@ class SizedLog(Log):
 
 @contextmanager
 def open_plain(path: str) -> Iterator[IO[bytes]]:
-    """Open a file for reading; what gzip has packed is unpacked on the way."""
+    """Open a file for reading; what gzip or bzip2 has packed is unpacked on the way."""
     with open(path, "rb") as file:
-        packed = file.read(len(GZIP_MAGIC)) == GZIP_MAGIC
+        magic = file.read(max(len(GZIP_MAGIC), len(BZIP2_MAGIC)))
         file.seek(0)
-        if not packed:
+        if magic.startswith(GZIP_MAGIC):
+            with gzip.GzipFile(fileobj=file) as unpacked:
+                yield unpacked
+        elif magic == BZIP2_MAGIC:
+            with bz2.BZ2File(file) as unpacked:
+                try:
+                    yield unpacked
+                except (EOFError, OSError) as error:
+                    if isinstance(error, OSError) and error.errno is not None:
+                        raise  # Not what bz2 says of its data.
+                    raise ValueError(
+                        f"{path}: the bzip2 stream is cut off or damaged, expected a whole one"
+                    ) from None
+        else:
             yield file
-            return
-        with gzip.GzipFile(fileobj=file) as unpacked:
-            yield unpacked

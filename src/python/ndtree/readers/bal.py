@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Problems of Bundle Adjustment in the Large: text, plain or packed by gzip or bzip2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.readers.log import GZIP_ERRORS, open_plain
+from ndtree.readers.source import Format, Source, require_dim
+from ndtree.readers.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, Model, ModelLog
+
+LINES_AT_ONCE = 1 << 15
+CAMERA_NUMBERS = 9  # Turn as axis times angle, translation, focal length, two of distortion.
+
+Floats = NDArray[np.float64]
+
+
+class BalLog(ModelLog):
+    """One scan each camera.
+
+    Distances are in the unit of the problem, which is rarely a metre.
+    """
+
+    format = "bal"
+
+    def _read(self) -> Model:
+        try:
+            with open_plain(self.path) as file:
+                return self._read_from(file)
+        except GZIP_ERRORS:
+            raise ValueError(
+                f"{self.path}: the gzip stream is cut off or damaged, expected a whole one"
+            ) from None
+
+    def _read_from(self, file: IO[bytes]) -> Model:
+        sizes = _header(file.readline())
+        if sizes is None:
+            raise ValueError(f"{self.path}: line 1: expected the numbers of cameras, points and observations")
+        cameras, points, observations = sizes
+        seeing, seen = [], []
+        done = 0
+        while done < observations:
+            lines = list(islice(file, min(LINES_AT_ONCE, observations - done)))
+            table = _table(lines, 4)
+            if table is None or not lines:
+                raise ValueError(f"{self.path}: {self._wrong_line(lines, done)}")
+            pair = table[:, :2]
+            bad = ~((pair >= 0) & (pair < (cameras, points)) & (pair == np.floor(pair))).all(axis=1)
+            if bad.any():
+                raise ValueError(
+                    f"{self.path}: line {done + 2 + int(bad.argmax())}: "
+                    f"expected a camera of 0 to {cameras - 1} and a point of 0 to {points - 1}"
+                )
+            seeing.append(pair[:, 0].astype(np.int32))
+            seen.append(pair[:, 1].astype(np.int32))
+            done += len(lines)
+        parameters = self._numbers(file, CAMERA_NUMBERS * cameras + 3 * points)
+        camera = parameters[: CAMERA_NUMBERS * cameras].reshape(cameras, CAMERA_NUMBERS)
+        wrong = np.flatnonzero(~(camera[:, 6] > 0))
+        if wrong.size:
+            raise ValueError(
+                f"{self.path}: camera {wrong[0]}: found a focal length of {camera[wrong[0], 6]:g} px, "
+                "expected one > 0"
+            )
+        return Model(
+            parameters[CAMERA_NUMBERS * cameras :].reshape(points, 3),
+            _turned(-camera[:, 3:6], -camera[:, :3]),
+            camera[:, 6],
+            np.concatenate([np.empty(0, dtype=np.int32), *seeing]),
+            np.concatenate([np.empty(0, dtype=np.int32), *seen]),
+        )
+
+    def _wrong_line(self, lines: list[bytes], done: int) -> str:
+        for i, line in enumerate(lines):
+            if _table([line], 4) is None:
+                return f"line {done + 2 + i}: expected camera, point, x, y"
+        return f"behind line {done + 1}: cut off, expected more observations"
+
+    def _numbers(self, file: IO[bytes], count: int) -> Floats:
+        """All that is left in the file."""
+        parts, found = [np.empty(0)], 0
+        for lines in _blocks(file):
+            try:
+                parts.append(np.array(b"".join(lines).split(), dtype=np.float64))
+            except ValueError:
+                raise ValueError(f"{self.path}: behind {found} parameters: expected only numbers") from None
+            found += len(parts[-1])
+            if found > count:
+                break
+        if found != count:
+            more = "more" if found > count else str(found)
+            raise ValueError(f"{self.path}: found {more} numbers of cameras and points, expected {count}")
+        numbers = np.concatenate(parts)
+        if not np.isfinite(numbers).all():
+            which = int((~np.isfinite(numbers)).argmax())
+            raise ValueError(f"{self.path}: number {which} of the cameras and points is not finite")
+        return numbers
+
+
+def _blocks(file: IO[bytes]) -> Iterator[list[bytes]]:
+    while lines := list(islice(file, LINES_AT_ONCE)):
+        yield lines
+
+
+def _header(line: bytes) -> tuple[int, int, int] | None:
+    fields = line.split()
+    if len(fields) != 3 or not all(field.isdigit() for field in fields):
+        return None
+    cameras, points, observations = (int(field) for field in fields)
+    return cameras, points, observations
+
+
+def _table(lines: list[bytes], columns: int) -> Floats | None:
+    """None where a line has not so many numbers."""
+    fields = [line.split() for line in lines]
+    if any(len(row) != columns for row in fields):
+        return None
+    try:
+        return np.array(fields, dtype=np.float64).reshape(-1, columns)
+    except ValueError:
+        return None
+
+
+def _turned(vectors: Floats, turns: Floats) -> Floats:
+    """(n, 3) vectors, turned about axes by the angles that are their lengths [rad]."""
+    angle = np.linalg.norm(turns, axis=1, keepdims=True)
+    axis = np.divide(turns, angle, out=np.zeros_like(turns), where=angle > 0)
+    along = np.sum(axis * vectors, axis=1, keepdims=True) * axis
+    return along + np.cos(angle) * (vectors - along) + np.sin(angle) * np.cross(axis, vectors)
+
+
+def _recognises(source: Source) -> bool:
+    lines = source.head.split(b"\n", 2)
+    return len(lines) > 1 and _header(lines[0]) is not None and _table(lines[1:2], 4) is not None
+
+
+def _open(source: Source, *, dim: int | None = None, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> BalLog:
+    require_dim(source, BAL, 3, dim)
+    return BalLog(source.path, pixel_sigma)
+
+
+BAL = Format("bal", "a problem of Bundle Adjustment in the Large", _recognises, _open, (PIXEL_SIGMA,))
