@@ -40,6 +40,8 @@ class Log(ABC):
         The word for ``format=`` of `read`, or "simulated".
     dim : int
         Number of coordinates of a point.
+    uses : str
+        What of the file is read, where it holds more than one log.
     keep_going : bool
         Pass over what is damaged instead of raising.
     skipped : dict of str to Skipped
@@ -47,6 +49,7 @@ class Log(ABC):
     """
 
     format: str
+    uses: str = ""
 
     def __init__(self, path: str | None, dim: int) -> None:
         self.path = path

@@ -8,6 +8,7 @@ import os
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from ndtree.readers.log import Log, open_plain
 
@@ -71,6 +72,8 @@ class Format:
         What ``open`` takes beside ``dim``.
     stored_as : {"file", "folder", "either"}
         Nothing else is handed to ``recognises`` and ``open``.
+    contents : callable, optional
+        ``contents(source)`` says as a dictionary what else is in it, also where it cannot be opened as a log.
     """
 
     name: str
@@ -79,6 +82,7 @@ class Format:
     open: Callable[..., Log]
     options: tuple[ReaderOption, ...] = ()
     stored_as: str = "file"
+    contents: Callable[[Source], dict[str, Any]] | None = None
 
     def may_be(self, source: Source) -> bool:
         """Whether it is stored as the source is: as a file or as a folder."""

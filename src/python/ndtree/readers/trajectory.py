@@ -86,6 +86,8 @@ class Trajectory:
         Quaternions (x, y, z, w), or matrices.
     name : str
         How errors call it.
+    is_numbered : bool
+        Stamps are the poses' numbers, not times.
 
     Raises
     ------
@@ -94,9 +96,16 @@ class Trajectory:
     """
 
     def __init__(
-        self, stamps: ArrayLike, positions: ArrayLike, rotations: ArrayLike, *, name: str = "trajectory"
+        self,
+        stamps: ArrayLike,
+        positions: ArrayLike,
+        rotations: ArrayLike,
+        *,
+        name: str = "trajectory",
+        is_numbered: bool = False,
     ) -> None:
         self.name = name
+        self.is_numbered = is_numbered
         self.stamps: Floats = np.asarray(stamps, dtype=np.float64)
         self.positions: Floats = np.asarray(positions, dtype=np.float64)
         turned = np.asarray(rotations, dtype=np.float64)
@@ -185,6 +194,7 @@ class Trajectory:
             matrices @ T_sensor_other.position + self.positions,
             matrices @ T_sensor_other.rotation,
             name=self.name,
+            is_numbered=self.is_numbered,
         )
 
 
@@ -237,7 +247,7 @@ def read_trajectory(
                 f"{os.fspath(times)}: {len(stamps)} times, "
                 f"expected {len(matrices)} as there are poses in {name}"
             )
-    return Trajectory(stamps, matrices[:, :, 3], matrices[:, :, :3], name=name)
+    return Trajectory(stamps, matrices[:, :, 3], matrices[:, :, :3], name=name, is_numbered=times is None)
 
 
 def read_pose(path: str | os.PathLike[str]) -> Pose:
