@@ -85,6 +85,61 @@ def test_vast_maps_become_images_of_bounded_size() -> None:
     assert (image > 0.5).any()
 
 
+def test_an_occupied_cell_marks_its_pixel_however_small(tmp_path: Path) -> None:
+    generator = np.random.default_rng(5)
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=51.2)
+    ends = generator.uniform(40, 860, (40, 2))
+    for _ in range(4):
+        m.insert(ends, ends + np.array([3.0, 0.0]))
+    is_occupied = m.state(ends) == 1
+    assert np.count_nonzero(is_occupied) > 30
+    from matplotlib.figure import Figure
+    from matplotlib.image import imread
+
+    ax = Figure(figsize=(4, 4)).add_axes((0, 0, 1, 1))
+    ax.set_axis_off()
+    plot.occupancy(m, ax, region=(0, 900, 0, 900))
+    assert ax.images[0].get_array().size > 4_000_000
+    for size in (300, 171, 64):
+        ax.figure.savefig(tmp_path / "vast.png", dpi=size / 4)
+        shown = imread(tmp_path / "vast.png")[::-1, :, 0]
+        for x, y in ends[is_occupied]:
+            column, row = (np.array([x, y]) / 900 * size).astype(int)
+            assert shown[row - 1 : row + 2, column - 1 : column + 2].max() > 0.505, (size, x, y)
+        assert np.count_nonzero(shown > 0.6) < 9 * len(ends)
+    ax.figure.savefig(tmp_path / "vast.pdf")
+    assert (tmp_path / "vast.pdf").stat().st_size < 1_000_000
+    assert ax.images[0].get_array().size > 4_000_000, "drawing changed the image"
+
+
+def test_sizes_of_cells_are_shown(flat: Any) -> None:
+    ax = plot.cell_sizes(flat)
+    (image,) = ax.images
+    sizes = np.ma.filled(image.get_array(), np.nan)
+    points = centres(sizes, image.get_extent())
+    seen = flat.state(points) >= 0
+    np.testing.assert_array_equal(np.isnan(sizes.ravel()), ~seen)
+    np.testing.assert_allclose(sizes.ravel()[seen], flat.cell_size(points[seen]), rtol=1e-6)
+    assert len(np.unique(sizes[~np.isnan(sizes)])) > 2
+
+
+def test_truth_by_cell_size_is_what_the_comparison_says() -> None:
+    comparison = ndtree.compare(ndtree.simulate("office", scans=60), ["adaptive", "fixed"])
+    rows = [row for row in comparison["truth_by_cell_size"]["sizes"] if row["size"] and row["endpoints"]]
+    ax = plot.truth_by_cell_size(comparison, of="endpoints")
+    lines = {line.get_label(): line.get_xydata() for line in ax.lines}
+    assert set(lines) == {"adaptive", "fixed"}
+    for name, line in lines.items():
+        expected = [(row["size"], row["endpoints_near"][name] / row["endpoints"]) for row in rows]
+        np.testing.assert_allclose(line, expected)
+    assert len(rows) > 1
+    with pytest.raises(ValueError, match="of = 'walls': must be free or endpoints"):
+        plot.truth_by_cell_size(comparison, of="walls")
+    comparison["truth_by_cell_size"] = None
+    with pytest.raises(ValueError, match="needs scans held out and an adaptive map"):
+        plot.truth_by_cell_size(comparison)
+
+
 def drawn_border(ax: Any, horizontal: bool) -> set[tuple[int, int]]:
     """Unit segments along one axis that the lines cover, in cells of 0.05 m."""
     units: list[tuple[int, int]] = []
@@ -176,6 +231,25 @@ def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevatio
     assert checked > 120
 
 
+@pytest.mark.parametrize("color", plot.COLORS)
+def test_colors_say_what_they_should(solid: Any, color: str) -> None:
+    some = plot.Cells.of(solid)
+    some = some.where(some.occupied)
+    colors = plot.coloring(some, color)
+    values = {
+        "height": (some.lower[:, 2] + 0.5 * some.size) * some.unit,
+        "size": some.size * some.unit,
+        "probability": some.probability,
+    }[color]
+    shown = colors(some)
+    legend = colors.legend()
+    expected = legend.cmap(legend.norm(np.clip(values, legend.norm.vmin, legend.norm.vmax)))[:, :3]
+    assert np.abs(shown - expected).max() < 0.05
+    assert len(np.unique(shown, axis=0)) > 1
+    quads, _ = faces_of(plot.occupied(solid, color=color))
+    assert len(quads) > 100
+
+
 def test_ceiling_is_cut_away_in_a_room_and_only_there() -> None:
     def room(with_ceiling: bool) -> Any:
         m = ndtree.FixedMap(dim=3, cell_size=0.1)
@@ -208,6 +282,13 @@ def test_side_by_side_is_written(flat: Any, solid: Any, tmp_path: Path) -> None:
     plot.side_by_side(flat, fixed, tmp_path / "2d.png", dpi=60)
     plot.side_by_side(flat, fixed, tmp_path / "column.png", dpi=60, row=False)
     plot.side_by_side_3d(solid, fixed_3d, tmp_path / "3d.png", dpi=60)
+    for name, figure in (
+        ("overview.svg", plot.overview_3d(solid, color="size", slice_axis="x", slice_at=0.2, dpi=20)),
+        ("overview.pdf", plot.overview(flat, color="size")),
+    ):
+        figure.savefig(tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 5000
+        (tmp_path / name).unlink()
     from matplotlib.image import imread
 
     pictures = {path.name: imread(path) for path in tmp_path.iterdir()}
@@ -235,12 +316,25 @@ def test_wrong_maps_are_refused(flat: Any, solid: Any, tmp_path: Path) -> None:
         plot.cells(ndtree.AdaptiveMap(dim=2))
     with pytest.raises(ValueError, match="axis = 'w': must be x, y, z, 0, 1 or 2"):
         plot.slice(solid, "w", 0.0)
+    with pytest.raises(ValueError, match="color = 'taste': must be one of height, size, probability"):
+        plot.occupied(solid, color="taste")
+    with pytest.raises(ValueError, match="color = 'height': must be probability or size"):
+        plot.overview(flat, tmp_path / "a.png", color="height")
+    with pytest.raises(ValueError, match=r"[Ff]ormat"):
+        plot.overview(flat, tmp_path / "a.doc")
+    assert not list(tmp_path.iterdir()), "something was half written"
     with pytest.raises(ValueError, match="z = 90 m: the map was not observed there"):
         plot.slice(solid, "z", 90.0)
     with pytest.raises(ValueError, match="no occupied cell is in it"):
         plot.occupied(solid, cut_above=-9.0)
     with pytest.raises(ValueError, match="cut_above = 'roof': must be a height in metres, 'auto' or None"):
         plot.occupied(solid, cut_above="roof")
+
+
+def test_plot_is_loaded_only_when_asked_for() -> None:
+    code = "import sys, ndtree; print('matplotlib' in sys.modules, hasattr(ndtree, 'plot'))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]
 
 
 def test_without_matplotlib_the_extra_is_named() -> None:
