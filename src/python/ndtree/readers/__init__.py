@@ -13,6 +13,7 @@ from ndtree.readers.carmen import CARMEN
 from ndtree.readers.colmap import COLMAP
 from ndtree.readers.log import Log, SizedLog
 from ndtree.readers.npz import NPZ, ZIP_MAGIC
+from ndtree.readers.octomap_graph import OCTOMAP_GRAPH
 from ndtree.readers.rosbag import ROSBAG
 from ndtree.readers.seven_scenes import SEVEN_SCENES
 from ndtree.readers.simulated import SimulatedLog, simulate
@@ -23,7 +24,18 @@ from ndtree.readers.tum_rgbd import TUM_RGBD
 __all__ = ["FORMATS", "MAP_MAGIC", "READER_OPTIONS", "Log", "SimulatedLog", "SizedLog", "read", "simulate"]
 
 #: The table of formats, tried in this order: a format that others could be taken for comes late.
-_TABLE: tuple[Format, ...] = (CARMEN, NPZ, ROSBAG, SEVEN_SCENES, TUM_RGBD, COLMAP, BUNDLER, BAL, TEXT)
+_TABLE: tuple[Format, ...] = (
+    CARMEN,
+    NPZ,
+    ROSBAG,
+    SEVEN_SCENES,
+    TUM_RGBD,
+    COLMAP,
+    BUNDLER,
+    BAL,
+    OCTOMAP_GRAPH,
+    TEXT,
+)
 
 #: The words for ``format=``.
 FORMATS = tuple(sorted(format.name for format in _TABLE))
