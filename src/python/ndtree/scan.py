@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -103,9 +103,26 @@ class Scan:
         """
         if self.returned is None:
             return self
-        origin = self.origin if self.origin.ndim == 1 else self.origin[self.returned]
-        range_sigma = None if self.range_sigma is None else self.range_sigma[self.returned]
-        return Scan(self.endpoints[self.returned], origin, stamp=self.stamp, range_sigma=range_sigma)
+        return replace(self.only(self.returned), returned=None)
+
+    def only(self, which: NDArray[np.bool_] | slice) -> Scan:
+        """The same scan with only some beams, in their order.
+
+        Parameters
+        ----------
+        which : ndarray of bool, (n,), or slice
+        """
+
+        def part(values: NDArray[Any] | None) -> Any:
+            return None if values is None else values[which]
+
+        return Scan(
+            self.endpoints[which],
+            self.origin if self.origin.ndim == 1 else self.origin[which],
+            part(self.returned),
+            self.stamp,
+            part(self.range_sigma),
+        )
 
     def returned_beams(
         self, max_range: float = math.inf

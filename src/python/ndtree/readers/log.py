@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import os
 import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import IO
+
+from numpy.typing import ArrayLike
 
 from ndtree.scan import Scan
 
@@ -56,6 +59,7 @@ class Log(ABC):
         self.dim = dim
         self.keep_going = False
         self.skipped: dict[str, Skipped] = {}
+        self._done = 0
 
     @property
     def name(self) -> str:
@@ -64,7 +68,69 @@ class Log(ABC):
 
     def __iter__(self) -> Iterator[Scan]:
         self.skipped.clear()
-        yield from self._scans()
+        self._done = 0
+        for scan in self._scans():
+            self._done += 1
+            yield scan
+
+    @property
+    def share_read(self) -> float | None:
+        """How much of the log the last loop has read, 0 to 1; None where that is not known."""
+        return None
+
+    def select(
+        self,
+        *,
+        every: int = 1,
+        start: float | None = None,
+        stop: float | None = None,
+        min_range: float = 0.0,
+        stride: int = 1,
+        box: tuple[ArrayLike, ArrayLike] | None = None,
+        origin: ArrayLike | None = None,
+    ) -> Log:
+        """A part of the log, read as lazily as the log itself.
+
+        Parameters
+        ----------
+        every : int
+            Of the scans that `start` and `stop` leave, the first and each so many further ones.
+        start, stop : float, optional
+            Only scans at these times since the log's first scan, [start, stop) [s]. Reading ends with the
+            first scan at `stop` or later. For logs whose scans have stamps.
+        min_range : float
+            Shorter beams are left out [m].
+        stride : int
+            Of each scan's beams, the first and each so many further ones.
+        box : (lower, upper), optional
+            Two points (dim,) [m]: of each beam what lies up to where it leaves [lower, upper). Beams that end
+            in the box stay as they are. Others that pass it say that it is free up to where they leave it.
+            The rest is left out. Beams from outside keep their origin: the way to the box is free, too.
+        origin : (dim,), optional
+            Point of the log that becomes the map's origin [m], for far-away coordinates. It is subtracted
+            first, in double precision: `box` is in the map.
+
+        Returns
+        -------
+        Log
+
+        Raises
+        ------
+        ValueError
+            If a value is out of its limits, or does not fit the log's ``dim``.
+        """
+        from ndtree.readers.selection import SelectedLog
+
+        return SelectedLog(
+            self,
+            every=every,
+            start=start,
+            stop=stop,
+            min_range=min_range,
+            stride=stride,
+            box=box,
+            origin=origin,
+        )
 
     @abstractmethod
     def _scans(self) -> Iterator[Scan]:
@@ -90,6 +156,12 @@ class LineLog(Log):
     """A text file, packed by gzip or not, whose lines a parser turns into scans."""
 
     path: str
+    _place = 0
+
+    @property
+    def share_read(self) -> float | None:
+        """By the place in the file, packed or not."""
+        return min(1.0, self._place / max(os.path.getsize(self.path), 1))
 
     def _parsed(self, parse: Callable[[str], Scan | None]) -> Iterator[Scan]:
         """Scans that a parser finds in the lines; its errors get the file's name."""
@@ -104,6 +176,7 @@ class LineLog(Log):
                         self._skip("damaged lines", ValueError(f"{self.path}: {error}"))
                         continue
                     if scan is not None:
+                        self._place = getattr(file, "fileobj", file).tell()
                         yield scan
             except GZIP_ERRORS:
                 self._skip(
@@ -120,6 +193,11 @@ class SizedLog(Log):
 
     @abstractmethod
     def __len__(self) -> int: ...
+
+    @property
+    def share_read(self) -> float | None:
+        """By the number of scans."""
+        return self._done / max(len(self), 1)
 
     def __repr__(self) -> str:
         return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D, {len(self)} scans>"
