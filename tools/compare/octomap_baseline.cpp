@@ -10,6 +10,7 @@
 #include <cstring>
 #include <istream>
 #include <limits>
+#include <memory>
 #include <ostream>
 #include <sstream>
 #include <stdexcept>
@@ -368,6 +369,28 @@ void OctomapBaseline::write_ot(std::ostream& out) const {
   Tree copy(impl_->tree);
   copy.updateInnerOccupancy();  // Lazy insertion leaves it to the end.
   copy.write(out);
+}
+
+void OctomapBaseline::write_bt(std::ostream& out) const { Tree(impl_->tree).writeBinary(out); }
+
+OctomapBaseline OctomapBaseline::read_octomap(std::istream& in) {
+  std::string line;
+  std::getline(in, line);
+  in.seekg(0);
+  std::unique_ptr<octomap::AbstractOcTree> any;
+  if (line.find("binary") != std::string::npos) {
+    auto tree = std::make_unique<octomap::OcTree>(0.1);
+    if (tree->readBinary(in)) any = std::move(tree);
+  } else {
+    any.reset(octomap::AbstractOcTree::read(in));
+  }
+  const auto* const tree = dynamic_cast<const octomap::OcTree*>(any.get());
+  if (tree == nullptr) throw std::runtime_error("OctoMap does not read the stream");
+  OctomapBaseline map(tree->getResolution());
+  std::stringstream nodes;
+  tree->writeData(nodes);
+  if (tree->size() > 0) map.impl_->tree.readData(nodes);
+  return map;
 }
 
 }  // namespace ndtree

@@ -95,6 +95,10 @@ class OctomapBaseline {
   [[nodiscard]] static OctomapBaseline load(std::istream& in);
   /// OctoMap's own file, .ot, which its viewer reads.
   void write_ot(std::ostream& out) const;
+  /// The same without log-odds, .bt: cells are free or occupied.
+  void write_bt(std::ostream& out) const;
+  /// Whatever OctoMap reads of its own files, .ot or .bt. @throws std::runtime_error if it does not.
+  [[nodiscard]] static OctomapBaseline read_octomap(std::istream& in);
 
  private:
   struct Impl;

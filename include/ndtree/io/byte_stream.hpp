@@ -12,7 +12,10 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <limits>
+#include <locale>
 #include <random>
+#include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -97,6 +100,18 @@ class ByteReader {
   std::string_view bytes_;
   std::size_t position_ = 0;
 };
+
+/// A finite number with as few digits as tell it from all others.
+[[nodiscard]] inline std::string shortest_text(double value) {
+  for (int digits = 6;; ++digits) {
+    std::ostringstream text;
+    text.imbue(std::locale::classic());
+    text.precision(digits);
+    text << value;
+    if (digits >= std::numeric_limits<double>::max_digits10 || std::stod(text.str()) == value)
+      return text.str();
+  }
+}
 
 /// The system's last error about a file.
 [[nodiscard]] inline std::filesystem::filesystem_error file_error(const char* what,
