@@ -4,7 +4,11 @@
 #pragma once
 
 #include "ndtree/evaluation/held_out_truth.hpp"
+#include "ndtree/io/dense_grid.hpp"
 #include "ndtree/io/map_file.hpp"
+#include "ndtree/io/map_server.hpp"
+#include "ndtree/io/octomap_file.hpp"
+#include "ndtree/io/ply.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"

@@ -1,7 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Occupied space near a point.
+/// Occupied space near a point, and how near.
 #pragma once
+
+#include <cmath>
+#include <optional>
+#include <queue>
+#include <utility>
+#include <vector>
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/types.hpp"
@@ -22,6 +28,29 @@ template <class Map>
     return !found;
   });
   return found;
+}
+
+/// Distance from the point to the nearest occupied cell, 0 inside one [m]; none if the map has no such cell
+/// or the point is not finite. Nodes are taken in the order of their distance.
+template <class Map>
+[[nodiscard]] std::optional<double> distance_to_occupied(const Map& map, const Vector<Map::kDim>& point) {
+  using Ref = typename Map::Tree::ConstRef;
+  using Candidate = std::pair<double, Ref>;
+  if (!point.allFinite()) return std::nullopt;
+  const auto farther = [](const Candidate& a, const Candidate& b) { return a.first > b.first; };
+  std::priority_queue<Candidate, std::vector<Candidate>, decltype(farther)> next(farther);
+  const auto consider = [&](const Ref& ref) {
+    if (Summary::of(*ref.node).may_contain(CellState::occupied))
+      next.emplace(map.tree().box(ref.index).squared_distance(point), ref);
+  };
+  consider(map.tree().root());
+  while (!next.empty()) {
+    const auto [squared, ref] = next.top();
+    next.pop();
+    if (ref.is_leaf()) return std::sqrt(squared);
+    for (int j = 0; j < Map::Tree::kNumChildren; ++j) consider(map.tree().child(ref, j));
+  }
+  return std::nullopt;
 }
 
 }  // namespace ndtree

@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// A part of a map as a dense array, and a map from such an array.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/io/map_builder.hpp"
+#include "ndtree/tree/visit.hpp"
+
+namespace ndtree {
+
+/// Cells of one size in rows. Cell i on an axis is [lower + i * cell_size, lower + (i + 1) * cell_size).
+/// Arrays have an axis for each of space, x first, and are stored with the last axis running fastest.
+template <int D>
+struct GridGeometry {
+  Vector<D> lower = Vector<D>::Zero();  ///< [m]
+  double cell_size = 0.05;              ///< [m]
+  std::array<std::size_t, D> shape{};   ///< Cells along each axis.
+
+  /// @throws std::invalid_argument naming the first value that is out of bounds.
+  void validate() const {
+    if (!(cell_size > 0.0) || !std::isfinite(cell_size))
+      throw std::invalid_argument("cell_size = " + std::to_string(cell_size) + " m: must be > 0 and finite");
+    if (!lower.allFinite()) throw std::invalid_argument("lower: every component must be finite");
+    double cells = 1.0;
+    for (const std::size_t n : shape) cells *= static_cast<double>(n);
+    if (!(cells <= static_cast<double>(std::numeric_limits<std::ptrdiff_t>::max())))
+      throw std::invalid_argument("a grid of " + std::to_string(cells) +
+                                  " cells: more than can be addressed");
+  }
+  [[nodiscard]] std::size_t size() const {
+    std::size_t cells = 1;
+    for (const std::size_t n : shape) cells *= n;
+    return cells;
+  }
+  /// Where cell i has its centre on an axis [m].
+  [[nodiscard]] double centre(int axis, std::size_t i) const {
+    return lower[axis] + (static_cast<double>(i) + 0.5) * cell_size;
+  }
+};
+
+/// What the map says at the centres of the grid's cells; outside the map, what it says of unknown space.
+/// O(leaves in the grid + cells).
+/// @param value_of what is stored for a cell of the map: T(const Map::Cell&).
+/// @param out grid.size() values.
+/// @throws std::invalid_argument as GridGeometry::validate().
+template <class Map, class T, class ValueOf>
+void to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf& value_of, T* out) {
+  constexpr int D = Map::kDim;
+  grid.validate();
+  const std::size_t size = grid.size();
+  std::fill(out, out + size, value_of(typename Map::Cell{}));
+  if (size == 0) return;
+  Box<D> region;
+  std::array<std::vector<double>, D> centres;
+  for (int a = 0; a < D; ++a) {
+    const auto axis = static_cast<std::size_t>(a);
+    for (std::size_t i = 0; i < grid.shape[axis]; ++i) centres[axis].push_back(grid.centre(a, i));
+    region.lower[a] = centres[axis].front();
+    region.upper[a] = centres[axis].back();
+  }
+  for_each_leaf_in(map.tree(), region, [&](const auto& leaf) {
+    const Box<D> box = map.tree().box(leaf.index);
+    std::array<std::size_t, D> first, last, at;
+    for (int a = 0; a < D; ++a) {
+      const auto axis = static_cast<std::size_t>(a);
+      const auto& all = centres[axis];
+      const auto begin = std::lower_bound(all.begin(), all.end(), box.lower[a]);
+      first[axis] = static_cast<std::size_t>(begin - all.begin());
+      last[axis] = static_cast<std::size_t>(std::lower_bound(begin, all.end(), box.upper[a]) - all.begin());
+      if (first[axis] == last[axis]) return;
+    }
+    const T value = value_of(leaf.cell());
+    for (at = first;;) {  // Row by row along the last axis.
+      std::size_t row = 0;
+      for (std::size_t a = 0; a < D; ++a) row = row * grid.shape[a] + at[a];
+      std::fill(out + row, out + row + (last[D - 1] - first[D - 1]), value);
+      int a = D - 2;
+      while (a >= 0 && ++at[static_cast<std::size_t>(a)] == last[static_cast<std::size_t>(a)]) {
+        at[static_cast<std::size_t>(a)] = first[static_cast<std::size_t>(a)];
+        --a;
+      }
+      if (a < 0) break;
+    }
+  });
+}
+
+/// A map with the states of a grid's cells: free ones get log_odds_min, occupied ones log_odds_max (see
+/// MapBuilder), equal siblings are joined.
+/// @param states grid.size() numbers of CellState.
+/// @param options of the map, but for min_cell_size, which is the grid's; max_cell_size is at least that.
+/// @throws std::invalid_argument if the grid's lower corner is not within a millionth of a cell of a whole
+///   number of cells from 0, if a number is no state, or as GridGeometry::validate().
+template <class Map>
+[[nodiscard]] Map from_grid(const std::int8_t* states, const GridGeometry<Map::kDim>& grid,
+                            typename Map::Options options = {}) {
+  constexpr int D = Map::kDim;
+  grid.validate();
+  options.min_cell_size = grid.cell_size;
+  options.max_cell_size = std::max(options.max_cell_size, grid.cell_size);
+  Lattice<D> corner;
+  for (int a = 0; a < D; ++a) {
+    const double cells = grid.lower[a] / grid.cell_size;
+    if (!(std::abs(cells) < 9e15) || std::abs(cells - std::round(cells)) > 1e-6)
+      throw std::invalid_argument("lower = " + std::to_string(grid.lower[a]) + " m on axis " +
+                                  std::to_string(a) + ": must be a whole number of cells of " +
+                                  std::to_string(grid.cell_size) + " m");
+    corner[static_cast<std::size_t>(a)] = std::llround(cells);
+  }
+  MapBuilder<Map> builder(options);
+  const std::size_t size = grid.size();
+  const std::size_t row = grid.shape[D - 1];
+  for (std::size_t i = 0; i < size;) {  // Runs of one state along the last axis.
+    const std::int8_t state = states[i];
+    if (state < -1 || state > 1)
+      throw std::invalid_argument("state " + std::to_string(state) + " at " + std::to_string(i) +
+                                  ": must be -1 unknown, 0 free or 1 occupied");
+    std::size_t end = i + 1;
+    while (end % row != 0 && states[end] == state) ++end;
+    if (state >= 0) {
+      Lattice<D> lower;
+      std::size_t rest = i;
+      for (std::size_t a = D; a-- > 0; rest /= grid.shape[a])
+        lower[a] = corner[a] + static_cast<std::int64_t>(rest % grid.shape[a]);
+      Lattice<D> upper = lower;
+      for (std::size_t a = 0; a + 1 < D; ++a) ++upper[a];
+      upper[D - 1] += static_cast<std::int64_t>(end - i);
+      builder.fill(lower, upper,
+                   static_cast<float>(state == 1 ? options.log_odds_max : options.log_odds_min));
+    }
+    i = end;
+  }
+  return std::move(builder).finish();
+}
+
+}  // namespace ndtree

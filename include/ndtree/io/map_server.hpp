@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Maps for navigation as ROS's map_server and nav2 read them: a grey image (PGM) and a YAML file about it.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/io/byte_stream.hpp"
+#include "ndtree/tree/visit.hpp"
+
+namespace ndtree {
+
+/// What to put into the image.
+struct MapServerOptions {
+  std::optional<double> cell_size;  ///< Edge of a pixel [m]; the map's min_cell_size if left out.
+  /// Of a 3-D map, only cells that overlap [first, second) in z [m]; all if left out.
+  std::optional<std::pair<double, double>> height;
+};
+
+/// A grey image, the upper row first, and where it lies. Pixels begin at whole numbers of cell_size from 0.
+struct MapServerImage {
+  static constexpr std::uint8_t kFree = 254;
+  static constexpr std::uint8_t kOccupied = 0;
+  static constexpr std::uint8_t kUnknown = 205;
+
+  std::size_t width = 0;                 ///< Pixels along x.
+  std::size_t height = 0;                ///< Pixels along y.
+  double cell_size = 0.0;                ///< Edge of a pixel [m].
+  Vector<2> origin = Vector<2>::Zero();  ///< Lower left corner of the pixel at the lower left [m].
+  std::vector<std::uint8_t> pixels;
+
+  /// Binary PGM (P5).
+  [[nodiscard]] std::string pgm() const {
+    std::string bytes = "P5\n" + std::to_string(width) + " " + std::to_string(height) + "\n255\n";
+    bytes.append(reinterpret_cast<const char*>(pixels.data()), pixels.size());
+    return bytes;
+  }
+  /// @param image the image file's name, relative to the YAML file.
+  [[nodiscard]] std::string yaml(const std::string& image) const {
+    std::string quoted = "'";
+    for (const char c : image) quoted += c == '\'' ? std::string("''") : std::string(1, c);
+    const auto number = [](double value) {  // YAML 1.1 takes 1e-05 for text.
+      std::string text = shortest_text(value);
+      const std::size_t exponent = text.find('e');
+      if (text.find('.') == std::string::npos) text.insert(std::min(exponent, text.size()), ".0");
+      return text;
+    };
+    return "image: " + quoted + "'\nmode: trinary\nresolution: " + number(cell_size) + "\norigin: [" +
+           number(origin.x()) + ", " + number(origin.y()) +
+           ", 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n";
+  }
+};
+
+namespace detail {
+
+/// Numbers of pixels, along one axis, that overlap an interval of lattice coordinates. Sizes are decimal
+/// numbers that no double holds exactly: a ratio within 1e-9 of a whole one is taken for it.
+class PixelAxis {
+ public:
+  PixelAxis(double unit, double pixel)
+      : pixels_per_unit_(whole(unit / pixel)), units_per_pixel_(whole(pixel / unit)) {}
+
+  /// First pixel that overlaps [k, ...).
+  [[nodiscard]] std::int64_t first(std::int64_t k) const {
+    return static_cast<std::int64_t>(std::floor(pixels(k)));
+  }
+  /// One behind the last that overlaps [..., k).
+  [[nodiscard]] std::int64_t last(std::int64_t k) const {
+    return static_cast<std::int64_t>(std::ceil(pixels(k)));
+  }
+  [[nodiscard]] static double whole(double ratio) {
+    const double nearest = std::round(ratio);
+    return std::abs(ratio - nearest) <= 1e-9 * std::max(1.0, std::abs(ratio)) ? nearest : ratio;
+  }
+
+ private:
+  [[nodiscard]] double pixels(std::int64_t k) const {
+    return units_per_pixel_ >= 1.0 ? static_cast<double>(k) / units_per_pixel_
+                                   : static_cast<double>(k) * pixels_per_unit_;
+  }
+  double pixels_per_unit_;
+  double units_per_pixel_;
+};
+
+}  // namespace detail
+
+/// The image of a 2-D map, or of a slice through a 3-D one: a pixel is occupied if some occupied cell
+/// overlaps it, else free if some free one does, else unknown. It is as large as what is known.
+/// @throws std::invalid_argument if an option is out of bounds or does not fit the map, if nothing is known
+///   there, or if the image had more than 2^30 pixels.
+template <class Map>
+[[nodiscard]] MapServerImage map_server_image(const Map& map, const MapServerOptions& options = {}) {
+  constexpr int D = Map::kDim;
+  static_assert(D == 2 || D == 3, "an image is of a 2-D map, or of a slice through a 3-D one");
+  const double unit = map.options().min_cell_size;
+  const double pixel = options.cell_size.value_or(unit);
+  if (!(pixel > 0.0) || !std::isfinite(pixel))
+    throw std::invalid_argument("cell_size = " + std::to_string(pixel) + " m: must be > 0 and finite");
+  double bottom = -std::numeric_limits<double>::infinity();
+  double top = std::numeric_limits<double>::infinity();
+  if (options.height) {
+    if (D != 3) throw std::invalid_argument("height: a map in the plane has none");
+    if (!(options.height->first < options.height->second))
+      throw std::invalid_argument("height = " + std::to_string(options.height->first) + " to " +
+                                  std::to_string(options.height->second) + " m: must be from low to high");
+    bottom = detail::PixelAxis::whole(options.height->first / unit);
+    top = detail::PixelAxis::whole(options.height->second / unit);
+  }
+  const detail::PixelAxis axis(unit, pixel);
+  const auto& geometry = map.tree().geometry();
+  // Calls visit(first x, last x, first y, last y, state) for what is known, in pixels about 0.
+  const auto for_each_known = [&](const auto& visit) {
+    for_each_leaf(map.tree(), [&](const auto& leaf) {
+      const CellState state = leaf.cell().state();
+      if (state == CellState::unknown) return;
+      const std::int64_t edge = geometry.edge(leaf.index.level);
+      const auto& lower = leaf.index.lower;
+      if constexpr (D == 3)
+        if (!(static_cast<double>(lower[2]) < top && static_cast<double>(lower[2] + edge) > bottom)) return;
+      visit(axis.first(lower[0]), axis.last(lower[0] + edge), axis.first(lower[1]),
+            axis.last(lower[1] + edge), state);
+    });
+  };
+  constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+  std::int64_t left = kMost, right = -kMost, low = kMost, high = -kMost;
+  for_each_known([&](std::int64_t x0, std::int64_t x1, std::int64_t y0, std::int64_t y1, CellState) {
+    left = std::min(left, x0);
+    right = std::max(right, x1);
+    low = std::min(low, y0);
+    high = std::max(high, y1);
+  });
+  if (left == kMost)
+    throw std::invalid_argument(options.height ? "height: nothing is known of what is there"
+                                               : "the map is empty: there is nothing to draw");
+  if (static_cast<double>(right - left) * static_cast<double>(high - low) > 0x1p30)
+    throw std::invalid_argument("an image of " + std::to_string(right - left) + " x " +
+                                std::to_string(high - low) +
+                                " pixels: at most 2^30; choose a larger cell_size");
+  MapServerImage image;
+  image.width = static_cast<std::size_t>(right - left);
+  image.height = static_cast<std::size_t>(high - low);
+  image.cell_size = pixel;
+  image.origin = Vector<2>(static_cast<double>(left) * pixel, static_cast<double>(low) * pixel);
+  image.pixels.assign(image.width * image.height, MapServerImage::kUnknown);
+  for (const CellState drawn : {CellState::free, CellState::occupied})
+    for_each_known([&](std::int64_t x0, std::int64_t x1, std::int64_t y0, std::int64_t y1, CellState state) {
+      if (state != drawn) return;
+      for (std::int64_t y = y0; y < y1; ++y) {
+        auto* const row = image.pixels.data() + static_cast<std::size_t>(high - 1 - y) * image.width;
+        std::fill(row + (x0 - left), row + (x1 - left),
+                  drawn == CellState::occupied ? MapServerImage::kOccupied : MapServerImage::kFree);
+      }
+    });
+  return image;
+}
+
+/// Writes an image as .pgm beside the YAML file of the same name.
+/// @param path must end in .yaml, or std::invalid_argument is thrown.
+/// @throws std::filesystem::filesystem_error naming a file that cannot be written, and the system's reason.
+inline void save_map_server(const MapServerImage& image, const std::filesystem::path& path) {
+  if (path.extension() != ".yaml")
+    throw std::invalid_argument(path.string() + ": the name of a map_server file must end in .yaml");
+  std::filesystem::path pgm = path;
+  pgm.replace_extension(".pgm");
+  write_file(pgm, image.pgm());
+  write_file(path, image.yaml(pgm.filename().string()));
+}
+
+}  // namespace ndtree

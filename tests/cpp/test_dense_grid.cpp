@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/io/dense_grid.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/nearest.hpp"
+#include "ndtree/query/point.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
+
+namespace ndtree {
+namespace {
+
+using test::Random;
+
+template <class Map>
+Map scanned(Random& random) {
+  MapOptions options;
+  options.min_cell_size = 0.1;
+  options.max_cell_size = 0.9;
+  Map map(options);
+  Scan<Map::kDim> scan;
+  scan.origins = Vector<Map::kDim>::Constant(0.02);
+  scan.endpoints.resize(Map::kDim, 200);
+  for (Eigen::Index i = 0; i < 200; ++i)
+    for (int a = 0; a < Map::kDim; ++a) scan.endpoints(a, i) = random.uniform(-1.5, 1.5);
+  map.insert(scan);
+  return map;
+}
+
+/// Centres of a grid's cells, in the order of its array.
+template <int D>
+std::vector<Vector<D>> centres(const GridGeometry<D>& grid) {
+  std::vector<Vector<D>> result;
+  for (std::size_t i = 0; i < grid.size(); ++i) {
+    Vector<D> point;
+    std::size_t rest = i;
+    for (int a = D - 1; a >= 0; rest /= grid.shape[static_cast<std::size_t>(a)], --a)
+      point[a] = grid.centre(a, rest % grid.shape[static_cast<std::size_t>(a)]);
+    result.push_back(point);
+  }
+  return result;
+}
+
+template <class Shape>
+class DenseGrid : public testing::Test {};
+TYPED_TEST_SUITE(DenseGrid, test::Shapes, test::ShapeNames);
+
+TYPED_TEST(DenseGrid, HoldsWhatTheMapSaysAtTheCentres) {
+  NDTREE_SHAPE;
+  Random random(11);
+  SCOPED_TRACE(random.trace());
+  const auto map = scanned<AdaptiveMap<N, D>>(random);
+  std::size_t known = 0;
+  for (const double size : {0.1, 0.05, 0.17, 0.4}) {
+    GridGeometry<D> grid;
+    grid.cell_size = size;
+    for (int a = 0; a < D; ++a) {
+      grid.lower[a] = size == 0.1 ? -2.0 + 0.1 * a : random.uniform(-2.0, 0.0);
+      grid.shape[static_cast<std::size_t>(a)] = static_cast<std::size_t>(random.integer(1, D == 4 ? 9 : 30));
+    }
+    std::vector<float> values(grid.size(), 77.0f);
+    to_grid(
+        map, grid, [](const auto& cell) { return cell.log_odds(); }, values.data());
+    const auto points = centres(grid);
+    for (std::size_t i = 0; i < points.size(); ++i) {
+      ASSERT_EQ(values[i], cell_at(map, points[i]).log_odds()) << points[i].transpose();
+      known += values[i] != 0.0f;
+    }
+  }
+  EXPECT_GT(known, 10u);
+}
+
+TYPED_TEST(DenseGrid, AndBackIsTheSame) {
+  NDTREE_SHAPE;
+  Random random(12);
+  SCOPED_TRACE(random.trace());
+  GridGeometry<D> grid;
+  grid.cell_size = 0.05;
+  for (int a = 0; a < D; ++a) {
+    grid.lower[a] = -0.35 + a;  // -7 cells, or nearly.
+    grid.shape[static_cast<std::size_t>(a)] = D == 1 ? 500 : D == 2 ? 40 : D == 3 ? 17 : 8;
+  }
+  std::vector<std::int8_t> states(grid.size());
+  std::int8_t last = 0;
+  for (auto& state : states) {
+    if (&state - states.data() < static_cast<std::ptrdiff_t>(states.size() / 2)) continue;  // Free.
+    if (random.chance(0.3)) last = static_cast<std::int8_t>(random.integer(-1, 1));
+    state = last;
+  }
+  const auto expect_same = [&](const auto& map) {
+    map.check_invariants();
+    std::vector<std::int8_t> again(grid.size());
+    to_grid(
+        map, grid, [](const auto& cell) { return static_cast<std::int8_t>(cell.state()); }, again.data());
+    EXPECT_EQ(again, states);
+    const auto known =
+        static_cast<std::size_t>(std::count_if(states.begin(), states.end(), [](int s) { return s >= 0; }));
+    EXPECT_LE(map.stats().observed_leaves, known);
+    return map.stats().observed_leaves;
+  };
+  EXPECT_LT((expect_same(from_grid<AdaptiveMap<N, D>>(states.data(), grid))),
+            (expect_same(from_grid<FixedMap<N, D>>(states.data(), grid))));
+  expect_same(from_grid<PaperMap<N, D>>(states.data(), grid));
+}
+
+TYPED_TEST(DenseGrid, DistanceToOccupiedIsTheLeastOfAll) {
+  NDTREE_SHAPE;
+  Random random(13);
+  SCOPED_TRACE(random.trace());
+  const auto map = scanned<AdaptiveMap<N, D>>(random);
+  int checked = 0;
+  for (int i = 0; i < 100; ++i) {
+    Vector<D> point;
+    for (int a = 0; a < D; ++a) point[a] = random.uniform(-4.0, 4.0);
+    double least = HUGE_VAL;
+    for_each_leaf(map.tree(), [&](const auto& leaf) {
+      if (leaf.cell().state() == CellState::occupied)
+        least = std::min(least, map.tree().box(leaf.index).squared_distance(point));
+    });
+    ASSERT_EQ(distance_to_occupied(map, point), std::sqrt(least));
+    ++checked;
+  }
+  EXPECT_EQ(checked, 100);
+  EXPECT_FALSE((distance_to_occupied(AdaptiveMap<N, D>(), Vector<D>::Zero())));
+  EXPECT_FALSE((distance_to_occupied(map, Vector<D>::Constant(NAN))));
+}
+
+TEST(DenseGrid, WhatIsNoGridIsRefused) {
+  const std::int8_t good[] = {0, 1};
+  const std::int8_t bad[] = {0, 2};
+  GridGeometry<1> grid;
+  grid.shape = {2};
+  const auto refused = [&](const std::int8_t* states) -> std::string {
+    try {
+      static_cast<void>(from_grid<FixedMap<2, 1>>(states, grid));
+      return "accepted";
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+  };
+  grid.cell_size = 0.1;
+  EXPECT_EQ(refused(good), "accepted");
+  EXPECT_NE(refused(bad).find("state 2 at 1"), std::string::npos);
+  grid.lower[0] = 0.05;
+  EXPECT_NE(refused(good).find("whole number of cells"), std::string::npos);
+  grid.lower[0] = NAN;
+  EXPECT_NE(refused(good).find("lower"), std::string::npos);
+  grid.lower[0] = 0.0;
+  grid.cell_size = -1.0;
+  EXPECT_NE(refused(good).find("cell_size"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace ndtree

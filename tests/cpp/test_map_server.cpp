@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <utility>
+
+#include "ndtree/io/map_builder.hpp"
+#include "ndtree/io/map_server.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/point.hpp"
+#include "random.hpp"
+
+namespace ndtree {
+namespace {
+
+using test::Random;
+
+/// Boxes of cells, some free and some occupied, about 0.
+template <class Map>
+Map blocks(double unit, std::uint64_t seed) {
+  MapOptions options;
+  options.min_cell_size = unit;
+  options.max_cell_size = 16 * unit;
+  MapBuilder<Map> builder(options);
+  Random random(seed);
+  for (int i = 0; i < 60; ++i) {
+    Lattice<Map::kDim> lower, upper;
+    for (std::size_t a = 0; a < Map::kDim; ++a) {
+      lower[a] = random.integer(-25, 20);
+      upper[a] = lower[a] + random.integer(1, i < 20 ? 12 : 3);
+    }
+    builder.fill(lower, upper, i % 3 == 0 ? 1.0f : -1.0f);
+  }
+  return std::move(builder).finish();
+}
+
+/// What a pixel must be: the cells of min_cell_size in it are asked one by one.
+/// @param cells along a pixel. @param low, high layers [low, high) of a 3-D map.
+template <class Map>
+std::uint8_t expected(const Map& map, std::int64_t x, std::int64_t y, std::int64_t cells, std::int64_t low,
+                      std::int64_t high) {
+  const double unit = map.options().min_cell_size;
+  bool free = false;
+  Lattice<Map::kDim> at;
+  for (at[0] = x * cells; at[0] < (x + 1) * cells; ++at[0])
+    for (at[1] = y * cells; at[1] < (y + 1) * cells; ++at[1])
+      for (std::int64_t z = low; z < high; ++z) {
+        Vector<Map::kDim> point;
+        if constexpr (Map::kDim == 3) at[2] = z;
+        for (int a = 0; a < Map::kDim; ++a)
+          point[a] = (static_cast<double>(at[static_cast<std::size_t>(a)]) + 0.5) * unit;
+        const CellState here = state(map, point);
+        if (here == CellState::occupied) return 0;
+        free = free || here == CellState::free;
+      }
+  return free ? 254 : 205;
+}
+
+template <class Map>
+void expect_pixels(const Map& map, const MapServerImage& image, std::int64_t cells, std::int64_t low,
+                   std::int64_t high) {
+  const double pixel = image.cell_size;
+  const auto left = std::llround(image.origin.x() / pixel);
+  const auto bottom = std::llround(image.origin.y() / pixel);
+  ASSERT_EQ(image.pixels.size(), image.width * image.height);
+  int counts[3] = {};
+  // A margin around it: nothing that is known is left out.
+  const auto w = static_cast<std::int64_t>(image.width), h = static_cast<std::int64_t>(image.height);
+  for (std::int64_t row = -2; row < h + 2; ++row)
+    for (std::int64_t column = -2; column < w + 2; ++column) {
+      const bool in = row >= 0 && row < h && column >= 0 && column < w;
+      const std::uint8_t found = in ? image.pixels[static_cast<std::size_t>(row * w + column)] : 205;
+      ASSERT_EQ(found, expected(map, left + column, bottom + h - 1 - row, cells, low, high))
+          << "row " << row << " column " << column;
+      ++counts[found == 0 ? 0 : found == 254 ? 1 : 2];
+    }
+  for (const int count : counts) EXPECT_GT(count, 5);
+}
+
+template <class Map>
+class MapServer : public testing::Test {};
+using Maps = testing::Types<FixedMap<2, 2>, AdaptiveMap<2, 2>, AdaptiveMap<3, 2>>;
+TYPED_TEST_SUITE(MapServer, Maps, );
+
+TYPED_TEST(MapServer, PixelsAreOfTheCellsInThem) {
+  for (const double unit : {0.05, 0.25}) {
+    const auto map = blocks<TypeParam>(unit, 3);
+    expect_pixels(map, map_server_image(map), 1, 0, 1);
+    for (const int cells : {2, 3, 7}) {
+      MapServerOptions options;
+      options.cell_size = cells * unit;  // 0.15000000000000002 is three times 0.05.
+      expect_pixels(map, map_server_image(map, options), cells, 0, 1);
+    }
+  }
+}
+
+TEST(MapServer, SmallerAndUnevenPixelsCoverTheCells) {
+  const auto map = blocks<AdaptiveMap<2, 2>>(0.3, 4);
+  const MapServerImage exact = map_server_image(map);
+  MapServerOptions options;
+  options.cell_size = 0.1;
+  const MapServerImage fine = map_server_image(map, options);
+  ASSERT_EQ(fine.width, 3 * exact.width);
+  ASSERT_EQ(fine.height, 3 * exact.height);
+  for (std::size_t row = 0; row < fine.height; ++row)
+    for (std::size_t column = 0; column < fine.width; ++column)
+      ASSERT_EQ(fine.pixels[row * fine.width + column], exact.pixels[row / 3 * exact.width + column / 3]);
+  options.cell_size = 0.37;
+  const MapServerImage uneven = map_server_image(map, options);
+  int occupied = 0;
+  for_each_leaf(map.tree(), [&](const auto& leaf) {
+    if (leaf.cell().state() != CellState::occupied) return;
+    const Box<2> box = map.tree().box(leaf.index);
+    for (double x = box.lower.x() + 0.01; x < box.upper.x(); x += 0.1) {
+      const auto column = static_cast<std::size_t>(std::floor((x - uneven.origin.x()) / 0.37));
+      const auto up = static_cast<std::size_t>(std::floor((box.lower.y() + 0.01 - uneven.origin.y()) / 0.37));
+      ASSERT_EQ(uneven.pixels[(uneven.height - 1 - up) * uneven.width + column], 0);
+      ++occupied;
+    }
+  });
+  EXPECT_GT(occupied, 20);
+}
+
+TEST(MapServer, SlicesTakeTheLayersThatTheyOverlap) {
+  const auto map = blocks<AdaptiveMap<2, 3>>(0.05, 5);
+  MapServerOptions options;
+  options.height = {0.15, 0.45};  // 3 * 0.05 is a little more than 0.15, and so is 9 * 0.05: layers 3 to 8.
+  expect_pixels(map, map_server_image(map, options), 1, 3, 9);
+  options.height = {-0.12, 0.01};  // Parts of layers count.
+  options.cell_size = 0.1;
+  expect_pixels(map, map_server_image(map, options), 2, -3, 1);
+  expect_pixels(map, map_server_image(map), 1, -40, 40);
+}
+
+TEST(MapServer, FilesByHand) {
+  MapOptions map_options;
+  map_options.min_cell_size = 0.5;
+  MapBuilder<PaperMap<2, 2>> builder(map_options);
+  builder.fill({-3, 4}, {-2, 5}, 1.0f);
+  builder.fill({-2, 3}, {-1, 4}, -1.0f);
+  const auto map = std::move(builder).finish();
+  const MapServerImage image = map_server_image(map);
+  EXPECT_EQ(image.pgm(), std::string("P5\n2 2\n255\n\x00\xcd\xcd\xfe", 15));
+  EXPECT_EQ(image.yaml("it's.pgm"),
+            "image: 'it''s.pgm'\nmode: trinary\nresolution: 0.5\norigin: [-1.5, 1.5, 0.0]\nnegate: 0\n"
+            "occupied_thresh: 0.65\nfree_thresh: 0.196\n");
+  const auto folder = std::filesystem::path(testing::TempDir()) / "ndtree_map_server";
+  std::filesystem::create_directories(folder);
+  save_map_server(image, folder / "hall.yaml");
+  EXPECT_EQ(read_file(folder / "hall.pgm"), image.pgm());
+  EXPECT_EQ(read_file(folder / "hall.yaml"), image.yaml("hall.pgm"));
+  EXPECT_THROW(save_map_server(image, folder / "hall.pgm"), std::invalid_argument);
+  std::filesystem::remove_all(folder);
+}
+
+TEST(MapServer, NumbersAreNumbersInYaml) {
+  MapServerImage image;
+  image.cell_size = 1.0;
+  image.origin = Vector<2>(1e-5, -3e20);
+  EXPECT_NE(image.yaml("a").find("resolution: 1.0\norigin: [1.0e-05, -3.0e+20, 0.0]"), std::string::npos)
+      << image.yaml("a");
+}
+
+TEST(MapServer, WhatCannotBeDrawnIsRefused) {
+  const auto plane = blocks<AdaptiveMap<2, 2>>(0.1, 1);
+  const auto space = blocks<AdaptiveMap<2, 3>>(0.1, 1);
+  const auto refused = [](const auto& map, const MapServerOptions& options) -> std::string {
+    try {
+      static_cast<void>(map_server_image(map, options));
+      return "accepted";
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+  };
+  EXPECT_EQ(refused(plane, {0.1, {}}), "accepted");
+  EXPECT_NE(refused(plane, {0.0, {}}).find("cell_size"), std::string::npos);
+  EXPECT_NE(refused(plane, {INFINITY, {}}).find("cell_size"), std::string::npos);
+  EXPECT_NE(refused(plane, {1e-6, {}}).find("at most 2^30"), std::string::npos);
+  EXPECT_NE(refused(plane, {{}, {{0.0, 1.0}}}).find("a map in the plane"), std::string::npos);
+  EXPECT_NE(refused(space, {{}, {{1.0, 1.0}}}).find("from low to high"), std::string::npos);
+  EXPECT_NE(refused(space, {{}, {{50.0, 51.0}}}).find("nothing is known"), std::string::npos);
+  EXPECT_NE(refused(AdaptiveMap<2, 2>(), {}).find("the map is empty"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace ndtree
