@@ -90,6 +90,9 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   }
   [[nodiscard]] PythonStats stats() const override { return {map_.stats(), {}}; }
   [[nodiscard]] std::string to_bytes() const override { return ndtree::to_bytes(map_); }
+  [[nodiscard]] std::unique_ptr<MapExports> exports() const override {
+    return std::make_unique<MapExportsOf<Map>>(map_);
+  }
   [[nodiscard]] LeafArrays leaves() const override {
     const auto& tree = map_.tree();
     const std::size_t n = tree.num_leaves();

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "map_exports.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "numpy.hpp"
@@ -64,6 +65,10 @@ class MapInterface {
   [[nodiscard]] virtual PythonStats stats() const = 0;
   /// The whole state, for pickle.
   [[nodiscard]] virtual std::string to_bytes() const = 0;
+  /// @throws std::invalid_argument for maps that are not ours.
+  [[nodiscard]] virtual std::unique_ptr<MapExports> exports() const {
+    throw std::invalid_argument("refinement = '" + refinement() + "': must be a map of ndtree's own");
+  }
   /// What save() writes.
   [[nodiscard]] virtual std::string file_bytes() const { return to_bytes(); }
 };

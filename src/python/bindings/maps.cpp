@@ -127,12 +127,6 @@ std::unique_ptr<MapInterface> from_bytes(std::string_view bytes) {
   return map_from_bytes(bytes);
 }
 
-/// The one of the two classes that a stored map belongs to.
-py::object to_python(std::unique_ptr<MapInterface> map) {
-  if (map->refinement() == FixedRefinement::kName) return py::cast(PythonFixedMap(std::move(map)));
-  return py::cast(PythonAdaptiveMap(std::move(map)));
-}
-
 template <class Type>
 void bind_own_map(py::module_& module, const char* name, bool adaptive, const char* doc) {
   py::class_<Type, PythonMap>(module, name, doc)
@@ -176,6 +170,11 @@ Returns
 }
 
 }  // namespace
+
+py::object to_python(std::unique_ptr<MapInterface> map) {
+  if (map->refinement() == FixedRefinement::kName) return py::cast(PythonFixedMap(std::move(map)));
+  return py::cast(PythonAdaptiveMap(std::move(map)));
+}
 
 MapOptions options_from_keywords(const py::kwargs& keywords, std::string_view refinement, const char* type) {
   MapOptions options;

@@ -61,7 +61,12 @@ MapOptions options_from_keywords(const pybind11::kwargs& keywords, std::string_v
 /// What repr() shows: type, dimension, cell sizes, and how much there is.
 std::string describe(const char* type, const PythonMap& map, bool adaptive);
 
+/// The one of AdaptiveMap and FixedMap that a map belongs to.
+pybind11::object to_python(std::unique_ptr<MapInterface> map);
+
 void bind_maps(pybind11::module_& module);
+/// @pre bind_maps() has run: it adds methods to its classes.
+void bind_exports(pybind11::module_& module);
 void bind_logs(pybind11::module_& module);
 void bind_statistics(pybind11::module_& module);
 void bind_octomap(pybind11::module_& module);

@@ -22,8 +22,10 @@ from ._core import (
     __version__,
     default_options,
     from_bytes,
+    from_grid,
     has_octomap,
     load,
+    load_octomap,
 )
 from .calibration import Calibration, calibrate
 from .comparison import Comparison, compare
@@ -61,8 +63,10 @@ __all__ = [
     "compare",
     "default_options",
     "from_bytes",
+    "from_grid",
     "has_octomap",
     "load",
+    "load_octomap",
     "read",
     "simulate",
 ]

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What our own maps can be turned into, and asked in bulk, beyond what OctoMap answers, too.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/io/dense_grid.hpp"
+#include "ndtree/io/map_server.hpp"
+#include "ndtree/io/octomap_file.hpp"
+#include "ndtree/io/ply.hpp"
+#include "ndtree/query/nearest.hpp"
+#include "ndtree/query/region.hpp"
+
+namespace ndtree::python {
+
+/// A view of a map; it holds as long as the map. As in MapInterface, no call touches a Python object.
+class MapExports {
+ public:
+  virtual ~MapExports() = default;
+  virtual void grid_states(const double* lower, const std::size_t* shape, double cell_size,
+                           std::int8_t* out) const = 0;
+  virtual void grid_log_odds(const double* lower, const std::size_t* shape, double cell_size,
+                             float* out) const = 0;
+  /// Three answers a box: unknown, free, occupied.
+  virtual void states_in(const double* lower, const double* upper, std::size_t n, bool* out) const = 0;
+  /// NaN where there is nothing occupied.
+  virtual void distance_to_occupied(const double* points, std::size_t n, double* out) const = 0;
+  [[nodiscard]] virtual std::string octomap_bytes(OctomapFormat format,
+                                                  std::optional<double> cell_size) const = 0;
+  [[nodiscard]] virtual MapServerImage map_server_image(const MapServerOptions& options) const = 0;
+  /// @param chosen one a leaf, in the order of leaves(); null for the occupied ones.
+  [[nodiscard]] virtual std::string ply_bytes(const bool* chosen) const = 0;
+};
+
+template <class Map>
+class MapExportsOf final : public MapExports {
+  static constexpr int D = Map::kDim;
+  using Point = Eigen::Map<const Vector<D>>;
+
+ public:
+  explicit MapExportsOf(const Map& map) : map_(map) {}
+
+  void grid_states(const double* lower, const std::size_t* shape, double cell_size,
+                   std::int8_t* out) const override {
+    to_grid(
+        map_, grid(lower, shape, cell_size),
+        [](const auto& cell) { return static_cast<std::int8_t>(cell.state()); }, out);
+  }
+  void grid_log_odds(const double* lower, const std::size_t* shape, double cell_size,
+                     float* out) const override {
+    to_grid(
+        map_, grid(lower, shape, cell_size), [](const auto& cell) { return cell.log_odds(); }, out);
+  }
+  void states_in(const double* lower, const double* upper, std::size_t n, bool* out) const override {
+    for (std::size_t i = 0; i < n; ++i) {
+      const RegionStates states = ndtree::states_in(map_, Box<D>{Point(lower + i * D), Point(upper + i * D)});
+      out[3 * i] = states.unknown;
+      out[3 * i + 1] = states.free;
+      out[3 * i + 2] = states.occupied;
+    }
+  }
+  void distance_to_occupied(const double* points, std::size_t n, double* out) const override {
+    for (std::size_t i = 0; i < n; ++i)
+      out[i] = ndtree::distance_to_occupied(map_, Vector<D>(Point(points + i * D)))
+                   .value_or(std::numeric_limits<double>::quiet_NaN());
+  }
+  [[nodiscard]] std::string octomap_bytes(OctomapFormat format,
+                                          std::optional<double> cell_size) const override {
+    if constexpr (D == 3)
+      return ndtree::octomap_bytes(map_, format, cell_size);
+    else
+      throw std::invalid_argument("a map with dim = " + std::to_string(D) + ": OctoMap has three dimensions");
+  }
+  [[nodiscard]] MapServerImage map_server_image(const MapServerOptions& options) const override {
+    if constexpr (D <= 3)
+      return ndtree::map_server_image(map_, options);
+    else
+      throw std::invalid_argument("a map with dim = 4: an image is of one with dim = 2 or 3");
+  }
+  [[nodiscard]] std::string ply_bytes(const bool* chosen) const override {
+    if constexpr (D <= 3)
+      return ndtree::ply_bytes(map_, [&](const auto& leaf) {
+        return chosen != nullptr ? *chosen++ : leaf.cell().state() == CellState::occupied;
+      });
+    else
+      throw std::invalid_argument("a map with dim = 4: PLY has three dimensions");
+  }
+
+ private:
+  [[nodiscard]] static GridGeometry<D> grid(const double* lower, const std::size_t* shape, double cell_size) {
+    GridGeometry<D> grid;
+    grid.lower = Point(lower);
+    grid.cell_size = cell_size;
+    for (std::size_t a = 0; a < D; ++a) grid.shape[a] = shape[a];
+    return grid;
+  }
+
+  const Map& map_;
+};
+
+}  // namespace ndtree::python

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What maps write and give as arrays is what they say when they are asked point by point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Callable
+
+import numpy as np
+import pytest
+from conftest import room_scan
+
+import ndtree
+
+
+def room(dim: int, branching: int = 2, cls: type = ndtree.AdaptiveMap) -> Any:
+    size = {"cell_size": 0.1} if cls is ndtree.FixedMap else {"min_cell_size": 0.1, "max_cell_size": 1.6}
+    m = cls(dim=dim, branching=branching, **size)
+    for seed in range(3):
+        m.insert(*room_scan(dim, seed, 500))
+    return m
+
+
+def centres(lower: np.ndarray, shape: tuple[int, ...], cell_size: float) -> np.ndarray:
+    """(i, j, ..., dim): where the cells of a grid have their centres."""
+    indices = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
+    return lower + (indices + 0.5) * cell_size
+
+
+def test_grids_hold_what_the_map_says_at_the_centres(shape: tuple[int, int]) -> None:
+    branching, dim = shape
+    m = room(dim, branching)
+    lower = np.array([-2.3, -1.7, -0.4, 0.0])[:dim]
+    for cell_size, counts in ((0.1, (40, 33, 12, 2)), (0.35, (11, 9, 5, 3))):
+        upper = lower + np.array(counts[:dim]) * cell_size
+        grid = m.to_grid([lower, upper], cell_size)
+        assert grid.dtype == np.int8 and grid.shape == counts[:dim]
+        points = centres(lower, grid.shape, cell_size).reshape(-1, dim)
+        np.testing.assert_array_equal(grid.ravel(), m.state(points))
+        probability = m.to_grid([lower, upper], cell_size, values="probability")
+        np.testing.assert_array_equal(probability.ravel(), m.probability(points))
+        log_odds = m.to_grid([lower, upper], cell_size, values="log_odds")
+        np.testing.assert_array_equal(log_odds > 0, grid == 1)
+    assert set(np.unique(m.to_grid([[-2.5] * dim, [2.5] * dim]))) == {-1, 0, 1}
+    assert m.to_grid([[0.0] * dim, [1.0] * dim], 0.3).shape == (4,) * dim  # As many as cover it.
+    assert m.to_grid([[0.0] * dim, [0.3] * dim], 0.1).shape == (3,) * dim  # 0.3 / 0.1 is a little below 3.
+    assert m.to_grid([[1.0] * dim, [1.0] * dim]).size == 0
+
+
+@pytest.mark.parametrize("refinement", ["evidence", "paper", "fixed"])
+@pytest.mark.parametrize("dim", [2, 3])
+def test_maps_from_grids_give_them_back(dim: int, refinement: str) -> None:
+    random = np.random.default_rng(dim)
+    states = random.integers(-1, 2, (30, 21, 14)[:dim])
+    states[:16] = 0
+    lower = np.array([-1.35, 0.1, 7.0])[:dim]
+    m = ndtree.from_grid(states, lower, 0.05, refinement=refinement)
+    assert (m.dim, m.refinement) == (dim, refinement)
+    upper = lower + np.array(states.shape) * 0.05
+    np.testing.assert_array_equal(m.to_grid([lower, upper]), states)
+    assert m.leaves().observed.sum() <= np.count_nonzero(states >= 0)
+    assert (refinement == "fixed") == (m.leaves().observed.sum() == np.count_nonzero(states >= 0))
+    wide = m.to_grid([lower - 0.5, upper + 0.5])
+    assert np.count_nonzero(wide >= 0) == np.count_nonzero(states >= 0)
+
+
+def test_states_in_boxes_are_those_of_the_cells_that_touch_them() -> None:
+    m = room(2)
+    leaves = m.leaves()
+    random = np.random.default_rng(3)
+    lower = random.uniform(-3, 2, (200, 2))
+    upper = lower + random.uniform(0, 1, (200, 2))
+    found = m.states_in(lower, upper)
+    top = leaves.lower + leaves.size[:, None]
+    outside = leaves.lower.min(axis=0), top.max(axis=0)
+    for i in range(200):
+        touches = ((leaves.lower <= upper[i]) & (top >= lower[i])).all(axis=1)
+        expected = [np.any(leaves.state[touches] == state) for state in (-1, 0, 1)]
+        expected[0] |= bool((lower[i] < outside[0]).any() or (upper[i] > outside[1]).any())
+        np.testing.assert_array_equal(found[i], expected)
+    assert found.any(axis=0).all() and not found.all(axis=0).any()
+
+
+def test_distances_are_the_least_to_an_occupied_cell() -> None:
+    m = room(3)
+    leaves = m.leaves()
+    lower = leaves.lower[leaves.state == 1]
+    upper = lower + leaves.size[leaves.state == 1, None]
+    points = np.random.default_rng(4).uniform(-4, 4, (100, 3))
+    gap = np.maximum(np.maximum(lower - points[:, None], points[:, None] - upper), 0)
+    np.testing.assert_allclose(
+        m.distance_to_occupied(points), np.linalg.norm(gap, axis=2).min(axis=1), rtol=1e-12
+    )
+    assert np.isnan(ndtree.AdaptiveMap(dim=3).distance_to_occupied(points)).all()
+
+
+@pytest.mark.parametrize("suffix", [".bt", ".ot"])
+@pytest.mark.parametrize("branching", [2, 3, 4])
+def test_octomap_files_are_read_back(tmp_path: Path, branching: int, suffix: str) -> None:
+    m = room(3, branching)
+    m.save_octomap(tmp_path / f"room{suffix}")
+    assert [file.name for file in tmp_path.iterdir()] == [f"room{suffix}"]
+    again = ndtree.load_octomap(tmp_path / f"room{suffix}")
+    assert (again.dim, again.branching, again.refinement) == (3, 2, "evidence")
+    assert again.options["min_cell_size"] == 0.1
+    box = [[-2.5] * 3, [2.5] * 3]
+    np.testing.assert_array_equal(again.to_grid(box), m.to_grid(box))
+    exact = ndtree.load_octomap(tmp_path / f"room{suffix}", refinement="paper")
+    if suffix == ".ot":
+        theirs, ours = exact.to_grid(box, values="log_odds"), m.to_grid(box, values="log_odds")
+        np.testing.assert_array_equal(theirs, ours)
+    m.save_octomap(tmp_path / f"coarse{suffix}", cell_size=0.25)
+    coarse = ndtree.load_octomap(tmp_path / f"coarse{suffix}")
+    np.testing.assert_array_equal(coarse.to_grid(box), m.to_grid(box, 0.25))
+
+
+def test_map_server_images_are_the_files(tmp_path: Path) -> None:
+    m = room(2)
+    pixels, origin, cell_size = m.map_server_image()
+    assert cell_size == 0.1 and set(np.unique(pixels)) == {0, 205, 254}
+    m.save_map_server(tmp_path / "room.yaml")
+    rows, columns = pixels.shape
+    header = f"P5\n{columns} {rows}\n255\n".encode()
+    assert (tmp_path / "room.pgm").read_bytes() == header + pixels.tobytes()
+    upper = np.array(origin) + np.array([columns, rows]) * 0.1
+    states = m.to_grid([origin, upper])
+    np.testing.assert_array_equal(np.array([205, 254, 0])[states + 1], pixels[::-1].T)
+
+
+def test_ply_files_hold_the_chosen_leaves(tmp_path: Path) -> None:
+    m = room(3)
+    leaves = m.leaves()
+    m.save_ply(tmp_path / "occupied.ply")
+    m.save_ply(tmp_path / "free.ply", leaves=leaves.state == 0)
+    vertex = np.dtype([("xyz", "<f8", 3), ("size", "<f4"), ("probability", "<f4"), ("state", "i1")])
+    for name, state in (("occupied", 1), ("free", 0)):
+        data = (tmp_path / f"{name}.ply").read_bytes()
+        cells = np.frombuffer(data[data.index(b"end_header\n") + 11 :], vertex)
+        chosen = leaves.state == state
+        np.testing.assert_array_equal(cells["xyz"], (leaves.lower + leaves.size[:, None] / 2)[chosen])
+        np.testing.assert_array_equal(cells["size"], leaves.size[chosen].astype(np.float32))
+        np.testing.assert_array_equal(cells["probability"], leaves.probability[chosen])
+        assert (cells["state"] == state).all() and len(cells) > 10
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda m, f: m.to_grid([[0, 0, 0]]), r"box has shape \(1, 3\): must be \(2, 3\)"),
+        (lambda m, f: m.to_grid([[1, 0, 0], [0, 1, 1]]), "box: axis 0 is from 1.0"),
+        (lambda m, f: m.to_grid([[0, 0, 0], [1, 1, np.inf]]), "box: axis 2"),
+        (lambda m, f: m.to_grid([[0, 0, 0], [1, 1, 1]], 0), "cell_size = 0.0"),
+        (lambda m, f: m.to_grid([[0, 0, 0], [1, 1, 1]], 1e-300), "more cells than"),
+        (lambda m, f: m.to_grid([[0, 0, 0], [1, 1, 1]], values="colour"), "values = 'colour'"),
+        (lambda m, f: m.states_in([[0, 0, 0]], [[0, 0, -1]]), "box 0: must be from low to high"),
+        (lambda m, f: m.states_in([[0, 0, 0]], np.zeros((2, 3))), "must be the same"),
+        (lambda m, f: m.distance_to_occupied([[0, 0]]), r"points has shape \(1, 2\)"),
+        (lambda m, f: m.save_octomap(f / "a.txt"), "must end in .bt or .ot"),
+        (lambda m, f: m.save_octomap(f / "a.bt", cell_size=-1), "cell_size = -1.0"),
+        (lambda m, f: m.save_octomap(f / "a.bt", cell_size=1e-5), "16 levels end"),
+        (lambda m, f: m.save_map_server(f / "a.png"), "must end in .yaml"),
+        (lambda m, f: m.save_map_server(f / "a.yaml", height=(1, 0)), "from low to high"),
+        (lambda m, f: m.save_ply(f / "a.ply", leaves=[True]), "leaves"),
+        (lambda m, f: room(2).save_octomap(f / "a.bt"), "dim = 2: OctoMap has three"),
+        (lambda m, f: ndtree.AdaptiveMap(dim=4).save_ply(f / "a.ply"), "dim = 4"),
+        (lambda m, f: ndtree.AdaptiveMap(dim=4).save_map_server(f / "a.yaml"), "dim = 4"),
+        (lambda m, f: ndtree.AdaptiveMap().save_map_server(f / "a.yaml"), "the map is empty"),
+        (lambda m, f: ndtree.from_grid(np.zeros(3, int), [0], 0.1), "two or three axes"),
+        (lambda m, f: ndtree.from_grid(np.full((2, 2), 300), [0, 0], 0.1), "states holds 300"),
+        (lambda m, f: ndtree.from_grid(np.zeros((2, 2), int), [0, 0, 0], 0.1), r"must be \(2,\)"),
+        (lambda m, f: ndtree.from_grid(np.zeros((2, 2), int), [0.03, 0], 0.1), "whole number of cells"),
+        (lambda m, f: ndtree.from_grid(np.zeros((2, 2), int), [0, 0], 0.1, refinement="x"), "'evidence'"),
+        (lambda m, f: ndtree.load_octomap(__file__), "test_exports.py: not an OctoMap file"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_and_writes_nothing(
+    tmp_path: Path, call: Callable[[Any, Path], Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        call(room(3), tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_that_cannot_be_opened_say_so(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"none\.bt"):
+        ndtree.load_octomap(tmp_path / "none.bt")
+    with pytest.raises(FileNotFoundError):
+        room(3).save_octomap(tmp_path / "none" / "a.bt")
+    with pytest.raises(TypeError, match="whole numbers"):
+        ndtree.from_grid(np.zeros((2, 2)), [0, 0], 0.1)
+
+
+def test_octomap_itself_has_its_own_file() -> None:
+    if not ndtree.has_octomap:
+        pytest.skip("the module was built without OctoMap")
+    with pytest.raises(ValueError, match="must be a map of ndtree's own"):
+        ndtree.OctoMap(cell_size=0.1).to_grid([[0, 0, 0], [1, 1, 1]])
