@@ -11,9 +11,11 @@ from ndtree.readers.bal import BAL
 from ndtree.readers.bundler import BUNDLER
 from ndtree.readers.carmen import CARMEN
 from ndtree.readers.colmap import COLMAP
+from ndtree.readers.kitti import KITTI
 from ndtree.readers.log import Log, SizedLog
 from ndtree.readers.npz import NPZ, ZIP_MAGIC
 from ndtree.readers.octomap_graph import OCTOMAP_GRAPH
+from ndtree.readers.point_clouds import POINT_CLOUDS
 from ndtree.readers.rosbag import ROSBAG
 from ndtree.readers.seven_scenes import SEVEN_SCENES
 from ndtree.readers.simulated import SimulatedLog, simulate
@@ -30,10 +32,12 @@ _TABLE: tuple[Format, ...] = (
     ROSBAG,
     SEVEN_SCENES,
     TUM_RGBD,
+    KITTI,
     COLMAP,
     BUNDLER,
     BAL,
     OCTOMAP_GRAPH,
+    POINT_CLOUDS,
     TEXT,
 )
 

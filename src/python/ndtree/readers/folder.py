@@ -3,15 +3,18 @@
 
 from __future__ import annotations
 
+import os
+import re
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.readers.log import SizedLog
 from ndtree.readers.source import ReaderOption
-from ndtree.readers.trajectory import Pose
+from ndtree.readers.trajectory import Pose, Trajectory, read_times, read_trajectory, trajectory_kind
 from ndtree.scan import Scan
 
 TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to find their poses [s].")
@@ -63,3 +66,103 @@ class FolderLog(SizedLog):
 
     def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
         return T_map_sensor.apply(points)
+
+
+class PosesOfFiles:
+    """Which pose of a trajectory belongs to which file of a folder.
+
+    Of a KITTI trajectory (a pose a line), the pose on the line of the number at the end of the file's name,
+    from 0. Of a TUM trajectory (poses with times), the pose at the file's time, which is its whole name
+    (seconds with a point, or 16 digits of microseconds, or 19 of nanoseconds), or the time on the line of its
+    number. Files without a number are counted in their order, and there must be a line for each.
+
+    Parameters
+    ----------
+    trajectory : str
+        Its file, which is read when the first pose is asked for.
+    files : sequence of str
+        Paths, in their order.
+    times : str, optional
+        File of times, one a line [s].
+    time_offset : float
+        Added to the files' times before their poses are looked up [s].
+    """
+
+    def __init__(
+        self, trajectory: str, files: Sequence[str], times: str | None = None, time_offset: float = 0.0
+    ) -> None:
+        self._path = trajectory
+        self._files = files
+        self._times_path = times
+        self._time_offset = time_offset
+        stems = [stem_of(file) for file in files]
+        stamps = [stamp_in(stem) for stem in stems]
+        self._stamps = [stamp for stamp in stamps if stamp is not None]
+        self._named_by_stamps = len(self._stamps) == len(files)
+        numbers = [number_in(stem) for stem in stems]
+        known = [number for number in numbers if number is not None]
+        self._numbered = len(known) == len(files) and not self._named_by_stamps
+        self._lines = known if self._numbered else list(range(len(files)))
+
+    def pose(self, i: int) -> Pose:
+        """T_map_sensor of file i; ValueError where there is none."""
+        trajectory = self._trajectory
+        if self._is_kitti:
+            return trajectory.pose_at(self._line(i, len(trajectory), self._path, "poses"))
+        if not self._named_by_stamps and self._times is None:
+            raise ValueError(
+                f"{self._files[i]}: has no time to find its pose in {self._path}, "
+                "expected a time as its name, or times.txt beside it"
+            )
+        return trajectory.pose_at(self.stamp(i) + self._time_offset)
+
+    def stamp(self, i: int) -> float:
+        """Time of file i [s]; 0 where there is none."""
+        if self._named_by_stamps:
+            return self._stamps[i]
+        if self._times is None:
+            return 0.0
+        return float(self._times[self._line(i, len(self._times), self._times_path, "times")])
+
+    def _line(self, i: int, lines: int, path: str | None, what: str) -> int:
+        if not self._numbered and lines != len(self._files):
+            raise ValueError(
+                f"{path}: {lines} {what} for {len(self._files)} files whose names are no numbers, "
+                "expected as many"
+            )
+        line = self._lines[i]
+        if line >= lines:
+            raise ValueError(f"{self._files[i]}: number {line}, but {path} has {what} 0 to {lines - 1}")
+        return line
+
+    @cached_property
+    def _is_kitti(self) -> bool:
+        return trajectory_kind(self._path) == "kitti"
+
+    @cached_property
+    def _trajectory(self) -> Trajectory:
+        return read_trajectory(self._path)
+
+    @cached_property
+    def _times(self) -> NDArray[np.float64] | None:
+        return None if self._times_path is None else read_times(self._times_path)
+
+
+def stem_of(path: str) -> str:
+    """A file's name without its ending."""
+    return os.path.splitext(os.path.basename(path))[0]
+
+
+def number_in(stem: str) -> int | None:
+    """The number at the end of a name."""
+    found = re.search(r"\d+$", stem)
+    return int(found.group()) if found else None
+
+
+def stamp_in(stem: str) -> float | None:
+    """The time that a name is [s]."""
+    if re.fullmatch(r"\d+\.\d+", stem):
+        return float(stem)
+    if re.fullmatch(r"\d{16}|\d{19}", stem):
+        return int(stem) / (10**6 if len(stem) == 16 else 10**9)
+    return None

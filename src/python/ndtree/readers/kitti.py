@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Sequences of KITTI's odometry benchmark: scans of a Velodyne, and the poses of a camera beside it."""
+
+from __future__ import annotations
+
+import os
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.readers.folder import TIME_OFFSET, FolderLog, PosesOfFiles
+from ndtree.readers.source import Format, Source, require_dim
+from ndtree.readers.trajectory import TRAJECTORY, Pose
+
+SCANS = "velodyne"
+CALIBRATION = "calib.txt"
+POSES = "poses.txt"
+TIMES = "times.txt"
+
+
+class KittiLog(FolderLog):
+    """``velodyne/000000.bin`` and so on (float32 x y z intensity), with ``times.txt`` if it is there.
+
+    ``poses.txt`` has the poses of the camera, and ``calib.txt`` where the Velodyne sits beside it (``Tr``,
+    from the Velodyne to the camera); the map's frame is where the Velodyne would be at the pose that changes
+    nothing, so that z points up. Without ``poses.txt``, the poses are looked for where the benchmark has
+    them: ``../../poses/NN.txt``.
+
+    Parameters
+    ----------
+    source : Source
+    trajectory : str, optional
+        Poses of the Velodyne itself, TUM or KITTI; ``poses.txt`` and ``calib.txt`` are not read then.
+    time_offset : float
+        Added to ``times.txt`` before poses of a TUM trajectory are looked up [s].
+    """
+
+    format = "kitti"
+
+    def __init__(self, source: Source, trajectory: str | None = None, time_offset: float = 0.0) -> None:
+        folder = source.inside(SCANS)
+        names = sorted(name for name in os.listdir(folder) if name.endswith(".bin"))
+        if not names:
+            raise ValueError(f"{folder}: no scans, expected 000000.bin and so on")
+        super().__init__(source.path, [os.path.join(folder, name) for name in names])
+        times = source.inside(TIMES) if TIMES in source.names else None
+        self._calibration = source.inside(CALIBRATION) if trajectory is None else None
+        self._poses = PosesOfFiles(
+            trajectory if trajectory is not None else _poses_of(source), self._files, times, time_offset
+        )
+
+    @cached_property
+    def _T_camera_velodyne(self) -> Pose:
+        return Pose.identity() if self._calibration is None else _velodyne_in(self._calibration)
+
+    def _pose(self, i: int) -> Pose:
+        T_camera_velodyne = self._T_camera_velodyne
+        return T_camera_velodyne.inverse() @ self._poses.pose(i) @ T_camera_velodyne
+
+    def _points(self, i: int) -> NDArray[np.floating]:
+        path = self._files[i]
+        size = os.path.getsize(path)
+        if size % 16:
+            raise ValueError(f"{path}: {size} bytes, expected a multiple of 16 (float32 x y z intensity)")
+        return np.fromfile(path, dtype="<f4").reshape(-1, 4)[:, :3]
+
+    def _stamp(self, i: int) -> float:
+        return self._poses.stamp(i)
+
+
+def _poses_of(source: Source) -> str:
+    here = source.inside(POSES)
+    if POSES in source.names:
+        return here
+    sequence = os.path.abspath(source.path)
+    dataset = os.path.dirname(os.path.dirname(sequence))
+    there = os.path.join(dataset, "poses", f"{os.path.basename(sequence)}.txt")
+    if os.path.isfile(there):
+        return there
+    raise ValueError(f"{source.path}: no poses, expected {POSES} in it, {there}, or a trajectory")
+
+
+def _velodyne_in(path: str) -> Pose:
+    """T_camera_velodyne of a calibration file."""
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            name, _, values = line.partition(":")
+            if name.strip() != "Tr":
+                continue
+            try:
+                return Pose.from_matrix(np.array([float(field) for field in values.split()]).reshape(3, 4))
+            except ValueError as error:
+                raise ValueError(f"{path}: line {number}: Tr: expected a 3x4 matrix ({error})") from None
+    raise ValueError(f"{path}: no line Tr, expected where the Velodyne sits beside the camera")
+
+
+def _recognises(source: Source) -> bool:
+    if SCANS not in source.names or not os.path.isdir(source.inside(SCANS)):
+        return False
+    return any(name.endswith(".bin") for name in os.listdir(source.inside(SCANS)))
+
+
+def _open(
+    source: Source, *, dim: int | None = None, trajectory: str | None = None, time_offset: float = 0.0
+) -> KittiLog:
+    require_dim(source, KITTI, 3, dim)
+    return KittiLog(source, trajectory, time_offset)
+
+
+KITTI = Format(
+    "kitti", "a KITTI odometry sequence", _recognises, _open, (TRAJECTORY, TIME_OFFSET), stored_as="folder"
+)

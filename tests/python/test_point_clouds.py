@@ -1,0 +1,484 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Folders of point clouds that other libraries wrote: each point lies where its scan's pose puts it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.readers import read
+from ndtree.readers.folder import number_in, stamp_in
+
+pypcd4 = pytest.importorskip("pypcd4", reason="no pypcd4: no PCD can be written")
+laspy = pytest.importorskip("laspy", reason="no laspy: no LAS can be written")
+trimesh = pytest.importorskip("trimesh", reason="no trimesh: no PLY can be read")
+meshio = pytest.importorskip("meshio", reason="no meshio: no PLY can be written by a library of others")
+rotations = pytest.importorskip("scipy.spatial.transform", reason="no SciPy: no rotations").Rotation
+
+
+def cloud(seed: int, n: int = 30) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0, 5, (n, 3)).astype(np.float32)
+
+
+def pose_matrix(seed: int) -> np.ndarray:
+    random = np.random.default_rng(100 + seed)
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotations.random(rng=random).as_matrix()
+    matrix[:3, 3] = random.normal(size=3)
+    return matrix
+
+
+# --- Writers ----------------------------------------------------------------------------------------
+
+
+def pcd(encoding: str) -> Callable[[Path, np.ndarray], Path]:
+    def write(path: Path, points: np.ndarray) -> Path:
+        path = path.with_name(path.name + ".pcd")
+        with_intensity = np.column_stack([points, np.ones(len(points), dtype=np.float32)])
+        made = pypcd4.PointCloud.from_xyzi_points(with_intensity)
+        made.save(path, encoding=pypcd4.Encoding(encoding))
+        return path
+
+    write.__name__ = encoding
+    return write
+
+
+def with_viewpoint(path: Path, matrix: np.ndarray) -> None:
+    x, y, z, w = rotations.from_matrix(matrix[:3, :3]).as_quat()
+    said = " ".join(repr(float(value)) for value in (*matrix[:3, 3], w, x, y, z))
+    content = path.read_bytes()
+    start = content.index(b"VIEWPOINT")
+    path.write_bytes(content[:start] + b"VIEWPOINT " + said.encode() + content[content.index(b"\n", start) :])
+
+
+def ply_by_meshio(binary: bool, dtype: type) -> Callable[[Path, np.ndarray], Path]:
+    def write(path: Path, points: np.ndarray) -> Path:
+        path = path.with_name(path.name + ".ply")
+        meshio.Mesh(points.astype(dtype), []).write(path, binary=binary)
+        return path
+
+    write.__name__ = f"ply_by_meshio_{'binary' if binary else 'ascii'}_{dtype.__name__}"
+    return write
+
+
+def ply_by_trimesh(path: Path, points: np.ndarray) -> Path:
+    path = path.with_name(path.name + ".ply")
+    trimesh.PointCloud(points).export(path)
+    return path
+
+
+def ply_with_faces(path: Path, points: np.ndarray) -> Path:
+    """The last vertices belong to no face, and some vertices are there twice."""
+    path = path.with_name(path.name + ".ply")
+    meshio.Mesh(points, [("triangle", np.array([[0, 1, 2], [2, 1, 3]]))]).write(path)
+    return path
+
+
+def las(ending: str) -> Callable[[Path, np.ndarray], Path]:
+    def write(path: Path, points: np.ndarray) -> Path:
+        path = path.with_name(path.name + ending)
+        header = laspy.LasHeader(point_format=3, version="1.2")
+        header.offsets, header.scales = np.zeros(3), np.full(3, 1e-6)
+        made = laspy.LasData(header)
+        made.x, made.y, made.z = points.astype(np.float64).T
+        made.write(path)
+        return path
+
+    write.__name__ = ending
+    return write
+
+
+WRITERS = [
+    pcd("ascii"),
+    pcd("binary"),
+    pcd("binary_compressed"),
+    ply_by_meshio(False, np.float32),
+    ply_by_meshio(True, np.float32),
+    ply_by_meshio(True, np.float64),
+    ply_by_trimesh,
+    ply_with_faces,
+    las(".las"),
+    las(".laz"),
+]
+BINARY = pcd("binary")
+
+
+def kitti_lines(count: int) -> str:
+    return "".join(" ".join(repr(float(v)) for v in pose_matrix(i)[:3].ravel()) + "\n" for i in range(count))
+
+
+def tum_lines(stamps: list[float]) -> str:
+    lines = ["# t x y z qx qy qz qw"]
+    for i, stamp in enumerate(stamps):
+        quaternion = rotations.from_matrix(pose_matrix(i)[:3, :3]).as_quat()
+        lines.append(" ".join(repr(float(v)) for v in (stamp, *pose_matrix(i)[:3, 3], *quaternion)))
+    return "\n".join(lines) + "\n"
+
+
+def numbered(folder: Path, count: int = 3, write: Callable = BINARY) -> Path:
+    """Clouds with every second number."""
+    for i in range(0, 2 * count, 2):
+        write(folder / f"{i:06d}", cloud(i))
+    return folder
+
+
+def check(log: ndtree.Log, seeds: list[int], atol: float = 1e-6) -> list[ndtree.Scan]:
+    """Each scan is the cloud of a seed, moved by the pose of that seed."""
+    scans = list(log)
+    assert len(scans) == len(log) == len(seeds) > 0
+    for scan, seed in zip(scans, seeds):
+        T = pose_matrix(seed)
+        expected = cloud(seed).astype(np.float64) @ T[:3, :3].T + T[:3, 3]
+        np.testing.assert_allclose(scan.endpoints, expected, atol=atol)
+        np.testing.assert_allclose(scan.origin, T[:3, 3], atol=1e-9)
+        assert scan.returned is None
+    return scans
+
+
+# --- Point clouds -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
+def test_clouds_of_every_kind_get_the_poses_of_their_numbers(write: Callable, tmp_path: Path) -> None:
+    numbered(tmp_path, write=write)
+    (tmp_path / "my_slam.txt").write_text(kitti_lines(6))
+    log = read(tmp_path)
+    assert (log.format, log.dim) == ("point_clouds", 3)
+    check(log, [0, 2, 4], atol=2e-6)
+    assert len(list(log)) == 3, "a log can be read again"
+
+
+def test_numbers_count_not_the_order_of_names(tmp_path: Path) -> None:
+    for i in (10, 9, 2):
+        BINARY(tmp_path / f"scan_{i}", cloud(i))
+    (tmp_path / "poses.txt").write_text(kitti_lines(11))
+    (tmp_path / "times.txt").write_text("".join(f"{0.5 * i}\n" for i in range(11)))
+    scans = check(read(tmp_path), [2, 9, 10])
+    assert [scan.stamp for scan in scans] == [1.0, 4.5, 5.0]
+
+
+def test_names_without_numbers_are_taken_in_their_order(tmp_path: Path) -> None:
+    for i, name in enumerate(("hall", "kitchen", "stairs")):
+        BINARY(tmp_path / name, cloud(i))
+    (tmp_path / "poses.txt").write_text(kitti_lines(3))
+    check(read(tmp_path), [0, 1, 2])
+    (tmp_path / "poses.txt").write_text(kitti_lines(4))
+    with pytest.raises(ValueError, match=r"poses.txt: 4 poses for 3 files whose names are no numbers"):
+        list(read(tmp_path))
+
+
+@pytest.mark.parametrize("names", ["{:.6f}", "{:.0f}000000", "{:.0f}000000000"])
+def test_stamps_as_names_get_the_pose_of_their_time(tmp_path: Path, names: str) -> None:
+    stamps = [1305031229.0, 1305031231.0, 1305031232.0]
+    for i, stamp in enumerate(stamps):
+        BINARY(tmp_path / names.format(stamp), cloud(i))
+    (tmp_path / "groundtruth.txt").write_text(tum_lines(stamps))
+    scans = check(read(tmp_path), [0, 1, 2])
+    assert [scan.stamp for scan in scans] == stamps
+    between = next(iter(read(tmp_path, time_offset=0.5)))
+    np.testing.assert_allclose(between.origin, (3 * pose_matrix(0) + pose_matrix(1))[:3, 3] / 4, atol=1e-9)
+    with pytest.raises(ValueError, match=r"groundtruth.txt: no pose at 1305031226.000000 s"):
+        list(read(tmp_path, time_offset=-3.0))
+
+
+def test_numbers_get_the_pose_of_the_time_on_their_line(tmp_path: Path) -> None:
+    numbered(tmp_path)
+    (tmp_path / "slam.tum").write_text(tum_lines([7.0, 8.0, 9.0, 10.0, 11.0]))
+    with pytest.raises(
+        ValueError, match=r"000000.pcd: has no time to find its pose in .*slam.tum, expected a"
+    ):
+        list(read(tmp_path))
+    (tmp_path / "times.txt").write_text("7\n8\n9\n10\n11\n")
+    assert [scan.stamp for scan in check(read(tmp_path), [0, 2, 4])] == [7, 9, 11]
+    (tmp_path / "times.txt").write_text("7\n8\n9\n")
+    with pytest.raises(ValueError, match=r"000004.pcd: number 4, but .*times.txt has times 0 to 2"):
+        list(read(tmp_path))
+
+
+@pytest.mark.parametrize("ending, rows", [(".pose.txt", 4), (".txt", 3)])
+def test_each_file_can_have_its_pose_beside_it(tmp_path: Path, ending: str, rows: int) -> None:
+    numbered(tmp_path)
+    for i in (0, 2, 4):
+        np.savetxt(tmp_path / f"{i:06d}{ending}", pose_matrix(i)[:rows])
+    check(read(tmp_path), [0, 2, 4])
+    (tmp_path / f"000002{ending}").unlink()
+    with pytest.raises(
+        ValueError, match=r"000002.pcd: no pose beside it as others have, expected 000002.pose"
+    ):
+        list(read(tmp_path))
+    kept = read(tmp_path, keep_going=True)
+    assert len(list(kept)) == 2 and kept.skipped["scans without a pose"].count == 1
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "poses.txt").write_text(kitti_lines(5))
+    check(read(tmp_path, trajectory=str(tmp_path / "elsewhere" / "poses.txt")), [0, 2, 4])
+
+
+def test_the_pose_can_stand_in_the_pcd(tmp_path: Path) -> None:
+    numbered(tmp_path)
+    for i in (0, 2, 4):
+        with_viewpoint(tmp_path / f"{i:06d}.pcd", pose_matrix(i))
+    check(read(tmp_path), [0, 2, 4])
+    check(read(tmp_path / "000002.pcd"), [2])
+
+
+def test_points_in_the_map_take_only_origins(tmp_path: Path) -> None:
+    numbered(tmp_path)
+    for i in (0, 2, 4):
+        with_viewpoint(tmp_path / f"{i:06d}.pcd", pose_matrix(i))
+    for i, scan in zip((0, 2, 4), read(tmp_path, points_in="map")):
+        np.testing.assert_array_equal(scan.endpoints, cloud(i))
+        np.testing.assert_allclose(scan.origin, pose_matrix(i)[:3, 3])
+    with pytest.raises(ValueError, match="points_in = 'world': must be one of sensor, map"):
+        read(tmp_path, points_in="world")
+
+
+def test_a_cloud_alone_is_a_scan_from_its_viewpoint(tmp_path: Path) -> None:
+    path = BINARY(tmp_path / "table", cloud(0))
+    (scan,) = read(path)
+    np.testing.assert_array_equal(scan.endpoints, cloud(0))
+    np.testing.assert_array_equal(scan.origin, np.zeros(3))
+    with pytest.raises(ValueError, match=r"table.ply: no poses, expected a trajectory file"):
+        read(ply_by_trimesh(tmp_path / "table", cloud(0)))
+
+
+def test_far_away_las_points_keep_their_last_digit(tmp_path: Path) -> None:
+    """A metre is 100 integers; neither float32 nor the scale may cost a millimetre at 5000 km."""
+    header = laspy.LasHeader(point_format=0, version="1.2")
+    header.offsets, header.scales = np.array([500000.0, 5400000.0, 100.0]), np.full(3, 0.01)
+    counts = np.random.default_rng(1).integers(-(2**31), 2**31, (50, 3))
+    made = laspy.LasData(header)
+    made.X, made.Y, made.Z = counts.T
+    made.write(tmp_path / "000000.las")
+    (tmp_path / "000000.pose.txt").write_text("1 0 0 500001 0 1 0 5400002 0 0 1 103")
+    (scan,) = read(tmp_path, points_in="map")
+    assert scan.endpoints.dtype == np.float64
+    np.testing.assert_array_equal(scan.endpoints, counts * header.scales + header.offsets)
+    np.testing.assert_array_equal(scan.origin, [500001, 5400002, 103])
+
+
+def test_nan_points_of_an_ordered_cloud_are_invalid_beams(tmp_path: Path) -> None:
+    points = cloud(0)
+    points[3:7] = np.nan
+    BINARY(tmp_path / "000000", points)
+    (scan,) = read(tmp_path)
+    report = scan.insert_into(ndtree.AdaptiveMap(dim=3))
+    assert (report.beams, report.invalid, report.returned) == (30, 4, 26)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
+def test_clouds_of_one_point_or_none(tmp_path: Path, encoding: str) -> None:
+    for n in (1, 0):
+        path = pcd(encoding)(tmp_path / f"cloud{n}", cloud(0, n))
+        (scan,) = read(path)
+        np.testing.assert_allclose(scan.endpoints, cloud(0, n), rtol=1e-6)
+
+
+def test_names_say_numbers_and_times() -> None:
+    assert [number_in(stem) for stem in ("000012", "a-7", "a", "7a")] == [12, 7, None, None]
+    stamps = ("1.5", "1305031229528784000", "1305031229528784", "000012", "1.5.2", "a1.5")
+    assert [stamp_in(stem) for stem in stamps] == [
+        1.5,
+        1305031229.528784,
+        1305031229.528784,
+        None,
+        None,
+        None,
+    ]
+
+
+# --- KITTI ------------------------------------------------------------------------------------------
+
+
+TR = np.array([[0, -1, 0, 0.1], [0, 0, -1, -0.2], [1, 0, 0, -0.3], [0, 0, 0, 1.0]])
+
+
+def kitti(folder: Path, count: int = 3, poses: str | None = "poses.txt") -> Path:
+    (folder / "velodyne").mkdir(parents=True)
+    for i in range(count):
+        np.column_stack([cloud(i), np.ones(30)]).astype("<f4").tofile(folder / "velodyne" / f"{i:06d}.bin")
+    matrix = " ".join(f"{value:.9e}" for value in TR[:3].ravel())
+    (folder / "calib.txt").write_text(f"P0: {' '.join(['1'] * 12)}\nTr: {matrix}\n")
+    (folder / "times.txt").write_text("".join(f"{0.1 * i:.6e}\n" for i in range(count)))
+    if poses:
+        (folder / poses).parent.mkdir(exist_ok=True)
+        (folder / poses).write_text(kitti_lines(count))
+    return folder
+
+
+@pytest.mark.parametrize("poses", ["poses.txt", "../../poses/07.txt"])
+def test_kitti_poses_are_those_of_the_camera(tmp_path: Path, poses: str) -> None:
+    log = read(kitti(tmp_path / "sequences" / "07", poses=poses))
+    assert (log.format, len(log)) == ("kitti", 3)
+    for i, scan in enumerate(log):
+        T = np.linalg.inv(TR) @ pose_matrix(i) @ TR
+        np.testing.assert_allclose(scan.endpoints, cloud(i) @ T[:3, :3].T + T[:3, 3], atol=1e-5)
+        np.testing.assert_allclose(scan.origin, T[:3, 3], atol=1e-8)
+        assert scan.stamp == pytest.approx(0.1 * i)
+
+
+@pytest.mark.parametrize("lines", [kitti_lines(3), tum_lines([0.0, 0.1, 0.2])], ids=["kitti", "tum"])
+def test_kitti_takes_poses_of_the_velodyne(tmp_path: Path, lines: str) -> None:
+    kitti(tmp_path / "00", poses=None)
+    (tmp_path / "00" / "calib.txt").unlink()
+    (tmp_path / "slam.txt").write_text(lines)
+    check(read(tmp_path / "00", trajectory=str(tmp_path / "slam.txt")), [0, 1, 2])
+
+
+# --- What is refused --------------------------------------------------------------------------------
+
+
+def broken_cloud(write: Callable, keep: float) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        numbered(folder, write=write)
+        (folder / "poses.txt").write_text(kitti_lines(5))
+        (path,) = folder.glob("000002.*")
+        content = path.read_bytes()
+        path.write_bytes(content[: int(keep * len(content))])
+        return folder
+
+    return make
+
+
+def changed(name: str, content: bytes | None, make: Callable[[Path], Path] = numbered) -> Callable:
+    """With a trajectory of 5 poses, and another content of one file."""
+
+    def write(folder: Path) -> Path:
+        if make is numbered:
+            (folder / "poses.txt").write_text(kitti_lines(5))
+        make(folder)
+        (folder / name).unlink(missing_ok=content is not None)
+        if content is not None:
+            (folder / name).write_bytes(content)
+        return folder
+
+    return write
+
+
+def two_kinds(folder: Path) -> Path:
+    ply_by_trimesh(numbered(folder) / "000006", cloud(6))
+    return folder
+
+
+def without_x(folder: Path) -> Path:
+    made = pypcd4.PointCloud.from_points(cloud(0), ("x", "b", "c"), (np.float32,) * 3)
+    made.save(folder / "000000.pcd")
+    return folder
+
+
+def wrong_viewpoint(folder: Path) -> Path:
+    path = BINARY(folder / "000000", cloud(0))
+    path.write_bytes(path.read_bytes().replace(b"0.0 0.0 0.0 1.0", b"0.0 0.0 0.0 9.0"))
+    return folder
+
+
+BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
+    **{
+        f"{write.__name__} cut off": (
+            broken_cloud(write, 0.8),
+            r"000002\.\w+: (cannot be read as|found \d+ poi)",
+        )
+        for write in WRITERS
+    },
+    "nothing in a file": (changed("000002.pcd", b""), r"000002\.pcd: expected a PCD, PLY, LAS or LAZ file"),
+    "other content": (
+        changed("000002.pcd", b"\x89PNG"),
+        r"000002\.pcd: expected a PCD, PLY, LAS or LAZ file",
+    ),
+    "header of garbage": (
+        changed("000002.pcd", b"# .PCD v0.7\nFIELDS\nrubbish"),
+        r"000002\.pcd: cannot be read as PCD",
+    ),
+    "header of a PLY": (changed("000002.pcd", b"ply\nrubbish"), r"000002\.pcd: cannot be read as PLY"),
+    "no fields": (without_x, r"000000\.pcd: no field y and no z, found x, b, c"),
+    "two kinds": (two_kinds, "found PCD and PLY files, expected PCD, PLY, LAS or LAZ files of one kind"),
+    "no poses": (numbered, r"no poses, expected a trajectory .*identity in all"),
+    "no poses of PLY": (
+        lambda folder: numbered(folder, write=ply_by_trimesh),
+        "no poses, expected a trajectory",
+    ),
+    "two trajectories": (
+        changed("other.txt", kitti_lines(5).encode()),
+        r"2 trajectories, other\.txt and poses\.txt: say which by trajectory=",
+    ),
+    "trajectory too short": (
+        changed("poses.txt", kitti_lines(4).encode()),
+        r"000004\.pcd: number 4, but .*poses\.txt has poses 0 to 3",
+    ),
+    "trajectory cut off": (changed("poses.txt", kitti_lines(5)[:-60].encode()), r"poses\.txt: line 5: found"),
+    "viewpoint": (wrong_viewpoint, r"000000\.pcd: VIEWPOINT: found .* expected x y z qw qx qy qz"),
+    "kitti scan": (
+        changed("velodyne/000001.bin", b"12345", kitti),
+        r"000001\.bin: 5 bytes, expected a multiple",
+    ),
+    "kitti no Tr": (changed("calib.txt", b"P0: 1 2 3\n", kitti), r"calib\.txt: no line Tr, expected where"),
+    "kitti short Tr": (
+        changed("calib.txt", b"P0: 1\nTr: 1 2 3\n", kitti),
+        r"calib\.txt: line 2: Tr: expected a 3x4",
+    ),
+    "kitti no poses": (changed("poses.txt", None, kitti), r"no poses, expected poses\.txt in it, "),
+    "kitti few poses": (changed("poses.txt", kitti_lines(2).encode(), kitti), r"000002\.bin: number 2, but"),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_broken_folders_are_named_with_file_and_expectation(case: str, tmp_path: Path) -> None:
+    make, message = BROKEN[case]
+    folder = make(tmp_path)
+    with pytest.raises(ValueError, match=message) as caught:
+        list(read(folder))
+    assert str(caught.value).startswith(str(folder)) and "\n" not in str(caught.value)
+
+
+def test_the_other_scans_can_be_kept(tmp_path: Path) -> None:
+    log = read(broken_cloud(BINARY, 0.5)(tmp_path), keep_going=True)
+    assert len(list(log)) == 2 and log.skipped["damaged scans"].count == 1
+
+
+@pytest.mark.parametrize(
+    "write, library", [(BINARY, "pypcd4"), (ply_by_trimesh, "trimesh"), (las(".las"), "laspy")]
+)
+def test_without_its_library_the_extra_is_named(
+    write: Callable, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numbered(tmp_path, write=write)
+    (tmp_path / "poses.txt").write_text(kitti_lines(5))
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ImportError, match=rf"need {library} .* pip install 'ndtree-mapping\[clouds\]'"):
+        list(read(tmp_path, keep_going=True))
+
+
+@pytest.mark.parametrize("make", [numbered, kitti], ids=["point_clouds", "kitti"])
+def test_clouds_are_3d(make: Callable, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="is 3-D, expected dim=3"):
+        read(make(tmp_path), dim=2)
+
+
+# --- Real recordings --------------------------------------------------------------------------------
+
+
+def test_lidar_recording_is_the_same_as_pcd_and_npz(recordings: Path) -> None:
+    """The archive lacks a few points of some scans, and stands level."""
+    folder = recordings / "lidar_avia_hku_mb"
+    log = read(folder / "pcd_format", trajectory=str(folder / "pcd_format" / "odom_poses.txt"))
+    assert len(log) == 23
+    with np.load(folder / "lidar_avia_hku_mb.npz") as archive:
+        arrays = {
+            name: archive[name] for name in ("offsets", "points", "stamps", "origins", "world_from_original")
+        }
+    W = arrays["world_from_original"]
+    compared = 0
+    for i, scan in enumerate(log):
+        k = 20 * i
+        points = arrays["points"][arrays["offsets"][k] : arrays["offsets"][k + 1]]
+        assert scan.stamp == arrays["stamps"][k]
+        np.testing.assert_allclose(W[:3, :3] @ scan.origin + W[:3, 3], arrays["origins"][k], atol=1e-9)
+        mine = {tuple(row) for row in np.round(scan.endpoints @ W[:3, :3].T + W[:3, 3], 2)}
+        theirs = {tuple(row) for row in np.round(points.astype(np.float64), 2)}
+        assert len(theirs - mine) < 0.02 * len(theirs), "but for rounding"
+        compared += len(points)
+    assert compared > 100_000
