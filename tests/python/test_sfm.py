@@ -15,6 +15,7 @@ import pytest
 
 import ndtree
 from ndtree.readers import read
+from ndtree.readers.colmap import CAMERA_MODELS
 from ndtree.readers.triangulation import Triangulation
 
 rotations = pytest.importorskip("scipy.spatial.transform", reason="no SciPy: no rotations").Rotation
@@ -64,6 +65,16 @@ def observed(w: World, i: int) -> list[tuple[float, float, int]]:
     return [(0.5, 0.5, -1), *seen, seen[-1]] if seen else []
 
 
+def track(w: World, k: int) -> list[tuple[int, int]]:
+    """Images that see a point, and the features that are it."""
+    return [
+        (i + 3, feature)
+        for i in range(len(w.turns))
+        for feature, (_, _, name) in enumerate(observed(w, i))
+        if name == point_name(k)
+    ]
+
+
 def colmap_text(folder: Path, w: World) -> Path:
     cameras = [
         "# cameras",
@@ -77,9 +88,10 @@ def colmap_text(folder: Path, w: World) -> Path:
         lines.append(f"{i + 3} {qw!r} {x!r} {y!r} {z!r} {a!r} {b!r} {c!r} {9 - i} name of {i}.jpg")
         lines.append(" ".join(f"{u} {v} {k}" for u, v, k in observed(w, i)))
     (folder / "images.txt").write_text("\n".join(lines) + "\n")
-    lines = [
-        f"{point_name(k)} {x!r} {y!r} {z!r} 1 2 3 0.5 1 1" for k, (x, y, z) in enumerate(w.points.tolist())
-    ]
+    lines = []
+    for k, (x, y, z) in enumerate(w.points.tolist()):
+        pairs = " ".join(f"{image} {feature}" for image, feature in track(w, k))
+        lines.append(f"{point_name(k)} {x!r} {y!r} {z!r} 1 2 3 0.5 {pairs}")
     (folder / "points3D.txt").write_text("# points\n" + "\n".join(lines) + "\n")
     return folder
 
@@ -95,9 +107,9 @@ def colmap_binary(folder: Path, w: World) -> Path:
         images += struct.pack("<Q", len(features)) + b"".join(struct.pack("<ddq", *one) for one in features)
     points = struct.pack("<Q", len(w.points))
     for k, point in enumerate(w.points):
-        track = [(i + 3, 0) for i in np.flatnonzero(w.sees[:, k])]
-        points += struct.pack("<Q3d3BdQ", point_name(k), *point, 1, 2, 3, 0.5, len(track))
-        points += b"".join(struct.pack("<II", *one) for one in track)
+        pairs = track(w, k)
+        points += struct.pack("<Q3d3BdQ", point_name(k), *point, 1, 2, 3, 0.5, len(pairs))
+        points += b"".join(struct.pack("<II", *one) for one in pairs)
     for name, content in (("cameras", cameras), ("images", images), ("points3D", points)):
         (folder / f"{name}.bin").write_bytes(content)
     return folder
@@ -282,14 +294,72 @@ def test_a_range_without_parallax_is_not_known(centers: list) -> None:
     assert np.isinf(sigma_of([(0, 0, 5)], centers)).all()
 
 
-def test_ranges_that_are_hardly_known_are_left_out() -> None:
-    points = np.array([(0, 0, 2.0), (0, 0, 2000.0)])
-    triangulation = Triangulation(points, 1.0)
-    rows = np.arange(2)
-    for x in (0.0, 0.3):
-        triangulation.observe(rows, np.array([x, 0, 0]), 500.0)
-    scan = triangulation.scan(rows, np.zeros(3), 500.0)
-    np.testing.assert_array_equal(scan.endpoints, points[:1])
+def test_ranges_that_are_hardly_known_are_left_out_and_counted(tmp_path: Path) -> None:
+    """Point 0 is seen by one image alone, point 3 is too far away for the baseline."""
+    w = world()
+    w.points[3] *= 1e6
+    log = read(bundler(tmp_path, w))
+    ends = [scan.endpoints for scan in log]
+    assert not any((points == w.points[k]).all(axis=1).any() for points in ends for k in (0, 3))
+    (noted,) = log.skipped.values()
+    assert 1 + w.sees[:, 3].sum() <= noted.count == w.sees.sum() - sum(map(len, ends))
+    assert "image 1: " in noted.first
+    list(log)
+    assert next(iter(log.skipped.values())).count == noted.count, "not added up over loops"
+
+
+# --- Libraries of others ----------------------------------------------------------------------------
+
+
+def same_scans(log: ndtree.Log, other: ndtree.Log) -> int:
+    """In any order of the images and points; the number of beams."""
+    pairs = [sorted(one, key=lambda scan: tuple(scan.origin)) for one in (log, other)]
+    beams = 0
+    for a, b in zip(*pairs, strict=True):
+        np.testing.assert_allclose(a.origin, b.origin, atol=1e-5)
+        order, there = (np.lexsort(np.round(scan.endpoints, 4).T) for scan in (a, b))
+        np.testing.assert_allclose(a.endpoints[order], b.endpoints[there], rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(a.range_sigma[order], b.range_sigma[there], rtol=1e-3)
+        beams += len(a)
+    return beams
+
+
+def test_colmap_s_own_files_are_read(tmp_path: Path) -> None:
+    pycolmap = pytest.importorskip("pycolmap", reason="no pycolmap: COLMAP cannot write files itself")
+    (tmp_path / "ours").mkdir()
+    w = world()
+    ours = read(colmap_text(tmp_path / "ours", w))
+    model = pycolmap.Reconstruction(str(tmp_path / "ours"))
+    for kind in ("binary", "text"):
+        (tmp_path / kind).mkdir()
+        getattr(model, f"write_{kind}")(str(tmp_path / kind))
+        assert same_scans(read(tmp_path / kind), ours) > 80
+
+
+def test_every_camera_model_of_colmap_is_known() -> None:
+    pycolmap = pytest.importorskip(
+        "pycolmap", reason="no pycolmap: COLMAP's camera models are not to be asked"
+    )
+    known = {}
+    for model in pycolmap.CameraModelId.__members__.values():
+        if model.value >= 0:
+            camera = pycolmap.Camera.create_from_model_id(1, model, 500, 640, 480)
+            known[model.name] = (model.value, len(camera.params), len(camera.focal_length_idxs()))
+    assert known.items() <= CAMERA_MODELS.items() and len(known) > 10
+
+
+def test_gtsam_reads_and_writes_the_same(tmp_path: Path) -> None:
+    gtsam = pytest.importorskip("gtsam", reason="no gtsam: no library of others reads Bundler or writes BAL")
+    w = world()
+    path = bundler(tmp_path, w)
+    path.write_text(
+        path.read_text().replace("0 0 0\n", "1 0 0\n", 1).replace("0 0 0\n" * 3, "1 0 0\n0 1 0\n0 0 1\n", 1)
+    )
+    theirs = gtsam.SfmData.FromBundlerFile(str(path))
+    centers = [theirs.camera(i).pose().translation() for i in range(theirs.numberCameras())]
+    np.testing.assert_allclose([scan.origin for scan in read(path)], centers, atol=1e-9)
+    gtsam.writeBAL(str(tmp_path / "bal.txt"), theirs)
+    assert same_scans(read(tmp_path / "bal.txt"), read(path)) > 80
 
 
 # --- What is refused --------------------------------------------------------------------------------
@@ -352,7 +422,7 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
     ),
     "no focal length": (
         changed(T, "cameras.txt", line(2, "9 PINHOLE 640 480 0 100 320 240")),
-        r"cameras\.txt: line 2: found a focal length of 50 px, expected one > 0",
+        r"cameras\.txt: line 2: found a focal length of 0 px, expected one > 0",
     ),
     "camera missing": (
         changed(T, "cameras.txt", line(2, "")),
@@ -494,6 +564,12 @@ def test_broken_models_are_named_with_place_and_expectation(case: str, tmp_path:
     with pytest.raises(ValueError, match=message) as caught:
         list(read(path))
     assert str(caught.value).startswith(str(path)) and "\n" not in str(caught.value)
+
+
+def test_images_before_the_damage_can_be_kept(tmp_path: Path) -> None:
+    """What the lost images saw counts no longer."""
+    log = read(BROKEN["images.bin cut off"][0](tmp_path), keep_going=True)
+    assert len(list(log)) == 2 and log.skipped["damaged files"].count == 1
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])

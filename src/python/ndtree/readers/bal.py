@@ -18,6 +18,7 @@ LINES_AT_ONCE = 1 << 15
 CAMERA_NUMBERS = 9  # Turn as axis times angle, translation, focal length, two of distortion.
 
 Floats = NDArray[np.float64]
+Lines = Iterator[tuple[int, bytes]]
 
 
 class BalLog(ModelLog):
@@ -38,28 +39,13 @@ class BalLog(ModelLog):
             ) from None
 
     def _read_from(self, file: IO[bytes]) -> Model:
-        sizes = _header(file.readline())
+        lines = ((number, line) for number, line in enumerate(file, start=1) if line.strip())
+        sizes = _header(next(lines, (1, b""))[1])
         if sizes is None:
             raise ValueError(f"{self.path}: line 1: expected the numbers of cameras, points and observations")
-        cameras, points, observations = sizes
-        seeing, seen = [], []
-        done = 0
-        while done < observations:
-            lines = list(islice(file, min(LINES_AT_ONCE, observations - done)))
-            table = _table(lines, 4)
-            if table is None or not lines:
-                raise ValueError(f"{self.path}: {self._wrong_line(lines, done)}")
-            pair = table[:, :2]
-            bad = ~((pair >= 0) & (pair < (cameras, points)) & (pair == np.floor(pair))).all(axis=1)
-            if bad.any():
-                raise ValueError(
-                    f"{self.path}: line {done + 2 + int(bad.argmax())}: "
-                    f"expected a camera of 0 to {cameras - 1} and a point of 0 to {points - 1}"
-                )
-            seeing.append(pair[:, 0].astype(np.int32))
-            seen.append(pair[:, 1].astype(np.int32))
-            done += len(lines)
-        parameters = self._numbers(file, CAMERA_NUMBERS * cameras + 3 * points)
+        cameras, points, _ = sizes
+        seeing, seen = self._observations(lines, *sizes)
+        parameters = self._numbers(lines, CAMERA_NUMBERS * cameras + 3 * points)
         camera = parameters[: CAMERA_NUMBERS * cameras].reshape(cameras, CAMERA_NUMBERS)
         wrong = np.flatnonzero(~(camera[:, 6] > 0))
         if wrong.size:
@@ -71,24 +57,46 @@ class BalLog(ModelLog):
             parameters[CAMERA_NUMBERS * cameras :].reshape(points, 3),
             _turned(-camera[:, 3:6], -camera[:, :3]),
             camera[:, 6],
-            np.concatenate([np.empty(0, dtype=np.int32), *seeing]),
-            np.concatenate([np.empty(0, dtype=np.int32), *seen]),
+            seeing,
+            seen,
         )
 
-    def _wrong_line(self, lines: list[bytes], done: int) -> str:
-        for i, line in enumerate(lines):
-            if _table([line], 4) is None:
-                return f"line {done + 2 + i}: expected camera, point, x, y"
-        return f"behind line {done + 1}: cut off, expected more observations"
+    def _observations(
+        self, lines: Lines, cameras: int, points: int, count: int
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Cameras and points of so many observations."""
+        parts = [np.empty((0, 2), dtype=np.int32)]
+        done, last = 0, 1
+        while done < count:
+            block = list(islice(lines, min(LINES_AT_ONCE, count - done)))
+            if not block:
+                raise ValueError(f"{self.path}: behind line {last}: cut off, expected more observations")
+            table = _table([line for _, line in block], 4)
+            if table is None:
+                wrong = next(number for number, line in block if _table([line], 4) is None)
+                raise ValueError(f"{self.path}: line {wrong}: expected camera, point, x, y")
+            pairs = table[:, :2]
+            bad = ~((pairs >= 0) & (pairs < (cameras, points)) & (pairs == np.floor(pairs))).all(axis=1)
+            if bad.any():
+                raise ValueError(
+                    f"{self.path}: line {block[bad.argmax()][0]}: "
+                    f"expected a camera of 0 to {cameras - 1} and a point of 0 to {points - 1}"
+                )
+            parts.append(pairs.astype(np.int32))
+            done += len(block)
+            last = block[-1][0]
+        every = np.concatenate(parts)
+        return every[:, 0], every[:, 1]
 
-    def _numbers(self, file: IO[bytes], count: int) -> Floats:
+    def _numbers(self, lines: Lines, count: int) -> Floats:
         """All that is left in the file."""
         parts, found = [np.empty(0)], 0
-        for lines in _blocks(file):
+        while block := list(islice(lines, LINES_AT_ONCE)):
             try:
-                parts.append(np.array(b"".join(lines).split(), dtype=np.float64))
+                parts.append(np.array(b" ".join(line for _, line in block).split(), dtype=np.float64))
             except ValueError:
-                raise ValueError(f"{self.path}: behind {found} parameters: expected only numbers") from None
+                first, last = block[0][0], block[-1][0]
+                raise ValueError(f"{self.path}: lines {first} to {last}: expected only numbers") from None
             found += len(parts[-1])
             if found > count:
                 break
@@ -100,11 +108,6 @@ class BalLog(ModelLog):
             which = int((~np.isfinite(numbers)).argmax())
             raise ValueError(f"{self.path}: number {which} of the cameras and points is not finite")
         return numbers
-
-
-def _blocks(file: IO[bytes]) -> Iterator[list[bytes]]:
-    while lines := list(islice(file, LINES_AT_ONCE)):
-        yield lines
 
 
 def _header(line: bytes) -> tuple[int, int, int] | None:
@@ -135,8 +138,9 @@ def _turned(vectors: Floats, turns: Floats) -> Floats:
 
 
 def _recognises(source: Source) -> bool:
-    lines = source.head.split(b"\n", 2)
-    return len(lines) > 1 and _header(lines[0]) is not None and _table(lines[1:2], 4) is not None
+    lines = source.head[:1000].split(b"\n")[:-1]
+    first = [line for line in lines if line.strip()][:2]
+    return len(first) == 2 and _header(first[0]) is not None and _table(first[1:], 4) is not None
 
 
 def _open(source: Source, *, dim: int | None = None, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> BalLog:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import struct
 from collections.abc import Iterator
@@ -12,10 +13,9 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.readers.log import SizedLog
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.trajectory import Pose
-from ndtree.readers.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, Triangulation, check_pixel_sigma
+from ndtree.readers.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, SfmLog, Triangulation
 from ndtree.scan import Scan
 
 PARTS = ("cameras", "images", "points3D")
@@ -34,6 +34,12 @@ CAMERA_MODELS = {
     "RADIAL_FISHEYE": (9, 5, 1),
     "THIN_PRISM_FISHEYE": (10, 12, 2),
     "RAD_TAN_THIN_PRISM_FISHEYE": (11, 16, 2),
+    "SIMPLE_DIVISION": (12, 4, 1),
+    "DIVISION": (13, 5, 2),
+    "SIMPLE_FISHEYE": (14, 3, 1),
+    "FISHEYE": (15, 4, 2),
+    "EUCM": (16, 6, 2),
+    "EQUIRECTANGULAR": (17, 2, 0),
 }
 _NAMES = {number: name for name, (number, _, _) in CAMERA_MODELS.items()}
 
@@ -41,7 +47,7 @@ Floats = NDArray[np.float64]
 Identities = NDArray[np.int64]
 
 
-class ColmapLog(SizedLog):
+class ColmapLog(SfmLog):
     """One scan each image, in the order of the file; the points are held in memory, the images are not.
 
     Distances are in the unit of the model, which is not a metre unless the model was scaled.
@@ -57,9 +63,7 @@ class ColmapLog(SizedLog):
     format = "colmap"
 
     def __init__(self, path: str, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> None:
-        check_pixel_sigma(pixel_sigma)
-        super().__init__(path, dim=3)
-        self._pixel_sigma = pixel_sigma
+        super().__init__(path, pixel_sigma)
         ending = _ending(os.listdir(path))
         if ending is None:
             raise ValueError(f"{path}: expected {' and '.join(PARTS)}, all with .bin or all with .txt")
@@ -71,7 +75,14 @@ class ColmapLog(SizedLog):
 
     @cached_property
     def _number_of_images(self) -> int:
-        return sum(1 for _ in self._files.images(self._names["images"]))
+        count = 0
+        try:
+            for _ in self._files.images(self._names["images"]):
+                count += 1
+        except ValueError:
+            if not self.keep_going:
+                raise
+        return count
 
     @cached_property
     def _focal_lengths(self) -> dict[int, float]:
@@ -85,8 +96,12 @@ class ColmapLog(SizedLog):
         triangulation = Triangulation(points[order], self._pixel_sigma)
         identities = identities[order]
         self._check_points(identities, triangulation.points)
-        for rows, center, focal_length in self._observations(identities):
-            triangulation.observe(rows, center, focal_length)
+        try:
+            for rows, center, focal_length in self._observations(identities):
+                triangulation.observe(rows, center, focal_length)
+        except ValueError:
+            if not self.keep_going:
+                raise  # Else the loop over the scans comes upon it again, and notes it.
         return identities, triangulation
 
     def _check_points(self, identities: Identities, points: Floats) -> None:
@@ -117,8 +132,11 @@ class ColmapLog(SizedLog):
 
     def _scans(self) -> Iterator[Scan]:
         identities, triangulation = self._triangulated
-        for rows, center, focal_length in self._observations(identities):
-            yield triangulation.scan(rows, center, focal_length)
+        try:
+            for rows, center, focal_length in self._observations(identities):
+                yield self._scan(triangulation, rows, center, focal_length)
+        except ValueError as error:
+            self._skip("damaged files", error)
 
 
 class _Files:
@@ -245,8 +263,12 @@ def _focal_length(path: str, where: str, model: str, parameters: list[float]) ->
     _, count, focal = CAMERA_MODELS[model]
     if len(parameters) != count:
         raise ValueError(f"{path}: {where}: found {len(parameters)} parameters, {model} has {count}")
-    length = sum(parameters[:focal]) / focal
-    if not (min(parameters[:focal]) > 0 and np.isfinite(length)):
+    if focal == 0:  # Columns of equal angles: so many are a radian.
+        length = parameters[0] / (2 * math.pi)
+    else:
+        length = min(parameters[:focal])
+        length = sum(parameters[:focal]) / focal if length > 0 else length
+    if not (length > 0 and math.isfinite(length)):
         raise ValueError(f"{path}: {where}: found a focal length of {length:g} px, expected one > 0")
     return length
 

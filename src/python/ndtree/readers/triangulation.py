@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.readers.log import SizedLog
+from ndtree.readers.log import SizedLog, Skipped
 from ndtree.readers.source import ReaderOption
 from ndtree.scan import Scan
 
@@ -22,6 +22,8 @@ DEFAULT_PIXEL_SIGMA = 1.0
 
 #: Observations whose range is less sure than this share of it are left out: 3 sigma reach back to the camera.
 LARGEST_RELATIVE_SIGMA = 1 / 3
+#: How ``Log.skipped`` calls them.
+UNSURE = "observations of unsure range"
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -102,19 +104,6 @@ class Triangulation:
         np.divide(along, determinant, out=variance, where=known)
         return np.maximum(np.sqrt(variance), across)
 
-    def scan(self, rows: Rows, center: Floats, focal_length: float) -> Scan:
-        """One image's observations as beams: those whose range is known well enough.
-
-        Parameters
-        ----------
-        rows, center, focal_length
-            As for `observe`.
-        """
-        sigma = self.range_sigma(rows, center, focal_length)
-        ranges = np.linalg.norm(self.points[rows] - center, axis=1)
-        use = sigma < LARGEST_RELATIVE_SIGMA * ranges
-        return Scan(self.points[rows[use]], center, range_sigma=sigma[use])
-
     def _rays(self, rows: Rows, center: Floats, focal_length: float) -> tuple[Floats, Floats]:
         """Unit rays to the points, and how far a feature's error moves them across it."""
         way = self.points[rows] - center
@@ -145,16 +134,37 @@ class Model:
     points_seen: NDArray[np.int32]
 
 
-class ModelLog(SizedLog):
+class SfmLog(SizedLog):
+    """A scan each image, with a beam and its ``range_sigma`` for each observation.
+
+    Observations whose range is not known, as of points that one image alone sees, are left out, and counted
+    in ``skipped``.
+    """
+
+    def __init__(self, path: str, pixel_sigma: float) -> None:
+        if not (pixel_sigma > 0 and np.isfinite(pixel_sigma)):
+            raise ValueError(f"pixel_sigma = {pixel_sigma:g} px: must be > 0 and finite")
+        super().__init__(path, dim=3)
+        self._pixel_sigma = pixel_sigma
+
+    def _scan(self, triangulation: Triangulation, rows: Rows, center: Floats, focal_length: float) -> Scan:
+        """One image's observations whose range is known well enough."""
+        points = triangulation.points[rows]
+        sigma = triangulation.range_sigma(rows, center, focal_length)
+        use = sigma < LARGEST_RELATIVE_SIGMA * np.linalg.norm(points - center, axis=1)
+        left_out = len(rows) - int(np.count_nonzero(use))
+        if left_out:
+            where = f"{self.path}: image {self._done + 1}"
+            first = f"{where}: {left_out} of {len(rows)} rays meet no others, or hardly"
+            self.skipped.setdefault(UNSURE, Skipped(0, first)).count += left_out
+        return Scan(points[use], center, range_sigma=sigma[use])
+
+
+class ModelLog(SfmLog):
     """A model in one file, whose observations are not in the order of the images: one scan each image.
 
     The model is read when the first scan or their number is asked for, and kept.
     """
-
-    def __init__(self, path: str, pixel_sigma: float) -> None:
-        check_pixel_sigma(pixel_sigma)
-        super().__init__(path, dim=3)
-        self._pixel_sigma = pixel_sigma
 
     def __len__(self) -> int:
         return len(self._model.centers)
@@ -181,10 +191,4 @@ class ModelLog(SizedLog):
     def _scans(self) -> Iterator[Scan]:
         triangulation, seen = self._triangulated
         for rows, center, focal_length in zip(seen, self._model.centers, self._model.focal_lengths):
-            yield triangulation.scan(rows, center, focal_length)
-
-
-def check_pixel_sigma(value: float) -> None:
-    """Refuses what is not a standard deviation."""
-    if not (value > 0 and np.isfinite(value)):
-        raise ValueError(f"pixel_sigma = {value:g} px: must be > 0 and finite")
+            yield self._scan(triangulation, rows, center, focal_length)
