@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands of the command line: demo, map, compare, calibrate and info."""
+"""The commands of the command line: demo, map, compare, calibrate, view and info."""
 
 import errno
 import functools
@@ -9,6 +9,7 @@ import math
 import os
 import sys
 import tempfile
+import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
@@ -59,6 +60,14 @@ class NoReturnKind(str, Enum):
     ignore = "ignore"
 
 
+class CellColor(str, Enum):
+    """What the colors of cells say."""
+
+    height = "height"
+    size = "size"
+    probability = "probability"
+
+
 class WrongCall(Exception):
     """What the user asked for cannot be done, whatever the input."""
 
@@ -80,6 +89,10 @@ MaxRange = Annotated[
 ]
 NoReturnOption = Annotated[
     NoReturnKind, typer.Option(help="What a beam without return says: free up to its end point, or nothing.")
+]
+Port = Annotated[
+    Optional[int],
+    typer.Option(min=0, max=65535, help="Of the page; else 8080. 0: any free one.", show_default=False),
 ]
 Json = Annotated[
     Optional[Path], typer.Option("--json", metavar="FILE", help="Write all figures; - for standard output.")
@@ -224,6 +237,15 @@ def map_(
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Where the map is written.")],
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
     picture: Annotated[Optional[Path], typer.Option(metavar="PNG", help="Draw the map, too.")] = None,
+    watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
+    port: Port = None,
+    record: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Film how it grows: .mp4 or .gif.")
+    ] = None,
+    record_every: Annotated[
+        Optional[int],
+        typer.Option(min=1, help="Scans from picture to picture of the film; else 10.", show_default=False),
+    ] = None,
     dim: Dim = None,
     max_range: MaxRange = None,
     no_return: NoReturnOption = NoReturnKind.free,
@@ -233,14 +255,14 @@ def map_(
     """Build a map from a log, and write it to a file."""
     opened = _open(log, None, dim)
     plot = _plot() if picture else None
-    for path in (output, json_file):
+    for path in (output, json_file, record):
         _check_target(path)
     _check_picture(plot, picture)
     limit = _limit(max_range)
     target = _made(lambda: _new_map(opened.dim, fixed, options))
     report = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds, scans = 0.0, 0
-    with _progress() as advance:
+    with _observers(watch, port, record, record_every) as observers, _progress() as advance:
         for scan in opened:
             if no_return is NoReturnKind.ignore:
                 scan = scan.returned_only()
@@ -251,9 +273,11 @@ def map_(
             report = {key: count + getattr(one, key) for key, count in report.items()}
             seconds += one.seconds
             scans += 1
+            for observer in observers:
+                observer.update(target, scan)
             advance("mapping", scans, _length(opened))
-    if not scans:
-        raise ValueError(f"{log}: no scans, expected at least one")
+        if not scans:
+            raise ValueError(f"{log}: no scans, expected at least one")
     if plot and picture:
         with _replaced(picture) as path:
             _draw(plot, target, path)
@@ -263,8 +287,11 @@ def map_(
     if not _is_stdout(json_file):
         print(f"{log}: {scans} scans, {_beams(report)}")
         _print_map(target)
-        print(f"inserted in {seconds:.3f} s; wrote {output}" + (f" and {picture}" if picture else ""))
+        written = " and ".join(str(path) for path in (output, picture, record) if path)
+        print(f"inserted in {seconds:.3f} s; wrote {written}")
     _write_json(figures, json_file)
+    if watch:
+        _stay(observers[0], json_file)
 
 
 @app.command(
@@ -362,6 +389,71 @@ def calibrate(
         if flags:
             print(f"\nfor ndtree map and ndtree compare: {' '.join(flags)}")
     _write(figures.to_json, json_file)
+
+
+@app.command(
+    epilog=_examples(
+        "ndtree view intel.ndt --open",
+        "ndtree view room.ndt --color size --slice z=1.2 --log room.npz",
+        "ndtree view room.ndt --png room.png --color probability",
+    )
+)
+@reports_errors
+def view(
+    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="A map.")],
+    color: Annotated[
+        Optional[CellColor],
+        typer.Option(help="What colors say; else height, in 2-D probability.", show_default=False),
+    ] = None,
+    slice_: Annotated[
+        Optional[str], typer.Option("--slice", metavar="AXIS=M", help="Cut a 3-D map, as at z=1.2.")
+    ] = None,
+    png: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Draw it into this file instead of a page.")
+    ] = None,
+    free: Annotated[
+        Optional[bool], typer.Option("--free/--no-free", help="Show free cells.", show_default=False)
+    ] = None,
+    unknown: Annotated[
+        Optional[bool], typer.Option("--unknown", help="Show unknown cells by free ones.", show_default=False)
+    ] = None,
+    log: Annotated[
+        Optional[Path], typer.Option(metavar="LOG", help="Show where its scans were taken.")
+    ] = None,
+    port: Port = None,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+) -> None:
+    """Show a map on an interactive page of this computer until Ctrl-C, or draw it into a file."""
+    axis, at = _parsed_slice(slice_)
+    if png is not None:
+        for flag, value in (("--free", free), ("--unknown", unknown), ("--log", log), ("--port", port)):
+            if value is not None:
+                raise WrongCall(f"{flag}: is for the page, not for --png")
+        if open_:
+            raise WrongCall("--open: is for the page, not for --png")
+        plot = _plot()
+        _check_picture(plot, png, "--png")
+        m = _suited(ndtree.load(map_file), color, axis)
+        _draw(plot, m, png, color, axis, at)
+        print(f"wrote {png}")
+        return
+    from ndtree.snapshot import Look
+    from ndtree.view import PORT, Viewer
+
+    m = _suited(ndtree.load(map_file), color, axis)
+    look = Look.of(m.dim, color=color and color.value, free=free, unknown=unknown, axis=axis, slice_at=at)
+    opened = read(log) if log is not None else None
+    with Viewer(m, port=PORT if port is None else port, look=look) as page:
+        if opened is not None:
+            with _progress() as advance:
+                for done, scan in enumerate(opened, start=1):
+                    page.add_track(scan)
+                    advance("reading", done, _length(opened))
+            page.refresh()
+        print(f"{map_file}: {page.url} until Ctrl-C", flush=True)
+        if open_:
+            webbrowser.open(page.url)
+        page.wait()
 
 
 @app.command(epilog=_examples("ndtree info intel.log.gz", "ndtree info intel.ndt --json -"))
@@ -630,10 +722,10 @@ def _check_target(target: Optional[Path]) -> None:
         raise OSError(error.errno, f"cannot be written: {error.strerror}", str(target)) from None
 
 
-def _check_picture(plot: Any, target: Optional[Path]) -> None:
+def _check_picture(plot: Any, target: Optional[Path], flag: str = "--picture") -> None:
     _check_target(target)
     if target is not None and target.suffix.lower() not in plot.FORMATS:
-        raise WrongCall(f"--picture {target}: the name must end in {', '.join(plot.FORMATS)}")
+        raise WrongCall(f"{flag} {target}: the name must end in {', '.join(plot.FORMATS)}")
 
 
 @contextmanager
@@ -652,6 +744,70 @@ def _replaced(target: Path) -> Iterator[Path]:
         path.unlink(missing_ok=True)
 
 
+# --- Pages and films --------------------------------------------------------------------------------
+
+
+@contextmanager
+def _observers(
+    watch: bool, port: Optional[int], record: Optional[Path], every: Optional[int]
+) -> Iterator[list[Any]]:
+    """Who looks on while a map grows: a page, which stays, and a film, which is written if all goes well."""
+    if port is not None and not watch:
+        raise WrongCall("--port: is for the page of --watch")
+    if every is not None and record is None:
+        raise WrongCall("--record-every: is for --record")
+    observers: list[Any] = []
+    film = None
+    if record is not None:
+        from ndtree.record import Recorder
+
+        film = _made(lambda: Recorder(record, **({} if every is None else {"every": every})))
+    try:
+        if watch:
+            from ndtree.view import PORT, Viewer
+
+            observers.append(Viewer(port=PORT if port is None else port))
+            print(f"{observers[0].url} shows the map as it grows", file=sys.stderr, flush=True)
+        if film is not None:
+            observers.append(film)
+        yield observers
+        if film is not None:
+            film.close()
+    finally:
+        if film is not None:
+            film.abandon()
+
+
+def _stay(page: Any, json_file: Optional[Path]) -> None:
+    """Keeps a page with the map as it became, until the user interrupts."""
+    print(f"{page.url} until Ctrl-C", file=sys.stderr if _is_stdout(json_file) else sys.stdout, flush=True)
+    page.wait()
+    page.close()
+
+
+def _parsed_slice(text: Optional[str]) -> tuple[Optional[int], Optional[float]]:
+    """Axis and position of a slice like z=1.2."""
+    if text is None:
+        return None, None
+    axis, _, value = text.partition("=")
+    try:
+        at = float(value)
+    except ValueError:
+        at = math.nan
+    if axis not in ("x", "y", "z") or not math.isfinite(at):
+        raise WrongCall(f"--slice {text}: expected an axis and a position in metres, as in z=1.2")
+    return "xyz".index(axis), at
+
+
+def _suited(m: OccupancyMap, color: Optional[CellColor], axis: Optional[int]) -> OccupancyMap:
+    """The map, if it can be shown so."""
+    if m.dim != 3 and axis is not None:
+        raise WrongCall(f"--slice: the map is {m.dim}-D, only 3-D maps can be cut")
+    if m.dim != 3 and color is CellColor.height:
+        raise WrongCall(f"--color height: the map is {m.dim}-D and has none, expected size or probability")
+    return m
+
+
 # --- Pictures ---------------------------------------------------------------------------------------
 
 
@@ -662,11 +818,24 @@ def _plot() -> Any:
     return plot
 
 
-def _draw(plot: Any, m: OccupancyMap, path: Path) -> None:
-    if m.dim == 3:
-        plot.overview_3d(m, path)
-    else:
-        plot.occupancy(m).figure.savefig(path, dpi=150)
+def _draw(
+    plot: Any,
+    m: OccupancyMap,
+    path: Path,
+    color: Optional[CellColor] = None,
+    axis: Optional[int] = None,
+    at: Optional[float] = None,
+) -> None:
+    """Draws a map, cut at a slice if there is one."""
+    more: dict[str, Any] = {} if color is None else {"color": color.value}
+    if m.dim == 2:
+        plot.overview(m, path, **more)
+        return
+    if axis is not None:
+        more.update(slice_axis=axis, slice_at=at)
+        if axis == 2:
+            more["cut_above"] = at
+    plot.overview_3d(m, path, **more)
 
 
 def _draw_side_by_side(plot: Any, one: OccupancyMap, other: OccupancyMap, target: Path) -> None:

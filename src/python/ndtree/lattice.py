@@ -29,6 +29,7 @@ class Cells:
     lower: Integers  # (n, dim)
     size: Integers  # (n,)
     probability: Floats  # (n,)
+    observed: Booleans  # (n,)
     state: NDArray[np.int8]  # (n,)
     hits: Integers  # (n,)
     misses: Integers  # (n,)
@@ -47,14 +48,14 @@ class Cells:
         if not size.size or not np.any(leaves.observed):
             raise ValueError("the map is empty: nothing was inserted that could be drawn")
         unit = float(size.min())
-        observed = np.asarray(leaves.observed, dtype=np.bool_)
         return cls(
             unit,
             m.branching,
             np.rint(np.asarray(leaves.lower) / unit).astype(np.int64),
             np.rint(size / unit).astype(np.int64),
             np.asarray(leaves.probability, dtype=np.float64),
-            np.where(observed, np.asarray(leaves.state), np.int8(-1)),
+            np.asarray(leaves.observed, dtype=np.bool_),
+            np.asarray(leaves.state, dtype=np.int8),
             np.asarray(leaves.hits, dtype=np.int64),
             np.asarray(leaves.misses, dtype=np.int64),
         )
@@ -79,7 +80,7 @@ class Cells:
         return self.state == 0
 
     @property
-    def observed(self) -> Booleans:
+    def known(self) -> Booleans:
         return self.state >= 0
 
     def where(self, chosen: Booleans | Integers) -> Cells:
@@ -229,13 +230,13 @@ def frontier(cells: Cells) -> Cells:
 
     The result has no evidence: probability 0.5, state -1.
     """
-    known = cells.where(cells.observed)
+    known = cells.where(cells.known)
     free = cells.where(cells.free)
     if not len(free):
         return free
     index = CellIndex(known.lower, known.size, cells.branching)
     lowers, sizes = [], []
-    unknown = cells.where(~cells.observed & (cells.size < known.size.max()))
+    unknown = cells.where(~cells.known & (cells.size < known.size.max()))
     touches = np.zeros(len(unknown), dtype=np.bool_)
     for axis in range(cells.dim):
         for side in (0, 1):
@@ -260,6 +261,7 @@ def frontier(cells: Cells) -> Cells:
         lower,
         size,
         np.full(n, 0.5),
+        np.zeros(n, dtype=np.bool_),
         np.full(n, -1, dtype=np.int8),
         np.zeros(n, dtype=np.int64),
         np.zeros(n, dtype=np.int64),
@@ -288,6 +290,7 @@ def coarsened(cells: Cells, size: int) -> tuple[Cells, Integers]:
         lower=lower[order[first]],
         size=edge[order[first]],
         probability=np.maximum.reduceat(cells.probability[order], first),
+        observed=np.maximum.reduceat(cells.observed[order], first),
         state=np.maximum.reduceat(cells.state[order], first),
         hits=np.add.reduceat(cells.hits[order], first),
         misses=np.add.reduceat(cells.misses[order], first),
@@ -314,7 +317,9 @@ class Pyramid:
             key = np.zeros(n, dtype=np.int64)
             key[index.order] = index.first
             parents = self._joined(key, cells, parts)
-        self.lower, self.upper, self._color, self.weight = (np.concatenate(each) for each in zip(*parts))
+        lower, upper, color, self.weight = (np.concatenate(each) for each in zip(*parts))
+        self.lower, self.upper = lower.astype(np.float32), upper.astype(np.float32)
+        self.colors = np.rint(color).astype(np.uint8)
         self.parent = parents
         self.extent = np.max(self.upper - self.lower, axis=1, initial=0.0)
 
@@ -342,10 +347,6 @@ class Pyramid:
             parts.append((lowest[joins], highest[joins], mean[joins], total[joins]))
             nodes, group = number, group[first]
         return parents
-
-    @property
-    def colors(self) -> NDArray[np.uint8]:
-        return np.rint(self._color).astype(np.uint8)
 
     def chosen(self, eye: Floats | None, budget: int, finest: float = 0.0) -> Integers:
         """Numbers of the boxes to be drawn.

@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any, Union
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ndtree._core import OccupancyMap
 from ndtree.comparison import Comparison
@@ -136,7 +136,7 @@ def cell_sizes(
     """
     _require_dim(m, 2)
     every, ax = Cells.of(m), _axes(ax)
-    region = tuple(region) if region is not None else _found(every)
+    region = tuple(region) if region is not None else found_region(every)
     shown = every.where(every.observed).inside(region)
     largest = float(every.size[every.observed].max()) * every.unit
     # The image keeps the largest value of a pixel: sizes go in as their inverses.
@@ -233,7 +233,7 @@ def side_by_side(
     for m in (adaptive, fixed):
         _require_dim(m, 2)
     fine, even = Cells.of(adaptive), Cells.of(fixed)
-    shown = tuple(region) if region is not None else _found(fine)
+    shown = tuple(region) if region is not None else found_region(fine)
     shape = (shown[3] - shown[2]) / (shown[1] - shown[0])
     in_row = shape > 0.4 if row is None else row
     figure, axes = _panels(3, in_row, shape, width)
@@ -281,7 +281,7 @@ def overview(
     if draw is None:
         raise ValueError(f"color = {color!r}: must be probability or size where the map is 2-D")
     every = Cells.of(m)
-    shown = tuple(region) if region is not None else _found(every)
+    shown = tuple(region) if region is not None else found_region(every)
     shape = (shown[3] - shown[2]) / (shown[1] - shown[0])
     axes_width = width * (WITHOUT_BAR if color == "size" else 1.0)
     figure = Figure(figsize=(width, axes_width * shape + 0.6), layout="constrained")
@@ -353,6 +353,7 @@ def occupied(
     color: str = "height",
     colormap: str | None = None,
     heights: tuple[float, float] | None = None,
+    finest: float = 0.0,
 ) -> Axes:
     """Draw the occupied leaves of a 3-D map as shaded cubes, as in the paper's Figs. 5 and 6.
 
@@ -379,6 +380,8 @@ def occupied(
         Of matplotlib; left out, one for each `color`.
     heights : (float, float), optional
         Where the colors of heights begin and end [m]; left out, where the cells do.
+    finest : float
+        Cells smaller than this, such as a pixel, are drawn as one [m].
 
     Returns
     -------
@@ -387,9 +390,13 @@ def occupied(
     """
     _require_dim(m, 3)
     chosen, bounds = _chosen_cubes(Cells.of(m), region, cut_above)
-    return _draw_cubes(
-        chosen, bounds, _axes(ax), azimuth, elevation, coloring(chosen, color, colormap, heights)
-    )
+    colors = coloring(chosen, color, colormap, heights)
+    return _draw_cubes(chosen, bounds, _axes(ax), azimuth, elevation, colors, finest)
+
+
+def projected(points: ArrayLike, *, azimuth: float = -60.0, elevation: float = 50.0) -> Floats:
+    """Where points (n, 3) [m] lie in a picture of `occupied` with the same view: (n, 2) [m]."""
+    return np.asarray(points, dtype=np.float64).reshape(-1, 3) @ _screen(azimuth, elevation)[1]
 
 
 def side_by_side_3d(
@@ -484,7 +491,7 @@ def _draw_3d(
         _require_dim(m, 3)
     held = _axis_number(plane[0])
     every = [Cells.of(m) for m in maps.values()]
-    region = tuple(region) if region is not None else _found(every[0])
+    region = tuple(region) if region is not None else found_region(every[0])
     if cut_above == "auto":
         cut_above = _ceiling(every[0].where(every[0].occupied).inside(region))
     chosen = [_chosen_cubes(one, region, cut_above) for one in every]
@@ -561,7 +568,7 @@ def coloring(
         norm = LogNorm(float(sizes[0]), max(float(sizes[-1]), 1.001 * float(sizes[0])))
         return Coloring(by, "cell size [m]", norm, colormap or SIZE_COLORS, sizes)
     low = 0.0 if shown.free.any() else UNKNOWN
-    return Coloring(by, "probability", Normalize(low, 1.0), colormap or "plasma")
+    return Coloring(by, "probability", Normalize(low, 1.0), colormap or "plasma_r")
 
 
 def _middle_height(some: Cells) -> Floats:
@@ -656,7 +663,7 @@ def _panels(count: int, in_row: bool, shape: float, width: float) -> tuple[Figur
     return figure, axes
 
 
-def _found(every: Cells) -> tuple[float, ...]:
+def found_region(every: Cells) -> tuple[float, ...]:
     """Bounds [m] of what was found: nearly all occupied cells, and some more; few strays are left out."""
     hit = every.where(every.occupied & (every.hits > 0))
     if not len(hit.size):
@@ -699,7 +706,7 @@ def _draw_borders(
     color: str = BORDER_COLOR,
     linewidth: float = 0.35,
 ) -> Axes:
-    region = tuple(region) if region is not None else _found(every)
+    region = tuple(region) if region is not None else found_region(every)
     shown = every.inside(region)
     lines = []
     for along in (0, 1):
@@ -731,7 +738,7 @@ def _joined(lines: Integers) -> Integers:
 
 
 def _draw_occupancy(every: Cells, ax: Axes, region: Region | None) -> Axes:
-    region = tuple(region) if region is not None else _found(every)
+    region = tuple(region) if region is not None else found_region(every)
     seen = every.where(every.observed)
     seen = replace(seen, probability=_brightness(seen.probability))
     image, extent = _image(seen.inside(region), region)
@@ -833,7 +840,7 @@ def _chosen_cubes(every: Cells, region: Region | None, cut_above: CutAbove) -> t
     cubes = every.where(every.occupied)
     if not len(cubes.size):
         raise ValueError("the map has no occupied cells that could be drawn")
-    bounds = list(region if region is not None else _found(every))
+    bounds = list(region if region is not None else found_region(every))
     cubes = cubes.inside(bounds)
     if cut_above == "auto":
         cut_above = _ceiling(cubes)
@@ -909,14 +916,14 @@ def _draw_cubes(
     azimuth: float,
     elevation: float,
     colors: Coloring,
-    pixel: float = 0.0,
+    finest: float,
 ) -> Axes:
-    """Cells that are smaller than a pixel [m] are drawn as large as one, in their mean color."""
+    """Cells that are smaller than `finest` [m] are drawn as large, in their mean color."""
     frame = _bounds_on_screen(cubes, bounds, azimuth, elevation)
     to_viewer, screen = _screen(azimuth, elevation)
     fills = colors(cubes)
-    if pixel >= cubes.unit:
-        steps = int(math.log(pixel / cubes.unit * 1.000001, cubes.branching))
+    if finest >= cubes.unit:
+        steps = int(math.log(finest / cubes.unit * 1.000001, cubes.branching))
         joined, number = coarsened(cubes, cubes.branching**steps)
         count = np.bincount(number)[:, None]
         fills = np.stack([np.bincount(number, fills[:, k]) for k in range(3)], axis=1) / count

@@ -1,0 +1,407 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The page shows the map: its cells where they are, the one that is clicked, and as it grows."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("typer")
+pytest.importorskip("rich")
+pytest.importorskip("viser", reason="viser is not installed")
+
+from browser import Browser, coloured
+from conftest import room_scan
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree import snapshot, view
+from ndtree.commands import app
+from ndtree.snapshot import KINDS, Look, Snapshot, Track, shown_kinds
+
+RUN = CliRunner()
+
+
+def inserted(m: Any, scans: int, far: float = 0.0) -> Any:
+    for seed in range(scans):
+        points, origin = room_scan(m.dim, seed)
+        m.insert(points + far, origin + far)
+    return m
+
+
+@pytest.fixture(scope="module")
+def flat() -> Any:
+    return inserted(ndtree.AdaptiveMap(dim=2, max_cell_size=0.8), 8)
+
+
+@pytest.fixture(scope="module")
+def solid() -> Any:
+    return inserted(ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, max_cell_size=0.8), 30)
+
+
+@pytest.fixture(scope="module")
+def map_file(solid: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("maps") / "room.ndt"
+    solid.save(path)
+    return path
+
+
+# --- What is drawn ----------------------------------------------------------------------------------
+
+
+def boxes(some: Snapshot, kind: str, look: Look) -> tuple[np.ndarray, np.ndarray]:
+    """All boxes of a layer in the map's frame."""
+    layer = some.layer(kind, look)
+    n = layer.pyramid.leaves
+    return layer.pyramid.lower[:n] + some.origin, layer.pyramid.upper[:n] + some.origin
+
+
+@pytest.mark.parametrize("far", [0.0, 512_000.0])
+def test_boxes_are_the_cells_of_their_state(far: float) -> None:
+    m = inserted(ndtree.AdaptiveMap(dim=3, min_cell_size=0.125, max_cell_size=1.0), 20, far)
+    seen = Snapshot(m)
+    for kind, state in (("occupied", 1), ("free", 0), ("unknown", -1)):
+        lower, upper = boxes(seen, kind, Look())
+        assert len(lower) > 100
+        np.testing.assert_array_equal(m.state(0.5 * (lower + upper)), state)
+    lower, upper = boxes(seen, "occupied", Look())
+    shown = {tuple(row) for row in np.rint((0.5 * (lower + upper) - far) / 0.03125).astype(int).tolist()}
+    leaves = m.leaves()
+    there = leaves.state == 1
+    middles = leaves.lower[there] + 0.5 * leaves.size[there, None]
+    step = np.zeros(3)
+    left_out = 0
+    for middle, size in zip(middles, leaves.size[there]):
+        if tuple(np.rint((middle - far) / 0.03125).astype(int).tolist()) in shown:
+            continue
+        left_out += 1
+        for axis in range(3):  # Nobody sees it: at each face is an occupied cell.
+            for side in (-1, 1):
+                step[:] = 0
+                step[axis] = side * (0.5 * size + 0.01)
+                assert m.state((middle + step)[None])[0] == 1
+    assert left_out < len(middles)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_slice_cuts_and_shows_what_it_goes_through(solid: Any, axis: int) -> None:
+    seen = Snapshot(solid)
+    at = 0.33
+    look = Look(axis=axis, slice_at=at, free=True)
+    assert shown_kinds(look) == ["occupied", "free", "plane_occupied", "plane_free"]
+    for kind in ("occupied", "free"):
+        lower, upper = boxes(seen, kind, look)
+        assert upper[:, axis].max() == pytest.approx(at, abs=1e-6)
+        assert (lower < upper).all()
+    for kind, state in (("plane_occupied", 1), ("plane_free", 0)):
+        lower, upper = boxes(seen, kind, look)
+        np.testing.assert_allclose(lower[:, axis], at, atol=1e-6)
+        np.testing.assert_array_equal(solid.state(0.5 * (lower + upper)), state)
+        assert len(lower) > 20
+    whole = boxes(seen, "occupied", Look(axis=axis, slice_at=at, cut=False))[1]
+    np.testing.assert_array_equal(whole, boxes(seen, "occupied", Look())[1])
+    cut_cells = seen.layer("occupied", look).cells
+    touched = seen.cells.where(seen.cells.occupied).through(axis, at)
+    rows = {tuple(row) for row in cut_cells.lower.tolist()}
+    assert all(tuple(row) in rows for row in touched.lower.tolist()), "what the cut lays open is left out"
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_the_cell_that_is_picked_is_the_first_on_the_ray(dim: int, flat: Any, solid: Any) -> None:
+    m = flat if dim == 2 else solid
+    seen = Snapshot(m)
+    generator = np.random.default_rng(6)
+    look = Look.of(dim, free=False)
+    picked = 0
+    for _ in range(60):
+        if dim == 2:
+            origin, direction = np.array([*generator.uniform(-2.1, 2.1, 2), 5.0]), np.array([0.0, 0.0, -1.0])
+            point = origin[:2]
+            expected = point if m.state(point[None])[0] == 1 else None
+        else:
+            origin = generator.uniform(-0.5, 0.5, 3)
+            direction = generator.normal(size=3)
+            direction /= np.linalg.norm(direction)
+            (far,) = m.cast_rays(origin[None], direction[None], max_range=10.0)
+            expected = origin + (far + 1e-6) * direction if np.isfinite(far) else None
+        found = seen.picked(origin - seen.origin, direction, look)
+        assert (found is None) == (expected is None)
+        if found is None or expected is None:
+            continue
+        cells, number = found
+        lower, upper = cells.lower[number] * cells.unit, cells.upper[number] * cells.unit
+        assert (lower - 1e-6 <= expected).all() and (expected <= upper + 1e-6).all()
+        text = snapshot.numbers_of(cells, number)
+        assert f"{m.probability(0.5 * (lower + upper)[None])[0]:.3f}" in text
+        assert "occupied" in text
+        picked += 1
+    assert picked > (3 if dim == 2 else 40)
+
+
+def test_more_boxes_than_the_budget_are_never_sent(solid: Any) -> None:
+    layer = Snapshot(solid).layer("occupied", Look())
+    for budget in (30, 300, 3000):
+        chosen = layer.pyramid.chosen(np.array([9.0, 0.0, 2.0]), budget)
+        assert len(chosen) <= budget
+        assert layer.pyramid.weight[chosen].sum() == layer.pyramid.leaves
+
+
+def test_layers_are_kept_but_not_all(solid: Any) -> None:
+    seen = Snapshot(solid)
+    first = seen.layer("occupied", Look())
+    assert seen.layer("occupied", Look(free=True)) is first
+    for i in range(snapshot.MAX_LAYERS):
+        seen.layer("occupied", Look(slice_at=0.1 * i))
+    assert seen.layer("occupied", Look()) is not first
+
+
+def test_a_track_stays_bounded() -> None:
+    track = Track()
+    for i in range(3 * snapshot.MAX_TRACK):
+        track.add(ndtree.Scan(np.zeros((1, 2)), np.array([float(i), 1.0])))
+    points = np.asarray(track)
+    assert snapshot.MAX_TRACK // 2 <= len(points) <= snapshot.MAX_TRACK
+    assert points.shape[1] == 3
+    assert points[0, 0] == 0 and points[-1, 0] > 2.9 * snapshot.MAX_TRACK
+    assert len(np.unique(np.diff(points[:, 0]))) == 1
+
+
+# --- The page ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def page(solid: Any) -> Iterator[Browser]:
+    with view.Viewer(solid, port=0, look=Look(track=False)) as viewer, Browser(viewer.url) as browser:
+        browser.until(lambda b: np.count_nonzero(coloured(b.picture())) > 5000)
+        yield browser
+
+
+def number_after(text: str, name: str) -> str:
+    return re.search(rf"{name}\s+(.+)", text)[1]  # type: ignore[index]
+
+
+def test_the_page_shows_the_map(page: Browser, solid: Any) -> None:
+    picture = page.picture()
+    seen = coloured(picture)
+    rows, columns = np.nonzero(seen)
+    assert 0.02 < seen.mean() < 0.9
+    assert np.ptp(rows) > 150 and np.ptp(columns) > 200, "the map fills no good part of the page"
+    hues = np.unique(picture[200:, :930][seen] // 32, axis=0)
+    assert len(hues) > 10, "heights are not told apart"
+    text = page.text()
+    assert f"{solid.stats().observed_leaves:,} cells" in text
+    assert f"for {np.count_nonzero(solid.leaves().state == 1):,} occupied cells" in text
+    assert page.errors == []
+
+
+def test_a_click_picks_the_cell_there(page: Browser, solid: Any) -> None:
+    seen = np.argwhere(coloured(page.picture()))
+    row, column = seen[len(seen) // 2]
+    page.click(int(column), int(row) + 200)
+    page.until(lambda b: "hits" in b.text())
+    text = page.text()
+    centre = np.array([float(c) for c in re.findall(r"-?\d+\.\d+", number_after(text, "centre"))])
+    assert solid.state(centre[None])[0] == 1
+    leaves = solid.leaves()
+    distance = np.abs(leaves.lower + 0.5 * leaves.size[:, None] - centre).max(axis=1)
+    i = int(distance.argmin())
+    assert distance[i] < 1e-3
+    assert float(number_after(text, "probability")) == pytest.approx(leaves.probability[i], abs=6e-4)
+    assert number_after(text, "hits") == f"{leaves.hits[i]:,}"
+    assert number_after(text, "misses") == f"{leaves.misses[i]:,}"
+    assert number_after(text, "size") == f"{leaves.size[i]:g} m"
+    page.click(30, 780)
+    page.until(lambda b: "no cell there" in b.text())
+
+
+def test_what_is_switched_off_is_not_seen(page: Browser) -> None:
+    before = np.count_nonzero(coloured(page.picture()))
+    page.click_label("Occupied")
+    page.until(lambda b: np.count_nonzero(coloured(b.picture())) < 50)
+    page.click_label("Unknown by free")
+    page.until(lambda b: np.count_nonzero(coloured(b.picture())) > 1000)
+    page.click_label("Unknown by free")
+    page.click_label("Occupied")
+    page.until(lambda b: np.count_nonzero(coloured(b.picture())) > 0.9 * before)
+
+
+def test_a_growing_map_grows_on_the_page(flat: Any) -> None:
+    with view.Viewer(port=0) as viewer, Browser(viewer.url) as browser:
+        browser.until(lambda b: "ndtree" in b.text())
+        m = ndtree.AdaptiveMap(dim=2, max_cell_size=0.8)
+        counts = []
+        for seed in range(2):
+            points, origin = room_scan(2, seed)
+            m.insert(points, origin)
+            viewer.update(m, ndtree.Scan(points, origin))
+            viewer.show(m)
+            cells = f"{m.stats().observed_leaves:,} cells"
+            browser.until(lambda b, cells=cells: cells in b.text())
+            browser.until(lambda b: np.count_nonzero(coloured(b.picture())) > 300)
+            counts.append(cells)
+        assert len(set(counts)) == 2
+        assert browser.errors == []
+
+
+# --- The command line -------------------------------------------------------------------------------
+
+
+def ended(*arguments: object) -> tuple[int, str]:
+    done = RUN.invoke(app, [str(argument) for argument in arguments])
+    return done.exit_code, done.stderr.strip()
+
+
+def test_interrupted_it_ends_well(map_file: Path, tmp_path: Path) -> None:
+    log = tmp_path / "log.txt"
+    log.write_text("".join(f"{i / 10} 0 0 {i / 10} 1 0\n" for i in range(20)))
+    command = [sys.executable, "-m", "ndtree.cli", "view", str(map_file), "--port", "0", "--log", str(log)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None and program.stderr is not None
+        url = re.search(r"http://127\.0\.0\.1:\d+", program.stdout.readline())
+        assert url is not None
+        with urllib.request.urlopen(url[0], timeout=10) as answer:
+            assert b"<html" in answer.read()
+        program.send_signal(signal.SIGINT)
+        assert program.wait(20) == 0
+        assert program.stdout.read() == ""
+        assert program.stderr.read() == ""
+
+
+def test_a_busy_port_is_refused(map_file: Path) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        status, line = ended("view", map_file, "--port", port)
+    assert (status, line.count("\n")) == (1, 0)
+    assert f"127.0.0.1:{port}: port {port} is in use by another program, expected a free one" in line
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (("--slice", "1.2"), "--slice 1.2: expected an axis and a position in metres, as in z=1.2"),
+        (("--slice", "w=1"), "--slice w=1: expected an axis"),
+        (("--slice", "z=nan"), "--slice z=nan: expected an axis"),
+        (("--png", "a.doc"), "--png a.doc: the name must end in"),
+        (("--png", "a.png", "--log", "b"), "--log: is for the page, not for --png"),
+        (("--png", "a.png", "--free"), "--free: is for the page, not for --png"),
+        (("--png", "a.png", "--open"), "--open: is for the page, not for --png"),
+    ],
+)
+def test_wrong_calls_are_refused(
+    map_file: Path, arguments: tuple[str, ...], message: str, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status, line = ended("view", map_file, *arguments)
+    assert (status, line.count("\n")) == (2, 0)
+    assert message in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_shown_is_refused(flat: Any, tmp_path: Path) -> None:
+    flat.save(tmp_path / "flat.ndt")
+    for arguments, message in (
+        (("--slice", "z=1"), "--slice: the map is 2-D, only 3-D maps can be cut"),
+        (("--color", "height"), "--color height: the map is 2-D and has none"),
+    ):
+        for more in ((), ("--png", tmp_path / "a.png")):
+            status, line = ended("view", tmp_path / "flat.ndt", *arguments, *more)
+            assert (status, line.count("\n")) == (2, 0)
+            assert message in line
+    (tmp_path / "no.ndt").write_text("0 0 1 1\n")
+    ndtree.AdaptiveMap(dim=2).save(tmp_path / "empty.ndt")
+    for name, message in (
+        ("no.ndt", "no.ndt"),
+        ("none.ndt", "none.ndt: No such file"),
+        ("empty.ndt", "the map is empty"),
+    ):
+        status, line = ended("view", tmp_path / name, "--port", 0)
+        assert (status, line.count("\n")) == (1, 0)
+        assert message in line
+    with pytest.raises(ValueError, match=r"color = 'height': must be one of size, probability for a 2-D map"):
+        view.Viewer(flat, port=0, look=Look())
+    with pytest.raises(ValueError, match="only 2-D and 3-D maps can be seen"):
+        view.Viewer(inserted(ndtree.AdaptiveMap(dim=4, min_cell_size=0.5), 1), port=0)
+
+
+def test_without_viser_the_extra_is_named(map_file: Path) -> None:
+    code = (
+        "import sys; sys.modules['viser'] = None; from ndtree.cli import main\n"
+        f"sys.argv = ['ndtree', 'view', {str(map_file)!r}]; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "pip install 'ndtree-mapping[view]'" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("more", [("--color", "size", "--slice", "y=0.2"), ("--slice", "z=0.5")])
+def test_a_picture_is_drawn_off_screen(map_file: Path, more: tuple[str, ...], tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    target = tmp_path / "room.png"
+    done = RUN.invoke(app, ["view", str(map_file), "--png", str(target), *more])
+    assert (done.exit_code, done.output.strip()) == (0, f"wrote {target}")
+    picture = imread(target)[:, :, :3]
+    assert np.count_nonzero(np.ptp(picture, axis=2) > 0.15) > 10_000
+    assert [path.name for path in tmp_path.iterdir()] == ["room.png"]
+
+
+def test_watching_ends_with_the_map_written(tmp_path: Path) -> None:
+    log = tmp_path / "log.txt"
+    with open(log, "w") as file:
+        for seed in range(12):
+            points, origin = room_scan(2, seed, beams=60)
+            for x, y in points:
+                file.write(f"{origin[0]} {origin[1]} {x} {y} 1\n")
+    command = [sys.executable, "-m", "ndtree.cli", "map", str(log), "-o", str(tmp_path / "a.ndt")]
+    with subprocess.Popen(
+        [*command, "--watch", "--port", "0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as program:
+        assert program.stdout is not None and program.stderr is not None
+        assert re.match(r"http://127\.0\.0\.1:\d+ shows the map as it grows", program.stderr.readline())
+        for line in program.stdout:
+            if "until Ctrl-C" in line:
+                break
+        program.send_signal(signal.SIGINT)
+        assert program.wait(20) == 0
+        assert program.stderr.read() == ""
+    without = RUN.invoke(app, ["map", str(log), "-o", str(tmp_path / "b.ndt")])
+    assert without.exit_code == 0
+    assert (tmp_path / "a.ndt").read_bytes() == (tmp_path / "b.ndt").read_bytes()
+    status, line = ended("map", log, "-o", tmp_path / "c.ndt", "--port", 0)
+    assert (status, line) == (2, "ndtree: --port: is for the page of --watch")
+
+
+def test_kinds_are_all_drawn() -> None:
+    look = Look(free=True, unknown=True, slice_at=0.0)
+    assert shown_kinds(look) == list(KINDS)
+    assert shown_kinds(Look(occupied=False)) == []
+
+
+def test_a_million_cells_are_ready_in_seconds() -> None:
+    m = ndtree.FixedMap(dim=3, cell_size=0.05)
+    generator = np.random.default_rng(8)
+    points = generator.uniform(-12, 12, (60_000, 3))
+    points[:, 2] = 0.3 * np.sin(points[:, 0]) + generator.normal(0, 0.02, len(points)) - 2
+    m.insert(points, np.zeros(3))
+    assert m.stats().observed_leaves > 1_000_000
+    begin = time.perf_counter()
+    seen = Snapshot(m)
+    layer = seen.layer("occupied", Look())
+    chosen = layer.pyramid.chosen(np.zeros(3), 20_000)
+    assert 5_000 < len(chosen) <= 20_000
+    assert time.perf_counter() - begin < 20
