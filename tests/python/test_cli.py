@@ -158,6 +158,95 @@ def test_info_of_a_log_and_of_a_map(log: Path, log_3d: Path, tmp_path: Path) -> 
     assert f"{m.stats().observed_leaves} observed leaves" in run("info", tmp_path / "a.ndt").output
 
 
+def test_parts_of_a_log_are_those_of_the_library(log: Path, log_3d: Path, tmp_path: Path) -> None:
+    target = tmp_path / "a.ndt"
+    flags = ("--every", 2, "--stride", 3, "--min-range", 1, "--origin=1,-2", "--box=-3,-3,4,5")
+    done = run("map", log, "-o", target, "--json", tmp_path / "a.json", *flags)
+    assert done.exit_code == 0, done.output
+    by_hand = ndtree.AdaptiveMap(dim=2)
+    chosen = ndtree.read(log).select(every=2, stride=3, min_range=1, origin=(1, -2), box=((-3, -3), (4, 5)))
+    for scan in chosen:
+        scan.insert_into(by_hand)
+    assert ndtree.load(target).to_bytes() == by_hand.to_bytes()
+    written = json.loads((tmp_path / "a.json").read_text())
+    assert (written["scans"], written["format"], written["skipped"]) == (10, "text", {})
+    assert written["read_seconds"] > 0 and written["seconds"] > 0
+    assert re.search(r"read in \d+\.\d{3} s, inserted in \d+\.\d{3} s; wrote", done.output)
+    for command in (("info", log), ("calibrate", log), ("demo", log, "--output", tmp_path / "pictures")):
+        done = run(*command, "--every", 4, "--json", tmp_path / "b.json")
+        assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "b.json").read_text())["scans"] == 5
+    done = run("compare", log, "--every", 4, "--held-out", 0, "--maps", "fixed", "--json", "-")
+    assert json.loads(done.stdout)["scans_mapped"] == 5
+    stamped = tmp_path / "stamped.npz"
+    with np.load(log_3d) as arrays:
+        np.savez(stamped, stamps=7.0 + np.arange(6), **arrays)
+    for flags, scans in ((("--from", 2), 4), (("--to", 2), 2), (("--from", 1, "--to", 3, "--every", 5), 1)):
+        done = run("info", stamped, *flags, "--json", "-")
+        assert json.loads(done.stdout)["scans"] == scans
+    refused(run("info", log, "--from", 1), 1, f"{log}: its scans have no times")
+
+
+def test_what_is_damaged_is_passed_over_and_counted(log: Path, tmp_path: Path) -> None:
+    damaged, figures = tmp_path / "log.txt", tmp_path / "a.json"
+    damaged.write_text(log.read_text() + "0 0 1 x\n0 0 1\n0 0 1e13 0\n5 5 6 6\n")
+    refused(run("map", damaged, "-o", tmp_path / "a.ndt"), 1, f"{damaged}: line")
+    done = run("map", damaged, "-o", tmp_path / "a.ndt", "--keep-going", "--json", figures)
+    assert done.exit_code == 0, done.output
+    written = json.loads(figures.read_text())
+    kinds = {kind: one["count"] for kind, one in written["skipped"].items()}
+    assert kinds == {"damaged lines": 2, "scans that cannot be mapped": 1}
+    assert written["scans"] == 21
+    assert ndtree.load(tmp_path / "a.ndt").state([[6.0, 6.0]]) == 1
+    lines = done.stderr.splitlines()
+    assert len(lines) == 2
+    assert lines[0].startswith(f"ndtree: passed over 2 damaged lines, the first: {damaged}: line ")
+    for command in ("info", "compare", "calibrate"):
+        more = ("--held-out", 0) if command == "compare" else ()
+        done = run(command, damaged, "--keep-going", "--box=-99,-99,99,99", *more)
+        assert "passed over 2 damaged lines" in done.stderr, command
+    hopeless = tmp_path / "hopeless.log"
+    hopeless.write_text("FLASER 3 1.0\n")
+    refused(run("map", hopeless, "-o", tmp_path / "b.ndt", "--keep-going"), 1, "no FLASER or ROBOTLASER1")
+
+
+def test_a_bag_is_listed_and_mapped(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from bags import Messages, write_bag
+
+    make = Messages("mcap")
+    content = [("/tf_static", 1.0, make.tf(make.transform(0, "odom", "laser", [1, 2, 0], [0, 0, 0, 1])))]
+    content += [("/scan", 1.0 + i, make.laser(1.0 + i, "laser", [1, 2, np.inf])) for i in range(4)]
+    content += [("/rear", 2.0, make.laser(2.0, "away", [1, 2]))]
+    bag = write_bag(tmp_path / "bag", make, content)
+    listed = [
+        f"{bag}: 3.0 s from 1.000 to 4.000 s",
+        "/rear sensor_msgs/msg/LaserScan 1 away",
+        "/scan sensor_msgs/msg/LaserScan 4 laser",
+        "/tf_static tf2_msgs/msg/TFMessage 1",
+    ]
+    done = run("info", bag)
+    assert done.exit_code == 1
+    assert "2 topics could be read, expected topic as one of /rear (LaserScan), /scan" in done.stderr
+    for line in listed:
+        assert line in plain(done.stdout)
+    done = run("info", bag, "--topic", "/scan", "--json", tmp_path / "a.json")
+    assert done.exit_code == 0, done.output
+    for line in (
+        *listed,
+        "rosbag log, 2-D, 4 scans in 3.0 s",
+        "uses /scan (LaserScan in laser), poses in odom",
+    ):
+        assert line in plain(done.stdout)
+    written = json.loads((tmp_path / "a.json").read_text())
+    assert written["contents"]["topics"][1]["messages"] == 4
+    assert written["beams"] == {"beams": 12, "returned": 8, "not_returned": 4, "invalid": 0}
+    done = run("map", bag, "-o", tmp_path / "a.ndt", "--topic", "scan", "--fixed-frame", "odom")
+    assert done.exit_code == 0, done.output
+    assert ndtree.load(tmp_path / "a.ndt").state([[1.0 + 0.0707 / 2, 1.0025]]) == -1
+    assert ndtree.load(tmp_path / "a.ndt").state([[1 + np.cos(1.5), 2 - np.sin(1.5)]]) == 1
+
+
 def test_help_has_examples_and_no_default_of_the_maps_twice() -> None:
     for command in ("demo", "map", "compare", "info"):
         done = run(command, "--help")
@@ -201,7 +290,6 @@ def test_bad_logs_end_with_one_line_and_status_1(command: str, case: str, tmp_pa
     bad.parent.mkdir()
     if content == "directory":
         bad.mkdir()
-        expected = expected if command != "info" else ["Is a directory"]
     elif content is not None:
         bad.write_bytes(content)
     out = tmp_path / "out"
@@ -273,6 +361,14 @@ def test_unwritable_output_is_refused_before_the_work(
         (("map", "LOG", "-o", "OUT/a.ndt", "--min-cell-size", 0), "min_cell_size = 0.0: must be > 0 m"),
         (("map", "LOG", "-o", "OUT/a.ndt", "--fixed", "--significance", 0.9), "'significance'"),
         (("map", "LOG", "-o", "OUT/a.ndt", "--picture", "OUT/a.txt"), "the name must end in"),
+        (("info", "LOG", "--format", "pcx"), "--format pcx: must be one of bal, bundler, carmen"),
+        (("info", "LOG", "--topic", "/scan"), "topic: text with one beam a line takes no such option"),
+        (("info", "LOG", "--every", 0), "every = 0: must be a whole number >= 1"),
+        (("info", "LOG", "--box", "1,2,3"), "--box 1,2,3: expected 4 numbers with commas"),
+        (("info", "LOG", "--origin", "1,a"), "--origin 1,a: expected 2 numbers with commas"),
+        (("info", "LOG", "--from", 3, "--to", 2), "start = 3 s, stop = 2 s: must be 0 <= start < stop"),
+        (("demo", "--to", 2), "--to: is for a LOG, not for the simulated office"),
+        (("compare", "--world", "office", "--min-range", 1), "--min-range: is for a LOG"),
     ],
 )
 def test_wrong_calls_end_with_one_line_and_status_2(
@@ -329,6 +425,29 @@ def test_without_matplotlib_maps_are_made_and_pictures_refused(log: Path, tmp_pa
     assert done.returncode == 2
     assert "pip install 'ndtree-mapping[plot]'" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["a.ndt"]
+
+
+def test_a_terminal_sees_how_far_the_map_is(log: Path, tmp_path: Path) -> None:
+    pty = pytest.importorskip("pty")
+    code = "import ndtree._progress; ndtree._progress.REFRESH = 0\n"
+    program = f"{code}from ndtree.cli import main; main()"
+    near, far = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
+    call = [sys.executable, "-c", program, "map", str(log), "-o", str(tmp_path / "a.ndt")]
+    process = subprocess.Popen(call, stdout=subprocess.DEVNULL, stderr=far, env=environment)
+    os.close(far)
+    seen = b""
+    while True:
+        try:
+            part = os.read(near, 4096)
+        except OSError:  # The other end is closed.
+            break
+        if not part:
+            break
+        seen += part
+    os.close(near)
+    assert process.wait() == 0
+    assert re.search(r"20 scans, [\d,]+ beams/s, [\d,]+ leaves, [\d.]+ MiB", plain(seen.decode()))
 
 
 def test_a_reader_that_leaves_early_is_no_error(log: Path) -> None:

@@ -160,7 +160,7 @@ def test_far_away_coordinates_are_shifted_exactly() -> None:
     origin = np.array([691_234.567, 5_334_891.123, 512.25])
     generator = np.random.default_rng(9)
     ends = origin + generator.normal(0, 30, (200, 3))
-    log = ListLog([ndtree.Scan(ends, origin + [1.0, 2.0, 3.0])])
+    log = ListLog([ndtree.Scan(ends, origin + np.array([1.0, 2.0, 3.0]))])
     (scan,) = log.select(origin=origin)
     for shifted, end in zip(scan.endpoints, ends):
         for value, whole, less in zip(shifted, end, origin):

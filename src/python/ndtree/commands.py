@@ -3,12 +3,12 @@
 
 import errno
 import functools
-import inspect
 import json
 import math
 import os
 import sys
 import tempfile
+import time
 import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,15 +18,16 @@ from typing import Annotated, Any, Callable, Optional
 
 import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import ndtree
 from ndtree._core import OccupancyMap
-from ndtree._options import KINDS, MAP_OPTIONS, make_map
+from ndtree._flags import Reading, map_options, reading_options
+from ndtree._options import KINDS, make_map
+from ndtree._progress import mapping_progress, progress
 from ndtree.comparison import DEFAULT_MAPS, Comparison, compare
-from ndtree.exit_status import BAD_INPUT, WRONG_CALL
-from ndtree.readers import MAP_MAGIC, Log, read, simulate
+from ndtree.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
+from ndtree.readers import FORMATS, MAP_MAGIC, Log, simulate
+from ndtree.scan import Scan
 
 
 def _examples(*lines: str) -> str:
@@ -68,18 +69,13 @@ class CellColor(str, Enum):
     probability = "probability"
 
 
-class WrongCall(Exception):
-    """What the user asked for cannot be done, whatever the input."""
-
-
 # --- Options that commands share --------------------------------------------------------------------
 
 LogArgument = Annotated[
     Optional[Path],
-    typer.Argument(
-        metavar="LOG", help="CARMEN log, .npz recording or text; gzip is unpacked.", show_default=False
-    ),
+    typer.Argument(metavar="LOG", help=f"File or folder: {', '.join(FORMATS)}.", show_default=False),
 ]
+GivenLog = Annotated[Path, typer.Argument(metavar="LOG", help=f"File or folder: {', '.join(FORMATS)}.")]
 Dim = Annotated[
     Optional[int], typer.Option(min=2, max=3, help="2 or 3; else what the log says.", show_default=False)
 ]
@@ -101,39 +97,6 @@ Scans = Annotated[Optional[int], typer.Option(min=1, help="Simulate this many sc
 Seed = Annotated[int, typer.Option(min=0, help="Of the simulated log.")]
 HeldOut = Annotated[int, typer.Option(min=0, help="Keep each N-th scan for the truth; 0: none.")]
 Repeat = Annotated[int, typer.Option(min=1, help="Runs in turns, for the times.")]
-
-
-def map_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Gives a command a flag for each option of the maps; those given arrive in `options`."""
-    signature = inspect.signature(command)
-    given = [p for p in signature.parameters.values() if p.name != "options"]
-    flags = [
-        inspect.Parameter(
-            option.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=None,
-            annotation=Annotated[
-                Optional[option.type],
-                typer.Option(
-                    help=option.help.replace("[", r"\["),
-                    show_default=False,
-                    rich_help_panel="Options of the maps (default: their own)",
-                ),
-            ],
-        )
-        for option in MAP_OPTIONS
-    ]
-    names = [option.name for option in MAP_OPTIONS]
-
-    @functools.wraps(command)
-    def with_options(**arguments: Any) -> None:
-        options = {name: arguments.pop(name) for name in names}
-        command(options={name: value for name, value in options.items() if value is not None}, **arguments)
-
-    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in given] + flags
-    with_options.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    with_options.__annotations__ = {p.name: p.annotation for p in parameters}
-    return with_options
 
 
 def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
@@ -183,6 +146,7 @@ def _root(
 
 @app.command(epilog=_examples("ndtree demo", "ndtree demo intel.log.gz --output pictures"))
 @reports_errors
+@reading_options
 @map_options
 def demo(
     log: LogArgument = None,
@@ -196,12 +160,13 @@ def demo(
     seed: Seed = 1,
     json_file: Json = None,
     options: Any = None,
+    reading: Any = None,
 ) -> None:
     """Map a log in several ways, print what each map costs and how true it is, and draw them.
 
     Without LOG it simulates an office.
     """
-    opened = _open(log, World.office if log is None else None, dim, scans, seed)
+    opened = _open(log, World.office if log is None else None, dim, reading, scans, seed)
     size = options.get("min_cell_size", ndtree.default_options()["min_cell_size"])
     maps = ["adaptive", "fixed", f"fixed@{2 * size:g}"]
     if ndtree.has_octomap:
@@ -209,6 +174,7 @@ def demo(
     plot = _plot()
     _check_target(json_file)
     comparison = _compare(opened, maps, options, max_range=max_range, no_return=no_return.value)
+    _warn_of_skipped(opened)
     if not _is_stdout(json_file):
         print(comparison)
     _write_json(comparison, json_file)
@@ -231,9 +197,10 @@ def demo(
     ),
 )
 @reports_errors
+@reading_options
 @map_options
 def map_(
-    log: Annotated[Path, typer.Argument(help="CARMEN log, .npz recording or text; gzip is unpacked.")],
+    log: GivenLog,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="MAP", help="Where the map is written.")],
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
     picture: Annotated[Optional[Path], typer.Option(metavar="PNG", help="Draw the map, too.")] = None,
@@ -251,9 +218,10 @@ def map_(
     no_return: NoReturnOption = NoReturnKind.free,
     json_file: Json = None,
     options: Any = None,
+    reading: Any = None,
 ) -> None:
     """Build a map from a log, and write it to a file."""
-    opened = _open(log, None, dim)
+    opened = reading.open(log, dim)
     plot = _plot() if picture else None
     for path in (output, json_file, record):
         _check_target(path)
@@ -261,21 +229,24 @@ def map_(
     limit = _limit(max_range)
     target = _made(lambda: _new_map(opened.dim, fixed, options))
     report = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
-    seconds, scans = 0.0, 0
-    with _observers(watch, port, record, record_every) as observers, _progress() as advance:
-        for scan in opened:
+    seconds, read_seconds, scans = 0.0, 0.0, 0
+    looking_on = _observers(watch, port, record, record_every)
+    with looking_on as observers, mapping_progress(opened, target) as advance:
+        for number, (scan, took) in enumerate(_timed(opened)):
+            read_seconds += took
             if no_return is NoReturnKind.ignore:
                 scan = scan.returned_only()
             try:
                 one = scan.insert_into(target, max_range=limit)
             except ValueError as error:
-                raise ValueError(f"{log}: scan {scans}: {error}") from None
+                opened._skip("scans that cannot be mapped", ValueError(f"{log}: scan {number}: {error}"))
+                continue
             report = {key: count + getattr(one, key) for key, count in report.items()}
             seconds += one.seconds
             scans += 1
             for observer in observers:
                 observer.update(target, scan)
-            advance("mapping", scans, _length(opened))
+            advance(scans, report["beams"])
         if not scans:
             raise ValueError(f"{log}: no scans, expected at least one")
     if plot and picture:
@@ -283,13 +254,24 @@ def map_(
             _draw(plot, target, path)
     with _replaced(output) as path:
         target.save(path)
-    figures = {"log": str(log), "scans": scans, "beams": report, "seconds": seconds, **_map_figures(target)}
+    figures = {
+        "log": str(log),
+        "format": opened.format,
+        "uses": opened.uses,
+        "scans": scans,
+        "beams": report,
+        "seconds": seconds,
+        "read_seconds": read_seconds,
+        "skipped": _skipped(opened),
+        **_map_figures(target),
+    }
     if not _is_stdout(json_file):
         print(f"{log}: {scans} scans, {_beams(report)}")
         _print_map(target)
         written = " and ".join(str(path) for path in (output, picture, record) if path)
-        print(f"inserted in {seconds:.3f} s; wrote {written}")
+        print(f"read in {read_seconds:.3f} s, inserted in {seconds:.3f} s; wrote {written}")
     _write_json(figures, json_file)
+    _warn_of_skipped(opened)
     if watch:
         _stay(observers[0], json_file)
 
@@ -302,6 +284,7 @@ def map_(
     ),
 )
 @reports_errors
+@reading_options
 @map_options
 def compare_(
     log: LogArgument = None,
@@ -329,11 +312,12 @@ def compare_(
         Optional[Path], typer.Option(metavar="PNG", help="Draw the first two maps side by side.")
     ] = None,
     options: Any = None,
+    reading: Any = None,
 ) -> None:
     """Compare maps of the same log: cells, updates, time, memory, and truth on scans held out."""
     if (log is None) == (world is None):
         raise WrongCall("compare: expected either LOG or --world")
-    opened = _open(log, world, dim, scans, seed)
+    opened = _open(log, world, dim, reading, scans, seed)
     names = [name.strip() for name in maps.split(",")] if maps is not None else None
     plot = _plot() if picture else None
     for path in (json_file, csv_file):
@@ -350,6 +334,7 @@ def compare_(
         held_out=held_out,
         repeat=repeat,
     )
+    _warn_of_skipped(opened)
     if plot and picture:
         _draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], picture)
     if not (_is_stdout(json_file) or _is_stdout(csv_file)):
@@ -365,8 +350,9 @@ def compare_(
     )
 )
 @reports_errors
+@reading_options
 def calibrate(
-    log: Annotated[Path, typer.Argument(help="CARMEN log, .npz recording or text; gzip is unpacked.")],
+    log: GivenLog,
     dim: Dim = None,
     max_range: MaxRange = None,
     no_return: NoReturnOption = NoReturnKind.free,
@@ -374,15 +360,17 @@ def calibrate(
         Optional[int], typer.Option(min=1, help="Only so many scans from the beginning.", show_default=False)
     ] = None,
     json_file: Json = None,
+    reading: Any = None,
 ) -> None:
     """Estimate the options of the sensor from a log: the noise of its ranges, and its error rates."""
-    opened = _open(log, None, dim)
+    opened = reading.open(log, dim)
     _check_target(json_file)
     far = _limit(max_range)
-    with _progress() as advance:
+    with progress() as advance:
         figures = ndtree.calibrate(
             opened, max_range=far, no_return=no_return.value, limit=limit, progress=advance
         )
+    _warn_of_skipped(opened)
     if not _is_stdout(json_file):
         print(figures)
         flags = [f"--{name.replace('_', '-')} {value:.3g}" for name, value in figures.options().items()]
@@ -399,6 +387,7 @@ def calibrate(
     )
 )
 @reports_errors
+@reading_options
 def view(
     map_file: Annotated[Path, typer.Argument(metavar="MAP", help="A map.")],
     color: Annotated[
@@ -422,9 +411,12 @@ def view(
     ] = None,
     port: Port = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    reading: Any = None,
 ) -> None:
     """Show a map on an interactive page of this computer until Ctrl-C, or draw it into a file."""
     axis, at = _parsed_slice(slice_)
+    if log is None:
+        reading.require_none("a map alone")
     if png is not None:
         for flag, value in (("--free", free), ("--unknown", unknown), ("--log", log), ("--port", port)):
             if value is not None:
@@ -442,10 +434,10 @@ def view(
 
     m = _suited(ndtree.load(map_file), color, axis)
     look = Look.of(m.dim, color=color and color.value, free=free, unknown=unknown, axis=axis, slice_at=at)
-    opened = read(log) if log is not None else None
+    opened = reading.open(log, None) if log is not None else None
     with Viewer(m, port=PORT if port is None else port, look=look) as page:
         if opened is not None:
-            with _progress() as advance:
+            with progress() as advance:
                 for done, scan in enumerate(opened, start=1):
                     page.add_track(scan)
                     advance("reading", done, _length(opened))
@@ -458,26 +450,35 @@ def view(
 
 @app.command(epilog=_examples("ndtree info intel.log.gz", "ndtree info intel.ndt --json -"))
 @reports_errors
+@reading_options
 def info(
     path: Annotated[Path, typer.Argument(help="A map, or a log.")],
     dim: Dim = None,
     json_file: Json = None,
+    reading: Any = None,
 ) -> None:
     """Say what is in a map or a log."""
     _check_target(json_file)
-    with open(path, "rb") as file:
-        is_map = file.read(len(MAP_MAGIC)) == MAP_MAGIC
+    is_map = False
+    if not path.is_dir():
+        with open(path, "rb") as file:
+            is_map = file.read(len(MAP_MAGIC)) == MAP_MAGIC
     if is_map:
+        reading.require_none("a map")
         loaded = ndtree.load(path)
         figures = {"map": str(path), **_map_figures(loaded)}
         if not _is_stdout(json_file):
             print(f"{path}: {loaded!r}")
             _print_map(loaded)
     else:
-        opened = read(path, dim=dim)
-        figures = _log_figures(opened)
+        held = reading.contents(path)
+        if held and not _is_stdout(json_file):
+            _print_contents(path, held)
+        opened = reading.open(path, dim)
+        figures = {**_log_figures(opened), "contents": held, "skipped": _skipped(opened)}
         if not _is_stdout(json_file):
             _print_log(figures)
+        _warn_of_skipped(opened)
     _write_json(figures, json_file)
 
 
@@ -488,19 +489,43 @@ def _open(
     path: Optional[Path],
     world: Optional[World],
     dim: Optional[int],
+    reading: Reading,
     scans: Optional[int] = None,
     seed: int = 1,
 ) -> Log:
     if path is not None:
         if scans is not None:
             raise WrongCall("--scans: is for simulated logs only")
-        return read(path, dim=dim)
+        return reading.open(path, dim)
     if world is None:
         raise WrongCall("expected a LOG")
+    reading.require_none(f"the simulated {world.value}")
     simulated = simulate(world.value, seed=seed, scans=scans)
     if dim not in (None, simulated.dim):
         raise WrongCall(f"--dim {dim}: the {world.value} is {simulated.dim}-D")
     return simulated
+
+
+def _timed(log: Log) -> Iterator[tuple[Scan, float]]:
+    """Scans, and how long it took to read each [s]."""
+    scans = iter(log)
+    while True:
+        begin = time.perf_counter()
+        scan = next(scans, None)
+        if scan is None:
+            return
+        yield scan, time.perf_counter() - begin
+
+
+def _skipped(log: Log) -> dict[str, Any]:
+    return {kind: {"count": one.count, "first": one.first} for kind, one in log.skipped.items()}
+
+
+def _warn_of_skipped(log: Log) -> None:
+    """One line for each kind of what was passed over."""
+    for kind, one in log.skipped.items():
+        first = " ".join(one.first.split())
+        print(f"ndtree: passed over {one.count} {kind}, the first: {first}", file=sys.stderr)
 
 
 def _length(log: Log) -> int:
@@ -550,35 +575,13 @@ def _compare(
     size = settings.pop("min_cell_size", None)
     for name in maps:
         _made(functools.partial(make_map, name, dim=log.dim, cell_size=size, **settings))
-    with _progress() as advance:
+    with progress() as advance:
         try:
             return compare(log, maps, max_range=limit, progress=advance, **more, **options)
         except ValueError as error:
             if str(error).startswith(log.name):
                 raise
             raise ValueError(f"{log.name}: {error}") from None
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, int, int], None]]:
-    """A function that shows what is going on, on a terminal only."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda what, done, total: None
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("")
-        current = ""
-
-        def advance(what: str, done: int, total: int) -> None:
-            nonlocal current
-            if what != current:
-                current = what
-                bar.reset(task)
-            bar.update(task, description=what, completed=done, total=total or None)
-
-        yield advance
 
 
 # --- Figures ----------------------------------------------------------------------------------------
@@ -631,7 +634,7 @@ def _log_figures(log: Log) -> dict[str, Any]:
     ranges: list[Any] = []
     low, high = np.full(log.dim, np.inf), np.full(log.dim, -np.inf)
     scans, stamps = 0, []
-    with _progress() as advance:
+    with progress() as advance:
         for scan in log:
             scans += 1
             stamps.append(scan.stamp)
@@ -654,6 +657,7 @@ def _log_figures(log: Log) -> dict[str, Any]:
     return {
         "log": str(log.path),
         "format": log.format,
+        "uses": log.uses,
         "dim": log.dim,
         "scans": scans,
         "beams": beams,
@@ -663,11 +667,27 @@ def _log_figures(log: Log) -> dict[str, Any]:
     }
 
 
+def _print_contents(path: Path, held: dict[str, Any]) -> None:
+    """The topics of a bag."""
+    start, end = held["start"], held["end"]
+    print(f"{path}: {end - start:.1f} s from {start:.3f} to {end:.3f} s")
+    rows = [
+        (topic["topic"], topic["type"], str(topic["messages"]), topic["frame"] or "")
+        for topic in held["topics"]
+    ]
+    widths = [max((len(row[i]) for row in rows), default=0) for i in range(3)]
+    for name, type_, messages, frame in rows:
+        line = f"  {name:<{widths[0]}}  {type_:<{widths[1]}}  {messages:>{widths[2]}}  {frame}"
+        print(line.rstrip())
+
+
 def _print_log(figures: dict[str, Any]) -> None:
     print(
         f"{figures['log']}: {figures['format']} log, {figures['dim']}-D, {figures['scans']} scans"
         + (f" in {figures['seconds']:.1f} s" if figures["seconds"] > 0 else "")
     )
+    if figures["uses"]:
+        print(f"  uses {figures['uses']}")
     print(f"  {_beams(figures['beams'])}")
     if figures["range"]:
         print(f"  ranges: median {figures['range']['median']:.2f} m, longest {figures['range']['max']:.2f} m")

@@ -19,11 +19,22 @@ from ndtree.readers.point_clouds import POINT_CLOUDS
 from ndtree.readers.rosbag import ROSBAG
 from ndtree.readers.seven_scenes import SEVEN_SCENES
 from ndtree.readers.simulated import SimulatedLog, simulate
-from ndtree.readers.source import Format, ReaderOption, Source, source_of
+from ndtree.readers.source import Format, ReaderOption, Source, WrongOption, source_of
 from ndtree.readers.text import EXPECTED, TEXT, first_line
 from ndtree.readers.tum_rgbd import TUM_RGBD
 
-__all__ = ["FORMATS", "MAP_MAGIC", "READER_OPTIONS", "Log", "SimulatedLog", "SizedLog", "read", "simulate"]
+__all__ = [
+    "FORMATS",
+    "MAP_MAGIC",
+    "READER_OPTIONS",
+    "Log",
+    "SimulatedLog",
+    "SizedLog",
+    "WrongOption",
+    "contents",
+    "read",
+    "simulate",
+]
 
 #: The table of formats, tried in this order: a format that others could be taken for comes late.
 _TABLE: tuple[Format, ...] = (
@@ -92,26 +103,50 @@ def read(
         If there is no such file.
     ValueError
         If the file is not what it should be: which file, where, and what was expected.
-    TypeError
-        If the format does not take one of the options.
+    WrongOption
+        A TypeError, if the format does not take one of the options.
     """
+    if dim not in (None, 2, 3):
+        raise ValueError(f"dim = {dim!r}: must be 2 or 3")
+    source, chosen = _looked_up(path, format)
+    given = {key: value for key, value in options.items() if value is not None}
+    _require_taken(source, chosen, given)
+    log = chosen.open(source, dim=dim, **given)
+    log.keep_going = keep_going
+    return log
+
+
+def contents(path: str | os.PathLike[str], *, format: str | None = None) -> dict[str, Any]:
+    """Say what a file or folder holds, also where it takes options to read it as a log.
+
+    Parameters
+    ----------
+    path, format
+        As for `read`.
+
+    Returns
+    -------
+    dict
+        Of a ROS bag: "start" and "end" [s], and "topics", each with "topic", "type", "messages" and "frame".
+        Of formats that hold nothing but one log: nothing.
+    """
+    source, chosen = _looked_up(path, format)
+    return chosen.contents(source) if chosen.contents else {}
+
+
+def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source, Format]:
+    """A file or folder, and its format."""
     name = os.fspath(path)
     by_name = {row.name: row for row in _TABLE}
     if format is not None and format not in by_name:
         raise ValueError(f"format = {format!r}: must be one of {', '.join(FORMATS)}")
-    if dim not in (None, 2, 3):
-        raise ValueError(f"dim = {dim!r}: must be 2 or 3")
     source = source_of(name, _KNOWN)
     chosen = by_name[format] if format is not None else _recognised(source)
     if not chosen.may_be(source):
         if source.is_folder:
             raise IsADirectoryError(errno.EISDIR, f"is a directory, expected {chosen.description}", name)
         raise NotADirectoryError(errno.ENOTDIR, f"is a file, expected {chosen.description}", name)
-    given = {key: value for key, value in options.items() if value is not None}
-    _require_taken(source, chosen, given)
-    log = chosen.open(source, dim=dim, **given)
-    log.keep_going = keep_going
-    return log
+    return source, chosen
 
 
 def _recognised(source: Source) -> Format:
@@ -138,7 +173,7 @@ def _require_taken(source: Source, format: Format, options: dict[str, Any]) -> N
     taken = [option.name for option in format.options]
     for name in options:
         if name not in taken:
-            raise TypeError(
+            raise WrongOption(
                 f"{source.path}: {name}: {format.description} takes no such option, "
                 f"it takes {', '.join(taken) or 'none'}"
             )

@@ -69,9 +69,14 @@ class Log(ABC):
     def __iter__(self) -> Iterator[Scan]:
         self.skipped.clear()
         self._done = 0
-        for scan in self._scans():
-            self._done += 1
-            yield scan
+        try:
+            for scan in self._scans():
+                self._done += 1
+                yield scan
+        except (ValueError, OSError) as error:
+            if not self._done:  # There is nothing to keep.
+                raise
+            self._skip("ends that cannot be read", error)
 
     @property
     def share_read(self) -> float | None:

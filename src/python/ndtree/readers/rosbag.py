@@ -16,7 +16,7 @@ import numpy as np
 from ndtree.readers import ros_messages as ros
 from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE, Camera, camera_of, check_stride
 from ndtree.readers.log import SizedLog
-from ndtree.readers.source import Format, ReaderOption, Source
+from ndtree.readers.source import Format, ReaderOption, Source, WrongOption
 from ndtree.readers.trajectory import TRAJECTORY, Pose, read_trajectory
 from ndtree.readers.transforms import TransformTree, is_transform, plain
 from ndtree.scan import Scan
@@ -223,7 +223,7 @@ class RosbagLog(SizedLog):
         ways = {"fixed_frame": fixed_frame, "odometry": odometry, "trajectory": trajectory}
         given = [name for name, value in ways.items() if value is not None]
         if len(given) > 1:
-            raise TypeError(f"{path}: {' and '.join(given)}: expected one of them")
+            raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
         check_stride(pixel_stride)
         self._pixel_stride = pixel_stride
         with open_bag(path) as bag:
@@ -241,7 +241,7 @@ class RosbagLog(SizedLog):
                 else:
                     camera_topic, self._cameras = _cameras(bag, self.topic.name, first, scale)
             elif camera is not None:
-                raise TypeError(f"{path}: camera: {self.topic.name} has no depth images")
+                raise WrongOption(f"{path}: camera: {self.topic.name} has no depth images")
             self._tree, odometry_frame = _transforms(
                 bag, odometry_topic, is_moving=not (odometry or trajectory)
             )

@@ -53,6 +53,10 @@ class ReaderOption:
     help: str
 
 
+class WrongOption(TypeError):
+    """An option that a format does not take, or not together with another."""
+
+
 @dataclass(frozen=True)
 class Format:
     """One row of the table of formats: how to recognise it, and how to open it.

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Flags that several commands share, made from tables: options of the maps, and what of a log is read."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from ndtree._options import MAP_OPTIONS
+from ndtree.exit_status import WrongCall
+from ndtree.readers import FORMATS, READER_OPTIONS, Log, WrongOption, contents, read
+
+Command = Callable[..., None]
+
+_OF_MAPS = "Options of the maps (default: their own)"
+_OF_LOGS = "What is read of the log"
+_OF_FORMATS = "Options of single formats"
+
+
+def _flag(name: str, type: Any, help: str, panel: str, flag: str | None = None) -> inspect.Parameter:
+    """A flag that is None where it was not given."""
+    option = typer.Option(
+        *([flag] if flag else []),
+        help=help.replace("[", r"\["),
+        show_default=False,
+        rich_help_panel=panel,
+    )
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[Optional[type], option]
+    )
+
+
+def _adds_flags(
+    argument: str, flags: Sequence[inspect.Parameter], gather: Callable[[dict[str, Any]], Any]
+) -> Callable[[Command], Command]:
+    """Gives a command flags; what `gather` makes of those that were given arrives in one argument."""
+
+    def decorate(command: Command) -> Command:
+        signature = inspect.signature(command)
+        own = [p for p in signature.parameters.values() if p.name != argument]
+
+        @functools.wraps(command)
+        def with_flags(**arguments: Any) -> None:
+            values = {flag.name: arguments.pop(flag.name) for flag in flags}
+            gathered = gather({name: value for name, value in values.items() if value is not None})
+            command(**arguments, **{argument: gathered})
+
+        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own] + list(flags)
+        with_flags.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        with_flags.__annotations__ = {p.name: p.annotation for p in parameters}
+        return with_flags
+
+    return decorate
+
+
+#: Gives a command a flag for each option of the maps; those given arrive in `options`.
+map_options = _adds_flags(
+    "options",
+    [_flag(option.name, option.type, option.help, _OF_MAPS) for option in MAP_OPTIONS],
+    lambda given: given,
+)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What of a log is read, and how."""
+
+    format: str | None = None
+    keep_going: bool = False
+    selection: dict[str, Any] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def contents(self, path: Path) -> dict[str, Any]:
+        """What a file holds beside its scans."""
+        self._check_format()
+        return contents(path, format=self.format)
+
+    def open(self, path: Path, dim: int | None) -> Log:
+        """The log, or the part of it that was asked for."""
+        self._check_format()
+        try:
+            log = read(path, format=self.format, dim=dim, keep_going=self.keep_going, **self.options)
+        except WrongOption as error:
+            raise WrongCall(str(error)) from None
+        if not self.selection:
+            return log
+        selection = dict(self.selection)
+        for name, count in (("box", 2 * log.dim), ("origin", log.dim)):
+            if name in selection:
+                selection[name] = _numbers(name, selection[name], count)
+        if "box" in selection:
+            selection["box"] = (selection["box"][: log.dim], selection["box"][log.dim :])
+        try:
+            return log.select(**selection)
+        except ValueError as error:
+            raise WrongCall(str(error)) from None
+
+    def require_none(self, instead_of: str) -> None:
+        """Refuses flags that nothing would read."""
+        given = [*self.selection, *self.options, *(["format"] if self.format else [])]
+        given += ["keep_going"] if self.keep_going else []
+        if given:
+            name = {"start": "from", "stop": "to"}.get(given[0], given[0])
+            raise WrongCall(f"--{name.replace('_', '-')}: is for a LOG, not for {instead_of}")
+
+    def _check_format(self) -> None:
+        if self.format is not None and self.format not in FORMATS:
+            raise WrongCall(f"--format {self.format}: must be one of {', '.join(FORMATS)}")
+
+
+def _numbers(name: str, text: str, count: int) -> list[float]:
+    try:
+        numbers = [float(field) for field in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count:
+        raise WrongCall(f"--{name} {text}: expected {count} numbers with commas between them")
+    return numbers
+
+
+_SELECTION = (
+    _flag("every", int, "Use each n-th scan.", _OF_LOGS),
+    _flag("start", float, "From this time since the first scan on [s].", _OF_LOGS, "--from"),
+    _flag("stop", float, "Up to this time since the first scan [s].", _OF_LOGS, "--to"),
+    _flag("min_range", float, "Leave out shorter beams [m].", _OF_LOGS),
+    _flag("stride", int, "Use each n-th beam of a scan.", _OF_LOGS),
+    _flag("box", str, "Cut beams to X,Y[,Z],X,Y[,Z], two corners in the map [m].", _OF_LOGS),
+    _flag("origin", str, "Point X,Y[,Z] of the log that becomes the map's origin [m].", _OF_LOGS),
+)
+_SELECTION_NAMES = tuple(flag.name for flag in _SELECTION)
+
+
+def _reading(given: dict[str, Any]) -> Reading:
+    return Reading(
+        given.pop("format", None),
+        given.pop("keep_going", False),
+        {name: given.pop(name) for name in _SELECTION_NAMES if name in given},
+        given,
+    )
+
+
+#: Gives a command flags for the formats and parts of logs; what was given arrives in `reading`.
+reading_options = _adds_flags(
+    "reading",
+    [
+        _flag("format", str, f"Of {', '.join(FORMATS)}; else recognised from the content.", _OF_LOGS),
+        _flag("keep_going", bool, "Pass over what is damaged, and say how often.", _OF_LOGS, "--keep-going"),
+        *_SELECTION,
+        *(_flag(option.name, option.type, option.help, _OF_FORMATS) for option in READER_OPTIONS),
+    ],
+    _reading,
+)
