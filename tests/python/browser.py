@@ -83,7 +83,7 @@ class Browser:
 
     def text(self) -> str:
         """What is written on the page."""
-        return self._call("Runtime.evaluate", expression="document.body.innerText")["result"]["value"]
+        return self._call("Runtime.evaluate", expression="document.body?.innerText ?? ''")["result"]["value"]
 
     def click(self, x: float, y: float) -> None:
         """Press and release the left button."""
