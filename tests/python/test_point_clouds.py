@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,7 +29,7 @@ def cloud(seed: int, n: int = 30) -> np.ndarray:
 def pose_matrix(seed: int) -> np.ndarray:
     random = np.random.default_rng(100 + seed)
     matrix = np.eye(4)
-    matrix[:3, :3] = rotations.random(rng=random).as_matrix()
+    matrix[:3, :3] = rotations.random(None, random).as_matrix()
     matrix[:3, 3] = random.normal(size=3)
     return matrix
 
@@ -276,6 +277,25 @@ def test_clouds_of_one_point_or_none(tmp_path: Path, encoding: str) -> None:
         path = pcd(encoding)(tmp_path / f"cloud{n}", cloud(0, n))
         (scan,) = read(path)
         np.testing.assert_allclose(scan.endpoints, cloud(0, n), rtol=1e-6)
+
+
+def test_memory_does_not_grow_with_the_number_of_scans(tmp_path: Path) -> None:
+    """One cloud of 120 kB under many names; the trajectory grows by 100 bytes for each."""
+    cloud_file = BINARY(tmp_path / "cloud", cloud(0, 10_000))
+    peaks = []
+    for count in (4, 40):
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        for i in range(count):
+            (folder / f"{i:06d}.pcd").symlink_to(cloud_file)
+        (folder / "poses.txt").write_text(kitti_lines(count))
+        for _ in read(folder):  # What is loaded once and kept is not counted.
+            break
+        tracemalloc.start()
+        assert sum(len(scan) for scan in read(folder)) == count * 10_000
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 200_000, "36 more scans are 4 MB and more"
 
 
 def test_names_say_numbers_and_times() -> None:
