@@ -271,6 +271,21 @@ def test_nan_points_of_an_ordered_cloud_are_invalid_beams(tmp_path: Path) -> Non
     assert (report.beams, report.invalid, report.returned) == (30, 4, 26)
 
 
+def test_far_away_pcd_points_keep_their_digits(tmp_path: Path) -> None:
+    points = cloud(0).astype(np.float64) + np.array([500000, 5400000, 100])
+    made = pypcd4.PointCloud.from_points(points, ("x", "y", "z"), (np.float64,) * 3)
+    made.save(tmp_path / "utm.pcd")
+    (scan,) = read(tmp_path / "utm.pcd")
+    np.testing.assert_array_equal(scan.endpoints, points)
+
+
+def test_a_pcd_cut_off_behind_a_point_is_noticed(tmp_path: Path) -> None:
+    path = BINARY(tmp_path / "table", cloud(0))
+    path.write_bytes(path.read_bytes()[:-160])
+    with pytest.raises(ValueError, match=r"table\.pcd: found 20 points, expected 30 as its header says"):
+        list(read(path))
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
 def test_clouds_of_one_point_or_none(tmp_path: Path, encoding: str) -> None:
     for n in (1, 0):
