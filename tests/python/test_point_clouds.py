@@ -34,6 +34,8 @@ def pose_matrix(seed: int) -> np.ndarray:
     return matrix
 
 
+Make = Callable[[Path], Path]
+
 # --- Writers ----------------------------------------------------------------------------------------
 
 
@@ -411,7 +413,19 @@ def wrong_viewpoint(folder: Path) -> Path:
     return folder
 
 
-BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
+def las_header(at: int, values: bytes) -> Make:
+    def write(folder: Path) -> Path:
+        path = las(".las")(folder / "000000", cloud(0))
+        content = bytearray(path.read_bytes())
+        content[at : at + len(values)] = values
+        path.write_bytes(content)
+        (folder / "poses.txt").write_text(kitti_lines(1))
+        return folder
+
+    return write
+
+
+BROKEN: dict[str, tuple[Make, str]] = {
     **{
         f"{write.__name__} cut off": (
             broken_cloud(write, 0.8),
@@ -445,6 +459,15 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
         r"000004\.pcd: number 4, but .*poses\.txt has poses 0 to 3",
     ),
     "trajectory cut off": (changed("poses.txt", kitti_lines(5)[:-60].encode()), r"poses\.txt: line 5: found"),
+    "LAS cut in its header": (changed("000002.pcd", b"LASF" + bytes(90)), r"the LAS header is cut off, exp"),
+    "LAS of endless records": (
+        las_header(100, b"\xff" * 4),
+        r"000000\.las: the LAS header .* 4294967295 records",
+    ),
+    "LAS points behind the end": (
+        las_header(96, b"\xff" * 4),
+        r"points from byte 4294967295 of \d+, expected",
+    ),
     "viewpoint": (wrong_viewpoint, r"000000\.pcd: VIEWPOINT: found .* expected x y z qw qx qy qz"),
     "kitti scan": (
         changed("velodyne/000001.bin", b"12345", kitti),
