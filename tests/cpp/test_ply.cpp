@@ -16,7 +16,7 @@ namespace {
 
 const std::string kHeader =
     "property double x\nproperty double y\nproperty double z\nproperty float size\n"
-    "property float probability\nproperty char state\nend_header\n";
+    "property float probability\nproperty int state\nend_header\n";
 
 template <class Map>
 Map two_cells() {
@@ -44,7 +44,7 @@ TEST(Ply, BytesByHand) {
     for (int a = 0; a < 3; ++a) EXPECT_EQ(in.get<double>(), place);
     EXPECT_EQ(in.get<float>(), place < 0 ? 0.5f : 2.0f);
     EXPECT_FLOAT_EQ(in.get<float>(), static_cast<float>(probability(place < 0 ? 2.0 : -1.0)));
-    EXPECT_EQ(in.get<std::int8_t>(), place < 0 ? 1 : 0);
+    EXPECT_EQ(in.get<std::int32_t>(), place < 0 ? 1 : 0);
   }
   EXPECT_TRUE(in.at_end());
 }
@@ -58,7 +58,7 @@ TEST(Ply, ThePlaneLiesAtZeroAndFilesHoldTheOccupied) {
   ASSERT_EQ(bytes.substr(0, header.size()), header);
   ByteReader in(std::string_view(bytes).substr(header.size()));
   for (const double place : {-0.25, -0.25, 0.0}) EXPECT_EQ(in.get<double>(), place);
-  EXPECT_EQ(bytes.size(), header.size() + 24 + 4 + 4 + 1);
+  EXPECT_EQ(bytes.size(), header.size() + 24 + 4 + 4 + 4);
   std::filesystem::remove(path);
 }
 

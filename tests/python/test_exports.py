@@ -132,7 +132,7 @@ def test_ply_files_hold_the_chosen_leaves(tmp_path: Path) -> None:
     leaves = m.leaves()
     m.save_ply(tmp_path / "occupied.ply")
     m.save_ply(tmp_path / "free.ply", leaves=leaves.state == 0)
-    vertex = np.dtype([("xyz", "<f8", 3), ("size", "<f4"), ("probability", "<f4"), ("state", "i1")])
+    vertex = np.dtype([("xyz", "<f8", 3), ("size", "<f4"), ("probability", "<f4"), ("state", "<i4")])
     for name, state in (("occupied", 1), ("free", 0)):
         data = (tmp_path / f"{name}.ply").read_bytes()
         cells = np.frombuffer(data[data.index(b"end_header\n") + 11 :], vertex)

@@ -153,6 +153,30 @@ py::object map_from_grid(const py::object& states, const py::object& lower, doub
                   : map_of_grid<3>(narrow, corner, cell_size, refinement);
 }
 
+void write_ply_of(const std::filesystem::path& path, const py::object& points, const py::object& size,
+                  const py::object& probability, const py::object& state) {
+  const DoubleArray at = as_doubles(points, "points");
+  if (at.ndim() != 2 || (at.shape(1) != 2 && at.shape(1) != 3))
+    throw py::value_error("points has shape " + shape_text(at) + ": must be (n, 2) or (n, 3)");
+  const auto of_points = [&](const py::object& object, const char* name) {
+    const DoubleArray values = as_doubles(object, name);
+    if (values.ndim() != 1 || values.shape(0) != at.shape(0))
+      throw py::value_error(std::string(name) + " has shape " + shape_text(values) + ", points " +
+                            shape_text(at) + ": must be as many");
+    return values;
+  };
+  const DoubleArray sizes = of_points(size, "size");
+  const DoubleArray probabilities = of_points(probability, "probability");
+  const DoubleArray states = of_points(state, "state");
+  PlyCells cells;
+  for (py::ssize_t i = 0; i < at.shape(0); ++i) {
+    Vector<3> centre = Vector<3>::Zero();
+    for (py::ssize_t a = 0; a < at.shape(1); ++a) centre[a] = at.at(i, a);
+    cells.add(centre, sizes.at(i), probabilities.at(i), static_cast<CellState>(states.at(i)));
+  }
+  write_file(path, cells.bytes());
+}
+
 MapServerOptions map_server_options(std::optional<double> cell_size,
                                     std::optional<std::pair<double, double>> height) {
   MapServerOptions options;
@@ -361,6 +385,9 @@ OSError
     The file cannot be written.
 )");
 
+  module.def("write_ply", &write_ply_of, "path"_a, "points"_a, py::kw_only(), "size"_a, "probability"_a,
+             "state"_a,
+             "A PLY file as OccupancyMap.save_ply() writes it, of any cells: their centres and more.");
   module.def("load_octomap", &load_octomap_file, "path"_a, py::kw_only(),
              "refinement"_a = EvidenceRefinement::kName, R"(Read an OctoMap file, .bt or .ot, into a map.
 

@@ -292,6 +292,14 @@ def simulate(
     yaw: float = ...,
 ) -> SimulatedLog2 | SimulatedLog3: ...
 def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap: ...
+def write_ply(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    *,
+    size: ArrayLike,
+    probability: ArrayLike,
+    state: ArrayLike,
+) -> None: ...
 def load_octomap(path: str | os.PathLike[str], *, refinement: str = "evidence") -> AdaptiveMap | FixedMap: ...
 def from_grid(
     states: ArrayLike, lower: ArrayLike, cell_size: float, *, refinement: str = "evidence"
