@@ -29,6 +29,7 @@ from ._core import (
 )
 from .calibration import Calibration, calibrate
 from .comparison import Comparison, compare
+from .conversion import convert
 from .readers import Log, read, simulate
 from .scan import Scan
 
@@ -61,6 +62,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "compare",
+    "convert",
     "default_options",
     "from_bytes",
     "from_grid",

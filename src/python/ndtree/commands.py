@@ -5,7 +5,6 @@ import errno
 import functools
 import json
 import math
-import os
 import sys
 import tempfile
 import time
@@ -25,13 +24,23 @@ from ndtree._flags import Reading, map_options, reading_options
 from ndtree._options import KINDS, make_map
 from ndtree._progress import mapping_progress, progress
 from ndtree.comparison import DEFAULT_MAPS, Comparison, compare
+from ndtree.conversion import convert
 from ndtree.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
+from ndtree.files import replaced
 from ndtree.readers import FORMATS, MAP_MAGIC, Log, simulate
 from ndtree.scan import Scan
+from ndtree.writers import FORMATS as MAP_FORMATS
+from ndtree.writers import STATES as CELL_STATES
+from ndtree.writers import format_of
 
 
 def _examples(*lines: str) -> str:
     return "\n\n".join(("Examples:", *lines))
+
+
+def _endings() -> str:
+    every = dict.fromkeys(suffix for one in MAP_FORMATS for suffix in one.suffixes)
+    return f"Its ending says what is written: {', '.join(every)}."
 
 
 app = typer.Typer(
@@ -250,9 +259,9 @@ def map_(
         if not scans:
             raise ValueError(f"{log}: no scans, expected at least one")
     if plot and picture:
-        with _replaced(picture) as path:
+        with replaced(picture) as path:
             _draw(plot, target, path)
-    with _replaced(output) as path:
+    with replaced(output) as path:
         target.save(path)
     figures = {
         "log": str(log),
@@ -446,6 +455,57 @@ def view(
         if open_:
             webbrowser.open(page.url)
         page.wait()
+
+
+@app.command(
+    "convert",
+    epilog=_examples(
+        "ndtree convert hall.ndt hall.bt",
+        "ndtree convert hall.ndt hall.yaml --height 0.1 1.8",
+        "ndtree convert hall.ndt hall.ply --states occupied,frontier",
+    ),
+)
+@reports_errors
+def convert_(
+    source: Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")],
+    output: Annotated[Path, typer.Argument(metavar="OUT", help=_endings())],
+    format: Annotated[
+        Optional[str],
+        typer.Option(
+            help=f"Where the ending does not say: {', '.join(one.name for one in MAP_FORMATS)}.",
+            show_default=False,
+        ),
+    ] = None,
+    cell_size: Annotated[
+        Optional[float],
+        typer.Option(
+            help="Of OctoMaps, images and grids \\[m]; else the map's smallest.", show_default=False
+        ),
+    ] = None,
+    height: Annotated[
+        Optional[tuple[float, float]],
+        typer.Option(
+            metavar="LOW HIGH", help="Of an image of a 3-D map: cells within \\[m].", show_default=False
+        ),
+    ] = None,
+    states: Annotated[
+        Optional[str],
+        typer.Option(help=f"Which cells, of {', '.join(CELL_STATES)}.", show_default=False),
+    ] = None,
+    faces: Annotated[bool, typer.Option("--faces", help="A mesh in a .ply, instead of points.")] = False,
+) -> None:
+    """Write a map as a file of another kind."""
+    given: dict[str, Any] = {
+        "cell_size": cell_size,
+        "height": height,
+        "states": states.split(",") if states is not None else None,
+        "faces": faces or None,
+    }
+    options = {name: value for name, value in given.items() if value is not None}
+    _made(lambda: format_of(output, format, options))
+    _check_target(output)
+    convert(source, output, format=format, **options)
+    print(f"{source}: wrote {output}")
 
 
 @app.command(epilog=_examples("ndtree info intel.log.gz", "ndtree info intel.ndt --json -"))
@@ -719,7 +779,7 @@ def _write(text: Callable[[], str], target: Optional[Path]) -> None:
     if _is_stdout(target):
         sys.stdout.write(text())
         return
-    with _replaced(target) as path:
+    with replaced(target) as path:
         path.write_text(text(), encoding="utf-8")
 
 
@@ -746,22 +806,6 @@ def _check_picture(plot: Any, target: Optional[Path], flag: str = "--picture") -
     _check_target(target)
     if target is not None and target.suffix.lower() not in plot.FORMATS:
         raise WrongCall(f"{flag} {target}: the name must end in {', '.join(plot.FORMATS)}")
-
-
-@contextmanager
-def _replaced(target: Path) -> Iterator[Path]:
-    """A temporary name beside a file, which takes the file's place when all went well."""
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}.", suffix=target.suffix)
-    os.close(handle)
-    path = Path(name)
-    try:
-        yield path
-        umask = os.umask(0)
-        os.umask(umask)
-        path.chmod(0o666 & ~umask)
-        path.replace(target)
-    finally:
-        path.unlink(missing_ok=True)
 
 
 # --- Pages and films --------------------------------------------------------------------------------
@@ -860,5 +904,5 @@ def _draw(
 
 def _draw_side_by_side(plot: Any, one: OccupancyMap, other: OccupancyMap, target: Path) -> None:
     draw = plot.side_by_side if one.dim == 2 else plot.side_by_side_3d
-    with _replaced(target) as path:
+    with replaced(target) as path:
         draw(one, other, path)

@@ -1,0 +1,539 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Every format that maps are written in, read by somebody else's program, and maps from other programs."""
+
+from __future__ import annotations
+
+import builtins
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, Callable
+
+import numpy as np
+import pytest
+from conftest import room_scan
+
+import ndtree
+from ndtree.lattice import Cells, frontier
+from ndtree.maps import is_map, open_map
+
+BOX = 2.4  # The rooms are within [-BOX, BOX).
+
+
+def room(dim: int, branching: int = 2, scans: int = 3) -> ndtree.AdaptiveMap:
+    m = ndtree.AdaptiveMap(dim=dim, branching=branching, min_cell_size=0.1, max_cell_size=1.6)
+    for seed in range(scans):
+        m.insert(*room_scan(dim, seed, 500))
+    return m
+
+
+@pytest.fixture(scope="module")
+def space() -> ndtree.AdaptiveMap:
+    return room(3)
+
+
+@pytest.fixture(scope="module")
+def plane() -> ndtree.AdaptiveMap:
+    return room(2)
+
+
+def states(m: Any, cell_size: float = 0.1) -> np.ndarray:
+    return m.to_grid([[-BOX] * m.dim, [BOX] * m.dim], cell_size)
+
+
+def cells_of(m: Any, state: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres, sizes and probabilities."""
+    leaves = m.leaves()
+    chosen = leaves.state == state
+    lower, size = leaves.lower[chosen], leaves.size[chosen]
+    return lower + size[:, None] / 2, size, leaves.probability[chosen]
+
+
+# --- OctoMap --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("branching", [2, 3])
+def test_octomap_tools_read_our_files(tmp_path: Path, branching: int) -> None:
+    for tool in ("convert_octree", "compare_octrees"):
+        if shutil.which(tool) is None:
+            pytest.skip(f"{tool} of octomap-tools is not installed")
+    m = room(3, branching)
+    ndtree.convert(m, tmp_path / "room.bt")
+    ndtree.convert(m, tmp_path / "room.ot")
+    run = dict(check=True, capture_output=True, text=True, timeout=60, cwd=tmp_path)
+    subprocess.run(["convert_octree", "room.bt", "theirs.ot"], **run)  # type: ignore[call-overload]
+    subprocess.run(["convert_octree", "room.ot", "theirs.bt"], **run)  # type: ignore[call-overload]
+    expected = states(m)
+    assert np.count_nonzero(expected == 1) > 500
+    for name in ("theirs.ot", "theirs.bt"):
+        np.testing.assert_array_equal(states(ndtree.load_octomap(tmp_path / name)), expected)
+    # Two files of the same: no node differs.
+    shutil.copy(tmp_path / "room.ot", tmp_path / "same.ot")
+    said = subprocess.run(["compare_octrees", "room.ot", "same.ot"], **run)  # type: ignore[call-overload]
+    assert "KLD: 0" in said.stdout, said.stdout
+
+
+def test_octomap_files_become_maps_of_ours(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
+    ndtree.convert(space, tmp_path / "room.bt", cell_size=0.3)
+    ndtree.convert(tmp_path / "room.bt", tmp_path / "room.ndt")
+    m = ndtree.load(tmp_path / "room.ndt")
+    assert m.options["min_cell_size"] == 0.3
+    np.testing.assert_array_equal(states(m, 0.3), states(space, 0.3))
+    assert m.insert(*room_scan(3, 9)).returned == 300
+
+
+# --- map_server -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["hall.yaml", "hall.pgm", "hall.png", "it's a #1.png"])
+def test_images_are_read_by_others_and_back_cell_by_cell(
+    tmp_path: Path, plane: ndtree.AdaptiveMap, name: str
+) -> None:
+    pil, yaml = pytest.importorskip("PIL.Image"), pytest.importorskip("yaml")
+    ndtree.convert(plane, tmp_path / name)
+    target = (tmp_path / name).with_suffix(".yaml")
+    image_suffix = ".png" if name.endswith(".png") else ".pgm"
+    assert {file.suffix for file in tmp_path.iterdir()} == {".yaml", image_suffix}
+    about = yaml.safe_load(target.read_text())
+    assert about["image"] == Path(name).with_suffix(image_suffix).name
+    assert (about["resolution"], about["free_thresh"], about["occupied_thresh"]) == (0.1, 0.196, 0.65)
+    with pil.open(tmp_path / about["image"]) as image:
+        assert image.mode == "L"
+        grey = np.asarray(image)
+    # Where map_server looks for a cell: row from the top, the origin at the lower left.
+    x, y, _ = about["origin"]
+    row, column = np.indices(grey.shape)
+    points = np.stack([x + (column + 0.5) * 0.1, y + (len(grey) - 1 - row + 0.5) * 0.1], axis=-1)
+    expected = np.array([205, 254, 0])[plane.state(points.reshape(-1, 2)) + 1]
+    np.testing.assert_array_equal(grey.ravel(), expected)
+    assert set(expected) == {0, 205, 254}
+    again = open_map(target)
+    assert not again.offset.any()
+    np.testing.assert_array_equal(states(again.map), states(plane))
+
+
+def test_slices_of_a_height_are_any_of_its_cells(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
+    ndtree.convert(space, tmp_path / "slice.yaml", height=(0.3, 1.1), cell_size=0.2)
+    column = states(space)[:, :, 27:35]  # 0.3 to 1.1 m from -2.4 m on.
+    blocks = column.reshape(24, 2, 24, 2, -1).max(axis=(1, 3, 4))
+    again = ndtree.from_grid(blocks, [-BOX, -BOX], 0.2)
+    np.testing.assert_array_equal(states(open_map(tmp_path / "slice.yaml").map, 0.2), states(again, 0.2))
+    assert set(np.unique(blocks)) == {-1, 0, 1}
+
+
+def write_image(folder: Path, pixels: np.ndarray, **entries: Any) -> Path:
+    pil = pytest.importorskip("PIL.Image")
+    pil.fromarray(pixels).save(folder / "map.png")
+    about = {"image": "map.png", "resolution": 0.5, "origin": [0, 0, 0], "negate": 0, **entries}
+    lines = [f"{key}: {value}" for key, value in about.items() if value is not None]
+    (folder / "map.yaml").write_text("\n".join(lines) + "\n")
+    return folder / "map.yaml"
+
+
+@pytest.mark.parametrize(
+    "entries, expected",
+    [
+        ({}, [1, 1, -1, -1, 0, 0]),
+        ({"mode": "scale"}, [1, 1, -1, -1, 0, 0]),
+        ({"negate": 1}, [0, 0, -1, 1, 1, 1]),
+        ({"mode": "raw"}, [0, 0, 1, -1, -1, -1]),
+        ({"occupied_thresh": 0.95, "free_thresh": 0.01}, [1, -1, -1, -1, -1, 0]),
+    ],
+)
+def test_foreign_images_are_read_by_their_own_rules(
+    tmp_path: Path, entries: dict[str, Any], expected: list[int]
+) -> None:
+    pytest.importorskip("yaml")
+    pixels = np.array([[0, 19, 100, 205, 206, 255]], dtype=np.uint8)
+    opened = open_map(write_image(tmp_path, pixels, **entries))
+    centres = np.array([[0.25 + 0.5 * i, 0.25] for i in range(6)])
+    np.testing.assert_array_equal(opened.state(centres), expected)
+    assert opened.cell_size == 0.5
+
+
+def test_transparent_pixels_and_colors(tmp_path: Path) -> None:
+    pytest.importorskip("yaml")
+    pixels = np.array([[[0, 0, 0, 255], [0, 0, 0, 0], [255, 255, 240, 255]]], dtype=np.uint8)
+    opened = open_map(write_image(tmp_path, pixels))
+    np.testing.assert_array_equal(opened.state(np.array([[0.1, 0.1], [0.6, 0.1], [1.1, 0.1]])), [1, -1, 0])
+
+
+def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) -> None:
+    pytest.importorskip("yaml")
+    random = np.random.default_rng(1)
+    pixels = random.choice(np.array([0, 205, 254], dtype=np.uint8), (20, 30))
+    path = write_image(tmp_path, pixels, origin="[-3.21, 4.56, 0.0]", resolution=0.2)
+    opened = open_map(path)
+    np.testing.assert_array_equal(opened.offset, [-3.21, 4.56])
+    row, column = np.indices(pixels.shape)
+    points = np.stack([-3.21 + (column + 0.5) * 0.2, 4.56 + (19 - row + 0.5) * 0.2], axis=-1)
+    expected = np.array([1, -1, 0])[np.searchsorted([0, 205, 254], pixels)]
+    np.testing.assert_array_equal(opened.state(points.reshape(-1, 2)), expected.ravel())
+    with pytest.raises(ValueError, match=r"map.yaml: origin \(-3.21, 4.56\) m is no whole number of pixels"):
+        ndtree.convert(path, tmp_path / "map.ndt")
+    sampled = opened.resampled(0.05)
+    centres = np.random.default_rng(2).integers(-100, 200, (3000, 2)) * 0.05 + 0.025
+    np.testing.assert_array_equal(sampled.state(centres), opened.state(centres))
+    ndtree.convert(path, tmp_path / "map.npy", cell_size=0.05)
+    assert np.load(tmp_path / "map.npy").shape == (120, 80)
+
+
+@pytest.mark.parametrize(
+    "entries, message",
+    [
+        ({"image": None}, "map.yaml: no 'image', expected the YAML"),
+        ({"resolution": "wide"}, "map.yaml: resolution: found 'wide', expected a number"),
+        ({"resolution": -0.1}, "map.yaml: resolution: found -0.1, expected a number > 0 m"),
+        ({"resolution": None}, "map.yaml: resolution: found None"),
+        ({"origin": "[0, 0]"}, r"map.yaml: origin: found \[0, 0\], expected \[x, y, yaw\]"),
+        ({"origin": None}, "map.yaml: origin: found None"),
+        ({"origin": "[0, 0, 0.5]"}, "map.yaml: origin: found a yaw of 0.5"),
+        ({"mode": "fuzzy"}, "map.yaml: mode: found 'fuzzy'"),
+        ({"negate": "perhaps"}, "map.yaml: negate: found 'perhaps'"),
+        ({"image": "map.yaml"}, "map.yaml: not an image"),
+        ({"image": "none.png"}, "none.png"),
+        ({"image": "'"}, "map.yaml: not YAML"),
+    ],
+)
+def test_damaged_yaml_is_refused(tmp_path: Path, entries: dict[str, Any], message: str) -> None:
+    pytest.importorskip("yaml")
+    path = write_image(tmp_path, np.zeros((2, 2), dtype=np.uint8), **entries)
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
+        open_map(path)
+
+
+def test_images_that_are_cut_off_or_too_deep_are_refused(tmp_path: Path) -> None:
+    pil, _ = pytest.importorskip("PIL.Image"), pytest.importorskip("yaml")
+    path = write_image(tmp_path, np.random.default_rng(0).integers(0, 255, (99, 99)).astype(np.uint8))
+    png = (tmp_path / "map.png").read_bytes()
+    (tmp_path / "map.png").write_bytes(png[: len(png) // 2])
+    with pytest.raises(ValueError, match=r"map\.png: a damaged image"):
+        open_map(path)
+    pil.fromarray(np.full((4, 4), 9000, dtype=np.uint16)).save(tmp_path / "map.png")
+    with pytest.raises(ValueError, match=r"map\.png: pixels of more than 8 bits"):
+        open_map(path)
+
+
+# --- Points and meshes ----------------------------------------------------------------------------
+
+
+def test_ply_points_are_read_by_meshio(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
+    meshio = pytest.importorskip("meshio")
+    ndtree.convert(space, tmp_path / "room.ply", states=["occupied", "free"])
+    read = meshio.read(tmp_path / "room.ply")
+    found = {tuple(p): i for i, p in enumerate(read.points.tolist())}
+    total = 0
+    for state in (0, 1):
+        for centre, size, probability in zip(*cells_of(space, state)):
+            i = found[tuple(centre)]
+            assert read.point_data["state"][i] == state
+            assert read.point_data["size"][i] == np.float32(size)
+            assert read.point_data["probability"][i] == probability
+            total += 1
+    assert total == len(read.points) > 1000
+
+
+def test_ply_points_of_occupied_cells_are_those_of_the_library(
+    tmp_path: Path, plane: ndtree.AdaptiveMap, space: ndtree.AdaptiveMap
+) -> None:
+    for m in (plane, space):
+        ndtree.convert(m, tmp_path / "python.ply")
+        m.save_ply(tmp_path / "cpp.ply")
+        assert (tmp_path / "python.ply").read_bytes() == (tmp_path / "cpp.ply").read_bytes()
+
+
+def test_pcd_is_read_by_another_library(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
+    pypcd4 = pytest.importorskip("pypcd4")
+    ndtree.convert(space, tmp_path / "room.pcd")
+    cloud = pypcd4.PointCloud.from_path(tmp_path / "room.pcd").pc_data
+    centre, size, probability = cells_of(space, 1)
+    np.testing.assert_array_equal(np.column_stack([cloud[a] for a in "xyz"]), centre.astype(np.float32))
+    np.testing.assert_array_equal(cloud["size"], size.astype(np.float32))
+    np.testing.assert_array_equal(cloud["probability"], probability)
+    assert (cloud["state"] == 1).all() and len(cloud) > 500
+    assert b"SIZE 4 4 4 4 4 1\nTYPE F F F F F I\n" in (tmp_path / "room.pcd").read_bytes()[:400]
+
+
+def test_frontier_cells_are_unknown_and_beside_free_ones(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
+    meshio = pytest.importorskip("meshio")
+    ndtree.convert(space, tmp_path / "room.ply", states=("frontier",))
+    read = meshio.read(tmp_path / "room.ply")
+    assert len(read.points) == len(frontier(Cells.of(space))) > 100
+    assert (space.state(read.points) == -1).all()
+    half = read.point_data["size"][:, None] / 2
+    assert space.states_in(read.points - half, read.points + half)[:, 1].all()
+
+
+def fixed_room() -> ndtree.FixedMap:
+    m = ndtree.FixedMap(dim=3, cell_size=0.2)
+    m.insert(*room_scan(3, 1, 400))
+    return m
+
+
+def test_meshes_enclose_the_cells(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    m = fixed_room()
+    occupied = states(m, 0.2) == 1
+    expected = 0
+    for axis in range(3):  # Faces between a cell of the set and one that is not.
+        padded = np.pad(occupied, [(1, 1) if a == axis else (0, 0) for a in range(3)])
+        expected += np.count_nonzero(np.diff(padded.astype(np.int8), axis=axis))
+    volume = np.count_nonzero(occupied) * 0.2**3
+    for name in ("mesh.ply", "mesh.glb", "mesh.gltf"):
+        ndtree.convert(m, tmp_path / name, **({"faces": True} if name == "mesh.ply" else {}))
+        mesh = trimesh.load(tmp_path / name, force="mesh")
+        assert len(mesh.faces) == 2 * expected > 500
+        assert mesh.volume == pytest.approx(volume, rel=1e-5)  # So all faces look outwards.
+        centre, size, _ = cells_of(m, 1)
+        low, high = (centre - size[:, None] / 2).min(axis=0), (centre + size[:, None] / 2).max(axis=0)
+        if name != "mesh.ply":  # y upwards
+            low, high = low[[0, 2, 1]] * [1, 1, -1], high[[0, 2, 1]] * [1, 1, -1]
+            low, high = np.minimum(low, high), np.maximum(low, high)
+        np.testing.assert_allclose(mesh.bounds, [low, high], atol=1e-6)
+        assert len(np.unique(mesh.visual.vertex_colors, axis=0)) > 5
+
+
+def test_meshes_of_cells_of_several_sizes_hide_what_is_covered(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    grid = np.full((4, 2, 2), -1)
+    grid[:2] = 1  # One cell of 1 m, ...
+    grid[2, 0, 0] = 1  # ... and one of 0.5 m at its side.
+    m = ndtree.from_grid(grid, [0, 0, 0], 0.5)
+    assert sorted(m.leaves().size[m.leaves().state == 1]) == [0.5, 1.0]
+    ndtree.convert(m, tmp_path / "two.ply", faces=True)
+    mesh = trimesh.load(tmp_path / "two.ply")
+    # Six faces of the large one, which none covers as a whole; of the small one all but that on it.
+    assert len(mesh.faces) == 2 * (6 + 5)
+    at_border = np.isclose(mesh.triangles[:, :, 0], 1).all(axis=1)
+    assert mesh.area_faces[at_border].sum() == pytest.approx(1)
+
+
+def test_the_plane_becomes_quads_at_zero(tmp_path: Path, plane: ndtree.AdaptiveMap) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    ndtree.convert(plane, tmp_path / "room.ply", faces=True, states=("occupied", "free"))
+    mesh = trimesh.load(tmp_path / "room.ply")
+    sizes = np.concatenate([cells_of(plane, 0)[1], cells_of(plane, 1)[1]])
+    assert len(mesh.faces) == 2 * len(sizes)
+    assert mesh.area == pytest.approx(np.sum(sizes**2))
+    assert (mesh.vertices[:, 2] == 0).all() and (mesh.face_normals[:, 2] > 0).all()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_vtk_reads_cells_with_their_data(tmp_path: Path, dim: int) -> None:
+    pytest.importorskip("meshio")
+    vtk = pytest.importorskip("vtkmodules.vtkIOXML")
+    verdict = pytest.importorskip("vtkmodules.vtkFiltersVerdict")
+    support = pytest.importorskip("vtkmodules.util.numpy_support")
+    m = room(dim, 3)
+    ndtree.convert(m, tmp_path / "room.vtu")
+    reader = vtk.vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(tmp_path / "room.vtu"))
+    measure = verdict.vtkCellSizeFilter()
+    measure.SetInputConnection(reader.GetOutputPort())
+    measure.Update()
+    grid = measure.GetOutput()
+
+    def data(name: str) -> np.ndarray:
+        return support.vtk_to_numpy(grid.GetCellData().GetArray(name))
+
+    leaves = m.leaves()
+    known = leaves.state >= 0
+    assert grid.GetNumberOfCells() == np.count_nonzero(known) > 100
+    np.testing.assert_array_equal(data("state"), leaves.state[known])
+    np.testing.assert_array_equal(data("hits"), leaves.hits[known])
+    np.testing.assert_allclose(data("probability"), leaves.probability[known])
+    np.testing.assert_allclose(data("size"), leaves.size[known])
+    np.testing.assert_allclose(data("Volume" if dim == 3 else "Area"), leaves.size[known] ** dim, rtol=1e-6)
+    at = np.array([grid.GetCell(i).GetBounds()[: 2 * dim : 2] for i in range(50)])
+    np.testing.assert_allclose(at, leaves.lower[known][:50], atol=1e-12)
+
+
+# --- Arrays ---------------------------------------------------------------------------------------
+
+
+def test_leaves_are_records_and_grids_dense(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
+    ndtree.convert(space, tmp_path / "leaves.npz")
+    with np.load(tmp_path / "leaves.npz") as file:
+        records = file["leaves"]
+        assert (file["branching"], file["min_cell_size"]) == (2, 0.1)
+    leaves = space.leaves()
+    known = leaves.state >= 0
+    for name in ("lower", "size", "state", "hits", "misses", "probability"):
+        np.testing.assert_allclose(records[name], getattr(leaves, name)[known], rtol=1e-6, atol=1e-12)
+    ndtree.convert(space, tmp_path / "grid.npz", format="grid", cell_size=0.3)
+    ndtree.convert(space, tmp_path / "grid.npy", cell_size=0.3)
+    with np.load(tmp_path / "grid.npz") as file:
+        grid, lower, size = file["states"], file["lower"], float(file["cell_size"])
+    np.testing.assert_array_equal(np.load(tmp_path / "grid.npy"), grid)
+    assert size == 0.3 and grid.dtype == np.int8
+    np.testing.assert_array_equal(states(ndtree.from_grid(grid, lower, size), 0.3), states(space, 0.3))
+    ndtree.convert(space, tmp_path / "own.npy")
+    grid = np.load(tmp_path / "own.npy")
+    for side in (grid[0], grid[-1], grid[:, 0], grid[:, -1], grid[..., 0], grid[..., -1]):
+        assert (side >= 0).any()  # No larger than what is known.
+
+
+# --- ROS ------------------------------------------------------------------------------------------
+
+
+def message_of(path: Path) -> tuple[str, Any]:
+    """The one message in a bag, by the definitions in the bag itself."""
+    highlevel = pytest.importorskip("rosbags.highlevel")
+    if path.suffix == ".db3":  # Its definitions are not in the file.
+        typesys = pytest.importorskip("rosbags.typesys")
+        store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        text = "std_msgs/Header header\nbool binary\nstring id\nfloat64 resolution\nint8[] data\n"
+        store.register(typesys.get_types_from_msg(text, "octomap_msgs/msg/Octomap"))
+        reader = highlevel.AnyReader([path], default_typestore=store)
+    else:
+        reader = highlevel.AnyReader([path])
+    with reader:
+        ((connection, _, data),) = reader.messages()
+        return connection.topic, reader.deserialize(data, connection.msgtype)
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+def test_bags_hold_octomaps(tmp_path: Path, space: ndtree.AdaptiveMap, suffix: str) -> None:
+    path = tmp_path / f"room{suffix}"
+    pytest.importorskip("rosbags")
+    ndtree.convert(space, path, cell_size=0.3)
+    assert list(tmp_path.iterdir()) == [path]
+    topic, message = message_of(path)
+    assert (topic, message.id, message.binary, message.resolution) == ("/octomap_full", "OcTree", False, 0.3)
+    assert message.header.frame_id == "map" and message.header.stamp.sec > 1e9
+    # What octomap_msgs does: a file is a header and the message's data.
+    data = message.data.tobytes()
+    header = f"# Octomap OcTree file\nid OcTree\nsize {len(data) // 5}\nres {message.resolution}\ndata\n"
+    (tmp_path / "again.ot").write_bytes(header.encode() + data)
+    np.testing.assert_array_equal(states(ndtree.load_octomap(tmp_path / "again.ot"), 0.3), states(space, 0.3))
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+def test_bags_hold_occupancy_grids(tmp_path: Path, space: ndtree.AdaptiveMap, suffix: str) -> None:
+    pytest.importorskip("rosbags")
+    ndtree.convert(space, tmp_path / f"slice{suffix}", height=(0.0, 0.5))
+    topic, message = message_of(tmp_path / f"slice{suffix}")
+    info = message.info
+    assert topic == "/map" and info.resolution == np.float32(0.1)
+    grid = message.data.reshape(info.height, info.width)
+    assert set(np.unique(grid)) == {-1, 0, 100}
+    found = ndtree.from_grid(
+        np.where(grid == 100, 1, grid).T, [info.origin.position.x, info.origin.position.y], 0.1
+    )
+    np.testing.assert_array_equal(states(found), states(space)[:, :, 24:29].max(axis=2))
+    assert info.origin.orientation.w == 1.0
+
+
+def test_bags_of_ros_2_are_latched(tmp_path: Path, plane: ndtree.AdaptiveMap) -> None:
+    rosbag2 = pytest.importorskip("rosbags.rosbag2")
+    ndtree.convert(plane, tmp_path / "room.mcap")
+    with rosbag2.Reader(tmp_path / "room.mcap") as bag:
+        (connection,) = bag.connections
+        (qos,) = connection.ext.offered_qos_profiles
+    assert qos.durability.name == "TRANSIENT_LOCAL" and connection.topic == "/map"
+
+
+# --- What is refused ------------------------------------------------------------------------------
+
+
+def far_away() -> ndtree.FixedMap:
+    return ndtree.from_grid(np.ones((2, 2, 2), dtype=int), [5e5, 4e6, 0], 0.1, refinement="fixed")
+
+
+@pytest.mark.parametrize(
+    "name, options, message",
+    [
+        ("a.txt", {}, "a.txt: no format has this ending, expected one of .ndt"),
+        ("a", {}, "no format has this ending"),
+        ("a.ply", {"format": "obj"}, "format = 'obj': must be one of ndtree"),
+        ("a.ply", {"format": "pcd"}, "a.ply: format pcd writes .pcd"),
+        ("a.ply", {"cell_size": 0.2}, r"cell_size: format ply \(.ply\) does not read it, but states, faces"),
+        ("a.ndt", {"height": (0, 1)}, r"height: format ndtree \(.ndt\) does not read it, but no options"),
+        ("a.pcd", {"faces": True}, "faces: format pcd"),
+        ("a.ply", {"states": ["unknown"]}, r"states = \['unknown'\]: must be some of occupied"),
+        ("a.ply", {"states": "occupied"}, "states = 'occupied': must be some of"),
+        ("a.bt", {"cell_size": -1}, "cell_size = -1"),
+        ("a.npy", {"cell_size": 0}, "cell_size = 0"),
+        ("a.png", {"height": (1, 0)}, "from low to high"),
+        ("a.mcap", {"height": (50, 60)}, "nothing is known"),
+    ],
+)
+def test_wrong_calls_are_refused_and_write_nothing(
+    tmp_path: Path, space: ndtree.AdaptiveMap, name: str, options: dict[str, Any], message: str
+) -> None:
+    for library in ("rosbags", "PIL", "pypcd4"):
+        pytest.importorskip(library)
+    with pytest.raises(ValueError, match=message):
+        ndtree.convert(space, tmp_path / name, **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_format_cannot_hold_is_refused(tmp_path: Path, plane: ndtree.AdaptiveMap) -> None:
+    for library in ("pypcd4", "trimesh", "meshio", "rosbags"):
+        pytest.importorskip(library)
+    refused: list[tuple[Any, str, str]] = [
+        (plane, "a.bt", "OctoMap has three dimensions"),
+        (far_away(), "a.pcd", "coordinates up to 4000000 m: PCD has 24 bits"),
+        (far_away(), "a.glb", "glTF has 24 bits"),
+        (far_away(), "a.bt", "16 levels end"),
+        (ndtree.AdaptiveMap(dim=3), "a.ply", "the map is empty"),
+        (ndtree.AdaptiveMap(dim=3), "a.npy", "the map is empty"),
+        (room(4, 2, 1), "a.ply", "dim = 4"),
+        (room(4, 2, 1), "a.vtu", "dim = 4"),
+        (room(4, 2, 1), "a.glb", "dim = 4"),
+        (room(4, 2, 1), "a.mcap", "dim = 4"),
+    ]
+    for m, name, message in refused:
+        with pytest.raises(ValueError, match=message):
+            ndtree.convert(m, tmp_path / name)
+    ndtree.convert(far_away(), tmp_path / "far.ply")  # Doubles have room for them.
+    assert [file.name for file in tmp_path.iterdir()] == ["far.ply"]
+    with pytest.raises(FileNotFoundError):
+        ndtree.convert(plane, tmp_path / "none" / "a.npz")
+
+
+def test_what_is_no_map_is_refused(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
+    (tmp_path / "log.txt").write_text("1 2 3\n")
+    with pytest.raises(ValueError, match=r"log\.txt: neither the first bytes nor the name"):
+        ndtree.convert(tmp_path / "log.txt", tmp_path / "a.ply")
+    with pytest.raises(FileNotFoundError, match="none"):
+        ndtree.convert(tmp_path / "none.ndt", tmp_path / "a.ply")
+    space.save(tmp_path / "cut.ndt")
+    (tmp_path / "cut.ndt").write_bytes((tmp_path / "cut.ndt").read_bytes()[:100])
+    with pytest.raises(ValueError, match=r"cut\.ndt: truncated"):
+        ndtree.convert(tmp_path / "cut.ndt", tmp_path / "a.ply")
+    assert not is_map(tmp_path / "log.txt") and is_map(tmp_path / "cut.ndt")
+
+
+@pytest.mark.parametrize(
+    "name, missing, extra",
+    [
+        ("a.png", "PIL", "convert"),
+        ("a.glb", "trimesh", "convert"),
+        ("a.pcd", "pypcd4", "convert"),
+        ("a.vtu", "meshio", "convert"),
+        ("a.bag", "rosbags", "ros"),
+    ],
+)
+def test_a_missing_library_is_named_with_its_extra(
+    tmp_path: Path,
+    plane: ndtree.AdaptiveMap,
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    missing: str,
+    extra: str,
+) -> None:
+    real: Callable[..., Any] = builtins.__import__
+
+    def without(module: str, *more: Any, **named: Any) -> Any:
+        if module.split(".")[0] == missing:
+            raise ImportError(f"No module named {missing!r}", name=missing)
+        return real(module, *more, **named)
+
+    for module in [module for module in sys.modules if module.split(".")[0] == missing]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ImportError, match=rf"{missing}.*ndtree-mapping\[{extra}\]"):
+        ndtree.convert(plane, tmp_path / name)
+    assert not list(tmp_path.iterdir())
