@@ -30,6 +30,7 @@ from ._core import (
 from .calibration import Calibration, calibrate
 from .comparison import Comparison, compare
 from .conversion import convert
+from .map_comparison import MapComparison, compare_maps
 from .readers import Log, read, simulate
 from .scan import Scan
 
@@ -55,6 +56,7 @@ __all__ = [
     "InsertReport",
     "Leaves",
     "Log",
+    "MapComparison",
     "MapStats",
     "OccupancyMap",
     "OctoMap",
@@ -62,6 +64,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "compare",
+    "compare_maps",
     "convert",
     "default_options",
     "from_bytes",

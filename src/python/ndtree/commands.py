@@ -27,6 +27,8 @@ from ndtree.comparison import DEFAULT_MAPS, Comparison, compare
 from ndtree.conversion import convert
 from ndtree.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
 from ndtree.files import replaced
+from ndtree.map_comparison import compare_maps
+from ndtree.maps import is_map
 from ndtree.readers import FORMATS, MAP_MAGIC, Log, simulate
 from ndtree.scan import Scan
 from ndtree.writers import FORMATS as MAP_FORMATS
@@ -290,13 +292,24 @@ def map_(
     epilog=_examples(
         "ndtree compare intel.log.gz --max-range 20 --no-return ignore --json intel.json",
         "ndtree compare --world apartment --maps adaptive,fixed,fixed@0.1,octomap --picture rooms.png",
+        "ndtree compare hall.ndt hall.bt --picture differences.png",
     ),
 )
 @reports_errors
 @reading_options
 @map_options
 def compare_(
-    log: LogArgument = None,
+    context: typer.Context,
+    log: Annotated[
+        Optional[Path],
+        typer.Argument(metavar="LOG | A", help="A log, or the first of two maps.", show_default=False),
+    ] = None,
+    other: Annotated[
+        Optional[Path],
+        typer.Argument(
+            metavar="B", help="The second: .ndt, .bt, .ot or map_server's .yaml.", show_default=False
+        ),
+    ] = None,
     world: Annotated[
         Optional[World], typer.Option(help="Simulate this instead of LOG.", show_default=False)
     ] = None,
@@ -318,12 +331,19 @@ def compare_(
         Optional[Path], typer.Option("--csv", metavar="FILE", help="Write a line a map.")
     ] = None,
     picture: Annotated[
-        Optional[Path], typer.Option(metavar="PNG", help="Draw the first two maps side by side.")
+        Optional[Path],
+        typer.Option(metavar="PNG", help="Draw the first two maps side by side, or how A and B differ."),
     ] = None,
     options: Any = None,
     reading: Any = None,
 ) -> None:
-    """Compare maps of the same log: cells, updates, time, memory, and truth on scans held out."""
+    """Compare maps of the same log: cells, updates, time, memory, and truth on scans held out.
+
+    Or two maps A and B of any kind: their states cell by cell, and how far their surfaces are apart.
+    """
+    if log is not None and (other is not None or is_map(log)):
+        _compare_two(context, log, other, json_file, picture)
+        return
     if (log is None) == (world is None):
         raise WrongCall("compare: expected either LOG or --world")
     opened = _open(log, world, dim, reading, scans, seed)
@@ -642,6 +662,34 @@ def _compare(
             if str(error).startswith(log.name):
                 raise
             raise ValueError(f"{log.name}: {error}") from None
+
+
+def _compare_two(
+    context: typer.Context,
+    a: Path,
+    b: Optional[Path],
+    json_file: Optional[Path],
+    picture: Optional[Path],
+) -> None:
+    if b is None:
+        raise WrongCall(f"compare: {a} is a map, expected a second one")
+    _refuse_others(context, ("log", "other", "json_file", "picture"), f"is for a LOG, and {a} is a map")
+    _check_target(json_file)
+    _check_picture(_plot() if picture else None, picture)
+    comparison = compare_maps(a, b)
+    if picture:
+        comparison.draw(picture)
+    if not _is_stdout(json_file):
+        print(comparison)
+    _write(comparison.to_json, json_file)
+
+
+def _refuse_others(context: typer.Context, allowed: Sequence[str], why: str) -> None:
+    """Refuses flags that were given, but that nothing would read."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is not None and source.name == "COMMANDLINE" and parameter.name not in allowed:
+            raise WrongCall(f"{parameter.opts[0]}: {why}")
 
 
 # --- Figures ----------------------------------------------------------------------------------------
