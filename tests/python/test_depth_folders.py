@@ -33,7 +33,7 @@ def depth_image(seed: int, high: int = 60000) -> np.ndarray:
 def pose_matrix(seed: int) -> np.ndarray:
     random = np.random.default_rng(seed)
     matrix = np.eye(4)
-    matrix[:3, :3] = rotations.random(rng=random).as_matrix()
+    matrix[:3, :3] = rotations.random(None, random).as_matrix()
     matrix[:3, 3] = random.normal(size=3)
     return matrix
 

@@ -85,7 +85,7 @@ def test_graphs_of_liboctomap_are_read(octomap: Path, tmp_path: Path, sizes: lis
     assert (log.format, log.dim, len(log)) == ("octomap_graph", 3, len(sizes))
     scans = list(log)
     assert [len(scan) for scan in scans] == sizes
-    for scan, rows in zip(scans, expected, strict=True):
+    for scan, rows in zip(scans, expected):
         np.testing.assert_allclose(scan.origin, rows[0], atol=1e-6)
         np.testing.assert_allclose(scan.endpoints, rows[1:], atol=2e-6)
     assert len(list(log)) == len(sizes), "a log can be read again"

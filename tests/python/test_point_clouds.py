@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,10 +29,12 @@ def cloud(seed: int, n: int = 30) -> np.ndarray:
 def pose_matrix(seed: int) -> np.ndarray:
     random = np.random.default_rng(100 + seed)
     matrix = np.eye(4)
-    matrix[:3, :3] = rotations.random(rng=random).as_matrix()
+    matrix[:3, :3] = rotations.random(None, random).as_matrix()
     matrix[:3, 3] = random.normal(size=3)
     return matrix
 
+
+Make = Callable[[Path], Path]
 
 # --- Writers ----------------------------------------------------------------------------------------
 
@@ -270,12 +273,46 @@ def test_nan_points_of_an_ordered_cloud_are_invalid_beams(tmp_path: Path) -> Non
     assert (report.beams, report.invalid, report.returned) == (30, 4, 26)
 
 
+def test_far_away_pcd_points_keep_their_digits(tmp_path: Path) -> None:
+    points = cloud(0).astype(np.float64) + np.array([500000, 5400000, 100])
+    made = pypcd4.PointCloud.from_points(points, ("x", "y", "z"), (np.float64,) * 3)
+    made.save(tmp_path / "utm.pcd")
+    (scan,) = read(tmp_path / "utm.pcd")
+    np.testing.assert_array_equal(scan.endpoints, points)
+
+
+def test_a_pcd_cut_off_behind_a_point_is_noticed(tmp_path: Path) -> None:
+    path = BINARY(tmp_path / "table", cloud(0))
+    path.write_bytes(path.read_bytes()[:-160])
+    with pytest.raises(ValueError, match=r"table\.pcd: found 20 points, expected 30 as its header says"):
+        list(read(path))
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
 def test_clouds_of_one_point_or_none(tmp_path: Path, encoding: str) -> None:
     for n in (1, 0):
         path = pcd(encoding)(tmp_path / f"cloud{n}", cloud(0, n))
         (scan,) = read(path)
         np.testing.assert_allclose(scan.endpoints, cloud(0, n), rtol=1e-6)
+
+
+def test_memory_does_not_grow_with_the_number_of_scans(tmp_path: Path) -> None:
+    """One cloud of 120 kB under many names; the trajectory grows by 100 bytes for each."""
+    cloud_file = BINARY(tmp_path / "cloud", cloud(0, 10_000))
+    peaks = []
+    for count in (4, 40):
+        folder = tmp_path / str(count)
+        folder.mkdir()
+        for i in range(count):
+            (folder / f"{i:06d}.pcd").symlink_to(cloud_file)
+        (folder / "poses.txt").write_text(kitti_lines(count))
+        for _ in read(folder):  # What is loaded once and kept is not counted.
+            break
+        tracemalloc.start()
+        assert sum(len(scan) for scan in read(folder)) == count * 10_000
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < peaks[0] + 200_000, "36 more scans are 4 MB and more"
 
 
 def test_names_say_numbers_and_times() -> None:
@@ -376,7 +413,19 @@ def wrong_viewpoint(folder: Path) -> Path:
     return folder
 
 
-BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
+def las_header(at: int, values: bytes) -> Make:
+    def write(folder: Path) -> Path:
+        path = las(".las")(folder / "000000", cloud(0))
+        content = bytearray(path.read_bytes())
+        content[at : at + len(values)] = values
+        path.write_bytes(content)
+        (folder / "poses.txt").write_text(kitti_lines(1))
+        return folder
+
+    return write
+
+
+BROKEN: dict[str, tuple[Make, str]] = {
     **{
         f"{write.__name__} cut off": (
             broken_cloud(write, 0.8),
@@ -410,6 +459,15 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
         r"000004\.pcd: number 4, but .*poses\.txt has poses 0 to 3",
     ),
     "trajectory cut off": (changed("poses.txt", kitti_lines(5)[:-60].encode()), r"poses\.txt: line 5: found"),
+    "LAS cut in its header": (changed("000002.pcd", b"LASF" + bytes(90)), r"the LAS header is cut off, exp"),
+    "LAS of endless records": (
+        las_header(100, b"\xff" * 4),
+        r"000000\.las: the LAS header .* 4294967295 records",
+    ),
+    "LAS points behind the end": (
+        las_header(96, b"\xff" * 4),
+        r"points from byte 4294967295 of \d+, expected",
+    ),
     "viewpoint": (wrong_viewpoint, r"000000\.pcd: VIEWPOINT: found .* expected x y z qw qx qy qz"),
     "kitti scan": (
         changed("velodyne/000001.bin", b"12345", kitti),

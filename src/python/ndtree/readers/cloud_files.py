@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -95,6 +96,7 @@ def las_points(path: str) -> Points:
         import laspy
     except ImportError as error:
         raise ImportError(f"LAS and LAZ files need laspy ({error}); {_INSTALL}") from None
+    _check_las_header(path)
     try:
         with laspy.open(path) as reader:
             if reader.header.are_points_compressed and not laspy.LazBackend.detect_available():
@@ -108,6 +110,30 @@ def las_points(path: str) -> Points:
     if len(las.points) != expected:
         raise _fewer(path, len(las.points), expected)
     return np.column_stack([np.asarray(las.x), np.asarray(las.y), np.asarray(las.z)]).astype(np.float64)
+
+
+def _check_las_header(path: str) -> None:
+    """Refuses numbers of records that do not fit into the file: the library would look for each of them."""
+    size = os.path.getsize(path)
+    with open(path, "rb") as file:
+        header = file.read(247)
+    if len(header) < 227:
+        raise ValueError(
+            f"{path}: the LAS header is cut off, expected at least 227 bytes, found {len(header)}"
+        )
+    header_size, first_point, records = struct.unpack_from("<HII", header, 94)
+    if not header_size + 54 * records <= first_point <= size:
+        raise ValueError(
+            f"{path}: the LAS header of {header_size} bytes says {records} records and points from byte "
+            f"{first_point} of {size}, expected that they fit"
+        )
+    if header[25] >= 4 and len(header) == 247:  # Version 1.4 may have more records behind the points.
+        start, records = struct.unpack_from("<QI", header, 235)
+        if records and start + 60 * records > size:
+            raise ValueError(
+                f"{path}: the LAS header says {records} records from byte {start} of {size}, "
+                "expected that they fit"
+            )
 
 
 CLOUD_FILES = (

@@ -289,7 +289,8 @@ def read_times(path: str | os.PathLike[str]) -> Floats:
 
 def unit_quaternions(quaternions: Floats) -> Floats:
     """(n, 4) of length 1; ValueError if one is far from it."""
-    length = np.linalg.norm(quaternions, axis=1)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternions, axis=1)
     bad = ~(np.abs(length - 1) <= ROTATION_TOLERANCE)
     if bad.any():
         i = int(bad.argmax())

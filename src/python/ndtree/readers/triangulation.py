@@ -56,7 +56,6 @@ class Triangulation:
         self.points = points
         self._pixel_sigma = pixel_sigma
         self._information = np.zeros((len(points), 6))  # xx, yy, zz, xy, xz, yz
-        self._images = np.zeros(len(points), dtype=np.int32)
 
     def observe(self, rows: Rows, center: Floats, focal_length: float) -> None:
         """Count what one image sees.
@@ -75,7 +74,6 @@ class Triangulation:
         parts = np.stack([1 - x * x, 1 - y * y, 1 - z * z, -x * y, -x * z, -y * z], axis=1)
         seen = across > 0  # A point at the camera's centre lies nowhere.
         self._information[rows[seen]] += parts[seen] / across[seen, None] ** 2
-        self._images[rows[seen]] += 1
 
     def range_sigma(self, rows: Rows, center: Floats, focal_length: float) -> Floats:
         """Standard deviations of the ranges from a camera, after all images were counted.
@@ -99,7 +97,7 @@ class Triangulation:
         x, y, z = ray.T
         along = x * x * cxx + y * y * cyy + z * z * czz + 2 * (x * y * cxy + x * z * cxz + y * z * cyz)
         # A determinant that rounding could have made of zero says that all rays are one.
-        known = (self._images[rows] >= 2) & (determinant > 1e-12 * ((xx + yy + zz) / 2) ** 3) & (across > 0)
+        known = (determinant > 1e-12 * ((xx + yy + zz) / 2) ** 3) & (across > 0)
         variance = np.full(len(rows), np.inf)
         np.divide(along, determinant, out=variance, where=known)
         return np.maximum(np.sqrt(variance), across)
