@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import struct
 import sys
@@ -154,6 +155,28 @@ def test_a_folder_can_be_read_again_and_mapped(tmp_path: Path) -> None:
     m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.5, max_cell_size=8)
     reports = [scan.insert_into(m) for scan in log]
     assert [len(scan) for scan in log] == [report.returned for report in reports]
+
+
+def test_a_folder_is_mapped_from_the_command_line(tmp_path: Path) -> None:
+    pytest.importorskip("typer")
+    testing = pytest.importorskip("typer.testing")
+    from ndtree.commands import app
+
+    folder = tmp_path / "log"
+    folder.mkdir()
+    (tum(folder) / "depth" / "100.500000.png").write_bytes(b"no image")
+    target, figures = tmp_path / "a.ndt", tmp_path / "a.json"
+    command = ["map", str(folder), "-o", str(target), "--json", str(figures), "--min-cell-size", "0.5"]
+    options = ["--camera", "300,300,8,6,1000", "--pixel-stride", "3", "--time-offset", "0.125"]
+    refused = testing.CliRunner().invoke(app, [*command, *options])
+    assert refused.exit_code == 1 and not target.exists()
+    result = testing.CliRunner().invoke(app, [*command, *options, "--keep-going"])
+    assert result.exit_code == 0, result.output
+    written = json.loads(figures.read_text())
+    kept = [np.count_nonzero(depth_image(i)[1::3, 1::3]) for i in (0, 2)]
+    assert (written["scans"], written["beams"]["returned"]) == (2, sum(kept))
+    assert written["skipped"]["damaged scans"]["count"] == 1
+    assert ndtree.load(target).dim == 3
 
 
 # --- What is refused --------------------------------------------------------------------------------

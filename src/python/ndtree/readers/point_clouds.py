@@ -20,7 +20,7 @@ TIMES = "times.txt"
 POSE_ENDINGS = (".pose.txt", ".txt")
 
 _EXPECTED = (
-    "a trajectory file in the folder (or trajectory=), a pose beside each file (000000.pose.txt), "
+    "a trajectory file in the folder (or the option trajectory), a pose beside each file (000000.pose.txt), "
     "or VIEWPOINT in PCD files"
 )
 
@@ -153,7 +153,8 @@ def _trajectory_in(source: Source) -> str | None:
     ]
     if len(found) > 1:
         raise ValueError(
-            f"{source.path}: {len(found)} trajectories, {' and '.join(found)}: say which by trajectory="
+            f"{source.path}: {len(found)} trajectories, {' and '.join(found)}: "
+            "say which by the option trajectory"
         )
     return source.inside(found[0]) if found else None
 

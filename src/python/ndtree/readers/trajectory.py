@@ -61,8 +61,9 @@ class Pose:
         return Pose(rotation, np.asarray(position, dtype=np.float64))
 
     def apply(self, points: ArrayLike) -> Floats:
-        """Points (n, 3) in the map frame, float64 whatever they were [m]."""
-        return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.position
+        """Points (n, 3) in the map frame, float64 whatever they were [m]; not finite where they were not."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.position
 
     def inverse(self) -> Pose:
         """The transform back."""
