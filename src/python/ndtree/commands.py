@@ -232,7 +232,9 @@ def map_(
     reading: Any = None,
 ) -> None:
     """Build a map from a log, and write it to a file."""
+    begin = time.perf_counter()
     opened = reading.open(log, dim)
+    read_seconds = time.perf_counter() - begin
     plot = _plot() if picture else None
     for path in (output, json_file, record):
         _check_target(path)
@@ -240,7 +242,7 @@ def map_(
     limit = _limit(max_range)
     target = _made(lambda: _new_map(opened.dim, fixed, options))
     report = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
-    seconds, read_seconds, scans = 0.0, 0.0, 0
+    seconds, scans = 0.0, 0
     looking_on = _observers(watch, port, record, record_every)
     with looking_on as observers, mapping_progress(opened, target) as advance:
         for number, (scan, took) in enumerate(_timed(opened)):

@@ -39,8 +39,8 @@ _SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2 or depth Image"
 _FIXED_FRAMES = ("map", "odom", "world")
 _TRAJECTORY_FRAME = "the trajectory's frame"
 
-#: A laser is planar if it tilts no more [rad], and keeps its height so well [m].
-PLANAR_TILT, PLANAR_HEIGHT = 0.035, 0.1
+#: A laser is planar if it tilts no more [rad], and keeps its height so well [m], at up to so many times.
+PLANAR_TILT, PLANAR_HEIGHT, PLANAR_LOOKS = 0.035, 0.1, 5000
 
 
 @dataclass(frozen=True)
@@ -276,11 +276,12 @@ class RosbagLog(SizedLog):
         if wanted is not None:
             return wanted
         stamps = self._tree.stamps(self.fixed_frame, self.frame)
-        if not len(stamps):
-            stamps = np.zeros(1)
-        rotations, positions = self._tree.poses_at(self.fixed_frame, self.frame, stamps)
-        is_level = np.abs(rotations[:, 2, 2]).min() >= np.cos(PLANAR_TILT)
-        return 2 if is_level and np.ptp(positions[:, 2]) <= PLANAR_HEIGHT else 3
+        looked_at = stamps[:: len(stamps) // PLANAR_LOOKS + 1] if len(stamps) else [0.0]
+        poses = [self._tree.pose_at(self.fixed_frame, self.frame, stamp) for stamp in looked_at]
+        level = min(abs(pose.rotation[2, 2]) for pose in poses)
+        heights = [pose.position[2] for pose in poses]
+        is_planar = level >= np.cos(PLANAR_TILT) and max(heights) - min(heights) <= PLANAR_HEIGHT
+        return 2 if is_planar else 3
 
     def _scans(self) -> Iterator[Scan]:
         with open_bag(self.path) as bag:

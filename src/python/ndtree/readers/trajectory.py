@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import gzip
+import math
 import os
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +23,8 @@ Floats = NDArray[np.float64]
 STAMP_TOLERANCE = 0.01
 #: Larger departures from a rotation are mistakes, smaller ones rounding.
 ROTATION_TOLERANCE = 0.02
+#: Sine of an angle below which an arc is its chord to the last bit.
+STRAIGHT = 1e-9
 
 TRAJECTORY = ReaderOption("trajectory", str, "File of poses, TUM (t x y z qx qy qz qw) or KITTI (3x4).")
 
@@ -145,9 +149,28 @@ class Trajectory:
         )
 
     def pose_at(self, stamp: float) -> Pose:
-        """The pose at a time [s]; as `poses_at`."""
-        positions, quaternions = self.poses_at(np.array([stamp]))
-        return Pose(matrices_of(quaternions)[0], positions[0])
+        """The pose at a time [s]: as `poses_at`, without the cost of arrays for one."""
+        first, last = float(self.stamps[0]), float(self.stamps[-1])
+        if not first - STAMP_TOLERANCE <= stamp <= last + STAMP_TOLERANCE:
+            raise self._outside(stamp)
+        stamp = min(max(float(stamp), first), last)
+        after = max(int(self.stamps.searchsorted(stamp)), min(1, len(self) - 1))
+        before = max(after - 1, 0)
+        begin, end = float(self.stamps[before]), float(self.stamps[after])
+        share = (stamp - begin) / (end - begin) if end > begin else 0.0
+        position = self.positions[before] + share * (self.positions[after] - self.positions[before])
+        one, other = self.quaternions[before].tolist(), self.quaternions[after].tolist()
+        if sum(a * b for a, b in zip(one, other)) < 0:
+            other = [-b for b in other]
+        apart = math.sqrt(sum((b - a) ** 2 for a, b in zip(one, other)))
+        angle = 2 * math.atan2(apart, math.sqrt(sum((a + b) ** 2 for a, b in zip(one, other))))
+        sine = math.sin(angle)
+        u, v = 1 - share, share
+        if sine >= STRAIGHT:
+            u, v = math.sin(u * angle) / sine, math.sin(v * angle) / sine
+        between = [u * a + v * b for a, b in zip(one, other)]
+        length = math.sqrt(sum(a * a for a in between))
+        return Pose(_matrix_of(*(a / length for a in between)), position)
 
     def poses_at(self, stamps: ArrayLike) -> tuple[Floats, Floats]:
         """Interpolated poses.
@@ -173,10 +196,7 @@ class Trajectory:
         first, last = self.stamps[0], self.stamps[-1]
         outside = ~((wanted >= first - STAMP_TOLERANCE) & (wanted <= last + STAMP_TOLERANCE))
         if outside.any():
-            raise ValueError(
-                f"{self.name}: no pose at {wanted[outside.argmax()]:.6f} s, "
-                f"expected a time from {first:.6f} to {last:.6f} s"
-            )
+            raise self._outside(wanted[outside.argmax()])
         wanted = np.clip(wanted, first, last)
         after = np.clip(np.searchsorted(self.stamps, wanted), 1, max(len(self) - 1, 1))
         before = after - 1
@@ -186,6 +206,12 @@ class Trajectory:
         start, end = self.positions[before], self.positions[after]
         positions = start + share[:, None] * (end - start)
         return positions, _slerp(self.quaternions[before], self.quaternions[after], share)
+
+    def _outside(self, stamp: float) -> ValueError:
+        return ValueError(
+            f"{self.name}: no pose at {stamp:.6f} s, "
+            f"expected a time from {self.stamps[0]:.6f} to {self.stamps[-1]:.6f} s"
+        )
 
     def transformed(self, T_sensor_other: Pose) -> Trajectory:
         """The trajectory of something that is fixed to the sensor."""
@@ -321,13 +347,18 @@ def _pose(i: int, among: NDArray[np.bool_]) -> str:
 
 def matrices_of(quaternions: Floats) -> Floats:
     """(n, 3, 3) rotation matrices of (n, 4) unit quaternions (x, y, z, w)."""
-    x, y, z, w = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return np.moveaxis(_matrix_of(*quaternions.T), 2, 0)
+
+
+def _matrix_of(x: Any, y: Any, z: Any, w: Any) -> Floats:
+    """The rotation matrix of a unit quaternion; of arrays of them, along further axes."""
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 def quaternions_of(matrices: Floats) -> Floats:
@@ -353,7 +384,7 @@ def _slerp(start: Floats, end: Floats, share: Floats) -> Floats:
     half = np.arctan2(np.linalg.norm(end - start, axis=1), np.linalg.norm(end + start, axis=1))
     angle = 2 * half
     sine = np.sin(angle)
-    tiny = sine < 1e-9  # There the chord is the arc to the last bit.
+    tiny = sine < STRAIGHT
     sine = np.where(tiny, 1.0, sine)
     before = np.where(tiny, 1 - share, np.sin((1 - share) * angle) / sine)
     after = np.where(tiny, share, np.sin(share * angle) / sine)

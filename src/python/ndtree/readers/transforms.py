@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree.readers.trajectory import Pose, Trajectory, matrices_of, unit_quaternions
+from ndtree.readers.trajectory import Pose, Trajectory, unit_quaternions
 
 Floats = NDArray[np.float64]
 
@@ -58,40 +58,23 @@ class TransformTree:
         return every[(every >= first) & (every <= last)]
 
     def pose_at(self, target: str, source: str, stamp: float) -> Pose:
-        """``T_target_source`` at a time [s]; as `poses_at`."""
-        rotations, positions = self.poses_at(target, source, np.array([stamp]))
-        return Pose(rotations[0], positions[0])
-
-    def poses_at(self, target: str, source: str, stamps: Floats) -> tuple[Floats, Floats]:
-        """``T_target_source`` at times.
-
-        Returns
-        -------
-        rotations : (n, 3, 3) float64
-        positions : (n, 3) float64
+        """``T_target_source`` at a time [s].
 
         Raises
         ------
         ValueError
-            If the frames are not connected, or a transform is not known at one of the times.
+            If the frames are not connected, or a transform is not known at that time.
         """
-        rotations = np.broadcast_to(np.eye(3), (len(stamps), 3, 3))
-        positions = np.zeros((len(stamps), 3))
+        T_at_source = Pose.identity()
         at = plain(source)
         for edge in self._way(target, source):
-            if edge in self._fixed:
-                turn, shift = self._fixed[edge].rotation[None], self._fixed[edge].position[None]
-            else:
-                shift, quaternions = self._trajectory(edge).poses_at(stamps)
-                turn = matrices_of(quaternions)
+            fixed = self._fixed.get(edge)
+            T_parent_child = self._trajectory(edge).pose_at(stamp) if fixed is None else fixed
             if at == edge[1]:
-                positions = (turn @ positions[:, :, None])[:, :, 0] + shift
-                rotations, at = turn @ rotations, edge[0]
+                T_at_source, at = T_parent_child @ T_at_source, edge[0]
             else:
-                back = np.swapaxes(turn, 1, 2)
-                positions = (back @ (positions - shift)[:, :, None])[:, :, 0]
-                rotations, at = back @ rotations, edge[1]
-        return rotations, positions
+                T_at_source, at = T_parent_child.inverse() @ T_at_source, edge[1]
+        return T_at_source
 
     def _trajectory(self, edge: tuple[str, str]) -> Trajectory:
         if edge not in self._moving:
