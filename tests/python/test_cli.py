@@ -158,6 +158,14 @@ def test_info_of_a_log_and_of_a_map(log: Path, log_3d: Path, tmp_path: Path) -> 
     assert f"{m.stats().observed_leaves} observed leaves" in run("info", tmp_path / "a.ndt").output
 
 
+def test_info_of_a_long_log_keeps_a_sample_of_its_ranges(log_3d: Path, monkeypatch: Any) -> None:
+    whole = json.loads(run("info", log_3d, "--json", "-").stdout)["range"]
+    monkeypatch.setattr("ndtree.commands.RANGE_SAMPLE", 5000)
+    sample = json.loads(run("info", log_3d, "--json", "-").stdout)["range"]
+    assert sample["max"] == whole["max"]
+    assert sample["median"] == pytest.approx(whole["median"], rel=0.1)
+
+
 def test_parts_of_a_log_are_those_of_the_library(log: Path, log_3d: Path, tmp_path: Path) -> None:
     target = tmp_path / "a.ndt"
     flags = ("--every", 2, "--stride", 3, "--min-range", 1, "--origin=1,-2", "--box=-3,-3,4,5")

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -293,6 +294,95 @@ def test_a_single_file_of_ros2_and_a_bag_without_its_ending(tmp_path: Path) -> N
             with pytest.raises(ValueError, match=rf"file, expected a name that ends in \{single.suffix}"):
                 read(moved)
             moved.unlink()
+
+
+HEADER = "std_msgs/Header header\n"
+ABOUT_HEADER = """================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
+
+def test_a_bag_of_another_writer(tmp_path: Path) -> None:
+    """An MCAP file of Foxglove's library, with definitions of its own in it."""
+    writer = pytest.importorskip("mcap_ros2.writer", reason="no mcap-ros2-support: no second writer of bags")
+    scan_text = HEADER + "".join(
+        f"float32 {name}\n"
+        for name in (
+            "angle_min angle_max angle_increment time_increment scan_time range_min range_max"
+        ).split()
+    )
+    scan_text += "float32[] ranges\nfloat32[] intensities\n" + ABOUT_HEADER
+    tf_text = (
+        "geometry_msgs/TransformStamped[] transforms\n"
+        f"{'=' * 80}\nMSG: geometry_msgs/TransformStamped\n{HEADER}"
+        "string child_frame_id\ngeometry_msgs/Transform transform\n"
+        f"{'=' * 80}\nMSG: geometry_msgs/Transform\n"
+        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n"
+        f"{'=' * 80}\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
+        f"{'=' * 80}\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+    ) + ABOUT_HEADER
+
+    def header(stamp: float, frame: str) -> dict[str, Any]:
+        return {"stamp": {"sec": int(stamp), "nanosec": round(stamp % 1 * 1e9)}, "frame_id": frame}
+
+    path = tmp_path / "foreign.mcap"
+    with open(path, "wb") as file:
+        one = writer.Writer(file)
+        tf = one.register_msgdef("tf2_msgs/msg/TFMessage", tf_text)
+        laser = one.register_msgdef("sensor_msgs/msg/LaserScan", scan_text)
+        for i in range(20):
+            stamp = 100 + 0.1 * i
+            moved = {
+                "header": header(stamp, "odom"),
+                "child_frame_id": "laser",
+                "transform": {
+                    "translation": {"x": i, "y": -i, "z": 0.5},
+                    "rotation": {"x": 0, "y": 0, "z": 1, "w": 0},
+                },
+            }
+            one.write_message("/tf", tf, {"transforms": [moved]}, round(stamp * 1e9), round(stamp * 1e9))
+        for i in range(3):
+            scan = {
+                "header": header(100.05 + i / 2, "laser"), "angle_min": 0.0, "angle_increment": np.pi / 2,
+                "angle_max": np.pi, "range_min": 0.1, "range_max": 9.0, "ranges": [1.0, 2.0, float("inf")],
+                "time_increment": 0.0, "scan_time": 0.0, "intensities": [],
+            }  # fmt: skip
+            one.write_message("/scan", laser, scan, round((100.05 + i / 2) * 1e9), 0)
+        one.finish()
+    scans = list(read(path))
+    assert len(scans) == 3
+    for i, scan in enumerate(scans):
+        at = np.array([0.5 + 5 * i, -0.5 - 5 * i])
+        np.testing.assert_allclose(scan.origin, at, atol=1e-5)
+        np.testing.assert_allclose(scan.endpoints, at + np.array([[-1, 0], [0, -2], [9, 0]]), atol=1e-5)
+        np.testing.assert_array_equal(scan.returned, [True, True, False])
+
+
+def test_a_bag_is_read_message_by_message(ros2: Messages, tmp_path: Path) -> None:
+    """The most memory in use while a bag is read is that of a few of its clouds."""
+    points = np.zeros((3000, 4), dtype=np.float32)
+    cloud = ros2.cloud(START, "sensor", points[:1])
+    for name, value in {
+        "width": 3000, "row_step": 48_000, "data": points.view(np.uint8).ravel()
+    }.items():  # fmt: skip
+        object.__setattr__(cloud, name, value)
+    content = [("/tf_static", START, ros2.tf(ros2.transform(START, "map", "sensor", [0, 0, 0], LEVEL)))]
+    content += [("/points", START + 1 + i, cloud) for i in range(400)]
+    log = read(write_bag(tmp_path / "bag", Messages("sqlite3"), content))
+    list(zip(range(3), log))
+    tracemalloc.start()
+    try:
+        assert sum(1 for _ in log) == 400
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 400 * 48_000 / 10
 
 
 # --- What is refused --------------------------------------------------------------------------------

@@ -739,15 +739,20 @@ def _print_map(m: OccupancyMap) -> None:
         print(f"  cells of {row['size']:g} m: {row['observed']}")
 
 
+#: The median range of longer logs is that of every second, fourth, ... beam.
+RANGE_SAMPLE = 2_000_000
+
+
 def _log_figures(log: Log) -> dict[str, Any]:
     beams = dict.fromkeys(("beams", "returned", "not_returned", "invalid"), 0)
     ranges: list[Any] = []
     low, high = np.full(log.dim, np.inf), np.full(log.dim, -np.inf)
-    scans, stamps = 0, []
+    kept, thin = 0, 1
+    scans, longest, first, last = 0, 0.0, math.inf, -math.inf
     with progress() as advance:
         for scan in log:
             scans += 1
-            stamps.append(scan.stamp)
+            first, last = min(first, scan.stamp), max(last, scan.stamp)
             distance = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
             valid = np.isfinite(distance) & (distance > 0)
             returned = valid if scan.returned is None else valid & scan.returned
@@ -755,8 +760,13 @@ def _log_figures(log: Log) -> dict[str, Any]:
             beams["invalid"] += int(np.count_nonzero(~valid))
             beams["returned"] += int(np.count_nonzero(returned))
             beams["not_returned"] += int(np.count_nonzero(valid & ~returned))
-            ranges.append(distance[returned])
+            ranges.append(distance[returned][::thin])
+            kept += len(ranges[-1])
+            if kept > RANGE_SAMPLE:
+                ranges = [np.concatenate(ranges)[::2]]
+                kept, thin = len(ranges[0]), 2 * thin
             if returned.any():
+                longest = max(longest, float(distance[returned].max()))
                 low = np.minimum(low, scan.endpoints[returned].min(axis=0))
                 high = np.maximum(high, scan.endpoints[returned].max(axis=0))
             advance("reading", scans, _length(log))
@@ -771,8 +781,8 @@ def _log_figures(log: Log) -> dict[str, Any]:
         "dim": log.dim,
         "scans": scans,
         "beams": beams,
-        "seconds": float(max(stamps) - min(stamps)),
-        "range": {"median": float(np.median(every)), "max": float(every.max())} if known else None,
+        "seconds": float(last - first),
+        "range": {"median": float(np.median(every)), "max": longest} if known else None,
         "bounds": {"lower": low.tolist(), "upper": high.tolist()} if known else None,
     }
 
