@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ import pytest
 
 import ndtree
 from ndtree import readers
-from ndtree.readers import FORMATS, READER_OPTIONS, read
+from ndtree.readers import FORMATS, READER_OPTIONS, Log, read
 
 FLASER = "FLASER 3 1.0 2.0 81.9 0.5 0.25 0.0 0.5 0.25 0.0 12.5 host 12.5"
 
@@ -156,6 +156,34 @@ def test_simulated_logs_measure_their_world(world: str, dim: int) -> None:
         log[3]
     with pytest.raises(ValueError, match="office"):
         ndtree.simulate("castle")
+
+
+class BreakingLog(Log):
+    """A log whose reader gives up behind some scans."""
+
+    format = "breaking"
+
+    def __init__(self, scans: int) -> None:
+        super().__init__("x.log", 2)
+        self.scans = scans
+
+    def _scans(self) -> Iterator[ndtree.Scan]:
+        for _ in range(self.scans):
+            yield ndtree.Scan(np.ones((1, 2)), np.zeros(2))
+        raise ValueError("x.log: the rest is missing")
+
+
+def test_what_was_read_before_a_reader_gives_up_is_kept() -> None:
+    log = BreakingLog(3)
+    with pytest.raises(ValueError, match="the rest is missing"):
+        list(log)
+    log.keep_going = True
+    assert len(list(log)) == 3
+    assert log.skipped["ends that cannot be read"].first == "x.log: the rest is missing"
+    nothing = BreakingLog(0)
+    nothing.keep_going = True
+    with pytest.raises(ValueError, match="the rest is missing"):
+        list(nothing)
 
 
 # --- What is refused --------------------------------------------------------------------------------
