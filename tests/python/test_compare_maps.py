@@ -234,6 +234,9 @@ def test_the_command_compares_and_converts(tmp_path: Path) -> None:
     assert done.exit_code == 0 and (tmp_path / "room.pgm").exists(), done.stderr
     done = run("convert", tmp_path / "room.ndt", tmp_path / "room.ply", "--states", "occupied,frontier")
     assert done.exit_code == 0 and (tmp_path / "room.ply").exists(), done.stderr
+    done = run("info", tmp_path / "room.bt", "--json", tmp_path / "info.json")
+    assert done.exit_code == 0, done.stderr
+    assert json.loads((tmp_path / "info.json").read_text())["options"]["min_cell_size"] == 0.3
     both = tmp_path / "room.ndt", tmp_path / "room.bt"
     done = run("compare", *both, "--json", tmp_path / "figures.json")
     assert done.exit_code == 0, done.stderr

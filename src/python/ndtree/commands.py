@@ -28,8 +28,8 @@ from ndtree.conversion import convert
 from ndtree.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
 from ndtree.files import replaced
 from ndtree.map_comparison import compare_maps
-from ndtree.maps import is_map
-from ndtree.readers import FORMATS, MAP_MAGIC, Log, simulate
+from ndtree.maps import is_map, open_map
+from ndtree.readers import FORMATS, Log, simulate
 from ndtree.scan import Scan
 from ndtree.writers import FORMATS as MAP_FORMATS
 from ndtree.writers import STATES as CELL_STATES
@@ -420,7 +420,9 @@ def calibrate(
 @reports_errors
 @reading_options
 def view(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="A map.")],
+    map_file: Annotated[
+        Path, typer.Argument(metavar="MAP", help="A map: .ndt, .bt, .ot, or map_server's .yaml.")
+    ],
     color: Annotated[
         Optional[CellColor],
         typer.Option(help="What colors say; else height, in 2-D probability.", show_default=False),
@@ -456,14 +458,14 @@ def view(
             raise WrongCall("--open: is for the page, not for --png")
         plot = _plot()
         _check_picture(plot, png, "--png")
-        m = _suited(ndtree.load(map_file), color, axis)
+        m = _suited(_load(map_file), color, axis)
         _draw(plot, m, png, color, axis, at)
         print(f"wrote {png}")
         return
     from ndtree.snapshot import Look
     from ndtree.view import PORT, Viewer
 
-    m = _suited(ndtree.load(map_file), color, axis)
+    m = _suited(_load(map_file), color, axis)
     look = Look.of(m.dim, color=color and color.value, free=free, unknown=unknown, axis=axis, slice_at=at)
     opened = reading.open(log, None) if log is not None else None
     with Viewer(m, port=PORT if port is None else port, look=look) as page:
@@ -541,13 +543,9 @@ def info(
 ) -> None:
     """Say what is in a map or a log."""
     _check_target(json_file)
-    is_map = False
-    if not path.is_dir():
-        with open(path, "rb") as file:
-            is_map = file.read(len(MAP_MAGIC)) == MAP_MAGIC
-    if is_map:
+    if is_map(path):
         reading.require_none("a map")
-        loaded = ndtree.load(path)
+        loaded = _load(path)
         figures = {"map": str(path), **_map_figures(loaded)}
         if not _is_stdout(json_file):
             print(f"{path}: {loaded!r}")
@@ -565,6 +563,12 @@ def info(
 
 
 # --- Logs and maps ----------------------------------------------------------------------------------
+
+
+def _load(path: Path) -> OccupancyMap:
+    """A map of any kind; an image that does not begin at a whole number of pixels from 0 is sampled anew."""
+    placed = open_map(path)
+    return placed.resampled(placed.cell_size)
 
 
 def _open(
