@@ -6,6 +6,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tracemalloc
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -399,7 +400,7 @@ def test_a_scan_outside_of_the_transforms_is_named_or_passed_over(
     path = write_bag(tmp_path / "bag", make, sorted(content, key=lambda one: one[1]))
     message = (
         rf"{path}: /scan: message {0 if when < 0 else 5}: transform from \w+ to \w+: no pose at "
-        rf"{START + when:.6f} s, expected a time from {START:.6f} to"
+        rf"{START + when:.6f} s, expected a time from {START:.6f} to [\d.]+ s; keep_going passes over such"
     )
     with pytest.raises(ValueError, match=message):
         list(read(path))
@@ -439,6 +440,9 @@ def test_damaged_bags_are_named(make: Messages, tmp_path: Path) -> None:
         file.write_bytes(whole)
         (path / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 5}")
         with pytest.raises(ValueError, match="cannot be read as a ROS bag"):
+            read(path)
+        (path / "metadata.yaml").unlink()
+        with pytest.raises(ValueError, match=f"{path}: no metadata.yaml in it, expected a whole ROS 2 bag"):
             read(path)
 
 
@@ -541,7 +545,7 @@ def test_recorded_depth_images_lie_where_the_folder_has_them(recordings: Path, t
     """The same images from a folder and from a bag whose poses are in /tf."""
     image = pytest.importorskip("PIL.Image")
     folder = recordings / "kinect_tum_fr1_rpy" / "tum_format"
-    in_folder = list(read(folder).select(every=6))
+    in_folder = list(islice(read(folder), 3))
     make = Messages("ros1")
     trajectory = read_trajectory(folder / "groundtruth.txt")
     content = [
@@ -549,17 +553,18 @@ def test_recorded_depth_images_lie_where_the_folder_has_them(recordings: Path, t
         for stamp, position, quaternion in zip(
             trajectory.stamps, trajectory.positions, trajectory.quaternions
         )
+        if abs(stamp - in_folder[1].stamp) < 2
     ]
     info = make.camera_info(0, "camera", (480, 640), (525, 525, 319.5, 239.5))
     content.append(("/depth/camera_info", START, info))
     rows = [line.split() for line in (folder / "depth.txt").read_text().splitlines() if line[0] != "#"]
-    for stamp, name in rows[::6]:
+    for stamp, name in rows[:3]:
         values = np.asarray(image.open(folder / name)).astype(np.float32) / 5000
         message = make.image(float(stamp), "camera", values, "32FC1")
         content.append(("/depth/image", float(stamp), message))
     log = read(write_bag(tmp_path / "bag", make, content))
     scans = list(log)
-    assert len(scans) == len(in_folder) >= 4
+    assert len(scans) == len(in_folder) == 3
     for one, other in zip(scans, in_folder):
         assert one.stamp == pytest.approx(other.stamp, abs=1e-6)
         np.testing.assert_allclose(one.endpoints, other.endpoints, atol=1e-4)

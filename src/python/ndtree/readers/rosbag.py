@@ -24,6 +24,7 @@ from ndtree.scan import Scan
 ROS1_MAGIC = b"#ROSBAG V"
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\0"
+METADATA = "metadata.yaml"
 #: Endings by which the library for bags tells the storage of a single file.
 _ENDINGS = ((MCAP_MAGIC, ".mcap", "an MCAP file"), (SQLITE_MAGIC, ".db3", "an SQLite file"))
 
@@ -143,7 +144,10 @@ def open_bag(path: str) -> Iterator[Bag]:
     """
     library = _Library()
     is_ros1 = False
-    if not os.path.isdir(path):
+    if os.path.isdir(path):
+        if METADATA not in os.listdir(path):
+            raise ValueError(f"{path}: no {METADATA} in it, expected a whole ROS 2 bag, or one of its files")
+    else:
         with open(path, "rb") as file:
             head = file.read(16)
         is_ros1 = head.startswith(ROS1_MAGIC)
@@ -308,7 +312,8 @@ class RosbagLog(SizedLog):
                 try:
                     pose = self._tree.pose_at(self.fixed_frame, message.header.frame_id, stamp)
                 except ValueError as error:
-                    self._skip("messages without a pose", ValueError(f"{where}: {error}"))
+                    error = ValueError(f"{where}: {error}; keep_going passes over such messages")
+                    self._skip("messages without a pose", error)
                     continue
                 points = pose.apply(beams.points)[:, : self.dim]
                 yield Scan(points, pose.position[: self.dim], beams.returned, stamp)
@@ -475,7 +480,8 @@ def _line(error: Exception) -> str:
 
 def _recognises(source: Source) -> bool:
     if source.is_folder:
-        return "metadata.yaml" in source.names
+        endings = tuple(ending for _, ending, _ in _ENDINGS)
+        return METADATA in source.names or any(name.endswith(endings) for name in source.names)
     return source.head.startswith((ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC))
 
 
