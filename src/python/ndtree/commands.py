@@ -205,6 +205,7 @@ def demo(
     epilog=_examples(
         "ndtree map intel.log.gz -o intel.ndt --picture intel.png",
         "ndtree map room.npz -o room.ndt --min-cell-size 0.025 --range-sigma-quadratic 0.0015",
+        "ndtree map drive.bag -o drive.ndt --topic /scan --fixed-frame map --from 10 --keep-going",
     ),
 )
 @reports_errors
@@ -532,7 +533,9 @@ def convert_(
     print(f"{source}: wrote {output}")
 
 
-@app.command(epilog=_examples("ndtree info intel.log.gz", "ndtree info intel.ndt --json -"))
+@app.command(
+    epilog=_examples("ndtree info intel.log.gz", "ndtree info drive.bag", "ndtree info intel.ndt --json -")
+)
 @reports_errors
 @reading_options
 def info(
