@@ -103,7 +103,7 @@ class Browser:
         found = self._call("Runtime.evaluate", expression=expression, returnByValue=True)["result"]["value"]
         self.click(*found)
 
-    def until(self, is_there: Callable[[Browser], Any], seconds: float = 40.0) -> Any:
+    def until(self, is_there: Callable[[Browser], Any], seconds: float = 90.0) -> Any:
         """What `is_there` says as soon as it says anything; fails when it takes too long."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:

@@ -10,7 +10,7 @@ import tempfile
 import time
 import webbrowser
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Callable, Optional
@@ -476,10 +476,11 @@ def view(
                     page.add_track(scan)
                     advance("reading", done, _length(opened))
             page.refresh()
-        print(f"{map_file}: {page.url} until Ctrl-C", flush=True)
-        if open_:
-            webbrowser.open(page.url)
-        page.wait()
+        with suppress(KeyboardInterrupt):
+            print(f"{map_file}: {page.url} until Ctrl-C", flush=True)
+            if open_:
+                webbrowser.open(page.url)
+            page.wait()
 
 
 @app.command(
@@ -911,8 +912,11 @@ def _observers(
 
 def _stay(page: Any, json_file: Optional[Path]) -> None:
     """Keeps a page with the map as it became, until the user interrupts."""
-    print(f"{page.url} until Ctrl-C", file=sys.stderr if _is_stdout(json_file) else sys.stdout, flush=True)
-    page.wait()
+    with suppress(KeyboardInterrupt):
+        print(
+            f"{page.url} until Ctrl-C", file=sys.stderr if _is_stdout(json_file) else sys.stdout, flush=True
+        )
+        page.wait()
     page.close()
 
 

@@ -143,7 +143,9 @@ class Recorder:
             low, high = corners.min(axis=0), corners.max(axis=0)
             pixel = float(np.max((high - low) / SIZE))
             try:
-                plot.occupied(m, ax, region=self._region.ravel(), color=self._color, finest=pixel)
+                shown = self._region.ravel()
+                heights = (float(shown[4]), float(shown[5]))
+                plot.occupied(m, ax, region=shown, color=self._color, heights=heights, finest=pixel)
             except ValueError:  # What is occupied is all above the ceiling that was found.
                 return
             ax.set_xlim(low[0], high[0])

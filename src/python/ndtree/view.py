@@ -12,6 +12,7 @@ import math
 import socket
 import threading
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,6 +44,7 @@ MAX_CLEAR_BOXES = 30_000  # And of those that are seen through, which the page h
 _TRACK_COLOR = (200, 30, 120)
 _CLEAR = {"free": 0.12, "unknown": 0.3, "plane_free": 0.5}  # Opacity.
 _SETTLED = 0.25  # Seconds without motion after which the page is drawn anew for the camera.
+_MOVED = 0.2  # By this share of its distance the camera moves before that is done.
 _FIELD_OF_VIEW = math.radians(60.0)
 #: Lights: from where, and how bright.
 _LIGHTS = (((0.15, -0.45, 0.9), 2.3), ((0.9, -0.3, 0.1), 0.6), ((-0.3, 0.6, -0.5), 0.5))
@@ -96,7 +98,7 @@ class Viewer:
         if m is not None:
             self._take(m)
         self._server = _started(port)
-        atexit.unregister(self._server.stop)  # It would say goodbye at the process's end.
+        atexit.register(self.close)  # Before viser does, which says goodbye.
         _light(self._server.scene)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
         self._server.gui.set_panel_label("ndtree")
@@ -149,6 +151,7 @@ class Viewer:
 
     def close(self) -> None:
         """Take the page from the net."""
+        atexit.unregister(self.close)
         with self._lock:
             visitors = list(self._visitors.values())
         for visitor in visitors:
@@ -241,12 +244,22 @@ def _unusable(port: int, number: int | None, reason: str | None) -> OSError:
     return OSError(number, f"port {port} is {found}, expected a free one", f"{HOST}:{port}")
 
 
+@dataclass(frozen=True)
+class _Eye:
+    """Where a page's camera is, the apparent size of its pixels, and how far away is what it turns about."""
+
+    position: Floats | None  # None before the page has said so.
+    pixel: float
+    reach: float
+
+
 class _Visitor:
     """One open page: its controls, and a thread that draws what they ask for."""
 
     def __init__(self, viewer: Viewer, client: viser.ClientHandle) -> None:
         self._viewer, self._client = viewer, client
         self._drawn: dict[str, Any] = {}
+        self._last: tuple[Snapshot, Look] | None = None
         self._wake = threading.Condition()
         self._dirty, self._moved_at, self._stopped = True, -math.inf, False
         self._controls: _Controls | None = None
@@ -303,7 +316,9 @@ class _Visitor:
     def _draw(self, snapshot: Snapshot, controls: _Controls) -> None:
         controls.fit(snapshot)
         look = controls.look()
-        controls.say("working …")
+        if (snapshot, look) != self._last:
+            controls.say("working …")
+            self._last = (snapshot, look)
         kinds = shown_kinds(look)
         drawn, there = 0, 0
         for kind in KINDS:
@@ -322,28 +337,33 @@ class _Visitor:
 
     def _draw_boxes(self, kind: str, layer: Layer, look: Look, snapshot: Snapshot) -> int:
         budget = MAX_CLEAR_BOXES if kind in _CLEAR and snapshot.dim == 3 else self._viewer.max_boxes
-        eye, pixel = self._eye()
-        chosen = layer.pyramid.chosen(eye, budget, pixel)
         before = self._drawn.get(kind)
-        if before is not None and before[0] is layer and np.array_equal(before[1], chosen):
+        is_same = before is not None and before[0] is layer
+        if is_same and (layer.pyramid.leaves <= budget or not self._has_moved(before[2])):
+            return len(before[1])
+        eye = self._eye()
+        chosen = layer.pyramid.chosen(eye.position, budget, eye.pixel)
+        if is_same and np.array_equal(before[1], chosen):
             return len(chosen)
-        self._remove(kind)
         if not len(chosen):
+            self._remove(kind)
             return 0
         flat_axis = look.axis if kind in IN_PLANE else 2 if snapshot.dim == 2 else None
         boxes = _boxes(layer.pyramid, chosen, flat_axis, lift=0.01 if kind == "occupied" else 0.0)
         is_clear = kind in _CLEAR and snapshot.dim == 3
-        handle = self._client.scene.add_batched_meshes_simple(
-            f"/{kind}",
-            **boxes,
-            lod="off",
-            opacity=_CLEAR[kind] if is_clear else None,
-            flat_shading=True,
-            side="front" if flat_axis is None else "double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-        self._drawn[kind] = (layer, chosen, handle)
+        with self._client.atomic():
+            self._remove(kind)
+            handle = self._client.scene.add_batched_meshes_simple(
+                f"/{kind}",
+                **boxes,
+                lod="off",
+                opacity=_CLEAR[kind] if is_clear else None,
+                flat_shading=True,
+                side="front" if flat_axis is None else "double",
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+        self._drawn[kind] = (layer, chosen, eye, handle)
         self._viewer.bytes_sent += sum(array.nbytes for array in boxes.values())
         return len(chosen)
 
@@ -352,14 +372,21 @@ class _Visitor:
         if before is not None:
             before[-1].remove()
 
-    def _eye(self) -> tuple[Floats | None, float]:
-        """Where the page's camera is, and the apparent size of its pixels; nothing before it has said so."""
+    def _eye(self) -> _Eye:
         camera = self._client.camera
         try:
+            position = np.asarray(camera.position, dtype=np.float64)
             pixel = 2 * math.tan(0.5 * camera.fov) / max(camera.image_height, 1)
-            return np.asarray(camera.position, dtype=np.float64), pixel
+            return _Eye(position, pixel, float(np.linalg.norm(position - camera.look_at)))
         except AssertionError:  # viser's way to say "not yet".
-            return None, 0.0
+            return _Eye(None, 0.0, 0.0)
+
+    def _has_moved(self, before: _Eye) -> bool:
+        """Whether what is near has changed so much that it is worth choosing anew what is drawn finely."""
+        now = self._eye()
+        if now.position is None or before.position is None:
+            return now.position is not None
+        return float(np.linalg.norm(now.position - before.position)) > _MOVED * before.reach
 
     def _draw_track(self, snapshot: Snapshot, look: Look) -> None:
         points = np.asarray(self._viewer.track) - snapshot.origin
