@@ -334,6 +334,23 @@ def test_wrong_maps_are_refused(flat: Any, solid: Any, tmp_path: Path) -> None:
         plot.occupied(solid, cut_above="roof")
 
 
+def test_the_gallery_is_drawn_by_its_script(tmp_path: Path) -> None:
+    gallery = Path(__file__).resolve().parents[2] / "tools" / "gallery"
+    if not gallery.exists():
+        pytest.skip(f"{gallery} is not there")
+
+    def drawn(*names: str) -> Any:
+        command = [sys.executable, str(gallery), *names, "--data", str(tmp_path), "--output", str(tmp_path)]
+        return subprocess.run(command, capture_output=True, text=True)
+
+    assert drawn("truth").returncode == 0
+    assert 1000 < (tmp_path / "truth.png").stat().st_size < 200_000
+    done = drawn("kinect")
+    assert done.returncode == 1
+    assert "kinect is left out" in done.stderr and "is not there" in done.stderr
+    assert drawn("nothing").returncode == 2
+
+
 def test_plot_is_loaded_only_when_asked_for() -> None:
     code = "import sys, ndtree; print('matplotlib' in sys.modules, hasattr(ndtree, 'plot'))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

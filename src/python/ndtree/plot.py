@@ -472,7 +472,9 @@ def overview_3d(
         With two axes, and a bar that says what the colors mean.
     """
     view = (azimuth, elevation)
-    return _draw_3d({"occupied": m}, view, cut_above, region, color, (slice_axis, slice_at), path, width, dpi)
+    return _draw_3d(
+        {m.refinement: m}, view, cut_above, region, color, (slice_axis, slice_at), path, width, dpi
+    )
 
 
 def _draw_3d(
@@ -516,7 +518,8 @@ def _draw_3d(
         _framed(_draw_cubes(*one, above, *view, colors, pixel), corners)
         above.set_title(_title(whole, kind))
         slice(m, held, at, below, region=flat_region, borders=kind != "fixed")
-        below.set_title(f"slice at {'xyz'[held]} = {at:.2f} m: occupied white, free black, unknown grey")
+        meaning = ": occupied white, free black, unknown grey" if len(maps) == 1 else ""
+        below.set_title(f"slice at {'xyz'[held]} = {at:.2f} m{meaning}")
     _add_bar(colors.legend(), list(axes[0]), colors.label, colors.ticks, shrink=0.7)
     return _written(figure, path, dpi)
 
