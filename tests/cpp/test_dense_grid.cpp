@@ -133,6 +133,20 @@ TYPED_TEST(DenseGrid, DistanceToOccupiedIsTheLeastOfAll) {
   EXPECT_FALSE((distance_to_occupied(map, Vector<D>::Constant(NAN))));
 }
 
+TEST(DenseGrid, CellsAndTheMapAreHalfOpen) {
+  MapOptions options;
+  options.min_cell_size = options.max_cell_size = 0.25;
+  MapBuilder<FixedMap<2, 2>> builder(options);
+  builder.fill({0, 0}, {1, 1}, 1.0f);
+  const auto map = std::move(builder).finish();  // All of it is the one cell, up to 0.25 m.
+  GridGeometry<2> grid{Vector<2>(-0.25, 0.0), 0.25, {3, 3}};
+  grid.lower -= Vector<2>::Constant(0.125);  // Centres lie on borders.
+  std::vector<std::int8_t> states(9);
+  to_grid(
+      map, grid, [](const auto& cell) { return static_cast<std::int8_t>(cell.state()); }, states.data());
+  EXPECT_EQ(states, (std::vector<std::int8_t>{-1, -1, -1, 1, -1, -1, -1, -1, -1}));
+}
+
 TEST(DenseGrid, WhatIsNoGridIsRefused) {
   const std::int8_t good[] = {0, 1};
   const std::int8_t bad[] = {0, 2};

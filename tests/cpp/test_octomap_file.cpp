@@ -153,13 +153,13 @@ TEST(OctomapFile, BytesByHand) {
   EXPECT_EQ(octomap_bytes(empty, OctomapFormat::binary),
             "# Octomap OcTree binary file\nid OcTree\nsize 0\nres 0.5\ndata\n");
   MapBuilder<PaperMap<2, 3>> builder(options);
-  builder.fill({0, 0, 0}, {1, 1, 1}, -1.0f);  // Key 32768 on all axes: child 7, and then 15 times child 0.
-  builder.fill({1, 0, 0}, {2, 1, 1}, 2.0f);   // The same, but child 1 in the end.
+  builder.fill({0, 0, 0}, {1, 1, 1}, 2.0f);   // Key 32768 on all axes: child 7, and then 15 times child 0.
+  builder.fill({1, 0, 0}, {2, 1, 1}, -1.0f);  // The same, but child 1 in the end.
   const auto map = std::move(builder).finish();
   const std::string binary = octomap_bytes(map, OctomapFormat::binary);
   std::string data{"\x00\xc0", 2};  // Child 7 has children: the upper two bits of the second byte.
   for (int i = 0; i < 14; ++i) data += std::string{"\x03\x00", 2};
-  data += std::string{"\x09\x00", 2};  // 1 free, 2 occupied.
+  data += std::string{"\x06\x00", 2};  // 2 occupied, 1 free.
   EXPECT_EQ(binary, "# Octomap OcTree binary file\nid OcTree\nsize 18\nres 0.5\ndata\n" + data);
   const std::string full = octomap_bytes(map, OctomapFormat::full);
   ByteWriter nodes;
@@ -167,7 +167,7 @@ TEST(OctomapFile, BytesByHand) {
     nodes.put(2.0f);  // The largest below.
     nodes.put(static_cast<std::uint8_t>(i == 0 ? 0x80 : i < 15 ? 0x01 : 0x03));
   }
-  for (const float value : {-1.0f, 2.0f}) {
+  for (const float value : {2.0f, -1.0f}) {
     nodes.put(value);
     nodes.put(std::uint8_t{0});
   }
