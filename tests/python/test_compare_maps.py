@@ -122,6 +122,9 @@ def test_shifted_frames_are_compared_where_they_lie() -> None:
     coarser = ndtree.from_grid(np.ones((6, 9), dtype=int), [-1, -2], 1.0)
     other = ndtree.compare_maps(moved, coarser)["cells"]
     assert other["free"]["occupied"] == np.count_nonzero(grid == 0)
+    cell = ndtree.from_grid([[1]], [0, 0], 0.2)
+    apart = ndtree.compare_maps(PlacedMap(cell, np.array([1.0, 0.0]), "right"), cell)["distances"]
+    assert [apart[way]["max"] for way in ("a_to_b", "b_to_a")] == pytest.approx([0.9, 0.9])
 
 
 def test_files_of_every_kind_are_compared(tmp_path: Path) -> None:

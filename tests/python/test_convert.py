@@ -266,15 +266,18 @@ def test_frontier_cells_are_unknown_and_beside_free_ones(tmp_path: Path, space: 
 
 
 def fixed_room() -> ndtree.FixedMap:
+    """Not about 0, so that no two axes look alike."""
     m = ndtree.FixedMap(dim=3, cell_size=0.2)
-    m.insert(*room_scan(3, 1, 400))
+    points, origin = room_scan(3, 1, 400)
+    shift = np.array([0.2, 0.6, -0.4])
+    m.insert(points + shift, origin + shift)
     return m
 
 
 def test_meshes_enclose_the_cells(tmp_path: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     m = fixed_room()
-    occupied = states(m, 0.2) == 1
+    occupied = m.to_grid([[-3.2] * 3, [3.2] * 3]) == 1
     expected = 0
     for axis in range(3):  # Faces between a cell of the set and one that is not.
         padded = np.pad(occupied, [(1, 1) if a == axis else (0, 0) for a in range(3)])
