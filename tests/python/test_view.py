@@ -252,6 +252,12 @@ def test_a_growing_map_grows_on_the_page(flat: Any) -> None:
             browser.until(lambda b: np.count_nonzero(coloured(b.picture())) > 300)
             counts.append(cells)
         assert len(set(counts)) == 2
+        angle = np.linspace(0, 2 * np.pi, 2000)
+        m.insert(30 * np.stack([np.cos(angle), np.sin(angle)], axis=1), np.zeros(2))
+        viewer.show(m)  # Nobody has turned the page: it steps back to show all, the ring's ends, too.
+        browser.until(lambda b: np.ptp(np.nonzero(coloured(b.picture()))[0]) > 350)
+        seen = coloured(browser.picture())
+        assert not seen[-20:].any() and not seen[:, :20].any()
         assert browser.errors == []
 
 

@@ -287,7 +287,7 @@ def map_(
     _write_json(figures, json_file)
     _warn_of_skipped(opened)
     if watch:
-        _stay(observers[0], json_file)
+        _stay(observers[0], target, json_file)
 
 
 @app.command(
@@ -910,8 +910,9 @@ def _observers(
             film.abandon()
 
 
-def _stay(page: Any, json_file: Optional[Path]) -> None:
+def _stay(page: Any, m: OccupancyMap, json_file: Optional[Path]) -> None:
     """Keeps a page with the map as it became, until the user interrupts."""
+    page.show(m)
     with suppress(KeyboardInterrupt):
         print(
             f"{page.url} until Ctrl-C", file=sys.stderr if _is_stdout(json_file) else sys.stdout, flush=True

@@ -44,6 +44,7 @@ MAX_CLEAR_BOXES = 30_000  # And of those that are seen through, which the page h
 _TRACK_COLOR = (200, 30, 120)
 _CLEAR = {"free": 0.12, "unknown": 0.3, "plane_free": 0.5}  # Opacity.
 _SETTLED = 0.25  # Seconds without motion after which the page is drawn anew for the camera.
+_GROWN = 1.3  # From so much farther away a page looks at a map that has grown.
 _MOVED = 0.2  # By this share of its distance the camera moves before that is done.
 _FIELD_OF_VIEW = math.radians(60.0)
 #: Lights: from where, and how bright.
@@ -94,6 +95,7 @@ class Viewer:
         self.snapshot: Snapshot | None = None
         self.track = Track()
         self.bytes_sent = 0
+        self.aim: dict[str, Any] | None = None  # The camera of a page that nobody has turned.
         self._cost, self._shown_at = 0.0, -math.inf
         if m is not None:
             self._take(m)
@@ -116,18 +118,16 @@ class Viewer:
 
     def show(self, m: OccupancyMap) -> None:
         """Show a map, or what has become of it. It is copied: it may change at once."""
-        is_first = self.snapshot is None
         self._take(m)
-        if is_first:
-            self._aim()
-        self.refresh(moved=is_first)
+        self._aim()
+        self.refresh()
 
-    def refresh(self, moved: bool = False) -> None:
-        """Have open pages drawn anew; with `moved`, as they were seen at first."""
+    def refresh(self) -> None:
+        """Have open pages drawn anew."""
         with self._lock:
             visitors = list(self._visitors.values())
         for visitor in visitors:
-            visitor.refresh(moved)
+            visitor.refresh()
 
     def add_track(self, scan: Scan) -> None:
         """Take a scan's origin into the trajectory; it is seen with the next `show` or `refresh`."""
@@ -175,11 +175,16 @@ class Viewer:
         self.snapshot = snapshot
 
     def _aim(self) -> None:
-        """The first look at a map, from above where it is flat, else from the south and half-way up."""
+        """Have new pages, and those that nobody has turned, look at all of a map that has grown."""
         assert self.snapshot is not None
-        camera = self._server.initial_camera
-        for name, value in first_camera(self.snapshot).items():
-            setattr(camera, name, value)
+        wanted = first_camera(self.snapshot)
+        if self.aim is not None:
+            reach, before = (np.linalg.norm(c["position"] - c["look_at"]) for c in (wanted, self.aim))
+            if reach < _GROWN * before:
+                return
+        self.aim = wanted
+        for name, value in wanted.items():
+            setattr(self._server.initial_camera, name, value)
 
     def _connected(self, client: viser.ClientHandle) -> None:
         visitor = _Visitor(self, client)
@@ -195,7 +200,7 @@ class Viewer:
 
 
 def first_camera(snapshot: Snapshot) -> dict[str, Any]:
-    """Where a page's camera stands at first, in the page's frame."""
+    """Where a page's camera stands at first: above a flat map, else to the south and half-way up."""
     low, high = snapshot.region.T - snapshot.origin
     middle, extent = 0.5 * (low + high), high - low
     away = 0.5 * float(np.linalg.norm(extent)) / math.tan(0.5 * _FIELD_OF_VIEW)
@@ -260,6 +265,7 @@ class _Visitor:
         self._viewer, self._client = viewer, client
         self._drawn: dict[str, Any] = {}
         self._last: tuple[Snapshot, Look] | None = None
+        self._aim = viewer.aim
         self._wake = threading.Condition()
         self._dirty, self._moved_at, self._stopped = True, -math.inf, False
         self._controls: _Controls | None = None
@@ -268,16 +274,27 @@ class _Visitor:
         self._thread = threading.Thread(target=self._run, name="ndtree-view", daemon=True)
         self._thread.start()
 
-    def refresh(self, moved: bool = False) -> None:
-        """Draw anew, soon; with `moved`, from where a page begins."""
-        if moved and self._viewer.snapshot is not None:
-            camera = first_camera(self._viewer.snapshot)
-            with self._client.atomic():
-                self._client.camera.position = camera["position"]
-                self._client.camera.look_at = camera["look_at"]
+    def refresh(self) -> None:
+        """Draw anew, soon, and from farther away if the map has grown and nobody has turned the page."""
+        self._follow()
         with self._wake:
             self._dirty = True
             self._wake.notify()
+
+    def _follow(self) -> None:
+        aim, position = self._viewer.aim, self._eye().position
+        if aim is None or aim is self._aim or position is None:
+            return
+        if self._aim is not None:
+            away = np.linalg.norm(position - self._aim["position"])
+            if away > 0.01 * np.linalg.norm(self._aim["position"] - self._aim["look_at"]):
+                return
+        self._aim = aim
+        camera = self._client.camera
+        with self._client.atomic():
+            camera.position = aim["position"]  # Takes the point that it looks at with it.
+            camera.look_at = aim["look_at"]
+            camera.near, camera.far, camera.fov = aim["near"], aim["far"], aim["fov"]
 
     def stop(self) -> None:
         with self._wake:
