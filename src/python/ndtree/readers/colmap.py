@@ -43,6 +43,9 @@ CAMERA_MODELS = {
 }
 _NAMES = {number: name for name, (number, _, _) in CAMERA_MODELS.items()}
 
+#: Of the smallest image in a binary file.
+IMAGE_BYTES = 73
+
 Floats = NDArray[np.float64]
 Identities = NDArray[np.int64]
 
@@ -75,14 +78,7 @@ class ColmapLog(SfmLog):
 
     @cached_property
     def _number_of_images(self) -> int:
-        count = 0
-        try:
-            for _ in self._files.images(self._names["images"]):
-                count += 1
-        except ValueError:
-            if not self.keep_going:
-                raise
-        return count
+        return self._files.count(self._names["images"])
 
     @cached_property
     def _focal_lengths(self) -> dict[int, float]:
@@ -148,6 +144,11 @@ class _Files:
         raise NotImplementedError
 
     @staticmethod
+    def count(path: str) -> int:
+        """How many images a file has, or had before it was cut off."""
+        raise NotImplementedError
+
+    @staticmethod
     def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
         """Where it stands, the camera's name, T_camera_map, and names of points, -1 for a feature without."""
         raise NotImplementedError
@@ -168,6 +169,16 @@ class _Text(_Files):
             except (ValueError, IndexError):
                 raise ValueError(f"{path}: {where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS") from None
             yield camera, _focal_length(path, where, fields[1], parameters)
+
+    @staticmethod
+    def count(path: str) -> int:
+        lines = _lines(path, skip_blank=False)
+        count = 0
+        for _, line in lines:
+            if line.strip():
+                count += 1
+                next(lines, None)
+        return count
 
     @staticmethod
     def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
@@ -226,9 +237,15 @@ class _Binary(_Files):
                 yield camera, _focal_length(path, where, name, list(parameters))
 
     @staticmethod
+    def count(path: str) -> int:
+        with open(path, "rb") as file:
+            (said,) = _unpacked(file, path, "number of images", "<Q")
+            return min(said, os.fstat(file.fileno()).st_size // IMAGE_BYTES)
+
+    @staticmethod
     def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
         with open(path, "rb") as file:
-            for where in _records(file, path, "image", smallest=73):
+            for where in _records(file, path, "image", smallest=IMAGE_BYTES):
                 numbers = _unpacked(file, path, where, "<I7dI")
                 while _take(file, path, where, 1) != b"\0":
                     pass  # The image's name.
