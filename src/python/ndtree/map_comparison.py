@@ -315,8 +315,11 @@ def _draw(result: MapComparison, path: Path) -> None:
     a, b = result.placed
     image, extent = _differences(result)
     wide, high = extent[1] - extent[0], extent[3] - extent[2]
-    figure = Figure(figsize=(9, min(14.0, max(3.0, 8.2 * high / wide) + 2.0)), layout="constrained")
+    above, below = 0.6, 1.5  # Room for the title, and for the words below [inches].
+    size = (9.0, min(14.0, max(3.0, 8.2 * high / wide)) + above + below)
+    figure = Figure(figsize=size)
     FigureCanvasAgg(figure)
+    figure.subplots_adjust(left=0.09, right=0.98, bottom=below / size[1], top=1 - above / size[1])
     axes = figure.add_subplot()
     axes.imshow(
         image.T,
@@ -338,7 +341,7 @@ def _draw(result: MapComparison, path: Path) -> None:
         for i, (_, color, text) in enumerate(_SHOWN)
         if text and i in there
     ]
-    figure.legend(handles=patches, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    figure.legend(handles=patches, loc="lower center", ncol=3, fontsize=8, frameon=False)
     with replaced(path) as part:
         figure.savefig(part, dpi=150)
 
