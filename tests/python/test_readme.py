@@ -3,19 +3,12 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
-from pathlib import Path
 
-import pytest
+from snippets import ROOT, blocks, links, run_cpp
 
-ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
 
 def test_is_short():
@@ -23,7 +16,7 @@ def test_is_short():
 
 
 def test_python_runs(tmp_path):
-    (code,) = blocks("python")
+    (code,) = blocks(README, "python")
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     cells, states, median = done.stdout.splitlines()
@@ -34,27 +27,17 @@ def test_python_runs(tmp_path):
 
 
 def test_cpp_compiles_and_runs(tmp_path):
-    compiler = shutil.which(os.environ.get("CXX", "c++"))
-    eigen = next((p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).is_dir()), None)
-    if compiler is None or eigen is None:
-        pytest.skip("no C++ compiler or no Eigen on this machine")
-    (code,) = blocks("cpp")
-    include, rest = code.split("\n", 1)
-    (tmp_path / "main.cpp").write_text(f"{include}\nint main() {{\n{rest}\nreturn hit ? 0 : 1;\n}}\n")
-    call = [compiler, "-std=c++17", f"-I{ROOT / 'include'}", "-isystem", eigen, "main.cpp", "-o", "main"]
-    built = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
-    assert built.returncode == 0, built.stderr
-    assert subprocess.run([tmp_path / "main"]).returncode == 0
+    (code,) = blocks(README, "cpp")
+    assert run_cpp([code], tmp_path, end="return hit ? 0 : 1;") == 0
 
 
 def test_commands_and_links_exist():
-    (commands,) = blocks("sh")
+    (commands,) = blocks(README, "sh")
     for line in commands.splitlines():
         command = ROOT / line.split()[0]
         assert os.access(command, os.X_OK), command
-    links = re.findall(r"\]\((?!http)([^)#]+)\)", README)
-    assert len(links) > 4
-    for link in links:
+    assert len(links(README)) > 4
+    for link in links(README):
         assert (ROOT / link).exists(), link
 
 
