@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the pages of docs/ show is run, page by page, in the order in which a reader would."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import os
+import re
+import shlex
+import subprocess
+import sys
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from snippets import ROOT, blocks, fenced, links, run_cpp
+
+import ndtree
+
+DOCS = ROOT / "docs"
+PAGES = sorted(path.name for path in DOCS.glob("*.md"))
+EXECUTED = sorted(
+    page
+    for page in PAGES
+    if {"python", "sh"} & {language for language, _ in fenced((DOCS / page).read_text())}
+)
+
+
+def write_bag_of_office(folder: Path) -> None:
+    """`run`, an MCAP bag of a robot with a planar laser: /scan, and poses in /tf and /tf_static."""
+    pytest.importorskip("rosbags", reason="rosbags is not installed: no bag to read")
+    from bags import Messages, write_bag
+
+    make = Messages("mcap")
+    content: list[Any] = []
+    mount = make.transform(0.0, "base_link", "laser", (0.1, 0.0, 0.3), (0, 0, 0, 1))
+    content.append(("/tf_static", 100.0, make.tf(mount)))
+    office = ndtree.simulate("office", scans=60)
+    angles = np.linspace(-np.pi, np.pi, 360, endpoint=False)
+    directions = np.column_stack((np.cos(angles), np.sin(angles)))
+    noise = np.random.default_rng(1)
+    for i, scan in enumerate(office):
+        stamp = 100.0 + 0.1 * i
+        x, y = scan.origin - (0.1, 0.0)
+        ranges = office.distance(np.tile(scan.origin, (len(angles), 1)), directions, max_range=30.0)
+        ranges = np.where(np.isnan(ranges), np.inf, ranges + noise.normal(0.0, 0.02, len(angles)))
+        pose = make.transform(stamp, "odom", "base_link", (x, y, 0), (0, 0, 0, 1))
+        laser = make.laser(
+            stamp, "laser", ranges, angle_min=angles[0], angle_max=angles[-1],
+            angle_increment=angles[1] - angles[0], range_max=30.0,
+        )  # fmt: skip
+        content += [("/tf", stamp, make.tf(pose)), ("/scan", stamp, laser)]
+    fixed = make.transform(100.0, "map", "odom", (0, 0, 0), (0, 0, 0, 1))
+    content.insert(0, ("/tf_static", 100.0, make.tf(fixed)))
+    write_bag(folder / "run", make, content)
+
+
+#: What a page says that its reader has.
+GIVEN = {"ros.md": write_bag_of_office}
+
+
+def shape_of(line: str) -> str:
+    """A line of output but for its numbers and spaces: those are the machine's, or of the day."""
+    return re.sub(r"-?\d[\d,]*(\.\d+)?(e[-+]\d+)?", "#", "".join(line.split()))
+
+
+def run_shell(code: str) -> str:
+    """Run each line that calls ndtree; the others must name a script of ours. Returns what was printed."""
+    from typer.testing import CliRunner
+
+    from ndtree.commands import app
+
+    printed = ""
+    lines = [line for line in code.replace("\\\n", " ").splitlines() if not line.lstrip().startswith("#")]
+    for line in filter(str.strip, lines):
+        name, *arguments = shlex.split(line, comments=True)
+        assert name == "ndtree", f"{line}: expected a call of ndtree"
+        done = CliRunner().invoke(app, arguments)
+        assert done.exit_code == 0, f"{line}: {done.output}"
+        printed += done.stdout
+    return printed
+
+
+@pytest.mark.parametrize("page", EXECUTED)
+def test_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for library in ("typer", "matplotlib", "yaml", "PIL"):
+        pytest.importorskip(library, reason=f"{library} is not installed: the page's commands need it")
+    if page in GIVEN:
+        GIVEN[page](tmp_path)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    printed = None
+    ran = 0
+    for language, code in fenced((DOCS / page).read_text()):
+        if language == "python":
+            with redirect_stdout(io.StringIO()) as said:
+                exec(compile(code, page, "exec", dont_inherit=True), names)
+            printed = said.getvalue()
+            ran += 1
+        elif language == "sh":
+            printed = run_shell(code)
+            ran += 1
+        elif language == "text" and printed is not None:
+            shapes = [shape_of(line) for line in printed.splitlines()]
+            for line in filter(str.strip, code.splitlines()):
+                assert shape_of(line) in shapes, f"{page} shows {line!r}, but this was printed:\n{printed}"
+    assert ran > 0
+
+
+def test_the_cpp_of_all_pages_compiles_and_runs(tmp_path: Path) -> None:
+    codes = [code for page in PAGES for code in blocks((DOCS / page).read_text(), "cpp")]
+    assert len(codes) >= 2
+    assert run_cpp(codes, tmp_path) == 0
+
+
+def test_scripts_that_pages_name_exist() -> None:
+    named = {
+        name
+        for page in PAGES
+        for code in blocks((DOCS / page).read_text(), "bash")
+        for name in re.findall(r"^tools/\w+", code, re.MULTILINE)
+    }
+    assert "tools/demo" in named
+    for name in named:
+        assert os.access(ROOT / name, os.X_OK), name
+
+
+def test_calls_that_pages_name_exist() -> None:
+    prose = "\n".join((DOCS / page).read_text() for page in PAGES)
+    headers = "\n".join(path.read_text() for path in (ROOT / "include").rglob("*.hpp"))
+    methods = set(re.findall(r"\bm\.(\w+)\(", prose))
+    functions = set(re.findall(r"\bndtree\.([a-z_]\w+)\(", prose))
+    of_cpp = set(re.findall(r"`(?:ndtree::)?(\w+)(?:<[^>]*>+)?\(map\b", prose))
+    assert min(len(methods), len(functions), len(of_cpp)) >= 5
+    for name in methods:
+        assert hasattr(ndtree.AdaptiveMap, name), f"no map has {name}()"
+    for name in functions:
+        assert hasattr(ndtree, name), f"ndtree has no {name}()"
+    for name in of_cpp:
+        assert re.search(rf"\b{name}\(", headers), f"no header has {name}()"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_to_files(page: str) -> None:
+    for link in links((DOCS / page).read_text()):
+        assert (DOCS / link).exists(), f"{page}: {link}"
+
+
+def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path: Path) -> None:
+    for module in ("mkdocs", "material", "mkdocstrings"):
+        if importlib.util.find_spec(module) is None:
+            pytest.skip(f"{module} is not installed: it comes with the extra docs")
+    site = tmp_path / "site"
+    call = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", site]
+    environment = {
+        **os.environ,
+        "NO_MKDOCS_2_WARNING": "1",
+        "PYTHONPATH": str(Path(ndtree.__file__).parents[1]),
+    }
+    done = subprocess.run(call, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr + done.stdout
+    for page in PAGES:
+        html = (site / page).with_suffix(".html").read_text()
+        loaded = re.findall(
+            r"<(?:script|img|iframe)[^>]*\bsrc=\"(https?:[^\"]+)|<link[^>]*\bhref=\"(https?:[^\"]+)", html
+        )
+        assert not loaded, (page, loaded)
+        assert not re.search(r"<!-- (table: \w+|figures: \S+ \w+) -->", html), page
+    reference = (site / "python.html").read_text()
+    for name in ndtree.__all__:
+        if not name.startswith("__"):
+            assert re.search(rf'id="ndtree\.([\w.]+\.)?{name}"', reference), f"python.html: no {name}"

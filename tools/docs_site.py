@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What tools/docs puts into the pages: tables of options and formats, measured figures, docstrings.
+
+A line ``<!-- table: NAME -->`` of a page becomes a table made from the package, and
+``<!-- figures: FILE NAME -->`` the figures of that name in FILE; where there are none, building ends.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import griffe
+
+import ndtree
+from ndtree import _core
+from ndtree._options import MAP_OPTIONS
+from ndtree.readers import _TABLE as READERS
+from ndtree.readers import READER_OPTIONS
+from ndtree.writers import FORMATS as WRITERS
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+# --- Pages ------------------------------------------------------------------------------------------
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Called by MkDocs for each page."""
+    markdown = re.sub(r"^<!-- table: (\w+) -->$", lambda found: TABLES[found[1]](), markdown, flags=re.M)
+    return re.sub(
+        r"^<!-- figures: (\S+) (\w+) -->$", lambda found: figures(found[1], found[2]), markdown, flags=re.M
+    )
+
+
+def figures(file: str, name: str) -> str:
+    """What stands between the marks of some figures in a file."""
+    found = re.search(rf"<!-- figures: {name} -->\n(.*?)<!-- end -->", (ROOT / file).read_text(), re.DOTALL)
+    if found is None:
+        raise ValueError(f"{file}: no figures of the name {name}")
+    return found[1]
+
+
+def _table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    lines = [list(head)]
+    lines.append(["---"] * len(lines[0]))
+    lines += [[cell.replace("|", "\\|") for cell in row] for row in rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def _code(words: Iterable[str]) -> str:
+    return ", ".join(f"`{word}`" for word in words)
+
+
+def _flag(name: str) -> str:
+    return f"`--{name.replace('_', '-')}`"
+
+
+def _number(value: float) -> str:
+    return f"{value:.6g}"
+
+
+# --- Options of the maps ----------------------------------------------------------------------------
+
+
+def _options_table() -> str:
+    """Each option with its default and the maps that read it, as the maps themselves say."""
+    read_by = {
+        "adaptive": {"branching", "refinement", *ndtree.AdaptiveMap().options},
+        "paper": {"branching", "refinement", *ndtree.AdaptiveMap(refinement="paper").options},
+        "fixed": {"branching", *ndtree.FixedMap().options},
+    }
+    defaults = {**ndtree.default_options(), "branching": 2, "refinement": ndtree.AdaptiveMap().refinement}
+    rows = []
+    for option in MAP_OPTIONS:
+        value = defaults[option.name]
+        shown = value if isinstance(value, str) else _number(value)
+        readers = [kind for kind, names in read_by.items() if option.name in names]
+        name = f"`{option.name}`" + (" (`cell_size`)" if option.name == "min_cell_size" else "")
+        rows.append((name, shown, ", ".join(readers), option.help))
+    return _table(("option", "default", "read by", ""), rows)
+
+
+# --- Formats ----------------------------------------------------------------------------------------
+
+#: Of each format that is read: the extra that it needs, and where such logs come from.
+_READ = {
+    "carmen": (
+        "",
+        "CARMEN and the logs of the Radish and Freiburg collections: `FLASER`, `ROBOTLASER1`, also gzipped",
+    ),
+    "npz": ("", "`numpy.savez`"),
+    "rosbag": (
+        "`ros`",
+        "`rosbag record`, `ros2 bag record`: LaserScan, MultiEchoLaserScan, PointCloud2, depth Image",
+    ),
+    "seven_scenes": ("`clouds`", "7-Scenes: depth PNG and a pose each"),
+    "tum_rgbd": ("`clouds`", "TUM RGB-D: depth PNG, `depth.txt`, `groundtruth.txt`"),
+    "kitti": ("", "KITTI odometry: `velodyne/*.bin`, `calib.txt`, poses"),
+    "colmap": ("", "COLMAP's sparse models, text and binary"),
+    "bundler": ("", "Bundler, and programs that write `bundle.out`"),
+    "bal": ("", "Bundle Adjustment in the Large"),
+    "octomap_graph": ("", "OctoMap's scan graphs, `.graph`"),
+    "point_clouds": (
+        "`clouds`",
+        "a folder of PCD, PLY, LAS or LAZ files with a trajectory, or a pose for each",
+    ),
+    "text": ("", "your own script: a scan a block of lines"),
+}
+
+#: Of each format that is written: the extra that it needs, and who reads it.
+_WRITTEN = {
+    "ndtree": ("", "`ndtree`, C++ and Python"),
+    "octomap": ("", "OctoMap: `octovis`, `octomap_server`, MoveIt"),
+    "map_server": ("`convert` for PNG", "map_server, nav2, AMCL"),
+    "rosbag": (
+        "`ros`",
+        "`ros2 bag play`, RViz: `octomap_msgs/Octomap` of a 3-D map, `nav_msgs/OccupancyGrid` of a 2-D one",
+    ),
+    "ply": ("", "CloudCompare, MeshLab, Blender; `--faces` makes a mesh of it"),
+    "pcd": ("`convert`", "PCL, Open3D"),
+    "gltf": ("`convert`", "Blender, web browsers"),
+    "vtk": ("`convert`", "ParaView, PyVista"),
+    "leaves": ("", "`numpy.load`: a record each cell"),
+    "grid": ("", "`numpy.load`: a dense array of states"),
+}
+
+_STORED = {"file": "file", "folder": "folder", "either": "file or folder"}
+
+
+def _check(noted: Iterable[str], known: Iterable[str]) -> None:
+    differing = set(noted) ^ set(known)
+    if differing:
+        raise ValueError(
+            f"tools/docs_site.py: formats without a note, or notes without a format: {differing}"
+        )
+
+
+def _readers_table() -> str:
+    _check(_READ, (one.name for one in READERS))
+    rows = []
+    for one in READERS:
+        extra, source = _READ[one.name]
+        options = ", ".join(_flag(option.name) for option in one.options)
+        rows.append((f"`{one.name}`", _STORED[one.stored_as], source, extra, options))
+    return _table(("format", "is a", "written by", "extra", "own options"), rows)
+
+
+def _reader_options_table() -> str:
+    return _table(("option", ""), ((_flag(option.name), option.help) for option in READER_OPTIONS))
+
+
+def _writers_table() -> str:
+    _check(_WRITTEN, (one.name for one in WRITERS))
+    rows = []
+    for one in WRITERS:
+        extra, reader = _WRITTEN[one.name]
+        options = ", ".join(_flag(option) for option in one.options)
+        rows.append((f"`{one.name}`", _code(one.suffixes), reader, extra, options))
+    return _table(("format", "endings", "read by", "extra", "own options"), rows)
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "options": _options_table,
+    "readers": _readers_table,
+    "reader_options": _reader_options_table,
+    "writers": _writers_table,
+}
+
+
+# --- Reference --------------------------------------------------------------------------------------
+
+
+def _for_page(docstring: str) -> str:
+    """Powers are not bold type, and parameters that share lines get some of their own, for their defaults."""
+
+    def one_each(found: re.Match[str]) -> str:
+        return "".join(f"{name}{found[2]}" for name in found[1].split(", "))
+
+    text = re.sub(r"(?<=\w)\*\*(?=\w)", r"\\*\\*", docstring.strip() + "\n")
+    return re.sub(r"^(\w+(?:, \w+)+)( : .*\n(?: {4}.*\n)+)", one_each, text, flags=re.MULTILINE)
+
+
+class CompiledModule(griffe.Extension):
+    """Signatures are those of the compiled module's stub; docstrings and defaults are the module's own."""
+
+    def on_instance(self, *, obj: griffe.Object, **_: Any) -> None:
+        """Called by griffe for each class, function and attribute."""
+        prefix = "ndtree._core."
+        if obj.is_alias or not obj.path.startswith(prefix):
+            return
+        found: Any = _core
+        for name in obj.path[len(prefix) :].split("."):
+            found = getattr(found, name, None)
+        text = inspect.cleandoc(getattr(found, "__doc__", None) or "")
+        if obj.is_class:
+            text = text.split("\n__init__(")[0]
+        signature = re.match(r"(\w*\(.*\) -> .*)\n*", text)
+        if signature:
+            text = text[signature.end() :]
+        if text.strip() and (obj.is_class or obj.name != "__init__"):
+            obj.docstring = griffe.Docstring(_for_page(text), parent=obj, parser="numpy")
+        if obj.is_function:
+            self._fill_defaults(obj, signature[1] if signature else "")
+
+    def _fill_defaults(self, function: Any, signature: str) -> None:
+        for parameter in function.parameters:
+            if parameter.default != "...":
+                continue
+            found = re.search(rf"\b{parameter.name}: [^=]*= ([^,)]+)", signature)
+            if found:
+                parameter.default = found[1]
+            elif function.name == "__init__":
+                name = "min_cell_size" if parameter.name == "cell_size" else parameter.name
+                parameter.default = _number(ndtree.default_options()[name])
