@@ -114,7 +114,7 @@ _READ = {
 #: Of each format that is written: the extra that it needs, and who reads it.
 _WRITTEN = {
     "ndtree": ("", "`ndtree`, C++ and Python"),
-    "octomap": ("", "OctoMap: `octovis`, `octomap_server`, MoveIt"),
+    "octomap": ("", "OctoMap: `octovis`, `octomap_server`"),
     "map_server": ("`convert` for PNG", "map_server, nav2, AMCL"),
     "rosbag": (
         "`ros`",
