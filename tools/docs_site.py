@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import griffe
+import typer.main
 
 import ndtree
 from ndtree import _core
 from ndtree._options import MAP_OPTIONS
+from ndtree.commands import app
 from ndtree.readers import _TABLE as READERS
 from ndtree.readers import READER_OPTIONS
 from ndtree.writers import FORMATS as WRITERS
@@ -163,11 +165,56 @@ def _writers_table() -> str:
     return _table(("format", "endings", "read by", "extra", "own options"), rows)
 
 
+# --- Command line -----------------------------------------------------------------------------------
+
+
+def _commands() -> str:
+    """A section for each command, and one for each panel of options that commands share."""
+    parts: list[str] = []
+    panels: dict[str, dict[str, str]] = {}
+    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+        own, shared = {}, {}
+        for parameter in command.params:
+            panel = getattr(parameter, "rich_help_panel", None)
+            if panel:
+                shared[panel] = None
+            rows = panels.setdefault(panel, {}) if panel else own
+            rows[_shown(parameter)] = _plain(getattr(parameter, "help", None))
+        examples = [line for line in (command.epilog or "").splitlines() if line.startswith("ndtree")]
+        paragraphs = map(_plain, (command.help or "").split("\n\n"))
+        parts += [f"## ndtree {name}", *paragraphs, "\n".join(["```bash", *examples, "```"])]
+        parts.append(_table(("", ""), own.items()))
+        if shared:
+            links = (f"[{panel.lower()}](#{_anchor(panel)})" for panel in shared)
+            parts.append(f"And {', '.join(links)}.")
+    for panel, rows in panels.items():
+        parts += [f"## {panel} {{#{_anchor(panel)}}}", _table(("", ""), rows.items())]
+    return "\n\n".join(parts)
+
+
+def _shown(parameter: Any) -> str:
+    """How an argument or an option is written."""
+    if parameter.param_type_name == "argument":
+        return _code((parameter.metavar or parameter.name.upper()).split(" | "))
+    value = f" `{parameter.metavar}`" if parameter.metavar else ""
+    return _code([*parameter.opts, *parameter.secondary_opts]) + value
+
+
+def _plain(text: str | None) -> str:
+    """Help without line breaks and the marks of what prints it."""
+    return " ".join((text or "").replace("\\[", "[").split())
+
+
+def _anchor(title: str) -> str:
+    return re.sub(r"\W+", "-", title.lower()).strip("-")
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "options": _options_table,
     "readers": _readers_table,
     "reader_options": _reader_options_table,
     "writers": _writers_table,
+    "commands": _commands,
 }
 
 
