@@ -183,12 +183,12 @@ def _commands() -> str:
         examples = [line for line in (command.epilog or "").splitlines() if line.startswith("ndtree")]
         paragraphs = map(_plain, (command.help or "").split("\n\n"))
         parts += [f"## ndtree {name}", *paragraphs, "\n".join(["```bash", *examples, "```"])]
-        parts.append(_table(("", ""), own.items()))
+        parts.append(_table(("option", ""), own.items()))
         if shared:
             links = (f"[{panel.lower()}](#{_anchor(panel)})" for panel in shared)
             parts.append(f"And {', '.join(links)}.")
     for panel, rows in panels.items():
-        parts += [f"## {panel} {{#{_anchor(panel)}}}", _table(("", ""), rows.items())]
+        parts += [f"## {panel} {{#{_anchor(panel)}}}", _table(("option", ""), rows.items())]
     return "\n\n".join(parts)
 
 

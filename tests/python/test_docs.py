@@ -86,7 +86,7 @@ def run_shell(code: str) -> str:
 
 @pytest.mark.parametrize("page", EXECUTED)
 def test_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for library in ("typer", "matplotlib", "yaml", "PIL"):
+    for library in ("typer", "matplotlib", "yaml", "PIL", "trimesh", "pypcd4", "meshio"):
         pytest.importorskip(library, reason=f"{library} is not installed: the page's commands need it")
     if page in GIVEN:
         GIVEN[page](tmp_path)
