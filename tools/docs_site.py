@@ -110,7 +110,7 @@ _READ = {
         "`clouds`",
         "a folder of PCD, PLY, LAS or LAZ files with a trajectory, or a pose for each",
     ),
-    "text": ("", "your own script: a scan a block of lines"),
+    "text": ("", "your own script: a beam a line"),
 }
 
 #: Of each format that is written: the extra that it needs, and who reads it.
@@ -124,7 +124,7 @@ _WRITTEN = {
     ),
     "ply": ("", "CloudCompare, MeshLab, Blender; `--faces` makes a mesh of it"),
     "pcd": ("`convert`", "PCL, Open3D"),
-    "gltf": ("`convert`", "Blender, web browsers"),
+    "gltf": ("`convert`", "Blender, viewers in web pages"),
     "vtk": ("`convert`", "ParaView, PyVista"),
     "leaves": ("", "`numpy.load`: a record each cell"),
     "grid": ("", "`numpy.load`: a dense array of states"),

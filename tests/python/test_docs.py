@@ -143,6 +143,14 @@ def test_calls_that_pages_name_exist() -> None:
         assert re.search(rf"\b{name}\(", headers), f"no header has {name}()"
 
 
+def test_headers_that_the_reference_leads_to_exist() -> None:
+    headers = {path.stem for path in (ROOT / "include").rglob("*.hpp")}
+    named = re.findall(r'href="cpp/(\w+)_8hpp\.html"', (DOCS / "cpp.md").read_text())
+    assert len(named) > 10
+    for name in named:  # Doxygen doubles underscores.
+        assert name.replace("__", "_") in headers, name
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_to_files(page: str) -> None:
     for link in links((DOCS / page).read_text()):
