@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <map>
+#include <set>
 #include <vector>
 
 #include "ndtree/core/linear_table.hpp"
@@ -23,6 +24,7 @@ struct Found {
 template <int D>
 struct Beams {
   std::vector<ScanBeam<D>> all;
+  std::map<std::int64_t, float> chance;  // By number.
   ScanIndex<D> index;
 
   void add(const Vector<D>& origin, const Vector<D>& path, bool returned, double t_end, double t_free,
@@ -41,6 +43,8 @@ struct Beams {
           static_cast<std::int64_t>(std::floor((origin[a] + path[a]) / 0.125));
     beam.end[0] = beam.end[0] * 100000 + static_cast<std::int64_t>(all.size());  // Its number, too.
     beam.returned = returned;
+    beam.chance = chance_of<D>(origin + path);
+    chance[beam.end[0]] = beam.chance;
     all.push_back(beam);
     index.add(origin, beam);
   }
@@ -78,6 +82,7 @@ void finds_what_crosses_each_box(std::uint64_t seed) {
   Random random(seed);
   SCOPED_TRACE(random.trace());
   std::size_t crossings = 0;
+  std::size_t taken = 0;
   int passed = 0;
   int unseen = 0;
   int without_end = 0;
@@ -104,7 +109,8 @@ void finds_what_crosses_each_box(std::uint64_t seed) {
           ++unseen;
           continue;
         }
-        bool any_end = false;
+        std::set<std::int64_t> ends;
+        std::set<std::int64_t> crossing_here;
         beams.index.for_each_crossing(view, box, [&](const Crossing<D>* crossing, std::size_t n) {
           for (std::size_t k = 0; k < n; ++k) {
             const auto match = expected.find(crossing[k].beam->end[0]);
@@ -119,17 +125,45 @@ void finds_what_crosses_each_box(std::uint64_t seed) {
             const bool ends_inside =
                 crossing[k].beam->returned && match->second.t_enter < 1.0 && match->second.t_exit > 1.0;
             EXPECT_TRUE(!view.no_end || !ends_inside);
-            any_end = any_end || ends_inside;
+            if (ends_inside) ends.insert(crossing[k].beam->end[0]);
+            crossing_here.insert(crossing[k].beam->end[0]);
             ++found;
           }
           return true;
         });
         passed += view.all_pass;
         without_end += view.no_end;
-        if (any_end) {
-          EXPECT_TRUE(beams.index.any_end(view, box, [](const auto&) { return true; }));
+        // All ends inside, and no more than those of other beams that look there, too.
+        std::set<std::int64_t> found_ends;
+        beams.index.for_each_end(
+            view, box, [&](const auto& end) { return found_ends.insert(end[0]).second; },
+            [] { return true; });
+        EXPECT_TRUE(std::includes(found_ends.begin(), found_ends.end(), ends.begin(), ends.end()));
+        int visited = 0;
+        beams.index.for_each_end(
+            view, box, [](const auto&) { return true; }, [&] { return ++visited < 2; });
+        EXPECT_EQ(visited, std::min<int>(2, static_cast<int>(found_ends.size())));
+        // A sample has all beams of a smaller chance in it that the whole has, once.
+        const double share = random.uniform(0.0, 0.6);
+        std::map<std::int64_t, int> in_sample;
+        beams.index.for_each_crossing(
+            view, box,
+            [&](const Crossing<D>* crossing, std::size_t n) {
+              for (std::size_t k = 0; k < n; ++k) {
+                ++in_sample[crossing[k].beam->end[0]];
+                ++taken;
+              }
+              return true;
+            },
+            share);
+        for (const auto& [number, times] : in_sample) {
+          EXPECT_EQ(times, 1);
+          EXPECT_EQ(crossing_here.count(number), 1u);
         }
-        EXPECT_FALSE(beams.index.any_end(view, box, [](const auto&) { return false; }));
+        for (const std::int64_t number : crossing_here)
+          if (static_cast<double>(beams.chance.at(number)) < share) {
+            EXPECT_EQ(in_sample.count(number), 1u);
+          }
       }
       EXPECT_EQ(found, expected.size());
       crossings += found;
@@ -137,6 +171,10 @@ void finds_what_crosses_each_box(std::uint64_t seed) {
     }
   }
   EXPECT_GT(crossings, 2000u);
+  EXPECT_GT(taken, crossings / 5);
+  if (D > 1) {
+    EXPECT_LT(taken, crossings);
+  }
   EXPECT_GT(passed, 50);
   EXPECT_GT(without_end, passed);
   EXPECT_GT(unseen, 50);

@@ -2,8 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
+#include <map>
 #include <set>
 #include <stdexcept>
 #include <string>
@@ -31,6 +33,7 @@ class FlatScanMap {
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
   std::uint64_t whole_again = 0;  ///< Splits undone by the same scan, which count as neither.
+  std::uint64_t sampled = 0;      ///< Pairs of a cell and a beam that was in no sample.
 
   /// Level-0 cells of [first, last) on each axis; beams must not leave them.
   FlatScanMap(const MapOptions& options, int first, int last)
@@ -47,7 +50,9 @@ class FlatScanMap {
     beams_.clear();
     for (Eigen::Index i = 0; i < scan.size(); ++i)
       add(scan.origins.col(scan.origins.cols() == 1 ? 0 : i), scan.endpoints.col(i),
-          scan.returned.size() == 0 || scan.returned[i], max_range);
+          scan.returned.size() == 0 || scan.returned[i],
+          scan.range_sigma.size() == 0 ? -1.0 : scan.range_sigma[i], max_range);
+    measure_faces();
     std::vector<CellIndex<D>> waiting;
     for (const auto& [index, cell] : cells) waiting.push_back(index);
     std::set<CellIndex<D>, IndexLess> split_now;
@@ -58,13 +63,16 @@ class FlatScanMap {
     while (!waiting.empty()) {
       const CellIndex<D> next = waiting.back();
       waiting.pop_back();
-      const ScanEvidence scan_evidence = evidence(next);
       EvidenceCell& cell = cells[next];
+      const double sample_beams = sample_beams_of(next, cell);
+      const ScanEvidence scan_evidence = evidence(next, sample_beams);
+      sampled += num_beams(next, false, next, 1e9) - num_beams(next, false, next, sample_beams);
       if (next.level > -num_levels_ && splits_now(cell, scan_evidence)) {
         const EvidenceCell parent = cell;
         cells.erase(next);
         for (const auto& child : children_of<N, D>(next, edge(next.level - 1))) {
-          cells[child] = model_.inherited(parent, kShare, num_beams(child, true), num_beams(next, false));
+          cells[child] = model_.inherited(parent, kShare, num_beams(child, true, next, sample_beams),
+                                          num_beams(next, false, next, sample_beams));
           waiting.push_back(child);
         }
         split_now.insert(next);
@@ -95,15 +103,15 @@ class FlatScanMap {
     }
   }
 
-  /// What the beams of the last scan say about a cell.
-  [[nodiscard]] ScanEvidence evidence(const CellIndex<D>& index) const {
+  /// What the beams of the last scan say about a cell, of each face's a sample.
+  [[nodiscard]] ScanEvidence evidence(const CellIndex<D>& index, double sample_beams) const {
     const double size = static_cast<double>(edge(index.level)) * options_.min_cell_size;
     const bool finest = index.level == -num_levels_;
     ScanEvidence sum;
     for (const FlatBeam& beam : beams_) {
       double enter = 0.0;
       double exit = 0.0;
-      if (!clip(beam, index, enter, exit)) continue;
+      if (!clip(beam, index, enter, exit) || !is_in_sample(beam, index, sample_beams)) continue;
       const bool resolvable = !finest && size / N >= options_.noise_sigmas * beam.sigma;
       constexpr double kMeanChords[] = {1.0, 0.78539816339744831, 2.0 / 3.0, 0.58904862254808623};
       const double chord = (exit - enter) * beam.range / size / kMeanChords[D - 1];
@@ -173,6 +181,14 @@ class FlatScanMap {
     double sigma;
     double t_end;
     bool returned;
+    std::array<double, D + 2> face;  ///< Where it comes from, and the axis and sense in which it mainly goes.
+    float chance;
+  };
+  /// All beams through one side of a cube around one origin.
+  struct Face {
+    std::array<double, D> lower, upper;
+    int beams = 0;
+    double bin = 0.0;  ///< Width of one.
   };
   static constexpr int kShare = static_cast<int>(integer_power(N, D)) / N;
 
@@ -187,16 +203,91 @@ class FlatScanMap {
     ++sum.beams;
   }
 
-  void add(const Vector<D>& origin, const Vector<D>& endpoint, bool returned, double max_range) {
+  void add(const Vector<D>& origin, const Vector<D>& endpoint, bool returned, double range_sigma,
+           double max_range) {
     const Vector<D> path = endpoint - origin;
     const double range = path.norm();
     if (!std::isfinite(range) || range == 0.0) return;
     const bool cut = range > max_range;
     const double t_free = cut ? max_range / range : 1.0;
     returned = returned && !cut;
-    const double sigma = options_.range_sigma + options_.range_sigma_quadratic * range * range;
+    const double sigma = range_sigma >= 0.0
+                             ? range_sigma
+                             : options_.range_sigma + options_.range_sigma_quadratic * range * range;
+    int axis = 0;
+    for (int a = 1; a < D; ++a)  // The first of the longest.
+      if (std::abs(path[a]) > std::abs(path[axis])) axis = a;
+    std::array<double, D + 2> face{};
+    for (int a = 0; a < D; ++a) face[static_cast<std::size_t>(a)] = origin[a];
+    face[D] = axis;
+    face[D + 1] = std::copysign(1.0, path[axis]);
     beams_.push_back({origin, path, endpoint, cut ? Vector<D>(origin + t_free * path) : endpoint, range,
-                      sigma, returned ? 1.0 + 3.0 * sigma / range : t_free, returned});
+                      sigma, returned ? 1.0 + 3.0 * sigma / range : t_free, returned, face,
+                      chance_of<D>(endpoint)});
+  }
+
+  /// The bins of a face are squares of one beam each in the mean, over the part of it that beams go through.
+  void measure_faces() {
+    faces_.clear();
+    for (const FlatBeam& beam : beams_) {
+      const auto [found, is_new] = faces_.emplace(beam.face, Face{});
+      Face& face = found->second;
+      ++face.beams;
+      for (std::size_t a = 0; a < D; ++a) {
+        const double place = beam.path[static_cast<int>(a)] / beam.path.cwiseAbs().maxCoeff();
+        face.lower[a] = is_new ? place : std::min(face.lower[a], place);
+        face.upper[a] = is_new ? place : std::max(face.upper[a], place);
+      }
+    }
+    for (auto& [key, face] : faces_) {
+      double area = 1.0;
+      double widest = 0.0;
+      int axes = 0;
+      for (std::size_t a = 0; a < D; ++a) {
+        const double extent = face.upper[a] - face.lower[a];
+        if (a == static_cast<std::size_t>(key[D])) continue;
+        widest = std::max(widest, extent);
+        if (extent <= 1e-6) continue;
+        area *= extent;
+        ++axes;
+      }
+      const double width = axes == 0 ? 1.0 : std::max(1e-6, std::pow(area / face.beams, 1.0 / axes));
+      face.bin = std::max(width, widest / face.beams);
+    }
+  }
+  /// Bins of the beam's face that a cube at the cell's centre covers.
+  [[nodiscard]] double bins_of(const FlatBeam& beam, const CellIndex<D>& index, double size) const {
+    const Face& face = faces_.at(beam.face);
+    const auto axis = static_cast<std::size_t>(beam.face[D]);
+    const double half = 0.5 * static_cast<double>(edge(index.level)) * options_.min_cell_size;
+    const double centre = border(index.lower[axis]) + half;
+    const double depth = std::max(half, std::abs(centre - beam.origin[static_cast<int>(axis)]));
+    double bins = 1.0;
+    for (std::size_t a = 0; a < D; ++a)
+      if (a != axis)
+        bins *=
+            std::min(size / depth / face.bin, 1.0 + std::floor((face.upper[a] - face.lower[a]) / face.bin));
+    return bins;
+  }
+  [[nodiscard]] bool is_in_sample(const FlatBeam& beam, const CellIndex<D>& index,
+                                  double sample_beams) const {
+    const double smallest = static_cast<double>(edge(-num_levels_)) * options_.min_cell_size;
+    return static_cast<double>(beam.chance) * bins_of(beam, index, smallest) < sample_beams;
+  }
+  /// Cells that know much take fewer beams, unless they know of free space only and too many end there.
+  [[nodiscard]] double sample_beams_of(const CellIndex<D>& index, const EvidenceCell& cell) const {
+    const double size = static_cast<double>(edge(index.level)) * options_.min_cell_size;
+    const bool is_known = static_cast<double>(cell.occupied_evidence() + cell.free_evidence()) >=
+                          std::floor(options_.known_evidence * 256.0 + 0.5);
+    double blocked = 0.0;
+    for (const FlatBeam& beam : beams_) {
+      double enter = 0.0;
+      double exit = 0.0;
+      if (beam.returned && clip(beam, index, enter, exit) && contains(index, cell_of_hit(beam)))
+        blocked += 1.0 / std::max(1.0, bins_of(beam, index, size));
+    }
+    const bool contradicted = model_.is_settled(cell) && blocked > options_.hit_given_free;
+    return (is_known && !contradicted ? 1.0 : 4.0) * options_.sample_beams;
   }
 
   [[nodiscard]] bool splits_now(const EvidenceCell& cell, const ScanEvidence& scan) const {
@@ -242,13 +333,15 @@ class FlatScanMap {
     }
     return enter < exit;
   }
-  /// Beams that cross the cell; only those that passed it, which it is clearly before the end of, or all.
-  [[nodiscard]] std::size_t num_beams(const CellIndex<D>& index, bool passed) const {
+  /// Beams of a parent's sample that cross a cell; only those that passed it, which it is clearly before the
+  /// end of, or all.
+  [[nodiscard]] std::size_t num_beams(const CellIndex<D>& index, bool passed, const CellIndex<D>& parent,
+                                      double sample_beams) const {
     std::size_t n = 0;
     for (const FlatBeam& beam : beams_) {
       double enter = 0.0;
       double exit = 0.0;
-      if (!clip(beam, index, enter, exit)) continue;
+      if (!clip(beam, index, enter, exit) || !is_in_sample(beam, parent, sample_beams)) continue;
       n += !passed || !beam.returned ||
            normal_cdf_of((exit - 1.0) * beam.range / beam.sigma) < options_.probability_min;
     }
@@ -283,6 +376,7 @@ class FlatScanMap {
   EvidenceMergeRule merge_rule_;
   PartialOccupancyModel partial_occupancy_;
   std::vector<FlatBeam> beams_;
+  std::map<std::array<double, D + 2>, Face> faces_;
 };
 
 template <int D>
@@ -446,20 +540,21 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   SCOPED_TRACE(random.trace());
   struct Row {
     double range_sigma, range_sigma_quadratic, noise_sigmas, merge_loss, evidence_memory, free_memory,
-        scan_beams;
+        scan_beams, known_evidence, sample_beams;
   };
   const Row rows[] = {
-      {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6},
-      {0.06, 0.0, 1.0, 4.0, 200.0, 2.0, 3.0},   // Free space is settled soon.
-      {0.3, 0.0, 0.0, 1.0, 200.0, 20.0, 16.0},  // Cells of all sizes are small beside the noise ...
-      {0.2, 0.0, 1.5, 2.0, 20.0, 200.0, 16.0},  // ... and may not all be split.
-      {0.02, 0.002, 3.0, 0.3, 5.0, 1.0, 1.0}};  // Every beam has noise of its own.
+      {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6},
+      {0.06, 0.0, 1.0, 4.0, 200.0, 2.0, 3.0, 2.0, 0.3},   // Free space is settled soon.
+      {0.3, 0.0, 0.0, 1.0, 200.0, 20.0, 16.0, 1.0, 1e6},  // Cells of all sizes are small beside the noise ...
+      {0.2, 0.0, 1.5, 2.0, 20.0, 200.0, 16.0, 3.0, 0.1},  // ... and may not all be split.
+      {0.02, 0.002, 3.0, 0.3, 5.0, 1.0, 1.0, 1.0, 0.05}};  // Every beam has noise of its own.
   const int levels = N == 2 ? 2 : 1;
   const double coarsest = kUnit * std::pow(N, levels);
   int scans = 0;
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
   std::uint64_t whole_again = 0;
+  std::uint64_t sampled = 0;
   for (const Row& row : rows)
     for (const double grid : {0.0, kUnit / 4.0}) {
       MapOptions options = spelled_out_options(kUnit, coarsest);
@@ -470,6 +565,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       options.evidence_memory = row.evidence_memory;
       options.free_memory = row.free_memory;
       options.scan_beams = row.scan_beams;
+      options.known_evidence = row.known_evidence;
+      options.sample_beams = row.sample_beams;
       ASSERT_EQ(options.num_levels(N), levels);
       AdaptiveMap<N, D> map(options);
       FlatScanMap<N, D> flat(options, -2, 2);
@@ -477,7 +574,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       const double size =
           reach - 3.0 * (row.range_sigma + row.range_sigma_quadratic * 4.0 * D * reach * reach) - kUnit / 4.0;
       for (int i = 0; i < 12; ++i, ++scans) {  // Half-way the wall is taken away.
-        const Scan<D> scan = random_scan<D>(random, 30, size, grid, (i < 6 ? 0.2 : 0.9) * size);
+        Scan<D> scan = random_scan<D>(random, 30, size, grid, (i < 6 ? 0.2 : 0.9) * size);
+        if (i % 4 == 3) scan.range_sigma = Eigen::ArrayXd::LinSpaced(30, 0.1, 1.0) * row.range_sigma;
         map.insert(scan);
         flat.insert(scan, kUnlimitedRange);
         expect_equal(map, flat);
@@ -487,11 +585,13 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       splits += flat.splits;
       merges += flat.merges;
       whole_again += flat.whole_again;
+      sampled += flat.sampled;
     }
   EXPECT_EQ(scans, 5 * 2 * 12);
   EXPECT_GE(splits, 30u);
   EXPECT_GE(merges, 5u);
   EXPECT_GE(whole_again, 5u);
+  EXPECT_GE(sampled, D == 1 ? 0u : 1000u);
 }
 
 TYPED_TEST(ScanUpdateOf, OneHitForEachBeamThatReturned) {

@@ -19,7 +19,9 @@ struct EvidenceOptions {
   double evidence_memory = 200.0;  ///< A cell remembers evidence of this weight; older fades [nats].
   double free_memory = 50.0;       ///< So much if it knows of nothing but free space [nats].
   double scan_beams = 64.0;        ///< Beams of one scan that count in a cell if all of them passed it.
-  double evidence_prior = 0.5;     ///< Evidence of both kinds that every cell begins with [nats].
+  double known_evidence = 50.0;    ///< A cell that knows this much counts fewer beams of a scan [nats]:
+  double sample_beams = 2.0;  ///< so many for each smallest cell side by side in it; others 4 times as many.
+  double evidence_prior = 0.5;   ///< Evidence of both kinds that every cell begins with [nats].
   double inherited_beams = 2.0;  ///< Beams, spread evenly, that count with the scan that shares evidence out.
   double change_probability = 1e-5;  ///< A streak of scans less likely than this is a change; 0: never.
   double evidence_half_life = 0.0;   ///< A cell's evidence halves in so many scans of it; 0: never.
@@ -33,6 +35,10 @@ struct EvidenceOptions {
                    "in [1, 255] nats");
     require_option(scan_beams >= 1.0 && std::isfinite(scan_beams), "scan_beams", scan_beams,
                    ">= 1 and finite");
+    require_option(known_evidence >= 1.0 && std::isfinite(known_evidence), "known_evidence", known_evidence,
+                   ">= 1 nat and finite");
+    require_option(sample_beams > 0.0 && std::isfinite(sample_beams), "sample_beams", sample_beams,
+                   "> 0 and finite");
     require_option(evidence_prior > 0.0 && std::isfinite(evidence_prior), "evidence_prior", evidence_prior,
                    "> 0 nats and finite");
     require_option(inherited_beams >= 0.0 && std::isfinite(inherited_beams), "inherited_beams",
@@ -87,6 +93,7 @@ class EvidenceModel {
         free_memory_beams_(static_cast<std::uint32_t>(
             std::clamp<std::int64_t>(free_memory_ / miss_, 1, EvidenceCell::kMaxCount))),
         scan_beams_(static_cast<std::uint32_t>(std::min(options.scan_beams, 4e9))),
+        known_(units(std::min(options.known_evidence, 1e9))),
         kept_(options.evidence_half_life > 0.0 ? std::exp2(-1.0 / options.evidence_half_life) : 1.0) {}
 
   /// Evidence for free space from a beam that passed a cell, in EvidenceCell::kUnit. A beam through a corner
@@ -172,6 +179,17 @@ class EvidenceModel {
            cell.misses() == free_memory_beams_ && cell.streak() == 0 && kept_ == 1.0;
   }
 
+  /// Whether the cell knows so much that of a scan a sample will do. The beams of a scan are much alike, and
+  /// what a cell remembers is limited: the fewer it takes of each scan, the more scans it remembers.
+  [[nodiscard]] bool is_known(const EvidenceCell& cell) const {
+    return cell.occupied_evidence() + cell.free_evidence() >= known_;
+  }
+  /// Beams of a scan that count in a cell, for each smallest cell beside each other in it.
+  [[nodiscard]] double sample_beams(bool is_known) const {
+    constexpr double kLearning = 4.0;
+    return is_known ? options_.sample_beams : kLearning * options_.sample_beams;
+  }
+
   /// Whether the last scans contradict the cell for so long that the world must have changed there. A cell
   /// that holds a piece of a surface is both hit and passed, scan by scan; a streak of k scans that all
   /// passed it has the probability (1 - rho)^k, rho being the share of hits so far. Beams of a few
@@ -255,6 +273,7 @@ class EvidenceModel {
   std::int64_t free_memory_;
   std::uint32_t free_memory_beams_;
   std::uint32_t scan_beams_;
+  std::int64_t known_;
   double kept_;  // From one scan to the next.
 };
 

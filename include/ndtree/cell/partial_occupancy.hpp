@@ -55,6 +55,9 @@ class PartialOccupancyModel {
     return {evidence.free / sum, evidence.occupied / sum, evidence.partial / sum};
   }
 
+  /// Of the beams that reach a free cell, at most this share ends there.
+  [[nodiscard]] double free_until() const { return free_until_; }
+
  private:
   double free_until_;
   double occupied_from_;

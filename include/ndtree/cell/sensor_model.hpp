@@ -73,10 +73,11 @@ class BeamSensorModel {
   }
 
   /// The last point that a beam says anything about, as its t.
+  /// @param sigma of the beam's range [m].
   template <int D>
-  [[nodiscard]] double t_end(const Beam<D>& beam) const {
+  [[nodiscard]] static double t_end(const Beam<D>& beam, double sigma) {
     if (beam.outcome != BeamOutcome::returned) return beam.t_free;
-    return 1.0 + kReachSigmas * sigma(beam.range) / beam.range;
+    return 1.0 + kReachSigmas * sigma / beam.range;
   }
 
   /// The model as derived, not clamped; entry and exit in metres from the sensor.

@@ -18,7 +18,9 @@ struct ScanView {
   const double* endpoints = nullptr;  ///< D numbers a beam, contiguous [m].
   const double* origins = nullptr;    ///< D numbers in all, or D a beam if `origin_per_beam` [m].
   const bool* returned = nullptr;     ///< One a beam; null: every beam hit a surface at its end point.
-  Eigen::Index size = 0;              ///< Number of beams.
+  const double* range_sigma =
+      nullptr;            ///< Standard deviation of each range [m]; null: the map's options say.
+  Eigen::Index size = 0;  ///< Number of beams.
   bool origin_per_beam = false;
 
   [[nodiscard]] Eigen::Map<const Vector<D>> endpoint(Eigen::Index i) const {
@@ -31,8 +33,8 @@ struct ScanView {
 };
 
 /// One sensor reading in the map frame.
-/// Invariant (tested by view()): `origins` has one column, or as many as `endpoints`; `returned` is empty
-/// or has one entry a beam.
+/// Invariant (tested by view()): `origins` has one column, or as many as `endpoints`; `returned` and
+/// `range_sigma` are empty or have one entry a beam.
 template <int D>
 struct Scan {
   Points<D> endpoints;  ///< Measured points, one column a beam [m].
@@ -40,6 +42,9 @@ struct Scan {
   Eigen::Array<bool, Eigen::Dynamic, 1>
       returned;        ///< False: nothing was hit up to the end point. Empty: all true.
   double stamp = 0.0;  ///< Time of the reading [s]; 0 where the log has none.
+  /// Standard deviation of each range [m], for sensors of which it is known beam by beam. Empty: the map's
+  /// options say.
+  Eigen::ArrayXd range_sigma;
 
   [[nodiscard]] Eigen::Index size() const { return endpoints.cols(); }
 
@@ -53,10 +58,12 @@ struct Scan {
     result.endpoints.resize(D, kept);
     result.origins.resize(D, origins.cols() == 1 ? 1 : kept);
     if (origins.cols() == 1) result.origins = origins;
+    if (range_sigma.size() != 0) result.range_sigma.resize(kept);
     for (Eigen::Index i = 0, k = 0; i < size(); ++i) {
       if (!returned[i]) continue;
       result.endpoints.col(k) = endpoints.col(i);
       if (origins.cols() != 1) result.origins.col(k) = origins.col(i);
+      if (range_sigma.size() != 0) result.range_sigma[k] = range_sigma[i];
       ++k;
     }
     return result;
@@ -72,8 +79,18 @@ struct Scan {
       throw std::invalid_argument("returned has " + std::to_string(returned.size()) +
                                   " entries: must be 0 or " + std::to_string(size()) +
                                   ", the number of end points");
-    return {endpoints.data(), origins.data(), returned.size() == 0 ? nullptr : returned.data(), size(),
-            origins.cols() != 1};
+    if (range_sigma.size() != 0 && range_sigma.size() != size())
+      throw std::invalid_argument("range_sigma has " + std::to_string(range_sigma.size()) +
+                                  " entries: must be 0 or " + std::to_string(size()) +
+                                  ", the number of end points");
+    ScanView<D> view;
+    view.endpoints = endpoints.data();
+    view.origins = origins.data();
+    if (returned.size() != 0) view.returned = returned.data();
+    if (range_sigma.size() != 0) view.range_sigma = range_sigma.data();
+    view.size = size();
+    view.origin_per_beam = origins.cols() != 1;
+    return view;
   }
 };
 

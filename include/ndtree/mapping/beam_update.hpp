@@ -35,17 +35,20 @@ class BeamUpdate : public BeamVisitor {
   /// Beams do not wait.
   void reserve(std::size_t /*num_beams*/) {}
 
-  /// @pre the beam is valid, and the tree contains it up to t_end().
-  void add(const Beam<D>& beam) {
+  /// Beams are integrated as they are added: the tree must contain them before.
+  static constexpr bool kWaits = false;
+
+  /// @param sigma of the range [m]. @pre the beam is valid, and the tree contains it up to t_end().
+  void add(const Beam<D>& beam, double sigma) {
     range_ = beam.range;
     returned_ = beam.outcome == BeamOutcome::returned;
     hit_counted_ = false;
     try_merge_ = false;
     t_known_ = -1.0;
-    sigma_ = sensor_.sigma(range_);
+    sigma_ = sigma;
     t_clearly_free_ = returned_ ? sensor_.clearly_free_until(range_, sigma_) / range_ : beam.t_free;
     free_end_ = beam.free_end();
-    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, sensor_.t_end(beam), *this);
+    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, Sensor::t_end(beam, sigma), *this);
   }
 
   /// After the last beam of a scan: nothing is left to do, by whatever number of threads.

@@ -49,7 +49,8 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions, EvidenceOptions, 
     if (option == name) return "paper";
   for (const char* const name :
        {"split_probability", "merge_loss", "inherited_beams", "noise_sigmas", "evidence_memory",
-        "free_memory", "scan_beams", "evidence_prior", "change_probability", "evidence_half_life"})
+        "free_memory", "scan_beams", "known_evidence", "sample_beams", "evidence_prior", "change_probability",
+        "evidence_half_life"})
     if (option == name) return "evidence";
   return {};
 }
@@ -78,6 +79,8 @@ void for_each_option(Options& options, Visit&& visit) {
   visit("evidence_memory", options.evidence_memory);
   visit("free_memory", options.free_memory);
   visit("scan_beams", options.scan_beams);
+  visit("known_evidence", options.known_evidence);
+  visit("sample_beams", options.sample_beams);
   visit("evidence_prior", options.evidence_prior);
   visit("change_probability", options.change_probability);
   visit("evidence_half_life", options.evidence_half_life);

@@ -108,23 +108,36 @@ class OccupancyMap {
   /// @param threads that may work on a large scan; 0: as many as the machine has cores. The map is the same,
   ///   bit for bit, for every number. Beam by beam there is only one.
   /// @throws std::invalid_argument if max_range is not > 0, threads is negative, if the scan's one origin is
-  ///   not finite, or if a beam leaves what the lattice can address. The map is then unchanged.
+  ///   not finite, a range_sigma not > 0, or if a beam leaves what the lattice can address. The map is then
+  ///   unchanged.
   InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0) {
     const auto start = std::chrono::steady_clock::now();
     threads = number_of_threads(threads);
-    grow_to_contain(scan, max_range);
+    check(scan, max_range);
     InsertReport report;
     report.beams = static_cast<std::uint64_t>(scan.size);
     const UpdateCounters before = counters_;
-    typename Refinement::template Update<Tree, Sensor> update(tree_, refinement_, sensor_, options_,
-                                                              counters_);
+    using Update = typename Refinement::template Update<Tree, Sensor>;
+    Update update(tree_, refinement_, sensor_, options_, counters_);
+    update.reserve(static_cast<std::size_t>(scan.size));
+    // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, can
+    // still stop it half-way.
+    Reach reach;
+    for_each_beam(scan, max_range, [&](Eigen::Index i, const Beam<D>& beam, double sigma) {
+      ++report.count(beam.outcome);
+      if (beam.outcome == BeamOutcome::invalid) return;
+      extend(reach, i, beam, sigma);
+      if constexpr (Update::kWaits) update.add(beam, sigma);
+    });
     try {
-      update.reserve(static_cast<std::size_t>(scan.size));
-      for (Eigen::Index i = 0; i < scan.size; ++i) {
-        const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
-        ++report.count(beam.outcome);
-        if (beam.outcome != BeamOutcome::invalid) update.add(beam);
+      if (reach.any) {
+        tree_.grow_to_contain(reach.box.lower);
+        tree_.grow_to_contain(reach.box.upper);
       }
+      if constexpr (!Update::kWaits)
+        for_each_beam(scan, max_range, [&](Eigen::Index, const Beam<D>& beam, double sigma) {
+          if (beam.outcome != BeamOutcome::invalid) update.add(beam, sigma);
+        });
       update.finish(threads);
       summarise_unknown(tree_, *tree_.root().node);
     } catch (...) {  // Of lack of memory: what is there stays valid.
@@ -216,37 +229,44 @@ class OccupancyMap {
                              " is not that of its children");
   }
 
-  /// Checks a whole scan, then makes room for all that its beams reach; so only lack of memory, or of node
-  /// ids, can still stop it half-way.
-  void grow_to_contain(const ScanView<D>& scan, double max_range) {
+  static void check(const ScanView<D>& scan, double max_range) {
     if (!(max_range > 0.0))
       throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
     if (!scan.origin_per_beam && scan.size > 0 && !scan.origin(0).allFinite())
       throw std::invalid_argument("origin = " + describe(scan.origin(0)) +
                                   " m: every component must be finite");
-    bool any = false;
-    Box<D> reached{Vector<D>::Zero(), Vector<D>::Zero()};
-    const auto extend = [&](const Vector<D>& point) {
-      reached.lower = any ? Vector<D>(reached.lower.cwiseMin(point)) : point;
-      reached.upper = any ? Vector<D>(reached.upper.cwiseMax(point)) : point;
-      any = true;
-    };
+  }
+
+  /// Calls `visit(i, beam, sigma)`, also for beams that are invalid.
+  template <class Visit>
+  void for_each_beam(const ScanView<D>& scan, double max_range, Visit&& visit) const {
     for (Eigen::Index i = 0; i < scan.size; ++i) {
       const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
-      if (beam.outcome == BeamOutcome::invalid) continue;
-      const Vector<D> end = beam.point(sensor_.t_end(beam));
-      for (const Vector<D>& point : {beam.origin, end, beam.free_end()}) {
-        if (!tree_.geometry().in_reach(point))
-          throw std::invalid_argument("beam " + std::to_string(i) + " reaches " + describe(point) +
-                                      " m: with cells of " + std::to_string(options_.min_cell_size) +
-                                      " m every component must be within " +
-                                      std::to_string(tree_.geometry().reach()) + " m of 0");
-        extend(point);
-      }
+      visit(i, beam, scan.range_sigma == nullptr ? sensor_.sigma(beam.range) : scan.range_sigma[i]);
     }
-    if (!any) return;
-    tree_.grow_to_contain(reached.lower);
-    tree_.grow_to_contain(reached.upper);
+  }
+
+  /// What the beams of a scan reach.
+  struct Reach {
+    bool any = false;
+    Box<D> box{Vector<D>::Zero(), Vector<D>::Zero()};
+  };
+  /// @throws std::invalid_argument if the i-th beam cannot be mapped.
+  void extend(Reach& reach, Eigen::Index i, const Beam<D>& beam, double sigma) const {
+    if (!(sigma > 0.0) || !std::isfinite(sigma))
+      throw std::invalid_argument("range_sigma of beam " + std::to_string(i) + " = " + std::to_string(sigma) +
+                                  " m: must be > 0 and finite");
+    const Vector<D> end = beam.point(Sensor::t_end(beam, sigma));
+    for (const Vector<D>& point : {beam.origin, end, beam.free_end()}) {
+      if (!tree_.geometry().in_reach(point))
+        throw std::invalid_argument("beam " + std::to_string(i) + " reaches " + describe(point) +
+                                    " m: with cells of " + std::to_string(options_.min_cell_size) +
+                                    " m every component must be within " +
+                                    std::to_string(tree_.geometry().reach()) + " m of 0");
+      reach.box.lower = reach.any ? Vector<D>(reach.box.lower.cwiseMin(point)) : point;
+      reach.box.upper = reach.any ? Vector<D>(reach.box.upper.cwiseMax(point)) : point;
+      reach.any = true;
+    }
   }
 
   static std::string describe(const Vector<D>& point) {

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <map>
 #include <vector>
@@ -30,7 +31,24 @@ struct ScanBeam {
   double t_surface = 0.0;  ///< ... small cells only if they end by so much before it.
   Lattice<D> end;          ///< The smallest cell that it ends in.
   bool returned;
+  float chance = 0.0f;     ///< In [0, 1), as if drawn: it is in all samples of a larger share.
+  std::uint32_t face = 0;  ///< Of the index that holds it.
 };
+
+/// A number in [0, 1) that seems to be drawn, but depends on the end point alone: the same beams are in a
+/// sample, in whatever order they come.
+template <int D>
+[[nodiscard]] float chance_of(const Vector<D>& endpoint) {
+  constexpr std::uint64_t kSpread = 0x9e3779b97f4a7c15u;  // 2^64 over the golden ratio.
+  std::uint64_t hash = 0;
+  for (int a = 0; a < D; ++a) {
+    std::uint64_t bits = 0;
+    std::memcpy(&bits, &endpoint[a], sizeof bits);
+    hash = (hash ^ bits) * kSpread;
+    hash ^= hash >> 32;
+  }
+  return static_cast<float>(hash * kSpread >> 40) * 0x1p-24f;
+}
 
 /// A beam that crosses a box over more than a point.
 template <int D>
@@ -67,10 +85,7 @@ class ScanIndex {
   [[nodiscard]] std::size_t num_beams() const { return beams_.size(); }
   [[nodiscard]] std::size_t num_faces() const { return faces_.size(); }
 
-  void reserve(std::size_t num_beams) {
-    beams_.reserve(num_beams);
-    face_of_.reserve(num_beams);
-  }
+  void reserve(std::size_t num_beams) { beams_.reserve(num_beams); }
 
   /// @param origin [m], finite. @param beam of a length > 0.
   void add(const Vector<D>& origin, const ScanBeam<D>& beam) {
@@ -102,7 +117,7 @@ class ScanIndex {
       face.upper[k] = std::max(face.upper[k], place);
     }
     beams_.push_back(beam);
-    face_of_.push_back(number);
+    beams_.back().face = number;
   }
 
   /// After the last beam.
@@ -116,11 +131,11 @@ class ScanIndex {
     first_in_bin_.assign(num_bins + 1, 0);
     std::vector<std::uint32_t> bin_of(beams_.size());
     for (std::size_t i = 0; i < beams_.size(); ++i) {
-      const Face& face = faces_[face_of_[i]];
+      const Face& face = faces_[beams_[i].face];
       std::size_t bin = 0;
       for (std::size_t k = kAxes; k-- > 0;) {
         const auto n = static_cast<std::int32_t>((coordinate(face, beams_[i].path, k) - face.lower[k]) *
-                                                 face.bins_per_unit[k]);
+                                                 face.bins_per_unit);
         bin = bin * static_cast<std::size_t>(face.bins[k]) +
               static_cast<std::size_t>(std::clamp(n, 0, face.bins[k] - 1));
       }
@@ -137,9 +152,26 @@ class ScanIndex {
         sorted.inverse[a] = d == 0.0 ? kAlmostParallel : 1.0 / d;
       }
       sorted.t_end = beams_[i].t_end;
-      sorted.beam = &beams_[i];
+      sorted.beam = static_cast<std::uint32_t>(i);
+      sorted.chance = beams_[i].chance;
     }
-    for (Face& face : faces_) raise_pyramid(face);
+    for (Face& face : faces_) {
+      raise_pyramid(face);
+      draw_samples(face);
+    }
+  }
+
+  /// Beams of a face that would cross a cube of this size at a cell's centre if they were spread evenly over
+  /// the face: so many bins does it cover.
+  [[nodiscard]] double expected_beams(std::uint32_t number, const Box<D>& cell, double size) const {
+    const Face& face = faces_[number];
+    const int axis = face.axis;
+    const double depth = std::max(0.5 * (cell.upper[axis] - cell.lower[axis]),
+                                  std::abs(0.5 * (cell.lower[axis] + cell.upper[axis]) - face.origin[axis]));
+    const double bins = size * face.bins_per_unit / depth;
+    double expected = 1.0;
+    for (const std::int32_t n : face.bins) expected *= std::min(bins, static_cast<double>(n));
+    return expected;
   }
 
   /// @returns false if no beam of the face crosses the box.
@@ -153,24 +185,19 @@ class ScanIndex {
     const double near = std::max(0.0, face.negative ? -from_upper : from_lower);
     const double over_far = 1.0 / far;
     const double over_near = near > 0.0 ? 1.0 / near : kFarAway;
-    std::int32_t widest = 0;
     for (std::size_t k = 0; k < kAxes; ++k) {
       const int a = static_cast<int>(k) + (static_cast<int>(k) >= axis);
       const double lower = box.lower[a] - face.origin[a];
       const double upper = box.upper[a] - face.origin[a];
       const double first =
-          (lower * (lower < 0.0 ? over_near : over_far) - face.lower[k]) * face.bins_per_unit[k] - kMargin;
+          (lower * (lower < 0.0 ? over_near : over_far) - face.lower[k]) * face.bins_per_unit - kMargin;
       const double last =
-          (upper * (upper > 0.0 ? over_near : over_far) - face.lower[k]) * face.bins_per_unit[k] + kMargin;
+          (upper * (upper > 0.0 ? over_near : over_far) - face.lower[k]) * face.bins_per_unit + kMargin;
       if (!(last >= 0.0) || !(first < face.bins[k])) return false;
       view.first[k] = first > 0.0 ? static_cast<std::int32_t>(first) : 0;
       view.last[k] = last < face.bins[k] ? static_cast<std::int32_t>(last) : face.bins[k] - 1;
-      widest = std::max(widest, view.last[k] - view.first[k]);
     }
-    // The finest level of which the view covers at most two bins on each axis, or three beside a border.
-    std::size_t level = 0;
-    while (widest >> level > 1) ++level;
-    const Depths depths = depths_in(face, level, view);
+    const Depths depths = depths_in(face, coarse_level(view), view);
     if (!(static_cast<double>(depths.farthest) > near)) return false;
     view.face = number;
     view.all_pass = far < static_cast<double>(depths.nearest_free);
@@ -185,57 +212,68 @@ class ScanIndex {
     return n;
   }
 
-  /// Whether a beam of the view that returned ends in a cell. @param box the cell's.
-  template <class Contains>
-  [[nodiscard]] bool any_end(const View& view, const Box<D>& box, Contains&& contains) const {
-    if (view.no_end) return false;
+  /// Calls `visit()` for each beam of the view that returned and ends in a cell, until it returns false.
+  /// Goes down the pyramid, and there only into bins with beams that end at the cell's depth.
+  /// @param box the cell's.
+  template <class Contains, class Visit>
+  void for_each_end(const View& view, const Box<D>& box, Contains&& contains, Visit&& visit) const {
+    if (view.no_end) return;
     const Face& face = faces_[view.face];
+    const double near = face.negative ? face.origin[face.axis] - box.upper[face.axis]
+                                      : box.lower[face.axis] - face.origin[face.axis];
     const double far = face.negative ? face.origin[face.axis] - box.lower[face.axis]
                                      : box.upper[face.axis] - face.origin[face.axis];
-    const Depths* const depths = &depths_[levels_[face.first_level].first];
-    return !for_each_row_of(face.bins, view.first, view.last, [&](std::size_t from, std::size_t to) {
-      for (std::size_t b = from; b <= to; ++b) {
-        if (far < static_cast<double>(depths[b].nearest_end)) continue;
-        for (std::uint32_t i = first_in_bin_[face.first_bin + b]; i < first_in_bin_[face.first_bin + b + 1];
-             ++i)
-          if (sorted_[i].beam->returned && contains(sorted_[i].beam->end)) return false;
+    const auto visit_bin = [&](std::size_t bin) {
+      for (std::uint32_t i = first_in_bin_[face.first_bin + bin]; i < first_in_bin_[face.first_bin + bin + 1];
+           ++i) {
+        const ScanBeam<D>& beam = beams_[sorted_[i].beam];
+        if (beam.returned && contains(beam.end) && !visit()) return false;
       }
       return true;
-    });
+    };
+    for_each_bin_between(face, coarse_level(view), view.first, view.last, view, near, far, visit_bin);
   }
 
   /// Calls `visit(crossings, n)` with the beams of the view that cross the box over more than a point, some
   /// at a time, until it returns false. @returns whether it did not.
+  /// @param share of all beams: a sample is enough that has all those in it whose chance is below this.
   template <class Visit>
-  bool for_each_crossing(const View& view, const Box<D>& box, Visit&& visit) const {
+  bool for_each_crossing(const View& view, const Box<D>& box, Visit&& visit, double share = 1.0) const {
     const Face& face = faces_[view.face];
+    const std::size_t sample = sample_of(face, share);
+    const Level& level = levels_[face.first_level + sample];
+    std::array<std::int32_t, kAxes> first;
+    std::array<std::int32_t, kAxes> last;
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      first[k] = view.first[k] >> sample;
+      last[k] = view.last[k] >> sample;
+    }
     const Vector<D> to_lower = box.lower - face.origin;
     const Vector<D> to_upper = box.upper - face.origin;
     std::array<Crossing<D>, kBatch> crossings;
     std::size_t found = 0;
-    const bool goes_on =
-        for_each_row_of(face.bins, view.first, view.last, [&](std::size_t from, std::size_t to) {
-          const std::uint32_t end = first_in_bin_[face.first_bin + to + 1];
-          for (std::uint32_t i = first_in_bin_[face.first_bin + from]; i < end; ++i) {
-            const Sorted& sorted = sorted_[i];
-            double t_enter = 0.0;
-            double t_exit = sorted.t_end;
-            for (std::size_t a = 0; a < D; ++a) {
-              const double t0 = to_lower[static_cast<int>(a)] * sorted.inverse[a];
-              const double t1 = to_upper[static_cast<int>(a)] * sorted.inverse[a];
-              t_enter = std::max(t_enter, std::min(t0, t1));
-              t_exit = std::min(t_exit, std::max(t0, t1));
-            }
-            // Without a branch, for nobody could foresee it.
-            crossings[found] = {sorted.beam, t_enter, t_exit};
-            found += t_exit - t_enter > -kTouch;
-            if (found < kBatch) continue;
-            found = without_touches(crossings, found, to_lower, to_upper);
-            if (found > 0 && !visit(crossings.data(), found)) return false;
-            found = 0;
-          }
-          return true;
-        });
+    const bool goes_on = for_each_row_of(level.size, first, last, [&](std::size_t from, std::size_t to) {
+      const std::uint32_t end = first_in_bin_[level.first_bin + to + 1];
+      for (std::uint32_t i = first_in_bin_[level.first_bin + from]; i < end; ++i) {
+        const Sorted& sorted = sorted_[i];
+        double t_enter = 0.0;
+        double t_exit = sorted.t_end;
+        for (std::size_t a = 0; a < D; ++a) {
+          const double t0 = to_lower[static_cast<int>(a)] * sorted.inverse[a];
+          const double t1 = to_upper[static_cast<int>(a)] * sorted.inverse[a];
+          t_enter = std::max(t_enter, std::min(t0, t1));
+          t_exit = std::min(t_exit, std::max(t0, t1));
+        }
+        // Without a branch, for nobody could foresee it.
+        crossings[found] = {&beams_[sorted.beam], t_enter, t_exit};
+        found += t_exit - t_enter > -kTouch;
+        if (found < kBatch) continue;
+        found = without_touches(crossings, found, to_lower, to_upper);
+        if (found > 0 && !visit(crossings.data(), found)) return false;
+        found = 0;
+      }
+      return true;
+    });
     if (!goes_on) return false;
     found = without_touches(crossings, found, to_lower, to_upper);
     return found == 0 || visit(crossings.data(), found);
@@ -257,10 +295,11 @@ class ScanIndex {
     std::uint32_t num_beams = 0;
     std::array<double, kAxes> lower;  // Coordinates of the beams.
     std::array<double, kAxes> upper;
-    std::array<double, kAxes> bins_per_unit{};
+    double bins_per_unit = 0.0;
     std::array<std::int32_t, kAxes> bins{};
     std::size_t first_bin = 0;
     std::size_t first_level = 0;
+    std::size_t num_samples = 0;  // Levels with a sample of the beams, the next coarser with one of it.
 
     Face() {
       lower.fill(std::numeric_limits<double>::infinity());
@@ -281,10 +320,12 @@ class ScanIndex {
   struct Sorted {
     std::array<double, D> inverse;  // Of the path.
     double t_end;
-    const ScanBeam<D>* beam;
+    std::uint32_t beam;
+    float chance;
   };
   struct Level {
-    std::size_t first = 0;  // In depths_.
+    std::size_t first = 0;      // In depths_.
+    std::size_t first_bin = 0;  // In first_in_bin_, of levels with a sample.
     std::array<std::int32_t, kAxes> size{};
   };
 
@@ -329,19 +370,75 @@ class ScanIndex {
       width = std::max(width, (face.upper[k] - face.lower[k]) / face.num_beams);
     for (std::size_t k = 0; k < kAxes; ++k) {
       face.bins[k] = 1 + static_cast<std::int32_t>((face.upper[k] - face.lower[k]) / width);
-      face.bins_per_unit[k] = 1.0 / width;
     }
+    face.bins_per_unit = 1.0 / width;
+  }
+
+  /// From one level of the pyramid to the next a bin is as large as 2^kAxes: so many times smaller are the
+  /// samples.
+  static constexpr double kThinner = 1.0 / (1 << kAxes);
+  static constexpr std::uint32_t kFewBeams = 64;  // Of which no sample is worth its work.
+
+  [[nodiscard]] static std::size_t sample_of(const Face& face, double share) {
+    std::size_t sample = 0;
+    for (double kept = kThinner; sample < face.num_samples && share <= kept; kept *= kThinner) ++sample;
+    return sample;
+  }
+
+  void draw_samples(Face& face) {
+    if constexpr (kAxes == 0) return;
+    double share = kThinner;
+    for (std::size_t l = face.first_level; l + 1 < levels_.size(); ++l, share *= kThinner) {
+      const Level& level = levels_[l];
+      Level& above = levels_[l + 1];
+      const std::uint32_t begin = first_in_bin_[level.first_bin];
+      const std::uint32_t end = first_in_bin_[level.first_bin + size_of(level)];
+      if (end - begin < kFewBeams) return;
+      above.first_bin = first_in_bin_.size();
+      first_in_bin_.resize(above.first_bin + size_of(above) + 1, 0);
+      for_each_in_sample(level, above, share,
+                         [&](std::size_t bin, std::uint32_t) { ++first_in_bin_[bin + 1]; });
+      first_in_bin_[above.first_bin] = static_cast<std::uint32_t>(sorted_.size());
+      for (std::size_t b = above.first_bin; b + 1 < first_in_bin_.size(); ++b)
+        first_in_bin_[b + 1] += first_in_bin_[b];
+      next_.assign(first_in_bin_.begin() + static_cast<std::ptrdiff_t>(above.first_bin), first_in_bin_.end());
+      sorted_.resize(first_in_bin_.back());
+      for_each_in_sample(level, above, share, [&](std::size_t bin, std::uint32_t i) {
+        sorted_[next_[bin - above.first_bin]++] = sorted_[i];
+      });
+      ++face.num_samples;
+    }
+  }
+  /// Calls `visit(bin of the level above, beam in sorted_)`.
+  template <class Visit>
+  void for_each_in_sample(const Level& level, const Level& above, double share, Visit&& visit) const {
+    std::array<std::int32_t, kAxes> at{};
+    const std::size_t size = size_of(level);
+    for (std::size_t b = 0; b < size; ++b) {
+      std::size_t bin = 0;
+      for (std::size_t k = kAxes; k-- > 0;)
+        bin = bin * static_cast<std::size_t>(above.size[k]) + static_cast<std::size_t>(at[k] >> 1);
+      for (std::uint32_t i = first_in_bin_[level.first_bin + b]; i < first_in_bin_[level.first_bin + b + 1];
+           ++i)
+        if (static_cast<double>(sorted_[i].chance) < share) visit(above.first_bin + bin, i);
+      for (std::size_t k = 0; k < kAxes && ++at[k] == level.size[k]; ++k) at[k] = 0;
+    }
+  }
+  [[nodiscard]] static std::size_t size_of(const Level& level) {
+    std::size_t n = 1;
+    for (const std::int32_t size : level.size) n *= static_cast<std::size_t>(size);
+    return n;
   }
 
   void raise_pyramid(Face& face) {
     face.first_level = levels_.size();
-    Level level{depths_.size(), face.bins};
+    Level level{depths_.size(), face.first_bin, face.bins};
     depths_.resize(depths_.size() + face.num_bins());
     for (std::size_t b = 0; b < face.num_bins(); ++b) {
       Depths& depths = depths_[level.first + b];
       for (std::uint32_t i = first_in_bin_[face.first_bin + b]; i < first_in_bin_[face.first_bin + b + 1];
            ++i) {
-        const ScanBeam<D>& beam = *sorted_[i].beam;
+        const ScanBeam<D>& beam = beams_[sorted_[i].beam];
         const auto depth = static_cast<float>(std::abs(beam.path[face.axis]));
         depths.nearest_free =
             std::min(depths.nearest_free,
@@ -355,7 +452,7 @@ class ScanIndex {
     }
     levels_.push_back(level);
     while (std::any_of(level.size.begin(), level.size.end(), [](std::int32_t n) { return n > 1; })) {
-      Level above{depths_.size(), {}};
+      Level above{depths_.size(), 0, {}};
       std::size_t count = 1;
       for (std::size_t k = 0; k < kAxes; ++k) {
         above.size[k] = (level.size[k] + 1) / 2;
@@ -375,6 +472,44 @@ class ScanIndex {
       levels_.push_back(above);
       level = above;
     }
+  }
+
+  /// The finest level of which a view covers at most two bins on each axis, or three beside a border.
+  [[nodiscard]] static std::size_t coarse_level(const View& view) {
+    std::int32_t widest = 0;
+    for (std::size_t k = 0; k < kAxes; ++k) widest = std::max(widest, view.last[k] - view.first[k]);
+    std::size_t level = 0;
+    while (widest >> level > 1) ++level;
+    return level;
+  }
+
+  /// Calls `visit(bin)` for bins of the finest level with beams that may end between two depths, until it
+  /// returns false. @param first, last of a rectangle of finest bins, of which those in the view are visited.
+  template <class Visit>
+  bool for_each_bin_between(const Face& face, std::size_t level, const std::array<std::int32_t, kAxes>& first,
+                            const std::array<std::int32_t, kAxes>& last, const View& view, double near,
+                            double far, Visit&& visit) const {
+    const Level& bins = levels_[face.first_level + level];
+    std::array<std::int32_t, kAxes> from;
+    std::array<std::int32_t, kAxes> to;
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      from[k] = std::max(first[k], view.first[k]) >> level;
+      to[k] = std::min(last[k], view.last[k]) >> level;
+    }
+    return for_each_bin_of(
+        bins.size, from, to, [&](std::size_t b, const std::array<std::int32_t, kAxes>& at) {
+          const Depths& depths = depths_[bins.first + b];
+          if (static_cast<double>(depths.nearest_end) > far || static_cast<double>(depths.farthest) < near)
+            return true;
+          if (level == 0) return visit(b);
+          std::array<std::int32_t, kAxes> lower;
+          std::array<std::int32_t, kAxes> upper;
+          for (std::size_t k = 0; k < kAxes; ++k) {
+            lower[k] = at[k] << level;
+            upper[k] = lower[k] + (std::int32_t{1} << level) - 1;
+          }
+          return for_each_bin_between(face, level - 1, lower, upper, view, near, far, visit);
+        });
   }
 
   [[nodiscard]] Depths depths_in(const Face& face, std::size_t level, const View& view) const {
@@ -426,6 +561,25 @@ class ScanIndex {
     }
   }
 
+  /// Calls `visit(number, place)` with each bin of a rectangle, until it returns false. @returns whether it
+  /// did not.
+  template <class Visit>
+  static bool for_each_bin_of(const std::array<std::int32_t, kAxes>& size,
+                              const std::array<std::int32_t, kAxes>& first,
+                              const std::array<std::int32_t, kAxes>& last, Visit&& visit) {
+    std::array<std::int32_t, kAxes> at = first;
+    for (;;) {
+      std::size_t number = 0;
+      for (std::size_t k = kAxes; k-- > 0;)
+        number = number * static_cast<std::size_t>(size[k]) + static_cast<std::size_t>(at[k]);
+      if (!visit(number, at)) return false;
+      std::size_t k = 0;
+      for (; k < kAxes && at[k] == last[k]; ++k) at[k] = first[k];
+      if (k == kAxes) return true;
+      ++at[k];
+    }
+  }
+
   std::map<std::array<double, D>, std::size_t> cubes_;  // By origin: the first of its entries in the next.
   std::vector<std::uint32_t> faces_of_cube_;
   Vector<D> last_origin_ = Vector<D>::Zero();
@@ -433,9 +587,9 @@ class ScanIndex {
 
   std::vector<Face> faces_;
   std::vector<ScanBeam<D>> beams_;           // As they came.
-  std::vector<std::uint32_t> face_of_;       // Of each beam.
-  std::vector<Sorted> sorted_;               // Bin by bin.
-  std::vector<std::uint32_t> first_in_bin_;  // In sorted_, of each bin, and the end.
+  std::vector<Sorted> sorted_;               // Bin by bin; then the samples, level by level.
+  std::vector<std::uint32_t> first_in_bin_;  // In sorted_, of each bin, and the end; also for the samples.
+  std::vector<std::uint32_t> next_;          // While a sample is drawn.
   std::vector<Level> levels_;
   std::vector<Depths> depths_;
 };

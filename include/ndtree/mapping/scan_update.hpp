@@ -37,6 +37,7 @@ class ScanWalk {
   static constexpr double kNoiseReach = 3.0;  // Standard deviations that noise is taken to explain.
   static constexpr double kSmallCell = 2.0;   // Standard deviations up to which a cell is small.
   static constexpr std::int64_t kFew = 32;    // Beams, or bins of them.
+  static constexpr std::uint32_t kNoFace = 0xffffffffu;
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
 
  public:
@@ -66,6 +67,7 @@ class ScanWalk {
         sensor_(sensor),
         index_(scan),
         largest_sigma_(largest_sigma),
+        smallest_size_(tree.geometry().cell_size(tree.geometry().finest_level())),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)) {}
 
@@ -116,6 +118,44 @@ class ScanWalk {
       for (std::size_t v = part.first; v < part.last; ++v)
         if (!index_.for_each_crossing(views_[v], box, visit)) return;
     }
+  }
+  /// Which of a scan's beams count in a cell: about so many for each smallest cell beside each other in it.
+  struct Sample {
+    const Box<D>* cell;
+    double beams;
+  };
+  /// The same with those of a sample.
+  template <class Visit>
+  void for_each_crossing(const Part& part, const Box<D>& box, const Sample& sample, Visit&& visit) const {
+    const auto visit_sampled = [&](const Crossing<D>* crossings, std::size_t n, double share) {
+      if (share >= 1.0) return visit(crossings, n);
+      for (std::size_t i = 0; i < n; ++i)
+        if (static_cast<double>(crossings[i].beam->chance) < share && !visit(crossings + i, std::size_t{1}))
+          return false;
+      return true;
+    };
+    if (part.is_listed) {
+      std::uint32_t face = kNoFace;
+      double share = 1.0;
+      for (std::size_t i = part.first; i < part.last; ++i) {
+        if (crossings_[i].beam->face != face) {
+          face = crossings_[i].beam->face;
+          share = share_of(face, sample);
+        }
+        if (!visit_sampled(&crossings_[i], 1, share)) return;
+      }
+      return;
+    }
+    for (std::size_t v = part.first; v < part.last; ++v) {
+      const double share = share_of(views_[v].face, sample);
+      const auto visit_some = [&](const Crossing<D>* crossings, std::size_t n) {
+        return visit_sampled(crossings, n, share);
+      };
+      if (!index_.for_each_crossing(views_[v], box, visit_some, share)) return;
+    }
+  }
+  [[nodiscard]] double share_of(std::uint32_t face, const Sample& sample) const {
+    return sample.beams / index_.expected_beams(face, *sample.cell, smallest_size_);
   }
 
   /// One by one if they are few.
@@ -203,7 +243,9 @@ class ScanWalk {
     }
     const std::size_t views_before = views_.size();
     const std::size_t crossings_before = crossings_.size();
-    const bool changed = update_subtree(ref, box, listed_if_few(seen, box));
+    const bool is_known =
+        ref.is_leaf() && ref.index.level <= coarsest_level_ && refinement_.model.is_known(ref.cell());
+    const bool changed = update_subtree(ref, box, is_known ? seen : listed_if_few(seen, box));
     views_.resize(views_before);
     crossings_.resize(crossings_before);
     return changed;
@@ -214,18 +256,18 @@ class ScanWalk {
     const bool is_leaf = ref.is_leaf();
     const bool is_unknown = is_leaf && ref.index.level > coarsest_level_;
     const bool splits = is_leaf && !is_unknown;
-    if (is_unknown && count(part, box).all == 0) return false;
+    if (is_unknown && !any_crossing(part, box)) return false;
     EvidenceCell parent;
-    std::size_t beams = 0;
+    std::size_t beams = 0;  // Of the sample.
+    std::optional<Sample> sample;
     if (splits) {
-      const bool is_settled = refinement_.model.is_settled(ref.cell());
-      const bool only_free = knows_only_free(ref, box, part, is_settled);
-      if (only_free && is_settled) return false;
       ScanEvidence scan;
-      beams = add_evidence(ref, box, part, only_free, scan);
+      sample = look_into(ref, box, part, scan);
+      if (!sample) return false;
       if (ref.index.level == finest_level_ || !refinement_.splits(ref.cell(), scan))
         return update(ref.cell(), scan);
       parent = ref.cell();
+      beams = count(part, box, *sample).all;
       ++counters_.splits;
     }
     if (is_leaf) tree_.split_node(*ref.node, {}, arena_);
@@ -242,8 +284,8 @@ class ScanWalk {
       }
       const Box<D> child = tree_.box(index[k]);
       if (splits)
-        children[j].cell() =
-            refinement_.model.inherited(parent, kShareDivisor<Tree>, count(parts[k], child).passed, beams);
+        children[j].cell() = refinement_.model.inherited(parent, kShareDivisor<Tree>,
+                                                         count(parts[k], child, *sample).passed, beams);
       changed = descend(Ref{children + j, index[k]}, child, parts[k]) || changed;
     }
 
@@ -280,34 +322,90 @@ class ScanWalk {
     return leaf.index.level == finest_level_ ||
            tree_.geometry().cell_size(leaf.index.level) <= kSmallCell * largest_sigma_;
   }
-  /// Whether it is certain, and was worth finding out, that beams say of nothing but free space in a leaf.
-  [[nodiscard]] bool knows_only_free(const Ref& leaf, const Box<D>& box, const Part& part,
-                                     bool is_settled) const {
-    constexpr std::int64_t kMany = 64;
-    if (part.is_listed)
-      return is_settled &&
-             std::all_of(crossings_.begin() + static_cast<std::ptrdiff_t>(part.first),
-                         crossings_.begin() + static_cast<std::ptrdiff_t>(part.last),
-                         [](const Crossing<D>& crossing) {
-                           return crossing.t_exit < crossing.beam->t_clearly_free - crossing.beam->t_surface;
-                         });
-    const auto begin = views_.begin() + static_cast<std::ptrdiff_t>(part.first);
-    const auto end = views_.begin() + static_cast<std::ptrdiff_t>(part.last);
-    if (std::all_of(begin, end, [](const View& view) { return view.all_pass; })) return true;
-    if (may_be_small(leaf) || (!is_settled && num_bins(part) < kMany)) return false;
-    return std::none_of(begin, end, [&](const View& view) {
-      return index_.any_end(
-          view, box, [&](const Lattice<D>& cell) { return tree_.geometry().contains(leaf.index, cell); });
-    });
+  /// Adds up what the scan says about a leaf that may be updated. @returns the sample of it that counts;
+  /// nothing if it would not change the leaf.
+  std::optional<Sample> look_into(const Ref& leaf, const Box<D>& box, const Part& part,
+                                  ScanEvidence& scan) const {
+    const auto& model = refinement_.model;
+    const bool is_settled = model.is_settled(leaf.cell());
+    const bool is_known = model.is_known(leaf.cell());
+    const Freedom freedom = knows_only_free(leaf, box, part, is_settled, is_known);
+    if (freedom == Freedom::only_free && is_settled) return std::nullopt;
+    const Sample sample{&box, model.sample_beams(is_known && freedom != Freedom::contradicted)};
+    add_evidence(leaf, box, part, freedom == Freedom::only_free, sample, scan);
+    return sample;
   }
 
+  enum class Freedom {
+    only_free,     ///< It is certain that no beam says of anything but free space.
+    contradicted,  ///< More beams end in a leaf that knows only free space than the sensor's errors explain.
+    unknown        ///< Neither, or it was not worth finding out.
+  };
+  [[nodiscard]] Freedom knows_only_free(const Ref& leaf, const Box<D>& box, const Part& part, bool is_settled,
+                                        bool is_known) const {
+    constexpr std::int64_t kMany = 64;
+    const bool is_small = may_be_small(leaf);
+    if (part.is_listed) {
+      if (!is_settled) return Freedom::unknown;
+      const bool only_free = std::all_of(
+          crossings_.begin() + static_cast<std::ptrdiff_t>(part.first),
+          crossings_.begin() + static_cast<std::ptrdiff_t>(part.last), [](const Crossing<D>& crossing) {
+            return crossing.t_exit < crossing.beam->t_clearly_free - crossing.beam->t_surface;
+          });
+      if (only_free) return Freedom::only_free;
+    } else {
+      const auto begin = views_.begin() + static_cast<std::ptrdiff_t>(part.first);
+      const auto end = views_.begin() + static_cast<std::ptrdiff_t>(part.last);
+      if (std::all_of(begin, end, [](const View& view) { return view.all_pass; })) return Freedom::only_free;
+      if (!is_settled && (is_small || is_known || num_bins(part) < kMany)) return Freedom::unknown;
+    }
+    const double blocked = share_blocked(leaf, box, part);
+    if (blocked == 0.0 && !is_small) return Freedom::only_free;
+    return is_settled && blocked > refinement_.partial_occupancy.free_until() ? Freedom::contradicted
+                                                                              : Freedom::unknown;
+  }
+  /// Of the beams that would cross a leaf if they were spread evenly, the share that ends in it; or part of
+  /// it, if that is more than a free cell explains.
+  [[nodiscard]] double share_blocked(const Ref& leaf, const Box<D>& box, const Part& part) const {
+    const auto of_beam = [&](std::uint32_t face) {
+      return 1.0 / std::max(1.0, index_.expected_beams(face, box, box.upper[0] - box.lower[0]));
+    };
+    double blocked = 0.0;
+    if (part.is_listed) {
+      for (std::size_t i = part.first; i < part.last; ++i) {
+        const ScanBeam<D>& beam = *crossings_[i].beam;
+        if (beam.returned && tree_.geometry().contains(leaf.index, beam.end)) blocked += of_beam(beam.face);
+      }
+      return blocked;
+    }
+    for (std::size_t v = part.first; v < part.last; ++v) {
+      double one = 0.0;
+      index_.for_each_end(
+          views_[v], box, [&](const Lattice<D>& cell) { return tree_.geometry().contains(leaf.index, cell); },
+          [&] {
+            if (one == 0.0) one = of_beam(views_[v].face);
+            blocked += one;
+            return blocked <= refinement_.partial_occupancy.free_until();
+          });
+    }
+    return blocked;
+  }
+
+  [[nodiscard]] bool any_crossing(const Part& part, const Box<D>& box) const {
+    bool any = false;
+    for_each_crossing(part, box, [&](const Crossing<D>*, std::size_t) {
+      any = true;
+      return false;
+    });
+    return any;
+  }
   struct Crossings {
     std::size_t all = 0;
     std::size_t passed = 0;  ///< Those at whose exit the beam has clearly not met anything.
   };
-  [[nodiscard]] Crossings count(const Part& part, const Box<D>& box) const {
+  [[nodiscard]] Crossings count(const Part& part, const Box<D>& box, const Sample& sample) const {
     Crossings sum;
-    for_each_crossing(part, box, [&](const Crossing<D>* crossing, std::size_t n) {
+    for_each_crossing(part, box, sample, [&](const Crossing<D>* crossing, std::size_t n) {
       sum.all += n;
       for (std::size_t i = 0; i < n; ++i)
         sum.passed += !crossing[i].beam->returned || crossing[i].t_exit < crossing[i].beam->t_clearly_free;
@@ -317,17 +415,13 @@ class ScanWalk {
   }
 
   /// @param only_free no beam says of anything but free space: then not all may be needed.
-  /// @returns the number of beams that cross the leaf, whether they say anything or not; of those that were
-  /// needed.
-  std::size_t add_evidence(const Ref& leaf, const Box<D>& box, const Part& part, bool only_free,
-                           ScanEvidence& sum) const {
+  void add_evidence(const Ref& leaf, const Box<D>& box, const Part& part, bool only_free,
+                    const Sample& sample, ScanEvidence& sum) const {
     const double size = tree_.geometry().cell_size(leaf.index.level);
     const bool is_finest = leaf.index.level == finest_level_;
     const double child_size = is_finest ? 0.0 : tree_.geometry().cell_size(leaf.index.level - 1);
     const double chords_per_metre = 1.0 / (kMeanChord * size);
-    std::size_t crossings = 0;
-    for_each_crossing(part, box, [&](const Crossing<D>* crossing, std::size_t n) {
-      crossings += n;
+    for_each_crossing(part, box, sample, [&](const Crossing<D>* crossing, std::size_t n) {
       for (std::size_t i = 0; i < n; ++i) {
         const ScanBeam<D>& beam = *crossing[i].beam;
         const double t_enter = crossing[i].t_enter;
@@ -346,7 +440,6 @@ class ScanWalk {
       return !(only_free && refinement_.model.is_full(sum));
     });
     refinement_.model.limit(sum);
-    return crossings;
   }
 
   /// Adds what a beam says about a leaf that it has not clearly passed.
@@ -391,6 +484,7 @@ class ScanWalk {
   const Sensor& sensor_;
   const Index& index_;
   const double largest_sigma_;
+  const double smallest_size_;
   const int finest_level_;
   const int coarsest_level_;
   UpdateCounters counters_;
@@ -431,17 +525,20 @@ class ScanUpdate {
       : tree_(tree), refinement_(refinement), sensor_(sensor), counters_(counters) {}
 
   void reserve(std::size_t num_beams) { index_.reserve(num_beams); }
-  /// @pre the beam is valid. It waits for finish().
-  void add(const Beam<D>& beam) {
+  /// Beams wait for finish(): the tree need not contain them yet.
+  static constexpr bool kWaits = true;
+
+  /// @param sigma of the range [m]. @pre the beam is valid.
+  void add(const Beam<D>& beam, double sigma) {
     const bool returned = beam.outcome == BeamOutcome::returned;
-    const double sigma = sensor_.sigma(beam.range);
     largest_sigma_ = std::max(largest_sigma_, sigma);
     const double t_clearly_free =
         returned ? sensor_.clearly_free_until(beam.range, sigma) / beam.range : beam.t_free;
-    index_.add(beam.origin,
-               {beam.displacement, beam.origin, beam.range, sigma, beam.range / sigma, sensor_.t_end(beam),
-                t_clearly_free, returned ? Walk::kThinnestSurface * sigma / beam.range : 0.0,
-                returned ? cell_of_hit(beam) : tree_.geometry().coordinates(beam.free_end()), returned});
+    index_.add(beam.origin, {beam.displacement, beam.origin, beam.range, sigma, beam.range / sigma,
+                             Sensor::t_end(beam, sigma), t_clearly_free,
+                             returned ? Walk::kThinnestSurface * sigma / beam.range : 0.0,
+                             returned ? cell_of_hit(beam) : tree_.geometry().coordinates(beam.free_end()),
+                             returned, chance_of<D>(beam.endpoint)});
   }
 
   /// @pre the tree contains all beams up to Sensor::t_end().

@@ -44,6 +44,8 @@ inline MapOptions spelled_out_options(double min_cell_size, double max_cell_size
   options.evidence_memory = 200.0;
   options.free_memory = 200.0;
   options.scan_beams = 1e6;
+  options.known_evidence = 50.0;
+  options.sample_beams = 1e6;
   options.evidence_prior = 0.5;
   options.change_probability = 1e-5;
   options.evidence_half_life = 0.0;
