@@ -411,6 +411,10 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
       {&EvidenceOptions::free_memory, nan, "free_memory = "},
       {&EvidenceOptions::scan_beams, 0.5, "scan_beams = 0.5: must be >= 1 and finite"},
       {&EvidenceOptions::scan_beams, infinity, "scan_beams = "},
+      {&EvidenceOptions::known_evidence, 0.5, "known_evidence = 0.5: must be >= 1 nat and finite"},
+      {&EvidenceOptions::known_evidence, nan, "known_evidence = "},
+      {&EvidenceOptions::sample_beams, 0.0, "sample_beams = 0.0: must be > 0 and finite"},
+      {&EvidenceOptions::sample_beams, infinity, "sample_beams = "},
       {&EvidenceOptions::evidence_prior, 0.0, "evidence_prior = 0.0: must be > 0 nats and finite"},
       {&EvidenceOptions::evidence_prior, -1.0, "evidence_prior = -1.0: "},
       {&EvidenceOptions::evidence_prior, infinity, "evidence_prior = inf: "},
@@ -444,7 +448,7 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
     EXPECT_EQ(refusal.rfind(row.message, 0), 0u) << row.message << ": " << refusal;
     ++cases;
   }
-  EXPECT_EQ(cases, 23);
+  EXPECT_EQ(cases, 27);
 }
 
 }  // namespace

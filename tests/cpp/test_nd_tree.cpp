@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 #include "ndtree/tree/visit.hpp"
 #include "random.hpp"
@@ -522,6 +523,33 @@ TEST(NdTree, GrowsTowardsThePointThatMustFit) {
     EXPECT_EQ(tree.root().index.level, row.level) << row.x << " " << row.y;
     EXPECT_EQ(tree.root().index.lower, row.lower) << row.x << " " << row.y;
   }
+}
+
+TEST(NdTree, GivesMemoryBackThatMergingHasFreed) {
+  NdTree<2, 2, OccupancyCell> tree(0.25, 8);
+  std::vector<NdTree<2, 2, OccupancyCell>::Ref> divided{tree.root()};
+  for (std::size_t i = 0; i < divided.size(); ++i) {
+    const auto parent = divided[i];
+    tree.split(parent);
+    if (divided.size() < 20000)
+      for (int j = 0; j < 4; ++j) divided.push_back(tree.child(parent, j));
+  }
+  OccupancyCell cell;
+  cell.update(1.0f, -2.0f, 2.0f);
+  const std::size_t full = tree.memory_bytes();
+  tree.shrink_if_half_empty();
+  ASSERT_EQ(tree.memory_bytes(), full) << "all of it is used";
+  for (std::size_t i = divided.size(); i-- > divided.size() / 3;) tree.merge(*divided[i].node, cell);
+  ASSERT_EQ(tree.memory_bytes(), full) << "until it is asked to";
+  const std::size_t leaves = tree.num_leaves();
+  tree.shrink_if_half_empty();
+  EXPECT_LT(tree.memory_bytes(), full / 2);
+  EXPECT_GT(tree.memory_bytes(), full / 4);
+  EXPECT_EQ(tree.num_leaves(), leaves);
+  tree.check_invariants();
+  std::size_t occupied = 0;
+  for_each_leaf(tree, [&](const auto& leaf) { occupied += leaf.cell() == cell; });
+  EXPECT_GT(occupied, 1000u);
 }
 
 }  // namespace

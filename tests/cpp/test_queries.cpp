@@ -120,6 +120,38 @@ TYPED_TEST(QueriesOf, StateAndProbabilityAreThoseOfTheLeafAround) {
   }
 }
 
+TYPED_TEST(QueriesOf, ManyPointsGetTheirCellsInTheirOrder) {
+  NDTREE_SHAPE;
+  Random random(54);
+  SCOPED_TRACE(random.trace());
+  const auto map = random_map<N, D>(random);
+  const Box<D> around = widened(map.tree().box(map.tree().root().index), 0.2);
+  std::size_t found = 0;
+  for (const std::size_t n : {0u, 1u, 15u, 16u, 17u, 1000u}) {
+    std::vector<double> points;
+    for (std::size_t i = 0; i < n; ++i) {
+      Vector<D> point = random_point(random, around);
+      if (i % 2 == 0) point = random_point<D>(random, {Vector<D>::Constant(-2.2), Vector<D>::Constant(2.2)});
+      if (i % 3 == 0) point = (point * 4.0).array().round() / 4.0;
+      if (i % 50 == 7) point[0] = kNan;
+      if (i % 50 == 8) point[D - 1] = 1e300;
+      points.insert(points.end(), point.data(), point.data() + D);
+    }
+    std::size_t next = 0;
+    for_each_cell_at(map, points.data(), n, [&](std::size_t i, const OccupancyCell& cell) {
+      EXPECT_EQ(i, next++);
+      EXPECT_EQ(cell, cell_at(map, Vector<D>(Eigen::Map<const Vector<D>>(points.data() + i * D))));
+      found += cell.observed();
+    });
+    EXPECT_EQ(next, n);
+  }
+  EXPECT_GT(found, 50u);
+  const PaperMap<N, D> empty(spelled_out_options(0.25, 0.25 * N));
+  const Vector<D> inside = Vector<D>::Constant(0.1);
+  for_each_cell_at(empty, inside.data(), 1,
+                   [](std::size_t, const OccupancyCell& cell) { EXPECT_FALSE(cell.observed()); });
+}
+
 TYPED_TEST(QueriesOf, RaysEndAtTheNearestOccupiedLeaf) {
   NDTREE_SHAPE;
   Random random(51);

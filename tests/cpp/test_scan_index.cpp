@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <map>
@@ -24,7 +25,9 @@ struct Found {
 template <int D>
 struct Beams {
   std::vector<ScanBeam<D>> all;
-  std::map<std::int64_t, float> chance;  // By number.
+  std::map<std::int64_t, float> chance;           // By number.
+  std::map<std::int64_t, std::uint32_t> face_of;  // By number; for beams from one place.
+  std::map<std::array<int, 2>, std::uint32_t> faces;
   ScanIndex<D> index;
 
   void add(const Vector<D>& origin, const Vector<D>& path, bool returned, double t_end, double t_free,
@@ -45,8 +48,17 @@ struct Beams {
     beam.returned = returned;
     beam.chance = chance_of<D>(origin + path);
     chance[beam.end[0]] = beam.chance;
+    int axis = 0;
+    for (int a = 1; a < D; ++a)
+      if (std::abs(path[a]) > std::abs(path[axis])) axis = a;
+    const auto next = static_cast<std::uint32_t>(faces.size());  // Numbered as they first appear.
+    face_of[beam.end[0]] = faces.emplace(std::array<int, 2>{axis, path[axis] < 0.0}, next).first->second;
     all.push_back(beam);
-    index.add(origin, beam);
+    index.add(origin, path, t_end, beam.chance, static_cast<std::uint32_t>(all.size() - 1));
+  }
+
+  void sort(const typename ScanIndex<D>::Sampling& sampling) {
+    index.sort(sampling, [&](std::uint32_t number) { return all.at(number); });
   }
 };
 
@@ -73,7 +85,7 @@ Beams<D> random_beams(Random& random, int kind, int count) {
               path, returned, returned ? 1.0 + random.uniform(0.0, 0.2) : 0.7,
               returned ? random.uniform(0.8, 1.0) : 0.7, returned ? random.uniform(0.0, 0.1) : 0.0);
   }
-  beams.index.sort();
+  beams.sort({1e9, 0.1, 1.0});
   return beams;
 }
 
@@ -133,15 +145,15 @@ void finds_what_crosses_each_box(std::uint64_t seed) {
         });
         passed += view.all_pass;
         without_end += view.no_end;
-        // All ends inside, and no more than those of other beams that look there, too.
         std::set<std::int64_t> found_ends;
-        beams.index.for_each_end(
-            view, box, [&](const auto& end) { return found_ends.insert(end[0]).second; },
-            [] { return true; });
+        beams.index.for_each_end(view, box, [&](const ScanBeam<D>& beam) {
+          EXPECT_TRUE(beam.returned);
+          EXPECT_TRUE(found_ends.insert(beam.end[0]).second) << "visited twice";
+          return true;
+        });
         EXPECT_TRUE(std::includes(found_ends.begin(), found_ends.end(), ends.begin(), ends.end()));
         int visited = 0;
-        beams.index.for_each_end(
-            view, box, [](const auto&) { return true; }, [&] { return ++visited < 2; });
+        beams.index.for_each_end(view, box, [&](const ScanBeam<D>&) { return ++visited < 2; });
         EXPECT_EQ(visited, std::min<int>(2, static_cast<int>(found_ends.size())));
         // A sample has all beams of a smaller chance in it that the whole has, once.
         const double share = random.uniform(0.0, 0.6);
@@ -178,6 +190,70 @@ void finds_what_crosses_each_box(std::uint64_t seed) {
   EXPECT_GT(passed, 50);
   EXPECT_GT(without_end, passed);
   EXPECT_GT(unseen, 50);
+}
+
+/// Of beams that are denser than cells need, those that no cell of some size takes are not kept; but all that
+/// one does.
+template <int D>
+void keeps_what_some_cell_takes(std::uint64_t seed) {
+  Random random(seed);
+  SCOPED_TRACE(random.trace());
+  int taken = 0;
+  int left_out = 0;
+  for (const double beams_of_a_cell : {0.02, 0.3, 2.0}) {
+    constexpr double kSmallest = 0.25;
+    constexpr double kLargest = 1.0;
+    Beams<D> beams;
+    const Vector<D> origin = Vector<D>::Constant(0.03);
+    for (int i = 0; i < 2000; ++i) {
+      Vector<D> path;
+      for (int a = 0; a < D; ++a) path[a] = random.uniform(-1.0, 1.0);
+      path[0] = random.uniform(0.5, 5.0);
+      beams.add(origin, path, true, 1.05, 0.9, 0.02);
+    }
+    beams.sort({beams_of_a_cell, kSmallest, kLargest});
+    for (int i = 0; i < 300; ++i) {
+      const double size = kSmallest * std::pow(2.0, random.integer(0, 2));
+      Box<D> cell;
+      for (int a = 0; a < D; ++a) cell.lower[a] = size * std::floor(random.uniform(-2.0, 6.0) / size);
+      cell.upper = cell.lower.array() + size;
+      std::set<std::int64_t> found;
+      for (std::uint32_t face = 0; face < beams.index.num_faces(); ++face) {
+        typename ScanIndex<D>::View view;
+        if (!beams.index.look(face, cell, view)) continue;
+        beams.index.for_each_crossing(view, cell, [&](const Crossing<D>* crossing, std::size_t n) {
+          for (std::size_t k = 0; k < n; ++k) found.insert(crossing[k].beam->end[0]);
+          return true;
+        });
+      }
+      for (const ScanBeam<D>& beam : beams.all) {
+        double t_enter = 0.0;
+        double t_exit = beam.t_end;
+        if (!clip_to_box<D>(cell.lower - origin, cell.upper - origin, beam.path, t_enter, t_exit)) continue;
+        const std::uint32_t face = beams.face_of.at(beam.end[0]);
+        const bool is_taken =
+            static_cast<double>(beam.chance) * beams.index.expected_beams(face, cell, kSmallest) <
+            beams_of_a_cell;
+        if (is_taken) {
+          EXPECT_EQ(found.count(beam.end[0]), 1u);
+        }
+        taken += is_taken;
+        left_out += found.count(beam.end[0]) == 0;
+      }
+      if (::testing::Test::HasFailure()) return;
+    }
+  }
+  EXPECT_GT(taken, 100);
+  if (D > 1) {
+    EXPECT_GT(left_out, D == 4 ? 20 : 1000);
+  }
+}
+
+TEST(ScanIndex, KeepsWhatSomeCellTakes) {
+  keeps_what_some_cell_takes<1>(166);
+  keeps_what_some_cell_takes<2>(167);
+  keeps_what_some_cell_takes<3>(168);
+  keeps_what_some_cell_takes<4>(169);
 }
 
 TEST(ScanIndex, FindsWhatCrossesEachBox) {
@@ -222,6 +298,38 @@ TEST(LinearTable, IsWithinItsErrorAndMonotone) {
   EXPECT_EQ(line(-100.0), -1.0);
   EXPECT_EQ(line(100.0), 7.0);
   EXPECT_EQ(line(std::nan("")), -1.0);
+}
+
+TEST(ScanIndex, AChanceSaysNothingAboutWhatABeamMeasured) {
+  Random random(165);
+  SCOPED_TRACE(random.trace());
+  constexpr int kClasses = 16;
+  // Of end points that a sensor gives: single precision, or of 1 mm, near each other; by their range.
+  for (const double step : {0.0, 0.001}) {
+    int count[2][kClasses] = {};
+    constexpr int kBeams = 40000;
+    for (int i = 0; i < kBeams; ++i) {
+      const double angle = 1e-4 * i;
+      double range = 2.0 + 0.01 * random.uniform();
+      const bool is_near = range < 2.005;
+      if (step > 0.0) range = std::round(range / step) * step;
+      Vector<3> end(range * std::cos(angle), range * std::sin(angle), 0.3);
+      if (step == 0.0) end = end.cast<float>().cast<double>();
+      const float chance = chance_of<3>(end);
+      ASSERT_GE(chance, 0.0f);
+      ASSERT_LT(chance, 1.0f);
+      ++count[is_near][static_cast<int>(chance * kClasses)];
+    }
+    for (const auto& row : count) {
+      double sum = 0.0;
+      for (const int n : row) sum += n;
+      double chi_square = 0.0;
+      for (const int n : row) chi_square += std::pow(n - sum / kClasses, 2) / (sum / kClasses);
+      EXPECT_LT(chi_square, 44.0) << "15 degrees of freedom: one in ten thousand is larger";
+    }
+  }
+  EXPECT_EQ(chance_of<2>(Vector<2>(0.1, 0.2)), chance_of<2>(Vector<2>(0.1, 0.2)));
+  EXPECT_NE(chance_of<2>(Vector<2>(0.1, 0.2)), chance_of<2>(Vector<2>(0.2, 0.1)));
 }
 
 }  // namespace

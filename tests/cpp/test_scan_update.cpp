@@ -271,8 +271,10 @@ class FlatScanMap {
   }
   [[nodiscard]] bool is_in_sample(const FlatBeam& beam, const CellIndex<D>& index,
                                   double sample_beams) const {
-    const double smallest = static_cast<double>(edge(-num_levels_)) * options_.min_cell_size;
-    return static_cast<double>(beam.chance) * bins_of(beam, index, smallest) < sample_beams;
+    return static_cast<double>(beam.chance) * bins_of(beam, index, smallest()) < sample_beams;
+  }
+  [[nodiscard]] double smallest() const {
+    return static_cast<double>(edge(-num_levels_)) * options_.min_cell_size;
   }
   /// Cells that know much take fewer beams, unless they know of free space only and too many end there.
   [[nodiscard]] double sample_beams_of(const CellIndex<D>& index, const EvidenceCell& cell) const {
@@ -283,8 +285,11 @@ class FlatScanMap {
     for (const FlatBeam& beam : beams_) {
       double enter = 0.0;
       double exit = 0.0;
-      if (beam.returned && clip(beam, index, enter, exit) && contains(index, cell_of_hit(beam)))
-        blocked += 1.0 / std::max(1.0, bins_of(beam, index, size));
+      const double learning = 4.0 * options_.sample_beams;
+      if (beam.returned && clip(beam, index, enter, exit) && contains(index, cell_of_hit(beam)) &&
+          is_in_sample(beam, index, learning))
+        blocked += 1.0 / std::max(1.0, bins_of(beam, index, size) *
+                                           std::min(1.0, learning / bins_of(beam, index, smallest())));
     }
     const bool contradicted = model_.is_settled(cell) && blocked > options_.hit_given_free;
     return (is_known && !contradicted ? 1.0 : 4.0) * options_.sample_beams;

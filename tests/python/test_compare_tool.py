@@ -23,7 +23,7 @@ PARAMETERS = {
     "significance", "merge_free_below", "merge_occupied_above", "max_range", "held_out", "repeat",
     "sample_spacing", "sample_margin", "endpoint_radius", "cast_tolerance", "cast_overshoot", "no_return",
     "split_probability", "merge_loss", "inherited_beams", "noise_sigmas", "evidence_memory", "evidence_prior",
-    "free_memory", "scan_beams",
+    "free_memory", "scan_beams", "known_evidence", "sample_beams",
     "probability_clip", "change_probability", "evidence_half_life",
 }  # fmt: skip
 TRUTH = {

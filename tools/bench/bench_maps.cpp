@@ -2,7 +2,7 @@
 /// @file
 /// Insertion, queries, and files of our maps and of OctoMap, over simulated worlds and recordings.
 ///
-/// usage: ndtree-bench [--beams N] [LOG …] [--benchmark_…]
+/// usage: ndtree-bench [--beams N] [--growth LEAVES] [LOG …] [--benchmark_…]
 ///
 /// Candidates alternate in random order; five repetitions, of which median, mean and spread are printed.
 #include <benchmark/benchmark.h>
@@ -20,6 +20,7 @@
 #include <variant>
 #include <vector>
 
+#include "bench_growth.hpp"
 #include "log_input.hpp"
 #include "ndtree/logs/simulator.hpp"
 #include "ndtree/ndtree.hpp"
@@ -154,10 +155,10 @@ void save_and_load(benchmark::State& state, const Workload<D>& work, const Make&
 
 /// Points near end points and along beams, in random order: what a planner asks about.
 template <int D>
-std::vector<Vector<D>> questions(const Workload<D>& work) {
+std::vector<Vector<D>> questions(const Workload<D>& work, int count) {
   std::vector<Vector<D>> points;
   std::mt19937 random(1);
-  for (int i = 0; i < 100000; ++i) {
+  for (int i = 0; i < count; ++i) {
     const auto& scan = work.scans[random() % work.scans.size()];
     const auto beam = static_cast<Eigen::Index>(random() % static_cast<std::size_t>(scan.size()));
     const double t = static_cast<double>(random()) / 4294967296.0 * 1.1;
@@ -166,13 +167,25 @@ std::vector<Vector<D>> questions(const Workload<D>& work) {
   return points;
 }
 
+template <int D, class Map, class Visit>
+void for_each_state_at(const Map& map, const std::vector<Vector<D>>& points, Visit&& visit) {
+  for_each_cell_at(map, points.front().data(), points.size(),
+                   [&](std::size_t, const auto& cell) { visit(cell.state()); });
+}
+#ifdef NDTREE_HAVE_OCTOMAP
+template <int D, class Visit>
+void for_each_state_at(const OctomapBaseline& map, const std::vector<Vector<D>>& points, Visit&& visit) {
+  for (const auto& point : points) visit(ndtree::state(map, point));
+}
+#endif
+
 template <int D, class Make>
 void point_queries(benchmark::State& state, const Workload<D>& work, const Make& make) {
   const auto map = built(work, make(work.options));
-  const auto points = questions(work);
+  const auto points = questions(work, 1000000);
   for (auto _ : state) {
     int occupied = 0;
-    for (const auto& point : points) occupied += ndtree::state(map, point) == CellState::occupied;
+    for_each_state_at<D>(map, points, [&](CellState one) { occupied += one == CellState::occupied; });
     benchmark::DoNotOptimize(occupied);
   }
   state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * points.size()));
@@ -181,19 +194,18 @@ void point_queries(benchmark::State& state, const Workload<D>& work, const Make&
 template <int D, class Make>
 void ray_casts(benchmark::State& state, const Workload<D>& work, const Make& make) {
   const auto map = built(work, make(work.options));
-  const auto points = questions(work);
+  const auto points = questions(work, 10000);
   const Vector<D> origin = work.scans.front().origins.col(0);
-  const std::size_t count = std::min<std::size_t>(points.size(), 10000);
   for (auto _ : state) {
     double sum = 0.0;
-    for (std::size_t i = 0; i < count; ++i) {
-      const Vector<D> direction = points[i] - origin;
+    for (const auto& point : points) {
+      const Vector<D> direction = point - origin;
       if (direction.allFinite() && direction.squaredNorm() > 0.0)
         sum += ndtree::cast_ray(map, origin, direction, 30.0).value_or(0.0);
     }
     benchmark::DoNotOptimize(sum);
   }
-  state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * count));
+  state.SetItemsProcessed(static_cast<std::int64_t>(state.iterations() * points.size()));
 }
 
 template <int D, class Make, class ScansOf>
@@ -290,6 +302,7 @@ int main(int argc, char** argv) {
       "Insertion and queries of adaptive, fixed and OctoMap maps; --benchmark_… options are passed on.");
   std::size_t beams = 150000;
   double max_range = kUnlimitedRange;
+  double most_leaves = 0.0;
   std::vector<std::string> paths;
   std::string worlds = "office,apartment,street";
   MapOptions options;
@@ -297,6 +310,8 @@ int main(int argc, char** argv) {
   app.add_option("--world", worlds,
                  "office, apartment, street, or images of 640 x 480; with commas between; or none")
       ->capture_default_str();
+  app.add_option("--growth", most_leaves,
+                 "Also how costs grow with beams, cells, and maps of up to so many leaves (1e7: 140 MB)");
   app.add_option("--beams", beams, "Beams a log, in scans spread evenly over it")->capture_default_str();
   app.add_option("--min-cell-size", options.min_cell_size, "[m]")->capture_default_str();
   app.add_option("--max-cell-size", options.max_cell_size, "[m]")->capture_default_str();
@@ -325,6 +340,7 @@ int main(int argc, char** argv) {
       } else {
         add_log(simulate_log(world, {}, SIZE_MAX), world, beams, options, max_range);
       }
+    if (most_leaves > 0.0) add_growth(options, most_leaves);
     for (const std::string& path : paths) {
       const std::string file = path.substr(path.find_last_of('/') + 1);
       add_log(read_log(path, {}, SIZE_MAX), file, beams, options, max_range);

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/scan.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
@@ -32,14 +33,14 @@ class BeamUpdate : public BeamVisitor {
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
         counters_(counters) {}
 
-  /// Beams do not wait.
-  void reserve(std::size_t /*num_beams*/) {}
+  /// Before the beams of a scan: nothing is to be prepared.
+  void begin(const ScanView<D>& /*scan*/, double /*max_range*/) {}
 
   /// Beams are integrated as they are added: the tree must contain them before.
   static constexpr bool kWaits = false;
 
   /// @param sigma of the range [m]. @pre the beam is valid, and the tree contains it up to t_end().
-  void add(const Beam<D>& beam, double sigma) {
+  void add(Eigen::Index /*number*/, const Beam<D>& beam, double sigma) {
     range_ = beam.range;
     returned_ = beam.outcome == BeamOutcome::returned;
     hit_counted_ = false;

@@ -119,7 +119,7 @@ class OccupancyMap {
     const UpdateCounters before = counters_;
     using Update = typename Refinement::template Update<Tree, Sensor>;
     Update update(tree_, refinement_, sensor_, options_, counters_);
-    update.reserve(static_cast<std::size_t>(scan.size));
+    update.begin(scan, max_range);
     // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, can
     // still stop it half-way.
     Reach reach;
@@ -127,7 +127,7 @@ class OccupancyMap {
       ++report.count(beam.outcome);
       if (beam.outcome == BeamOutcome::invalid) return;
       extend(reach, i, beam, sigma);
-      if constexpr (Update::kWaits) update.add(beam, sigma);
+      if constexpr (Update::kWaits) update.add(i, beam, sigma);
     });
     try {
       if (reach.any) {
@@ -135,10 +135,11 @@ class OccupancyMap {
         tree_.grow_to_contain(reach.box.upper);
       }
       if constexpr (!Update::kWaits)
-        for_each_beam(scan, max_range, [&](Eigen::Index, const Beam<D>& beam, double sigma) {
-          if (beam.outcome != BeamOutcome::invalid) update.add(beam, sigma);
+        for_each_beam(scan, max_range, [&](Eigen::Index i, const Beam<D>& beam, double sigma) {
+          if (beam.outcome != BeamOutcome::invalid) update.add(i, beam, sigma);
         });
       update.finish(threads);
+      tree_.shrink_if_half_empty();
       summarise_unknown(tree_, *tree_.root().node);
     } catch (...) {  // Of lack of memory: what is there stays valid.
       forget_summaries(tree_);
@@ -153,6 +154,10 @@ class OccupancyMap {
   InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange, int threads = 0) {
     return insert(scan.view(), max_range, threads);
   }
+
+  /// Gives the memory back that merging has freed, and puts what is near each other near each other in
+  /// memory, too; no answer changes. O(nodes).
+  void shrink_to_fit() { tree_.shrink_to_fit(); }
 
   /// Joins siblings where that loses the least information, until the budget is met; later insertions go on
   /// from there, and divide again what beams contradict. O(nodes log nodes).

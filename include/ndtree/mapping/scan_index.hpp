@@ -65,6 +65,8 @@ struct Crossing {
 ///
 /// A box casts a shadow on a face, within a rectangle that costs two divisions: the beams of the rectangle's
 /// bins are all that may cross it. Depths are measured along the axis of the face, as in a depth image.
+///
+/// Of a scan that is denser than any cell needs, only the beams are kept that may be in some cell's sample.
 template <int D>
 class ScanIndex {
   static constexpr std::size_t kAxes = D - 1;  // Of a face.
@@ -82,14 +84,24 @@ class ScanIndex {
     std::array<std::int32_t, kAxes> last{};
   };
 
-  [[nodiscard]] std::size_t num_beams() const { return beams_.size(); }
+  /// How many beams a cell may take: fewer than `beams` for each smallest cell that lies side by side in it.
+  struct Sampling {
+    double beams;
+    double smallest_cell;  ///< [m]
+    double largest_cell;   ///< [m]
+  };
+
+  /// Beams that were added.
+  [[nodiscard]] std::size_t num_beams() const { return num_added_; }
   [[nodiscard]] std::size_t num_faces() const { return faces_.size(); }
 
-  void reserve(std::size_t num_beams) { beams_.reserve(num_beams); }
+  void reserve(std::size_t num_beams) { waiting_.reserve(num_beams); }
 
-  /// @param origin [m], finite. @param beam of a length > 0.
-  void add(const Vector<D>& origin, const ScanBeam<D>& beam) {
-    if (beams_.empty() || origin != last_origin_) {
+  /// @param origin [m], finite. @param path of a length > 0 [m]. @param t_end, chance of the beam.
+  /// @param number that make_beam() in sort() knows it by.
+  void add(const Vector<D>& origin, const Vector<D>& path, double t_end, float chance,
+           std::uint32_t number_of_beam) {
+    if (num_added_ == 0 || origin != last_origin_) {
       std::array<double, D> key;
       for (int a = 0; a < D; ++a) key[static_cast<std::size_t>(a)] = origin[a];
       const auto [found, is_new] = cubes_.emplace(key, faces_of_cube_.size());
@@ -99,8 +111,8 @@ class ScanIndex {
     }
     int axis = 0;
     for (int a = 1; a < D; ++a)
-      if (std::abs(beam.path[a]) > std::abs(beam.path[axis])) axis = a;
-    const bool negative = beam.path[axis] < 0.0;
+      if (std::abs(path[a]) > std::abs(path[axis])) axis = a;
+    const bool negative = path[axis] < 0.0;
     std::uint32_t& number = faces_of_cube_[last_cube_ + static_cast<std::size_t>(2 * axis + negative)];
     if (number == kNoFace) {
       number = static_cast<std::uint32_t>(faces_.size());
@@ -112,19 +124,35 @@ class ScanIndex {
     Face& face = faces_[number];
     ++face.num_beams;
     for (std::size_t k = 0; k < kAxes; ++k) {
-      const double place = coordinate(face, beam.path, k);
+      const double place = coordinate(face, path, k);
       face.lower[k] = std::min(face.lower[k], place);
       face.upper[k] = std::max(face.upper[k], place);
     }
-    beams_.push_back(beam);
-    beams_.back().face = number;
+    waiting_.push_back({std::abs(path[axis]) * t_end, chance, number, number_of_beam});
+    ++num_added_;
   }
 
-  /// After the last beam.
-  void sort() {
+  /// After the last beam. @param make_beam the ScanBeam of a number.
+  template <class MakeBeam>
+  void sort(const Sampling& sampling, MakeBeam&& make_beam) {
+    for (Face& face : faces_) {
+      divide(face, face.num_beams, face.density, face.places);
+      face.num_kept = 0;
+    }
+    // No cell takes a beam that none takes at the depth of its end, or behind it by half a cell.
+    for (const Waiting& beam : waiting_) {
+      const double expected =
+          expected_at(faces_[beam.face], beam.depth + 0.5 * sampling.largest_cell, sampling.smallest_cell);
+      if (!(static_cast<double>(beam.chance) * expected < sampling.beams)) continue;
+      beams_.push_back(make_beam(beam.number));
+      beams_.back().chance = beam.chance;
+      beams_.back().face = beam.face;
+      ++faces_[beam.face].num_kept;
+    }
+    waiting_ = {};
     std::size_t num_bins = 0;
     for (Face& face : faces_) {
-      divide(face);
+      divide(face, face.num_kept, face.bins_per_unit, face.bins);
       face.first_bin = num_bins;
       num_bins += face.num_bins();
     }
@@ -166,12 +194,10 @@ class ScanIndex {
   [[nodiscard]] double expected_beams(std::uint32_t number, const Box<D>& cell, double size) const {
     const Face& face = faces_[number];
     const int axis = face.axis;
-    const double depth = std::max(0.5 * (cell.upper[axis] - cell.lower[axis]),
-                                  std::abs(0.5 * (cell.lower[axis] + cell.upper[axis]) - face.origin[axis]));
-    const double bins = size * face.bins_per_unit / depth;
-    double expected = 1.0;
-    for (const std::int32_t n : face.bins) expected *= std::min(bins, static_cast<double>(n));
-    return expected;
+    return expected_at(face,
+                       std::max(0.5 * (cell.upper[axis] - cell.lower[axis]),
+                                std::abs(0.5 * (cell.lower[axis] + cell.upper[axis]) - face.origin[axis])),
+                       size);
   }
 
   /// @returns false if no beam of the face crosses the box.
@@ -212,11 +238,10 @@ class ScanIndex {
     return n;
   }
 
-  /// Calls `visit()` for each beam of the view that returned and ends in a cell, until it returns false.
-  /// Goes down the pyramid, and there only into bins with beams that end at the cell's depth.
-  /// @param box the cell's.
-  template <class Contains, class Visit>
-  void for_each_end(const View& view, const Box<D>& box, Contains&& contains, Visit&& visit) const {
+  /// Calls `visit(beam)` for beams of the view that returned until it returns false, for all of those that
+  /// end in a box. Goes down the pyramid, and there only into bins with beams that end at the box's depth.
+  template <class Visit>
+  void for_each_end(const View& view, const Box<D>& box, Visit&& visit) const {
     if (view.no_end) return;
     const Face& face = faces_[view.face];
     const double near = face.negative ? face.origin[face.axis] - box.upper[face.axis]
@@ -227,7 +252,7 @@ class ScanIndex {
       for (std::uint32_t i = first_in_bin_[face.first_bin + bin]; i < first_in_bin_[face.first_bin + bin + 1];
            ++i) {
         const ScanBeam<D>& beam = beams_[sorted_[i].beam];
-        if (beam.returned && contains(beam.end) && !visit()) return false;
+        if (beam.returned && !visit(beam)) return false;
       }
       return true;
     };
@@ -295,7 +320,10 @@ class ScanIndex {
     std::uint32_t num_beams = 0;
     std::array<double, kAxes> lower;  // Coordinates of the beams.
     std::array<double, kAxes> upper;
-    double bins_per_unit = 0.0;
+    double density = 0.0;  // Of all beams: places of one beam each, in a row of length 1 ...
+    std::array<std::int32_t, kAxes> places{};
+    std::uint32_t num_kept = 0;
+    double bins_per_unit = 0.0;  // ... and bins of one beam each of those that are kept.
     std::array<std::int32_t, kAxes> bins{};
     std::size_t first_bin = 0;
     std::size_t first_level = 0;
@@ -322,6 +350,13 @@ class ScanIndex {
     double t_end;
     std::uint32_t beam;
     float chance;
+  };
+  /// A beam of which is not known yet whether it is kept.
+  struct Waiting {
+    double depth;  // Of its end.
+    float chance;
+    std::uint32_t face;
+    std::uint32_t number;
   };
   struct Level {
     std::size_t first = 0;      // In depths_.
@@ -350,13 +385,23 @@ class ScanIndex {
     return kept;
   }
 
+  [[nodiscard]] static double expected_at(const Face& face, double depth, double size) {
+    const double row = size * face.density / depth;
+    double expected = 1.0;
+    for (const std::int32_t n : face.places) expected *= std::min(row, static_cast<double>(n));
+    return expected;
+  }
+
   /// Where a beam meets the face, in [-1, 1], on its k-th axis.
   [[nodiscard]] static double coordinate(const Face& face, const Vector<D>& path, std::size_t k) {
     const int a = static_cast<int>(k) + (static_cast<int>(k) >= face.axis);
     return path[a] / std::abs(path[face.axis]);
   }
 
-  static void divide(Face& face) {
+  /// Squares of about one beam each, over the part of a face that beams go through.
+  static void divide(const Face& face, std::uint32_t num_beams, double& per_unit,
+                     std::array<std::int32_t, kAxes>& squares) {
+    num_beams = std::max(num_beams, 1u);
     double area = 1.0;  // Of the part of the face that beams pass through, without axes that do not matter.
     int axes = 0;
     for (std::size_t k = 0; k < kAxes; ++k) {
@@ -365,13 +410,13 @@ class ScanIndex {
       area *= extent;
       ++axes;
     }
-    double width = axes == 0 ? 1.0 : std::max(kNarrowestBin, std::pow(area / face.num_beams, 1.0 / axes));
+    double width = axes == 0 ? 1.0 : std::max(kNarrowestBin, std::pow(area / num_beams, 1.0 / axes));
     for (std::size_t k = 0; k < kAxes; ++k)  // No more bins on an axis than beams.
-      width = std::max(width, (face.upper[k] - face.lower[k]) / face.num_beams);
+      width = std::max(width, (face.upper[k] - face.lower[k]) / num_beams);
     for (std::size_t k = 0; k < kAxes; ++k) {
-      face.bins[k] = 1 + static_cast<std::int32_t>((face.upper[k] - face.lower[k]) / width);
+      squares[k] = 1 + static_cast<std::int32_t>((face.upper[k] - face.lower[k]) / width);
     }
-    face.bins_per_unit = 1.0 / width;
+    per_unit = 1.0 / width;
   }
 
   /// From one level of the pyramid to the next a bin is as large as 2^kAxes: so many times smaller are the
@@ -586,7 +631,9 @@ class ScanIndex {
   std::size_t last_cube_ = 0;
 
   std::vector<Face> faces_;
-  std::vector<ScanBeam<D>> beams_;           // As they came.
+  std::size_t num_added_ = 0;
+  std::vector<Waiting> waiting_;             // Until they are sorted.
+  std::vector<ScanBeam<D>> beams_;           // Those that are kept, as they came.
   std::vector<Sorted> sorted_;               // Bin by bin; then the samples, level by level.
   std::vector<std::uint32_t> first_in_bin_;  // In sorted_, of each bin, and the end; also for the samples.
   std::vector<std::uint32_t> next_;          // While a sample is drawn.

@@ -364,30 +364,31 @@ class ScanWalk {
     return is_settled && blocked > refinement_.partial_occupancy.free_until() ? Freedom::contradicted
                                                                               : Freedom::unknown;
   }
-  /// Of the beams that would cross a leaf if they were spread evenly, the share that ends in it; or part of
-  /// it, if that is more than a free cell explains.
+  /// Of the beams of the larger sample that would cross a leaf if they were spread evenly, the share that
+  /// ends in it; or part of it, if that is more than a free cell explains.
   [[nodiscard]] double share_blocked(const Ref& leaf, const Box<D>& box, const Part& part) const {
-    const auto of_beam = [&](std::uint32_t face) {
-      return 1.0 / std::max(1.0, index_.expected_beams(face, box, box.upper[0] - box.lower[0]));
-    };
+    const Sample sample{&box, refinement_.model.sample_beams(false)};
+    std::uint32_t face = kNoFace;
+    double share = 0.0;
+    double of_beam = 0.0;
     double blocked = 0.0;
+    const auto add = [&](const ScanBeam<D>& beam) {
+      if (beam.face != face) {
+        face = beam.face;
+        share = std::min(1.0, share_of(face, sample));
+        of_beam = 1.0 / std::max(1.0, share * index_.expected_beams(face, box, box.upper[0] - box.lower[0]));
+      }
+      if (beam.returned && static_cast<double>(beam.chance) < share &&
+          tree_.geometry().contains(leaf.index, beam.end))
+        blocked += of_beam;
+      return blocked <= refinement_.partial_occupancy.free_until();
+    };
     if (part.is_listed) {
-      for (std::size_t i = part.first; i < part.last; ++i) {
-        const ScanBeam<D>& beam = *crossings_[i].beam;
-        if (beam.returned && tree_.geometry().contains(leaf.index, beam.end)) blocked += of_beam(beam.face);
+      for (std::size_t i = part.first; i < part.last && add(*crossings_[i].beam); ++i) {
       }
       return blocked;
     }
-    for (std::size_t v = part.first; v < part.last; ++v) {
-      double one = 0.0;
-      index_.for_each_end(
-          views_[v], box, [&](const Lattice<D>& cell) { return tree_.geometry().contains(leaf.index, cell); },
-          [&] {
-            if (one == 0.0) one = of_beam(views_[v].face);
-            blocked += one;
-            return blocked <= refinement_.partial_occupancy.free_until();
-          });
-    }
+    for (std::size_t v = part.first; v < part.last; ++v) index_.for_each_end(views_[v], box, add);
     return blocked;
   }
 
@@ -524,28 +525,30 @@ class ScanUpdate {
              UpdateCounters& counters)
       : tree_(tree), refinement_(refinement), sensor_(sensor), counters_(counters) {}
 
-  void reserve(std::size_t num_beams) { index_.reserve(num_beams); }
+  /// Before the beams of a scan, which must stay where it is until finish() is done.
+  void begin(const ScanView<D>& scan, double max_range) {
+    scan_ = scan;
+    max_range_ = max_range;
+    index_.reserve(static_cast<std::size_t>(scan.size));
+  }
   /// Beams wait for finish(): the tree need not contain them yet.
   static constexpr bool kWaits = true;
 
-  /// @param sigma of the range [m]. @pre the beam is valid.
-  void add(const Beam<D>& beam, double sigma) {
-    const bool returned = beam.outcome == BeamOutcome::returned;
+  /// @param number of the beam in the scan. @param sigma of the range [m]. @pre the beam is valid.
+  void add(Eigen::Index number, const Beam<D>& beam, double sigma) {
     largest_sigma_ = std::max(largest_sigma_, sigma);
-    const double t_clearly_free =
-        returned ? sensor_.clearly_free_until(beam.range, sigma) / beam.range : beam.t_free;
-    index_.add(beam.origin, {beam.displacement, beam.origin, beam.range, sigma, beam.range / sigma,
-                             Sensor::t_end(beam, sigma), t_clearly_free,
-                             returned ? Walk::kThinnestSurface * sigma / beam.range : 0.0,
-                             returned ? cell_of_hit(beam) : tree_.geometry().coordinates(beam.free_end()),
-                             returned, chance_of<D>(beam.endpoint)});
+    index_.add(beam.origin, beam.displacement, Sensor::t_end(beam, sigma), chance_of<D>(beam.endpoint),
+               static_cast<std::uint32_t>(number));
   }
 
   /// @pre the tree contains all beams up to Sensor::t_end().
   /// @param threads that may work at once, >= 1. The result is the same for every number.
   void finish(int threads) {
     if (index_.num_beams() == 0) return;
-    index_.sort();
+    const auto& geometry = tree_.geometry();
+    index_.sort({refinement_.model.sample_beams(false), geometry.cell_size(geometry.finest_level()),
+                 geometry.cell_size(Refinement::coarsest_level(geometry.finest_level()))},
+                [this](std::uint32_t number) { return beam_of(number); });
     if (threads <= 1 || index_.num_beams() < kFewBeams) {
       Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, index_, largest_sigma_);
       walk.run();
@@ -600,6 +603,26 @@ class ScanUpdate {
       if (worker.error) std::rethrow_exception(worker.error);
   }
 
+  [[nodiscard]] ScanBeam<D> beam_of(std::uint32_t number) const {
+    const auto i = static_cast<Eigen::Index>(number);
+    const Beam<D> beam(scan_.origin(i), scan_.endpoint(i), scan_.is_returned(i), max_range_);
+    const double sigma = scan_.range_sigma == nullptr ? sensor_.sigma(beam.range) : scan_.range_sigma[i];
+    const bool returned = beam.outcome == BeamOutcome::returned;
+    ScanBeam<D> result;
+    result.path = beam.displacement;
+    result.origin = beam.origin;
+    result.range = beam.range;
+    result.sigma = sigma;
+    result.range_in_sigmas = beam.range / sigma;
+    result.t_end = Sensor::t_end(beam, sigma);
+    result.t_clearly_free =
+        returned ? sensor_.clearly_free_until(beam.range, sigma) / beam.range : beam.t_free;
+    result.t_surface = returned ? Walk::kThinnestSurface * sigma / beam.range : 0.0;
+    result.end = returned ? cell_of_hit(beam) : tree_.geometry().coordinates(beam.free_end());
+    result.returned = returned;
+    return result;
+  }
+
   /// The smallest cell that a returned beam ends in: the one that holds the end point, or, if the beam only
   /// touches that one in a corner, the next along the beam.
   [[nodiscard]] Lattice<D> cell_of_hit(const Beam<D>& beam) const {
@@ -627,6 +650,8 @@ class ScanUpdate {
   const Refinement& refinement_;
   const Sensor& sensor_;
   UpdateCounters& counters_;
+  ScanView<D> scan_;
+  double max_range_ = kUnlimitedRange;
   double largest_sigma_ = 0.0;
   ScanIndex<D> index_;
 };

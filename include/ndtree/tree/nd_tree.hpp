@@ -83,6 +83,15 @@ class NdTree {
     return find_at<ConstRef>(*this, coordinates);
   }
 
+  /// Which child along an axis lies so far from its parent's lower corner: offset / edge, known to be less
+  /// than N. A division takes longer than some comparisons.
+  [[nodiscard]] static std::int64_t child_place(std::int64_t offset, std::int64_t edge) {
+    if constexpr (N > 8) return offset / edge;
+    std::int64_t i = 0;
+    for (std::int64_t border = edge, m = 1; m < N; ++m, border += edge) i += offset >= border;
+    return i;
+  }
+
   /// A leaf becomes an inner node; all children start as `cell` (Sec. II-B).
   /// @pre the node is a leaf above the finest level.
   void split(const Ref& leaf, const Cell& cell = Cell{}) { split_node(*leaf.node, cell); }
@@ -132,6 +141,12 @@ class NdTree {
     pool_.reserve(old.num_blocks());
     pool_.allocate();
     copy_node(old, old.block(kRootBlock)[0], pool_.block(kRootBlock)[0]);
+  }
+  /// shrink_to_fit(), if less than half of the memory is used. So memory follows what the tree holds, at a
+  /// cost of O(1) for each merge. Pointers to nodes may not hold.
+  void shrink_if_half_empty() {
+    constexpr std::size_t kSmall = 1024;  // Blocks that are not worth it.
+    if (pool_.capacity_in_blocks() > 2 * pool_.num_blocks() + kSmall) shrink_to_fit();
   }
   /// Bytes that a tree with so many inner nodes holds after shrink_to_fit().
   [[nodiscard]] static std::size_t memory_bytes_of(std::size_t num_inner_nodes) {
@@ -203,21 +218,13 @@ class NdTree {
       const std::int64_t edge = tree.geometry_.edge(--ref.index.level);
       int number = 0;
       for (std::size_t a = D; a-- > 0;) {
-        const std::int64_t i = quotient((coordinates[a] - ref.index.lower[a]), edge);
+        const std::int64_t i = child_place(coordinates[a] - ref.index.lower[a], edge);
         ref.index.lower[a] += i * edge;
         number = number * N + static_cast<int>(i);
       }
       ref.node = tree.children(*ref.node) + number;
     }
     return ref;
-  }
-
-  /// offset / edge, known to be less than N: a division takes longer than some comparisons.
-  static std::int64_t quotient(std::int64_t offset, std::int64_t edge) {
-    if constexpr (N > 8) return offset / edge;
-    std::int64_t i = 0;
-    for (std::int64_t border = edge, m = 1; m < N; ++m, border += edge) i += offset >= border;
-    return i;
   }
 
   void grow_towards(const Lattice<D>& target) {

@@ -165,6 +165,8 @@ class NodePool {
   }
 
   [[nodiscard]] std::size_t num_blocks() const { return static_cast<std::size_t>(main_.num_blocks_); }
+  /// Blocks that there is memory for, used or not.
+  [[nodiscard]] std::size_t capacity_in_blocks() const { return num_chunks_ << kChunkBits; }
   /// Bytes that a pool with so many blocks holds if it was made for them.
   [[nodiscard]] static std::size_t memory_bytes_of(std::size_t num_blocks) {
     const std::size_t chunks = (num_blocks + kChunkMask) >> kChunkBits;

@@ -30,11 +30,11 @@ class QueryAdapter : public MapInterface {
 
   [[nodiscard]] int dim() const final { return D; }
 
-  void probability(const double* points, std::size_t n, float* out) const final {
+  void probability(const double* points, std::size_t n, float* out) const override {
     for (std::size_t i = 0; i < n; ++i)
       out[i] = static_cast<float>(ndtree::probability(map_, Vector<D>(Point(points + i * D))));
   }
-  void state(const double* points, std::size_t n, std::int8_t* out) const final {
+  void state(const double* points, std::size_t n, std::int8_t* out) const override {
     for (std::size_t i = 0; i < n; ++i)
       out[i] = static_cast<std::int8_t>(ndtree::state(map_, Vector<D>(Point(points + i * D))));
   }
@@ -81,6 +81,17 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     else
       return MapInterface::compress(budget);
   }
+  void probability(const double* points, std::size_t n, float* out) const override {
+    for_each_cell_at(map_, points, n, [out](std::size_t i, const auto& cell) {
+      out[i] = static_cast<float>(cell.probability());
+    });
+  }
+  void state(const double* points, std::size_t n, std::int8_t* out) const override {
+    for_each_cell_at(map_, points, n, [out](std::size_t i, const auto& cell) {
+      out[i] = static_cast<std::int8_t>(cell.state());
+    });
+  }
+  void shrink_to_fit() override { map_.shrink_to_fit(); }
   void cell_size(const double* points, std::size_t n, double* out) const override {
     const auto& tree = map_.tree();
     for (std::size_t i = 0; i < n; ++i) {

@@ -50,6 +50,8 @@ class MapInterface {
     throw std::invalid_argument("refinement = '" + refinement() +
                                 "': only a map refined by 'evidence' can be compressed");
   }
+  /// Gives unused memory back, where the map knows how.
+  virtual void shrink_to_fit() {}
   virtual void probability(const double* points, std::size_t n, float* out) const = 0;
   virtual void state(const double* points, std::size_t n, std::int8_t* out) const = 0;
   virtual void occupied_within(const double* points, std::size_t n, double radius, bool* out) const = 0;

@@ -337,12 +337,12 @@ void bind_maps(py::module_& module) {
       .def(
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
-             double max_range, int threads) {
-            const BeamArrays beams(points, origin, returned, map.constant().dim());
+             const py::object& range_sigma, double max_range, int threads) {
+            const BeamArrays beams(points, origin, returned, map.constant().dim(), range_sigma);
             return map.write([&](MapInterface& m) { return m.insert(beams, max_range, threads); });
           },
-          "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "max_range"_a = kInfinity,
-          "threads"_a = 0,
+          "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "range_sigma"_a = py::none(),
+          "max_range"_a = kInfinity, "threads"_a = 0,
           R"(Integrate a scan.
 
 All beams together, so that their order does not matter; a fixed map, and one refined as the paper has it,
@@ -356,6 +356,9 @@ origin : (dim,) or (n, dim) array of float
     Sensor position [m], one for all beams or one each.
 returned : (n,) array of bool, optional
     False: nothing was hit, the space up to the point is free. Default: all True.
+range_sigma : (n,) array of float, optional
+    Standard deviation of each range [m], > 0, where it is known beam by beam. Default: the map's options say.
+    OctoMap has no use for it.
 max_range : float
     Longer beams say only that the space up to there is free [m].
 threads : int
@@ -404,6 +407,9 @@ ValueError
     No limit is given, one is out of bounds or cannot be met, or the map has another refinement. The map is then
     unchanged.
 )")
+      .def(
+          "shrink_to_fit", [](PythonMap& map) { map.write([](MapInterface& m) { m.shrink_to_fit(); }); },
+          "Give the memory back that merging has freed; no answer changes. For an OctoMap, nothing.")
       .def(
           "probability",
           [](const PythonMap& map, const py::object& points) {
@@ -568,6 +574,9 @@ free_memory : float
     So much if it knows of nothing but free space; then more of it changes nothing ("evidence") [nats].
 scan_beams : float
     Beams of one scan that count in a cell if all of them passed it ("evidence").
+known_evidence, sample_beams : float
+    Of a scan that is dense beside the cells, a sample counts: about sample_beams for each cell of min_cell_size
+    side by side in a cell that knows known_evidence [nats], four times as many in others ("evidence").
 evidence_prior : float
     Evidence for and against that every cell begins with ("evidence") [nats].
 change_probability : float

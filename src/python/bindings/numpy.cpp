@@ -60,14 +60,25 @@ py::object as_mask(const py::object& object, const char* name, py::ssize_t n) {
   return BoolArray(array);
 }
 
+py::object as_one_each(const py::object& object, const char* name, py::ssize_t n) {
+  if (object.is_none()) return py::none();
+  DoubleArray array = as_doubles(object, name);
+  if (array.ndim() != 1 || array.shape(0) != n)
+    throw py::value_error(std::string(name) + " has shape " + shape_text(array) + ": must be (" +
+                          std::to_string(n) + ",), one for each point");
+  return std::move(array);
+}
+
 BeamArrays::BeamArrays(const py::object& points, const py::object& origin, const py::object& mask,
-                       int dimension)
+                       int dimension, const py::object& sigma)
     : endpoints(as_points(points, "points", dimension)),
       origins(as_points_or_one(origin, "origin", dimension, endpoints.shape(0))),
       returned(as_mask(mask, "returned", endpoints.shape(0))),
+      range_sigma(as_one_each(sigma, "range_sigma", endpoints.shape(0))),
       size_(endpoints.shape(0)),
       origin_per_beam_(origins.ndim() == 2) {
   if (!returned.is_none()) mask_data_ = py::reinterpret_borrow<BoolArray>(returned).data();
+  if (!range_sigma.is_none()) sigma_data_ = py::reinterpret_borrow<DoubleArray>(range_sigma).data();
 }
 
 }  // namespace ndtree::python

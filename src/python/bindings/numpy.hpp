@@ -35,13 +35,18 @@ DoubleArray as_points_or_one(const py::object& object, const char* name, int dim
 /// An (n,) array of bool, or none. @throws TypeError or ValueError.
 py::object as_mask(const py::object& object, const char* name, py::ssize_t n);
 
+/// An (n,) array of numbers, or none. @throws TypeError or ValueError.
+py::object as_one_each(const py::object& object, const char* name, py::ssize_t n);
+
 /// The arguments of one scan, checked; they keep the arrays alive while the view is used.
 struct BeamArrays {
   DoubleArray endpoints;
   DoubleArray origins;
-  py::object returned;  // None or BoolArray
+  py::object returned;     // None or BoolArray
+  py::object range_sigma;  // None or DoubleArray
 
-  BeamArrays(const py::object& points, const py::object& origin, const py::object& mask, int dimension);
+  BeamArrays(const py::object& points, const py::object& origin, const py::object& mask, int dimension,
+             const py::object& sigma = py::none());
 
   template <int D>
   [[nodiscard]] ScanView<D> view() const {
@@ -49,6 +54,7 @@ struct BeamArrays {
     scan.endpoints = endpoints.data();
     scan.origins = origins.data();
     scan.returned = mask_data_;
+    scan.range_sigma = sigma_data_;
     scan.size = size_;
     scan.origin_per_beam = origin_per_beam_;
     return scan;
@@ -56,6 +62,7 @@ struct BeamArrays {
 
  private:
   const bool* mask_data_ = nullptr;
+  const double* sigma_data_ = nullptr;
   py::ssize_t size_ = 0;
   bool origin_per_beam_ = false;
 };

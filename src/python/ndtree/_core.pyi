@@ -121,6 +121,7 @@ class OccupancyMap:
         origin: ArrayLike,
         *,
         returned: ArrayLike | None = None,
+        range_sigma: ArrayLike | None = None,
         max_range: float = ...,
         threads: int = 0,
     ) -> InsertReport: ...
@@ -131,6 +132,7 @@ class OccupancyMap:
         max_leaves: int | None = None,
         max_bytes: int | None = None,
     ) -> CompressReport: ...
+    def shrink_to_fit(self) -> None: ...
     def probability(self, points: ArrayLike) -> NDArray[np.float32]: ...
     def state(self, points: ArrayLike) -> NDArray[np.int8]: ...
     def occupied_within(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]: ...
@@ -192,6 +194,8 @@ class AdaptiveMap(OccupancyMap):
         evidence_memory: float = ...,
         free_memory: float = ...,
         scan_beams: float = ...,
+        known_evidence: float = ...,
+        sample_beams: float = ...,
         evidence_prior: float = ...,
         change_probability: float = ...,
         evidence_half_life: float = ...,

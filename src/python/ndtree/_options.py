@@ -39,6 +39,10 @@ MAP_OPTIONS = (
     MapOption("evidence_memory", float, "Evidence that a cell remembers [nats]."),
     MapOption("free_memory", float, "So much if it knows of nothing but free space [nats]."),
     MapOption("scan_beams", float, "Beams of a scan that count in a cell if all passed it."),
+    MapOption("known_evidence", float, "A cell that knows this much counts fewer beams of a scan [nats]."),
+    MapOption(
+        "sample_beams", float, "Beams of a dense scan that count, for each smallest cell side by side."
+    ),
     MapOption("evidence_prior", float, "Evidence that a cell begins with [nats]."),
     MapOption("change_probability", float, "A streak of scans less likely is a change; 0: never."),
     MapOption("evidence_half_life", float, "A cell's evidence halves in so many scans; 0: never."),
