@@ -208,7 +208,8 @@ std::vector<Scan<3>> lifted(const std::vector<Scan<2>>& flat) {
     return result;
   };
   for (std::size_t i = 0; i < flat.size(); ++i)
-    scans[i] = {lift(flat[i].endpoints), lift(flat[i].origins), flat[i].returned, flat[i].stamp};
+    scans[i] = {lift(flat[i].endpoints), lift(flat[i].origins), flat[i].returned, flat[i].stamp,
+                flat[i].range_sigma};
   return scans;
 }
 
@@ -229,7 +230,7 @@ std::vector<Scan<2>> flattened(const std::vector<Scan<3>>& solid) {
   };
   for (std::size_t i = 0; i < solid.size(); ++i)
     scans[i] = {flatten(solid[i].endpoints, i), flatten(solid[i].origins, i), solid[i].returned,
-                solid[i].stamp};
+                solid[i].stamp, solid[i].range_sigma};
   return scans;
 }
 
