@@ -228,6 +228,16 @@ def test_beams_reach_the_map_with_their_sigmas(tmp_path: Path) -> None:
     assert len(seen) == 5 and all((sigma > 0).all() for sigma in seen)
 
 
+def test_surer_ranges_make_other_maps(tmp_path: Path) -> None:
+    leaves = []
+    for pixel_sigma in (0.1, 5.0):
+        m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, max_cell_size=3.2, refinement="paper")
+        for scan in read(bal(tmp_path, world()), pixel_sigma=pixel_sigma):
+            assert scan.insert_into(m).returned == len(scan) > 5
+        leaves.append(m.stats().observed_leaves)
+    assert leaves[0] < leaves[1], "an unsure range says something of more cells"
+
+
 # --- How sure a range is ----------------------------------------------------------------------------
 
 
