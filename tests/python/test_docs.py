@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the pages of docs/ show is run, page by page, in the order in which a reader would."""
+"""What the pages of docs/ show is run, page by page, in the order in which a reader would.
+
+With NDTREE_UPDATE_DOCS in the environment, pages get the numbers that their commands print now.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import io
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from contextlib import redirect_stdout
@@ -92,9 +96,10 @@ def test_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         GIVEN[page](tmp_path)
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
-    printed = None
+    printed: str | None = None
     ran = 0
-    for language, code in fenced((DOCS / page).read_text()):
+    text = updated = (DOCS / page).read_text()
+    for language, code in fenced(text):
         if language == "python":
             with redirect_stdout(io.StringIO()) as said:
                 exec(compile(code, page, "exec", dont_inherit=True), names)
@@ -104,10 +109,24 @@ def test_a_page_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             printed = run_shell(code)
             ran += 1
         elif language == "text" and printed is not None:
-            shapes = [shape_of(line) for line in printed.splitlines()]
-            for line in filter(str.strip, code.splitlines()):
-                assert shape_of(line) in shapes, f"{page} shows {line!r}, but this was printed:\n{printed}"
+            updated = updated.replace(code, as_printed(code, printed))
     assert ran > 0
+    if "NDTREE_UPDATE_DOCS" in os.environ:
+        (DOCS / page).write_text(updated)
+
+
+def as_printed(shown: str, printed: str) -> str:
+    """The lines that are shown, with the numbers that were printed; each must have been."""
+    lines: dict[str, list[str]] = {}
+    for line in printed.splitlines():
+        lines.setdefault(shape_of(line), []).append(line)
+    result = ""
+    for line in shown.splitlines():
+        assert not line.strip() or lines.get(shape_of(line)), (
+            f"{line!r} is shown, this was printed:\n{printed}"
+        )
+        result += (lines[shape_of(line)].pop(0) if line.strip() else line) + "\n"
+    return result
 
 
 def test_the_cpp_of_all_pages_compiles_and_runs(tmp_path: Path) -> None:
@@ -141,6 +160,16 @@ def test_calls_that_pages_name_exist() -> None:
         assert hasattr(ndtree, name), f"ndtree has no {name}()"
     for name in of_cpp:
         assert re.search(rf"\b{name}\(", headers), f"no header has {name}()"
+
+
+def test_comments_of_the_headers_are_what_doxygen_expects(tmp_path: Path) -> None:
+    program = shutil.which("doxygen")
+    if program is None:
+        pytest.skip("no doxygen on PATH")
+    settings = (DOCS / "Doxyfile").read_text() + f"OUTPUT_DIRECTORY = {tmp_path}\n"
+    done = subprocess.run([program, "-"], input=settings, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "insert" in (tmp_path / "cpp" / "classndtree_1_1OccupancyMap.html").read_text()
 
 
 def test_headers_that_the_reference_leads_to_exist() -> None:

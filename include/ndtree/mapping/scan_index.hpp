@@ -98,7 +98,7 @@ class ScanIndex {
   void reserve(std::size_t num_beams) { waiting_.reserve(num_beams); }
 
   /// @param origin [m], finite. @param path of a length > 0 [m]. @param t_end, chance of the beam.
-  /// @param number that make_beam() in sort() knows it by.
+  /// @param number_of_beam that make_beam() in sort() knows it by.
   void add(const Vector<D>& origin, const Vector<D>& path, double t_end, float chance,
            std::uint32_t number_of_beam) {
     if (num_added_ == 0 || origin != last_origin_) {
