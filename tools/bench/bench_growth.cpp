@@ -78,7 +78,7 @@ void add_settled(const std::string& name, const std::shared_ptr<LazyMap>& map) {
       ->Unit(benchmark::kMillisecond);
 }
 
-/// Rooms of 16 x 16 x 4 m without end, each seen from its middle by 20,000 beams in all directions; as many
+/// Rooms of 6 x 6 x 3 m without end, each seen from its middle by 10,000 beams in all directions; as many
 /// as make a map of so many leaves.
 class Rooms {
  public:
@@ -113,7 +113,7 @@ class Rooms {
   double uniform() { return static_cast<double>(random_()) / 4294967296.0; }
 
  private:
-  static double half(int axis) { return axis == 2 ? 2.0 : 8.0; }
+  static double half(int axis) { return axis == 2 ? 1.5 : 3.0; }
   /// Rooms stand in a square spiral, so that maps of all sizes are about as wide as long.
   static Vector<3> origin(std::uint64_t room) {
     std::int64_t x = 0;
@@ -130,10 +130,10 @@ class Rooms {
       dy = before;
       side += ++turns % 2 == 0;
     }
-    return {17.03 * static_cast<double>(x), 17.03 * static_cast<double>(y), 2.0};
+    return {7.03 * static_cast<double>(x), 7.03 * static_cast<double>(y), 1.5};
   }
   static Scan<3> scan_of(std::uint64_t room) {
-    constexpr Eigen::Index kBeams = 20000;
+    constexpr Eigen::Index kBeams = 10000;
     constexpr double kGoldenAngle = 2.399963229728653;
     Scan<3> scan;
     scan.origins = origin(room);
@@ -209,7 +209,7 @@ void add_growth(const MapOptions& options, double most_leaves) {
     text.erase(text.find_last_not_of('0') + 1);
     add_settled("growth/cell size/" + text, std::make_shared<LazyMap>(other, apartment_images(160)));
   }
-  for (double leaves = 1e4; leaves <= most_leaves; leaves *= 10.0) {
+  for (double leaves = 1e5; leaves <= most_leaves; leaves *= 10.0) {
     const auto rooms = std::make_shared<Rooms>(options, leaves);
     const std::string size = std::to_string(static_cast<std::int64_t>(leaves));
     benchmark::RegisterBenchmark(("growth/insert, leaves/" + size).c_str(),

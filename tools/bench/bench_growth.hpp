@@ -8,7 +8,7 @@
 namespace ndtree {
 
 /// Registers benchmarks of the adaptive map. @param most_leaves of the largest map; ten times fewer each,
-/// down to ten thousand, for the others.
+/// down to a hundred thousand, for the others.
 void add_growth(const MapOptions& options, double most_leaves);
 
 }  // namespace ndtree

@@ -140,10 +140,14 @@ class ScanIndex {
       face.num_kept = 0;
     }
     // No cell takes a beam that none takes at the depth of its end, or behind it by half a cell.
-    for (const Waiting& beam : waiting_) {
+    const auto is_left_out = [&](const Waiting& beam) {
       const double expected =
           expected_at(faces_[beam.face], beam.depth + 0.5 * sampling.largest_cell, sampling.smallest_cell);
-      if (!(static_cast<double>(beam.chance) * expected < sampling.beams)) continue;
+      return static_cast<double>(beam.chance) * expected >= sampling.beams;
+    };
+    waiting_.erase(std::remove_if(waiting_.begin(), waiting_.end(), is_left_out), waiting_.end());
+    beams_.reserve(waiting_.size());
+    for (const Waiting& beam : waiting_) {
       beams_.push_back(make_beam(beam.number));
       beams_.back().chance = beam.chance;
       beams_.back().face = beam.face;
