@@ -5,11 +5,13 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <string>
 
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/nearest.hpp"
+#include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
 #include "ndtree/query/region.hpp"
 #include "options.hpp"
@@ -137,6 +139,51 @@ TYPED_TEST(SummaryOf, QueriesEqualThoseOverAllLeaves) {
   queries_equal_those_over_all_leaves(random, AdaptiveMap<N, D>(options));
   queries_equal_those_over_all_leaves(random, PaperMap<N, D>(options));
   queries_equal_those_over_all_leaves(random, FixedMap<N, D>(options));
+}
+
+TEST(Summary, NodesOfSettledLeavesSayThatTheyAreUntilOneIsHit) {
+  MapOptions options = spelled_out_options(0.25, 1.0);
+  options.free_memory = 2.0;
+  AdaptiveMap<2, 2> map(options);
+  constexpr Eigen::Index kBeams = 3000;
+  Scan<2> scan;
+  scan.origins = Vector<2>(0.1, 0.2);
+  scan.endpoints.resize(2, kBeams);
+  for (Eigen::Index i = 0; i < kBeams; ++i) {
+    const double angle = 2.0 * 3.14159265358979323846 * static_cast<double>(i) / kBeams;
+    scan.endpoints.col(i) = scan.origins.col(0) + 9.0 * Vector<2>(std::cos(angle), std::sin(angle));
+  }
+  const EvidenceModel model(options, options);
+  const auto settled_nodes = [&] {
+    int settled = 0;
+    for_each_node(map.tree(), [&](const auto& ref) {
+      if (ref.is_leaf()) return;
+      bool all = true;
+      const auto look = [&](const auto& self, const auto& node) -> void {
+        if (node.is_leaf()) all = all && model.is_settled(node.cell());
+        for (int j = 0; !node.is_leaf() && j < 4; ++j) self(self, map.tree().child(node, j));
+      };
+      look(look, typename AdaptiveMap<2, 2>::Tree::ConstRef(ref));
+      EXPECT_EQ(Summary(ref.node->note()).is_settled(), all);
+      settled += all;
+    });
+    return settled;
+  };
+  EXPECT_EQ(settled_nodes(), 0);
+  for (int i = 0; i < 20; ++i) map.insert(scan);
+  const int before = settled_nodes();
+  EXPECT_GT(before, 20);
+  Scan<2> hits;  // Something stands in the middle of a settled node now.
+  hits.origins = scan.origins;
+  hits.endpoints.resize(2, 200);
+  for (Eigen::Index i = 0; i < 200; ++i)
+    hits.endpoints.col(i) = Vector<2>(4.1, 4.1 + 0.01 * static_cast<double>(i % 20));
+  for (int i = 0; i < 3; ++i) map.insert(hits);
+  EXPECT_EQ(state(map, Vector<2>(4.1, 4.15)), CellState::occupied);
+  EXPECT_LT(settled_nodes(), before);
+  map.check_invariants();
+  const std::string bytes = to_bytes(map);
+  EXPECT_EQ(to_bytes(from_bytes<AdaptiveMap<2, 2>>(bytes)), bytes);
 }
 
 }  // namespace

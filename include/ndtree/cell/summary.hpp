@@ -11,26 +11,34 @@
 
 namespace ndtree {
 
-/// The states of all leaves below a node, and an upper bound of their log-odds. The note of an inner node is
-/// such a word; 0 is that of a node about which nothing is known yet.
+/// The states of all leaves below a node, an upper bound of their log-odds, and whether all are settled: as
+/// long as beams pass, a scan leaves them as they are. The note of an inner node is such a word; 0 is that of
+/// a node about which nothing is known yet.
 class Summary {
  public:
   Summary() = default;
   explicit Summary(std::uint32_t word) : word_(word) {}
   template <class Cell>
-  [[nodiscard]] static Summary of_cell(const Cell& cell) {
-    return Summary(kKnown | flag(cell.state()) | bound(cell.log_odds()));
+  [[nodiscard]] static Summary of_cell(const Cell& cell, bool is_settled = false) {
+    return Summary(kKnown | (is_settled ? 0u : kUnsettled) | flag(cell.state()) | bound(cell.log_odds()));
   }
-  /// Of a leaf, or what an inner node's note says.
+  /// Of a leaf, or what an inner node's note says. A leaf is not taken for settled.
   template <class NodeType>
   [[nodiscard]] static Summary of(const NodeType& node) {
     return node.is_leaf() ? of_cell(node.cell()) : Summary(node.note());
+  }
+  /// The same with `is_settled(cell)` to say which leaves are settled.
+  template <class NodeType, class IsSettled>
+  [[nodiscard]] static Summary of(const NodeType& node, const IsSettled& is_settled) {
+    return node.is_leaf() ? of_cell(node.cell(), is_settled(node.cell())) : Summary(node.note());
   }
 
   [[nodiscard]] std::uint32_t word() const { return word_; }
   [[nodiscard]] bool is_known() const { return (word_ & kKnown) != 0; }
   /// Whether some leaf has, or might have, this state.
   [[nodiscard]] bool may_contain(CellState state) const { return !is_known() || (word_ & flag(state)) != 0; }
+  /// Whether every leaf is settled.
+  [[nodiscard]] bool is_settled() const { return is_known() && (word_ & kUnsettled) == 0; }
   /// No leaf has more, and one has at least this but for a 32,768th. @pre is_known().
   [[nodiscard]] float max_log_odds() const {
     const std::uint32_t bits = float_bits(word_ & kBound);
@@ -44,6 +52,7 @@ class Summary {
 
  private:
   static constexpr std::uint32_t kKnown = 1;
+  static constexpr std::uint32_t kUnsettled = 16;
   static constexpr std::uint32_t kBound = 0xffffff00u;  // The upper 24 bits of a float, ordered as it is.
 
   [[nodiscard]] static std::uint32_t flag(CellState state) {
@@ -64,12 +73,13 @@ class Summary {
 };
 
 /// Writes the note of an inner node from those of its children. @returns it; unknown if one of them is.
-template <class Tree>
-Summary summarise(Tree& tree, typename Tree::NodeType& parent) {
+/// @param is_settled says it of a cell.
+template <class Tree, class IsSettled>
+Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSettled& is_settled) {
   const auto* const children = tree.children(parent);
   Summary summary;
   for (int j = 0; j < Tree::kNumChildren; ++j) {
-    const Summary child = Summary::of(children[j]);
+    const Summary child = Summary::of(children[j], is_settled);
     if (!child.is_known()) {
       parent.set_note(0);
       return {};
@@ -82,12 +92,12 @@ Summary summarise(Tree& tree, typename Tree::NodeType& parent) {
 
 /// Writes the notes of a node and of all below it that are 0. O(inner nodes that have or had one, and their
 /// children).
-template <class Tree>
-void summarise_unknown(Tree& tree, typename Tree::NodeType& node) {
+template <class Tree, class IsSettled>
+void summarise_unknown(Tree& tree, typename Tree::NodeType& node, const IsSettled& is_settled) {
   if (node.is_leaf() || node.note() != 0) return;
   auto* const children = tree.children(node);
-  for (int j = 0; j < Tree::kNumChildren; ++j) summarise_unknown(tree, children[j]);
-  summarise(tree, node);
+  for (int j = 0; j < Tree::kNumChildren; ++j) summarise_unknown(tree, children[j], is_settled);
+  summarise(tree, node, is_settled);
 }
 
 /// All notes of a tree become unknown. O(nodes).

@@ -99,7 +99,7 @@ class OccupancyMap {
         sensor_(options),
         tree_(std::move(tree)),
         counters_(counters) {
-    summarise_unknown(tree_, *tree_.root().node);
+    summarise_unknown(tree_, *tree_.root().node, settled());
   }
 
   /// Integrates a scan, as the refinement has it: beam by beam in their order, with merging after each
@@ -140,7 +140,7 @@ class OccupancyMap {
         });
       update.finish(threads);
       tree_.shrink_if_half_empty();
-      summarise_unknown(tree_, *tree_.root().node);
+      summarise_unknown(tree_, *tree_.root().node, settled());
     } catch (...) {  // Of lack of memory: what is there stays valid.
       forget_summaries(tree_);
       throw;
@@ -169,7 +169,7 @@ class OccupancyMap {
     const CompressReport report = compression.run(budget);
     counters_.merges += report.merges;
     forget_summaries(tree_);
-    summarise_unknown(tree_, *tree_.root().node);
+    summarise_unknown(tree_, *tree_.root().node, settled());
     return report;
   }
 
@@ -221,13 +221,19 @@ class OccupancyMap {
     return options;
   }
 
+  /// Whether a cell is settled.
+  [[nodiscard]] auto settled() const {
+    return [this](const Cell& cell) { return refinement_.is_settled(cell); };
+  }
+
   void check_summary(const typename Tree::ConstRef& parent) const {
     Summary expected;
     const auto* const children = tree_.children(*parent.node);
     bool known = true;
     for (int j = 0; j < Tree::kNumChildren; ++j) {
-      known = known && Summary::of(children[j]).is_known();
-      expected.add(Summary::of(children[j]));
+      const Summary child = Summary::of(children[j], settled());
+      known = known && child.is_known();
+      expected.add(child);
     }
     if (parent.node->note() != (known ? expected.word() : 0))
       throw std::logic_error("the summary of a node of level " + std::to_string(parent.index.level) +

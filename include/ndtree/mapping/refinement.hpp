@@ -36,6 +36,7 @@ struct PaperRefinement {
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   [[nodiscard]] bool splits(const OccupancyCell& cell) const { return split_test(cell); }
   [[nodiscard]] bool may_merge(const OccupancyCell& updated) const { return merge_rule.is_extreme(updated); }
+  [[nodiscard]] static bool is_settled(const OccupancyCell&) { return false; }
   template <class NodeType>
   [[nodiscard]] std::optional<OccupancyCell> merged(const NodeType* siblings, int count) const {
     return merge_rule(siblings, count, split_test);
@@ -64,6 +65,8 @@ struct EvidenceRefinement {
         split_probability(options.split_probability) {}
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
+  /// Whether scans of which all beams pass leave the cell as it is.
+  [[nodiscard]] bool is_settled(const EvidenceCell& cell) const { return model.is_settled(cell); }
   /// Whether smaller cells could tell more than this one about what it knows and what the scan adds.
   /// In free space every hit asks for smaller cells, which show whether it is local; they join again if not.
   /// In unknown space only a hit that noise cannot bring there does: before it lies free space.
@@ -96,6 +99,7 @@ struct FixedRefinement {
   [[nodiscard]] static int coarsest_level(int finest_level) { return finest_level; }
   [[nodiscard]] static bool splits(const OccupancyCell&) { return false; }
   [[nodiscard]] static bool may_merge(const OccupancyCell&) { return false; }
+  [[nodiscard]] static bool is_settled(const OccupancyCell&) { return false; }
   template <class NodeType>
   [[nodiscard]] static std::optional<OccupancyCell> merged(const NodeType*, int) {
     return std::nullopt;

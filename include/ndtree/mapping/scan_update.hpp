@@ -257,6 +257,7 @@ class ScanWalk {
     const bool is_unknown = is_leaf && ref.index.level > coarsest_level_;
     const bool splits = is_leaf && !is_unknown;
     if (is_unknown && !any_crossing(part, box)) return false;
+    if (!is_leaf && Summary(ref.node->note()).is_settled() && all_pass(part)) return false;
     EvidenceCell parent;
     std::size_t beams = 0;  // Of the sample.
     std::optional<Sample> sample;
@@ -297,7 +298,9 @@ class ScanWalk {
                             ? refinement_.merge_rule(children, kNumChildren, kShareDivisor<Tree>)
                             : std::nullopt;
     if (!merged) {
-      if (changed || ref.node->note() == 0) summarise(tree_, *ref.node);
+      if (changed || ref.node->note() == 0)
+        summarise(tree_, *ref.node,
+                  [this](const EvidenceCell& cell) { return refinement_.is_settled(cell); });
       return changed;
     }
     tree_.merge(*ref.node, *merged, arena_);
@@ -336,6 +339,19 @@ class ScanWalk {
     return sample;
   }
 
+  /// Whether it is certain that all beams of a part pass its node, whatever the size of the cells in it.
+  [[nodiscard]] bool all_pass(const Part& part) const {
+    const auto first = static_cast<std::ptrdiff_t>(part.first);
+    const auto last = static_cast<std::ptrdiff_t>(part.last);
+    if (!part.is_listed)
+      return std::all_of(views_.begin() + first, views_.begin() + last,
+                         [](const View& view) { return view.all_pass; });
+    return std::all_of(crossings_.begin() + first, crossings_.begin() + last,
+                       [](const Crossing<D>& crossing) {
+                         return crossing.t_exit < crossing.beam->t_clearly_free - crossing.beam->t_surface;
+                       });
+  }
+
   enum class Freedom {
     only_free,     ///< It is certain that no beam says of anything but free space.
     contradicted,  ///< More beams end in a leaf that knows only free space than the sensor's errors explain.
@@ -345,20 +361,9 @@ class ScanWalk {
                                         bool is_known) const {
     constexpr std::int64_t kMany = 64;
     const bool is_small = may_be_small(leaf);
-    if (part.is_listed) {
-      if (!is_settled) return Freedom::unknown;
-      const bool only_free = std::all_of(
-          crossings_.begin() + static_cast<std::ptrdiff_t>(part.first),
-          crossings_.begin() + static_cast<std::ptrdiff_t>(part.last), [](const Crossing<D>& crossing) {
-            return crossing.t_exit < crossing.beam->t_clearly_free - crossing.beam->t_surface;
-          });
-      if (only_free) return Freedom::only_free;
-    } else {
-      const auto begin = views_.begin() + static_cast<std::ptrdiff_t>(part.first);
-      const auto end = views_.begin() + static_cast<std::ptrdiff_t>(part.last);
-      if (std::all_of(begin, end, [](const View& view) { return view.all_pass; })) return Freedom::only_free;
-      if (!is_settled && (is_small || is_known || num_bins(part) < kMany)) return Freedom::unknown;
-    }
+    if (part.is_listed && !is_settled) return Freedom::unknown;
+    if (all_pass(part)) return Freedom::only_free;
+    if (!is_settled && (is_small || is_known || num_bins(part) < kMany)) return Freedom::unknown;
     const double blocked = share_blocked(leaf, box, part);
     if (blocked == 0.0 && !is_small) return Freedom::only_free;
     return is_settled && blocked > refinement_.partial_occupancy.free_until() ? Freedom::contradicted
