@@ -20,6 +20,7 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/scan.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan_index.hpp"
 #include "ndtree/mapping/update_counters.hpp"
