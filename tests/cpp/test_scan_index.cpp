@@ -25,6 +25,7 @@ struct Found {
 template <int D>
 struct Beams {
   std::vector<ScanBeam<D>> all;
+  std::vector<Vector<D>> origins;
   std::map<std::int64_t, float> chance;           // By number.
   std::map<std::int64_t, std::uint32_t> face_of;  // By number; for beams from one place.
   std::map<std::array<int, 2>, std::uint32_t> faces;
@@ -34,10 +35,8 @@ struct Beams {
            double t_surface) {
     ScanBeam<D> beam;
     beam.path = path;
-    beam.origin = origin;
     beam.range = path.norm();
     beam.sigma = 0.01;
-    beam.range_in_sigmas = beam.range / beam.sigma;
     beam.t_end = t_end;
     beam.t_clearly_free = t_free;
     beam.t_surface = t_surface;
@@ -54,18 +53,28 @@ struct Beams {
     const auto next = static_cast<std::uint32_t>(faces.size());  // Numbered as they first appear.
     face_of[beam.end[0]] = faces.emplace(std::array<int, 2>{axis, path[axis] < 0.0}, next).first->second;
     all.push_back(beam);
-    index.add(origin, path, t_end, beam.chance, static_cast<std::uint32_t>(all.size() - 1));
+    origins.push_back(origin);
   }
 
-  void sort(const typename ScanIndex<D>::Sampling& sampling) {
-    index.sort(sampling, [&](std::uint32_t number) { return all.at(number); });
+  /// As so many threads do it, each with beams that follow each other.
+  void sort(const typename ScanIndex<D>::Sampling& sampling, std::size_t threads) {
+    Workers workers(threads);
+    index.begin(threads, all.size() / threads + 1);
+    workers.for_each_task(threads, [&](std::size_t, std::size_t part) {
+      for (std::size_t i = all.size() * part / threads; i < all.size() * (part + 1) / threads; ++i)
+        index.part(part).add(origins[i], all[i].path, all[i].t_end, all[i].sigma, all[i].chance,
+                             static_cast<std::uint32_t>(i));
+    });
+    index.sort(
+        sampling, workers, [&](std::uint32_t number) { return all.at(number).path; },
+        [&](std::uint32_t number) { return all.at(number); });
+    EXPECT_EQ(index.num_beams(), all.size());
   }
 };
 
 /// One origin or several; everywhere, in a cone, in a plane, or on a grid of exact numbers.
 template <int D>
-Beams<D> random_beams(Random& random, int kind, int count) {
-  Beams<D> beams;
+void add_random_beams(Random& random, int kind, int count, Beams<D>& beams) {
   const bool exact = kind % 2 == 1;
   const auto place = [&](double x) { return exact ? std::round(4.0 * x) / 4.0 : x; };
   std::vector<Vector<D>> origins;
@@ -85,8 +94,7 @@ Beams<D> random_beams(Random& random, int kind, int count) {
               path, returned, returned ? 1.0 + random.uniform(0.0, 0.2) : 0.7,
               returned ? random.uniform(0.8, 1.0) : 0.7, returned ? random.uniform(0.0, 0.1) : 0.0);
   }
-  beams.sort({1e9, 0.1, 1.0});
-  return beams;
+  beams.sort({1e9, 0.1, 1.0}, static_cast<std::size_t>(random.integer(1, 3)));
 }
 
 template <int D>
@@ -99,7 +107,8 @@ void finds_what_crosses_each_box(std::uint64_t seed) {
   int unseen = 0;
   int without_end = 0;
   for (int kind = 0; kind < 8; ++kind) {
-    const Beams<D> beams = random_beams<D>(random, kind, kind == 6 ? 1 : 300);
+    Beams<D> beams;
+    add_random_beams(random, kind, kind == 6 ? 1 : 300, beams);
     for (int i = 0; i < 200; ++i) {
       const double size = 0.25 * std::pow(2.0, random.integer(-2, 4));
       Box<D> box;
@@ -108,10 +117,12 @@ void finds_what_crosses_each_box(std::uint64_t seed) {
       box.upper = box.lower.array() + size;
 
       std::map<std::int64_t, Found<D>> expected;
-      for (const auto& beam : beams.all) {
+      for (std::size_t b = 0; b < beams.all.size(); ++b) {
+        const ScanBeam<D>& beam = beams.all[b];
+        const Vector<D>& origin = beams.origins[b];
         double t_enter = 0.0;
         double t_exit = beam.t_end;
-        if (clip_to_box<D>(box.lower - beam.origin, box.upper - beam.origin, beam.path, t_enter, t_exit))
+        if (clip_to_box<D>(box.lower - origin, box.upper - origin, beam.path, t_enter, t_exit))
           expected[beam.end[0]] = {t_enter, t_exit};
       }
       std::size_t found = 0;
@@ -211,7 +222,7 @@ void keeps_what_some_cell_takes(std::uint64_t seed) {
       path[0] = random.uniform(0.5, 5.0);
       beams.add(origin, path, true, 1.05, 0.9, 0.02);
     }
-    beams.sort({beams_of_a_cell, kSmallest, kLargest});
+    beams.sort({beams_of_a_cell, kSmallest, kLargest}, static_cast<std::size_t>(random.integer(1, 3)));
     for (int i = 0; i < 300; ++i) {
       const double size = kSmallest * std::pow(2.0, random.integer(0, 2));
       Box<D> cell;
@@ -265,7 +276,8 @@ TEST(ScanIndex, FindsWhatCrossesEachBox) {
 
 TEST(ScanIndex, StopsWhenToldTo) {
   Random random(164);
-  const Beams<2> beams = random_beams<2>(random, 0, 500);
+  Beams<2> beams;
+  add_random_beams(random, 0, 500, beams);
   const Box<2> box{Vector<2>::Constant(-4.0), Vector<2>::Constant(4.0)};
   int visits = 0;
   int faces = 0;

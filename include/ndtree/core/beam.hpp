@@ -33,7 +33,7 @@ struct Beam {
 
   Beam(const Vector<D>& from, const Vector<D>& to, bool returned = true, double max_range = kUnlimitedRange)
       : origin(from), endpoint(to), displacement(to - from), range(displacement.norm()) {
-    if (std::isinf(range)) range = displacement.stableNorm();  // The plain norm squares too far.
+    if (std::isinf(range)) range = long_range();
     if (!(range > 0.0) || !std::isfinite(range) || !origin.allFinite()) return;
     const bool in_reach = range <= max_range;
     t_free = in_reach ? 1.0 : max_range / range;
@@ -45,6 +45,10 @@ struct Beam {
   [[nodiscard]] Vector<D> point(double t) const { return origin + t * displacement; }
   /// Where the free part ends: the end point itself if all of the beam is in range.
   [[nodiscard]] Vector<D> free_end() const { return t_free == 1.0 ? endpoint : point(t_free); }
+
+ private:
+  /// The plain norm squares too far.
+  [[nodiscard]] double long_range() const { return displacement.stableNorm(); }
 };
 
 }  // namespace ndtree

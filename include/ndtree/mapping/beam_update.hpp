@@ -4,6 +4,7 @@
 #pragma once
 
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/update_counters.hpp"
@@ -33,14 +34,17 @@ class BeamUpdate : public BeamVisitor {
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
         counters_(counters) {}
 
+  /// One beam after the other.
+  [[nodiscard]] static std::size_t most_workers(Eigen::Index /*beams*/) { return 1; }
+
   /// Before the beams of a scan: nothing is to be prepared.
-  void begin(const ScanView<D>& /*scan*/, double /*max_range*/) {}
+  void begin(const ScanView<D>& /*scan*/, double /*max_range*/, std::size_t /*parts*/) {}
 
   /// Beams are integrated as they are added: the tree must contain them before.
   static constexpr bool kWaits = false;
 
   /// @param sigma of the range [m]. @pre the beam is valid, and the tree contains it up to t_end().
-  void add(Eigen::Index /*number*/, const Beam<D>& beam, double sigma) {
+  void add(const Beam<D>& beam, double sigma) {
     range_ = beam.range;
     returned_ = beam.outcome == BeamOutcome::returned;
     hit_counted_ = false;
@@ -52,8 +56,8 @@ class BeamUpdate : public BeamVisitor {
     traverse_beam(tree_, beam.origin, beam.displacement, 0.0, Sensor::t_end(beam, sigma), *this);
   }
 
-  /// After the last beam of a scan: nothing is left to do, by whatever number of threads.
-  void finish(int /*threads*/) {}
+  /// After the last beam of a scan: nothing is left to do.
+  void finish(Workers& /*workers*/) {}
 
   template <class Ref>
   void enter(const Ref& leaf) {

@@ -11,8 +11,11 @@
 #include <cstring>
 #include <limits>
 #include <map>
+#include <memory_resource>
+#include <optional>
 #include <vector>
 
+#include "ndtree/core/parallel.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 
@@ -22,10 +25,8 @@ namespace ndtree {
 template <int D>
 struct ScanBeam {
   Vector<D> path;          ///< [m]
-  Vector<D> origin;        ///< [m]
   double range;            ///< [m]
   double sigma;            ///< Standard deviation of the range [m].
-  double range_in_sigmas;  ///< range / sigma.
   double t_end;            ///< Last point that it says anything about.
   double t_clearly_free;   ///< Cells that end before it were passed ...
   double t_surface = 0.0;  ///< ... small cells only if they end by so much before it.
@@ -70,6 +71,67 @@ struct Crossing {
 template <int D>
 class ScanIndex {
   static constexpr std::size_t kAxes = D - 1;  // Of a face.
+  static constexpr std::uint32_t kNoFace = 0xffffffffu;
+
+  struct Face {
+    Vector<D> origin;
+    int axis;
+    bool negative;
+    std::uint32_t num_beams = 0;
+    std::array<double, kAxes> lower;  // Coordinates of the beams.
+    std::array<double, kAxes> upper;
+    double density = 0.0;  // Of all beams: places of one beam each, in a row of length 1 ...
+    std::array<std::int32_t, kAxes> places{};
+    std::uint32_t num_kept = 0;
+    double bins_per_unit = 0.0;  // ... and bins of one beam each of those that are kept.
+    std::array<std::int32_t, kAxes> bins{};
+    std::size_t first_bin = 0;
+    std::size_t first_level = 0;
+    float largest_chance = 0.0f;  // Of the beams that are kept.
+    std::size_t first_sample = 0;
+    std::size_t num_samples = 0;  // Besides that of all beams.
+
+    Face(const Vector<D>& at, int along, bool is_negative) : origin(at), axis(along), negative(is_negative) {
+      lower.fill(std::numeric_limits<double>::infinity());
+      upper.fill(-std::numeric_limits<double>::infinity());
+    }
+  };
+  [[nodiscard]] static std::size_t bins_of(const std::array<std::int32_t, kAxes>& size) {
+    std::size_t n = 1;
+    for (const std::int32_t bins : size) n *= static_cast<std::size_t>(bins);
+    return n;
+  }
+  /// A beam of which is not known yet whether it is kept.
+  struct Waiting {
+    float depth;  // Of its end, or slightly more.
+    float chance;
+    std::uint32_t face;
+    std::uint32_t number;
+  };
+  /// The cubes around the origins, in the order in which they are asked for.
+  class Cubes {
+   public:
+    [[nodiscard]] std::size_t number_of(const Vector<D>& origin) {
+      std::array<double, D> key;
+      for (int a = 0; a < D; ++a) key[static_cast<std::size_t>(a)] = origin[a];
+      const auto [found, is_new] = cubes_.emplace(key, cubes_.size());
+      if (is_new) faces_.resize(faces_.size() + 2 * D, kNoFace);
+      return found->second;
+    }
+    /// The number that a face was given.
+    [[nodiscard]] std::uint32_t& face(std::size_t cube, int axis, bool negative) {
+      return faces_[2 * (D * cube + static_cast<std::size_t>(axis)) + static_cast<std::size_t>(negative)];
+    }
+
+   private:
+    std::map<std::array<double, D>, std::size_t> cubes_;  // By origin.
+    std::vector<std::uint32_t> faces_;                    // 2 D of each.
+  };
+  /// Where a beam meets the face, in [-1, 1], on its k-th axis.
+  [[nodiscard]] static double coordinate(const Face& face, const Vector<D>& path, std::size_t k) {
+    const int a = static_cast<int>(k) + (static_cast<int>(k) >= face.axis);
+    return path[a] / std::abs(path[face.axis]);
+  }
 
  public:
   /// At most so many crossings are visited at a time.
@@ -91,107 +153,124 @@ class ScanIndex {
     double largest_cell;   ///< [m]
   };
 
+  /// Some beams of a scan, added by one thread.
+  class alignas(64) Part {
+   public:
+    /// @param origin [m], finite. @param path of a length > 0 [m]. @param t_end, sigma, chance of the beam.
+    /// @param number of the beam, that make_beam() in sort() knows it by.
+    void add(const Vector<D>& origin, const Vector<D>& path, double t_end, double sigma, float chance,
+             std::uint32_t number) {
+      if (faces_.empty() || origin != last_origin_) {
+        last_cube_ = cubes_.number_of(origin);
+        last_origin_ = origin;
+      }
+      int axis = 0;
+      for (int a = 1; a < D; ++a)
+        if (std::abs(path[a]) > std::abs(path[axis])) axis = a;
+      const double depth = std::abs(path[axis]);
+      std::uint32_t& face_number = cubes_.face(last_cube_, axis, path[axis] < 0.0);
+      if (face_number == kNoFace) {
+        face_number = static_cast<std::uint32_t>(faces_.size());
+        faces_.emplace_back(origin, axis, path[axis] < 0.0);
+      }
+      Face& face = faces_[face_number];
+      ++face.num_beams;
+      for (std::size_t k = 0; k < kAxes; ++k) {
+        const double place = coordinate(face, path, k);
+        face.lower[k] = std::min(face.lower[k], place);
+        face.upper[k] = std::max(face.upper[k], place);
+      }
+      waiting_.push_back({rounded_up(depth * t_end), chance, face_number, number});
+      largest_sigma_ = std::max(largest_sigma_, sigma);
+    }
+
+   private:
+    friend ScanIndex;
+    Cubes cubes_;
+    Vector<D> last_origin_ = Vector<D>::Zero();
+    std::size_t last_cube_ = 0;
+    std::vector<Face> faces_;
+    std::vector<Waiting> waiting_;
+    double largest_sigma_ = 0.0;
+    std::vector<std::uint32_t> face_of_scan_;  // The number that a face has in the whole scan.
+    std::vector<std::uint32_t> num_kept_;      // Of each face.
+    std::vector<std::uint32_t> place_;         // Of each beam that is kept: its bin, then where it is sorted.
+  };
+
+  /// @param parts in which the beams will be added, each with at most so many beams.
+  void begin(std::size_t parts, std::size_t beams_of_part) {
+    parts_.resize(parts);
+    for (Part& part : parts_) part.waiting_.reserve(beams_of_part);
+  }
+  [[nodiscard]] Part& part(std::size_t number) { return parts_[number]; }
+
   /// Beams that were added.
   [[nodiscard]] std::size_t num_beams() const { return num_added_; }
   [[nodiscard]] std::size_t num_faces() const { return faces_.size(); }
+  /// Of all beams that were added [m].
+  [[nodiscard]] double largest_sigma() const { return largest_sigma_; }
 
-  void reserve(std::size_t num_beams) { waiting_.reserve(num_beams); }
-
-  /// @param origin [m], finite. @param path of a length > 0 [m]. @param t_end, chance of the beam.
-  /// @param number_of_beam that make_beam() in sort() knows it by.
-  void add(const Vector<D>& origin, const Vector<D>& path, double t_end, float chance,
-           std::uint32_t number_of_beam) {
-    if (num_added_ == 0 || origin != last_origin_) {
-      std::array<double, D> key;
-      for (int a = 0; a < D; ++a) key[static_cast<std::size_t>(a)] = origin[a];
-      const auto [found, is_new] = cubes_.emplace(key, faces_of_cube_.size());
-      if (is_new) faces_of_cube_.resize(faces_of_cube_.size() + 2 * D, kNoFace);
-      last_origin_ = origin;
-      last_cube_ = found->second;
-    }
-    int axis = 0;
-    for (int a = 1; a < D; ++a)
-      if (std::abs(path[a]) > std::abs(path[axis])) axis = a;
-    const bool negative = path[axis] < 0.0;
-    std::uint32_t& number = faces_of_cube_[last_cube_ + static_cast<std::size_t>(2 * axis + negative)];
-    if (number == kNoFace) {
-      number = static_cast<std::uint32_t>(faces_.size());
-      faces_.emplace_back();
-      faces_.back().origin = origin;
-      faces_.back().axis = axis;
-      faces_.back().negative = negative;
-    }
-    Face& face = faces_[number];
-    ++face.num_beams;
-    for (std::size_t k = 0; k < kAxes; ++k) {
-      const double place = coordinate(face, path, k);
-      face.lower[k] = std::min(face.lower[k], place);
-      face.upper[k] = std::max(face.upper[k], place);
-    }
-    waiting_.push_back({std::abs(path[axis]) * t_end, chance, number, number_of_beam});
-    ++num_added_;
-  }
-
-  /// After the last beam. @param make_beam the ScanBeam of a number.
-  template <class MakeBeam>
-  void sort(const Sampling& sampling, MakeBeam&& make_beam) {
-    for (Face& face : faces_) {
-      divide(face, face.num_beams, face.density, face.places);
-      face.num_kept = 0;
-    }
-    // No cell takes a beam that none takes at the depth of its end, or behind it by half a cell.
-    const auto is_left_out = [&](const Waiting& beam) {
-      const double expected =
-          expected_at(faces_[beam.face], beam.depth + 0.5 * sampling.largest_cell, sampling.smallest_cell);
-      return static_cast<double>(beam.chance) * expected >= sampling.beams;
+  /// After the last beam.
+  /// @param path_of, make_beam the path and the ScanBeam of a number; both may be called by several threads.
+  template <class PathOf, class MakeBeam>
+  void sort(const Sampling& sampling, Workers& workers, PathOf&& path_of, MakeBeam&& make_beam) {
+    for (Part& part : parts_) join(part);
+    for (Face& face : faces_) divide(face, face.num_beams, face.density, face.places);
+    const auto for_each_part = [&](auto&& visit) {
+      workers.for_each_task(parts_.size(), [&](std::size_t, std::size_t p) { visit(parts_[p]); });
     };
-    waiting_.erase(std::remove_if(waiting_.begin(), waiting_.end(), is_left_out), waiting_.end());
-    beams_.reserve(waiting_.size());
-    for (const Waiting& beam : waiting_) {
-      beams_.push_back(make_beam(beam.number));
-      beams_.back().chance = beam.chance;
-      beams_.back().face = beam.face;
-      ++faces_[beam.face].num_kept;
+    for_each_part([&](Part& part) { leave_out(part, sampling); });
+    std::size_t num_kept = 0;
+    for (const Part& part : parts_) {
+      num_kept += part.waiting_.size();
+      for (std::size_t f = 0; f < part.num_kept_.size(); ++f)
+        faces_[part.face_of_scan_[f]].num_kept += part.num_kept_[f];
     }
-    waiting_ = {};
     std::size_t num_bins = 0;
     for (Face& face : faces_) {
       divide(face, face.num_kept, face.bins_per_unit, face.bins);
       face.first_bin = num_bins;
-      num_bins += face.num_bins();
+      num_bins += bins_of(face.bins);
     }
-    first_in_bin_.assign(num_bins + 1, 0);
-    std::vector<std::uint32_t> bin_of(beams_.size());
-    for (std::size_t i = 0; i < beams_.size(); ++i) {
-      const Face& face = faces_[beams_[i].face];
-      std::size_t bin = 0;
-      for (std::size_t k = kAxes; k-- > 0;) {
-        const auto n = static_cast<std::int32_t>((coordinate(face, beams_[i].path, k) - face.lower[k]) *
-                                                 face.bins_per_unit);
-        bin = bin * static_cast<std::size_t>(face.bins[k]) +
-              static_cast<std::size_t>(std::clamp(n, 0, face.bins[k] - 1));
+    sorting_.emplace(num_kept, num_bins, faces_.size());
+    for_each_part([&](Part& part) {
+      part.place_.reserve(part.waiting_.size());
+      for (const Waiting& beam : part.waiting_)
+        part.place_.push_back(
+            static_cast<std::uint32_t>(bin_at(faces_[part.face_of_scan_[beam.face]], path_of(beam.number))));
+    });
+    for (const Part& part : parts_)
+      for (const std::uint32_t bin : part.place_) ++sorting_->first_in_bin[bin + 1];
+    for (std::size_t b = 0; b < num_bins; ++b) sorting_->first_in_bin[b + 1] += sorting_->first_in_bin[b];
+    sorting_->next.assign(sorting_->first_in_bin.begin(), sorting_->first_in_bin.end() - 1);
+    for (Part& part : parts_)
+      for (std::uint32_t& place : part.place_) place = sorting_->next[place]++;
+    for_each_part([&](const Part& part) {
+      for (std::size_t i = 0; i < part.waiting_.size(); ++i) {
+        const Waiting& waiting = part.waiting_[i];
+        ScanBeam<D>& beam = sorting_->beams[part.place_[i]];
+        beam = make_beam(waiting.number);
+        beam.chance = waiting.chance;
+        beam.face = part.face_of_scan_[waiting.face];
+        Sorted& sorted = sorting_->sorted[part.place_[i]];
+        for (std::size_t a = 0; a < D; ++a) {
+          const double d = beam.path[static_cast<int>(a)];
+          sorted.inverse[a] = d == 0.0 ? kAlmostParallel : 1.0 / d;
+        }
+        sorted.t_end = beam.t_end;
+        sorted.beam = part.place_[i];
+        sorted.chance = beam.chance;
       }
-      bin_of[i] = static_cast<std::uint32_t>(face.first_bin + bin);
-      ++first_in_bin_[bin_of[i] + 1];
-    }
-    for (std::size_t b = 0; b < num_bins; ++b) first_in_bin_[b + 1] += first_in_bin_[b];
-    sorted_.resize(beams_.size());
-    std::vector<std::uint32_t> next(first_in_bin_.begin(), first_in_bin_.end() - 1);
-    for (std::size_t i = 0; i < beams_.size(); ++i) {
-      Sorted& sorted = sorted_[next[bin_of[i]]++];
-      for (std::size_t a = 0; a < D; ++a) {
-        const double d = beams_[i].path[static_cast<int>(a)];
-        sorted.inverse[a] = d == 0.0 ? kAlmostParallel : 1.0 / d;
-      }
-      sorted.t_end = beams_[i].t_end;
-      sorted.beam = static_cast<std::uint32_t>(i);
-      sorted.chance = beams_[i].chance;
-    }
+    });
+    parts_.clear();
     for (Face& face : faces_) {
       raise_pyramid(face);
       draw_samples(face);
     }
   }
+
+  /// Where the beams of a face come from [m].
+  [[nodiscard]] const Vector<D>& origin(std::uint32_t face) const { return faces_[face].origin; }
 
   /// Beams of a face that would cross a cube of this size at a cell's centre if they were spread evenly over
   /// the face: so many bins does it cover.
@@ -253,9 +332,9 @@ class ScanIndex {
     const double far = face.negative ? face.origin[face.axis] - box.lower[face.axis]
                                      : box.upper[face.axis] - face.origin[face.axis];
     const auto visit_bin = [&](std::size_t bin) {
-      for (std::uint32_t i = first_in_bin_[face.first_bin + bin]; i < first_in_bin_[face.first_bin + bin + 1];
-           ++i) {
-        const ScanBeam<D>& beam = beams_[sorted_[i].beam];
+      for (std::uint32_t i = sorting_->first_in_bin[face.first_bin + bin];
+           i < sorting_->first_in_bin[face.first_bin + bin + 1]; ++i) {
+        const ScanBeam<D>& beam = sorting_->beams[sorting_->sorted[i].beam];
         if (beam.returned && !visit(beam)) return false;
       }
       return true;
@@ -270,21 +349,21 @@ class ScanIndex {
   bool for_each_crossing(const View& view, const Box<D>& box, Visit&& visit, double share = 1.0) const {
     const Face& face = faces_[view.face];
     const std::size_t sample = sample_of(face, share);
-    const Level& level = levels_[face.first_level + sample];
+    const Sample& bins = samples_[face.first_sample + sample];
     std::array<std::int32_t, kAxes> first;
     std::array<std::int32_t, kAxes> last;
     for (std::size_t k = 0; k < kAxes; ++k) {
-      first[k] = view.first[k] >> sample;
-      last[k] = view.last[k] >> sample;
+      first[k] = view.first[k] >> times_joined(sample, k);
+      last[k] = view.last[k] >> times_joined(sample, k);
     }
     const Vector<D> to_lower = box.lower - face.origin;
     const Vector<D> to_upper = box.upper - face.origin;
     std::array<Crossing<D>, kBatch> crossings;
     std::size_t found = 0;
-    const bool goes_on = for_each_row_of(level.size, first, last, [&](std::size_t from, std::size_t to) {
-      const std::uint32_t end = first_in_bin_[level.first_bin + to + 1];
-      for (std::uint32_t i = first_in_bin_[level.first_bin + from]; i < end; ++i) {
-        const Sorted& sorted = sorted_[i];
+    const bool goes_on = for_each_row_of(bins.size, first, last, [&](std::size_t from, std::size_t to) {
+      const std::uint32_t end = sorting_->first_in_bin[bins.first_bin + to + 1];
+      for (std::uint32_t i = sorting_->first_in_bin[bins.first_bin + from]; i < end; ++i) {
+        const Sorted& sorted = sorting_->sorted[i];
         double t_enter = 0.0;
         double t_exit = sorted.t_end;
         for (std::size_t a = 0; a < D; ++a) {
@@ -294,7 +373,7 @@ class ScanIndex {
           t_exit = std::min(t_exit, std::max(t0, t1));
         }
         // Without a branch, for nobody could foresee it.
-        crossings[found] = {&beams_[sorted.beam], t_enter, t_exit};
+        crossings[found] = {&sorting_->beams[sorted.beam], t_enter, t_exit};
         found += t_exit - t_enter > -kTouch;
         if (found < kBatch) continue;
         found = without_touches(crossings, found, to_lower, to_upper);
@@ -309,40 +388,14 @@ class ScanIndex {
   }
 
  private:
-  static constexpr std::uint32_t kNoFace = 0xffffffffu;
   static constexpr double kFarAway = 1e300;
   static constexpr double kAlmostParallel = 1e300;  // Instead of 1 / 0: times 0 it is not NaN.
   static constexpr double kMargin = 1e-6;           // Of a bin, above all rounding.
   static constexpr double kNarrowestBin = 1e-6;
   static constexpr double kTouch = 1e-9;  // Of a beam's length, above all rounding.
   static constexpr float kRounding = 1e-6f;
+  static constexpr std::size_t kLevels = 32;  // No pyramid has more.
 
-  struct Face {
-    Vector<D> origin;
-    int axis = 0;
-    bool negative = false;
-    std::uint32_t num_beams = 0;
-    std::array<double, kAxes> lower;  // Coordinates of the beams.
-    std::array<double, kAxes> upper;
-    double density = 0.0;  // Of all beams: places of one beam each, in a row of length 1 ...
-    std::array<std::int32_t, kAxes> places{};
-    std::uint32_t num_kept = 0;
-    double bins_per_unit = 0.0;  // ... and bins of one beam each of those that are kept.
-    std::array<std::int32_t, kAxes> bins{};
-    std::size_t first_bin = 0;
-    std::size_t first_level = 0;
-    std::size_t num_samples = 0;  // Levels with a sample of the beams, the next coarser with one of it.
-
-    Face() {
-      lower.fill(std::numeric_limits<double>::infinity());
-      upper.fill(-std::numeric_limits<double>::infinity());
-    }
-    [[nodiscard]] std::size_t num_bins() const {
-      std::size_t n = 1;
-      for (const std::int32_t b : bins) n *= static_cast<std::size_t>(b);
-      return n;
-    }
-  };
   struct Depths {
     float nearest_free = std::numeric_limits<float>::infinity();  // No beam has a surface before it.
     float nearest_end = std::numeric_limits<float>::infinity();   // No beam that returned ends before it.
@@ -355,17 +408,46 @@ class ScanIndex {
     std::uint32_t beam;
     float chance;
   };
-  /// A beam of which is not known yet whether it is kept.
-  struct Waiting {
-    double depth;  // Of its end.
-    float chance;
-    std::uint32_t face;
-    std::uint32_t number;
+  /// All in one block of memory: malloc then keeps it for the next scan, instead of giving pages back and
+  /// forth.
+  struct Sorting {
+    std::pmr::monotonic_buffer_resource memory;
+    std::pmr::vector<ScanBeam<D>> beams{&memory};           // Those that are kept, bin by bin.
+    std::pmr::vector<Sorted> sorted{&memory};               // The same; then the samples, level by level.
+    std::pmr::vector<std::uint32_t> first_in_bin{&memory};  // In sorted, of each bin, and the end; also of
+                                                            // the samples' bins.
+    std::pmr::vector<std::uint32_t> next{&memory};          // While beams are sorted.
+    std::pmr::vector<Depths> depths{&memory};
+
+    Sorting(std::size_t num_beams, std::size_t num_bins, std::size_t num_faces)
+        : memory(bytes(num_beams, num_bins, num_faces)) {
+      beams.resize(num_beams);
+      sorted.reserve(with_samples(num_beams));
+      sorted.resize(num_beams);
+      first_in_bin.reserve(with_samples(num_bins) + kLevels * num_faces);
+      first_in_bin.resize(num_bins + 1);
+      next.reserve(num_bins);
+      depths.reserve(with_samples(num_bins) + kLevels * num_faces);
+    }
+
+   private:
+    /// So many, and half of them, and so on, or fewer.
+    [[nodiscard]] static std::size_t with_samples(std::size_t n) { return 2 * n + n / 8; }
+    [[nodiscard]] static std::size_t bytes(std::size_t num_beams, std::size_t num_bins,
+                                           std::size_t num_faces) {
+      constexpr std::size_t kMore = 1024;  // For alignment.
+      return num_beams * sizeof(ScanBeam<D>) + with_samples(num_beams) * sizeof(Sorted) +
+             (with_samples(num_bins) + kLevels * num_faces) * (sizeof(std::uint32_t) + sizeof(Depths)) +
+             num_bins * sizeof(std::uint32_t) + kMore;
+    }
   };
   struct Level {
-    std::size_t first = 0;      // In depths_.
-    std::size_t first_bin = 0;  // In first_in_bin_, of levels with a sample.
-    std::array<std::int32_t, kAxes> size{};
+    std::size_t first;  // In depths.
+    std::array<std::int32_t, kAxes> size;
+  };
+  struct Sample {
+    std::size_t first_bin;  // In first_in_bin.
+    std::array<std::int32_t, kAxes> size;
   };
 
   /// Products are as good as quotients, but for beams that only touch the box, or end at its border.
@@ -396,10 +478,53 @@ class ScanIndex {
     return expected;
   }
 
-  /// Where a beam meets the face, in [-1, 1], on its k-th axis.
-  [[nodiscard]] static double coordinate(const Face& face, const Vector<D>& path, std::size_t k) {
-    const int a = static_cast<int>(k) + (static_cast<int>(k) >= face.axis);
-    return path[a] / std::abs(path[face.axis]);
+  /// Adds a part's faces to those of the scan.
+  void join(Part& part) {
+    for (const Face& of_part : part.faces_) {
+      std::uint32_t& number = cubes_.face(cubes_.number_of(of_part.origin), of_part.axis, of_part.negative);
+      if (number == kNoFace) {
+        number = static_cast<std::uint32_t>(faces_.size());
+        faces_.emplace_back(of_part.origin, of_part.axis, of_part.negative);
+      }
+      part.face_of_scan_.push_back(number);
+      Face& face = faces_[number];
+      face.num_beams += of_part.num_beams;
+      for (std::size_t k = 0; k < kAxes; ++k) {
+        face.lower[k] = std::min(face.lower[k], of_part.lower[k]);
+        face.upper[k] = std::max(face.upper[k], of_part.upper[k]);
+      }
+    }
+    num_added_ += part.waiting_.size();
+    largest_sigma_ = std::max(largest_sigma_, part.largest_sigma_);
+  }
+  /// No cell takes a beam that none takes at the depth of its end, or behind it by half a cell.
+  void leave_out(Part& part, const Sampling& sampling) const {
+    part.num_kept_.assign(part.faces_.size(), 0);
+    std::size_t kept = 0;
+    for (const Waiting& beam : part.waiting_) {
+      const double expected =
+          expected_at(faces_[part.face_of_scan_[beam.face]],
+                      static_cast<double>(beam.depth) + 0.5 * sampling.largest_cell, sampling.smallest_cell);
+      const bool is_kept = static_cast<double>(beam.chance) * expected < sampling.beams;
+      part.waiting_[kept] = beam;
+      kept += is_kept;
+      part.num_kept_[beam.face] += is_kept;
+    }
+    part.waiting_.resize(kept);
+  }
+  [[nodiscard]] static float rounded_up(double x) {
+    return static_cast<float>(x) * (1.0f + kRounding) + std::numeric_limits<float>::min();
+  }
+
+  [[nodiscard]] static std::size_t bin_at(const Face& face, const Vector<D>& path) {
+    std::size_t bin = 0;
+    for (std::size_t k = kAxes; k-- > 0;) {
+      const auto n =
+          static_cast<std::int32_t>((coordinate(face, path, k) - face.lower[k]) * face.bins_per_unit);
+      bin = bin * static_cast<std::size_t>(face.bins[k]) +
+            static_cast<std::size_t>(std::clamp(n, 0, face.bins[k] - 1));
+    }
+    return face.first_bin + bin;
   }
 
   /// Squares of about one beam each, over the part of a face that beams go through.
@@ -423,91 +548,88 @@ class ScanIndex {
     per_unit = 1.0 / width;
   }
 
-  /// From one level of the pyramid to the next a bin is as large as 2^kAxes: so many times smaller are the
-  /// samples.
-  static constexpr double kThinner = 1.0 / (1 << kAxes);
   static constexpr std::uint32_t kFewBeams = 64;  // Of which no sample is worth its work.
 
   [[nodiscard]] static std::size_t sample_of(const Face& face, double share) {
     std::size_t sample = 0;
-    for (double kept = kThinner; sample < face.num_samples && share <= kept; kept *= kThinner) ++sample;
+    for (double kept = 0.5 * static_cast<double>(face.largest_chance);
+         sample < face.num_samples && share <= kept; kept *= 0.5)
+      ++sample;
     return sample;
+  }
+  /// How often the bins of a sample are two that were side by side on the k-th axis: each sample has half the
+  /// beams of the one before, and half the bins, the axes taking turns.
+  [[nodiscard]] static std::size_t times_joined(std::size_t sample, std::size_t k) {
+    return (sample + kAxes - 1 - k) / kAxes;
   }
 
   void draw_samples(Face& face) {
-    if constexpr (kAxes == 0) return;
-    double share = kThinner;
-    for (std::size_t l = face.first_level; l + 1 < levels_.size(); ++l, share *= kThinner) {
-      const Level& level = levels_[l];
-      Level& above = levels_[l + 1];
-      const std::uint32_t begin = first_in_bin_[level.first_bin];
-      const std::uint32_t end = first_in_bin_[level.first_bin + size_of(level)];
-      if (end - begin < kFewBeams) return;
-      above.first_bin = first_in_bin_.size();
-      first_in_bin_.resize(above.first_bin + size_of(above) + 1, 0);
-      for_each_in_sample(level, above, share,
-                         [&](std::size_t bin, std::uint32_t) { ++first_in_bin_[bin + 1]; });
-      first_in_bin_[above.first_bin] = static_cast<std::uint32_t>(sorted_.size());
-      for (std::size_t b = above.first_bin; b + 1 < first_in_bin_.size(); ++b)
-        first_in_bin_[b + 1] += first_in_bin_[b];
-      next_.assign(first_in_bin_.begin() + static_cast<std::ptrdiff_t>(above.first_bin), first_in_bin_.end());
-      sorted_.resize(first_in_bin_.back());
-      for_each_in_sample(level, above, share, [&](std::size_t bin, std::uint32_t i) {
-        sorted_[next_[bin - above.first_bin]++] = sorted_[i];
-      });
-      ++face.num_samples;
+    face.first_sample = samples_.size();
+    samples_.push_back({face.first_bin, face.bins});
+    if constexpr (kAxes > 0) {
+      auto& first_in_bin = sorting_->first_in_bin;
+      double share = 0.5 * static_cast<double>(face.largest_chance);
+      for (std::size_t axis = 0;; axis = (axis + 1) % kAxes, share *= 0.5) {
+        const Sample below = samples_.back();
+        if (first_in_bin[below.first_bin + bins_of(below.size)] - first_in_bin[below.first_bin] < kFewBeams)
+          return;
+        Sample sample{first_in_bin.size(), below.size};
+        sample.size[axis] = (below.size[axis] + 1) / 2;
+        std::size_t stride = 1;  // From a bin below to the next on the axis.
+        for (std::size_t k = 0; k < axis; ++k) stride *= static_cast<std::size_t>(below.size[k]);
+        const auto row = static_cast<std::size_t>(below.size[axis]);
+        const std::size_t rows = bins_of(below.size) / (stride * row);
+        for (std::size_t r = 0; r < rows; ++r) {
+          for (std::size_t i = 0; i < row; i += 2) {
+            for (std::size_t j = 0; j < stride; ++j) {
+              const std::size_t bin = below.first_bin + (r * row + i) * stride + j;
+              first_in_bin.push_back(static_cast<std::uint32_t>(sorting_->sorted.size()));
+              draw(bin, share);
+              if (i + 1 < row) draw(bin + stride, share);
+            }
+          }
+        }
+        first_in_bin.push_back(static_cast<std::uint32_t>(sorting_->sorted.size()));
+        samples_.push_back(sample);
+        ++face.num_samples;
+      }
     }
   }
-  /// Calls `visit(bin of the level above, beam in sorted_)`.
-  template <class Visit>
-  void for_each_in_sample(const Level& level, const Level& above, double share, Visit&& visit) const {
-    std::array<std::int32_t, kAxes> at{};
-    const std::size_t size = size_of(level);
-    for (std::size_t b = 0; b < size; ++b) {
-      std::size_t bin = 0;
-      for (std::size_t k = kAxes; k-- > 0;)
-        bin = bin * static_cast<std::size_t>(above.size[k]) + static_cast<std::size_t>(at[k] >> 1);
-      for (std::uint32_t i = first_in_bin_[level.first_bin + b]; i < first_in_bin_[level.first_bin + b + 1];
-           ++i)
-        if (static_cast<double>(sorted_[i].chance) < share) visit(above.first_bin + bin, i);
-      for (std::size_t k = 0; k < kAxes && ++at[k] == level.size[k]; ++k) at[k] = 0;
-    }
-  }
-  [[nodiscard]] static std::size_t size_of(const Level& level) {
-    std::size_t n = 1;
-    for (const std::int32_t size : level.size) n *= static_cast<std::size_t>(size);
-    return n;
+  /// Adds to a sample what is in a bin.
+  void draw(std::size_t bin, double share) {
+    auto& sorted = sorting_->sorted;
+    for (std::uint32_t i = sorting_->first_in_bin[bin]; i < sorting_->first_in_bin[bin + 1]; ++i)
+      if (static_cast<double>(sorted[i].chance) < share) sorted.push_back(Sorted(sorted[i]));
   }
 
   void raise_pyramid(Face& face) {
     face.first_level = levels_.size();
-    Level level{depths_.size(), face.first_bin, face.bins};
-    depths_.resize(depths_.size() + face.num_bins());
-    for (std::size_t b = 0; b < face.num_bins(); ++b) {
-      Depths& depths = depths_[level.first + b];
-      for (std::uint32_t i = first_in_bin_[face.first_bin + b]; i < first_in_bin_[face.first_bin + b + 1];
-           ++i) {
-        const ScanBeam<D>& beam = beams_[sorted_[i].beam];
+    Level level{sorting_->depths.size(), face.bins};
+    sorting_->depths.resize(sorting_->depths.size() + bins_of(face.bins));
+    for (std::size_t b = 0; b < bins_of(face.bins); ++b) {
+      Depths& depths = sorting_->depths[level.first + b];
+      for (std::uint32_t i = sorting_->first_in_bin[face.first_bin + b];
+           i < sorting_->first_in_bin[face.first_bin + b + 1]; ++i) {
+        const ScanBeam<D>& beam = sorting_->beams[i];
+        face.largest_chance = std::max(face.largest_chance, beam.chance);
         const auto depth = static_cast<float>(std::abs(beam.path[face.axis]));
         depths.nearest_free =
             std::min(depths.nearest_free,
                      static_cast<float>(beam.t_clearly_free - beam.t_surface) * depth * (1.0f - kRounding) -
                          std::numeric_limits<float>::min());
         if (beam.returned) depths.nearest_end = std::min(depths.nearest_end, depth * (1.0f - kRounding));
-        depths.farthest =
-            std::max(depths.farthest, static_cast<float>(beam.t_end) * depth * (1.0f + kRounding) +
-                                          std::numeric_limits<float>::min());
+        depths.farthest = std::max(depths.farthest, rounded_up(beam.t_end * std::abs(beam.path[face.axis])));
       }
     }
     levels_.push_back(level);
     while (std::any_of(level.size.begin(), level.size.end(), [](std::int32_t n) { return n > 1; })) {
-      Level above{depths_.size(), 0, {}};
+      Level above{sorting_->depths.size(), {}};
       std::size_t count = 1;
       for (std::size_t k = 0; k < kAxes; ++k) {
         above.size[k] = (level.size[k] + 1) / 2;
         count *= static_cast<std::size_t>(above.size[k]);
       }
-      depths_.resize(depths_.size() + count);
+      sorting_->depths.resize(sorting_->depths.size() + count);
       std::array<std::int32_t, kAxes> at{};
       for (std::size_t b = 0; b < count; ++b) {
         View below;
@@ -515,7 +637,7 @@ class ScanIndex {
           below.first[k] = 2 * at[k];
           below.last[k] = std::min(2 * at[k] + 1, level.size[k] - 1);
         }
-        depths_[above.first + b] = depths_at(level, below.first, below.last);
+        sorting_->depths[above.first + b] = depths_at(level, below.first, below.last);
         for (std::size_t k = 0; k < kAxes && ++at[k] == above.size[k]; ++k) at[k] = 0;
       }
       levels_.push_back(above);
@@ -547,7 +669,7 @@ class ScanIndex {
     }
     return for_each_bin_of(
         bins.size, from, to, [&](std::size_t b, const std::array<std::int32_t, kAxes>& at) {
-          const Depths& depths = depths_[bins.first + b];
+          const Depths& depths = sorting_->depths[bins.first + b];
           if (static_cast<double>(depths.nearest_end) > far || static_cast<double>(depths.farthest) < near)
             return true;
           if (level == 0) return visit(b);
@@ -575,9 +697,9 @@ class ScanIndex {
     Depths sum;
     for_each_row_of(level.size, first, last, [&](std::size_t from, std::size_t to) {
       for (std::size_t b = from; b <= to; ++b) {
-        sum.nearest_free = std::min(sum.nearest_free, depths_[level.first + b].nearest_free);
-        sum.nearest_end = std::min(sum.nearest_end, depths_[level.first + b].nearest_end);
-        sum.farthest = std::max(sum.farthest, depths_[level.first + b].farthest);
+        sum.nearest_free = std::min(sum.nearest_free, sorting_->depths[level.first + b].nearest_free);
+        sum.nearest_end = std::min(sum.nearest_end, sorting_->depths[level.first + b].nearest_end);
+        sum.farthest = std::max(sum.farthest, sorting_->depths[level.first + b].farthest);
       }
       return true;
     });
@@ -629,20 +751,14 @@ class ScanIndex {
     }
   }
 
-  std::map<std::array<double, D>, std::size_t> cubes_;  // By origin: the first of its entries in the next.
-  std::vector<std::uint32_t> faces_of_cube_;
-  Vector<D> last_origin_ = Vector<D>::Zero();
-  std::size_t last_cube_ = 0;
-
+  std::vector<Part> parts_;  // Until they are sorted.
+  Cubes cubes_;
   std::vector<Face> faces_;
   std::size_t num_added_ = 0;
-  std::vector<Waiting> waiting_;             // Until they are sorted.
-  std::vector<ScanBeam<D>> beams_;           // Those that are kept, as they came.
-  std::vector<Sorted> sorted_;               // Bin by bin; then the samples, level by level.
-  std::vector<std::uint32_t> first_in_bin_;  // In sorted_, of each bin, and the end; also for the samples.
-  std::vector<std::uint32_t> next_;          // While a sample is drawn.
+  double largest_sigma_ = 0.0;
+  std::optional<Sorting> sorting_;
   std::vector<Level> levels_;
-  std::vector<Depths> depths_;
+  std::vector<Sample> samples_;
 };
 
 }  // namespace ndtree

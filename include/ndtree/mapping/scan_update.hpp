@@ -5,14 +5,9 @@
 
 #include <algorithm>
 #include <array>
-#include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <exception>
-#include <functional>
 #include <optional>
-#include <system_error>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -20,6 +15,7 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan_index.hpp"
@@ -61,13 +57,13 @@ class ScanWalk {
 
   /// @param arena of the tree, for this thread alone.
   ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
-           const Index& scan, double largest_sigma)
+           const Index& scan)
       : tree_(tree),
         arena_(arena),
         refinement_(refinement),
         sensor_(sensor),
         index_(scan),
-        largest_sigma_(largest_sigma),
+        largest_sigma_(scan.largest_sigma()),
         smallest_size_(tree.geometry().cell_size(tree.geometry().finest_level())),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)) {}
@@ -167,7 +163,8 @@ class ScanWalk {
       for (std::size_t i = 0; i < n; ++i) {  // As exactly as they are then handed down.
         const ScanBeam<D>* const beam = crossings[i].beam;
         Crossing<D> crossing{beam, 0.0, beam->t_end};
-        if (clip_to_box<D>(box.lower - beam->origin, box.upper - beam->origin, beam->path, crossing.t_enter,
+        const Vector<D>& origin = index_.origin(beam->face);
+        if (clip_to_box<D>(box.lower - origin, box.upper - origin, beam->path, crossing.t_enter,
                            crossing.t_exit))
           crossings_.push_back(crossing);
       }
@@ -204,7 +201,7 @@ class ScanWalk {
     unsorted_.clear();
     for (std::size_t i = part.first; i < part.last; ++i) {
       const ScanBeam<D>* const beam = crossings_[i].beam;
-      BeamStepper<N, D>(tree_.geometry(), beam->origin, beam->path)
+      BeamStepper<N, D>(tree_.geometry(), index_.origin(beam->face), beam->path)
           .for_each_child(ref.index, crossings_[i].t_enter, crossings_[i].t_exit,
                           [&](int child, const CellIndex<D>& child_index, double t_enter, double t_exit) {
                             unsorted_.push_back({{beam, t_enter, t_exit}, child});
@@ -470,10 +467,10 @@ class ScanWalk {
     if (is_behind && !is_small) return;
     // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
     const double t_exit = is_small ? std::max(crossing.t_exit, t_enter + beam.t_surface) : crossing.t_exit;
-    refinement_.model.add(sum,
-                          sensor_.tabulated_log_odds((t_enter - 1.0) * beam.range_in_sigmas,
-                                                     (t_exit - 1.0) * beam.range_in_sigmas),
-                          std::max(size / beam.sigma, kThinnestSurface));
+    const double range_in_sigmas = beam.range / beam.sigma;
+    refinement_.model.add(
+        sum, sensor_.tabulated_log_odds((t_enter - 1.0) * range_in_sigmas, (t_exit - 1.0) * range_in_sigmas),
+        std::max(size / beam.sigma, kThinnestSurface));
     if (holds_end) {
       const double noise = kNoiseReach * beam.sigma;
       ++sum.hits;
@@ -531,82 +528,84 @@ class ScanUpdate {
              UpdateCounters& counters)
       : tree_(tree), refinement_(refinement), sensor_(sensor), counters_(counters) {}
 
+  /// So many that the start of a thread is worth it for each.
+  [[nodiscard]] static std::size_t most_workers(Eigen::Index beams) {
+    constexpr Eigen::Index kBeamsOfWorker = 1000;
+    return static_cast<std::size_t>(std::max<Eigen::Index>(1, beams / kBeamsOfWorker));
+  }
+
   /// Before the beams of a scan, which must stay where it is until finish() is done.
-  void begin(const ScanView<D>& scan, double max_range) {
+  /// @param parts in which its beams will be added, about as many in each.
+  void begin(const ScanView<D>& scan, double max_range, std::size_t parts) {
     scan_ = scan;
     max_range_ = max_range;
-    index_.reserve(static_cast<std::size_t>(scan.size));
+    index_.begin(parts, static_cast<std::size_t>(scan.size) / parts + 1);
   }
   /// Beams wait for finish(): the tree need not contain them yet.
   static constexpr bool kWaits = true;
 
-  /// @param number of the beam in the scan. @param sigma of the range [m]. @pre the beam is valid.
-  void add(Eigen::Index number, const Beam<D>& beam, double sigma) {
-    largest_sigma_ = std::max(largest_sigma_, sigma);
-    index_.add(beam.origin, beam.displacement, Sensor::t_end(beam, sigma), chance_of<D>(beam.endpoint),
-               static_cast<std::uint32_t>(number));
+  /// @param part of the scan; beams of different parts may be added at the same time.
+  /// @param number of the beam in the scan. @param sigma of the range [m]. @param t_end the last point that
+  ///   the beam says anything about. @pre the beam is valid.
+  void add(std::size_t part, Eigen::Index number, const Beam<D>& beam, double sigma, double t_end) {
+    index_.part(part).add(beam.origin, beam.displacement, t_end, sigma, chance_of<D>(beam.endpoint),
+                          static_cast<std::uint32_t>(number));
   }
 
   /// @pre the tree contains all beams up to Sensor::t_end().
-  /// @param threads that may work at once, >= 1. The result is the same for every number.
-  void finish(int threads) {
-    if (index_.num_beams() == 0) return;
+  /// The result is the same for every number of workers.
+  void finish(Workers& workers) {
     const auto& geometry = tree_.geometry();
-    index_.sort({refinement_.model.sample_beams(false), geometry.cell_size(geometry.finest_level()),
-                 geometry.cell_size(Refinement::coarsest_level(geometry.finest_level()))},
-                [this](std::uint32_t number) { return beam_of(number); });
-    if (threads <= 1 || index_.num_beams() < kFewBeams) {
-      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, index_, largest_sigma_);
+    index_.sort(
+        {refinement_.model.sample_beams(false), geometry.cell_size(geometry.finest_level()),
+         geometry.cell_size(Refinement::coarsest_level(geometry.finest_level()))},
+        workers,
+        [this](std::uint32_t number) -> Vector<D> {
+          const auto i = static_cast<Eigen::Index>(number);
+          return scan_.endpoint(i) - scan_.origin(i);
+        },
+        [this](std::uint32_t number) { return beam_of(number); });
+    if (index_.num_beams() == 0) return;
+    if (workers.count() <= 1) {
+      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, index_);
       walk.run();
       add(walk.counters());
     } else {
-      run_tasks(threads);
+      run_tasks(workers);
     }
   }
 
  private:
-  static constexpr std::size_t kFewBeams = 2000;  // Are not worth the start of a thread.
-
   /// One thread walks down to the cells of the coarsest level, which are then shared out, the ones with the
   /// most beams first.
-  void run_tasks(int threads) {
+  void run_tasks(Workers& workers) {
     std::vector<typename Walk::Task> tasks;
-    Walk above(tree_, tree_.main_arena(), refinement_, sensor_, index_, largest_sigma_);
+    Walk above(tree_, tree_.main_arena(), refinement_, sensor_, index_);
     above.run(&tasks);
     add(above.counters());
     std::stable_sort(tasks.begin(), tasks.end(),
                      [](const auto& a, const auto& b) { return a.effort > b.effort; });
-    struct Worker {
-      typename Tree::Arena arena;
-      UpdateCounters counters;
-      std::exception_ptr error;
-    };
-    std::vector<Worker> workers(std::min(static_cast<std::size_t>(threads), tasks.size()));
-    for (Worker& worker : workers) tree_.lend(worker.arena);
-    std::atomic<std::size_t> next{0};
-    const auto work = [&](Worker& worker) {
-      try {
-        Walk walk(tree_, worker.arena, refinement_, sensor_, index_, largest_sigma_);
-        for (std::size_t i = next++; i < tasks.size(); i = next++) walk.run(tasks[i]);
-        worker.counters = walk.counters();
-      } catch (...) {
-        worker.error = std::current_exception();
-        next = tasks.size();
+    std::vector<typename Tree::Arena> arenas(std::min(workers.count(), tasks.size()));
+    std::vector<Walk> walks;
+    walks.reserve(arenas.size());
+    for (typename Tree::Arena& arena : arenas) {
+      tree_.lend(arena);
+      walks.emplace_back(tree_, arena, refinement_, sensor_, index_);
+    }
+    const auto put_together = [&] {
+      for (std::size_t i = 0; i < arenas.size(); ++i) {
+        tree_.absorb(arenas[i]);
+        add(walks[i].counters());
       }
     };
-    std::vector<std::thread> running;
     try {
-      for (std::size_t i = 1; i < workers.size(); ++i) running.emplace_back(work, std::ref(workers[i]));
-    } catch (const std::system_error&) {  // No more threads are to be had: these will do.
+      workers.for_each_task(tasks.size(),
+                            [&](std::size_t worker, std::size_t task) { walks[worker].run(tasks[task]); });
+    } catch (...) {
+      put_together();
+      throw;
     }
-    if (!workers.empty()) work(workers.front());
-    for (std::thread& thread : running) thread.join();
-    for (Worker& worker : workers) {
-      tree_.absorb(worker.arena);
-      add(worker.counters);
-    }
-    for (const Worker& worker : workers)
-      if (worker.error) std::rethrow_exception(worker.error);
+    put_together();
   }
 
   [[nodiscard]] ScanBeam<D> beam_of(std::uint32_t number) const {
@@ -616,10 +615,8 @@ class ScanUpdate {
     const bool returned = beam.outcome == BeamOutcome::returned;
     ScanBeam<D> result;
     result.path = beam.displacement;
-    result.origin = beam.origin;
     result.range = beam.range;
     result.sigma = sigma;
-    result.range_in_sigmas = beam.range / sigma;
     result.t_end = Sensor::t_end(beam, sigma);
     result.t_clearly_free =
         returned ? sensor_.clearly_free_until(beam.range, sigma) / beam.range : beam.t_free;
@@ -658,7 +655,6 @@ class ScanUpdate {
   UpdateCounters& counters_;
   ScanView<D> scan_;
   double max_range_ = kUnlimitedRange;
-  double largest_sigma_ = 0.0;
   ScanIndex<D> index_;
 };
 

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Work that threads share.
+#pragma once
+
+#include <algorithm>
+#include <atomic>
+#include <condition_variable>
+#include <cstddef>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <system_error>
+#include <thread>
+#include <utility>
+#include <vector>
+
+namespace ndtree {
+
+/// Threads that wait for work until they are gone. The one that makes them is worker number 0.
+class Workers {
+ public:
+  /// @param threads that may work at once, >= 1. They are started when there is work for them.
+  explicit Workers(std::size_t threads) : count_(threads) {}
+  Workers(const Workers&) = delete;
+  Workers& operator=(const Workers&) = delete;
+  ~Workers() {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      job_ = {};
+      ++jobs_;
+    }
+    wake_.notify_all();
+    for (std::thread& thread : threads_) thread.join();
+  }
+
+  [[nodiscard]] std::size_t count() const { return count_; }
+
+  /// Calls `work(worker, task)` once for each task in [0, tasks), handed out in their order to whoever is
+  /// free. Returns when all are done.
+  /// @throws what the first of the tasks that failed has thrown; later ones may then not have begun.
+  template <class Work>
+  void for_each_task(std::size_t tasks, Work&& work) {
+    if (count_ <= 1 || tasks <= 1) {
+      for (std::size_t task = 0; task < tasks; ++task) work(std::size_t{0}, task);
+      return;
+    }
+    std::atomic<std::size_t> next{0};
+    std::mutex failing;
+    std::size_t failed = tasks;
+    std::exception_ptr error;
+    run([&](std::size_t worker) {
+      for (std::size_t task = next++; task < tasks; task = next++) {
+        try {
+          work(worker, task);
+        } catch (...) {
+          next = tasks;
+          const std::lock_guard<std::mutex> lock(failing);
+          if (task < failed) error = std::current_exception();
+          failed = std::min(failed, task);
+        }
+      }
+    });
+    if (error) std::rethrow_exception(error);
+  }
+
+ private:
+  /// Calls `job(worker)` once for each worker.
+  void run(std::function<void(std::size_t)> job) {
+    {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      job_ = std::move(job);
+      ++jobs_;
+      busy_ = threads_.size();
+    }
+    wake_.notify_all();
+    start_missing();
+    job_(0);
+    std::unique_lock<std::mutex> lock(mutex_);
+    done_.wait(lock, [this] { return busy_ == 0; });
+  }
+
+  void start_missing() {
+    try {
+      while (threads_.size() + 1 < count_) {
+        const std::lock_guard<std::mutex> lock(mutex_);
+        threads_.emplace_back([this, worker = threads_.size() + 1, seen = jobs_ - 1] { live(worker, seen); });
+        ++busy_;
+      }
+    } catch (const std::system_error&) {  // No more threads are to be had: these will do.
+      count_ = threads_.size() + 1;
+    }
+  }
+
+  void live(std::size_t worker, std::size_t seen) {
+    for (;;) {
+      std::unique_lock<std::mutex> lock(mutex_);
+      wake_.wait(lock, [&] { return jobs_ != seen; });
+      seen = jobs_;
+      if (!job_) return;
+      lock.unlock();
+      job_(worker);
+      lock.lock();
+      if (--busy_ == 0) done_.notify_one();
+    }
+  }
+
+  std::size_t count_;
+  std::vector<std::thread> threads_;
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  std::condition_variable done_;
+  std::function<void(std::size_t)> job_;  // None: there will be no more.
+  std::size_t jobs_ = 0;
+  std::size_t busy_ = 0;  // Threads that have not finished the job.
+};
+
+}  // namespace ndtree

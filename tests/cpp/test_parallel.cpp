@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <cstddef>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "ndtree/core/parallel.hpp"
+
+namespace ndtree {
+namespace {
+
+TEST(Workers, DoEachTaskOnce) {
+  for (const std::size_t threads : {1u, 2u, 5u}) {
+    Workers workers(threads);
+    for (const std::size_t tasks : {0u, 1u, 2u, 3u, 1000u, 4u}) {
+      std::vector<std::atomic<int>> done(tasks);
+      std::vector<std::atomic<int>> at_work(threads);
+      workers.for_each_task(tasks, [&](std::size_t worker, std::size_t task) {
+        EXPECT_EQ(at_work.at(worker)++, 0) << "two tasks at once";
+        ++done.at(task);
+        --at_work.at(worker);
+      });
+      for (const auto& times : done) EXPECT_EQ(times, 1);
+    }
+  }
+}
+
+TEST(Workers, WorkAtTheSameTime) {
+  Workers workers(2);
+  std::atomic<int> begun{0};
+  workers.for_each_task(2, [&](std::size_t, std::size_t) {
+    ++begun;
+    for (int i = 0; i < 10000 && begun < 2; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    EXPECT_EQ(begun, 2);
+  });
+}
+
+TEST(Workers, ThrowWhatTheFirstTaskThrows) {
+  for (const std::size_t threads : {1u, 3u}) {
+    Workers workers(threads);
+    for (int i = 0; i < 200; ++i) {
+      try {
+        workers.for_each_task(100, [&](std::size_t, std::size_t task) {
+          if (task >= 7) throw std::runtime_error(std::to_string(task));
+        });
+        ADD_FAILURE() << "nothing was thrown";
+      } catch (const std::runtime_error& error) {
+        EXPECT_STREQ(error.what(), "7");
+      }
+    }
+    std::atomic<int> done{0};
+    workers.for_each_task(10, [&](std::size_t, std::size_t) { ++done; });
+    EXPECT_EQ(done, 10) << "after a failure";
+  }
+}
+
+}  // namespace
+}  // namespace ndtree
