@@ -35,10 +35,11 @@ class LatticeGeometry {
  public:
   /// @param unit edge of the smallest cell [m]. @param num_levels levels below level 0, >= 0.
   /// @throws std::invalid_argument if the unit is not positive or N^num_levels exceeds 2^36.
-  LatticeGeometry(double unit, int num_levels) : unit_(unit), num_levels_(num_levels) {
-    if (!(unit > 0.0) || !std::isfinite(reach()))
+  LatticeGeometry(double unit, int num_levels)
+      : unit_(unit), per_metre_(1.0 / unit), num_levels_(num_levels) {
+    if (!(unit > 0.0) || !std::isfinite(per_metre_) || !std::isfinite(reach()))
       throw std::invalid_argument("min_cell_size = " + std::to_string(unit) +
-                                  " m: must be > 0, and 2^38 of it finite");
+                                  " m: must be > 0, and 2^38 of it and 1 / it finite");
     if (num_levels < 0)
       throw std::invalid_argument("number of levels = " + std::to_string(num_levels) + ": must be >= 0");
     std::int64_t edge = 1;
@@ -74,8 +75,8 @@ class LatticeGeometry {
 
   /// Lattice coordinate of the unit cell that contains x; x must be in reach.
   [[nodiscard]] std::int64_t coordinate(double x) const {
-    auto k = static_cast<std::int64_t>(std::floor(x / unit_));
-    if (border(k) > x) --k;  // The quotient is rounded: the borders decide.
+    auto k = static_cast<std::int64_t>(x * per_metre_);  // Towards 0, and rounded: the borders decide.
+    if (border(k) > x) --k;
     if (border(k + 1) <= x) ++k;
     return k;
   }
@@ -112,6 +113,7 @@ class LatticeGeometry {
   static constexpr std::int64_t kReach = std::int64_t{1} << 38;
 
   double unit_;
+  double per_metre_;  // About 1 / unit_.
   int num_levels_;
   // From the finest level up to one above the first that is longer than the whole reach: a root of that one
   // may still end within reach on one side, and growing once more adds that side on every axis.
