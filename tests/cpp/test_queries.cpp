@@ -127,7 +127,7 @@ TYPED_TEST(QueriesOf, ManyPointsGetTheirCellsInTheirOrder) {
   const auto map = random_map<N, D>(random);
   const Box<D> around = widened(map.tree().box(map.tree().root().index), 0.2);
   std::size_t found = 0;
-  for (const std::size_t n : {0u, 1u, 15u, 16u, 17u, 1000u}) {
+  for (const std::size_t n : {0u, 1u, 15u, 16u, 17u, 1000u, 20000u}) {
     std::vector<double> points;
     for (std::size_t i = 0; i < n; ++i) {
       Vector<D> point = random_point(random, around);
