@@ -78,7 +78,7 @@ void add_random_beams(Random& random, int kind, int count, Beams<D>& beams) {
   const bool exact = kind % 2 == 1;
   const auto place = [&](double x) { return exact ? std::round(4.0 * x) / 4.0 : x; };
   std::vector<Vector<D>> origins;
-  for (int i = 0; i < (kind < 4 ? 1 : 5); ++i) {
+  for (int i = 0; i < (kind < 4 ? 1 : kind == 7 ? 300 : 5); ++i) {
     Vector<D> origin;
     for (int a = 0; a < D; ++a) origin[a] = place(random.uniform(-1.0, 1.0));
     origins.push_back(origin);

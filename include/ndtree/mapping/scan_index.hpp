@@ -215,7 +215,7 @@ class ScanIndex {
   template <class PathOf, class MakeBeam>
   void sort(const Sampling& sampling, Workers& workers, PathOf&& path_of, MakeBeam&& make_beam) {
     for (Part& part : parts_) join(part);
-    for (Face& face : faces_) divide(face, face.num_beams, face.density, face.places);
+    for (Face& face : faces_) divide(face, face.num_beams, 1.0, face.density, face.places);
     const auto for_each_part = [&](auto&& visit) {
       workers.for_each_task(parts_.size(), [&](std::size_t, std::size_t p) { visit(parts_[p]); });
     };
@@ -228,7 +228,7 @@ class ScanIndex {
     }
     std::size_t num_bins = 0;
     for (Face& face : faces_) {
-      divide(face, face.num_kept, face.bins_per_unit, face.bins);
+      divide(face, face.num_kept, kNarrowestBin, face.bins_per_unit, face.bins);
       face.first_bin = num_bins;
       num_bins += bins_of(face.bins);
     }
@@ -394,7 +394,6 @@ class ScanIndex {
   static constexpr double kNarrowestBin = 1e-6;
   static constexpr double kTouch = 1e-9;  // Of a beam's length, above all rounding.
   static constexpr float kRounding = 1e-6f;
-  static constexpr std::size_t kLevels = 32;  // No pyramid has more.
 
   struct Depths {
     float nearest_free = std::numeric_limits<float>::infinity();  // No beam has a surface before it.
@@ -424,20 +423,22 @@ class ScanIndex {
       beams.resize(num_beams);
       sorted.reserve(with_samples(num_beams));
       sorted.resize(num_beams);
-      first_in_bin.reserve(with_samples(num_bins) + kLevels * num_faces);
+      first_in_bin.reserve(with_samples(num_bins) + kRounded * num_faces);
       first_in_bin.resize(num_bins + 1);
       next.reserve(num_bins);
-      depths.reserve(with_samples(num_bins) + kLevels * num_faces);
+      depths.reserve(with_samples(num_bins) + kRounded * num_faces);
     }
 
    private:
+    static constexpr std::size_t kRounded = 4;  // Of a face, in the mean.
+
     /// So many, and half of them, and so on, or fewer.
     [[nodiscard]] static std::size_t with_samples(std::size_t n) { return 2 * n + n / 8; }
     [[nodiscard]] static std::size_t bytes(std::size_t num_beams, std::size_t num_bins,
                                            std::size_t num_faces) {
       constexpr std::size_t kMore = 1024;  // For alignment.
       return num_beams * sizeof(ScanBeam<D>) + with_samples(num_beams) * sizeof(Sorted) +
-             (with_samples(num_bins) + kLevels * num_faces) * (sizeof(std::uint32_t) + sizeof(Depths)) +
+             (with_samples(num_bins) + kRounded * num_faces) * (sizeof(std::uint32_t) + sizeof(Depths)) +
              num_bins * sizeof(std::uint32_t) + kMore;
     }
   };
@@ -528,7 +529,8 @@ class ScanIndex {
   }
 
   /// Squares of about one beam each, over the part of a face that beams go through.
-  static void divide(const Face& face, std::uint32_t num_beams, double& per_unit,
+  /// @param width_of_place of the only square, if that part is but one place.
+  static void divide(const Face& face, std::uint32_t num_beams, double width_of_place, double& per_unit,
                      std::array<std::int32_t, kAxes>& squares) {
     num_beams = std::max(num_beams, 1u);
     double area = 1.0;  // Of the part of the face that beams pass through, without axes that do not matter.
@@ -539,7 +541,8 @@ class ScanIndex {
       area *= extent;
       ++axes;
     }
-    double width = axes == 0 ? 1.0 : std::max(kNarrowestBin, std::pow(area / num_beams, 1.0 / axes));
+    double width =
+        axes == 0 ? width_of_place : std::max(kNarrowestBin, std::pow(area / num_beams, 1.0 / axes));
     for (std::size_t k = 0; k < kAxes; ++k)  // No more bins on an axis than beams.
       width = std::max(width, (face.upper[k] - face.lower[k]) / num_beams);
     for (std::size_t k = 0; k < kAxes; ++k) {
