@@ -625,6 +625,7 @@ def _written(figure: Figure, path: Path | None, dpi: float) -> Figure:
         handle, part = tempfile.mkstemp(dir=folder or ".", prefix=".", suffix=f".{name}")
         os.close(handle)
         try:
+            figure.draw_without_rendering()  # Labels have their place only after the axes have theirs.
             figure.savefig(part, dpi=dpi)
             umask = os.umask(0)
             os.umask(umask)
