@@ -17,12 +17,14 @@ namespace {
 TEST(Workers, DoEachTaskOnce) {
   for (const std::size_t threads : {1u, 2u, 5u}) {
     Workers workers(threads);
-    for (const std::size_t tasks : {0u, 1u, 2u, 3u, 1000u, 4u}) {
+    for (const std::size_t tasks : {0u, 1u, 2u, 3u, 1000u, 2u, 3u, 4u}) {
       std::vector<std::atomic<int>> done(tasks);
       std::vector<std::atomic<int>> at_work(threads);
       workers.for_each_task(tasks, [&](std::size_t worker, std::size_t task) {
+        EXPECT_LT(worker, tasks) << "more workers than tasks";
         EXPECT_EQ(at_work.at(worker)++, 0) << "two tasks at once";
         ++done.at(task);
+        if (tasks < threads) std::this_thread::sleep_for(std::chrono::milliseconds(2));  // All wake up.
         --at_work.at(worker);
       });
       for (const auto& times : done) EXPECT_EQ(times, 1);

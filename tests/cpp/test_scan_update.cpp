@@ -686,6 +686,22 @@ TYPED_TEST(ScanUpdateOf, AnyNumberOfThreadsGivesTheSameMap) {
   EXPECT_EQ(map.stats().nodes, 1u);
 }
 
+TYPED_TEST(ScanUpdateOf, ThreadsMayBeMoreThanCoarseCells) {
+  NDTREE_SHAPE;
+  Random random(140);
+  SCOPED_TRACE(random.trace());
+  const MapOptions options = spelled_out_options(0.5, 0.5 * N * N * N);
+  AdaptiveMap<N, D> alone(options);
+  AdaptiveMap<N, D> shared(options);
+  for (int i = 0; i < 20; ++i) {
+    Scan<D> scan = random_scan<D>(random, 20000, 0.5, 0.0, 0.0);
+    scan.origins = scan.origins.leftCols(1).eval();
+    alone.insert(scan, 3.0, 1);
+    shared.insert(scan, 3.0, 20);
+    ASSERT_TRUE(to_bytes(shared) == to_bytes(alone));
+  }
+}
+
 TYPED_TEST(ScanUpdateOf, FilesHoldAllOfAMap) {
   NDTREE_SHAPE;
   Random random(134);

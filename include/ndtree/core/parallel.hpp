@@ -37,7 +37,7 @@ class Workers {
   [[nodiscard]] std::size_t count() const { return count_; }
 
   /// Calls `work(worker, task)` once for each task in [0, tasks), handed out in their order to whoever is
-  /// free. Returns when all are done.
+  /// free. There are no more workers than tasks. Returns when all are done.
   /// @throws what the first of the tasks that failed has thrown; later ones may then not have begun.
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
@@ -50,6 +50,7 @@ class Workers {
     std::size_t failed = tasks;
     std::exception_ptr error;
     run([&](std::size_t worker) {
+      if (worker >= tasks) return;
       for (std::size_t task = next++; task < tasks; task = next++) {
         try {
           work(worker, task);
