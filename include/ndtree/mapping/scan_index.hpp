@@ -71,8 +71,11 @@ struct Crossing {
 template <int D>
 class ScanIndex {
   static constexpr std::size_t kAxes = D - 1;  // Of a face.
-  static constexpr std::uint32_t kNoFace = 0xffffffffu;
 
+ public:
+  static constexpr std::uint32_t kNoFace = 0xffffffffu;  ///< No face has this number.
+
+ private:
   struct Face {
     Vector<D> origin;
     int axis;
@@ -625,13 +628,10 @@ class ScanIndex {
       }
     }
     levels_.push_back(level);
-    while (std::any_of(level.size.begin(), level.size.end(), [](std::int32_t n) { return n > 1; })) {
+    while (bins_of(level.size) > 1) {
       Level above{sorting_->depths.size(), {}};
-      std::size_t count = 1;
-      for (std::size_t k = 0; k < kAxes; ++k) {
-        above.size[k] = (level.size[k] + 1) / 2;
-        count *= static_cast<std::size_t>(above.size[k]);
-      }
+      for (std::size_t k = 0; k < kAxes; ++k) above.size[k] = (level.size[k] + 1) / 2;
+      const std::size_t count = bins_of(above.size);
       sorting_->depths.resize(sorting_->depths.size() + count);
       std::array<std::int32_t, kAxes> at{};
       for (std::size_t b = 0; b < count; ++b) {

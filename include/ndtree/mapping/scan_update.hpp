@@ -34,7 +34,6 @@ class ScanWalk {
   static constexpr double kNoiseReach = 3.0;  // Standard deviations that noise is taken to explain.
   static constexpr double kSmallCell = 2.0;   // Standard deviations up to which a cell is small.
   static constexpr std::int64_t kFew = 32;    // Beams, or bins of them.
-  static constexpr std::uint32_t kNoFace = 0xffffffffu;
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
 
  public:
@@ -132,7 +131,7 @@ class ScanWalk {
       return true;
     };
     if (part.is_listed) {
-      std::uint32_t face = kNoFace;
+      std::uint32_t face = Index::kNoFace;
       double share = 1.0;
       for (std::size_t i = part.first; i < part.last; ++i) {
         if (crossings_[i].beam->face != face) {
@@ -371,7 +370,7 @@ class ScanWalk {
   /// ends in it; or part of it, if that is more than a free cell explains.
   [[nodiscard]] double share_blocked(const Ref& leaf, const Box<D>& box, const Part& part) const {
     const Sample sample{&box, refinement_.model.sample_beams(false)};
-    std::uint32_t face = kNoFace;
+    std::uint32_t face = Index::kNoFace;
     double share = 0.0;
     double of_beam = 0.0;
     double blocked = 0.0;
