@@ -156,6 +156,13 @@ TEST(Carmen, ErrorsNameLineRecordAndExpectation) {
       {"FLASER 1e300 1 1 0 0 0", "FLASER: expected the number of ranges, found " + std::to_string(1e300)},
       {"FLASER 3 1 1,5 1 0 0 0", "FLASER: expected a number in field 4, found '1,5'"},
       {"FLASER 2 1 1 0 0 0 0 0 0 7 host", "FLASER: expected a number in field 12, found 'host'"},
+      {"FLASER 0 h 0", "FLASER: expected 0 ranges and 7 more numbers before the host name, found 0 numbers"},
+      {"FLASER 0 1 2 3 4 5 6 h 0",
+       "FLASER: expected 0 ranges and 7 more numbers before the host name, found 6 numbers"},
+      {"FLASER 1 1 2 h 0",
+       "FLASER: expected 1 ranges and 7 more numbers before the host name, found 2 numbers"},
+      {"ROBOTLASER1 0 -1.57 3.14 0.0174 80 0.01 0 3 1 2 3 0 h 1.6",
+       "ROBOTLASER1: expected 0 remissions and 12 more numbers before the host name, found 0 numbers"},
       {robot + "3 1 1", "ROBOTLASER1: expected 3 ranges, found 2"},
       {robot + "3 1 1 1", "ROBOTLASER1: expected the number of remissions behind 3 ranges, found the end"},
       {robot + "2 1 1 1.5 0" + state,
@@ -166,7 +173,33 @@ TEST(Carmen, ErrorsNameLineRecordAndExpectation) {
       {"ROBOTLASER1 0 1 2", "ROBOTLASER1: expected the number of ranges, found the end"}};
   for (const Case& c : cases)
     EXPECT_EQ(message_of({"", "# second", c.line}), "line 3: " + c.expected) << c.line;
-  EXPECT_EQ(cases.size(), 18u);
+  EXPECT_EQ(cases.size(), 22u);
+}
+
+TEST(Carmen, RecordsCutShortAnywhereAreWholeScansOrErrors) {
+  const std::vector<std::string> records = {
+      "FLASER 3 1 1 1 1 2 0.5 9 9 9 12.25", "FLASER 0 1 2 0.5 9 9 9 12.25",
+      "ROBOTLASER1 0 -1 2 0.5 20 0.01 0 2 1 1 1 700 1 2 0.5 1 2 3 0 0 0 0 0 5.5",
+      "ROBOTLASER1 0 -1 2 0.5 20 0.01 0 0 0 1 2 0.5 1 2 3 0 0 0 0 0 5.5"};
+  int cases = 0;
+  int scans = 0;
+  for (const std::string& record : records) {
+    for (std::size_t end = record.find(' '); end != std::string::npos; end = record.find(' ', end + 1)) {
+      for (const char* const tail : {"", " host 1.5"}) {
+        ++cases;
+        try {
+          const auto scan = CarmenParser().parse_line(record.substr(0, end) + tail);
+          ASSERT_TRUE(scan);
+          ++scans;
+          EXPECT_EQ(scan->origins.col(0), ndtree::Vector<2>(1, 2)) << record.substr(0, end) + tail;
+        } catch (const std::runtime_error& error) {
+          EXPECT_NE(std::string(error.what()).find("line 1: "), std::string::npos) << error.what();
+        }
+      }
+    }
+  }
+  EXPECT_EQ(cases, 128);
+  EXPECT_GT(scans, 10);
 }
 
 TEST(Carmen, ReadCarmenVisitsTheScansInOrderAndReportsTheLine) {

@@ -48,7 +48,7 @@ struct CarmenOptions {
 ///
 /// x y theta is the laser's pose [m, rad], ranges are in metres, stamps in seconds. A record may end after
 /// the pose; its stamp is then 0. Where a host name is present, the numbers before it are counted, so that a
-/// wrong n is an error and never a shifted pose.
+/// wrong n, or too few of them, is an error and never a shifted pose.
 class CarmenParser {
  public:
   explicit CarmenParser(CarmenOptions options = {}) : options_(options) { options_.validate(); }
@@ -117,7 +117,10 @@ class CarmenParser {
                           const char* what) const {
     const std::size_t behind = record.has_host ? trailer : 0;
     const std::size_t available = record.numbers.size() - first;
-    const std::size_t found = available < behind ? 0 : available - behind;
+    if (available < behind)
+      fail(record, "expected " + std::to_string(count) + " " + what + " and " + std::to_string(behind) +
+                       " more numbers before the host name, found " + std::to_string(available) + " numbers");
+    const std::size_t found = available - behind;
     if (found < count || (record.has_host && found > count))
       fail(record, "expected " + std::to_string(count) + " " + what + ", found " + std::to_string(found));
     if (found - count + behind < 3)
