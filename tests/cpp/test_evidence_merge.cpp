@@ -230,7 +230,7 @@ TEST(EvidenceMergeOptions, BadValuesAreRefusedByName) {
     double value;
     const char* message;
   };
-  const Row rows[] = {{-0.5, "merge_loss = -0.5: must be >= 0 bits and finite"},
+  const Row rows[] = {{-0.5, "merge_loss = -0.5: must be in [0, 1e+09] bits"},
                       {std::numeric_limits<double>::infinity(), "merge_loss = inf: "},
                       {std::numeric_limits<double>::quiet_NaN(), "merge_loss = "}};
   EXPECT_NO_THROW(EvidenceMergeOptions{}.validate());

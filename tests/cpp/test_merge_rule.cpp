@@ -174,10 +174,10 @@ TEST(MergeOptions, BadValuesAreRefusedByName) {
     double free_below, occupied_above;
     const char* message;
   };
-  const Row rows[] = {{-0.1, 0.9, "merge_free_below = -0.1: must be in [0, 0.5)"},
+  const Row rows[] = {{-0.1, 0.9, "merge_free_below = -0.1: must be in [0, 0.49]"},
                       {0.5, 0.9, "merge_free_below = 0.5: "},
                       {nan, 0.9, "merge_free_below = "},
-                      {0.1, 0.5, "merge_occupied_above = 0.5: must be in (0.5, 1]"},
+                      {0.1, 0.5, "merge_occupied_above = 0.5: must be in [0.51, 1]"},
                       {0.1, 1.1, "merge_occupied_above = 1.1: "},
                       {0.1, nan, "merge_occupied_above = "}};
   EXPECT_NO_THROW(MergeOptions{}.validate());

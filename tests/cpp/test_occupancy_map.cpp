@@ -648,10 +648,11 @@ TEST(MapOptions, BadValuesAreRefusedByName) {
     const char* message;
   };
   const Row rows[] = {
-      {[](MapOptions& o) { o.min_cell_size = 0.0; }, "min_cell_size = 0.0: must be > 0"},
+      {[](MapOptions& o) { o.min_cell_size = 0.0; }, "min_cell_size = 0.0: must be in [1e-09, 1000000] m"},
       {[](MapOptions& o) { o.min_cell_size = -0.1; }, "min_cell_size = -0.1: "},
       {[](MapOptions& o) { o.min_cell_size = kNan; }, "min_cell_size = "},
-      {[](MapOptions& o) { o.max_cell_size = 0.04; }, "max_cell_size = 0.04: must be at least min_cell_size"},
+      {[](MapOptions& o) { o.max_cell_size = 0.04; },
+       "max_cell_size = 0.04: must be at least min_cell_size = 0.05 m"},
       {[](MapOptions& o) { o.max_cell_size = kInfinity; }, "max_cell_size = inf: "},
       {[](MapOptions& o) { o.max_cell_size = 1e300; }, ""},  // More levels than the lattice has.
       {[](MapOptions& o) { o.min_cell_size = 1e-300, o.max_cell_size = 1e300; }, ""},
@@ -671,6 +672,96 @@ TEST(MapOptions, BadValuesAreRefusedByName) {
     ++cases;
   }
   EXPECT_EQ(cases, 10);
+}
+
+/// Maps scans from within a room, in units of the smallest cells, and tests all that must hold of numbers.
+template <class Map>
+void expect_sane_numbers(const MapOptions& options) {
+  Random random(7);
+  Map map(options);
+  const double unit = options.min_cell_size;
+  for (int scan = 0; scan < 3; ++scan) {
+    Scan<Map::kDim> beams;
+    beams.origins = Vector<Map::kDim>::Constant((0.3 + scan) * unit);
+    beams.endpoints.resize(Map::kDim, 60);
+    for (int i = 0; i < 60; ++i)
+      for (int a = 0; a < Map::kDim; ++a) beams.endpoints(a, i) = random.uniform(-12.0, 12.0) * unit;
+    map.insert(beams);
+  }
+  map.check_invariants();
+  ASSERT_GT(map.stats().observed_leaves, 0u);
+  for_each_leaf(map.tree(), [&](const auto& leaf) { ASSERT_TRUE(std::isfinite(leaf.cell().log_odds())); });
+}
+
+/// Options with one of them at an end of its bounds; cells are as large as the noise is where that is large.
+MapOptions with_end(const std::string& option, bool most) {
+  MapOptions options;
+  MapOptions::for_each_bounded(options, [&](const char* name, double& value, const OptionBounds& bounds) {
+    if (option == name) value = most ? bounds.most : bounds.least;
+  });
+  if (option == "range_sigma_quadratic") options.min_cell_size = 2e-9;
+  if (option == "max_cell_size" && !most) options.min_cell_size = options.max_cell_size;
+  if (option == "max_cell_size" && most) options.min_cell_size = options.max_cell_size / 1024.0;
+  if (option == "range_sigma")
+    options.min_cell_size = std::max(options.min_cell_size, options.range_sigma);
+  else
+    options.range_sigma = std::min(options.range_sigma, options.min_cell_size);
+  options.max_cell_size = std::max(options.max_cell_size, options.min_cell_size);
+  if (options.max_cell_size > 1024.0 * options.min_cell_size)
+    options.max_cell_size = 32.0 * options.min_cell_size;
+  if (option == "hit_given_free" && most) options.miss_given_occupied = 1e-7 + 1e-6;
+  if (option == "miss_given_occupied" && most) options.hit_given_free = 1e-7 + 1e-6;
+  return options;
+}
+
+TEST(MapOptions, ArithmeticHoldsAtBothEndsOfEveryOption) {
+  std::vector<std::string> names;
+  const MapOptions defaults;
+  for_each_option(defaults, [&](const char* name, double) { names.emplace_back(name); });
+  int cases = 0;
+  for (const std::string& name : names) {
+    int found = 0;
+    MapOptions::for_each_bounded(defaults,
+                                 [&](const char* bounded, double value, const OptionBounds& bounds) {
+                                   if (name != bounded) return;
+                                   ++found;
+                                   EXPECT_TRUE(value >= bounds.least && value <= bounds.most) << name;
+                                 });
+    ASSERT_EQ(found, 1) << name;
+    for (const bool most : {false, true}) {
+      SCOPED_TRACE(name + (most ? " at most" : " at least"));
+      const MapOptions options = with_end(name, most);
+      const bool leaves_room = options.hit_given_free < 1.0 - options.miss_given_occupied;
+      if (leaves_room) {
+        expect_sane_numbers<AdaptiveMap<2, 2>>(options);
+        expect_sane_numbers<AdaptiveMap<3, 3>>(options);
+      } else {
+        EXPECT_THROW((AdaptiveMap<2, 2>(options)), std::invalid_argument);
+      }
+      expect_sane_numbers<PaperMap<2, 2>>(options);
+      expect_sane_numbers<FixedMap<2, 2>>(options);
+      ++cases;
+    }
+  }
+  EXPECT_EQ(cases, 2 * static_cast<int>(names.size()));
+}
+
+TEST(MapOptions, ArithmeticHoldsWhereManyOptionsAreAtTheirEnds) {
+  Random random(11);
+  int cases = 0;
+  for (int run = 0; run < 200; ++run) {
+    MapOptions options;
+    MapOptions::for_each_bounded(options, [&](const char* name, double& value, const OptionBounds& bounds) {
+      const std::string option = name;
+      if (option.find("cell_size") != std::string::npos || option.find("sigma") != std::string::npos) return;
+      if (option == "hit_given_free" || option == "miss_given_occupied") return;
+      if (random.chance(0.6)) value = random.chance(0.5) ? bounds.least : bounds.most;
+    });
+    SCOPED_TRACE(run);
+    expect_sane_numbers<AdaptiveMap<2, 2>>(options);
+    ++cases;
+  }
+  EXPECT_EQ(cases, 200);
 }
 
 }  // namespace

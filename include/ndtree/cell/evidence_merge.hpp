@@ -11,17 +11,20 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/beta.hpp"
+#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 
 struct EvidenceMergeOptions {
   double merge_loss = 4.0;  ///< Siblings join if that loses at most this for each cell that it saves [bits].
 
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const {
-    require_option(merge_loss >= 0.0 && std::isfinite(merge_loss), "merge_loss", merge_loss,
-                   ">= 0 bits and finite");
+  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
+  template <class Options, class Visit>
+  static void for_each_bounded(Options& options, Visit&& visit) {
+    visit("merge_loss", options.merge_loss, OptionBounds{0.0, 1e9, " bits"});
   }
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// Siblings join where one cell says nearly the same as N^D cells do. Two things are lost, in bits:

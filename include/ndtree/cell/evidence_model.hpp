@@ -12,6 +12,7 @@
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/core/linear_table.hpp"
 #include "ndtree/core/log_odds.hpp"
+#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 
@@ -27,29 +28,22 @@ struct EvidenceOptions {
   double evidence_half_life = 0.0;   ///< A cell's evidence halves in so many scans of it; 0: never.
   double noise_sigmas = 1.0;         ///< No split makes cells smaller than this many standard deviations.
 
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const {
-    require_option(evidence_memory >= 1.0 && evidence_memory <= 255.0, "evidence_memory", evidence_memory,
-                   "in [1, 255] nats");
-    require_option(free_memory >= 1.0 && free_memory <= 255.0, "free_memory", free_memory,
-                   "in [1, 255] nats");
-    require_option(scan_beams >= 1.0 && std::isfinite(scan_beams), "scan_beams", scan_beams,
-                   ">= 1 and finite");
-    require_option(known_evidence >= 1.0 && std::isfinite(known_evidence), "known_evidence", known_evidence,
-                   ">= 1 nat and finite");
-    require_option(sample_beams > 0.0 && std::isfinite(sample_beams), "sample_beams", sample_beams,
-                   "> 0 and finite");
-    require_option(evidence_prior > 0.0 && std::isfinite(evidence_prior), "evidence_prior", evidence_prior,
-                   "> 0 nats and finite");
-    require_option(inherited_beams >= 0.0 && std::isfinite(inherited_beams), "inherited_beams",
-                   inherited_beams, ">= 0 and finite");
-    require_option(change_probability >= 0.0 && change_probability < 1.0, "change_probability",
-                   change_probability, "in [0, 1)");
-    require_option(evidence_half_life >= 0.0 && std::isfinite(evidence_half_life), "evidence_half_life",
-                   evidence_half_life, ">= 0 scans and finite");
-    require_option(noise_sigmas >= 0.0 && std::isfinite(noise_sigmas), "noise_sigmas", noise_sigmas,
-                   ">= 0 and finite");
+  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
+  template <class Options, class Visit>
+  static void for_each_bounded(Options& options, Visit&& visit) {
+    visit("evidence_memory", options.evidence_memory, OptionBounds{1.0, 255.0, " nats"});
+    visit("free_memory", options.free_memory, OptionBounds{1.0, 255.0, " nats"});
+    visit("scan_beams", options.scan_beams, OptionBounds{1.0, 4e9});
+    visit("known_evidence", options.known_evidence, OptionBounds{1.0, 1e9, " nats"});
+    visit("sample_beams", options.sample_beams, OptionBounds{1e-3, 1e12});
+    visit("evidence_prior", options.evidence_prior, OptionBounds{1e-6, 1e6, " nats"});
+    visit("inherited_beams", options.inherited_beams, OptionBounds{0.0, 1e9});
+    visit("change_probability", options.change_probability, OptionBounds{0.0, 1.0 - 1e-6});
+    visit("evidence_half_life", options.evidence_half_life, OptionBounds{0.0, 1e9, " scans"});
+    visit("noise_sigmas", options.noise_sigmas, OptionBounds{0.0, 1e6});
   }
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// Mean length of the chords that random straight lines cut out of a unit cube of this dimension: for a

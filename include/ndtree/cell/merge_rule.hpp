@@ -8,8 +8,8 @@
 #include <optional>
 
 #include "ndtree/cell/occupancy_cell.hpp"
-#include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/core/log_odds.hpp"
+#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 
@@ -17,13 +17,14 @@ struct MergeOptions {
   double merge_free_below = 0.13;      ///< Siblings join if all are at most this probable ...
   double merge_occupied_above = 0.96;  ///< ... or all at least this.
 
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const {
-    require_option(merge_free_below >= 0.0 && merge_free_below < 0.5, "merge_free_below", merge_free_below,
-                   "in [0, 0.5)");
-    require_option(merge_occupied_above > 0.5 && merge_occupied_above <= 1.0, "merge_occupied_above",
-                   merge_occupied_above, "in (0.5, 1]");
+  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
+  template <class Options, class Visit>
+  static void for_each_bounded(Options& options, Visit&& visit) {
+    visit("merge_free_below", options.merge_free_below, OptionBounds{0.0, 0.49});
+    visit("merge_occupied_above", options.merge_occupied_above, OptionBounds{0.51, 1.0});
   }
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// Siblings join where all are almost surely free, or all almost surely occupied. The parent gets the mean of

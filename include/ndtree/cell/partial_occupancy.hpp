@@ -10,6 +10,7 @@
 
 #include "ndtree/cell/split_test.hpp"
 #include "ndtree/core/beta.hpp"
+#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 

@@ -11,17 +11,12 @@
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/linear_table.hpp"
 #include "ndtree/core/log_odds.hpp"
+#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 
-/// Names a parameter, its value and its limit. @throws std::invalid_argument unless `valid`.
-inline void require_option(bool valid, const char* name, double value, const char* limit) {
-  if (valid) return;
-  std::string text = std::to_string(value);
-  if (text.find('.') != std::string::npos)
-    text.erase(std::max(text.find_last_not_of('0'), text.find('.') + 1) + 1);
-  throw std::invalid_argument(std::string(name) + " = " + text + ": must be " + limit);
-}
+/// Standard deviations of a range that can be mapped.
+inline constexpr OptionBounds kRangeSigmaBounds{1e-9, 1e6, " m"};
 
 struct SensorOptions {
   double range_sigma = 0.03;           ///< Standard deviation of a range at the sensor [m].
@@ -31,21 +26,18 @@ struct SensorOptions {
   double log_odds_min = -2.0;          ///< A cell's log-odds never fall below this ...
   double log_odds_max = 3.5;           ///< ... nor rise above this: so that a change can be seen.
 
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const {
-    require_option(range_sigma > 0.0 && std::isfinite(range_sigma), "range_sigma", range_sigma,
-                   "> 0 m and finite");
-    require_option(range_sigma_quadratic >= 0.0 && std::isfinite(range_sigma_quadratic),
-                   "range_sigma_quadratic", range_sigma_quadratic, ">= 0 per metre and finite");
-    require_option(probability_min > 0.0 && probability_min < 0.5, "probability_min", probability_min,
-                   "in (0, 0.5)");
-    require_option(probability_max > 0.5 && probability_max < 1.0, "probability_max", probability_max,
-                   "in (0.5, 1)");
-    require_option(log_odds_min < 0.0 && std::isfinite(log_odds_min), "log_odds_min", log_odds_min,
-                   "< 0 and finite");
-    require_option(log_odds_max > 0.0 && std::isfinite(log_odds_max), "log_odds_max", log_odds_max,
-                   "> 0 and finite");
+  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
+  template <class Options, class Visit>
+  static void for_each_bounded(Options& options, Visit&& visit) {
+    visit("range_sigma", options.range_sigma, kRangeSigmaBounds);
+    visit("range_sigma_quadratic", options.range_sigma_quadratic, OptionBounds{0.0, 1e6, " 1/m"});
+    visit("probability_min", options.probability_min, OptionBounds{1e-6, 0.49});
+    visit("probability_max", options.probability_max, OptionBounds{0.51, 1.0 - 1e-6});
+    visit("log_odds_min", options.log_odds_min, OptionBounds{-1e3, -1e-3});
+    visit("log_odds_max", options.log_odds_max, OptionBounds{1e-3, 1e3});
   }
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// p(n|z) for a beam that enters cell n at one distance and leaves it at another.

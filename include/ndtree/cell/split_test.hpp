@@ -6,8 +6,8 @@
 #include <algorithm>
 
 #include "ndtree/cell/occupancy_cell.hpp"
-#include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/core/chi_square.hpp"
+#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 
@@ -17,16 +17,16 @@ struct SplitOptions {
   double significance = 0.995;       ///< Confidence with which both hypotheses must be rejected.
   double split_probability = 0.7;    ///< Of being partially occupied, above which a cell splits.
 
-  /// @throws std::invalid_argument naming the first option that is out of bounds.
-  void validate() const {
-    require_option(miss_given_occupied > 0.0 && miss_given_occupied < 1.0, "miss_given_occupied",
-                   miss_given_occupied, "in (0, 1)");
-    require_option(hit_given_free > 0.0 && hit_given_free < 1.0, "hit_given_free", hit_given_free,
-                   "in (0, 1)");
-    require_option(significance > 0.0 && significance < 1.0, "significance", significance, "in (0, 1)");
-    require_option(split_probability > 0.0 && split_probability < 1.0, "split_probability", split_probability,
-                   "in (0, 1)");
+  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
+  template <class Options, class Visit>
+  static void for_each_bounded(Options& options, Visit&& visit) {
+    visit("miss_given_occupied", options.miss_given_occupied, OptionBounds{1e-6, 1.0 - 1e-6});
+    visit("hit_given_free", options.hit_given_free, OptionBounds{1e-6, 1.0 - 1e-6});
+    visit("significance", options.significance, OptionBounds{1e-6, 1.0 - 1e-9});
+    visit("split_probability", options.split_probability, OptionBounds{1e-6, 1.0 - 1e-6});
   }
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const { for_each_bounded(*this, require_within); }
 };
 
 /// Chi-square test that a cell is neither entirely occupied nor entirely free (Sec. III-A).

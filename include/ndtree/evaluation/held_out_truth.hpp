@@ -14,8 +14,8 @@
 #include <vector>
 
 #include "ndtree/cell/occupancy_cell.hpp"
-#include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"

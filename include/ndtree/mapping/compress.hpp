@@ -15,7 +15,7 @@
 #include <vector>
 
 #include "ndtree/cell/evidence_model.hpp"
-#include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 

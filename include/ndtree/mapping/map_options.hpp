@@ -11,6 +11,7 @@
 #include "ndtree/cell/merge_rule.hpp"
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/split_test.hpp"
+#include "ndtree/core/option.hpp"
 
 namespace ndtree {
 
@@ -20,17 +21,22 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions, EvidenceOptions, 
   /// No larger cell is ever updated [m]. The map uses the largest min_cell_size * N^k that is not above it.
   double max_cell_size = 1.6;
 
+  /// Calls `visit(name, value, bounds)` for every option. @param options a MapOptions, const or not.
+  template <class Options, class Visit>
+  static void for_each_bounded(Options& options, Visit&& visit) {
+    visit("min_cell_size", options.min_cell_size, OptionBounds{1e-9, 1e6, " m"});
+    visit("max_cell_size", options.max_cell_size, OptionBounds{1e-9, 1e9, " m"});
+    SensorOptions::for_each_bounded(options, visit);
+    SplitOptions::for_each_bounded(options, visit);
+    MergeOptions::for_each_bounded(options, visit);
+    EvidenceOptions::for_each_bounded(options, visit);
+    EvidenceMergeOptions::for_each_bounded(options, visit);
+  }
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
-    require_option(min_cell_size > 0.0 && std::isfinite(min_cell_size), "min_cell_size", min_cell_size,
-                   "> 0 m and finite");
-    require_option(max_cell_size >= min_cell_size && std::isfinite(max_cell_size), "max_cell_size",
-                   max_cell_size, "at least min_cell_size and finite");
-    SensorOptions::validate();
-    SplitOptions::validate();
-    MergeOptions::validate();
-    EvidenceOptions::validate();
-    EvidenceMergeOptions::validate();
+    for_each_bounded(*this, require_within);
+    require_option(max_cell_size >= min_cell_size, "max_cell_size", max_cell_size,
+                   "at least min_cell_size = " + describe_number(min_cell_size) + " m");
   }
 
   /// Levels between the smallest and the largest cell for N children per axis. Sizes are decimal numbers that

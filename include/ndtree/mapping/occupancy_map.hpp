@@ -18,6 +18,7 @@
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/mapping/compress.hpp"
@@ -111,8 +112,8 @@ class OccupancyMap {
   /// @param threads that may work on a large scan; 0: as many as the machine has cores. The map is the same,
   ///   bit for bit, for every number. Beam by beam there is only one.
   /// @throws std::invalid_argument if max_range is not > 0, threads is negative, if the scan's one origin is
-  ///   not finite, a range_sigma not > 0, or if a beam leaves what the lattice can address. The map is then
-  ///   unchanged.
+  ///   not finite, a range_sigma outside kRangeSigmaBounds, or if a beam leaves what the lattice can address.
+  ///   The map is then unchanged.
   InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0) {
     const auto start = std::chrono::steady_clock::now();
     threads = number_of_threads(threads);
@@ -322,13 +323,11 @@ class OccupancyMap {
     return survey;
   }
   [[nodiscard]] static bool is_valid_sigma(double sigma) {
-    return sigma > 0.0 && sigma <= std::numeric_limits<double>::max();
+    return sigma >= kRangeSigmaBounds.least && sigma <= kRangeSigmaBounds.most;
   }
   /// @throws std::invalid_argument if the i-th beam cannot be mapped.
   void check(Eigen::Index i, const Beam<D>& beam, double sigma) const {
-    if (!is_valid_sigma(sigma))
-      throw std::invalid_argument("range_sigma of beam " + std::to_string(i) + " = " + std::to_string(sigma) +
-                                  " m: must be > 0 and finite");
+    require_within(("range_sigma of beam " + std::to_string(i)).c_str(), sigma, kRangeSigmaBounds);
     for (const Vector<D>& point : {beam.origin, beam.point(Sensor::t_end(beam, sigma)), beam.free_end()})
       if (!tree_.geometry().in_reach(point))
         throw std::invalid_argument("beam " + std::to_string(i) + " reaches " + describe(point) +

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Between which bounds options lie, and what is said of one that does not.
+#pragma once
+
+#include <cstdio>
+#include <stdexcept>
+#include <string>
+
+namespace ndtree {
+
+/// Values of an option for which all arithmetic holds, both ends included.
+struct OptionBounds {
+  double least;
+  double most;
+  const char* unit = "";  ///< With a blank before it, or empty.
+};
+
+/// A number as messages show it: nine digits at most, and never without a point or an exponent.
+[[nodiscard]] inline std::string describe_number(double value) {
+  char buffer[32];
+  std::snprintf(buffer, sizeof buffer, "%.9g", value);
+  const std::string text = buffer;
+  return text.find_first_not_of("-0123456789") == std::string::npos ? text + ".0" : text;
+}
+
+/// @throws std::invalid_argument naming the option, its value and what it must be, unless it is valid.
+inline void require_option(bool valid, const char* name, double value, const std::string& limit) {
+  if (valid) return;
+  throw std::invalid_argument(std::string(name) + " = " + describe_number(value) + ": must be " + limit);
+}
+
+/// @throws std::invalid_argument naming the option, its value and its bounds if it is outside, or NaN.
+inline void require_within(const char* name, double value, const OptionBounds& bounds) {
+  if (value >= bounds.least && value <= bounds.most) return;
+  char limits[64];
+  std::snprintf(limits, sizeof limits, "in [%.9g, %.9g]", bounds.least, bounds.most);
+  require_option(false, name, value, std::string(limits) + bounds.unit);
+}
+
+}  // namespace ndtree
