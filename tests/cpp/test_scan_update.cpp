@@ -32,8 +32,10 @@ class FlatScanMap {
   std::uint64_t updates = 0;
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
-  std::uint64_t whole_again = 0;  ///< Splits undone by the same scan, which count as neither.
-  std::uint64_t sampled = 0;      ///< Pairs of a cell and a beam that was in no sample.
+  std::uint64_t whole_again = 0;   ///< Splits undone by the same scan, which count as neither.
+  std::uint64_t for_coverage = 0;  ///< Splits of cells of which only a part was seen ...
+  std::uint64_t partly_seen = 0;   ///< ... and updates of those that did not split.
+  std::uint64_t sampled = 0;       ///< Pairs of a cell and a beam that was in no sample.
 
   /// Level-0 cells of [first, last) on each axis; beams must not leave them.
   FlatScanMap(const MapOptions& options, int first, int last)
@@ -67,12 +69,24 @@ class FlatScanMap {
       const double sample_beams = sample_beams_of(next, cell);
       const ScanEvidence scan_evidence = evidence(next, sample_beams);
       sampled += num_beams(next, false, next, 1e9) - num_beams(next, false, next, sample_beams);
-      if (next.level > -num_levels_ && splits_now(cell, scan_evidence)) {
+      const Coverage coverage = coverage_of(next, cell, scan_evidence, sample_beams);
+      if (!coverage.enough && !coverage.splits) {
+        const EvidenceCell before = cell;
+        cell.set_partly_seen(
+            coverage.parts, std::min<std::int64_t>(cell.free_evidence() + scan_evidence.free,
+                                                   std::llround(256.0 * std::min(options_.free_memory,
+                                                                                 options_.evidence_memory))));
+        ++partly_seen;
+        if (cell == before) continue;
+        mark(next);
+        updates += scan_evidence.beams;
+      } else if (next.level > -num_levels_ && (coverage.splits || splits_now(cell, scan_evidence))) {
+        for_coverage += coverage.splits;
         const EvidenceCell parent = cell;
         cells.erase(next);
         for (const auto& child : children_of<N, D>(next, edge(next.level - 1))) {
           cells[child] = model_.inherited(parent, kShare, num_beams(child, true, next, sample_beams),
-                                          num_beams(next, false, next, sample_beams));
+                                          num_beams(next, false, next, sample_beams), part_of(child, next));
           waiting.push_back(child);
         }
         split_now.insert(next);
@@ -295,6 +309,79 @@ class FlatScanMap {
     return (is_known && !contradicted ? 1.0 : 4.0) * options_.sample_beams;
   }
 
+  struct Coverage {
+    bool enough = true;
+    bool splits = false;
+    std::uint32_t parts = 0;
+  };
+  /// Which of the 2^D parts of a cell, up to 16 of them, a child lies in.
+  [[nodiscard]] int part_of(const CellIndex<D>& child, const CellIndex<D>& parent) const {
+    int part = 0;
+    for (std::size_t a = 0; a < std::min(D, 4); ++a)
+      if (2 * (child.lower[a] - parent.lower[a]) >= edge(parent.level)) part += 1 << a;
+    return part;
+  }
+  /// What was seen of a cell that was not seen enough of before.
+  [[nodiscard]] Coverage coverage_of(const CellIndex<D>& index, const EvidenceCell& cell,
+                                     const ScanEvidence& scan, double sample_beams) const {
+    Coverage result;
+    if (options_.covered_share == 0.0 || cell.observed() || index.level == -num_levels_ || scan.beams == 0 ||
+        scan.hits > 0 || scan.occupied > 0)
+      return result;
+    const double size = static_cast<double>(edge(index.level)) * options_.min_cell_size;
+    const double child_size = static_cast<double>(edge(index.level - 1)) * options_.min_cell_size;
+    const auto children = children_of<N, D>(index, edge(index.level - 1));
+    constexpr double kUnits = 1 << 20;
+    const auto across = [](double width) { return std::pow(width, D - 1); };
+    std::vector<double> seen(children.size(), 0.0);  // In kUnits.
+    double all = 0.0;
+    double wide = 0.0;
+    double way = 0.0;
+    for (const FlatBeam& beam : beams_) {
+      double enter = 0.0;
+      double exit = 0.0;
+      if (!clip(beam, index, enter, exit) || !is_in_sample(beam, index, sample_beams)) continue;
+      const Face& face = faces_.at(beam.face);
+      const double share = std::min(1.0, sample_beams / bins_of(beam, index, smallest()));
+      const double depth = beam.path.cwiseAbs().maxCoeff();
+      for (std::size_t j = 0; j < children.size(); ++j) {
+        if (!clip(beam, children[j], enter, exit) || enter >= 1.0) continue;
+        exit = std::min(exit, 1.0);
+        double width = face.beams == 1 ? smallest() : 0.5 * (enter + exit) * depth * std::min(0.1, face.bin);
+        if (D > 1) width /= std::pow(share, 1.0 / std::max(1, D - 1));
+        width /= child_size;
+        const double chord = (exit - enter) * depth / child_size;
+        seen[j] += std::floor(kUnits * chord * across(std::min(1.0, width)) + 0.5);
+        wide += std::floor(kUnits * chord * across(std::min(static_cast<double>(N), width)) + 0.5);
+        way += std::floor(kUnits * chord + 0.5);
+      }
+    }
+    for (const double child : seen) all += child;
+    const double least = std::min(0.25, 1.0 - 1.1 / std::sqrt(all > 0.0 ? way / all : 0.0));
+    const double smallest_cells = size / smallest();
+    if (cell.is_partly_seen()) result.parts = cell.seen_parts();
+    const auto seen_before = [before = result.parts](int part) { return (before & 1u << part) != 0; };
+    std::map<int, std::pair<double, int>> parts;
+    for (std::size_t j = 0; j < children.size(); ++j) {
+      auto& [of_part, count] = parts[part_of(children[j], index)];
+      of_part += std::min(1.0, seen[j] / kUnits);
+      ++count;
+      if (seen[j] / kUnits < least && !seen_before(part_of(children[j], index)) &&
+          smallest_cells > options_.coverage_cells * (1.0 + 1e-9))
+        result.splits = true;
+    }
+    int seen_children = 0;
+    for (const auto& [part, of_part] : parts) {
+      if (of_part.first >= 0.25 * of_part.second) result.parts |= 1u << part;
+      if ((result.parts & 1u << part) != 0) seen_children += of_part.second;
+    }
+    double enough = options_.covered_share;
+    for (int a = 0; a < D; ++a) enough *= 1.0 - 1.0 / smallest_cells;
+    const auto count = static_cast<double>(children.size());
+    result.enough = !result.splits && std::max(wide / kUnits / count, seen_children / count) >= enough;
+    return result;
+  }
+
   [[nodiscard]] bool splits_now(const EvidenceCell& cell, const ScanEvidence& scan) const {
     if (cell.log_odds() < 0.0f) return scan.resolvable_hits > 0;
     if (cell.log_odds() == 0.0f) return scan.deep_hits > 0;
@@ -465,10 +552,10 @@ struct Room {
 };
 
 template <class Cells>
-auto observed_of(const Cells& cells) {
+auto passed_of(const Cells& cells) {
   Cells observed;
   for (const auto& [index, cell] : cells)
-    if (cell.observed()) observed.emplace(index, cell);
+    if (cell != EvidenceCell{}) observed.emplace(index, cell);
   return observed;
 }
 
@@ -477,11 +564,11 @@ std::string text_of(const EvidenceCell& cell) {
          " against, " + std::to_string(cell.hits()) + " hits, " + std::to_string(cell.misses()) + " misses";
 }
 
-/// Every observed leaf, to the last unit, and the counters.
+/// Every leaf that beams have passed, to the last unit, and the counters.
 template <class Map, class Flat>
 void expect_equal(const Map& map, const Flat& flat) {
-  const auto leaves = observed_of(leaves_of(map.tree()));
-  const auto expected = observed_of(flat.cells);
+  const auto leaves = passed_of(leaves_of(map.tree()));
+  const auto expected = passed_of(flat.cells);
   int wrong = 0;
   for (const auto& [index, cell] : leaves) {
     const auto found = expected.find(index);
@@ -545,14 +632,18 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   SCOPED_TRACE(random.trace());
   struct Row {
     double range_sigma, range_sigma_quadratic, noise_sigmas, merge_loss, evidence_memory, free_memory,
-        scan_beams, known_evidence, sample_beams;
+        scan_beams, known_evidence, sample_beams, covered_share, coverage_cells;
   };
   const Row rows[] = {
-      {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6},
-      {0.06, 0.0, 1.0, 4.0, 200.0, 2.0, 3.0, 2.0, 0.3},   // Free space is settled soon.
-      {0.3, 0.0, 0.0, 1.0, 200.0, 20.0, 16.0, 1.0, 1e6},  // Cells of all sizes are small beside the noise ...
-      {0.2, 0.0, 1.5, 2.0, 20.0, 200.0, 16.0, 3.0, 0.1},  // ... and may not all be split.
-      {0.02, 0.002, 3.0, 0.3, 5.0, 1.0, 1.0, 1.0, 0.05}};  // Every beam has noise of its own.
+      {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6, 0.75, 1.0},
+      {0.06, 0.0, 1.0, 4.0, 200.0, 20.0, 8.0, 2.0, 0.3, 0.9, 2.0},
+      {0.02, 0.0, 1.0, 4.0, 20.0, 20.0, 64.0, 50.0, 0.05, 1.0, 8.0},
+      {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6, 0.0, 2.0},
+      {0.06, 0.0, 1.0, 4.0, 200.0, 2.0, 3.0, 2.0, 0.3, 0.0, 2.0},  // Free space is settled soon.
+      {0.3, 0.0, 0.0, 1.0, 200.0, 20.0, 16.0, 1.0, 1e6, 0.0,
+       2.0},  // Cells of all sizes are small beside the noise ...
+      {0.2, 0.0, 1.5, 2.0, 20.0, 200.0, 16.0, 3.0, 0.1, 0.0, 2.0},   // ... and may not all be split.
+      {0.02, 0.002, 3.0, 0.3, 5.0, 1.0, 1.0, 1.0, 0.05, 0.0, 2.0}};  // Every beam has noise of its own.
   const int levels = N == 2 ? 2 : 1;
   const double coarsest = kUnit * std::pow(N, levels);
   int scans = 0;
@@ -560,6 +651,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   std::uint64_t merges = 0;
   std::uint64_t whole_again = 0;
   std::uint64_t sampled = 0;
+  std::uint64_t for_coverage = 0;
+  std::uint64_t partly_seen = 0;
   for (const Row& row : rows)
     for (const double grid : {0.0, kUnit / 4.0}) {
       MapOptions options = spelled_out_options(kUnit, coarsest);
@@ -572,6 +665,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       options.scan_beams = row.scan_beams;
       options.known_evidence = row.known_evidence;
       options.sample_beams = row.sample_beams;
+      options.covered_share = row.covered_share;
+      options.coverage_cells = row.coverage_cells;
       ASSERT_EQ(options.num_levels(N), levels);
       AdaptiveMap<N, D> map(options);
       FlatScanMap<N, D> flat(options, -2, 2);
@@ -591,8 +686,12 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       merges += flat.merges;
       whole_again += flat.whole_again;
       sampled += flat.sampled;
+      for_coverage += flat.for_coverage;
+      partly_seen += flat.partly_seen;
     }
-  EXPECT_EQ(scans, 5 * 2 * 12);
+  EXPECT_EQ(scans, 8 * 2 * 12);
+  EXPECT_GE(for_coverage, D == 1 ? 0u : N == 2 ? 30u : 5u);
+  EXPECT_GE(partly_seen, D == 1 ? 0u : N == 2 ? 30u : 5u);
   EXPECT_GE(splits, 30u);
   EXPECT_GE(merges, 5u);
   EXPECT_GE(whole_again, 5u);
@@ -626,6 +725,7 @@ TYPED_TEST(ScanUpdateOf, TheOrderOfAScansBeamsDoesNotMatter) {
   for (const double grid : {0.0, 0.025}) {
     MapOptions options = spelled_out_options(0.1, 0.1 * N * N);
     options.evidence_memory = 20.0;
+    options.covered_share = 0.75;
     AdaptiveMap<N, D> map(options);
     for (int i = 0; i < 5; ++i) {
       const Scan<D> scan = random_scan<D>(random, 80, 2.0, grid, 0.3 * i);
@@ -657,6 +757,7 @@ TYPED_TEST(ScanUpdateOf, AnyNumberOfThreadsGivesTheSameMap) {
   MapOptions options = spelled_out_options(0.1, 0.1 * N * N);
   options.free_memory = 5.0;
   options.sample_beams = 0.02;  // Not all beams count.
+  options.covered_share = 0.75;
   AdaptiveMap<N, D> alone(options);
   AdaptiveMap<N, D> others[3] = {alone, alone, alone};
   int scans = 0;

@@ -69,7 +69,7 @@ void queries_equal_those_over_all_leaves(Random& random, Map map) {
         scan.endpoints(a, k) = a == 0 && random.chance(0.7) ? (i < 9 ? 1.2 : 1.8) : random.uniform(-1.5, 1.5);
     map.insert(scan, kUnlimitedRange, 1 + i % 3);
     if constexpr (Map::RefinementType::kAdaptive && !std::is_same_v<typename Map::Cell, OccupancyCell>) {
-      if (i == 7) map.compress({{}, std::max<std::size_t>(20, map.stats().observed_leaves / 2), {}});
+      if (i == 7) map.compress({30.0, {}, {}});
     }
     ASSERT_NO_THROW(map.check_invariants());
     const Map copy = i == 10 ? from_bytes<Map>(to_bytes(map)) : map;

@@ -29,7 +29,8 @@ struct ScanEvidence {
 /// Evidence of one leaf in 12 bytes: log-odds weights of all that was for occupied and of all that was for
 /// free, the counts of hits and misses, and for how many scans all beams have said the same. The log-odds is
 /// a function of the two sums (see EvidenceModel) and is kept beside them because queries want nothing else.
-/// Invariant: a cell that was never updated is all zeros.
+/// Invariant: a cell that was never updated is all zeros. One that is but partly seen has no counts and
+/// log-odds of 0.
 class EvidenceCell {
  public:
   static constexpr bool kLeavesTopBitOfFirstWordClear = true;  // See Node.
@@ -47,7 +48,7 @@ class EvidenceCell {
   [[nodiscard]] std::uint32_t hits() const { return counts_ & kMaxCount; }
   [[nodiscard]] std::uint32_t misses() const { return (counts_ >> 9) & kMaxCount; }
   /// Evidence for occupied and for free space, in kUnit.
-  [[nodiscard]] std::int64_t occupied_evidence() const { return occupied_; }
+  [[nodiscard]] std::int64_t occupied_evidence() const { return is_partly_seen() ? 0 : occupied_; }
   [[nodiscard]] std::int64_t free_evidence() const { return free_; }
 
   void set_counts(std::uint32_t hits, std::uint32_t misses) {
@@ -67,12 +68,23 @@ class EvidenceCell {
   }
   /// Forgets the streak: there is nothing that it could contradict.
   void end_streak() { counts_ &= ~kStreakBits; }
+  /// Whether beams have passed parts of the cell, but not enough of it to know anything of the whole: it is
+  /// not observed yet, and only keeps in mind which parts, and the evidence for free space in them.
+  [[nodiscard]] bool is_partly_seen() const { return (counts_ & kPartlySeen) != 0; }
+  /// One bit for each part that was seen. @pre is_partly_seen() or never updated.
+  [[nodiscard]] std::uint32_t seen_parts() const { return occupied_; }
+  /// @pre not observed(), at least one part and free evidence in [0, kMaxEvidence].
+  void set_partly_seen(std::uint32_t parts, std::int64_t free) {
+    counts_ = kPartlySeen;
+    occupied_ = static_cast<std::uint16_t>(parts);
+    free_ = static_cast<std::uint16_t>(free);
+  }
   /// @pre both are in [0, kMaxEvidence], and log_odds is what the model makes of them.
   void set_evidence(std::int64_t occupied, std::int64_t free, float log_odds) {
     occupied_ = static_cast<std::uint16_t>(occupied);
     free_ = static_cast<std::uint16_t>(free);
     log_odds_ = log_odds;
-    counts_ |= kObserved;
+    counts_ = (counts_ & ~kPartlySeen) | kObserved;
   }
 
   /// The cell as words, for files; from_words() is the inverse and clears what a cell cannot hold.
@@ -84,11 +96,19 @@ class EvidenceCell {
   }
   [[nodiscard]] static EvidenceCell from_words(const std::array<std::uint32_t, kNumWords>& words) {
     EvidenceCell cell;
-    cell.counts_ = words[0] & (kObserved | kStreakBits | kMaxCount << 9 | kMaxCount);
+    cell.counts_ = words[0] & (kObserved | kPartlySeen | kStreakBits | kMaxCount << 9 | kMaxCount);
+    if (cell.observed()) cell.counts_ &= ~kPartlySeen;
     std::memcpy(&cell.log_odds_, &words[1], sizeof cell.log_odds_);
     cell.occupied_ = static_cast<std::uint16_t>(words[2] >> 16);
     cell.free_ = static_cast<std::uint16_t>(words[2] & 0xffff);
     return cell;
+  }
+
+  /// The class invariant: of a cell that was not observed, nothing is known but what was seen of it.
+  [[nodiscard]] bool is_consistent() const {
+    if (observed()) return !is_partly_seen();
+    return (counts_ & ~kPartlySeen) == 0 && log_odds_ == 0.0f &&
+           (is_partly_seen() || (occupied_ | free_) == 0);
   }
 
   friend bool operator==(const EvidenceCell& a, const EvidenceCell& b) {
@@ -99,12 +119,14 @@ class EvidenceCell {
 
  private:
   static constexpr std::uint32_t kObserved = 0x40000000u;
+  static constexpr std::uint32_t kPartlySeen = 0x20000000u;
   static constexpr std::uint32_t kStreakOfHits = 0x00800000u;
   static constexpr std::uint32_t kStreakBits = kStreakOfHits | kMaxStreak << 18;
-  // From bit 0: 9 bits hits, 9 bits misses, 5 bits streak, 1 bit kind of streak; bit 30 observed.
+  // From bit 0: 9 bits hits, 9 bits misses, 5 bits streak, 1 bit kind of streak; bit 29 partly seen, 30
+  // observed, of which at most one is set.
   std::uint32_t counts_ = 0;
   float log_odds_ = 0.0f;
-  std::uint16_t occupied_ = 0;
+  std::uint16_t occupied_ = 0;  // The parts that were seen, as long as it is partly seen.
   std::uint16_t free_ = 0;
 };
 

@@ -47,8 +47,9 @@ class EvidenceMergeRule {
   /// What siblings, all leaves, become together, and what that loses.
   struct Joined {
     EvidenceCell cell;
-    double loss = 0.0;  ///< [bits], >= 0.
-    int observed = 0;   ///< Siblings that were observed.
+    double loss = 0.0;           ///< [bits], >= 0.
+    int observed = 0;            ///< Siblings that were observed.
+    bool mixes_unknown = false;  ///< Some were observed, and others were not.
   };
 
   /// @param siblings nodes, of which all must be leaves for a merge.
@@ -90,6 +91,7 @@ class EvidenceMergeRule {
       misses += cell.misses();
     }
     if (joined.observed == 0) return joined;
+    joined.mixes_unknown = joined.observed < count;
     model_.assign(joined.cell, scaled(occupied, share_divisor, count), scaled(free, share_divisor, count));
     joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, share_divisor, count)),
                            static_cast<std::uint32_t>(scaled(misses, share_divisor, count)));

@@ -154,6 +154,11 @@ class EvidenceModel {
     }
   }
 
+  /// What beams say about the parts of a cell that they passed, of which too little was seen yet.
+  void remember(EvidenceCell& cell, std::uint32_t parts, const ScanEvidence& scan) const {
+    cell.set_partly_seen(parts, std::min(part(cell.free_evidence(), kept_) + scan.free, free_memory_));
+  }
+
   /// Beams of one scan are much alike: of those that say of nothing but free space, a cell counts
   /// `scan_beams`.
   void limit(ScanEvidence& scan) const {
@@ -206,11 +211,14 @@ class EvidenceModel {
   /// child of a free cell to which less than one beam is due, nothing is known.
   /// @param share_divisor one in so many of a parent's beams crosses one of its children, in the mean.
   /// @param passed of this scan's `beams` in the parent, those that passed the child.
+  /// @param cell_part of the parent that the child lies in: if it was but partly seen, what is known of it is
+  ///   known of those parts alone.
   [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, int share_divisor, std::size_t passed,
-                                       std::size_t beams) const {
+                                       std::size_t beams, int cell_part = 0) const {
     constexpr double kOtherWays = 0.05;
     EvidenceCell child;
-    if (!parent.observed()) return child;
+    const bool was_seen = parent.is_partly_seen() && (parent.seen_parts() >> cell_part & 1u) != 0;
+    if (!parent.observed() && !was_seen) return child;
     const double mean = 1.0 / share_divisor;
     const double share_now = (static_cast<double>(passed) + options_.inherited_beams * mean) /
                              (static_cast<double>(beams) + options_.inherited_beams);

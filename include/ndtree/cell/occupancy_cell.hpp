@@ -73,6 +73,9 @@ class OccupancyCell {
     return cell;
   }
 
+  /// The class invariant: a cell that was never updated is all zeros.
+  [[nodiscard]] bool is_consistent() const { return observed() || *this == OccupancyCell{}; }
+
   friend bool operator==(const OccupancyCell& a, const OccupancyCell& b) {
     return a.counts_ == b.counts_ && a.log_odds_ == b.log_odds_;
   }

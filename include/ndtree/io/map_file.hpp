@@ -30,11 +30,12 @@ struct MapFileHeader {
 // u32 branching, u32 dim, text refinement, u32 number of options, each text name and f64 value, 3 u64
 // counters, i32 level and D i64 lower corner of the root, the nodes depth first, u32 CRC-32 of all before it.
 // A text is u16 length and bytes. A node is the u32 0x80000000 if it has children, which follow; 0 for a leaf
-// that was never observed; else the cell's words, each u32: first its counts, then its log-odds as f32.
+// that no beam has passed; else the cell's words, each u32: first its counts, then its log-odds as f32.
 namespace detail {
 
 inline constexpr std::string_view kMapFileMagic{"\x89NDT\r\n\x1a\n", 8};
-inline constexpr std::uint32_t kMapFileVersion = 2;
+inline constexpr std::uint32_t kMapFileVersion = 3;
+inline constexpr std::uint32_t kOldestMapFileVersion = 2;  // No cell was partly seen.
 inline constexpr std::uint32_t kInnerNode = 0x80000000u;
 inline constexpr std::size_t kMapFilePreamble = 20;
 
@@ -46,7 +47,7 @@ void write_nodes(const Tree& tree, const typename Tree::NodeType& node, ByteWrit
     for (int j = 0; j < Tree::kNumChildren; ++j) write_nodes(tree, children[j], out);
   } else {
     const auto words = node.cell().words();
-    for (std::size_t i = 0; i < words.size() && (i == 0 || node.cell().observed()); ++i) out.put(words[i]);
+    for (std::size_t i = 0; i < words.size() && (i == 0 || words[0] != 0); ++i) out.put(words[i]);
   }
 }
 
@@ -66,7 +67,7 @@ void read_nodes(Tree& tree, typename Tree::NodeType& node, int level, ByteReader
   std::array<std::uint32_t, Tree::Cell::kNumWords> words{word};
   for (std::size_t i = 1; i < words.size(); ++i) words[i] = in.get<std::uint32_t>();
   const auto cell = Tree::Cell::from_words(words);
-  if (!cell.observed() || cell.words() != words)
+  if (cell.words() != words)
     throw std::runtime_error("a cell with counts that no map writes, at byte " +
                              std::to_string(in.position()));
   node.become_leaf(cell);
@@ -78,9 +79,10 @@ inline std::string_view checked_payload(std::string_view bytes, MapFileHeader& h
     throw std::runtime_error(bytes.empty() ? "the file is empty: not an ndtree map" : "not an ndtree map");
   ByteReader in(bytes.substr(kMapFileMagic.size()));
   header.version = in.get<std::uint32_t>();
-  if (header.version != kMapFileVersion)
+  if (header.version < kOldestMapFileVersion || header.version > kMapFileVersion)
     throw std::runtime_error("format version " + std::to_string(header.version) +
-                             ": this ndtree reads version " + std::to_string(kMapFileVersion));
+                             ": this ndtree reads versions " + std::to_string(kOldestMapFileVersion) +
+                             " to " + std::to_string(kMapFileVersion));
   const auto length = in.get<std::uint64_t>();
   const std::uint64_t held = bytes.size() - kMapFilePreamble;
   if (held < 4 || length != held - 4)

@@ -46,6 +46,7 @@ struct CompressReport {
 
 namespace detail {
 
+/// No merge makes known what was never observed, or unknown what was.
 /// Merges in the order of what they lose for each observed leaf that they save, the cheapest first, until the
 /// budget is met; a merge makes its parent the next candidate. Equal costs go by the order of depth-first
 /// visits.
@@ -53,22 +54,23 @@ template <class Tree, class MergeRule>
 class Compression {
   using Joined = typename MergeRule::Joined;
   using Ref = typename Tree::Ref;
+  using Cell = typename Tree::Cell;
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
  public:
   /// @param other_bytes what the map holds beside its tree.
   Compression(Tree& tree, const MergeRule& rule, int coarsest_level, std::size_t other_bytes)
       : tree_(tree), rule_(rule), other_bytes_(other_bytes) {
-    collect(tree.root(), kNone, coarsest_level);
+    least_leaves_ = collect(tree.root(), kNone, coarsest_level).leaves;
   }
 
-  /// @throws std::invalid_argument if max_leaves or max_bytes is less than cells of max_cell_size need; the
-  ///   tree is then unchanged.
+  /// @throws std::invalid_argument if max_leaves or max_bytes is less than what is left if all is merged that
+  ///   may be; the tree is then unchanged.
   CompressReport run(const CompressBudget& budget) {
     budget.validate();
     if (budget.max_leaves && *budget.max_leaves < least_leaves_)
       refuse("max_leaves", *budget.max_leaves, least_leaves_);
-    const std::size_t least_bytes = bytes_of(tree_.num_inner_nodes() - inner_nodes_.size());
+    const std::size_t least_bytes = bytes_of(tree_.num_inner_nodes() - most_merges_);
     if (budget.max_bytes && *budget.max_bytes < least_bytes)
       refuse("max_bytes", *budget.max_bytes, least_bytes);
     CompressReport report;
@@ -116,15 +118,18 @@ class Compression {
   }
   [[noreturn]] static void refuse(const char* name, std::size_t value, std::size_t least) {
     throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + ": must be at least " +
-                                std::to_string(least) + ", what cells of max_cell_size need");
+                                std::to_string(least) + ", what merging leaves at least");
   }
 
-  /// @returns whether anything below was observed.
-  bool collect(const Ref& ref, std::size_t parent, int coarsest_level) {
+  /// What a subtree may become: one cell, if all in it may be merged; and how many leaves remain.
+  struct Least {
+    std::optional<Cell> cell;
+    std::size_t leaves = 0;  // Observed.
+  };
+  Least collect(const Ref& ref, std::size_t parent, int coarsest_level) {
     if (ref.is_leaf()) {
       leaves_ += ref.cell().observed();
-      if (ref.index.level >= coarsest_level) least_leaves_ += ref.cell().observed();
-      return ref.cell().observed();
+      return {ref.cell(), static_cast<std::size_t>(ref.cell().observed())};
     }
     std::size_t here = kNone;
     if (ref.index.level <= coarsest_level) {
@@ -132,16 +137,26 @@ class Compression {
       inner_nodes_.push_back({ref.node, parent, 0});
       if (parent != kNone) ++inner_nodes_[parent].divided_children;
     }
-    bool observed = false;
-    for (int j = 0; j < Tree::kNumChildren; ++j)
-      observed = collect(tree_.child(ref, j), here, coarsest_level) || observed;
-    if (ref.index.level == coarsest_level) least_leaves_ += observed;
-    return observed;
+    Least least;
+    std::vector<typename Tree::NodeType> merged;
+    for (int j = 0; j < Tree::kNumChildren; ++j) {
+      const Least child = collect(tree_.child(ref, j), here, coarsest_level);
+      least.leaves += child.leaves;
+      if (child.cell) merged.emplace_back().become_leaf(*child.cell);
+    }
+    if (here == kNone || merged.size() < static_cast<std::size_t>(Tree::kNumChildren)) return least;
+    const Joined joined = join(merged.data());
+    if (joined.mixes_unknown) return least;
+    ++most_merges_;
+    return {joined.cell, static_cast<std::size_t>(joined.cell.observed())};
+  }
+  [[nodiscard]] Joined join(const typename Tree::NodeType* siblings) const {
+    return rule_.join(siblings, Tree::kNumChildren, kShareDivisor<Tree>);
   }
 
   void consider(std::size_t node) {
-    const Joined joined =
-        rule_.join(tree_.children(*inner_nodes_[node].node), Tree::kNumChildren, kShareDivisor<Tree>);
+    const Joined joined = join(tree_.children(*inner_nodes_[node].node));
+    if (joined.mixes_unknown) return;
     candidates_.push({joined.loss / std::max(1, joined.observed - 1), node, joined});
   }
 
@@ -151,7 +166,8 @@ class Compression {
   std::vector<InnerNode> inner_nodes_;  // Of levels that may merge, parents before children.
   std::priority_queue<Candidate, std::vector<Candidate>, std::greater<>> candidates_;
   std::size_t leaves_ = 0;
-  std::size_t least_leaves_ = 0;
+  std::size_t least_leaves_ = 0;  // Observed ones that merging leaves at least, ...
+  std::size_t most_merges_ = 0;   // ... and the merges until then.
 };
 
 }  // namespace detail

@@ -12,11 +12,17 @@
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/split_test.hpp"
 #include "ndtree/core/option.hpp"
+#include "ndtree/mapping/coverage.hpp"
 
 namespace ndtree {
 
 /// The options of a map; those of the sensor, the split test and the merge rule are among its members.
-struct MapOptions : SensorOptions, SplitOptions, MergeOptions, EvidenceOptions, EvidenceMergeOptions {
+struct MapOptions : SensorOptions,
+                    SplitOptions,
+                    MergeOptions,
+                    EvidenceOptions,
+                    EvidenceMergeOptions,
+                    CoverageOptions {
   double min_cell_size = 0.05;  ///< Leaves are never split below this edge length [m].
   /// No larger cell is ever updated [m]. The map uses the largest min_cell_size * N^k that is not above it.
   double max_cell_size = 1.6;
@@ -31,6 +37,7 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions, EvidenceOptions, 
     MergeOptions::for_each_bounded(options, visit);
     EvidenceOptions::for_each_bounded(options, visit);
     EvidenceMergeOptions::for_each_bounded(options, visit);
+    CoverageOptions::for_each_bounded(options, visit);
   }
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
@@ -56,7 +63,7 @@ struct MapOptions : SensorOptions, SplitOptions, MergeOptions, EvidenceOptions, 
   for (const char* const name :
        {"split_probability", "merge_loss", "inherited_beams", "noise_sigmas", "evidence_memory",
         "free_memory", "scan_beams", "known_evidence", "sample_beams", "evidence_prior", "change_probability",
-        "evidence_half_life"})
+        "evidence_half_life", "covered_share", "coverage_cells"})
     if (option == name) return "evidence";
   return {};
 }
@@ -90,6 +97,8 @@ void for_each_option(Options& options, Visit&& visit) {
   visit("evidence_prior", options.evidence_prior);
   visit("change_probability", options.change_probability);
   visit("evidence_half_life", options.evidence_half_life);
+  visit("covered_share", options.covered_share);
+  visit("coverage_cells", options.coverage_cells);
 }
 
 }  // namespace ndtree

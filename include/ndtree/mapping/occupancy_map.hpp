@@ -222,8 +222,8 @@ class OccupancyMap {
       if (!(cell.log_odds() >= static_cast<float>(options_.log_odds_min) &&
             cell.log_odds() <= static_cast<float>(options_.log_odds_max)))
         throw std::logic_error("a leaf with log-odds " + std::to_string(cell.log_odds()) + ": out of bounds");
-      if (!cell.observed() && cell != Cell{})
-        throw std::logic_error("a leaf that was never observed holds evidence");
+      if (!cell.is_consistent())
+        throw std::logic_error("a leaf that was never observed holds more than what was seen of it");
     });
   }
 

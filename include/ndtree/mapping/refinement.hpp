@@ -13,6 +13,7 @@
 #include "ndtree/cell/partial_occupancy.hpp"
 #include "ndtree/cell/split_test.hpp"
 #include "ndtree/mapping/beam_update.hpp"
+#include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan_update.hpp"
 
@@ -54,12 +55,14 @@ struct EvidenceRefinement {
   using Update = ScanUpdate<Tree, EvidenceRefinement, Sensor>;
 
   EvidenceModel model;
+  CoverageModel coverage;
   PartialOccupancyModel partial_occupancy;
   EvidenceMergeRule merge_rule;
   double split_probability;
 
   explicit EvidenceRefinement(const MapOptions& options)
       : model(options, options),
+        coverage(options),
         partial_occupancy(options),
         merge_rule(options, model),
         split_probability(options.split_probability) {}

@@ -286,6 +286,18 @@ class ScanIndex {
                        size);
   }
 
+  /// How far a beam reaches along the axis of its face [m].
+  [[nodiscard]] double depth_of(const ScanBeam<D>& beam) const {
+    return std::abs(beam.path[faces_[beam.face].axis]);
+  }
+  /// Edge of the square that a beam stands for, if those of its face are spread evenly [m]: its share of the
+  /// solid angle, but not more than a tenth of the depth. Of a lone beam nobody knows it: `if_alone`.
+  [[nodiscard]] double width_of_beam(std::uint32_t number, double depth, double if_alone) const {
+    constexpr double kWidest = 0.1;
+    const Face& face = faces_[number];
+    return face.num_beams > 1 ? depth * std::min(kWidest, 1.0 / face.density) : if_alone;
+  }
+
   /// @returns false if no beam of the face crosses the box.
   bool look(std::uint32_t number, const Box<D>& box, View& view) const {
     const Face& face = faces_[number];

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -17,6 +18,7 @@
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
+#include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan_index.hpp"
 #include "ndtree/mapping/update_counters.hpp"
@@ -262,7 +264,9 @@ class ScanWalk {
       ScanEvidence scan;
       sample = look_into(ref, box, part, scan);
       if (!sample) return false;
-      if (ref.index.level == finest_level_ || !refinement_.splits(ref.cell(), scan))
+      const CoverageVerdict seen = look_at_coverage(ref, box, part, *sample, scan);
+      if (!seen.is_enough && !seen.shows_more) return remember(ref.cell(), seen.parts, scan);
+      if (ref.index.level == finest_level_ || (seen.is_enough && !refinement_.splits(ref.cell(), scan)))
         return update(ref.cell(), scan);
       parent = ref.cell();
       beams = count(part, box, *sample).all;
@@ -277,13 +281,16 @@ class ScanWalk {
     for (int j = 0; j < kNumChildren; ++j) {
       const auto k = static_cast<std::size_t>(j);
       if (parts[k].empty()) {
-        if (splits) children[j].cell() = refinement_.model.inherited(parent, kShareDivisor<Tree>, 0, beams);
+        if (splits)
+          children[j].cell() = refinement_.model.inherited(parent, kShareDivisor<Tree>, 0, beams,
+                                                           CellParts<N, D>::of_child(j));
         continue;
       }
       const Box<D> child = tree_.box(index[k]);
       if (splits)
-        children[j].cell() = refinement_.model.inherited(parent, kShareDivisor<Tree>,
-                                                         count(parts[k], child, *sample).passed, beams);
+        children[j].cell() =
+            refinement_.model.inherited(parent, kShareDivisor<Tree>, count(parts[k], child, *sample).passed,
+                                        beams, CellParts<N, D>::of_child(j));
       changed = descend(Ref{children + j, index[k]}, child, parts[k]) || changed;
     }
 
@@ -305,6 +312,60 @@ class ScanWalk {
       --counters_.splits;
     else
       ++counters_.merges;
+    return true;
+  }
+
+  /// Whether enough of a leaf was seen to update it as a whole. Cells that are observed were seen before;
+  /// hits speak for themselves; and no cell can be smaller than the smallest.
+  [[nodiscard]] CoverageVerdict look_at_coverage(const Ref& leaf, const Box<D>& box, const Part& part,
+                                                 const Sample& sample, const ScanEvidence& scan) const {
+    const CoverageModel& model = refinement_.coverage;
+    const EvidenceCell& cell = leaf.cell();
+    if (!model.is_on() || cell.observed() || leaf.index.level == finest_level_ || scan.beams == 0 ||
+        scan.hits > 0 || scan.occupied > 0)
+      return {0, true, false};
+    const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
+    const double size = tree_.geometry().cell_size(leaf.index.level);
+    return model.judge(coverage_of(leaf, box, part, sample), seen_before, size / smallest_size_);
+  }
+  [[nodiscard]] ScanCoverage<N, D> coverage_of(const Ref& leaf, const Box<D>& box, const Part& part,
+                                               const Sample& sample) const {
+    const double child_size = tree_.geometry().cell_size(leaf.index.level - 1);
+    ScanCoverage<N, D> coverage;
+    for_each_crossing(part, box, sample, [&](const Crossing<D>* crossing, std::size_t n) {
+      const std::uint32_t face = crossing->beam->face;  // Of all of them.
+      // Those of a sample stand for those that are not in it, too.
+      const double spread = widening(std::min(1.0, share_of(face, sample)));
+      for (std::size_t i = 0; i < n; ++i) {
+        const ScanBeam<D>& beam = *crossing[i].beam;
+        const double depth = index_.depth_of(beam);
+        BeamStepper<N, D>(tree_.geometry(), index_.origin(face), beam.path)
+            .for_each_child(
+                leaf.index, crossing[i].t_enter, std::min(crossing[i].t_exit, 1.0),
+                [&](int child, const CellIndex<D>&, double t_enter, double t_exit) {
+                  const double middle = 0.5 * (t_enter + t_exit) * depth;
+                  const double width = spread * index_.width_of_beam(face, middle, smallest_size_);
+                  coverage.add(child, (t_exit - t_enter) * depth / child_size, width / child_size);
+                  return true;
+                });
+      }
+      return true;
+    });
+    return coverage;
+  }
+  /// How much wider beams get if only a share of them is left.
+  [[nodiscard]] static double widening(double share) {
+    if constexpr (D < 2) return 1.0;
+    if constexpr (D == 2) return 1.0 / share;
+    if constexpr (D == 3) return 1.0 / std::sqrt(share);
+    return std::pow(share, -1.0 / (D - 1));
+  }
+
+  bool remember(EvidenceCell& cell, std::uint32_t parts, const ScanEvidence& scan) {
+    const EvidenceCell before = cell;
+    refinement_.model.remember(cell, parts, scan);
+    if (cell == before) return false;
+    counters_.updates += scan.beams;
     return true;
   }
 

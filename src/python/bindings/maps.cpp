@@ -386,7 +386,7 @@ ValueError
 
 Siblings join in the order of what that loses for each leaf saved: the logarithm of how much better several
 cells explain the beams than one does (a Bayes factor), and the divergence of their occupancies from the one of
-the cell that takes their place. Later scans go on from there. Only for maps refined by "evidence".
+the cell that takes their place. What was never observed stays unknown. Later scans go on from there. Only for maps refined by "evidence".
 
 Parameters
 ----------
@@ -584,6 +584,12 @@ change_probability : float
     forgets what was before; 0 for never ("evidence").
 evidence_half_life : float
     A cell's evidence halves in so many scans that observe it; 0 for never ("evidence") [scans].
+covered_share : float
+    A large cell is known once so much of it was seen, a small one once less; 0: as soon as a beam passed it
+    ("evidence").
+coverage_cells : float
+    A cell of which a part was not seen splits to show it if it is larger than so many of min_cell_size
+    ("evidence").
 significance : float
     Confidence of the chi-square test that splits a cell ("paper").
 merge_free_below, merge_occupied_above : float

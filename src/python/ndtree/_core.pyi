@@ -199,6 +199,8 @@ class AdaptiveMap(OccupancyMap):
         evidence_prior: float = ...,
         change_probability: float = ...,
         evidence_half_life: float = ...,
+        covered_share: float = ...,
+        coverage_cells: float = ...,
         significance: float = ...,
         merge_free_below: float = ...,
         merge_occupied_above: float = ...,

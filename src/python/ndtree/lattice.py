@@ -275,7 +275,8 @@ def coarsened(cells: Cells, size: int) -> tuple[Cells, Integers]:
     """The cells with those smaller than `size` units made one where they share a cell of that size.
 
     Returns the cells and, for each of the old ones, the number of its new one. What is joined has the largest
-    probability and state, and the sum of the hits and misses. `size` is a power of the branching.
+    probability, and the sum of the hits and misses; it is occupied if any of it is, else unknown if any of it
+    is, else free. `size` is a power of the branching.
     """
     edge = np.maximum(cells.size, size)
     lower = cells.lower // edge[:, None] * edge[:, None]
@@ -285,13 +286,16 @@ def coarsened(cells: Cells, size: int) -> tuple[Cells, Integers]:
     first = np.flatnonzero(begins)
     number = np.empty(len(cells), dtype=np.int64)
     number[order] = np.cumsum(begins) - 1
+    state = np.maximum.reduceat(cells.state[order], first)
     joined = replace(
         cells,
         lower=lower[order[first]],
         size=edge[order[first]],
         probability=np.maximum.reduceat(cells.probability[order], first),
         observed=np.maximum.reduceat(cells.observed[order], first),
-        state=np.maximum.reduceat(cells.state[order], first),
+        state=np.where((state == 0) & (np.minimum.reduceat(cells.state[order], first) < 0), -1, state).astype(
+            np.int8
+        ),
         hits=np.add.reduceat(cells.hits[order], first),
         misses=np.add.reduceat(cells.misses[order], first),
     )

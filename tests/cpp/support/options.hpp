@@ -49,6 +49,8 @@ inline MapOptions spelled_out_options(double min_cell_size, double max_cell_size
   options.evidence_prior = 0.5;
   options.change_probability = 1e-5;
   options.evidence_half_life = 0.0;
+  options.covered_share = 0.0;
+  options.coverage_cells = 2.0;
   return options;
 }
 

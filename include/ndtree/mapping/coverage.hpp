@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// How much of a cell the beams of a scan have seen, and whether that is enough to speak of the whole cell.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "ndtree/core/option.hpp"
+#include "ndtree/tree/child_index.hpp"
+
+namespace ndtree {
+
+struct CoverageOptions {
+  double covered_share =
+      0.75;  ///< Of large cells, to be known; less of small ones. 0: whatever a beam passes.
+  double coverage_cells = 2.0;  ///< To show what was seen, cells of more than so many smallest ones split.
+
+  /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
+  template <class Options, class Visit>
+  static void for_each_bounded(Options& options, Visit&& visit) {
+    visit("covered_share", options.covered_share, OptionBounds{0.0, 1.0});
+    visit("coverage_cells", options.coverage_cells, OptionBounds{1.0, 1e9});
+  }
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const { for_each_bounded(*this, require_within); }
+};
+
+/// A cell, in two along each of its first axes, of which four count at most: a set of parts fits 16 bits.
+template <int N, int D>
+struct CellParts {
+  static constexpr int kAxes = D < 4 ? D : 4;
+  static constexpr int kCount = 1 << kAxes;
+  static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
+
+  /// The part that a child belongs to; of an odd N the middle belongs to the lower half.
+  [[nodiscard]] static int of_child(int number) { return table()[static_cast<std::size_t>(number)]; }
+
+ private:
+  [[nodiscard]] static const std::array<std::uint8_t, kNumChildren>& table() {
+    static const std::array<std::uint8_t, kNumChildren> parts = [] {
+      std::array<std::uint8_t, kNumChildren> result{};
+      for (int j = 0; j < kNumChildren; ++j) {
+        const Offset<D> offset = child_offset<N, D>(j);
+        for (std::size_t a = 0; a < static_cast<std::size_t>(kAxes); ++a)
+          if (2 * offset[a] >= N) result[static_cast<std::size_t>(j)] |= static_cast<std::uint8_t>(1u << a);
+      }
+      return result;
+    }();
+    return parts;
+  }
+};
+
+/// What the beams of one scan have seen of the children of one cell: sums of whole numbers, so that the order
+/// of the beams does not matter.
+///
+/// A beam stands for its share of solid angle: it sees its way through a child, times its width there on each
+/// axis across, which is no more than the child's own.
+template <int N, int D>
+class ScanCoverage {
+ public:
+  static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
+
+  /// @param way through the child along the main axis of the beam, over the child's edge.
+  /// @param width of what the beam stands for there, over the child's edge.
+  void add(int child, double way, double width) {
+    of_child_[static_cast<std::size_t>(child)] += units(way * across(std::min(width, 1.0)));
+    of_cell_ += units(way * across(std::min(width, static_cast<double>(N))));
+    way_ += units(way);
+  }
+  /// Seen share of a child; more than 1 where beams are closer than they are elsewhere.
+  [[nodiscard]] double of_child(int number) const {
+    return static_cast<double>(of_child_[static_cast<std::size_t>(number)]) * kUnit;
+  }
+  /// The same of the whole cell.
+  [[nodiscard]] double of_cell() const { return static_cast<double>(of_cell_) * kUnit / kNumChildren; }
+  /// Beams that would pass straight through one child if it was seen like those that were.
+  [[nodiscard]] double beams_for_child() const {
+    std::int64_t seen = 0;
+    for (const std::int64_t child : of_child_) seen += child;
+    return seen > 0 ? static_cast<double>(way_) / static_cast<double>(seen) : 0.0;
+  }
+
+ private:
+  static constexpr double kUnit = 1.0 / (1 << 20);
+
+  [[nodiscard]] static std::int64_t units(double x) { return static_cast<std::int64_t>(x / kUnit + 0.5); }
+  [[nodiscard]] static double across(double width) {
+    double area = 1.0;
+    for (int a = 1; a < D; ++a) area *= width;
+    return area;
+  }
+
+  std::array<std::int64_t, kNumChildren> of_child_{};
+  std::int64_t of_cell_ = 0;
+  std::int64_t way_ = 0;
+};
+
+/// What follows from what was seen of a cell that was never observed.
+struct CoverageVerdict {
+  std::uint32_t parts = 0;  ///< Seen by now, one bit for each of CellParts.
+  bool is_enough = true;    ///< What the beams say holds for the whole cell.
+  bool shows_more = false;  ///< If not: smaller cells would tell what was seen from what was not.
+};
+
+/// When a cell may be called free as a whole. A beam through a corner has seen the corner; what it says must
+/// not become the state of a cell in which nobody has looked.
+///
+/// A child is *missing* if less than a quarter of it was seen, and if that is more than chance: n beams would
+/// pass it if it was seen like the rest of the cell, and their number scatters by sqrt(n). So "half of the
+/// cell was never looked into" is told from "few beams, but spread all over it": where beams are farther
+/// apart than children are wide, none is missing. A cell of which a child is missing splits if it is larger
+/// than coverage_cells.
+///
+/// Other cells are known as soon as enough of them was seen, by one scan, or in parts by several; until then
+/// they keep in mind which. Enough of a cell that is s smallest cells wide is covered_share (1 - 1 / s)^D: of
+/// one of the smallest, whatever a beam passes, as in a map of equal cells; of large ones, most.
+class CoverageModel {
+ public:
+  explicit CoverageModel(const CoverageOptions& options)
+      : share_(options.covered_share), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
+
+  /// Whether cells have to be seen, and not only passed.
+  [[nodiscard]] bool is_on() const { return share_ > 0.0; }
+
+  /// @param seen_before parts of the cell, one bit each. @param size the cell's edge, in smallest cells.
+  template <int N, int D>
+  [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before,
+                                      double size) const {
+    using Parts = CellParts<N, D>;
+    constexpr double kLeast = 0.25;
+    constexpr double kDeviations = 1.1;
+    const double missing_below = std::min(kLeast, 1.0 - kDeviations / std::sqrt(scan.beams_for_child()));
+    bool is_missing = false;
+    std::array<double, Parts::kCount> seen{};  // In children.
+    std::array<int, Parts::kCount> children{};
+    for (int j = 0; j < Parts::kNumChildren; ++j) {
+      const auto part = static_cast<std::size_t>(Parts::of_child(j));
+      ++children[part];
+      seen[part] += std::min(1.0, scan.of_child(j));
+      is_missing = is_missing || (scan.of_child(j) < missing_below && (seen_before >> part & 1u) == 0);
+    }
+    CoverageVerdict verdict{seen_before};
+    int seen_children = 0;
+    for (std::size_t p = 0; p < seen.size(); ++p) {
+      if (seen[p] >= kLeast * children[p]) verdict.parts |= 1u << p;
+      if ((verdict.parts >> p & 1u) != 0) seen_children += children[p];
+    }
+    verdict.shows_more = is_missing && size > least_to_split_;
+    const double share = std::max(scan.of_cell(), static_cast<double>(seen_children) / Parts::kNumChildren);
+    verdict.is_enough = !verdict.shows_more && share >= enough<D>(size);
+    return verdict;
+  }
+
+ private:
+  template <int D>
+  [[nodiscard]] double enough(double size) const {
+    double share = share_;
+    for (int a = 0; a < D; ++a) share *= 1.0 - 1.0 / size;
+    return share;
+  }
+
+  double share_;
+  double least_to_split_;
+};
+
+}  // namespace ndtree

@@ -1,0 +1,354 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What nobody looked at stays unknown: half-seen cells, what several scans see together, and what merging,
+/// compressing and files make of it.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/point.hpp"
+#include "options.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
+
+namespace ndtree::test {
+namespace {
+
+constexpr double kUnit = 0.1;
+
+MapOptions options_of(int branching, int levels) {
+  MapOptions options = spelled_out_options(kUnit, kUnit * std::pow(branching, levels));
+  options.range_sigma = 0.01;
+  options.sample_beams = 2.0;
+  options.covered_share = 0.75;
+  return options;
+}
+
+/// Beams without return from one point, through a grid of directions: along axis 0, and up to `lower` and
+/// `upper` times as far along each other axis.
+template <int D>
+Scan<D> fan(const Vector<D>& origin, double depth, double lower, double upper, int count) {
+  std::vector<Vector<D>> endpoints;
+  std::vector<int> at(static_cast<std::size_t>(D), 0);
+  for (;;) {
+    Vector<D> path = Vector<D>::Constant(1.0);
+    for (int a = 1; a < D; ++a)
+      path[a] = lower + (upper - lower) * (at[static_cast<std::size_t>(a)] + 0.5) / count;
+    endpoints.push_back(origin + depth * path);
+    int a = 1;
+    for (; a < D && ++at[static_cast<std::size_t>(a)] == count; ++a) at[static_cast<std::size_t>(a)] = 0;
+    if (a >= D) break;
+  }
+  Scan<D> scan;
+  scan.origins = origin;
+  scan.endpoints.resize(D, static_cast<Eigen::Index>(endpoints.size()));
+  for (std::size_t i = 0; i < endpoints.size(); ++i)
+    scan.endpoints.col(static_cast<Eigen::Index>(i)) = endpoints[i];
+  scan.returned = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(scan.size(), false);
+  return scan;
+}
+
+template <class S>
+class CoverageOf : public ::testing::Test {};
+TYPED_TEST_SUITE(CoverageOf, Shapes, ShapeNames);
+
+/// How much of a box is free, by points.
+template <class Map>
+double share_free(const Map& map, const Vector<Map::kDim>& lower, const Vector<Map::kDim>& upper) {
+  Random random(5);
+  int free = 0;
+  constexpr int kPoints = 400;
+  for (int i = 0; i < kPoints; ++i) {
+    Vector<Map::kDim> point;
+    for (int a = 0; a < Map::kDim; ++a) point[a] = random.uniform(lower[a], upper[a]);
+    free += state(map, point) == CellState::free;
+  }
+  return static_cast<double>(free) / kPoints;
+}
+
+TYPED_TEST(CoverageOf, OnlyTheSideThatWasLookedIntoIsFreeHoweverOften) {
+  NDTREE_SHAPE;
+  if constexpr (D >= 2) {
+    const int levels = N == 2 ? 4 : 2;
+    AdaptiveMap<N, D> map(options_of(N, levels));
+    const double edge = kUnit * std::pow(N, levels);
+    // One coarsest cell ahead, of which beams pass the children of large coordinates along axis 1.
+    const double border = edge * (N / 2) / N;
+    Vector<D> origin = Vector<D>::Constant(border);
+    origin[0] = -3.0 * edge;
+    Scan<D> scan = fan<D>(origin, 5.0 * edge, -0.25, 0.25, D <= 2 ? 400 : D == 3 ? 60 : 20);
+    for (Eigen::Index i = 0; i < scan.size(); ++i)
+      if (scan.endpoints(1, i) < origin[1]) scan.endpoints.col(i) = origin;  // Says nothing.
+    Vector<D> lower = Vector<D>::Constant(0.0);
+    Vector<D> upper = Vector<D>::Constant(edge);
+    Vector<D> seen_lower = lower;
+    seen_lower[1] = border;
+    Vector<D> unseen_upper = upper;
+    unseen_upper[1] = border;
+    for (const int scans : {1, 30}) {
+      for (int i = 0; i < scans; ++i) map.insert(scan);
+      ASSERT_NO_THROW(map.check_invariants());
+      EXPECT_GT(share_free(map, seen_lower, upper), 0.97) << scans;
+      EXPECT_LT(share_free(map, lower, unseen_upper), 0.01) << scans;
+    }
+    // Another place looks into the rest: all is free, and the cell is whole.
+    const std::size_t before = map.stats().observed_leaves;
+    EXPECT_GT(before, 1u);
+    const Scan<D> rest = fan<D>(origin, 5.0 * edge, -0.25, 0.25, D <= 2 ? 400 : D == 3 ? 60 : 20);
+    for (int i = 0; i < 30; ++i) map.insert(rest);
+    EXPECT_GT(share_free(map, lower, upper), 0.99);
+    const auto leaf = map.tree().find_leaf(Vector<D>(Vector<D>::Constant(0.5 * edge)));
+    ASSERT_TRUE(leaf);
+    EXPECT_EQ(leaf->index.level, 0) << "siblings join again";
+  }
+}
+
+TYPED_TEST(CoverageOf, FewBeamsSpreadAllOverACellSeeAllOfIt) {
+  NDTREE_SHAPE;
+  if constexpr (D >= 2) {
+    AdaptiveMap<N, D> map(options_of(N, N == 2 ? 3 : 2));
+    const double edge = map.options().max_cell_size;
+    Vector<D> origin = Vector<D>::Constant(0.5 * edge);
+    origin[0] = -8.0 * edge;
+    map.insert(fan<D>(origin, 16.0 * edge, -0.5, 0.5, 12));  // About two thirds of the cell apart there.
+    Vector<D> upper = Vector<D>::Constant(edge);
+    EXPECT_GT(share_free(map, Vector<D>::Zero(), upper), 0.9);
+    EXPECT_LE(map.tree().find_leaf(Vector<D>(Vector<D>::Constant(0.5 * edge)))->index.level, 0);
+  }
+}
+
+TYPED_TEST(CoverageOf, NothingFarFromAllBeamsIsFree) {
+  NDTREE_SHAPE;
+  Random random(21);
+  SCOPED_TRACE(random.trace());
+  AdaptiveMap<N, D> map(options_of(N, N == 2 ? 4 : 2));
+  const double reach = 3.0;
+  std::vector<Vector<D>> ends;
+  Vector<D> origin = Vector<D>::Constant(0.05);
+  for (int scan = 0; scan < 3; ++scan) {
+    Scan<D> beams;
+    beams.origins = origin;
+    beams.endpoints.resize(D, 300);
+    for (Eigen::Index i = 0; i < beams.size(); ++i) {
+      for (int a = 0; a < D; ++a)
+        beams.endpoints(a, i) = reach * random.uniform(a == 0 ? 0.3 : -0.5, 0.5 + (a == 0));
+      ends.emplace_back(beams.endpoints.col(i));
+    }
+    map.insert(beams);
+  }
+  int asked = 0;
+  int free = 0;
+  for (int i = 0; i < 2000; ++i) {
+    Vector<D> point;
+    for (int a = 0; a < D; ++a) point[a] = random.uniform(-reach, reach);
+    bool is_far = true;
+    for (const Vector<D>& end : ends) {
+      const Vector<D> path = end - origin;
+      const double t = std::clamp((point - origin).dot(path) / path.squaredNorm(), 0.0, 1.0);
+      is_far = is_far && (origin + t * path - point).norm() > 0.6;
+    }
+    if (!is_far) continue;
+    ++asked;
+    free += state(map, point) == CellState::free;
+  }
+  EXPECT_GT(asked, 300);
+  EXPECT_LE(free, D == 1 ? 0 : asked / 50) << "of " << asked;
+}
+
+TYPED_TEST(CoverageOf, ALoneBeamFreesItsWayAndNoMore) {
+  NDTREE_SHAPE;
+  AdaptiveMap<N, D> map(options_of(N, N == 2 ? 4 : 2));
+  Scan<D> scan;
+  scan.origins = Vector<D>::Constant(0.05);
+  scan.endpoints = Vector<D>::Constant(0.05);
+  scan.endpoints(0, 0) = 2.05;
+  map.insert(scan);
+  for (double x = 0.35; x < 1.9; x += 0.05) {
+    Vector<D> point = Vector<D>::Constant(0.05);
+    point[0] = x;
+    EXPECT_EQ(state(map, point), CellState::free) << x;
+    if (D == 1) continue;
+    point[D - 1] = 0.55;
+    EXPECT_EQ(state(map, point), CellState::unknown) << x;
+  }
+  EXPECT_EQ(state(map, Vector<D>(scan.endpoints.col(0))), CellState::occupied);
+}
+
+TYPED_TEST(CoverageOf, CompressingMakesNothingKnownThatWasNeverSeen) {
+  NDTREE_SHAPE;
+  Random random(9);
+  SCOPED_TRACE(random.trace());
+  AdaptiveMap<N, D> map(options_of(N, N == 2 ? 3 : 2));
+  for (int scan = 0; scan < 6; ++scan) {
+    Scan<D> beams;
+    beams.origins = Vector<D>::Constant(random.uniform(-0.3, 0.3));
+    beams.endpoints.resize(D, 200);
+    for (Eigen::Index i = 0; i < beams.size(); ++i)
+      for (int a = 0; a < D; ++a) beams.endpoints(a, i) = random.uniform(a == 0 ? 1.0 : -1.0, 1.5);
+    map.insert(beams);
+  }
+  auto small = map;
+  const CompressReport report = small.compress({1e9, {}, {}});
+  ASSERT_NO_THROW(small.check_invariants());
+  EXPECT_GT(report.merges, 0u);
+  int unknown = 0;
+  for (int i = 0; i < 3000; ++i) {
+    Vector<D> point;
+    for (int a = 0; a < D; ++a) point[a] = random.uniform(-1.5, 1.5);
+    if (state(map, point) != CellState::unknown) continue;
+    ++unknown;
+    EXPECT_EQ(state(small, point), CellState::unknown);
+  }
+  EXPECT_GT(unknown, 200);
+}
+
+TYPED_TEST(CoverageOf, FilesKeepWhatWasPartlySeen) {
+  NDTREE_SHAPE;
+  Random random(17);
+  SCOPED_TRACE(random.trace());
+  AdaptiveMap<N, D> map(options_of(N, N == 2 ? 4 : 2));
+  const auto scan = [&] {
+    Scan<D> beams;
+    beams.origins = Vector<D>::Constant(random.uniform(-0.2, 0.2));
+    beams.endpoints.resize(D, 40);
+    for (Eigen::Index i = 0; i < beams.size(); ++i)
+      for (int a = 0; a < D; ++a) beams.endpoints(a, i) = random.uniform(-3.0, 3.0);
+    return beams;
+  };
+  int partly_seen = 0;
+  for (int i = 0; i < 6; ++i) {
+    const Scan<D> next = scan();
+    auto again = from_bytes<AdaptiveMap<N, D>>(to_bytes(map));
+    ASSERT_EQ(to_bytes(again), to_bytes(map));
+    map.insert(next);
+    again.insert(next);
+    ASSERT_EQ(to_bytes(again), to_bytes(map)) << "a map goes on from its file as if nothing had happened";
+    for_each_leaf(map.tree(), [&](const auto& leaf) { partly_seen += leaf.cell().is_partly_seen(); });
+  }
+  EXPECT_GE(partly_seen, D == 1 ? 0 : 10);
+}
+
+TEST(Coverage, SumsAreShares) {
+  ScanCoverage<2, 3> coverage;
+  EXPECT_EQ(coverage.of_cell(), 0.0);
+  EXPECT_EQ(coverage.beams_for_child(), 0.0);
+  coverage.add(3, 1.0, 0.5);  // A quarter of the child.
+  EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.25);
+  EXPECT_DOUBLE_EQ(coverage.of_child(0), 0.0);
+  EXPECT_DOUBLE_EQ(coverage.of_cell(), 0.25 / 8.0);
+  EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 4.0);
+  coverage.add(3, 0.5, 3.0);  // Wider than the cell: no more of the child than its half.
+  EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.75);
+  EXPECT_DOUBLE_EQ(coverage.of_cell(), (0.25 + 0.5 * 4.0) / 8.0);
+}
+
+TEST(Coverage, VerdictsFollowTheRule) {
+  const CoverageModel model(CoverageOptions{});  // 0.75, 2 cells.
+  struct Row {
+    int beams_a_child;       // Each sees an equal share of it.
+    std::uint32_t children;  // That are seen, of four.
+    std::uint32_t before;
+    double size;
+    std::uint32_t parts;
+    bool is_enough, shows_more;
+  };
+  const Row rows[] = {
+      {16, 0b1111, 0, 8.0, 0b1111, true, false},
+      {16, 0b0011, 0, 8.0, 0b0011, false, true},       // Half was never looked into.
+      {16, 0b0011, 0b1100, 8.0, 0b1111, true, false},  // An earlier scan saw the rest.
+      {16, 0b0011, 0, 2.0, 0b0011, true, false},       // 0.75 / 4 of so small a cell are enough.
+      {1, 0b0011, 0, 8.0, 0b0011, false, false},       // Too few to tell, and 0.75 (7 / 8)² is more.
+      {1, 0b0111, 0, 8.0, 0b0111, true, false},        //
+      {1, 0b0001, 0b0110, 8.0, 0b0111, true, false},   // Together they have seen enough.
+      {1, 0b0001, 0b0001, 8.0, 0b0001, false, false},  // The same again is no more.
+  };
+  int cases = 0;
+  for (const Row& row : rows) {
+    ScanCoverage<2, 2> scan;
+    for (int child = 0; child < 4; ++child)
+      if ((row.children >> child & 1u) != 0)
+        for (int i = 0; i < row.beams_a_child; ++i) scan.add(child, 1.0, 1.0 / row.beams_a_child);
+    const CoverageVerdict verdict = model.judge(scan, row.before, row.size);
+    EXPECT_EQ(verdict.parts, row.parts) << cases;
+    EXPECT_EQ(verdict.is_enough, row.is_enough) << cases;
+    EXPECT_EQ(verdict.shows_more, row.shows_more) << cases;
+    ++cases;
+  }
+  EXPECT_EQ(cases, 8);
+}
+
+TEST(Coverage, PartsTileTheChildren) {
+  EXPECT_EQ((CellParts<2, 3>::kCount), 8);
+  for (int j = 0; j < 8; ++j) EXPECT_EQ((CellParts<2, 3>::of_child(j)), j);
+  int lower = 0;
+  for (int j = 0; j < 9; ++j) lower += CellParts<3, 2>::of_child(j) == 0;
+  EXPECT_EQ(lower, 4) << "of three, the middle belongs to the lower half";
+  EXPECT_EQ((CellParts<2, 6>::kCount), 16);
+}
+
+TEST(Coverage, APartlySeenCellKeepsPartsAndEvidenceAndKnowsNothing) {
+  EvidenceCell cell;
+  cell.set_partly_seen(0xa5f1, 777);
+  EXPECT_TRUE(cell.is_partly_seen());
+  EXPECT_TRUE(cell.is_consistent());
+  EXPECT_FALSE(cell.observed());
+  EXPECT_EQ(cell.state(), CellState::unknown);
+  EXPECT_EQ(cell.log_odds(), 0.0f);
+  EXPECT_EQ(cell.seen_parts(), 0xa5f1u);
+  EXPECT_EQ(cell.free_evidence(), 777);
+  EXPECT_EQ(cell.occupied_evidence(), 0);
+  EXPECT_EQ(EvidenceCell::from_words(cell.words()), cell);
+  const MapOptions options = spelled_out_options(0.1, 0.4);
+  const EvidenceModel model(options, options);
+  ScanEvidence scan;
+  scan.free = 104;
+  scan.misses = scan.beams = 1;
+  model.update(cell, scan);
+  EXPECT_FALSE(cell.is_partly_seen());
+  EXPECT_TRUE(cell.observed() && cell.is_consistent());
+  EXPECT_EQ(cell.free_evidence(), 777 + 104) << "what was seen before counts, too";
+  EXPECT_EQ(cell.state(), CellState::free);
+}
+
+TEST(Coverage, FilesFromBeforeThereWasCoverageAreRead) {
+  const std::string hex =
+      "894e44540d0a1a0a0200000057030000000000000200000002000000080065766964656e6365190000000d006d696e5f"
+      "63656c6c5f73697a65000000000000d03f0d006d61785f63656c6c5f73697a65000000000000f03f0b0072616e67655f"
+      "7369676d619a9999999999a93f150072616e67655f7369676d615f71756164726174696300000000000000000f007072"
+      "6f626162696c6974795f6d696e9a9999999999d93f0f0070726f626162696c6974795f6d6178666666666666e63f0c00"
+      "6c6f675f6f6464735f6d696e00000000000000c00c006c6f675f6f6464735f6d61780000000000000c4013006d697373"
+      "5f676976656e5f6f636375706965649a9999999999b93f0e006869745f676976656e5f667265659a9999999999a93f0c"
+      "007369676e69666963616e6365d7a3703d0ad7ef3f10006d657267655f667265655f62656c6f77a4703d0ad7a3c03f14"
+      "006d657267655f6f636375706965645f61626f7665b81e85eb51b8ee3f110073706c69745f70726f626162696c697479"
+      "666666666666e63f0a006d657267655f6c6f737300000000000010400f00696e686572697465645f6265616d73000000"
+      "00000000400c006e6f6973655f7369676d6173000000000000f03f0f0065766964656e63655f6d656d6f727900000000"
+      "000069400b00667265655f6d656d6f727900000000000049400a007363616e5f6265616d7300000000000050400e006b"
+      "6e6f776e5f65766964656e636500000000000049400c0073616d706c655f6265616d7300000000000000400e00657669"
+      "64656e63655f7072696f72000000000000e03f12006368616e67655f70726f626162696c697479f168e388b5f8e43e12"
+      "0065766964656e63655f68616c665f6c6966650000000000000000130000000000000005000000000000000000000000"
+      "000000010000000000000000000000000000000000000000000080000a004054a8e7bf8e020000000000800006004089"
+      "5aa0bf4001000000000080010084405971623f0000b60000000000010084405971623f0000b6000000000000060040ec"
+      "2da3bf4a01000000000080010084405971623f0000b60000000000010084405971623f0000b600000000000000000000"
+      "00008000020040391fecbe4b0000000000008000020440036f373d0300090000000000010084405971623f0000b60000"
+      "0000000000000000000000519fc8bc";
+  std::string bytes;
+  for (std::size_t i = 0; i < hex.size(); i += 2)
+    bytes.push_back(static_cast<char>(std::stoi(hex.substr(i, 2), nullptr, 16)));
+  const auto map = from_bytes<AdaptiveMap<2, 2>>(bytes);
+  EXPECT_EQ(map_file_header(bytes).version, 2u);
+  EXPECT_EQ(map.stats().observed_leaves, 10u);
+  EXPECT_EQ(state(map, Vector<2>(0.6, 0.3)), CellState::free);
+  EXPECT_EQ(state(map, Vector<2>(1.6, 0.9)), CellState::occupied);
+  EXPECT_EQ(to_bytes(from_bytes<AdaptiveMap<2, 2>>(to_bytes(map))), to_bytes(map));
+}
+
+}  // namespace
+}  // namespace ndtree::test
