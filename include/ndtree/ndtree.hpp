@@ -3,6 +3,7 @@
 /// All of ndtree but the log readers and simulated worlds.
 #pragma once
 
+#include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/io/dense_grid.hpp"
 #include "ndtree/io/map_file.hpp"

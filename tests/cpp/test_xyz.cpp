@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "ndtree/logs/random.hpp"
+#include "ndtree/core/random.hpp"
 #include "ndtree/logs/xyz.hpp"
 
 namespace {

@@ -25,14 +25,19 @@ PARAMETERS = {
     "split_probability", "merge_loss", "inherited_beams", "noise_sigmas", "evidence_memory", "evidence_prior",
     "free_memory", "scan_beams", "known_evidence", "sample_beams",
     "probability_clip", "change_probability", "evidence_half_life", "covered_share", "coverage_cells",
+    "claims_samples", "claims_spacings", "claims_tolerance", "claims_margin", "claims_middle", "claims_seed",
 }  # fmt: skip
 TRUTH = {
     "free", "occupied", "unknown", "samples", "endpoints_near", "endpoints", "casts_within", "casts",
     "median_error", "balanced_accuracy", "log_score",
 }  # fmt: skip
+CLAIMS = {
+    "points", "seen", "free", "free_and_unseen", "unknown_and_seen", "free_unseen", "seen_unknown",
+    "wrong_volume",
+}  # fmt: skip
 MAP = {
     "map", "refinement", "cells", "leaves", "nodes", "updates", "splits", "merges", "seconds",
-    "beams_per_second", "memory_bytes", "bytes_per_node", "resident_bytes", "truth", "cell_sizes",
+    "beams_per_second", "memory_bytes", "bytes_per_node", "resident_bytes", "truth", "claims", "cell_sizes",
 }  # fmt: skip
 
 
@@ -175,6 +180,16 @@ def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching
         assert truth["endpoints_near"] <= truth["endpoints"]
         assert truth["casts_within"] <= truth["casts"]
         assert truth["free"] > 0.1 * truth["samples"]
+        claims = entry["claims"]
+        assert set(claims) == CLAIMS
+        wrong = claims["free_and_unseen"], claims["unknown_and_seen"]
+        assert claims["points"] == report["parameters"]["claims_samples"] == 40_000
+        assert claims["seen"] > 1000 and claims["free"] > 300
+        assert math.isclose(claims["free_unseen"], wrong[0] / claims["free"])
+        assert math.isclose(claims["seen_unknown"], wrong[1] / claims["seen"])
+        assert math.isclose(claims["wrong_volume"], sum(wrong) / claims["seen"])
+        for share in ("free_unseen", "seen_unknown", "wrong_volume"):
+            assert f"{100 * claims[share]:.1f} %" in table
         assert sum(size["leaves"] for size in entry["cell_sizes"]) == entry["leaves"]
         if not octomap:
             assert sum(size["observed"] for size in entry["cell_sizes"]) == entry["cells"]
@@ -195,6 +210,32 @@ def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching
     for key in ("cells", "nodes", "updates", "memory_bytes"):
         assert math.isclose(report["ratios"][key], adaptive[key] / fixed[key])
     assert report["ratios"]["cells"] < 0.5 and report["ratios"]["updates"] < 0.5
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_claims_are_those_of_the_python_module(tmp_path, dim):
+    ndtree = pytest.importorskip("ndtree")
+    log = tmp_path / "room.txt"
+    log.write_text(text_log(dim))
+    maps = ["adaptive", "paper", "fixed"] + ["octomap"] * (has_octomap() and ndtree.has_octomap)
+    report, table = report_of(log, "--maps", ",".join(maps), "--max-range", 3.1)
+    theirs = ndtree.compare(ndtree.read(log), maps, max_range=3.1)
+    for entry, row in zip(report["maps"], theirs["maps"]):
+        assert entry["map"] == row["map"]
+        assert entry["claims"] == row["claims"]
+    for label in ("free but unseen", "seen but unknown", "wrong volume"):
+        assert label in table
+
+
+def test_in_a_simulated_world_the_line_of_sight_decides(tmp_path):
+    ndtree = pytest.importorskip("ndtree")
+    target = tmp_path / "office.json"
+    call("--world", "office", "--limit", 20, "--repeat", 1, "--maps", "fixed", "--json", target)
+    claims = json.loads(target.read_text())["maps"][0]["claims"]
+    log = ndtree.simulate("office")
+    mapped = [log[i] for i in range(20) if i % 10 != 9]
+    seen = int(log.seen_space(mapped).seen.sum())
+    assert claims["seen"] == seen != int(ndtree.SeenSpace(mapped).seen.sum())
 
 
 def test_octomap_counts_as_the_fixed_map_does(log):

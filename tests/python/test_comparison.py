@@ -167,7 +167,7 @@ def test_repeat_times_each_map_as_often_and_changes_nothing_else(log: ndtree.Log
         assert one["updates"] == three["updates"]
     names = list(dict.fromkeys(call[0] for call in calls))
     runs = [f"{name}, run {run}" for run in (1, 2, 3) for name in ("adaptive", "fixed")]
-    assert names == ["reading", *runs, "adaptive, truth", "fixed, truth"]
+    assert names == ["reading", *runs, "what the scans saw", "adaptive, truth", "fixed, truth"]
 
 
 def test_octomap_takes_part_where_it_is(log: ndtree.Log) -> None:

@@ -24,11 +24,24 @@ struct Job {
   const std::string& name;
   const std::vector<Scan<D>>& scans;
   const ComparisonOptions& options;
+  const SimulatedLog<D>* simulation;  ///< Null: the log is not simulated, or not in D dimensions.
 
   [[nodiscard]] bool is_held_out(std::size_t i) const {
     return options.held_out != 0 && i % options.held_out == options.held_out - 1;
   }
 };
+
+/// What the mapped scans saw; in a simulated world, what its sensor could see from their origins.
+template <int D>
+SeenSpace<D> seen_space(const Job<D>& job) {
+  const ComparisonOptions& options = job.options;
+  std::vector<ScanView<D>> scans;
+  for (std::size_t i = 0; i < job.scans.size(); ++i)
+    if (!job.is_held_out(i)) scans.push_back(job.scans[i].view());
+  if (job.simulation == nullptr) return SeenSpace<D>(scans, options.max_range, options.claims);
+  const double max_range = std::min(options.max_range, job.simulation->range.max_range);
+  return SeenSpace<D>(scans, max_range, options.claims, job.simulation->world);
+}
 
 /// With one thread, for OctoMap has no more.
 template <class Map, int D>
@@ -121,17 +134,19 @@ void describe(const OctomapBaseline& map, MapResult& result) {
 #endif
 
 /// One map of the comparison, of any type.
+template <int D>
 struct Candidate {
   std::string name;
   std::function<std::optional<std::size_t>()> resident_bytes;
-  std::function<InsertReport(MapResult&)> measure;  ///< All but time and resident memory.
+  /// All but time and resident memory.
+  std::function<InsertReport(MapResult&, const SeenSpace<D>&)> measure;
   std::function<double()> seconds;
 };
 
 /// @param make makes an empty map.
 template <int D, class Make>
-Candidate candidate(const std::string& name, const Job<D>& job, Make make) {
-  Candidate result;
+Candidate<D> candidate(const std::string& name, const Job<D>& job, Make make) {
+  Candidate<D> result;
   result.name = name;
   result.resident_bytes = [&job, make] {
     return resident_growth([&] {
@@ -140,13 +155,14 @@ Candidate candidate(const std::string& name, const Job<D>& job, Make make) {
       return map;
     });
   };
-  result.measure = [&job, make](MapResult& into) {
+  result.measure = [&job, make](MapResult& into, const SeenSpace<D>& space) {
     auto map = make();
     const InsertReport report = map_all(map, job);
     describe(map, into);
     for (std::size_t i = 0; i < job.scans.size(); ++i)
       if (job.is_held_out(i))
         evaluate(map, job.scans[i].view(), job.options.max_range, into.truth, job.options.truth);
+    into.claims = claims(map, space);
     return report;
   };
   result.seconds = [&job, make] {
@@ -157,14 +173,14 @@ Candidate candidate(const std::string& name, const Job<D>& job, Make make) {
 }
 
 template <int N, int D>
-Candidate own_candidate(const std::string& name, const Job<D>& job) {
+Candidate<D> own_candidate(const std::string& name, const Job<D>& job) {
   if (name == "adaptive") return candidate(name, job, [&job] { return AdaptiveMap<N, D>(job.options.map); });
   if (name == "paper") return candidate(name, job, [&job] { return PaperMap<N, D>(job.options.map); });
   return candidate(name, job, [&job] { return FixedMap<N, D>(job.options.map); });
 }
 
 template <int D>
-Candidate candidate_called(const std::string& name, const Job<D>& job) {
+Candidate<D> candidate_called(const std::string& name, const Job<D>& job) {
 #ifdef NDTREE_HAVE_OCTOMAP
   const auto octomap = [&](OctomapInsertion insertion) {
     return candidate(name, job, [&job, insertion] {
@@ -182,11 +198,11 @@ Candidate candidate_called(const std::string& name, const Job<D>& job) {
 
 template <int D>
 void run(const Job<D>& job, const Progress& progress, Comparison& comparison) {
-  std::vector<Candidate> candidates;
+  std::vector<Candidate<D>> candidates;
   for (const std::string& name : job.options.maps) candidates.push_back(candidate_called(name, job));
   comparison.maps.resize(candidates.size());
 
-  const auto steps = static_cast<double>(candidates.size()) * (job.options.repeat + 2);
+  const auto steps = static_cast<double>(candidates.size()) * (job.options.repeat + 2) + 1.0;
   double step = 0.0;
   const auto tell = [&](const std::string& what) { progress(what, step++ / steps); };
 
@@ -195,10 +211,12 @@ void run(const Job<D>& job, const Progress& progress, Comparison& comparison) {
     tell(candidates[i].name + ", memory");
     comparison.maps[i].resident_bytes = candidates[i].resident_bytes();
   }
+  tell("what the scans saw");
+  const SeenSpace<D> space = seen_space(job);
   for (std::size_t i = 0; i < candidates.size(); ++i) {
     tell(candidates[i].name + ", truth");
     comparison.maps[i].map = candidates[i].name;
-    comparison.beams = candidates[i].measure(comparison.maps[i]);
+    comparison.beams = candidates[i].measure(comparison.maps[i], space);
   }
   for (int r = 0; r < job.options.repeat; ++r)
     for (std::size_t i = 0; i < candidates.size(); ++i) {
@@ -216,6 +234,7 @@ void run(const Job<D>& job, const Progress& progress, Comparison& comparison) {
 void ComparisonOptions::validate() const {
   map.validate();
   truth.validate();
+  claims.validate();
   require_option(branching >= 2 && branching <= 4, "branching", branching, "2, 3 or 4");
   require_option(max_range > 0.0, "max_range", max_range, "> 0 m");
   require_option(held_out != 1, "held_out", 1.0, "0, for none, or at least 2");
@@ -243,9 +262,11 @@ Comparison compare(const Log& log, const ComparisonOptions& options, const Progr
   comparison.dim = log.dim();
   comparison.options = options;
   if (log.dim() == 2)
-    run(Job<2>{log.name, std::get<0>(log.scans), options}, progress, comparison);
+    run(Job<2>{log.name, std::get<0>(log.scans), options, std::get_if<SimulatedLog<2>>(&log.simulation)},
+        progress, comparison);
   else
-    run(Job<3>{log.name, std::get<1>(log.scans), options}, progress, comparison);
+    run(Job<3>{log.name, std::get<1>(log.scans), options, std::get_if<SimulatedLog<3>>(&log.simulation)},
+        progress, comparison);
   return comparison;
 }
 

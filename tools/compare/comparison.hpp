@@ -13,6 +13,7 @@
 
 #include "log_input.hpp"
 #include "ndtree/core/beam.hpp"
+#include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
@@ -37,6 +38,7 @@ struct ComparisonOptions {
   int repeat = 5;                      ///< Timed runs of each map; they alternate run by run.
   std::vector<std::string> maps;       ///< Of kAllMaps, in the order of the report.
   HeldOutTruthOptions truth;
+  ClaimsOptions claims;
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const;
@@ -63,6 +65,7 @@ struct MapResult {
   std::size_t memory_bytes = 0;
   std::optional<std::size_t> resident_bytes;  ///< Growth of a process that builds only this map.
   HeldOutTruth truth;
+  Claims claims;                          ///< About what the mapped scans saw.
   std::vector<CellSizeCount> cell_sizes;  ///< The largest first.
 };
 

@@ -17,7 +17,6 @@
 
 #include "ndtree/core/types.hpp"
 #include "ndtree/logs/carmen.hpp"
-#include "ndtree/logs/simulator.hpp"
 #include "ndtree/logs/xyz.hpp"
 #include "npz.hpp"
 
@@ -240,10 +239,11 @@ void change_dimension(Scans& scans, std::optional<int> dim) {
 }
 
 template <int D>
-std::vector<Scan<D>> all_scans(const SimulatedLog<D>& log, std::size_t limit) {
+void take(SimulatedLog<D> simulation, std::size_t limit, Log& log) {
   std::vector<Scan<D>> scans;
-  for (std::size_t i = 0; i < std::min(log.size(), limit); ++i) scans.push_back(log.scan(i));
-  return scans;
+  for (std::size_t i = 0; i < std::min(simulation.size(), limit); ++i) scans.push_back(simulation.scan(i));
+  log.scans = std::move(scans);
+  log.simulation = std::move(simulation);
 }
 
 }  // namespace
@@ -265,11 +265,11 @@ Log simulate_log(const std::string& world, std::optional<int> dim, std::size_t l
   Log log;
   log.name = "world " + world;
   if (world == "office")
-    log.scans = all_scans(simulate_office(), limit);
+    take(simulate_office(), limit, log);
   else if (world == "apartment")
-    log.scans = all_scans(simulate_apartment(), limit);
+    take(simulate_apartment(), limit, log);
   else if (world == "street")
-    log.scans = all_scans(simulate_street(), limit);
+    take(simulate_street(), limit, log);
   else
     throw InputError("world " + world + ": expected office, apartment or street");
   try {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "ndtree/core/scan.hpp"
+#include "ndtree/logs/simulator.hpp"
 
 namespace ndtree {
 
@@ -24,6 +25,8 @@ class InputError : public std::runtime_error {
 struct Log {
   std::string name;  ///< The file's path, or "world office".
   std::variant<std::vector<Scan<2>>, std::vector<Scan<3>>> scans;
+  /// Of a simulated log: what was measured, in the world's own dimension.
+  std::variant<std::monostate, SimulatedLog<2>, SimulatedLog<3>> simulation;
 
   [[nodiscard]] int dim() const { return scans.index() == 0 ? 2 : 3; }
 };

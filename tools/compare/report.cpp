@@ -64,6 +64,12 @@ Json parameters(const ComparisonOptions& options) {
   json["cast_tolerance"] = options.truth.cast_tolerance;
   json["cast_overshoot"] = options.truth.cast_overshoot;
   json["probability_clip"] = options.truth.probability_clip;
+  json["claims_samples"] = options.claims.samples;
+  json["claims_spacings"] = options.claims.spacings;
+  json["claims_tolerance"] = options.claims.tolerance;
+  json["claims_margin"] = options.claims.margin;
+  json["claims_middle"] = options.claims.middle;
+  json["claims_seed"] = options.claims.seed;
   return json;
 }
 
@@ -79,6 +85,17 @@ Json truth(const HeldOutTruth& truth) {
           {"balanced_accuracy", nullable(truth.balanced_accuracy())},
           {"log_score", nullable(truth.log_score())},
           {"median_error", nullable(truth.median_cast_error().value_or(HUGE_VAL))}};
+}
+
+Json claims(const Claims& claims) {
+  return {{"points", claims.points},
+          {"seen", claims.seen},
+          {"free", claims.free},
+          {"free_and_unseen", claims.free_and_unseen},
+          {"unknown_and_seen", claims.unknown_and_seen},
+          {"free_unseen", nullable(claims.free_unseen())},
+          {"seen_unknown", nullable(claims.seen_unknown())},
+          {"wrong_volume", nullable(claims.wrong_volume())}};
 }
 
 Json map_entry(const MapResult& map, std::uint64_t beams) {
@@ -102,7 +119,8 @@ Json map_entry(const MapResult& map, std::uint64_t beams) {
       {"memory_bytes", map.memory_bytes},
       {"bytes_per_node", nullable(static_cast<double>(map.memory_bytes) / static_cast<double>(map.nodes))},
       {"resident_bytes", nullable(map.resident_bytes)},
-      {"truth", truth(map.truth)}};
+      {"truth", truth(map.truth)},
+      {"claims", claims(map.claims)}};
   if (!map.cells_pruned) json.erase("cells_pruned");
   json["cell_sizes"] = Json::array();
   for (const CellSizeCount& count : map.cell_sizes)
@@ -261,6 +279,9 @@ void add_map_rows(const Json& maps, Table& table) {
   row("log score [nats]", [](const Json& map) { return decimals(map["truth"]["log_score"], 4); });
   row_of_truth("ray casts right", "casts_within", "casts");
   row("  median error [m]", [](const Json& map) { return decimals(map["truth"]["median_error"], 4); });
+  row("free but unseen", [](const Json& map) { return percent(map["claims"]["free_unseen"]); });
+  row("seen but unknown", [](const Json& map) { return percent(map["claims"]["seen_unknown"]); });
+  row("wrong volume", [](const Json& map) { return percent(map["claims"]["wrong_volume"]); });
 }
 
 void add_size_rows(const Json& maps, Table& table) {
@@ -382,6 +403,7 @@ std::string to_csv(const Json& json) {
       add(key, map.value(key, Json()));
     for (const auto& [key, value] : map["seconds"].items()) add("seconds_" + key, value);
     for (const auto& [key, value] : map["truth"].items()) add("truth_" + key, value);
+    for (const auto& [key, value] : map["claims"].items()) add("claims_" + key, value);
     for (const auto& [key, value] : json["beams"].items()) add("beams_" + key, value);
     for (const auto& [key, value] : json["parameters"].items()) add("parameter_" + key, value);
     lines += line + "\n";

@@ -14,10 +14,10 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/random.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/logs/path.hpp"
-#include "ndtree/logs/random.hpp"
 #include "ndtree/logs/sensors.hpp"
 #include "ndtree/logs/world.hpp"
 #include "ndtree/logs/worlds_apartment.hpp"

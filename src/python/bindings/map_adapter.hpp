@@ -6,10 +6,12 @@
 #include <Eigen/Core>
 #include <limits>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <type_traits>
 #include <utility>
+#include <variant>
 
 #include "map_interface.hpp"
 #include "ndtree/io/map_file.hpp"
@@ -51,6 +53,13 @@ class QueryAdapter : public MapInterface {
   }
   void evaluate(const BeamArrays& beams, double max_range, HeldOutTruth& truth) const final {
     ndtree::evaluate(map_, beams.view<D>(), max_range, truth);
+  }
+  [[nodiscard]] Claims claims(const AnySeenSpace& any) const final {
+    const SeenSpace<D>* const own = std::get_if<SeenSpace<D>>(&any.space);
+    if (own == nullptr)
+      throw std::invalid_argument("space has dim = " + std::to_string(any.dim()) + ": must be " +
+                                  std::to_string(D) + " as the map");
+    return ndtree::claims(map_, *own);
   }
 
  protected:

@@ -10,9 +10,11 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "map_exports.hpp"
+#include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "numpy.hpp"
@@ -31,6 +33,13 @@ struct LeafArrays {
 
 struct PythonStats : MapStats {
   std::optional<std::size_t> pruned_leaves;  ///< After OctoMap's prune(); none for our maps.
+};
+
+/// Of any dimension that maps have.
+struct AnySeenSpace {
+  std::variant<SeenSpace<2>, SeenSpace<3>, SeenSpace<4>> space;
+
+  [[nodiscard]] int dim() const { return static_cast<int>(space.index()) + 2; }
 };
 
 /// Points and results are bare pointers, dim doubles a point: no call touches a Python object, so that all
@@ -63,6 +72,8 @@ class MapInterface {
   virtual void cast_rays(const double* origins, std::size_t origin_step, const double* directions,
                          std::size_t n, double max_range, double* out) const = 0;
   virtual void evaluate(const BeamArrays& beams, double max_range, HeldOutTruth& truth) const = 0;
+  /// @throws std::invalid_argument if the space has not the map's dimension.
+  [[nodiscard]] virtual Claims claims(const AnySeenSpace& space) const = 0;
   [[nodiscard]] virtual LeafArrays leaves() const = 0;
   [[nodiscard]] virtual PythonStats stats() const = 0;
   /// The whole state, for pickle.

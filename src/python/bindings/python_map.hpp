@@ -67,6 +67,8 @@ pybind11::object to_python(std::unique_ptr<MapInterface> map);
 void bind_maps(pybind11::module_& module);
 /// @pre bind_maps() has run: it adds methods to its classes.
 void bind_exports(pybind11::module_& module);
+/// @pre as bind_exports().
+void bind_claims(pybind11::module_& module);
 void bind_logs(pybind11::module_& module);
 void bind_statistics(pybind11::module_& module);
 void bind_octomap(pybind11::module_& module);

@@ -12,6 +12,7 @@ Lengths are in metres, arrays are (n, dim), everything is in the map frame.
 
 from ._core import (
     AdaptiveMap,
+    Claims,
     CompressReport,
     FixedMap,
     HeldOutTruth,
@@ -19,6 +20,7 @@ from ._core import (
     Leaves,
     MapStats,
     OccupancyMap,
+    SeenSpace,
     __version__,
     default_options,
     from_bytes,
@@ -49,6 +51,7 @@ else:
 __all__ = [
     "AdaptiveMap",
     "Calibration",
+    "Claims",
     "Comparison",
     "CompressReport",
     "FixedMap",
@@ -61,6 +64,7 @@ __all__ = [
     "OccupancyMap",
     "OctoMap",
     "Scan",
+    "SeenSpace",
     "__version__",
     "calibrate",
     "compare",

@@ -1,10 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import os
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Self
+
+from ndtree.scan import Scan
 
 __version__: Final[str]
 has_octomap: Final[bool]
@@ -106,6 +109,47 @@ class HeldOutTruth:
     def median_error(self) -> float: ...
     def __iadd__(self, other: HeldOutTruth) -> Self: ...
 
+class SeenSpace:
+    def __init__(
+        self,
+        scans: Iterable[Scan],
+        *,
+        max_range: float = ...,
+        simulation: SimulatedLog2 | SimulatedLog3 | None = None,
+        samples: int = ...,
+        spacings: float = ...,
+        tolerance: float = ...,
+        margin: float = ...,
+        middle: float = ...,
+        seed: int = ...,
+    ) -> None: ...
+    @property
+    def dim(self) -> int: ...
+    @property
+    def points(self) -> NDArray[np.float64]: ...
+    @property
+    def seen(self) -> NDArray[np.bool_]: ...
+    @property
+    def box(self) -> NDArray[np.float64] | None: ...
+
+class Claims:
+    @property
+    def points(self) -> int: ...
+    @property
+    def seen(self) -> int: ...
+    @property
+    def free(self) -> int: ...
+    @property
+    def free_and_unseen(self) -> int: ...
+    @property
+    def unknown_and_seen(self) -> int: ...
+    @property
+    def free_unseen(self) -> float: ...
+    @property
+    def seen_unknown(self) -> float: ...
+    @property
+    def wrong_volume(self) -> float: ...
+
 class OccupancyMap:
     @property
     def dim(self) -> int: ...
@@ -148,6 +192,7 @@ class OccupancyMap:
         max_range: float = ...,
         truth: HeldOutTruth | None = None,
     ) -> HeldOutTruth: ...
+    def claims(self, space: SeenSpace) -> Claims: ...
     def to_grid(
         self, box: ArrayLike, cell_size: float | None = None, *, values: str = "state"
     ) -> NDArray[np.int8] | NDArray[np.float32]: ...

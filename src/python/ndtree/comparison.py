@@ -31,6 +31,8 @@ Progress = Callable[[str, int, int], None]
 DEFAULT_MAPS = ("adaptive", "fixed", "octomap") if _core.has_octomap else ("adaptive", "fixed")
 NO_RETURN = ("free", "ignore")
 OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
+CLAIMED = ("points", "seen", "free", "free_and_unseen", "unknown_and_seen")
+SHARES_OF_VOLUME = ("free_unseen", "seen_unknown", "wrong_volume")
 COUNTED = ("leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
 NEEDED = ("cells", "nodes", "updates", "memory_bytes", "resident_bytes")
 
@@ -113,8 +115,13 @@ def compare(
         many end points are within 0.05 m of an occupied cell; how many ray casts end within 0.1 m of the
         measured range, and their median error [m]; "balanced_accuracy", the mean of the shares of free space
         and end points that are right; and "log_score", the mean log-likelihood [nats] of both under the map's
-        probabilities, clipped to [0.02, 0.98]. "exact", on simulated logs, compares with the world
-        itself. "ratios" say what the adaptive map needs of the fixed one.
+        probabilities, clipped to [0.02, 0.98]. "claims" is about space that nobody looked at, and the scans
+        that were mapped: of "points" drawn uniformly around the log's end points, how many were "seen" by
+        some beam's share of its scan's view (`SeenSpace`; on simulated logs by the exact line of sight),
+        and what the map says of them. "free_unseen" is the share of the space called free that was not seen,
+        "seen_unknown" the share of the space seen that is called unknown, and "wrong_volume" both volumes
+        over the volume seen. "exact", on simulated logs, compares with the world itself. "ratios" say what
+        the adaptive map needs of the fixed one.
 
     Raises
     ------
@@ -151,10 +158,12 @@ def compare(
             label = name if repeat == 1 else f"{name}, run {run + 1}"
             _build(built[name], make, mapped, max_range, partial(progress, label))
 
+    space = _seen_space(log, list(mapped.values()), max_range, partial(progress, "what the scans saw"))
     rows = []
     for name, one in built.items():
         row = _figures(name, one)
         row["truth"] = _truth(one.map, unseen, max_range, partial(progress, f"{name}, truth"))
+        row["claims"] = _claims(one.map, space)
         rows.append(row)
     if isinstance(log, SimulatedLog):
         exact = ExactTruth(log, scans, max_range)
@@ -329,6 +338,23 @@ def _truth(
     return result
 
 
+def _seen_space(
+    log: Log | Iterable[Scan], scans: Sequence[Scan], max_range: float, progress: Callable[[int, int], None]
+) -> _core.SeenSpace:
+    progress(0, len(scans))
+    of = log.seen_space if isinstance(log, SimulatedLog) else _core.SeenSpace
+    space = of(scans, max_range=max_range)
+    progress(len(scans), len(scans))
+    return space
+
+
+def _claims(target: OccupancyMap, space: _core.SeenSpace) -> dict[str, Any]:
+    claims = target.claims(space)
+    result: dict[str, Any] = {key: getattr(claims, key) for key in CLAIMED}
+    result.update({key: _finite(getattr(claims, key)) for key in SHARES_OF_VOLUME})
+    return result
+
+
 def _truth_by_size(
     maps: Mapping[str, OccupancyMap], scans: Sequence[Scan], max_range: float
 ) -> dict[str, Any] | None:
@@ -431,6 +457,9 @@ def _table(comparison: Comparison) -> str:
     def exact(where: str, state: str) -> Callable[[dict[str, Any]], str | None]:
         return lambda row: _percent(row["exact"].get(where, {}).get(state), 1) if "exact" in row else None
 
+    def claimed(key: str) -> Callable[[dict[str, Any]], str | None]:
+        return lambda row: _percent(row["claims"][key], 1)
+
     line("cells", lambda row: _grouped(row["cells"]))
     line("  after pruning", lambda row: _grouped(row.get("cells_pruned")))
     line("nodes", lambda row: _grouped(row["nodes"]))
@@ -447,6 +476,9 @@ def _table(comparison: Comparison) -> str:
     line("log score", lambda row: _nats((row["truth"] or {}).get("log_score")))
     line("ray casts within 0.1 m", truth("casts_within", "casts"))
     line("  median error", lambda row: _centimetres((row["truth"] or {}).get("median_error")))
+    line("free but unseen", claimed("free_unseen"))
+    line("seen but unknown", claimed("seen_unknown"))
+    line("wrong volume", claimed("wrong_volume"))
     line("exactly free, called free", exact("free", "free"))
     line("  last 0.1 m before walls", exact("near", "free"))
     line("exactly inside, called occupied", exact("inside", "occupied"))

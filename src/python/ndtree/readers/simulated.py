@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -77,6 +77,32 @@ class SimulatedLog(SizedLog):
             Distances [m], nan where there is no surface.
         """
         return self._simulation.distance(origins, directions, max_range=max_range)
+
+    def seen_space(
+        self, scans: Iterable[Scan], *, max_range: float = math.inf, **options: Any
+    ) -> _core.SeenSpace:
+        """Which space scans of this log saw, by the exact line of sight.
+
+        Parameters
+        ----------
+        scans : iterable of Scan
+            Some or all of this log.
+        max_range : float
+            As for `Scan.insert_into` [m]; the sensor's own limits it, too.
+        **options
+            As in `SeenSpace`: ``samples``, ``spacings``, ``tolerance`` [m], ``margin`` [m], ``middle``,
+            ``seed``.
+
+        Returns
+        -------
+        SeenSpace
+
+        Raises
+        ------
+        ValueError
+            As for `SeenSpace`.
+        """
+        return _core.SeenSpace(scans, max_range=max_range, simulation=self._simulation, **options)
 
 
 def simulate(world: str, *, seed: int = 1, scans: int | None = None, **options: Any) -> SimulatedLog:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// A small random generator whose numbers do not depend on the standard library, for simulated logs.
+/// A small random generator whose numbers do not depend on the standard library.
 #pragma once
 
 #include <cmath>

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "ndtree/evaluation/claims.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "ndtree/logs/simulator.hpp"
+#include "python_map.hpp"
+
+namespace ndtree::python {
+
+using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
+
+namespace {
+
+template <int D>
+AnySeenSpace seen_space(const std::vector<BeamArrays>& scans, const py::object& simulation, double max_range,
+                        const ClaimsOptions& options) {
+  std::vector<ScanView<D>> views;
+  views.reserve(scans.size());
+  for (const BeamArrays& scan : scans) views.push_back(scan.view<D>());
+  if constexpr (D <= 3) {
+    if (!simulation.is_none()) {
+      if (!py::isinstance<SimulatedLog<D>>(simulation))
+        throw py::value_error("simulation: must be a simulated log with dim = " + std::to_string(D) +
+                              ", as the scans");
+      const auto& log = simulation.cast<const SimulatedLog<D>&>();
+      const double farthest = max_range > log.range.max_range ? log.range.max_range : max_range;
+      const py::gil_scoped_release released;
+      return {SeenSpace<D>(views, farthest, options, log.world)};
+    }
+  } else if (!simulation.is_none()) {
+    throw py::value_error("simulation: must be None for scans with dim = " + std::to_string(D));
+  }
+  const py::gil_scoped_release released;
+  return {SeenSpace<D>(views, max_range, options)};
+}
+
+AnySeenSpace make_seen_space(const py::iterable& scans, double max_range, const py::object& simulation,
+                             std::size_t samples, double spacings, double tolerance, double margin,
+                             double middle, std::uint64_t seed) {
+  ClaimsOptions options;
+  options.samples = samples;
+  options.spacings = spacings;
+  options.tolerance = tolerance;
+  options.margin = margin;
+  options.middle = middle;
+  options.seed = seed;
+  options.validate();
+  std::vector<BeamArrays> beams;
+  int dim = 0;
+  for (const py::handle scan : scans) {
+    if (beams.empty()) dim = scan.attr("dim").cast<int>();
+    try {
+      beams.emplace_back(scan.attr("endpoints"), scan.attr("origin"), scan.attr("returned"), dim);
+    } catch (const py::value_error& error) {
+      throw py::value_error("scan " + std::to_string(beams.size()) + ": " + error.what());
+    }
+  }
+  if (beams.empty()) throw py::value_error("scans: none, expected at least one");
+  if (dim == 2) return seen_space<2>(beams, simulation, max_range, options);
+  if (dim == 3) return seen_space<3>(beams, simulation, max_range, options);
+  if (dim == 4) return seen_space<4>(beams, simulation, max_range, options);
+  throw py::value_error("scan 0: dim = " + std::to_string(dim) + ": must be 2, 3 or 4");
+}
+
+py::array_t<double> points_of(const AnySeenSpace& any) {
+  return std::visit(
+      [](const auto& space) {
+        const auto& points = space.points();
+        return py::array_t<double>({py::ssize_t{points.cols()}, py::ssize_t{points.rows()}}, points.data());
+      },
+      any.space);
+}
+
+py::array_t<bool> seen_of(const AnySeenSpace& any) {
+  return std::visit(
+      [](const auto& space) {
+        return py::array_t<bool>(py::ssize_t{space.seen().size()}, space.seen().data());
+      },
+      any.space);
+}
+
+py::object box_of(const AnySeenSpace& any) {
+  return std::visit(
+      [](const auto& space) -> py::object {
+        if (!space.box()) return py::none();
+        const py::ssize_t dim = space.box()->lower.size();
+        py::array_t<double> corners({py::ssize_t{2}, dim});
+        std::copy_n(space.box()->lower.data(), dim, corners.mutable_data(0));
+        std::copy_n(space.box()->upper.data(), dim, corners.mutable_data(1));
+        return corners;
+      },
+      any.space);
+}
+
+double or_nan(std::optional<double> share) {
+  return share.value_or(std::numeric_limits<double>::quiet_NaN());
+}
+
+}  // namespace
+
+void bind_claims(py::module_& module) {
+  const ClaimsOptions defaults;
+  py::class_<AnySeenSpace>(
+      module, "SeenSpace",
+      R"(Points drawn uniformly around the end points of a log, and whether some scan saw them.
+
+A scan has a point in view if its beam that is nearest in direction is at most `spacings` times the median
+distance between neighbouring beams' directions away. It sees the point if that beam goes past it, or
+returned at most `tolerance` before it. Beams are cut at `max_range`, and one that did not return sees up to
+where it ends. Beams from several origins are scans of their own, and a single beam sees nothing. In a
+simulated world the exact line of sight says what is seen of what is in view, as far as the sensor reaches.
+
+Parameters
+----------
+scans : iterable of Scan
+    All of the same dim; 2, 3 or 4.
+max_range : float
+    As for insert() [m].
+simulation : SimulatedLog2 or SimulatedLog3, optional
+    The log that the scans are from. Left out: beams alone say what was seen.
+samples : int
+    Number of points.
+spacings : float
+    Of beams, in which a point is in view.
+tolerance : float
+    How far behind its end point a beam that returned sees [m].
+margin : float
+    The points are drawn up to so far [m] around the box ...
+middle : float
+    ... that holds this share of the end points on each axis.
+seed : int
+    Of the points; equal seeds and logs give equal points.
+
+Raises
+------
+ValueError
+    If there is no scan, the scans differ in dim, or a value is out of its limits; it is named.
+)")
+      .def(py::init(&make_seen_space), "scans"_a, py::kw_only(),
+           "max_range"_a = std::numeric_limits<double>::infinity(), "simulation"_a = py::none(),
+           "samples"_a = defaults.samples, "spacings"_a = defaults.spacings,
+           "tolerance"_a = defaults.tolerance, "margin"_a = defaults.margin, "middle"_a = defaults.middle,
+           "seed"_a = defaults.seed)
+      .def_property_readonly(
+          "dim", [](const AnySeenSpace& any) { return any.dim(); }, "Of the points.")
+      .def_property_readonly("points", &points_of, "(n, dim) float64 [m]; none if no beam says anything.")
+      .def_property_readonly("seen", &seen_of, "(n,) bool: whether some scan saw the point.")
+      .def_property_readonly("box", &box_of,
+                             "(2, dim) float64: lower and upper corner of where the points are [m]; None if "
+                             "no beam says anything.");
+
+  py::class_<Claims>(module, "Claims",
+                     "What a map says about space of which is known whether somebody saw it.\n\n"
+                     "Counts of points that were drawn uniformly, so that shares of them are shares of "
+                     "volume.")
+      .def_readonly("points", &Claims::points, "All.")
+      .def_readonly("seen", &Claims::seen, "Points that some scan saw.")
+      .def_readonly("free", &Claims::free, "Points that the map calls free.")
+      .def_readonly("free_and_unseen", &Claims::free_and_unseen,
+                    "Points that the map calls free, but no scan saw.")
+      .def_readonly("unknown_and_seen", &Claims::unknown_and_seen,
+                    "Points that a scan saw, but the map calls unknown.")
+      .def_property_readonly(
+          "free_unseen", [](const Claims& c) { return or_nan(c.free_unseen()); },
+          "Of the space called free, the share in [0, 1] that was not seen; nan of none.")
+      .def_property_readonly(
+          "seen_unknown", [](const Claims& c) { return or_nan(c.seen_unknown()); },
+          "Of the space seen, the share in [0, 1] that is called unknown; nan of none.")
+      .def_property_readonly(
+          "wrong_volume", [](const Claims& c) { return or_nan(c.wrong_volume()); },
+          "Both volumes over the volume seen; may exceed 1; nan if nothing was seen.");
+
+  auto map_class = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
+  map_class.def(
+      "claims",
+      [](const PythonMap& map, const AnySeenSpace& space) {
+        return map.read([&](const MapInterface& m) { return m.claims(space); });
+      },
+      "space"_a,
+      R"(Compare what the map calls free and unknown with what was seen.
+
+Parameters
+----------
+space : SeenSpace
+    Of the scans that were mapped.
+
+Returns
+-------
+Claims
+
+Raises
+------
+ValueError
+    If the space has another dim than the map.
+)");
+}
+
+}  // namespace ndtree::python

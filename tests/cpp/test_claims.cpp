@@ -1,0 +1,538 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What scans saw: against every beam looked at, on fans whose view is known, and in a world with a ball.
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "ndtree/evaluation/claims.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "options.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
+
+namespace elsewhere {
+
+/// A map of another house: on the x axis unknown, then free from 0, then occupied from 1, then unknown again
+/// from 2.
+struct Stripes {};
+
+ndtree::CellState state(const Stripes&, const ndtree::Vector<2>& point) {
+  return point.x() < 0.0 || point.x() >= 2.0 ? ndtree::CellState::unknown
+         : point.x() < 1.0                   ? ndtree::CellState::free
+                                             : ndtree::CellState::occupied;
+}
+
+}  // namespace elsewhere
+
+namespace ndtree {
+namespace {
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+constexpr double kDegree = 3.14159265358979324 / 180.0;
+
+template <int D>
+std::vector<ScanView<D>> views(const std::vector<Scan<D>>& scans) {
+  std::vector<ScanView<D>> result;
+  for (const Scan<D>& scan : scans) result.push_back(scan.view());
+  return result;
+}
+
+/// Whether one scan sees a point: all beams of one origin after the other, as the text of the measure has it.
+/// @param is_open whether the world lets through from an origin to a point; none: the beams say.
+template <int D, class IsOpen = std::nullptr_t>
+bool sees(const Scan<D>& scan, const Vector<D>& point, double max_range, const ClaimsOptions& options,
+          const IsOpen& is_open = nullptr) {
+  const auto origin_of = [&](Eigen::Index i) {
+    return Vector<D>(scan.origins.col(scan.origins.cols() == 1 ? 0 : i));
+  };
+  std::vector<Eigen::Index> usable;
+  for (Eigen::Index i = 0; i < scan.size(); ++i) {
+    const double length = (scan.endpoints.col(i) - origin_of(i)).norm();
+    if (length > 0.0 && length < 1e300) usable.push_back(i);
+  }
+  const auto direction_of = [&](Eigen::Index i) {
+    const Vector<D> way = scan.endpoints.col(i) - origin_of(i);
+    return Vector<D>(way / way.norm());
+  };
+  for (const Eigen::Index first : usable) {
+    std::vector<Eigen::Index> group;
+    for (const Eigen::Index i : usable)
+      if (origin_of(i) == origin_of(first)) group.push_back(i);
+    if (group.front() != first || group.size() < 2) continue;
+
+    std::vector<double> spacings;
+    for (const Eigen::Index i : group) {
+      double least = HUGE_VAL;
+      for (const Eigen::Index k : group)
+        if (k != i) least = std::min(least, (direction_of(i) - direction_of(k)).norm());
+      spacings.push_back(least);
+    }
+    std::sort(spacings.begin(), spacings.end());
+    const double median = (spacings[(spacings.size() - 1) / 2] + spacings[spacings.size() / 2]) / 2.0;
+
+    const Vector<D> way = point - origin_of(first);
+    const double distance = way.norm();
+    Eigen::Index nearest = first;
+    double angle = HUGE_VAL;
+    for (const Eigen::Index i : group) {
+      const double other = (direction_of(i) - way / distance).norm();
+      if (other < angle) nearest = i;
+      angle = std::min(angle, other);
+    }
+    if (angle > options.spacings * median) continue;
+    const double length = (scan.endpoints.col(nearest) - origin_of(first)).norm();
+    if constexpr (!std::is_same_v<IsOpen, std::nullptr_t>) {
+      if (distance <= max_range && is_open(origin_of(first), point)) return true;
+    } else if (length > max_range || (scan.returned.size() != 0 && !scan.returned[nearest])) {
+      if (distance <= std::min(length, max_range)) return true;
+    } else if (distance - options.tolerance <= length) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/// Scans of beams all around or in a part of the view, of which some did not return, some are invalid, and
+/// the longest are beyond 3 m; some scans have three origins, some but one beam.
+template <int D>
+std::vector<Scan<D>> random_log(test::Random& random) {
+  std::vector<Scan<D>> scans(12);
+  for (std::size_t s = 0; s < scans.size(); ++s) {
+    Scan<D>& scan = scans[s];
+    const int n = s == 0 ? 1 : s == 1 ? 0 : random.integer(2, 90);
+    const bool own_origins = s % 3 == 2;
+    Points<D> origins(D, 3);
+    for (Eigen::Index i = 0; i < origins.size(); ++i) origins.data()[i] = random.uniform(-1.0, 1.0);
+    scan.endpoints.resize(D, n);
+    scan.origins.resize(D, own_origins ? n : 1);
+    scan.origins.col(0).setZero();
+    if (s % 4 != 0) scan.returned.setConstant(n, true);
+    if (!own_origins) scan.origins = origins.col(0);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      Vector<D> way;
+      for (int a = 0; a < D; ++a) way[a] = random.uniform(-1.0, 1.0);
+      if (s % 2 == 0) way[0] = std::abs(way[0]) + 1.0;
+      const Vector<D> origin = origins.col(own_origins ? random.integer(0, 2) : 0);
+      if (own_origins) scan.origins.col(i) = origin;
+      scan.endpoints.col(i) = origin + random.uniform(0.5, 3.5) / way.norm() * way;
+      if (random.chance(0.1)) scan.endpoints.col(i) = origin;
+      if (random.chance(0.1)) scan.endpoints(0, i) = kNan;
+      if (scan.returned.size() != 0) scan.returned[i] = random.chance(0.7);
+    }
+  }
+  return scans;
+}
+
+template <class Shape>
+class SeenSpaceOf : public ::testing::Test {};
+TYPED_TEST_SUITE(SeenSpaceOf, test::Shapes, test::ShapeNames);
+
+TYPED_TEST(SeenSpaceOf, EveryBeamLookedAtSaysTheSame) {
+  constexpr int D = TypeParam::kDim;
+  test::Random random(83);
+  SCOPED_TRACE(random.trace());
+  int seen = 0;
+  int unseen = 0;
+  for (int log = 0; log < 6; ++log) {
+    const std::vector<Scan<D>> scans = random_log<D>(random);
+    ClaimsOptions options;
+    options.samples = 300;
+    options.seed = static_cast<std::uint64_t>(log);
+    options.spacings = log % 2 == 0 ? 1.5 : 0.7;
+    options.tolerance = log % 3 == 0 ? 0.5 : 0.1;
+    const double max_range = log == 5 ? kUnlimitedRange : 3.0;
+    const SeenSpace<D> space(views(scans), max_range, options);
+    ASSERT_EQ(space.points().cols(), 300);
+    ASSERT_EQ(space.seen().size(), 300);
+    for (Eigen::Index i = 0; i < 300; ++i) {
+      const Vector<D> point = space.points().col(i);
+      const bool expected = std::any_of(scans.begin(), scans.end(), [&](const Scan<D>& scan) {
+        return sees<D>(scan, point, max_range, options);
+      });
+      ASSERT_EQ(space.seen()[i], expected) << "log " << log << ", point " << point.transpose();
+      ++(expected ? seen : unseen);
+    }
+  }
+  EXPECT_GT(seen, 150);
+  EXPECT_GT(unseen, 100);
+}
+
+/// A solid ball, and nothing else.
+template <int D>
+struct Ball {
+  Vector<D> center;
+  double radius;
+
+  [[nodiscard]] std::optional<double> distance(const Vector<D>& origin, const Vector<D>& direction,
+                                               double max_range) const {
+    const double along = (center - origin).dot(direction);
+    const double chord = along * along - (center - origin).squaredNorm() + radius * radius;
+    if (chord < 0.0 || along - std::sqrt(chord) < 0.0 || along - std::sqrt(chord) > max_range)
+      return std::nullopt;
+    return along - std::sqrt(chord);
+  }
+};
+
+TYPED_TEST(SeenSpaceOf, WhereTheWorldIsKnownItSaysWhatIsBetween) {
+  constexpr int D = TypeParam::kDim;
+  test::Random random(84);
+  SCOPED_TRACE(random.trace());
+  int seen = 0;
+  int hidden = 0;
+  for (int log = 0; log < 6; ++log) {
+    const std::vector<Scan<D>> scans = random_log<D>(random);
+    ClaimsOptions options;
+    options.samples = 300;
+    options.spacings = 4.0;
+    const Ball<D> ball{Vector<D>::Constant(1.5), 0.45 * std::sqrt(D)};  // No origin is inside.
+    const SeenSpace<D> space(views(scans), 3.0, options, ball);
+    // Nothing is between if no point of the way, without its last 0.1 m, is in the ball.
+    const auto is_open = [&](const Vector<D>& origin, const Vector<D>& point) {
+      const double length = (point - origin).norm();
+      if (length <= 0.1) return true;
+      const Vector<D> end = origin + (1.0 - 0.1 / length) * (point - origin);
+      const double along = (ball.center - origin).dot(end - origin) / (end - origin).squaredNorm();
+      const Vector<D> nearest = origin + std::clamp(along, 0.0, 1.0) * (end - origin);
+      return (nearest - ball.center).norm() > ball.radius;
+    };
+    const auto all = [](const Vector<D>&, const Vector<D>&) { return true; };
+    for (Eigen::Index i = 0; i < 300; ++i) {
+      const Vector<D> point = space.points().col(i);
+      const auto some_scan = [&](const auto& open) {
+        return std::any_of(scans.begin(), scans.end(),
+                           [&](const Scan<D>& scan) { return sees<D>(scan, point, 3.0, options, open); });
+      };
+      ASSERT_EQ(space.seen()[i], some_scan(is_open)) << "log " << log << ", point " << point.transpose();
+      seen += space.seen()[i];
+      hidden += !space.seen()[i] && some_scan(all);
+    }
+  }
+  EXPECT_GT(seen, 200);
+  EXPECT_GT(hidden, 5);
+}
+
+TYPED_TEST(SeenSpaceOf, BoxHoldsTheMiddleOfTheEndPoints) {
+  constexpr int D = TypeParam::kDim;
+  test::Random random(85);
+  SCOPED_TRACE(random.trace());
+  const std::vector<Scan<D>> scans = random_log<D>(random);
+  int cases = 0;
+  for (const double middle : {1.0, 0.98, 0.5}) {
+    for (const double max_range : {kUnlimitedRange, 2.0}) {
+      ClaimsOptions options;
+      options.middle = middle;
+      options.margin = 0.25;
+      options.samples = 2000;
+      const SeenSpace<D> space(views(scans), max_range, options);
+      ASSERT_TRUE(space.box().has_value());
+      for (int a = 0; a < D; ++a) {
+        std::vector<double> ends;
+        for (const Scan<D>& scan : scans)
+          for (Eigen::Index i = 0; i < scan.size(); ++i) {
+            const Vector<D> origin = scan.origins.col(scan.origins.cols() == 1 ? 0 : i);
+            const Vector<D> way = scan.endpoints.col(i) - origin;
+            const double length = way.norm();
+            if (length > 0.0) ends.push_back(origin[a] + std::min(1.0, max_range / length) * way[a]);
+          }
+        std::sort(ends.begin(), ends.end());
+        const auto at = [&](double share) {
+          const double place = share * static_cast<double>(ends.size() - 1);
+          const auto below = static_cast<std::size_t>(place);
+          const std::size_t above = std::min(below + 1, ends.size() - 1);
+          const double part = place - static_cast<double>(below);
+          return (1.0 - part) * ends[below] + part * ends[above];
+        };
+        const double lower = at((1.0 - middle) / 2.0) - 0.25;
+        const double upper = at((1.0 + middle) / 2.0) + 0.25;
+        EXPECT_NEAR(space.box()->lower[a], lower, 1e-9);
+        EXPECT_NEAR(space.box()->upper[a], upper, 1e-9);
+        const auto row = space.points().row(a).array();
+        EXPECT_GE(row.minCoeff(), space.box()->lower[a]);
+        EXPECT_LT(row.maxCoeff(), space.box()->upper[a]);
+        // Uniform: the mean of 2000 is within five standard errors.
+        EXPECT_NEAR(row.mean(), 0.5 * (lower + upper), 5.0 * (upper - lower) / std::sqrt(12.0 * 2000.0));
+        EXPECT_GT((row < lower + 0.1 * (upper - lower)).count(), 130);
+        EXPECT_GT((row > upper - 0.1 * (upper - lower)).count(), 130);
+        ++cases;
+      }
+    }
+  }
+  EXPECT_EQ(cases, 6 * D);
+}
+
+TYPED_TEST(SeenSpaceOf, MapsAreAskedAboutEveryPoint) {
+  NDTREE_SHAPE;
+  test::Random random(86);
+  SCOPED_TRACE(random.trace());
+  const std::vector<Scan<D>> scans = random_log<D>(random);
+  const MapOptions map_options = test::spelled_out_options(0.25, 0.25 * N * N);
+  ClaimsOptions options;
+  options.samples = 3000;
+  const SeenSpace<D> space(views(scans), 3.0, options);
+  int maps = 0;
+  const auto check = [&](auto map) {
+    for (const Scan<D>& scan : scans) map.insert(scan, 3.0);
+    std::size_t free = 0, wrong_free = 0, wrong_unknown = 0;
+    for (Eigen::Index i = 0; i < 3000; ++i) {
+      const CellState found = state(map, Vector<D>(space.points().col(i)));
+      if (found == CellState::free) ++free;
+      if (found == CellState::free && !space.seen()[i]) ++wrong_free;
+      if (found == CellState::unknown && space.seen()[i]) ++wrong_unknown;
+    }
+    const Claims found = claims(map, space);
+    const auto seen = static_cast<std::size_t>(space.seen().count());
+    EXPECT_EQ(found.points, 3000u);
+    EXPECT_EQ(found.seen, seen);
+    EXPECT_EQ(found.free, free);
+    EXPECT_EQ(found.free_and_unseen, wrong_free);
+    EXPECT_EQ(found.unknown_and_seen, wrong_unknown);
+    EXPECT_GT(free, 10u);
+    EXPECT_GT(seen, 100u);
+    ++maps;
+  };
+  check(AdaptiveMap<N, D>(map_options));
+  check(PaperMap<N, D>(map_options));
+  check(FixedMap<N, D>(map_options));
+  EXPECT_EQ(maps, 3);
+}
+
+/// A beam every degree from `first` to `last` [degrees], all `range` long, from the origin.
+Scan<2> fan(int first, int last, double range) {
+  Scan<2> scan;
+  scan.origins = Vector<2>(0.0, 0.0);
+  scan.endpoints.resize(2, last - first + 1);
+  for (int i = first; i <= last; ++i)
+    scan.endpoints.col(i - first) << range * std::cos(i * kDegree), range * std::sin(i * kDegree);
+  return scan;
+}
+
+Scan<2> not_returned(Scan<2> scan) {
+  scan.returned.setConstant(scan.size(), false);
+  return scan;
+}
+
+Scan<2> joined(const Scan<2>& a, const Scan<2>& b) {
+  Scan<2> scan = a;
+  scan.endpoints.conservativeResize(2, a.size() + b.size());
+  scan.endpoints.rightCols(b.size()) = b.endpoints;
+  return scan;
+}
+
+/// Each beam from a place of its own, 1 mm from the next one's.
+Scan<2> from_own_origins(Scan<2> scan) {
+  scan.origins.resize(2, scan.size());
+  for (Eigen::Index i = 0; i < scan.size(); ++i) scan.origins.col(i) << 1e-3 * static_cast<double>(i), 0.0;
+  return scan;
+}
+
+/// Every other beam from 5 m to the right, in the same direction: two fans in one scan.
+Scan<2> from_two_places(Scan<2> scan) {
+  scan.origins = Points<2>::Zero(2, scan.size());
+  for (Eigen::Index i = 1; i < scan.size(); i += 2) {
+    scan.origins(0, i) = 5.0;
+    scan.endpoints(0, i) += 5.0;
+  }
+  return scan;
+}
+
+struct FanCase {
+  const char* what;
+  Scan<2> scan;
+  double max_range;
+  /// How far [m] a fan sees in a direction [degrees, -90 to 270) from its place.
+  double (*sight)(double);
+  double second_place = 0.0;  ///< The x of another, equal fan's place [m]; 0: there is none.
+};
+
+const FanCase kFanCases[] = {
+    {"half-open fan, returned", fan(0, 180, 2.0), kUnlimitedRange,
+     [](double a) { return a > -1.5 && a < 181.5 ? 2.1 : 0.0; }},
+    {"without return there is no tolerance", not_returned(fan(0, 180, 2.0)), kUnlimitedRange,
+     [](double a) { return a > -1.5 && a < 181.5 ? 2.0 : 0.0; }},
+    {"cut at max_range", fan(0, 180, 2.0), 1.2, [](double a) { return a > -1.5 && a < 181.5 ? 1.2 : 0.0; }},
+    {"as long as max_range", fan(0, 180, 2.0), 2.0,
+     [](double a) { return a > -1.5 && a < 181.5 ? 2.1 : 0.0; }},
+    {"without return, beyond max_range", not_returned(fan(0, 180, 2.0)), 1.2,
+     [](double a) { return a > -1.5 && a < 181.5 ? 1.2 : 0.0; }},
+    {"the nearest beam decides", joined(fan(0, 90, 1.0), fan(91, 180, 3.0)), kUnlimitedRange,
+     [](double a) { return a > -1.5 && a < 90.5     ? 1.1
+                           : a >= 90.5 && a < 181.5 ? 3.1
+                                                    : 0.0; }},
+    {"a gap in the fan", joined(fan(0, 60, 2.0), fan(90, 180, 2.0)), kUnlimitedRange,
+     [](double a) { return (a > -1.5 && a < 61.5) || (a > 88.5 && a < 181.5) ? 2.1 : 0.0; }},
+    {"a lone beam", fan(90, 90, 2.0), kUnlimitedRange, [](double) { return 0.0; }},
+    {"all beams lone, from places of their own", from_own_origins(fan(0, 180, 2.0)), kUnlimitedRange,
+     [](double) { return 0.0; }},
+    {"two fans in one scan", from_two_places(fan(0, 181, 2.0)), kUnlimitedRange,
+     [](double a) { return a > -3.0 && a < 183.0 ? 2.1 : 0.0; }, 5.0},
+};
+
+TEST(SeenSpace, OfAFanIsWhatItsBeamsPass) {
+  int decided = 0;
+  for (const FanCase& c : kFanCases) {
+    SCOPED_TRACE(c.what);
+    ClaimsOptions options;
+    options.samples = 4000;
+    const SeenSpace<2> space(views<2>({c.scan}), c.max_range, options);
+    int seen = 0;
+    for (Eigen::Index i = 0; i < space.points().cols(); ++i) {
+      // What is within a centimetre or a twentieth of a degree of the border is not asked about.
+      bool surely = false;
+      bool perhaps = false;
+      for (const double x : {0.0, c.second_place}) {
+        const Vector<2> way = space.points().col(i) - Vector<2>(x, 0.0);
+        double angle = std::atan2(way.y(), way.x()) / kDegree;
+        if (angle < -90.0) angle += 360.0;
+        const double near = std::min(c.sight(angle - 0.05), c.sight(angle + 0.05));
+        const double far = std::max(c.sight(angle - 0.05), c.sight(angle + 0.05));
+        // The second fan of from_two_places() begins and ends a degree later.
+        if (x != 0.0 && std::abs(std::abs(angle - 90.0) - 93.0) < 1.1) {
+          perhaps = true;
+          continue;
+        }
+        surely = surely || way.norm() < near - 0.01;
+        perhaps = perhaps || way.norm() < far + 0.01;
+      }
+      if (surely) {
+        EXPECT_TRUE(space.seen()[i]) << space.points().col(i).transpose();
+      }
+      if (!perhaps) {
+        EXPECT_FALSE(space.seen()[i]) << space.points().col(i).transpose();
+      }
+      seen += surely;
+      decided += surely || !perhaps;
+    }
+    EXPECT_EQ(seen > 100, c.sight(45.0) > 0.0);
+  }
+  EXPECT_GT(decided, 35000);
+}
+
+TEST(SeenSpace, ScansSeeTogetherWhatEachSees) {
+  const std::vector<Scan<2>> scans{fan(0, 60, 2.0), fan(120, 180, 1.0), fan(250, 290, 3.0)};
+  const SeenSpace<2> together(views(scans), kUnlimitedRange);
+  Eigen::Index more = 0;
+  for (std::size_t k = 0; k < scans.size(); ++k) {
+    std::vector<Scan<2>> with_one = scans;  // The others' end points stay, so that the points are the same.
+    for (std::size_t other = 0; other < scans.size(); ++other)
+      if (other != k) with_one[other] = from_own_origins(scans[other]);
+    const SeenSpace<2> alone(views(with_one), kUnlimitedRange);
+    ASSERT_EQ(alone.points(), together.points());
+    EXPECT_FALSE((alone.seen() && !together.seen()).any());
+    more += alone.seen().count();
+  }
+  EXPECT_EQ(more, together.seen().count()) << "the fans see nothing in common";
+  EXPECT_GT(more, 1000);
+}
+
+TEST(SeenSpace, WithoutABeamThereIsNothingToAsk) {
+  Scan<2> invalid = fan(0, 3, 1.0);
+  invalid.endpoints.setConstant(kNan);
+  const std::vector<std::vector<Scan<2>>> logs{
+      {}, {Scan<2>{Points<2>(2, 0), Points<2>(2, 0), {}, 0.0, {}}}, {invalid}};
+  for (const auto& scans : logs) {
+    const SeenSpace<2> space(views(scans), kUnlimitedRange);
+    EXPECT_FALSE(space.box().has_value());
+    EXPECT_EQ(space.points().cols(), 0);
+    EXPECT_EQ(space.seen().size(), 0);
+    const Claims found = claims(elsewhere::Stripes{}, space);
+    EXPECT_EQ(found.points, 0u);
+    EXPECT_EQ(found.free_unseen(), std::nullopt);
+    EXPECT_EQ(found.seen_unknown(), std::nullopt);
+    EXPECT_EQ(found.wrong_volume(), std::nullopt);
+  }
+}
+
+TEST(SeenSpace, PointsAreTheSameOnEveryPlatform) {
+  Scan<2> scan;
+  scan.origins = Vector<2>(0.5, 0.5);
+  scan.endpoints.resize(2, 4);
+  scan.endpoints << 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0;
+  ClaimsOptions options;
+  options.margin = 0.0;
+  options.middle = 1.0;
+  options.samples = 2;
+  const SeenSpace<2> space(views<2>({scan}), kUnlimitedRange, options);
+  Points<2> expected(2, 2);
+  expected << 0x1.342cc6e8c9d48p-3, 0x1.a1f47bd7e7836p-1, 0x1.c4a3d2455e8e8p-1, 0x1.f526d3e0fccfcp-2;
+  EXPECT_EQ(space.points(), expected);
+  options.seed = 1;
+  EXPECT_NE(SeenSpace<2>(views<2>({scan}), kUnlimitedRange, options).points(), expected);
+}
+
+TEST(Claims, SharesAreOfWhatWasCounted) {
+  ClaimsOptions options;
+  options.margin = 3.0;
+  const SeenSpace<2> space(views<2>({fan(-45, 45, 2.0)}), kUnlimitedRange, options);
+  const Claims found = claims(elsewhere::Stripes{}, space);
+  Claims expected;
+  for (Eigen::Index i = 0; i < space.points().cols(); ++i) {
+    const double x = space.points()(0, i);
+    ++expected.points;
+    if (space.seen()[i]) ++expected.seen;
+    if (x >= 0.0 && x < 1.0) ++expected.free;
+    if (x >= 0.0 && x < 1.0 && !space.seen()[i]) ++expected.free_and_unseen;
+    if ((x < 0.0 || x >= 2.0) && space.seen()[i]) ++expected.unknown_and_seen;
+  }
+  EXPECT_EQ(found.points, 40000u);
+  EXPECT_EQ(found.seen, expected.seen);
+  EXPECT_EQ(found.free, expected.free);
+  EXPECT_EQ(found.free_and_unseen, expected.free_and_unseen);
+  EXPECT_EQ(found.unknown_and_seen, expected.unknown_and_seen);
+  // Up to x = 1 the fan is a triangle, of 1.5 degrees more on both sides; the stripe is as high as the box.
+  const double stripe = space.box()->upper.y() - space.box()->lower.y();
+  EXPECT_NEAR(found.free_unseen().value(), 1.0 - std::tan(46.5 * kDegree) / stripe, 0.02);
+  EXPECT_GT(found.unknown_and_seen, 20u);
+
+  Claims by_hand;
+  by_hand.points = 100;
+  by_hand.seen = 20;
+  by_hand.free = 40;
+  by_hand.free_and_unseen = 30;
+  by_hand.unknown_and_seen = 5;
+  EXPECT_DOUBLE_EQ(by_hand.free_unseen().value(), 0.75);
+  EXPECT_DOUBLE_EQ(by_hand.seen_unknown().value(), 0.25);
+  EXPECT_DOUBLE_EQ(by_hand.wrong_volume().value(), 1.75);
+}
+
+TEST(ClaimsOptions, OutOfBoundsAreNamed) {
+  const auto with = [](auto member, auto value) {
+    ClaimsOptions options;
+    options.*member = value;
+    return options;
+  };
+  using Options = ClaimsOptions;
+  const std::pair<Options, const char*> cases[] = {
+      {with(&Options::samples, std::size_t{0}), "samples = 0.0: must be in [1, 1e9]"},
+      {with(&Options::samples, std::size_t{1000000001}), "samples = 1e+09: must be in [1, 1e9]"},
+      {with(&Options::spacings, 0.0), "spacings = 0.0: must be > 0 and finite"},
+      {with(&Options::spacings, HUGE_VAL), "spacings = inf: must be > 0 and finite"},
+      {with(&Options::tolerance, -0.1), "tolerance = -0.1: must be >= 0 m and finite"},
+      {with(&Options::tolerance, kNan), "tolerance = nan: must be >= 0 m and finite"},
+      {with(&Options::margin, -1.0), "margin = -1.0: must be >= 0 m and finite"},
+      {with(&Options::middle, 0.0), "middle = 0.0: must be in (0, 1]"},
+      {with(&Options::middle, 1.01), "middle = 1.01: must be in (0, 1]"},
+  };
+  for (const auto& [options, message] : cases) {
+    EXPECT_EQ(test::refusal_of(options), message);
+    EXPECT_THROW(SeenSpace<2>({}, kUnlimitedRange, options), std::invalid_argument) << message;
+  }
+  EXPECT_EQ(test::refusal_of(ClaimsOptions{}), "accepted");
+  for (const double max_range : {0.0, -1.0, kNan}) {
+    try {
+      const SeenSpace<2> space({}, max_range);
+      ADD_FAILURE() << max_range;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_EQ(error.what(), "max_range = " + describe_number(max_range) + " m: must be > 0");
+    }
+  }
+}
+
+}  // namespace
+}  // namespace ndtree
