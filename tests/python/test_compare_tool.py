@@ -381,7 +381,7 @@ WRONG_CALLS = [
     (["LOG", "--no-such-option"], "no-such-option"),
     (["LOG", "SECOND"], "SECOND"),
     (["LOG", "--min-cell-size", "small"], "min-cell-size"),
-    (["LOG", "--min-cell-size", "-1"], "min_cell_size = -1.0: must be > 0 m"),
+    (["LOG", "--min-cell-size", "-1"], "min_cell_size = -1.0: must be in [1e-09, 1000000] m"),
     (["LOG", "--max-cell-size", "0.01"], "max_cell_size"),
     (["LOG", "--range-sigma", "nan"], "range_sigma"),
     (["LOG", "--max-range", "0"], "max_range = 0.0: must be > 0 m"),
