@@ -5,10 +5,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "ndtree/evaluation/claims.hpp"
@@ -44,59 +47,70 @@ std::vector<ScanView<D>> views(const std::vector<Scan<D>>& scans) {
   return result;
 }
 
-/// Whether one scan sees a point: all beams of one origin after the other, as the text of the measure has it.
+/// The beams of a scan from one origin.
+template <int D>
+struct Lookout {
+  Vector<D> origin;
+  std::vector<Vector<D>> directions;
+  std::vector<double> lengths;
+  std::vector<bool> returned;
+  double spacing = 0.0;  // The median.
+};
+
+/// All lookouts of a log but those with one beam.
+template <int D>
+std::vector<Lookout<D>> lookouts(const std::vector<Scan<D>>& scans) {
+  std::vector<Lookout<D>> result;
+  for (const Scan<D>& scan : scans) {
+    std::vector<Lookout<D>> of_scan;
+    for (Eigen::Index i = 0; i < scan.size(); ++i) {
+      const Vector<D> origin = scan.origins.col(scan.origins.cols() == 1 ? 0 : i);
+      const Vector<D> way = scan.endpoints.col(i) - origin;
+      if (!(way.norm() > 0.0)) continue;  // Also where it is not a number.
+      auto own = std::find_if(of_scan.begin(), of_scan.end(),
+                              [&](const Lookout<D>& other) { return other.origin == origin; });
+      if (own == of_scan.end()) own = of_scan.insert(of_scan.end(), Lookout<D>{origin, {}, {}, {}, 0.0});
+      own->directions.push_back(way / way.norm());
+      own->lengths.push_back(way.norm());
+      own->returned.push_back(scan.returned.size() == 0 || scan.returned[i]);
+    }
+    for (Lookout<D>& lookout : of_scan) {
+      const std::size_t n = lookout.directions.size();
+      if (n < 2) continue;
+      std::vector<double> spacings(n, HUGE_VAL);
+      for (std::size_t i = 0; i < n; ++i)
+        for (std::size_t k = 0; k < n; ++k)
+          if (k != i)
+            spacings[i] = std::min(spacings[i], (lookout.directions[i] - lookout.directions[k]).norm());
+      std::sort(spacings.begin(), spacings.end());
+      lookout.spacing = (spacings[(n - 1) / 2] + spacings[n / 2]) / 2.0;
+      result.push_back(lookout);
+    }
+  }
+  return result;
+}
+
+/// Whether a point is seen: every beam is looked at, as the text of the measure has it.
 /// @param is_open whether the world lets through from an origin to a point; none: the beams say.
 template <int D, class IsOpen = std::nullptr_t>
-bool sees(const Scan<D>& scan, const Vector<D>& point, double max_range, const ClaimsOptions& options,
+bool sees(const Lookout<D>& from, const Vector<D>& point, double max_range, const ClaimsOptions& options,
           const IsOpen& is_open = nullptr) {
-  const auto origin_of = [&](Eigen::Index i) {
-    return Vector<D>(scan.origins.col(scan.origins.cols() == 1 ? 0 : i));
-  };
-  std::vector<Eigen::Index> usable;
-  for (Eigen::Index i = 0; i < scan.size(); ++i) {
-    const double length = (scan.endpoints.col(i) - origin_of(i)).norm();
-    if (length > 0.0 && length < 1e300) usable.push_back(i);
+  const double distance = (point - from.origin).norm();
+  std::size_t nearest = 0;
+  double angle = HUGE_VAL;
+  for (std::size_t i = 0; i < from.directions.size(); ++i) {
+    const double other = (from.directions[i] - (point - from.origin) / distance).norm();
+    if (other < angle) nearest = i;
+    angle = std::min(angle, other);
   }
-  const auto direction_of = [&](Eigen::Index i) {
-    const Vector<D> way = scan.endpoints.col(i) - origin_of(i);
-    return Vector<D>(way / way.norm());
-  };
-  for (const Eigen::Index first : usable) {
-    std::vector<Eigen::Index> group;
-    for (const Eigen::Index i : usable)
-      if (origin_of(i) == origin_of(first)) group.push_back(i);
-    if (group.front() != first || group.size() < 2) continue;
-
-    std::vector<double> spacings;
-    for (const Eigen::Index i : group) {
-      double least = HUGE_VAL;
-      for (const Eigen::Index k : group)
-        if (k != i) least = std::min(least, (direction_of(i) - direction_of(k)).norm());
-      spacings.push_back(least);
-    }
-    std::sort(spacings.begin(), spacings.end());
-    const double median = (spacings[(spacings.size() - 1) / 2] + spacings[spacings.size() / 2]) / 2.0;
-
-    const Vector<D> way = point - origin_of(first);
-    const double distance = way.norm();
-    Eigen::Index nearest = first;
-    double angle = HUGE_VAL;
-    for (const Eigen::Index i : group) {
-      const double other = (direction_of(i) - way / distance).norm();
-      if (other < angle) nearest = i;
-      angle = std::min(angle, other);
-    }
-    if (angle > options.spacings * median) continue;
-    const double length = (scan.endpoints.col(nearest) - origin_of(first)).norm();
-    if constexpr (!std::is_same_v<IsOpen, std::nullptr_t>) {
-      if (distance <= max_range && is_open(origin_of(first), point)) return true;
-    } else if (length > max_range || (scan.returned.size() != 0 && !scan.returned[nearest])) {
-      if (distance <= std::min(length, max_range)) return true;
-    } else if (distance - options.tolerance <= length) {
-      return true;
-    }
-  }
-  return false;
+  if (angle > options.spacings * from.spacing) return false;
+  const double length = from.lengths[nearest];
+  if constexpr (!std::is_same_v<IsOpen, std::nullptr_t>)
+    return distance <= max_range && is_open(from.origin, point);
+  else if (length > max_range || !from.returned[nearest])
+    return distance <= std::min(length, max_range);
+  else
+    return distance - options.tolerance <= length;
 }
 
 /// Scans of beams all around or in a part of the view, of which some did not return, some are invalid, and
@@ -149,12 +163,13 @@ TYPED_TEST(SeenSpaceOf, EveryBeamLookedAtSaysTheSame) {
     options.tolerance = log % 3 == 0 ? 0.5 : 0.1;
     const double max_range = log == 5 ? kUnlimitedRange : 3.0;
     const SeenSpace<D> space(views(scans), max_range, options);
+    const std::vector<Lookout<D>> all = lookouts(scans);
     ASSERT_EQ(space.points().cols(), 300);
     ASSERT_EQ(space.seen().size(), 300);
     for (Eigen::Index i = 0; i < 300; ++i) {
       const Vector<D> point = space.points().col(i);
-      const bool expected = std::any_of(scans.begin(), scans.end(), [&](const Scan<D>& scan) {
-        return sees<D>(scan, point, max_range, options);
+      const bool expected = std::any_of(all.begin(), all.end(), [&](const Lookout<D>& from) {
+        return sees<D>(from, point, max_range, options);
       });
       ASSERT_EQ(space.seen()[i], expected) << "log " << log << ", point " << point.transpose();
       ++(expected ? seen : unseen);
@@ -202,16 +217,17 @@ TYPED_TEST(SeenSpaceOf, WhereTheWorldIsKnownItSaysWhatIsBetween) {
       const Vector<D> nearest = origin + std::clamp(along, 0.0, 1.0) * (end - origin);
       return (nearest - ball.center).norm() > ball.radius;
     };
-    const auto all = [](const Vector<D>&, const Vector<D>&) { return true; };
+    const auto lets_all_through = [](const Vector<D>&, const Vector<D>&) { return true; };
+    const std::vector<Lookout<D>> all = lookouts(scans);
     for (Eigen::Index i = 0; i < 300; ++i) {
       const Vector<D> point = space.points().col(i);
-      const auto some_scan = [&](const auto& open) {
-        return std::any_of(scans.begin(), scans.end(),
-                           [&](const Scan<D>& scan) { return sees<D>(scan, point, 3.0, options, open); });
+      const auto is_seen = [&](const auto& open) {
+        return std::any_of(all.begin(), all.end(),
+                           [&](const Lookout<D>& from) { return sees<D>(from, point, 3.0, options, open); });
       };
-      ASSERT_EQ(space.seen()[i], some_scan(is_open)) << "log " << log << ", point " << point.transpose();
+      ASSERT_EQ(space.seen()[i], is_seen(is_open)) << "log " << log << ", point " << point.transpose();
       seen += space.seen()[i];
-      hidden += !space.seen()[i] && some_scan(all);
+      hidden += !space.seen()[i] && is_seen(lets_all_through);
     }
   }
   EXPECT_GT(seen, 200);
