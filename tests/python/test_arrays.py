@@ -106,7 +106,11 @@ OPTIONS = [
     ({"max_cell_size": 0.01}, ValueError, "max_cell_size = 0.01: must be at least min_cell_size"),
     ({"range_sigma": 0}, ValueError, "range_sigma = 0.0: must be in [1e-09, 1000000] m"),
     ({"probability_max": 0.3}, ValueError, "probability_max = 0.3: must be in [0.51, 0.999999]"),
-    ({"refinement": "paper", "significance": 1.0}, ValueError, "significance = 1.0: must be in [1e-06, 0.999999999]"),
+    (
+        {"refinement": "paper", "significance": 1.0},
+        ValueError,
+        "significance = 1.0: must be in [1e-06, 0.999999999]",
+    ),
     ({"split_probability": 1.0}, ValueError, "split_probability = 1.0: must be in [1e-06, 0.999999]"),
     ({"evidence_memory": 256}, ValueError, "evidence_memory = 256.0: must be in [1, 255] nats"),
     ({"merge_loss": -1}, ValueError, "merge_loss = -1.0: must be in [0, 1e+09] bits"),

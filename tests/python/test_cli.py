@@ -366,7 +366,10 @@ def test_unwritable_output_is_refused_before_the_work(
         (("compare", "LOG", "--range-sigma", -1), "range_sigma = -1.0: must be in [1e-09, 1000000] m"),
         (("compare", "LOG", "--branching", 7), "branching = 7"),
         (("compare", "LOG", "--refinement", "magic"), "refinement = 'magic'"),
-        (("map", "LOG", "-o", "OUT/a.ndt", "--min-cell-size", 0), "min_cell_size = 0.0: must be in [1e-09, 1000000] m"),
+        (
+            ("map", "LOG", "-o", "OUT/a.ndt", "--min-cell-size", 0),
+            "min_cell_size = 0.0: must be in [1e-09, 1000000] m",
+        ),
         (("map", "LOG", "-o", "OUT/a.ndt", "--fixed", "--significance", 0.9), "'significance'"),
         (("map", "LOG", "-o", "OUT/a.ndt", "--picture", "OUT/a.txt"), "the name must end in"),
         (("info", "LOG", "--format", "pcx"), "--format pcx: must be one of bal, bundler, carmen"),
