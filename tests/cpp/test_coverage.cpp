@@ -251,7 +251,7 @@ TEST(Coverage, SumsAreShares) {
 }
 
 TEST(Coverage, VerdictsFollowTheRule) {
-  const CoverageModel model(CoverageOptions{});  // 0.75, 2 cells.
+  const CoverageModel model(CoverageOptions{0.75, 2.0});
   struct Row {
     int beams_a_child;       // Each sees an equal share of it.
     std::uint32_t children;  // That are seen, of four.

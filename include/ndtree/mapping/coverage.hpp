@@ -15,8 +15,7 @@
 namespace ndtree {
 
 struct CoverageOptions {
-  double covered_share =
-      0.75;  ///< Of large cells, to be known; less of small ones. 0: whatever a beam passes.
+  double covered_share = 1.0;   ///< Of a cell without its rim, to be known; 0: whatever a beam passes.
   double coverage_cells = 2.0;  ///< To show what was seen, cells of more than so many smallest ones split.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
@@ -110,14 +109,15 @@ struct CoverageVerdict {
 /// not become the state of a cell in which nobody has looked.
 ///
 /// A child is *missing* if less than a quarter of it was seen, and if that is more than chance: n beams would
-/// pass it if it was seen like the rest of the cell, and their number scatters by sqrt(n). So "half of the
-/// cell was never looked into" is told from "few beams, but spread all over it": where beams are farther
-/// apart than children are wide, none is missing. A cell of which a child is missing splits if it is larger
-/// than coverage_cells.
+/// pass it if it was seen like the rest of the cell, and their number scatters by sqrt(n); with sqrt(2) times
+/// that, only a child that more than two would pass can be missing. So "half of the cell was never looked
+/// into" is told from "few beams, but spread all over it". A cell of which a child is missing splits if it is
+/// larger than coverage_cells.
 ///
 /// Other cells are known as soon as enough of them was seen, by one scan, or in parts by several; until then
-/// they keep in mind which. Enough of a cell that is s smallest cells wide is covered_share (1 - 1 / s)^D: of
-/// one of the smallest, whatever a beam passes, as in a map of equal cells; of large ones, most.
+/// they keep in mind which. Enough of a cell that is s smallest cells wide is covered_share (1 - 1 / s)^D,
+/// the volume without a rim half a smallest cell wide: of a smallest cell, whatever a beam passes, as in a
+/// map of equal cells; of large ones, nearly all.
 class CoverageModel {
  public:
   explicit CoverageModel(const CoverageOptions& options)
@@ -132,8 +132,7 @@ class CoverageModel {
                                       double size) const {
     using Parts = CellParts<N, D>;
     constexpr double kLeast = 0.25;
-    constexpr double kDeviations = 1.1;
-    const double missing_below = std::min(kLeast, 1.0 - kDeviations / std::sqrt(scan.beams_for_child()));
+    const double missing_below = std::min(kLeast, 1.0 - std::sqrt(2.0 / scan.beams_for_child()));
     bool is_missing = false;
     std::array<double, Parts::kCount> seen{};  // In children.
     std::array<int, Parts::kCount> children{};
