@@ -73,7 +73,8 @@ class EvidenceCell {
   [[nodiscard]] bool is_partly_seen() const { return (counts_ & kPartlySeen) != 0; }
   /// One bit for each part that was seen. @pre is_partly_seen() or never updated.
   [[nodiscard]] std::uint32_t seen_parts() const { return occupied_; }
-  /// @pre not observed(), at least one part and free evidence in [0, kMaxEvidence].
+  /// @param parts of which enough was seen, maybe none. @param free evidence, in [0, kMaxEvidence].
+  /// @pre not observed().
   void set_partly_seen(std::uint32_t parts, std::int64_t free) {
     counts_ = kPartlySeen;
     occupied_ = static_cast<std::uint16_t>(parts);

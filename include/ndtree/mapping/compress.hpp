@@ -46,10 +46,9 @@ struct CompressReport {
 
 namespace detail {
 
-/// No merge makes known what was never observed, or unknown what was.
 /// Merges in the order of what they lose for each observed leaf that they save, the cheapest first, until the
 /// budget is met; a merge makes its parent the next candidate. Equal costs go by the order of depth-first
-/// visits.
+/// visits. What was never observed is not merged with what was.
 template <class Tree, class MergeRule>
 class Compression {
   using Joined = typename MergeRule::Joined;
