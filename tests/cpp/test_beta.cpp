@@ -79,6 +79,16 @@ TEST(LogGamma, IsThatOfTheStandardLibrary) {
   EXPECT_NEAR(log_gamma(6.0), std::log(120.0), 1e-13);
 }
 
+TEST(Beta, QuickLogBetaIsLogBeta) {
+  int cases = 0;
+  for (double a = 1e-6; a < 1e6; a *= 1.3)
+    for (double b = 1e-6; b < 1e6; b *= 1.37, ++cases) {
+      const double largest = std::max({std::lgamma(a), std::lgamma(b), std::lgamma(a + b)});
+      ASSERT_NEAR(quick_log_beta(a, b), log_beta(a, b), 1e-9 + 1e-12 * largest) << a << ", " << b;
+    }
+  EXPECT_GT(cases, 5000);
+}
+
 TEST(Beta, LogBetaIsThatOfFactorials) {
   int cases = 0;
   for (int a = 1; a <= 60; ++a)

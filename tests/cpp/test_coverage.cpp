@@ -240,12 +240,13 @@ TEST(Coverage, SumsAreShares) {
   ScanCoverage<2, 3> coverage;
   EXPECT_EQ(coverage.of_cell(), 0.0);
   EXPECT_EQ(coverage.beams_for_child(), 0.0);
-  coverage.add(3, 1.0, 0.5);  // A quarter of the child.
+  coverage.add(3, ScanCoverage<2, 3>::seen(1.0f, 0.5f));  // A quarter of the child.
   EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.25);
   EXPECT_DOUBLE_EQ(coverage.of_child(0), 0.0);
   EXPECT_DOUBLE_EQ(coverage.of_cell(), 0.25 / 8.0);
   EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 4.0);
-  coverage.add(3, 0.5, 3.0);  // Wider than the cell: no more of the child than its half.
+  coverage.add(
+      3, ScanCoverage<2, 3>::seen(0.5f, 3.0f));  // Wider than the cell: no more of the child than its half.
   EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.75);
   EXPECT_DOUBLE_EQ(coverage.of_cell(), (0.25 + 0.5 * 4.0) / 8.0);
 }
@@ -275,7 +276,8 @@ TEST(Coverage, VerdictsFollowTheRule) {
     ScanCoverage<2, 2> scan;
     for (int child = 0; child < 4; ++child)
       if ((row.children >> child & 1u) != 0)
-        for (int i = 0; i < row.beams_a_child; ++i) scan.add(child, 1.0, 1.0 / row.beams_a_child);
+        for (int i = 0; i < row.beams_a_child; ++i)
+          scan.add(child, ScanCoverage<2, 2>::seen(1.0f, 1.0f / static_cast<float>(row.beams_a_child)));
     const CoverageVerdict verdict = model.judge(scan, row.before, row.size);
     EXPECT_EQ(verdict.parts, row.parts) << cases;
     EXPECT_EQ(verdict.is_enough, row.is_enough) << cases;

@@ -183,11 +183,29 @@ TEST(BeamSensorModel, TheTablesSayTheSame) {
       for (int i = 0; i < 1000; ++i, ++cases) {
         const double entry = random.uniform(-8.0, 4.0);
         const double exit = entry + random.uniform(0.0, 4.0);
-        ASSERT_NEAR(model.tabulated_log_odds(entry, exit),
-                    static_cast<double>(model.log_odds(normal_cdf(entry), normal_cdf(exit))), 1e-3);
+        ASSERT_NEAR(model.tabulated_log_odds(static_cast<float>(entry), static_cast<float>(exit)),
+                    model.log_odds(normal_cdf(entry), normal_cdf(exit)), 1e-3f);
       }
     }
   EXPECT_EQ(cases, 9000);
+}
+
+TEST(LinearTable, IsWithinItsErrorAndMonotone) {
+  int places = 0;
+  float last = 0.0f;
+  for (double x = -7.0; x < 7.0; x += 0.0037, ++places) {
+    const float value = normal_cdf_table()(static_cast<float>(x));
+    ASSERT_NEAR(static_cast<double>(value), normal_cdf(static_cast<double>(static_cast<float>(x))), 1e-6)
+        << x;
+    ASSERT_GE(value, last);
+    last = value;
+  }
+  EXPECT_GT(places, 3000);
+  const LinearTable<4> line(-1.0, 3.0, [](double x) { return 2.0 * x + 1.0; });
+  for (const float x : {-1.0f, -0.3f, 0.0f, 1.7f, 3.0f}) EXPECT_NEAR(line(x), 2.0f * x + 1.0f, 1e-6f) << x;
+  EXPECT_EQ(line(-100.0f), -1.0f);
+  EXPECT_EQ(line(100.0f), 7.0f);
+  EXPECT_EQ(line(std::nanf("")), -1.0f);
 }
 
 TEST(SensorOptions, BadValuesAreRefusedByName) {

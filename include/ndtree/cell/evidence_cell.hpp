@@ -88,6 +88,16 @@ class EvidenceCell {
     counts_ = (counts_ & ~kPartlySeen) | kObserved;
   }
 
+  /// Whether anything is known for occupied space: evidence, or hits.
+  [[nodiscard]] bool is_hit() const { return occupied_evidence() > 0 || hits() > 0; }
+  /// A cell that knows of free space alone. @pre misses <= kMaxCount; else as set_evidence().
+  void set_free(std::int64_t free, std::uint32_t misses, float log_odds) {
+    counts_ = kObserved | misses << 9;
+    occupied_ = 0;
+    free_ = static_cast<std::uint16_t>(free);
+    log_odds_ = log_odds;
+  }
+
   /// The cell as words, for files; from_words() is the inverse and clears what a cell cannot hold.
   [[nodiscard]] std::array<std::uint32_t, kNumWords> words() const {
     std::array<std::uint32_t, kNumWords> words{counts_, 0,
@@ -110,6 +120,11 @@ class EvidenceCell {
     if (observed()) return !is_partly_seen();
     return (counts_ & ~kPartlySeen) == 0 && log_odds_ == 0.0f &&
            (is_partly_seen() || (occupied_ | free_) == 0);
+  }
+
+  /// Equal but for the log-odds, which follows from the rest.
+  [[nodiscard]] bool knows_the_same(const EvidenceCell& other) const {
+    return counts_ == other.counts_ && occupied_ == other.occupied_ && free_ == other.free_;
   }
 
   friend bool operator==(const EvidenceCell& a, const EvidenceCell& b) {

@@ -6,12 +6,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <optional>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/option.hpp"
+#include "ndtree/core/quick_log.hpp"
 
 namespace ndtree {
 
@@ -65,15 +67,18 @@ class EvidenceMergeRule {
     const bool alike = state == CellState::free ? all_clearly_free(siblings, count)
                                                 : bits_for_one(siblings, count) >= kLeastBitsForOneSurface;
     if (!alike) return std::nullopt;
-    const Joined joined = join(siblings, count, share_divisor);
-    if (joined.loss > max_loss_ * (count - 1) || joined.cell.state() != state) return std::nullopt;
+    const double most = max_loss_ * (count - 1);
+    const Joined joined = join(siblings, count, share_divisor, most);
+    if (joined.loss > most || joined.cell.state() != state) return std::nullopt;
     return joined.cell;
   }
 
   /// Joins siblings whatever they say. Those that were never observed bring no evidence, but become known.
+  /// @param most loss that matters: of more, not all may be counted, and there is no cell [bits].
   /// @pre all are leaves.
   template <class NodeType>
-  [[nodiscard]] Joined join(const NodeType* siblings, int count, int share_divisor) const {
+  [[nodiscard]] Joined join(const NodeType* siblings, int count, int share_divisor,
+                            double most = std::numeric_limits<double>::infinity()) const {
     Joined joined;
     RateComparison rates(kMostSpaceIsFree);
     std::int64_t occupied = 0;
@@ -92,6 +97,8 @@ class EvidenceMergeRule {
     }
     if (joined.observed == 0) return joined;
     joined.mixes_unknown = joined.observed < count;
+    joined.loss = std::max(0.0, rates.bits_for_many());
+    if (joined.loss > most) return joined;
     model_.assign(joined.cell, scaled(occupied, share_divisor, count), scaled(free, share_divisor, count));
     joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, share_divisor, count)),
                            static_cast<std::uint32_t>(scaled(misses, share_divisor, count)));
@@ -99,9 +106,10 @@ class EvidenceMergeRule {
     const double q = joined.cell.probability();
     for (int j = 0; j < count; ++j) {
       const double p = siblings[j].cell().probability();
-      divergence += p * std::log2(p / q) + (1.0 - p) * std::log2((1.0 - p) / (1.0 - q));
+      divergence += p * quick_log(p / q) + (1.0 - p) * quick_log((1.0 - p) / (1.0 - q));
     }
-    joined.loss = std::max(0.0, rates.bits_for_many()) + std::max(0.0, divergence);
+    constexpr double kBitsPerNat = 1.4426950408889634;
+    joined.loss += std::max(0.0, kBitsPerNat * divergence);
     return joined;
   }
 

@@ -13,6 +13,8 @@
 #include "ndtree/core/linear_table.hpp"
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/option.hpp"
+#include "ndtree/core/quick_log.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 
@@ -21,7 +23,7 @@ struct EvidenceOptions {
   double free_memory = 50.0;       ///< So much if it knows of nothing but free space [nats].
   double scan_beams = 64.0;        ///< Beams of one scan that count in a cell if all of them passed it.
   double known_evidence = 50.0;    ///< A cell that knows this much counts fewer beams of a scan [nats]:
-  double sample_beams = 2.0;  ///< so many for each smallest cell side by side in it; others 4 times as many.
+  double sample_beams = 1.0;  ///< so many for each smallest cell side by side in it; others 4 times as many.
   double evidence_prior = 0.5;   ///< Evidence of both kinds that every cell begins with [nats].
   double inherited_beams = 2.0;  ///< Beams, spread evenly, that count with the scan that shares evidence out.
   double change_probability = 1e-5;  ///< A streak of scans less likely than this is a change; 0: never.
@@ -80,6 +82,7 @@ class EvidenceModel {
       : options_(options),
         log_odds_min_(static_cast<float>(sensor.log_odds_min)),
         log_odds_max_(static_cast<float>(sensor.log_odds_max)),
+        prior_(options.evidence_prior / EvidenceCell::kUnit),
         hit_(ndtree::log_odds(sensor.probability_max)),
         miss_(units(-ndtree::log_odds(sensor.probability_min))),
         memory_(units(options.evidence_memory)),
@@ -88,23 +91,31 @@ class EvidenceModel {
             std::clamp<std::int64_t>(free_memory_ / miss_, 1, EvidenceCell::kMaxCount))),
         scan_beams_(static_cast<std::uint32_t>(std::min(options.scan_beams, 4e9))),
         known_(units(std::min(options.known_evidence, 1e9))),
-        kept_(options.evidence_half_life > 0.0 ? std::exp2(-1.0 / options.evidence_half_life) : 1.0) {}
+        kept_(options.evidence_half_life > 0.0 ? std::exp2(-1.0 / options.evidence_half_life) : 1.0),
+        settled_(settled_cell()) {}
 
-  /// Evidence for free space from a beam that passed a cell, in EvidenceCell::kUnit. A beam through a corner
-  /// has seen little of the cell. @param chord its way through the cell, over that of a beam in the mean.
-  [[nodiscard]] std::int64_t of_miss(double chord = 1.0) const {
-    constexpr double kHalfIsUp = 1e-6;  // Whatever the last bits of the chord are.
-    return std::max<std::int64_t>(1, rounded(static_cast<double>(miss_) * chord + kHalfIsUp));
-  }
+  /// Evidence for free space from a beam that passed a cell on a way of mean length, in EvidenceCell::kUnit.
+  [[nodiscard]] std::int64_t of_miss() const { return miss_; }
   /// Adds what a beam says near its end point.
-  /// @param nats the inverse sensor model's log-odds that the cell is occupied.
-  /// @param size_in_sigmas the cell's edge in standard deviations of the range.
-  void add(ScanEvidence& sum, double nats, double size_in_sigmas) const {
-    if (nats > 0.0)
-      sum.occupied += rounded(probability_inside_table()(1.0 / size_in_sigmas) * nats / EvidenceCell::kUnit);
-    else
-      sum.free += rounded(-nats / EvidenceCell::kUnit);
+  /// @param nats the inverse sensor model's log-odds that the cell is occupied, |nats| < 1e6.
+  /// @param sigmas standard deviation of the range in edges of the cell, at most 1.
+  void add(ScanEvidence& sum, float nats, float sigmas) const {
+    constexpr auto kUnitsPerNat = static_cast<float>(1.0 / EvidenceCell::kUnit);
+    const float weight = nats > 0.0f ? probability_inside_table()(sigmas) : 1.0f;
+    const std::int64_t units = nearest_integer(weight * nats * kUnitsPerNat);
+    sum.occupied += std::max<std::int64_t>(units, 0);
+    sum.free -= std::min<std::int64_t>(units, 0);
   }
+
+#ifdef NDTREE_HAS_AVX2
+  /// What add() adds, of eight beams, to the last bit: for occupied space if > 0, else less so much for free.
+  NDTREE_AVX2 [[nodiscard]] static __m256i units_of(__m256 nats, __m256 sigmas) {
+    constexpr auto kUnitsPerNat = static_cast<float>(1.0 / EvidenceCell::kUnit);
+    const __m256 is_for = _mm256_cmp_ps(nats, _mm256_setzero_ps(), _CMP_GT_OQ);
+    const __m256 weight = _mm256_blendv_ps(_mm256_set1_ps(1.0f), probability_inside_table()(sigmas), is_for);
+    return _mm256_cvtps_epi32(_mm256_mul_ps(_mm256_mul_ps(weight, nats), _mm256_set1_ps(kUnitsPerNat)));
+  }
+#endif
 
   /// Probability that a surface is in the cell in which it was measured, u standard deviations wide, in the
   /// mean over places in the cell: erf(u / sqrt 2) - sqrt(2 / pi) (1 - exp(-u² / 2)) / u.
@@ -122,9 +133,8 @@ class EvidenceModel {
   }
 
   [[nodiscard]] float log_odds_of(std::int64_t occupied, std::int64_t free) const {
-    const double prior = options_.evidence_prior / EvidenceCell::kUnit;
     const auto value = static_cast<float>(
-        std::log((static_cast<double>(occupied) + prior) / (static_cast<double>(free) + prior)));
+        quick_log((static_cast<double>(occupied) + prior_) / (static_cast<double>(free) + prior_)));
     return std::clamp(value, log_odds_min_, log_odds_max_);
   }
 
@@ -139,24 +149,45 @@ class EvidenceModel {
     cell.set_evidence(occupied, free, log_odds_of(occupied, free));
   }
 
-  /// The joint evidence of a scan.
-  void update(EvidenceCell& cell, const ScanEvidence& scan) const {
-    cell.count_scan(scan.hits > 0, scan.misses > 0);
-    if (has_changed(cell)) forget_but_streak(cell);
-    assign(cell, part(cell.occupied_evidence(), kept_) + scan.occupied,
-           part(cell.free_evidence(), kept_) + scan.free);
-    const std::uint32_t misses = cell.misses() + scan.misses;
-    if (cell.occupied_evidence() > 0 || scan.hits > 0) {
-      cell.set_counts(cell.hits() + scan.hits, misses);
-    } else {  // No hit is left that could be contradicted.
-      cell.set_counts(0, std::min(misses, free_memory_beams_));
-      cell.end_streak();
+  /// Adds the joint evidence of a scan. @returns whether the cell changed.
+  bool update(EvidenceCell& cell, const ScanEvidence& scan) const {
+    const bool is_only_free = !cell.is_hit() && scan.hits == 0 && scan.occupied == 0;
+    if (is_only_free && kept_ == 1.0) {  // So are most; the rest does the same for them.
+      const std::int64_t free = std::min(cell.free_evidence() + scan.free, free_memory_);
+      const std::uint32_t misses = std::min(cell.misses() + scan.misses, free_memory_beams_);
+      if (cell.observed() && cell.streak() == 0 && free == cell.free_evidence() && misses == cell.misses())
+        return false;
+      cell.set_free(free, misses, log_odds_of(0, free));
+      return true;
     }
+    EvidenceCell now = cell;
+    now.count_scan(scan.hits > 0, scan.misses > 0);
+    if (now.streak() >= kLeastScansOfChange && has_changed(now)) forget_but_streak(now);
+    std::int64_t occupied = now.occupied_evidence();
+    std::int64_t free = now.free_evidence();
+    if (kept_ < 1.0) {
+      occupied = part(occupied, kept_);
+      free = part(free, kept_);
+    }
+    assign(now, occupied + scan.occupied, free + scan.free);
+    const std::uint32_t misses = now.misses() + scan.misses;
+    if (now.occupied_evidence() > 0 || scan.hits > 0) {
+      now.set_counts(now.hits() + scan.hits, misses);
+    } else {  // No hit is left that could be contradicted.
+      now.set_counts(0, std::min(misses, free_memory_beams_));
+      now.end_streak();
+    }
+    const bool changed = now != cell;
+    cell = now;
+    return changed;
   }
 
   /// What beams say about the parts of a cell that they passed, of which too little was seen yet.
-  void remember(EvidenceCell& cell, std::uint32_t parts, const ScanEvidence& scan) const {
+  /// @returns whether the cell changed.
+  bool remember(EvidenceCell& cell, std::uint32_t parts, const ScanEvidence& scan) const {
+    const EvidenceCell before = cell;
     cell.set_partly_seen(parts, std::min(part(cell.free_evidence(), kept_) + scan.free, free_memory_));
+    return cell != before;
   }
 
   /// Beams of one scan are much alike: of those that say of nothing but free space, a cell counts
@@ -174,8 +205,7 @@ class EvidenceModel {
   /// Whether scans of which all beams pass the cell leave it as it is: it knows as much free space as a cell
   /// can remember, and nothing else.
   [[nodiscard]] bool is_settled(const EvidenceCell& cell) const {
-    return cell.occupied_evidence() == 0 && cell.free_evidence() == free_memory_ && cell.hits() == 0 &&
-           cell.misses() == free_memory_beams_ && cell.streak() == 0 && kept_ == 1.0;
+    return cell.knows_the_same(settled_) && kept_ == 1.0;
   }
 
   /// Whether the cell knows so much that of a scan a sample will do. The beams of a scan are much alike, and
@@ -204,6 +234,10 @@ class EvidenceModel {
     return std::pow((hit ? hits : misses) / (hits + misses), cell.streak()) < options_.change_probability;
   }
 
+  /// Whether children of a cell may know anything from it.
+  [[nodiscard]] static bool has_heirs(const EvidenceCell& parent) {
+    return parent.observed() || parent.is_partly_seen();
+  }
   /// What a child knows from its parent. Free evidence is shared out as this scan's beams are: most earlier
   /// beams took much the same ways. `inherited_beams` more beams, spread evenly, count with them, and a
   /// twentieth is shared out evenly. Where the hits were is not known, so all children take as much of their
@@ -245,6 +279,14 @@ class EvidenceModel {
  private:
   static constexpr std::uint32_t kLeastScansOfChange = 12;
 
+  /// A cell that knows as much free space as a cell can remember, but for its log-odds.
+  [[nodiscard]] EvidenceCell settled_cell() const {
+    EvidenceCell cell;
+    cell.set_evidence(0, free_memory_, log_odds_min_);
+    cell.set_counts(0, free_memory_beams_);
+    return cell;
+  }
+
   /// Leaves a cell with one beam's evidence for each scan of its streak.
   void forget_but_streak(EvidenceCell& cell) const {
     const bool hit = cell.streak_is_of_hits();
@@ -258,8 +300,6 @@ class EvidenceModel {
   [[nodiscard]] static std::int64_t part(std::int64_t whole, double share) {
     return static_cast<std::int64_t>(static_cast<double>(whole) * share);
   }
-  /// To the nearest. @param x >= 0.
-  [[nodiscard]] static std::int64_t rounded(double x) { return static_cast<std::int64_t>(x + 0.5); }
   [[nodiscard]] static std::int64_t units(double nats) { return std::llround(nats / EvidenceCell::kUnit); }
   /// part * whole / sum, rounded down: what nothing adds to fades to nothing.
   [[nodiscard]] static std::int64_t faded(std::int64_t part, std::int64_t whole, std::int64_t sum) {
@@ -269,6 +309,7 @@ class EvidenceModel {
   EvidenceOptions options_;
   float log_odds_min_;
   float log_odds_max_;
+  double prior_;         // In kUnit.
   double hit_;           // [nats]
   std::int64_t miss_;    // In kUnit.
   std::int64_t memory_;  // In kUnit.
@@ -277,6 +318,7 @@ class EvidenceModel {
   std::uint32_t scan_beams_;
   std::int64_t known_;
   double kept_;  // From one scan to the next.
+  EvidenceCell settled_;
 };
 
 }  // namespace ndtree

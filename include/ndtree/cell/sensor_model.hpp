@@ -64,6 +64,18 @@ class BeamSensorModel {
     return options_.range_sigma + options_.range_sigma_quadratic * range * range;
   }
 
+#ifdef NDTREE_HAS_AVX2
+  /// The same of four, to the last bit.
+  NDTREE_AVX2 [[nodiscard]] __m256d sigma(__m256d range) const {
+    return _mm256_add_pd(
+        _mm256_set1_pd(options_.range_sigma),
+        _mm256_mul_pd(_mm256_mul_pd(_mm256_set1_pd(options_.range_sigma_quadratic), range), range));
+  }
+  NDTREE_AVX2 [[nodiscard]] __m256d clearly_free_until(__m256d range, __m256d sigma) const {
+    return _mm256_add_pd(range, _mm256_mul_pd(_mm256_set1_pd(z_min_), sigma));
+  }
+#endif
+
   /// The last point that a beam says anything about, as its t.
   /// @param sigma of the beam's range [m].
   template <int D>
@@ -95,10 +107,17 @@ class BeamSensorModel {
 
   /// The same from tables, within 1e-3, for a cell whose entry and exit are these distances behind the end
   /// point, in standard deviations.
-  [[nodiscard]] double tabulated_log_odds(double entry, double exit) const {
+  [[nodiscard]] float tabulated_log_odds(float entry, float exit) const {
     const auto& cdf = normal_cdf_table();
-    return log_odds_table_(cdf(exit) - 0.5 * cdf(entry));
+    return log_odds_table_(cdf(exit) - 0.5f * cdf(entry));
   }
+#ifdef NDTREE_HAS_AVX2
+  /// The same of eight cells, to the last bit.
+  NDTREE_AVX2 [[nodiscard]] __m256 tabulated_log_odds(__m256 entry, __m256 exit) const {
+    const auto& cdf = normal_cdf_table();
+    return log_odds_table_(_mm256_sub_ps(cdf(exit), _mm256_mul_ps(_mm256_set1_ps(0.5f), cdf(entry))));
+  }
+#endif
 
   /// What a beam says about a cell that it passed: the log-odds of probability_min.
   [[nodiscard]] float log_odds_free() const { return log_odds_free_; }

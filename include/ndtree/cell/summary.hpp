@@ -20,7 +20,12 @@ class Summary {
   explicit Summary(std::uint32_t word) : word_(word) {}
   template <class Cell>
   [[nodiscard]] static Summary of_cell(const Cell& cell, bool is_settled = false) {
-    return Summary(kKnown | (is_settled ? 0u : kUnsettled) | flag(cell.state()) | bound(cell.log_odds()));
+    const float value = cell.log_odds();
+    std::uint32_t bits = 0;
+    std::memcpy(&bits, &value, sizeof bits);
+    const std::uint32_t sign = bits >> 31;
+    const std::uint32_t state = value == 0.0f ? flag(CellState::unknown) : flag(CellState::occupied) << sign;
+    return Summary(kKnown | (is_settled ? 0u : kUnsettled) | state | bound(bits, sign));
   }
   /// Of a leaf, or what an inner node's note says. A leaf is not taken for settled.
   template <class NodeType>
@@ -37,6 +42,11 @@ class Summary {
   [[nodiscard]] bool is_known() const { return (word_ & kKnown) != 0; }
   /// Whether some leaf has, or might have, this state.
   [[nodiscard]] bool may_contain(CellState state) const { return !is_known() || (word_ & flag(state)) != 0; }
+  /// Whether it is certain that all leaves have the same state, and not that of unknown space.
+  [[nodiscard]] bool is_uniform() const {
+    const std::uint32_t states = word_ & kStates;
+    return states == flag(CellState::free) || states == flag(CellState::occupied);
+  }
   /// Whether every leaf is settled.
   [[nodiscard]] bool is_settled() const { return is_known() && (word_ & kUnsettled) == 0; }
   /// No leaf has more, and one has at least this but for a 32,768th. @pre is_known().
@@ -52,40 +62,53 @@ class Summary {
 
  private:
   static constexpr std::uint32_t kKnown = 1;
+  static constexpr std::uint32_t kStates = 2 | 4 | 8;
   static constexpr std::uint32_t kUnsettled = 16;
   static constexpr std::uint32_t kBound = 0xffffff00u;  // The upper 24 bits of a float, ordered as it is.
 
-  [[nodiscard]] static std::uint32_t flag(CellState state) {
+  /// That of free space is twice that of occupied.
+  [[nodiscard]] static constexpr std::uint32_t flag(CellState state) {
     return state == CellState::occupied ? 2u : state == CellState::free ? 4u : 8u;
   }
   /// Inverse of what bound() makes of a float's bits, so that they are ordered as floats are.
   [[nodiscard]] static std::uint32_t float_bits(std::uint32_t ordered) {
     return (ordered & 0x80000000u) != 0 ? ordered & 0x7fffffffu : ~ordered;
   }
-  [[nodiscard]] static std::uint32_t bound(float value) {
-    std::uint32_t bits = 0;
-    std::memcpy(&bits, &value, sizeof bits);
-    bits = (bits & 0x80000000u) != 0 ? ~bits : bits | 0x80000000u;
-    return bits > 0xffffff00u ? kBound : (bits + 0xffu) & kBound;  // Upwards.
+  [[nodiscard]] static std::uint32_t bound(std::uint32_t bits, std::uint32_t sign) {
+    return ((bits ^ ((0u - sign) | 0x80000000u)) + 0xffu) & kBound;  // Upwards.
   }
 
   std::uint32_t word_ = 0;
 };
 
+/// What the children of a node say together.
+struct SummaryOfChildren {
+  Summary summary;         ///< Unknown if that of one of them is.
+  bool are_leaves = true;  ///< All of them.
+};
+
+/// @param is_settled says it of a cell.
+template <class Tree, class IsSettled>
+SummaryOfChildren summary_of_children(const Tree& tree, const typename Tree::NodeType& parent,
+                                      const IsSettled& is_settled) {
+  const auto* const children = tree.children(parent);
+  SummaryOfChildren result;
+  bool is_known = true;
+  for (int j = 0; j < Tree::kNumChildren; ++j) {
+    const Summary child = Summary::of(children[j], is_settled);
+    is_known = is_known && child.is_known();
+    result.are_leaves = result.are_leaves && children[j].is_leaf();
+    result.summary.add(child);
+  }
+  if (!is_known) result.summary = {};
+  return result;
+}
+
 /// Writes the note of an inner node from those of its children. @returns it; unknown if one of them is.
 /// @param is_settled says it of a cell.
 template <class Tree, class IsSettled>
 Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSettled& is_settled) {
-  const auto* const children = tree.children(parent);
-  Summary summary;
-  for (int j = 0; j < Tree::kNumChildren; ++j) {
-    const Summary child = Summary::of(children[j], is_settled);
-    if (!child.is_known()) {
-      parent.set_note(0);
-      return {};
-    }
-    summary.add(child);
-  }
+  const Summary summary = summary_of_children(tree, parent, is_settled).summary;
   parent.set_note(summary.word());
   return summary;
 }

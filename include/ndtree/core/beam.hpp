@@ -34,13 +34,15 @@ struct Beam {
   Beam(const Vector<D>& from, const Vector<D>& to, bool returned = true, double max_range = kUnlimitedRange)
       : origin(from), endpoint(to), displacement(to - from), range(displacement.norm()) {
     if (std::isinf(range)) range = long_range();
-    if (!(range > 0.0) || !std::isfinite(range) || !origin.allFinite()) return;
+    if (!(range >= kShortest) || !std::isfinite(range) || !origin.allFinite()) return;
     const bool in_reach = range <= max_range;
     t_free = in_reach ? 1.0 : max_range / range;
     outcome = !returned  ? BeamOutcome::not_returned
               : in_reach ? BeamOutcome::returned
                          : BeamOutcome::beyond_max_range;
   }
+
+  static constexpr double kShortest = 1e-18;  ///< Shorter ones have no direction [m].
 
   [[nodiscard]] Vector<D> point(double t) const { return origin + t * displacement; }
   /// Where the free part ends: the end point itself if all of the beam is in range.

@@ -7,6 +7,8 @@
 #include <limits>
 #include <utility>
 
+#include "ndtree/core/quick_log.hpp"
+
 namespace ndtree {
 
 /// log of the gamma function for x > 0, within 1e-13 or 1e-14 of its value: Stirling's series from 10 on, and
@@ -26,6 +28,40 @@ namespace ndtree {
 /// log B(a, b) = log Γ(a) + log Γ(b) - log Γ(a + b), for a, b > 0.
 [[nodiscard]] inline double log_beta(double a, double b) {
   return log_gamma(a) + log_gamma(b) - log_gamma(a + b);
+}
+
+namespace detail {
+
+/// Factors of the gamma function: Γ(x) = exp(stirling) sqrt(2 π) / product. Stirling's series from 8 on, and
+/// the recurrence down from there.
+struct GammaFactors {
+  double stirling;
+  double product = 1.0;
+
+  explicit GammaFactors(double x) {
+    if (x < 8.0) {  // Γ(x) = Γ(x + 8) / (x (x + 1) ... (x + 7))
+      const double y = x * (x + 7.0);
+      product = y * (y + 6.0) * (y + 10.0) * (y + 12.0);
+      x += 8.0;
+    }
+    const double inverse = 1.0 / x;
+    const double y = inverse * inverse;
+    const double series =
+        (1.0 / 12.0 - y * (1.0 / 360.0 - y * (1.0 / 1260.0 - y * (1.0 / 1680.0)))) * inverse;
+    stirling = (x - 0.5) * quick_log(x) - x + series;
+  }
+};
+
+}  // namespace detail
+
+/// log_beta() within 1e-9 or 1e-12 of the largest of the three, in a third of the time.
+[[nodiscard]] inline double quick_log_beta(double a, double b) {
+  constexpr double kLogSqrt2Pi = 0.91893853320467274;
+  const detail::GammaFactors of_a(a);
+  const detail::GammaFactors of_b(b);
+  const detail::GammaFactors of_sum(a + b);
+  return of_a.stirling + of_b.stirling - of_sum.stirling + kLogSqrt2Pi +
+         quick_log(of_sum.product / (of_a.product * of_b.product));
 }
 
 /// I_x(a, b) for a, b > 0 and x in [0, 1]: the probability that a share with the distribution Beta(a, b) is
@@ -83,7 +119,7 @@ class RateComparison {
 
  private:
   [[nodiscard]] double log_evidence(double hits, double misses) const {
-    return log_beta(hits + prior_hits_, misses + 1.0) - log_prior_;
+    return quick_log_beta(hits + prior_hits_, misses + 1.0) - log_prior_;
   }
 
   double prior_hits_;

@@ -3,10 +3,12 @@
 /// Functions that are needed for every beam, from tables.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 
 #include "ndtree/core/log_odds.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 
@@ -18,25 +20,40 @@ class LinearTable {
  public:
   template <class Function>
   LinearTable(double lower, double upper, Function&& function)
-      : lower_(lower), steps_per_unit_(Steps / (upper - lower)) {
+      : lower_(static_cast<float>(lower)), steps_per_unit_(static_cast<float>(Steps / (upper - lower))) {
     for (int i = 0; i <= Steps; ++i)
       values_[static_cast<std::size_t>(i)] =
           static_cast<float>(function(lower + (upper - lower) * i / Steps));
+    values_.back() = values_[Steps];
   }
 
-  [[nodiscard]] double operator()(double x) const {
-    const double place = (x - lower_) * steps_per_unit_;
-    if (!(place > 0.0)) return static_cast<double>(values_.front());
-    if (!(place < Steps)) return static_cast<double>(values_.back());
+  /// Of NaN, the value at the lower end.
+  [[nodiscard]] float operator()(float x) const {
+    constexpr auto kSteps = static_cast<float>(Steps);
+    const float place = std::min(kSteps, std::max(0.0f, (x - lower_) * steps_per_unit_));
     const auto step = static_cast<std::size_t>(static_cast<int>(place));
-    const auto below = static_cast<double>(values_[step]);
-    return below + (place - static_cast<double>(step)) * (static_cast<double>(values_[step + 1]) - below);
+    const float below = values_[step];
+    return below + (place - static_cast<float>(static_cast<int>(step))) * (values_[step + 1] - below);
   }
+#ifdef NDTREE_HAS_AVX2
+  /// The same of eight numbers, to the last bit.
+  NDTREE_AVX2 [[nodiscard]] __m256 operator()(__m256 x) const {
+    const __m256 place = _mm256_min_ps(_mm256_max_ps(_mm256_mul_ps(_mm256_sub_ps(x, _mm256_set1_ps(lower_)),
+                                                                   _mm256_set1_ps(steps_per_unit_)),
+                                                     _mm256_setzero_ps()),
+                                       _mm256_set1_ps(static_cast<float>(Steps)));
+    const __m256i step = _mm256_cvttps_epi32(place);
+    const __m256 below = _mm256_i32gather_ps(values_.data(), step, 4);
+    const __m256 above = _mm256_i32gather_ps(values_.data() + 1, step, 4);
+    return _mm256_add_ps(
+        below, _mm256_mul_ps(_mm256_sub_ps(place, _mm256_cvtepi32_ps(step)), _mm256_sub_ps(above, below)));
+  }
+#endif
 
  private:
-  double lower_;
-  double steps_per_unit_;
-  std::array<float, Steps + 1> values_;
+  float lower_;
+  float steps_per_unit_;
+  std::array<float, Steps + 2> values_;  // The last twice.
 };
 
 /// normal_cdf() within 1e-6.

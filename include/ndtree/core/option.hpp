@@ -14,6 +14,8 @@ struct OptionBounds {
   double least;
   double most;
   const char* unit = "";  ///< With a blank before it, or empty.
+
+  [[nodiscard]] bool contain(double value) const { return value >= least && value <= most; }
 };
 
 /// A number as messages show it: nine digits at most, and never without a point or an exponent.

@@ -5,8 +5,8 @@
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/core/scan.hpp"
 #include "ndtree/mapping/map_options.hpp"
+#include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 
@@ -37,27 +37,20 @@ class BeamUpdate : public BeamVisitor {
   /// One beam after the other.
   [[nodiscard]] static std::size_t most_workers(Eigen::Index /*beams*/) { return 1; }
 
-  /// Before the beams of a scan: nothing is to be prepared.
-  void begin(const ScanView<D>& /*scan*/, double /*max_range*/, std::size_t /*parts*/) {}
-
-  /// Beams are integrated as they are added: the tree must contain them before.
-  static constexpr bool kWaits = false;
-
-  /// @param sigma of the range [m]. @pre the beam is valid, and the tree contains it up to t_end().
-  void add(const Beam<D>& beam, double sigma) {
-    range_ = beam.range;
-    returned_ = beam.outcome == BeamOutcome::returned;
-    hit_counted_ = false;
-    try_merge_ = false;
-    t_known_ = -1.0;
-    sigma_ = sigma;
-    t_clearly_free_ = returned_ ? sensor_.clearly_free_until(range_, sigma_) / range_ : beam.t_free;
-    free_end_ = beam.free_end();
-    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, Sensor::t_end(beam, sigma), *this);
+  /// Looks over a scan, which must stay where it is until finish() is done; the tree stays as it is.
+  /// @throws as survey_exactly().
+  ScanSurvey<D> look_over(const Measurements<D, Sensor>& measurements, Workers& /*workers*/) {
+    measurements_ = &measurements;
+    return survey_exactly(tree_.geometry(), measurements, measurements.all());
   }
 
-  /// After the last beam of a scan: nothing is left to do.
-  void finish(Workers& /*workers*/) {}
+  /// Integrates beam after beam. @pre the tree contains what the survey reaches.
+  void finish(Workers& /*workers*/) {
+    for (Eigen::Index i = 0; i < measurements_->scan().size; ++i) {
+      const Beam<D> beam = measurements_->beam(i);
+      if (beam.outcome != BeamOutcome::invalid) add(beam, measurements_->sigma(i, beam.range));
+    }
+  }
 
   template <class Ref>
   void enter(const Ref& leaf) {
@@ -112,6 +105,19 @@ class BeamUpdate : public BeamVisitor {
   }
 
  private:
+  /// @param sigma of the range [m]. @pre the beam is valid, and the tree contains it up to t_end().
+  void add(const Beam<D>& beam, double sigma) {
+    range_ = beam.range;
+    returned_ = beam.outcome == BeamOutcome::returned;
+    hit_counted_ = false;
+    try_merge_ = false;
+    t_known_ = -1.0;
+    sigma_ = sigma;
+    t_clearly_free_ = returned_ ? sensor_.clearly_free_until(range_, sigma_) / range_ : beam.t_free;
+    free_end_ = beam.free_end();
+    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, Sensor::t_end(beam, sigma), *this);
+  }
+
   template <class Ref>
   [[nodiscard]] bool holds_end(const Ref& leaf) const {
     return tree_.geometry().contains(leaf.index, tree_.geometry().coordinates(free_end_));
@@ -125,6 +131,7 @@ class BeamUpdate : public BeamVisitor {
   const int finest_level_;
   const int coarsest_level_;
   UpdateCounters& counters_;
+  const Measurements<D, Sensor>* measurements_ = nullptr;
 
   // Of the beam being integrated:
   double range_ = 0.0;

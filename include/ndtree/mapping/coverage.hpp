@@ -63,12 +63,26 @@ class ScanCoverage {
  public:
   static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
 
+  /// What one beam, or several, have seen, in whole numbers of kUnit.
+  struct Seen {
+    std::int64_t child = 0;  ///< Of the child.
+    std::int64_t cell = 0;   ///< Of the cell: its width may be more than the child's.
+    std::int64_t way = 0;    ///< Through the child.
+  };
+  static constexpr float kUnitsOfOne = 1 << 20;
+
   /// @param way through the child along the main axis of the beam, over the child's edge.
   /// @param width of what the beam stands for there, over the child's edge.
-  void add(int child, double way, double width) {
-    of_child_[static_cast<std::size_t>(child)] += units(way * across(std::min(width, 1.0)));
-    of_cell_ += units(way * across(std::min(width, static_cast<double>(N))));
-    way_ += units(way);
+  [[nodiscard]] static Seen seen(float way, float width) {
+    const float units = way * kUnitsOfOne;
+    return {static_cast<std::int64_t>(std::nearbyint(units * across(std::min(width, 1.0f)))),
+            static_cast<std::int64_t>(std::nearbyint(units * across(std::min(width, static_cast<float>(N))))),
+            static_cast<std::int64_t>(std::nearbyint(units))};
+  }
+  void add(int child, const Seen& seen) {
+    of_child_[static_cast<std::size_t>(child)] += seen.child;
+    of_cell_ += seen.cell;
+    way_ += seen.way;
   }
   /// Seen share of a child; more than 1 where beams are closer than they are elsewhere.
   [[nodiscard]] double of_child(int number) const {
@@ -84,11 +98,10 @@ class ScanCoverage {
   }
 
  private:
-  static constexpr double kUnit = 1.0 / (1 << 20);
+  static constexpr double kUnit = 1.0 / static_cast<double>(kUnitsOfOne);
 
-  [[nodiscard]] static std::int64_t units(double x) { return static_cast<std::int64_t>(x / kUnit + 0.5); }
-  [[nodiscard]] static double across(double width) {
-    double area = 1.0;
+  [[nodiscard]] static float across(float width) {
+    float area = 1.0f;
     for (int a = 1; a < D; ++a) area *= width;
     return area;
   }
@@ -121,7 +134,7 @@ struct CoverageVerdict {
 class CoverageModel {
  public:
   explicit CoverageModel(const CoverageOptions& options)
-      : share_(options.covered_share), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
+      : share_(options.covered_share * kRounding), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
 
   /// Whether cells have to be seen, and not only passed.
   [[nodiscard]] bool is_on() const { return share_ > 0.0; }
@@ -145,7 +158,7 @@ class CoverageModel {
     CoverageVerdict verdict{seen_before};
     int seen_children = 0;
     for (std::size_t p = 0; p < seen.size(); ++p) {
-      if (seen[p] >= kLeast * children[p]) verdict.parts |= 1u << p;
+      if (seen[p] >= kLeast * kRounding * children[p]) verdict.parts |= 1u << p;
       if ((verdict.parts >> p & 1u) != 0) seen_children += children[p];
     }
     verdict.shows_more = is_missing && size > least_to_split_;
@@ -161,6 +174,8 @@ class CoverageModel {
     for (int a = 0; a < D; ++a) share *= 1.0 - 1.0 / size;
     return share;
   }
+
+  static constexpr double kRounding = 1.0 - 1e-4;  // Of ways through cells.
 
   double share_;
   double least_to_split_;

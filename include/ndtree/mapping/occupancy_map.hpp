@@ -24,6 +24,7 @@
 #include "ndtree/mapping/compress.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/refinement.hpp"
+#include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 #include "ndtree/tree/visit.hpp"
@@ -124,32 +125,18 @@ class OccupancyMap {
     using Update = typename Refinement::template Update<Tree, Sensor>;
     Workers workers(std::min(static_cast<std::size_t>(threads), Update::most_workers(scan.size)));
     Update update(tree_, refinement_, sensor_, options_, counters_);
+    const Measurements<D, Sensor> measurements(scan, max_range, sensor_);
     // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, can
     // still stop it half-way.
-    const std::size_t parts = workers.count();
-    update.begin(scan, max_range, parts);
-    std::vector<Survey> surveys(parts);
-    workers.for_each_task(parts, [&](std::size_t, std::size_t part) {
-      surveys[part] = survey(scan, max_range, part_of(scan, part, parts), update, part);
-    });
-    Box<D> reach = nothing();
-    for (const Survey& survey : surveys) {
-      reach.lower = reach.lower.cwiseMin(survey.reach.lower);
-      reach.upper = reach.upper.cwiseMax(survey.reach.upper);
-      report.returned += survey.outcomes.returned;
-      report.not_returned += survey.outcomes.not_returned;
-      report.beyond_max_range += survey.outcomes.beyond_max_range;
-      report.invalid += survey.outcomes.invalid;
-    }
+    const ScanSurvey<D> survey = update.look_over(measurements, workers);
+    for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
+                                      BeamOutcome::beyond_max_range, BeamOutcome::invalid})
+      report.count(outcome) = survey.num(outcome);
     try {
-      if (report.beams != report.invalid) {
-        tree_.grow_to_contain(reach.lower);
-        tree_.grow_to_contain(reach.upper);
+      if (survey.num_valid() > 0) {
+        tree_.grow_to_contain(survey.reach.lower);
+        tree_.grow_to_contain(survey.reach.upper);
       }
-      if constexpr (!Update::kWaits)
-        for_each_beam(scan, max_range, {0, scan.size}, [&](Eigen::Index, const Beam<D>& beam, double sigma) {
-          if (beam.outcome != BeamOutcome::invalid) update.add(beam, sigma);
-        });
       update.finish(workers);
       tree_.shrink_if_half_empty();
       summarise_unknown(tree_, *tree_.root().node, settled());
@@ -258,82 +245,6 @@ class OccupancyMap {
     if (!scan.origin_per_beam && scan.size > 0 && !scan.origin(0).allFinite())
       throw std::invalid_argument("origin = " + describe(scan.origin(0)) +
                                   " m: every component must be finite");
-  }
-
-  /// Beams of a scan, from the first to before the last.
-  struct Range {
-    Eigen::Index first;
-    Eigen::Index last;
-  };
-  [[nodiscard]] static Range part_of(const ScanView<D>& scan, std::size_t part, std::size_t parts) {
-    const auto n = static_cast<std::size_t>(scan.size);
-    return {static_cast<Eigen::Index>(n * part / parts), static_cast<Eigen::Index>(n * (part + 1) / parts)};
-  }
-
-  /// Calls `visit(i, beam, sigma)`, also for beams that are invalid.
-  template <class Visit>
-  void for_each_beam(const ScanView<D>& scan, double max_range, const Range& range, Visit&& visit) const {
-    for (Eigen::Index i = range.first; i < range.last; ++i) {
-      const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
-      visit(i, beam, scan.range_sigma == nullptr ? sensor_.sigma(beam.range) : scan.range_sigma[i]);
-    }
-  }
-
-  [[nodiscard]] static Box<D> nothing() {
-    constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    return {Vector<D>::Constant(kInfinity), Vector<D>::Constant(-kInfinity)};
-  }
-  /// What the beams of a part of a scan reach, and how they ended.
-  struct Survey {
-    Box<D> reach = nothing();
-    InsertReport outcomes;
-  };
-  /// Looks over some beams of a scan, and adds them to an update that waits for all of them.
-  /// @throws std::invalid_argument if a beam cannot be mapped.
-  template <class Update>
-  Survey survey(const ScanView<D>& scan, double max_range, const Range& range, Update& update,
-                std::size_t part) const {
-    Survey survey;
-    bool is_valid = true;
-    for_each_beam(scan, max_range, range, [&](Eigen::Index i, const Beam<D>& beam, double sigma) {
-      ++survey.outcomes.count(beam.outcome);
-      if (beam.outcome == BeamOutcome::invalid) return;
-      const double t_end = Sensor::t_end(beam, sigma);
-      is_valid = is_valid && is_valid_sigma(sigma) && t_end <= std::numeric_limits<double>::max();
-      for (const Vector<D>& point : {beam.point(t_end), beam.free_end()}) {
-        survey.reach.lower = survey.reach.lower.cwiseMin(point);
-        survey.reach.upper = survey.reach.upper.cwiseMax(point);
-      }
-      if (scan.origin_per_beam) {
-        survey.reach.lower = survey.reach.lower.cwiseMin(beam.origin);
-        survey.reach.upper = survey.reach.upper.cwiseMax(beam.origin);
-      }
-      if constexpr (Update::kWaits) update.add(part, i, beam, sigma, t_end);
-    });
-    if (survey.outcomes.invalid == static_cast<std::uint64_t>(range.last - range.first)) return survey;
-    if (!scan.origin_per_beam) {
-      survey.reach.lower = survey.reach.lower.cwiseMin(scan.origin(0));
-      survey.reach.upper = survey.reach.upper.cwiseMax(scan.origin(0));
-    }
-    const auto& geometry = tree_.geometry();
-    if (!is_valid || !geometry.in_reach(survey.reach.lower) || !geometry.in_reach(survey.reach.upper))
-      for_each_beam(scan, max_range, range, [&](Eigen::Index i, const Beam<D>& beam, double sigma) {
-        if (beam.outcome != BeamOutcome::invalid) check(i, beam, sigma);
-      });
-    return survey;
-  }
-  [[nodiscard]] static bool is_valid_sigma(double sigma) {
-    return sigma >= kRangeSigmaBounds.least && sigma <= kRangeSigmaBounds.most;
-  }
-  /// @throws std::invalid_argument if the i-th beam cannot be mapped.
-  void check(Eigen::Index i, const Beam<D>& beam, double sigma) const {
-    require_within(("range_sigma of beam " + std::to_string(i)).c_str(), sigma, kRangeSigmaBounds);
-    for (const Vector<D>& point : {beam.origin, beam.point(Sensor::t_end(beam, sigma)), beam.free_end()})
-      if (!tree_.geometry().in_reach(point))
-        throw std::invalid_argument("beam " + std::to_string(i) + " reaches " + describe(point) +
-                                    " m: with cells of " + std::to_string(options_.min_cell_size) +
-                                    " m every component must be within " +
-                                    std::to_string(tree_.geometry().reach()) + " m of 0");
   }
 
   static std::string describe(const Vector<D>& point) {

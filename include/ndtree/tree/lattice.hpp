@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/child_index.hpp"
 
@@ -80,6 +81,21 @@ class LatticeGeometry {
     if (border(k + 1) <= x) ++k;
     return k;
   }
+#ifdef NDTREE_HAS_AVX2
+  /// The same of four numbers, as floating point. @param is_on_border whether x lies on the cell's lower
+  /// border.
+  NDTREE_AVX2 [[nodiscard]] __m256d coordinate(__m256d x, __m256d& is_on_border) const {
+    const __m256d unit = _mm256_set1_pd(unit_);
+    const __m256d one = _mm256_set1_pd(1.0);
+    __m256d k = _mm256_round_pd(_mm256_mul_pd(x, _mm256_set1_pd(per_metre_)),
+                                _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC);
+    const __m256d lower = _mm256_mul_pd(k, unit);
+    k = _mm256_sub_pd(k, _mm256_and_pd(one, _mm256_cmp_pd(lower, x, _CMP_GT_OQ)));
+    const __m256d upper = _mm256_mul_pd(_mm256_add_pd(k, one), unit);
+    is_on_border = _mm256_or_pd(_mm256_cmp_pd(lower, x, _CMP_EQ_OQ), _mm256_cmp_pd(upper, x, _CMP_EQ_OQ));
+    return _mm256_add_pd(k, _mm256_and_pd(one, _mm256_cmp_pd(upper, x, _CMP_LE_OQ)));
+  }
+#endif
   [[nodiscard]] Lattice<D> coordinates(const Vector<D>& point) const {
     Lattice<D> result;
     for (int a = 0; a < D; ++a) result[static_cast<std::size_t>(a)] = coordinate(point[a]);

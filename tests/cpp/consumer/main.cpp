@@ -24,7 +24,7 @@ int main() {
   std::cout << "ndtree " NDTREE_VERSION ": " << map.stats().observed_leaves << " observed leaves\n";
 
   const bool wall = ndtree::state(map, Eigen::Vector3d(2.02, 0.0, 0.01)) == ndtree::CellState::occupied;
-  const bool path = ndtree::state(map, Eigen::Vector3d(1.0, 0.0, 0.005)) == ndtree::CellState::free;
+  const bool path = ndtree::state(map, Eigen::Vector3d(1.5, 0.0, 0.005)) == ndtree::CellState::free;
   const bool behind = ndtree::state(map, Eigen::Vector3d(9.0, 0.0, 0.0)) == ndtree::CellState::unknown;
   return wall && path && behind ? 0 : 1;
 }

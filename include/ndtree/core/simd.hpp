@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Whether loops may work on eight numbers at a time, found out at run time: no compiler flag is needed.
+#pragma once
+
+#if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
+#include <immintrin.h>
+/// Functions with this attribute may use AVX2, whatever the rest is compiled for. They must not multiply and
+/// add in one step (FMA), which rounds once instead of twice.
+#define NDTREE_AVX2 __attribute__((target("avx2,popcnt,no-fma")))
+#define NDTREE_HAS_AVX2 1
+#endif
+
+#include <array>
+#include <atomic>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+namespace ndtree {
+
+/// Which loops run: all give the same bits.
+class Simd {
+ public:
+  /// Numbers at a time: 8 with AVX2, else 1.
+  [[nodiscard]] static int width() { return width_of_process().load(std::memory_order_relaxed); }
+  /// @param most numbers at a time from now on, at least 1: for tests, and to measure what it is worth.
+  static void limit(int most) {
+    width_of_process().store(most >= 8 ? machine_width() : 1, std::memory_order_relaxed);
+  }
+
+ private:
+  [[nodiscard]] static int machine_width() {
+#ifdef NDTREE_HAS_AVX2
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt") ? 8 : 1;
+#else
+    return 1;
+#endif
+  }
+  [[nodiscard]] static std::atomic<int>& width_of_process() {
+    static std::atomic<int> width{machine_width()};
+    return width;
+  }
+};
+
+/// To the nearest whole number, the even one if two are: as vectors of numbers are rounded.
+/// @pre |x| < 2^31.
+[[nodiscard]] inline std::int32_t nearest_integer(float x) {
+#ifdef NDTREE_HAS_AVX2
+  return _mm_cvtss_si32(_mm_set_ss(x));
+#else
+  return static_cast<std::int32_t>(std::lrint(x));
+#endif
+}
+
+#ifdef NDTREE_HAS_AVX2
+namespace detail {
+
+/// For each set of eight numbers, where to find those that are in it: their places, one byte each.
+struct PackTable {
+  std::array<std::uint64_t, 256> places{};
+  constexpr PackTable() {
+    for (unsigned set = 0; set < 256; ++set) {
+      unsigned n = 0;
+      for (unsigned i = 0; i < 8; ++i)
+        if ((set >> i & 1u) != 0) places[set] |= static_cast<std::uint64_t>(i) << (8 * n++);
+    }
+  }
+};
+inline constexpr PackTable kPackTable{};
+
+/// The order that brings those of a set to the front.
+NDTREE_AVX2 inline __m256i packing(unsigned set) {
+  return _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackTable.places[set])));
+}
+/// All ones in the first n of eight.
+NDTREE_AVX2 inline __m256i first_of_eight(std::size_t n) {
+  return _mm256_cmpgt_epi32(_mm256_set1_epi32(n < 8 ? static_cast<int>(n) : 8),
+                            _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+}
+
+}  // namespace detail
+#endif
+
+}  // namespace ndtree

@@ -1,0 +1,285 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The beams of a scan that count, as arrays of plain numbers.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "ndtree/core/beam.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/measurements.hpp"
+#include "ndtree/tree/lattice.hpp"
+
+namespace ndtree {
+
+/// The smallest cell that a returned beam ends in: the one that holds the end point, or, if the beam only
+/// touches that one in a corner, the next along the beam.
+template <int N, int D>
+[[nodiscard]] Lattice<D> cell_of_hit(const LatticeGeometry<N, D>& geometry, const Beam<D>& beam) {
+  Lattice<D> cell = geometry.coordinates(beam.endpoint);
+  Lattice<D> behind = cell;
+  bool is_touched_only = false;
+  for (std::size_t a = 0; a < D; ++a) {
+    const double d = beam.displacement[static_cast<int>(a)];
+    const bool is_on_border = geometry.border(cell[a]) == beam.endpoint[static_cast<int>(a)];
+    is_touched_only = is_touched_only || (is_on_border && d > 0.0);
+    behind[a] -= static_cast<std::int64_t>(is_on_border && d < 0.0);
+  }
+  return is_touched_only ? behind : cell;
+}
+
+/// Beams by number: those of a face one after the other (see ScanFace), the least chance first. Distances are
+/// metres from the origin, along the beam. Float is enough where a beam crosses a plane: its direction is
+/// known less well.
+template <int D>
+class ScanBeams {
+ public:
+  static constexpr double kThinnestSurface = 5.0 / 3.0;  ///< Standard deviations; see LeafEvidence.
+
+  [[nodiscard]] std::size_t size() const { return size_; }
+  /// @param faces that the beams go through. Those of number 0 are alone in their faces, of which there is no
+  ///   other number. @param have_own_origins whether not all begin in one place.
+  /// @param base the cell from which end points are counted.
+  void resize(std::size_t n, std::vector<ScanFace<D>> faces, bool have_own_origins, const Lattice<D>& base) {
+    size_ = n;
+    faces_ = std::move(faces);
+    floats_.reset(new float[n * kNumFloats]);  // Not initialised: set() does that.
+    faces_of_.reset(new std::uint32_t[n]);
+    offsets_.reset(new std::int32_t[n * D]);
+    cells_.reset(new Lattice<D>[n]);
+    has_own_origins_ = have_own_origins;
+    origins_.resize(have_own_origins ? n : std::min<std::size_t>(n, 1));
+    base_ = base;
+  }
+
+  /// @param i number of the beam in the scan, valid. @param chance in [0, 1), see chance_of().
+  /// @param face by its number, see resize().
+  template <int N, class Sensor>
+  void set(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
+           const Measurements<D, Sensor>& measurements, Eigen::Index i, float chance, std::uint32_t face) {
+    const Beam<D> beam = measurements.beam(i);
+    const bool returned = beam.outcome == BeamOutcome::returned;
+    float square = 0.0f;
+    float depth = 0.0f;
+    std::array<float, D> way;
+    for (std::size_t a = 0; a < D; ++a) {
+      way[a] = static_cast<float>(beam.displacement[static_cast<int>(a)]);
+      square += way[a] * way[a];
+      depth = std::max(depth, std::abs(way[a]));
+    }
+    // Too long for float, or too short, are only beams that are cut, or of cells far smaller than real ones.
+    const float range = square >= kLeastSquare && square <= kLargestSquare ? std::sqrt(square)
+                                                                           : static_cast<float>(beam.range);
+    for (std::size_t a = 0; a < D; ++a) {
+      const float inverse = std::min(range / std::abs(way[a]), kSteepest);
+      column(kInverse + static_cast<int>(a))[number] = way[a] < 0.0f ? -inverse : inverse;
+    }
+    const double sigma = measurements.sigma(i, static_cast<double>(range));
+    const float end = beam.t_free < 1.0 ? static_cast<float>(beam.t_free * beam.range) : range;
+    set_range(number, returned, end, depth / range, static_cast<float>(sigma),
+              returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
+              returned ? static_cast<float>(static_cast<double>(end) + Sensor::kReachSigmas * sigma) : end);
+    column(kChance)[number] = chance;
+    faces_of_[number] = face;
+    const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
+    cells_[number] = cell;
+    for (std::size_t a = 0; a < D; ++a)
+      offsets_[a * size_ + number] =
+          static_cast<std::int32_t>(std::clamp(cell[a] - base_[a], -2 * kNearby, 2 * kNearby));
+    if (has_own_origins_ || number == 0) origins_[number] = beam.origin;
+  }
+
+#ifdef NDTREE_HAS_AVX2
+  /// set() of eight beams from one origin that are all returned, and have no noise of their own; their chance
+  /// and face may be set before or after. @pre all end nearby, see ends_nearby().
+  /// @returns false if set() has more to think about: a beam is cut, or ends on a border of a cell.
+  template <int N, class Sensor>
+  NDTREE_AVX2 bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
+                             const Measurements<D, Sensor>& measurements,
+                             const std::array<std::uint32_t, 8>& numbers) {
+    const ScanView<D>& scan = measurements.scan();
+    const __m128i stride = _mm_set1_epi32(D);
+    const __m128i low_numbers =
+        _mm_mullo_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers.data())), stride);
+    const __m128i high_numbers =
+        _mm_mullo_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers.data() + 4)), stride);
+    const __m256 sign = _mm256_set1_ps(-0.0f);
+    __m256 way[D];
+    __m256 square = _mm256_setzero_ps();
+    __m256 depth = square;
+    __m256d on_border = _mm256_setzero_pd();
+#pragma GCC unroll 4
+    for (int a = 0; a < D; ++a) {
+      const __m256d low = gather(scan.endpoints + a, low_numbers);
+      const __m256d high = gather(scan.endpoints + a, high_numbers);
+      const __m256d origin = _mm256_set1_pd(scan.origins[a]);
+      way[a] =
+          joined(_mm256_cvtpd_ps(_mm256_sub_pd(low, origin)), _mm256_cvtpd_ps(_mm256_sub_pd(high, origin)));
+      square = _mm256_add_ps(square, _mm256_mul_ps(way[a], way[a]));
+      depth = _mm256_max_ps(depth, _mm256_andnot_ps(sign, way[a]));
+      __m256d low_on_border;
+      __m256d high_on_border;
+      const __m256d base = _mm256_set1_pd(static_cast<double>(base_[static_cast<std::size_t>(a)]));
+      const __m128i low_offset =
+          _mm256_cvtpd_epi32(_mm256_sub_pd(geometry.coordinate(low, low_on_border), base));
+      const __m128i high_offset =
+          _mm256_cvtpd_epi32(_mm256_sub_pd(geometry.coordinate(high, high_on_border), base));
+      on_border = _mm256_or_pd(on_border, _mm256_or_pd(low_on_border, high_on_border));
+      std::int32_t* const offsets = offsets_.get() + static_cast<std::size_t>(a) * size_ + number;
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(offsets), low_offset);
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(offsets + 4), high_offset);
+    }
+    const __m256 fits = _mm256_and_ps(_mm256_cmp_ps(square, _mm256_set1_ps(kLeastSquare), _CMP_GE_OQ),
+                                      _mm256_cmp_ps(square, _mm256_set1_ps(kLargestSquare), _CMP_LE_OQ));
+    if (_mm256_movemask_pd(on_border) != 0 || _mm256_movemask_ps(fits) != 0xff) return false;
+    const __m256 range = _mm256_sqrt_ps(square);
+    const auto surely_in_range = static_cast<float>(measurements.max_range() * (1.0 - 1e-6));
+    if (_mm256_movemask_ps(_mm256_cmp_ps(range, _mm256_set1_ps(surely_in_range), _CMP_LE_OQ)) != 0xff)
+      return false;
+#pragma GCC unroll 4
+    for (int a = 0; a < D; ++a) {
+      const __m256 inverse =
+          _mm256_min_ps(_mm256_div_ps(range, _mm256_andnot_ps(sign, way[a])), _mm256_set1_ps(kSteepest));
+      const __m256 is_down = _mm256_and_ps(sign, _mm256_cmp_ps(way[a], _mm256_setzero_ps(), _CMP_LT_OQ));
+      _mm256_storeu_ps(column(kInverse + a) + number, _mm256_or_ps(inverse, is_down));
+    }
+    const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(range));
+    const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(range, 1));
+    const __m256d low_sigma = sensor.sigma(low);
+    const __m256d high_sigma = sensor.sigma(high);
+    const __m256d reach = _mm256_set1_pd(Sensor::kReachSigmas);
+    const __m256 sigma = joined(_mm256_cvtpd_ps(low_sigma), _mm256_cvtpd_ps(high_sigma));
+    const __m256 clear = joined(_mm256_cvtpd_ps(sensor.clearly_free_until(low, low_sigma)),
+                                _mm256_cvtpd_ps(sensor.clearly_free_until(high, high_sigma)));
+    const __m256 surface = _mm256_mul_ps(_mm256_set1_ps(static_cast<float>(kThinnestSurface)), sigma);
+    _mm256_storeu_ps(column(kReach) + number,
+                     joined(_mm256_cvtpd_ps(_mm256_add_pd(low, _mm256_mul_pd(reach, low_sigma))),
+                            _mm256_cvtpd_ps(_mm256_add_pd(high, _mm256_mul_pd(reach, high_sigma)))));
+    _mm256_storeu_ps(column(kRange) + number, range);
+    _mm256_storeu_ps(column(kSigma) + number, sigma);
+    _mm256_storeu_ps(column(kClear) + number, clear);
+    _mm256_storeu_ps(column(kSurface) + number, surface);
+    _mm256_storeu_ps(column(kPass) + number, _mm256_sub_ps(clear, surface));
+    _mm256_storeu_ps(column(kSlant) + number, _mm256_div_ps(depth, range));
+    return true;
+  }
+  void set_chance_and_face(std::size_t number, float chance, std::uint32_t face) {
+    column(kChance)[number] = chance;
+    faces_of_[number] = face;
+  }
+#endif
+
+  /// After the last beam.
+  void finish() {
+    const auto [least, most] = std::minmax_element(sigma(), sigma() + size_);
+    smallest_sigma_ = *least;
+    largest_sigma_ = *most;
+    std::uint32_t far = 0;
+    constexpr auto kFar = static_cast<std::uint32_t>(kNearby);
+    for (std::size_t i = 0; i < D * size_; ++i)
+      far |= static_cast<std::uint32_t>(offsets_[i]) + kFar;  // Below 2^30, all of them.
+    ends_nearby_ = far < 2 * kFar;
+  }
+  /// Of all beams [m].
+  [[nodiscard]] float smallest_sigma() const { return smallest_sigma_; }
+  [[nodiscard]] float largest_sigma() const { return largest_sigma_; }
+
+  [[nodiscard]] bool has_own_origins() const { return has_own_origins_; }
+  [[nodiscard]] const Vector<D>& origin(std::size_t number) const {
+    return origins_[has_own_origins_ ? number : 0];
+  }
+  [[nodiscard]] const ScanFace<D>& face_of(std::size_t number) const { return faces_[faces_of_[number]]; }
+  /// The smallest cell that a beam ends in.
+  [[nodiscard]] Lattice<D> end_cell(std::size_t number) const {
+    if (!ends_nearby_) return cells_[number];
+    Lattice<D> cell = base_;
+    for (std::size_t a = 0; a < D; ++a) cell[a] += offsets_[a * size_ + number];
+    return cell;
+  }
+
+  // By number of the beam:
+  /// Range over displacement on an axis: how far a beam goes for a metre along it.
+  [[nodiscard]] const float* inverse(int axis) const { return column(kInverse + axis); }
+  /// The last distance that a beam says anything about.
+  [[nodiscard]] const float* reach() const { return column(kReach); }
+  /// Distance of the end point, or of the end of what was seen free.
+  [[nodiscard]] const float* range() const { return column(kRange); }
+  /// Standard deviation of the range [m].
+  [[nodiscard]] const float* sigma() const { return column(kSigma); }
+  /// Cells that end before this distance were passed ...
+  [[nodiscard]] const float* clear() const { return column(kClear); }
+  /// ... small ones only if they end by so much before it: 0 for beams without return, and only for them.
+  [[nodiscard]] const float* surface() const { return column(kSurface); }
+  /// Cells of any size that end before this distance were passed: the difference.
+  [[nodiscard]] const float* pass() const { return column(kPass); }
+  /// How much of its way a beam goes along the axis of its face, in [1 / sqrt D, 1].
+  [[nodiscard]] const float* slant() const { return column(kSlant); }
+  /// The sample that it is in, if it has a larger share than this.
+  [[nodiscard]] const float* chance() const { return column(kChance); }
+
+  /// Whether all end cells are at most kNearby smallest cells from the base on each axis. Then, from there:
+  [[nodiscard]] bool ends_nearby() const { return ends_nearby_; }
+  [[nodiscard]] const std::int32_t* end_offset(std::size_t axis) const {
+    return offsets_.get() + axis * size_;
+  }
+  [[nodiscard]] const Lattice<D>& base() const { return base_; }
+  static constexpr std::int64_t kNearby = std::int64_t{1} << 29;
+
+ private:
+  static constexpr float kSteepest = 1e12f;  // Instead of 1 / 0: times 0 it is not NaN.
+  static constexpr float kLeastSquare = 1e-36f;
+  static constexpr float kLargestSquare = 1e37f;
+
+  void set_range(std::size_t number, bool returned, float end, float slant, float sigma, float clear,
+                 float reach) {
+    const float surface = returned ? static_cast<float>(kThinnestSurface) * sigma : 0.0f;
+    column(kReach)[number] = reach;
+    column(kRange)[number] = end;
+    column(kSigma)[number] = sigma;
+    column(kClear)[number] = clear;
+    column(kSurface)[number] = surface;
+    column(kPass)[number] = clear - surface;
+    column(kSlant)[number] = slant;
+  }
+#ifdef NDTREE_HAS_AVX2
+  NDTREE_AVX2 [[nodiscard]] static __m256d gather(const double* from, __m128i offsets) {
+    const __m256d all = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
+    return _mm256_mask_i32gather_pd(_mm256_setzero_pd(), from, offsets, all, 8);
+  }
+  NDTREE_AVX2 [[nodiscard]] static __m256 joined(__m128 low, __m128 high) {
+    return _mm256_insertf128_ps(_mm256_castps128_ps256(low), high, 1);
+  }
+#endif
+
+  enum Column { kReach, kRange, kSigma, kClear, kSurface, kPass, kSlant, kChance, kInverse };
+  static constexpr std::size_t kNumFloats = kInverse + D;
+
+  [[nodiscard]] float* column(int number) const {
+    return floats_.get() + static_cast<std::size_t>(number) * size_;
+  }
+
+  std::size_t size_ = 0;
+  std::unique_ptr<float[]> floats_;
+  std::unique_ptr<std::uint32_t[]> faces_of_;
+  std::unique_ptr<std::int32_t[]> offsets_;
+  std::unique_ptr<Lattice<D>[]> cells_;
+  std::vector<ScanFace<D>> faces_;
+  std::vector<Vector<D>> origins_;  // One, or one each.
+  Lattice<D> base_{};
+  bool has_own_origins_ = false;
+  bool ends_nearby_ = true;
+  float smallest_sigma_ = std::numeric_limits<float>::infinity();
+  float largest_sigma_ = 0.0f;
+};
+
+}  // namespace ndtree

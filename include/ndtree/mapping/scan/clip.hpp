@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Which of a node's beams cross which of its children: all beams against all planes between them.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/tree/child_index.hpp"
+#include "ndtree/tree/lattice.hpp"
+
+namespace ndtree {
+
+/// Hands beams down to children. A beam crosses the plane at p, on an axis, at (p - origin) * inverse: two
+/// roundings to float, of a number that depends on the plane and the beam alone. It grows from plane to plane
+/// along the beam; so children share their borders to the last bit, and what a beam crosses of a node is the
+/// sum of what it crosses of the children, without gap or overlap.
+template <int N, int D>
+class ChildClip {
+ public:
+  static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
+  using Lists = SiblingLists<kNumChildren>;
+
+  ChildClip(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams)
+      : geometry_(geometry), beams_(beams), width_(Simd::width()) {}
+
+  /// Lists for the children, as long as they may get, and empty.
+  [[nodiscard]] Lists lists_for(const CellIndex<D>& node, const Crossings& list, CrossingStack& stack) const {
+    Lists lists;
+    std::size_t used = 0;
+    if constexpr (kNumChildren <= kMostAtOnce) {
+      for (std::size_t c = 0; c < lists.last.size(); ++c, used += list.size + Crossings::kSlack)
+        lists.first[c] = lists.last[c] = used;
+    } else {  // A beam crosses few of many.
+      std::array<std::size_t, static_cast<std::size_t>(kNumChildren)> count{};
+      for_each_crossing(node, list, [&](std::size_t child, std::uint32_t, float, float) { ++count[child]; });
+      for (std::size_t c = 0; c < lists.last.size(); ++c) {
+        lists.first[c] = lists.last[c] = used;
+        used += count[c] + Crossings::kSlack;
+      }
+    }
+    lists.memory = stack.allocate(used);
+    return lists;
+  }
+
+  /// Adds a node's beams to the lists of its children, in their order.
+  void operator()(const CellIndex<D>& node, const Crossings& list, Lists& children) const {
+#ifdef NDTREE_HAS_AVX2
+    if constexpr (kNumChildren <= kMostAtOnce) {
+      if (width_ >= 8 && !beams_.has_own_origins()) {
+        eight_at_a_time(planes_of(node), list, children);
+        return;
+      }
+    }
+#endif
+    for_each_crossing(node, list, [&](std::size_t child, std::uint32_t beam, float enter, float exit) {
+      const std::size_t place = children.last[child]++;
+      children.memory.beam[place] = beam;
+      children.memory.enter()[place] = enter;
+      children.memory.exit()[place] = exit;
+    });
+  }
+
+ private:
+  static constexpr std::size_t kPlanes = N - 1;
+  static constexpr int kMostAtOnce = 32;  // Children; among more, a beam finds its way faster alone.
+
+  using Planes = std::array<std::array<float, kPlanes>, D>;
+
+  [[nodiscard]] double border(const CellIndex<D>& node, std::size_t axis, std::size_t plane) const {
+    return geometry_.border(node.lower[axis] +
+                            static_cast<std::int64_t>(plane + 1) * geometry_.edge(node.level - 1));
+  }
+  /// The planes between children, from the one origin of all beams.
+  [[nodiscard]] Planes planes_of(const CellIndex<D>& node) const {
+    Planes planes;
+    for (std::size_t a = 0; a < D; ++a)
+      for (std::size_t i = 0; i < kPlanes; ++i)
+        planes[a][i] = static_cast<float>(border(node, a, i) - beams_.origin(0)[static_cast<int>(a)]);
+    return planes;
+  }
+
+  /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses.
+  template <class Visit>
+  void for_each_crossing(const CellIndex<D>& node, const Crossings& list, const Visit& visit) const {
+    if (beams_.has_own_origins()) {
+      std::array<std::array<double, kPlanes>, D> borders;
+      for (std::size_t a = 0; a < D; ++a)
+        for (std::size_t i = 0; i < kPlanes; ++i) borders[a][i] = border(node, a, i);
+      for (std::size_t i = 0; i < list.size; ++i) {
+        const Vector<D>& origin = beams_.origin(list.beam[i]);
+        divide<D - 1>(list.beam[i], list.enter()[i], list.exit()[i], 0, visit,
+                      [&](std::size_t a, std::size_t plane) {
+                        return static_cast<float>(borders[a][plane] - origin[static_cast<int>(a)]);
+                      });
+      }
+      return;
+    }
+    const Planes planes = planes_of(node);
+    for (std::size_t i = 0; i < list.size; ++i)
+      divide<D - 1>(list.beam[i], list.enter()[i], list.exit()[i], 0, visit,
+                    [&](std::size_t a, std::size_t plane) { return planes[a][plane]; });
+  }
+  /// Divides a beam's way among slabs of children, axis by axis.
+  template <int Axis, class Visit, class PlaneOf>
+  void divide(std::uint32_t beam, float enter, float exit, int child, const Visit& visit,
+              const PlaneOf& plane_of) const {
+    if constexpr (Axis < 0) {
+      visit(static_cast<std::size_t>(child), beam, enter, exit);
+    } else {
+      const float inverse = beams_.inverse(Axis)[beam];
+      const bool up = inverse > 0.0f;
+      for (int s = 0; s < N && exit > enter; ++s) {
+        const int slab = up ? s : N - 1 - s;  // In the order of the beam.
+        float leave = exit;
+        if (s < N - 1)
+          leave = std::min(exit, plane_of(Axis, static_cast<std::size_t>(up ? slab : slab - 1)) * inverse);
+        if (!(leave > enter)) continue;
+        divide<Axis - 1>(beam, enter, leave, child * N + slab, visit, plane_of);
+        enter = leave;
+      }
+    }
+  }
+
+#ifdef NDTREE_HAS_AVX2
+  NDTREE_AVX2 void eight_at_a_time(const Planes& plane, const Crossings& list, Lists& children) const {
+    const Crossings memory = children.memory;
+    for (std::size_t i = 0; i < list.size; i += 8) {
+      const __m256i live = detail::first_of_eight(list.size - i);
+      const __m256i beam = _mm256_and_si256(load(list.beam + i), live);
+      const __m256 t0 = _mm256_loadu_ps(list.enter() + i);
+      const __m256 t1 = _mm256_blendv_ps(t0, _mm256_loadu_ps(list.exit() + i), _mm256_castsi256_ps(live));
+      __m256 enter[kNumChildren];
+      __m256 exit[kNumChildren];
+      enter[0] = t0;
+      exit[0] = t1;
+      int made = 1;
+#pragma GCC unroll 4
+      for (std::size_t a = 0; a < D; ++a) {
+        const __m256 inv = _mm256_i32gather_ps(beams_.inverse(static_cast<int>(a)), beam, 4);
+        __m256 from[N];
+        __m256 to[N];
+        from[0] = t0;
+        to[N - 1] = t1;
+        // Slab s lies between the planes s - 1 and s: a beam upwards enters it by the first.
+#pragma GCC unroll 8
+        for (std::size_t s = 0; s < N; ++s) {
+          const __m256 before =
+              s == 0 ? t0 : _mm256_mul_ps(_mm256_set1_ps(plane[a][s == 0 ? 0 : s - 1]), inv);
+          const __m256 behind =
+              s == N - 1 ? t0 : _mm256_mul_ps(_mm256_set1_ps(plane[a][s == N - 1 ? 0 : s]), inv);
+          const __m256 from_up = s == 0 ? t0 : _mm256_max_ps(before, t0);
+          const __m256 to_up = s == N - 1 ? t1 : _mm256_min_ps(behind, t1);
+          const __m256 from_down = s == N - 1 ? t0 : _mm256_max_ps(behind, t0);
+          const __m256 to_down = s == 0 ? t1 : _mm256_min_ps(before, t1);
+          from[s] = _mm256_blendv_ps(from_up, from_down, inv);
+          to[s] = _mm256_blendv_ps(to_up, to_down, inv);
+        }
+#pragma GCC unroll 8
+        for (int m = 0; m < N; ++m) {  // From the last slab: the first takes the place of what it is made of.
+          const int s = N - 1 - m;
+#pragma GCC unroll 16
+          for (int c = 0; c < made; ++c) {
+            const auto source = static_cast<std::size_t>(c);
+            const auto target = static_cast<std::size_t>(s * made + c);
+            const auto slab = static_cast<std::size_t>(s);
+            enter[target] = a == 0 ? from[slab] : _mm256_max_ps(enter[source], from[slab]);
+            exit[target] = a == 0 ? to[slab] : _mm256_min_ps(exit[source], to[slab]);
+          }
+        }
+        made *= N;
+      }
+#pragma GCC unroll 32
+      for (std::size_t c = 0; c < kNumChildren; ++c) {
+        const auto set =
+            static_cast<unsigned>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ)));
+        const __m256i order = detail::packing(set);
+        const std::size_t place = children.last[c];
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(memory.beam + place),
+                            _mm256_permutevar8x32_epi32(beam, order));
+        _mm256_storeu_ps(memory.enter() + place, _mm256_permutevar8x32_ps(enter[c], order));
+        _mm256_storeu_ps(memory.exit() + place, _mm256_permutevar8x32_ps(exit[c], order));
+        children.last[c] = place + static_cast<std::size_t>(__builtin_popcount(set));
+      }
+    }
+  }
+  NDTREE_AVX2 static __m256i load(const std::uint32_t* p) {
+    return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
+  }
+#endif
+
+  const LatticeGeometry<N, D>& geometry_;
+  const ScanBeams<D>& beams_;
+  int width_;
+};
+
+}  // namespace ndtree

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Lists of the beams that cross a node, and the memory that they live in while a tree is walked.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+namespace ndtree {
+
+/// Beams that cross a node over more than a point, in the order of their numbers; distances from the origin
+/// [m]. Whoever reads eight at a time may read, and whoever writes may write, up to kSlack behind the last.
+struct Crossings {
+  static constexpr std::size_t kSlack = 8;
+
+  std::uint32_t* beam = nullptr;  ///< Their numbers; the distances lie `stride` and twice as far behind.
+  std::size_t stride = 0;
+  std::size_t size = 0;
+
+  /// Where each beam enters the node, and where it leaves it [m].
+  [[nodiscard]] float* enter() const { return reinterpret_cast<float*>(beam + stride); }
+  [[nodiscard]] float* exit() const { return reinterpret_cast<float*>(beam + 2 * stride); }
+  [[nodiscard]] bool empty() const { return size == 0; }
+  /// The place of the first beam, from a place on, that has this number or more.
+  [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from = 0) const {
+    if (from == size || beam[size - 1] < number) return size;
+    return static_cast<std::size_t>(std::lower_bound(beam + from, beam + size, number) - beam);
+  }
+  [[nodiscard]] Crossings part(std::size_t first, std::size_t last) const {
+    return {beam + first, stride, last - first};
+  }
+};
+
+/// The lists of a node's children, in one piece of memory.
+template <int kCount>
+struct SiblingLists {
+  Crossings memory;                       ///< Of all; its size does not count.
+  std::array<std::size_t, kCount> first;  ///< Where the list of each child begins there, and ends.
+  std::array<std::size_t, kCount> last;
+
+  [[nodiscard]] Crossings of(int child) const {
+    const auto c = static_cast<std::size_t>(child);
+    return memory.part(first[c], last[c]);
+  }
+};
+
+/// Memory for lists: what is allocated last is given back first. Lists do not move.
+class CrossingStack {
+ public:
+  /// What was allocated up to some time.
+  struct Mark {
+    std::size_t block = 0;
+    std::size_t used = 0;
+  };
+  CrossingStack() = default;
+  CrossingStack(CrossingStack&&) noexcept = default;
+  CrossingStack& operator=(CrossingStack&&) noexcept = default;
+  CrossingStack(const CrossingStack&) = delete;
+  CrossingStack& operator=(const CrossingStack&) = delete;
+  ~CrossingStack() = default;
+
+  [[nodiscard]] Mark mark() const { return {block_, used_}; }
+  void release(const Mark& mark) {
+    block_ = mark.block;
+    used_ = mark.used;
+  }
+
+  /// An empty list with room for n, the slack included.
+  [[nodiscard]] Crossings allocate(std::size_t n) {
+    if (block_ == blocks_.size() || used_ + n > blocks_[block_].room) next_block(n);
+    const Block& block = blocks_[block_];
+    const Crossings list{reinterpret_cast<std::uint32_t*>(block.bytes.get()) + used_, block.room, 0};
+    used_ += n;
+    return list;
+  }
+
+ private:
+  static constexpr std::size_t kBlock = std::size_t{1} << 14;
+  static constexpr std::size_t kBytes = sizeof(std::uint32_t) + 2 * sizeof(float);
+  struct Block {
+    std::size_t room;
+    std::unique_ptr<std::byte[]> bytes;  // Not initialised: what is not used is not resident.
+    explicit Block(std::size_t n) : room(n), bytes(new std::byte[n * kBytes]) {}
+  };
+
+  void next_block(std::size_t n) {
+    if (block_ < blocks_.size()) ++block_;
+    while (block_ < blocks_.size() && n > blocks_[block_].room) ++block_;
+    if (block_ == blocks_.size()) blocks_.emplace_back(std::max(n, kBlock));
+    used_ = 0;
+  }
+
+  std::vector<Block> blocks_;
+  std::size_t block_ = 0;
+  std::size_t used_ = 0;  // Of the block.
+};
+
+}  // namespace ndtree

@@ -1,0 +1,282 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What the beams of a scan say about one leaf: sums of whole numbers over the list of those that cross it.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <vector>
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/tree/lattice.hpp"
+
+namespace ndtree {
+
+/// Adds up evidence, so that neither the order of beams matters nor how many are looked at at a time. What a
+/// beam says about a leaf, by where its end point lies:
+/// - behind the leaf, and clearly so: a miss, evidence for free space in proportion to the way through it;
+/// - near it, within the sensor's noise: what the inverse sensor model says, and a miss if behind;
+/// - in it: a hit, and what the inverse sensor model says;
+/// - before it: up to three standard deviations behind a hit the leaf takes what the model says, but only if
+///   it is small, or of the smallest. A surface is not the whole of a coarse cell that it lies in front of.
+///
+/// A hit asks for smaller cells if the beam came a longer way through the leaf than noise explains, or if the
+/// leaf is larger than what the noise leaves open. A beam without return is a miss of all leaves that it
+/// passes as a whole.
+template <int N, int D, class Sensor>
+class LeafEvidence {
+  static constexpr float kNoiseReach = 3.0f;  // Standard deviations that noise is taken to explain.
+  static constexpr float kWidestSigma = static_cast<float>(1.0 / ScanBeams<D>::kThinnestSurface);
+  static constexpr float kSmallCell = 2.0f;  // Standard deviations up to which a cell is small.
+  static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
+
+ public:
+  LeafEvidence(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams, const EvidenceModel& model,
+               const Sensor& sensor)
+      : geometry_(geometry),
+        beams_(beams),
+        model_(model),
+        sensor_(sensor),
+        width_(Simd::width()),
+        noise_sigmas_(static_cast<float>(model.noise_sigmas())) {
+    for (int level = geometry.finest_level(); level <= 0; ++level) {
+      const double size = geometry.cell_size(level);
+      const bool is_finest = level == geometry.finest_level();
+      Size of_level;
+      of_level.cell = static_cast<float>(size);
+      of_level.per_cell = 1.0f / of_level.cell;
+      of_level.child = is_finest ? -1.0f : static_cast<float>(geometry.cell_size(level - 1));
+      of_level.units_per_metre =
+          static_cast<float>(static_cast<double>(model.of_miss()) / (kMeanChord * size));
+      of_level.small = is_finest ? 0.0f : of_level.cell;
+      of_level.resolves_all = of_level.child >= noise_sigmas_ * beams.largest_sigma();
+      of_level.resolves_some = of_level.child >= noise_sigmas_ * beams.smallest_sigma();
+      of_level.fits_32_bits = beams.ends_nearby() && geometry.edge(level) <= ScanBeams<D>::kNearby;
+      sizes_.push_back(of_level);
+    }
+  }
+
+  /// Whether every beam of a list passes its node, whatever the size of the cells in it.
+  [[nodiscard]] bool all_pass(const Crossings& list) const {
+#ifdef NDTREE_HAS_AVX2
+    if (width_ >= 8) return all_pass_by_eights(list);
+#endif
+    const float* const pass = beams_.pass();
+    for (std::size_t i = 0; i < list.size; ++i)
+      if (!(list.exit()[i] < pass[list.beam[i]])) return false;
+    return true;
+  }
+
+  /// Adds what a list's beams say about a leaf of level 0 or below.
+  void add(const CellIndex<D>& leaf, const Crossings& list, ScanEvidence& sum) const {
+    const Size& size = size_of(leaf.level);
+#ifdef NDTREE_HAS_AVX2
+    if (width_ >= 8 && size.fits_32_bits) {
+      if (list.size <= kMostAtOnce)
+        add_by_eights(leaf, list, size, sum);
+      else
+        for (std::size_t first = 0; first < list.size; first += kMostAtOnce)
+          add_by_eights(leaf, list.part(first, std::min(first + kMostAtOnce, list.size)), size, sum);
+      return;
+    }
+#endif
+    for (std::size_t i = 0; i < list.size; ++i)
+      add_one(leaf, size, list.beam[i], list.enter()[i], list.exit()[i], sum);
+  }
+
+ private:
+  struct Size {
+    float cell;             // [m]
+    float per_cell;         // 1 / cell [1/m].
+    float child;            // Of its children [m]; less than any noise if it cannot split.
+    float units_per_metre;  // Of evidence for free space, for a metre through it.
+    bool resolves_all;      // Children could tell more whatever the noise of a beam ...
+    bool resolves_some;     // ... or at least that of some beams.
+    bool fits_32_bits;      // Where it lies, from the base of the end cells.
+    float small;  // The cell's, or 0 if it is one of the smallest, which are small beside any noise.
+  };
+
+  [[nodiscard]] const Size& size_of(int level) const {
+    return sizes_[static_cast<std::size_t>(level - geometry_.finest_level())];
+  }
+  [[nodiscard]] static std::int32_t units_of_way(float way, const Size& size) {
+    return std::max(1, nearest_integer(way * size.units_per_metre));
+  }
+
+  void add_one(const CellIndex<D>& leaf, const Size& size, std::uint32_t beam, float enter, float exit,
+               ScanEvidence& sum) const {
+    const float sigma = beams_.sigma()[beam];
+    const float clear = beams_.clear()[beam];
+    const float surface = beams_.surface()[beam];
+    const bool is_small = size.small <= kSmallCell * sigma;
+    const bool resolvable = size.child >= noise_sigmas_ * sigma;
+    // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
+    const float end = is_small ? std::max(exit, enter + surface) : exit;
+    const bool passes = end < clear;
+    const bool holds_end = !passes && geometry_.contains(leaf, beams_.end_cell(beam));
+    if (passes || surface == 0.0f) {
+      if (holds_end) return;  // A beam without return: nothing is said about the rest of the cell.
+      sum.free += units_of_way(exit - enter, size);
+      ++sum.misses;
+      ++sum.beams;
+      sum.resolvable_misses += resolvable;
+      return;
+    }
+    const float range = beams_.range()[beam];
+    const bool is_behind = !holds_end && enter >= range;
+    if (is_behind && !is_small) return;
+    const float per_sigma = 1.0f / sigma;
+    const float before_end = (enter - range) * per_sigma;
+    model_.add(sum, sensor_.tabulated_log_odds(before_end, (end - range) * per_sigma),
+               std::min(sigma * size.per_cell, kWidestSigma));
+    if (holds_end) {
+      ++sum.hits;
+      sum.resolvable_hits += resolvable;
+      sum.deep_hits += resolvable && (before_end < -kNoiseReach || size.cell > kNoiseReach * sigma);
+    } else {
+      sum.misses += !is_behind;
+    }
+    ++sum.beams;
+  }
+
+#ifdef NDTREE_HAS_AVX2
+  NDTREE_AVX2 [[nodiscard]] bool all_pass_by_eights(const Crossings& list) const {
+    const float* const pass = beams_.pass();
+    for (std::size_t i = 0; i < list.size; i += 8)
+      if (!_mm256_testz_si256(not_passing(list, i, pass), detail::first_of_eight(list.size - i)))
+        return false;
+    return true;
+  }
+  static constexpr std::size_t kMostAtOnce = 1024;  // Beams: sums of eighths of them fit 32 bits.
+
+  /// As add_one(), for up to kMostAtOnce beams.
+  NDTREE_AVX2 void add_by_eights(const CellIndex<D>& leaf, const Crossings& list, const Size& size,
+                                 ScanEvidence& sum) const {
+    const __m256 per_metre = _mm256_set1_ps(size.units_per_metre);
+    __m256i free = _mm256_setzero_si256();
+    unsigned passed = 0;
+    for (std::size_t i = 0; i < list.size; i += 8) {
+      const __m256i live = detail::first_of_eight(list.size - i);
+      const __m256i beam = beams_at(list, i, live);
+      const __m256 enter = _mm256_loadu_ps(list.enter() + i);
+      const __m256 exit = _mm256_loadu_ps(list.exit() + i);
+      const __m256i units = _mm256_max_epi32(
+          _mm256_set1_epi32(1), _mm256_cvtps_epi32(_mm256_mul_ps(_mm256_sub_ps(exit, enter), per_metre)));
+      __m256i misses = _mm256_and_si256(
+          live,
+          _mm256_castps_si256(_mm256_cmp_ps(exit, _mm256_i32gather_ps(beams_.pass(), beam, 4), _CMP_LT_OQ)));
+      if (!_mm256_testc_si256(misses, live))
+        misses = add_near_end(leaf, size, beam, enter, exit, misses, live, sum);
+      free = _mm256_add_epi32(free, _mm256_and_si256(units, misses));
+      const unsigned missed = set_of(_mm256_castsi256_ps(misses));
+      passed += count(missed);
+      if (size.resolves_some && !size.resolves_all)
+        sum.resolvable_misses +=
+            count(missed & resolvable(size, _mm256_i32gather_ps(beams_.sigma(), beam, 4)));
+    }
+    sum.misses += passed;
+    sum.beams += passed;
+    sum.resolvable_misses += size.resolves_all ? passed : 0;
+    sum.free += sum_of(free);
+  }
+  /// Adds what beams say of eight that do not all clearly pass.
+  /// @param misses those that do. @returns them, and others that have passed.
+  NDTREE_AVX2 __m256i add_near_end(const CellIndex<D>& leaf, const Size& size, __m256i beam, __m256 enter,
+                                   __m256 exit, __m256i misses, __m256i live, ScanEvidence& sum) const {
+    const __m256i others = _mm256_andnot_si256(misses, live);
+    const __m256 all = _mm256_castsi256_ps(others);
+    const __m256 sigma = _mm256_i32gather_ps(beams_.sigma(), beam, 4);
+    const __m256 surface = _mm256_i32gather_ps(beams_.surface(), beam, 4);
+    const __m256 range = _mm256_i32gather_ps(beams_.range(), beam, 4);
+    const __m256 is_small = _mm256_cmp_ps(_mm256_set1_ps(size.small),
+                                          _mm256_mul_ps(_mm256_set1_ps(kSmallCell), sigma), _CMP_LE_OQ);
+    const __m256 end = _mm256_blendv_ps(exit, _mm256_max_ps(exit, _mm256_add_ps(enter, surface)), is_small);
+    const __m256 is_clear = _mm256_cmp_ps(end, _mm256_i32gather_ps(beams_.clear(), beam, 4), _CMP_LT_OQ);
+    const __m256 no_return = _mm256_cmp_ps(surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
+    __m256i holds = _mm256_andnot_si256(_mm256_castps_si256(is_clear), others);
+    const auto edge = static_cast<std::int32_t>(geometry_.edge(leaf.level));
+#pragma GCC unroll 4
+    for (std::size_t a = 0; a < D; ++a) {
+      const auto lower = static_cast<std::int32_t>(std::clamp(
+          leaf.lower[a] - beams_.base()[a], -2 * ScanBeams<D>::kNearby, ScanBeams<D>::kNearby + 1));
+      const __m256i at = _mm256_i32gather_epi32(beams_.end_offset(a), beam, 4);
+      holds = _mm256_andnot_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(lower), at), holds);
+      holds = _mm256_and_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(lower + edge), at), holds);
+    }
+    const __m256 holds_end = _mm256_castsi256_ps(holds);
+    const __m256 passes_or_not_returned = _mm256_or_ps(is_clear, no_return);
+    misses = _mm256_or_si256(
+        misses, _mm256_castps_si256(_mm256_andnot_ps(holds_end, _mm256_and_ps(all, passes_or_not_returned))));
+    const __m256 is_behind = _mm256_andnot_ps(holds_end, _mm256_cmp_ps(enter, range, _CMP_GE_OQ));
+    const __m256 says =
+        _mm256_andnot_ps(_mm256_or_ps(passes_or_not_returned, _mm256_andnot_ps(is_small, is_behind)), all);
+    const unsigned said = set_of(says);
+    if (said == 0) return misses;
+    const __m256 per_sigma = _mm256_div_ps(_mm256_set1_ps(1.0f), sigma);
+    const __m256 before_end = _mm256_mul_ps(_mm256_sub_ps(enter, range), per_sigma);
+    const __m256i evidence = _mm256_and_si256(
+        _mm256_castps_si256(says),
+        EvidenceModel::units_of(
+            sensor_.tabulated_log_odds(before_end, _mm256_mul_ps(_mm256_sub_ps(end, range), per_sigma)),
+            _mm256_min_ps(_mm256_mul_ps(sigma, _mm256_set1_ps(size.per_cell)),
+                          _mm256_set1_ps(kWidestSigma))));
+    sum.occupied += sum_of(_mm256_max_epi32(evidence, _mm256_setzero_si256()));
+    sum.free += sum_of(_mm256_abs_epi32(_mm256_min_epi32(evidence, _mm256_setzero_si256())));
+    const unsigned hits = said & set_of(holds_end);
+    sum.beams += count(said);
+    sum.misses += count(said & ~hits & ~set_of(is_behind));
+    if (hits == 0) return misses;
+    const unsigned resolved = hits & resolvable(size, sigma);
+    sum.hits += count(hits);
+    sum.resolvable_hits += count(resolved);
+    sum.deep_hits +=
+        count(resolved & set_of(_mm256_or_ps(
+                             _mm256_cmp_ps(before_end, _mm256_set1_ps(-kNoiseReach), _CMP_LT_OQ),
+                             _mm256_cmp_ps(_mm256_set1_ps(size.cell),
+                                           _mm256_mul_ps(_mm256_set1_ps(kNoiseReach), sigma), _CMP_GT_OQ))));
+    return misses;
+  }
+  NDTREE_AVX2 [[nodiscard]] unsigned resolvable(const Size& size, __m256 sigma) const {
+    return set_of(_mm256_cmp_ps(_mm256_set1_ps(size.child),
+                                _mm256_mul_ps(_mm256_set1_ps(noise_sigmas_), sigma), _CMP_GE_OQ));
+  }
+  NDTREE_AVX2 [[nodiscard]] static unsigned set_of(__m256 mask) {
+    return static_cast<unsigned>(_mm256_movemask_ps(mask));
+  }
+  NDTREE_AVX2 [[nodiscard]] static unsigned count(unsigned set) {
+    return static_cast<unsigned>(__builtin_popcount(set));
+  }
+  NDTREE_AVX2 [[nodiscard]] static std::uint32_t sum_of(__m256i v) {
+    const __m128i half = _mm_add_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
+    const __m128i quarter = _mm_add_epi32(half, _mm_shuffle_epi32(half, 0x4e));
+    return static_cast<std::uint32_t>(
+        _mm_cvtsi128_si32(_mm_add_epi32(quarter, _mm_shuffle_epi32(quarter, 0xb1))));
+  }
+  NDTREE_AVX2 [[nodiscard]] static __m256i beams_at(const Crossings& list, std::size_t i, __m256i live) {
+    return _mm256_and_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(list.beam + i)), live);
+  }
+  NDTREE_AVX2 [[nodiscard]] static __m256i not_passing(const Crossings& list, std::size_t i,
+                                                       const float* pass) {
+    const __m256i beam = beams_at(list, i, detail::first_of_eight(list.size - i));
+    return _mm256_castps_si256(
+        _mm256_cmp_ps(_mm256_loadu_ps(list.exit() + i), _mm256_i32gather_ps(pass, beam, 4), _CMP_NLT_UQ));
+  }
+#endif
+
+  const LatticeGeometry<N, D>& geometry_;
+  const ScanBeams<D>& beams_;
+  const EvidenceModel& model_;
+  const Sensor& sensor_;
+  int width_;
+  float noise_sigmas_;
+  std::vector<Size> sizes_;  // Of levels from the finest up to 0.
+};
+
+}  // namespace ndtree

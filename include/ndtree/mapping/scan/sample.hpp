@@ -1,0 +1,403 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Looking over the beams of a scan, and leaving out those that no cell would take.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <vector>
+
+#include "ndtree/core/beam.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/measurements.hpp"
+
+namespace ndtree {
+
+/// A number in [0, 2^24) that seems to be drawn, but depends on the direction and length of a beam alone: the
+/// same beams are in a sample, in whatever order they come. A cell that takes a share of a scan's beams takes
+/// those whose number is below so much of 2^24.
+template <int D>
+[[nodiscard]] std::uint32_t chance_of(const std::array<float, D>& displacement) {
+  std::uint32_t hash = 0;
+  for (const float component : displacement) {
+    std::uint32_t bits = 0;
+    std::memcpy(&bits, &component, sizeof bits);
+    hash = (hash ^ bits) * 0x9e3779b1u;
+    hash ^= hash >> 15;
+  }
+  hash *= 0x85ebca77u;
+  hash ^= hash >> 13;
+  return (hash * 0xc2b2ae3du) >> 8;
+}
+inline constexpr float kChanceUnit = 0x1p-24f;
+
+/// How many beams of a scan a cell may take: fewer than `beams` for each smallest cell that lies side by side
+/// in it.
+struct Sampling {
+  double beams;
+  double smallest_cell;  ///< [m]
+  double largest_cell;   ///< [m]
+};
+
+/// Some beams of a scan, looked over by one thread.
+template <int D, class Sensor>
+class alignas(64) ScanPart {
+  static constexpr std::size_t kAxes = D - 1;
+
+ public:
+  /// A beam that some cell may take.
+  struct Kept {
+    std::uint32_t face;
+    std::uint32_t chance;
+    std::uint32_t number;  ///< In the scan.
+  };
+
+  /// Counts the beams and finds out where they point. @throws as survey_exactly().
+  template <class Geometry>
+  void look_over(const Measurements<D, Sensor>& measurements, const BeamRange& range, const Sensor& sensor,
+                 const Geometry& geometry) {
+    measurements_ = &measurements;
+    first_ = range.first;
+    const auto n = static_cast<std::size_t>(range.size());
+    depth_.resize(n);
+    chance_.resize(n);
+    face_.resize(n);
+    const ScanView<D>& scan = measurements.scan();
+    Eigen::Index i = range.first;
+    if (!scan.origin_per_beam && n > 0) image_.add_all_faces(scan.origin(0));
+#ifdef NDTREE_HAS_AVX2
+    if (!scan.origin_per_beam && Simd::width() >= 8) i = look_over_by_eights(range);
+#endif
+    for (; i < range.last; ++i) look_over_one(i);
+    if (survey_.num_valid() == 0) return;
+
+    const double reached = std::min(measurements.max_range(), std::sqrt(D) * static_cast<double>(deepest_));
+    double sigma = std::max(sensor.sigma(0.0), sensor.sigma(reached));
+    bool is_valid = !is_exact_needed_;
+    if (scan.range_sigma != nullptr) {
+      sigma = 0.0;
+      for (Eigen::Index k = range.first; k < range.last; ++k) {
+        is_valid = is_valid && kRangeSigmaBounds.contain(scan.range_sigma[k]);
+        sigma = std::max(sigma, scan.range_sigma[k]);
+      }
+    }
+    is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
+    const double margin = Sensor::kReachSigmas * sigma + 1e-6 * reached;  // Above all rounding.
+    survey_.reach.lower.array() -= margin;
+    survey_.reach.upper.array() += margin;
+    if (!is_valid || !geometry.in_reach(survey_.reach.lower) || !geometry.in_reach(survey_.reach.upper))
+      survey_ = survey_exactly(geometry, measurements, range);
+    reach_behind_ = static_cast<float>(margin);
+  }
+
+  [[nodiscard]] const ScanSurvey<D>& survey() const { return survey_; }
+  [[nodiscard]] ScanImage<D>& image() { return image_; }
+
+  /// No cell takes a beam that none takes at the depth of its end, or behind it by half a cell.
+  /// @param image of the whole scan. @param numbers that this part's faces have there.
+  void keep(const ScanImage<D>& image, const std::vector<std::uint32_t>& numbers, const Sampling& sampling) {
+    const float behind = reach_behind_ + 0.5f * static_cast<float>(sampling.largest_cell);
+    const auto smallest = static_cast<float>(sampling.smallest_cell);
+    const auto beams = static_cast<float>(sampling.beams) * kSlack;
+    const auto farthest = static_cast<float>(
+        std::min(measurements_->max_range(), static_cast<double>(std::numeric_limits<float>::max())));
+    kept_.reserve(depth_.size() / 2);
+    std::size_t i = 0;
+#ifdef NDTREE_HAS_AVX2
+    if (Simd::width() >= 8 && numbers.size() <= 2 * D)
+      i = keep_by_eights(image, numbers, smallest, beams, farthest, behind);
+#endif
+    for (; i < depth_.size(); ++i)
+      if (face_[i] != ScanImage<D>::kNoFace &&
+          static_cast<float>(chance_[i]) * kChanceUnit *
+                  image.face(numbers[face_[i]])
+                      .expected_beams(std::min(depth_[i], farthest) * kSlack + behind, smallest) <
+              beams)
+        add_kept(numbers[face_[i]], i);
+  }
+  [[nodiscard]] const std::vector<Kept>& kept() const { return kept_; }
+
+ private:
+  static constexpr float kSlack = 1.0f + 1e-5f;  // Above all rounding.
+  static constexpr float kShortest = 2e-18f;     // Squares of such numbers are floats [m] ...
+  static constexpr float kLongest = 1e18f;       // ... and of such.
+
+  void look_over_one(Eigen::Index i) {
+    const ScanView<D>& scan = measurements_->scan();
+    const Vector<D> origin = scan.origin(i);
+    Vector<D> way = scan.endpoint(i) - origin;
+    const double length = way.cwiseAbs().maxCoeff();
+    const auto place = static_cast<std::size_t>(i - first_);
+    if (!(length >= static_cast<double>(kShortest)) || !(length <= static_cast<double>(kLongest)) ||
+        !way.allFinite() || !origin.allFinite()) {
+      const Beam<D> beam = measurements_->beam(i);
+      if (beam.outcome == BeamOutcome::invalid) {
+        ++survey_.count(BeamOutcome::invalid);
+        face_[place] = ScanImage<D>::kNoFace;
+        return;
+      }
+      if (!(length <= static_cast<double>(kLongest))) {
+        is_exact_needed_ = true;
+        way = beam.free_end() - origin;
+        if (!(way.cwiseAbs().maxCoeff() <= static_cast<double>(kLongest))) way = Vector<D>::Unit(0);
+      }
+    }
+    const double max_range = measurements_->max_range();
+    ++survey_.count(!scan.is_returned(i)                              ? BeamOutcome::not_returned
+                    : (scan.endpoint(i) - origin).norm() <= max_range ? BeamOutcome::returned
+                                                                      : BeamOutcome::beyond_max_range);
+    std::array<float, D> d;
+    std::size_t axis = 0;
+    for (std::size_t a = 0; a < D; ++a) {
+      d[a] = static_cast<float>(way[static_cast<int>(a)]);
+      if (std::abs(d[a]) > std::abs(d[axis])) axis = a;
+    }
+    const float depth = std::abs(d[axis]);
+    Vector<D> end = origin;
+    for (std::size_t a = 0; a < D; ++a)
+      end[static_cast<int>(a)] += std::clamp(static_cast<double>(d[a]), -max_range, max_range);
+    survey_.include(end);
+    survey_.include(origin);
+    const std::uint32_t number =
+        image_.face_of(image_.cube_of(origin), origin, 2 * axis + static_cast<std::size_t>(d[axis] < 0.0f));
+    ScanFace<D>& face = image_.faces()[number];
+    ++face.num_beams;
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      const float at = d[k + (k >= axis)] / depth;
+      face.lower[k] = std::min(face.lower[k], at);
+      face.upper[k] = std::max(face.upper[k], at);
+    }
+    depth_[place] = depth;
+    chance_[place] = chance_of<D>(d);
+    face_[place] = number;
+    deepest_ = std::max(deepest_, depth);
+  }
+
+  void add_kept(std::uint32_t face, std::size_t place) {
+    kept_.push_back(
+        {face, chance_[place], static_cast<std::uint32_t>(first_) + static_cast<std::uint32_t>(place)});
+  }
+
+#ifdef NDTREE_HAS_AVX2
+  /// Beams of few faces. @returns the place of the first that is left.
+  NDTREE_AVX2 std::size_t keep_by_eights(const ScanImage<D>& image, const std::vector<std::uint32_t>& numbers,
+                                         float smallest, float beams, float farthest, float behind) {
+    constexpr std::size_t kNone = 2 * D;  // Beams that say nothing go through no face.
+    std::array<float, kNone + 1> row;
+    std::array<std::array<float, kNone + 1>, kAxes> places;
+    row.fill(0.0f);
+    for (auto& of_axis : places) of_axis.fill(0.0f);
+    for (std::size_t f = 0; f < numbers.size(); ++f) {
+      const ScanFace<D>& face = image.face(numbers[f]);
+      row[f] = face.is_lone() ? 0.0f : smallest * face.density;
+      for (std::size_t k = 0; k < kAxes; ++k) places[k][f] = face.places[k];
+    }
+    std::size_t i = 0;
+    for (; i + 8 <= depth_.size(); i += 8) {
+      const __m256i face =
+          _mm256_min_epu32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(face_.data() + i)),
+                           _mm256_set1_epi32(static_cast<int>(kNone)));
+      const __m256 depth = _mm256_add_ps(
+          _mm256_mul_ps(_mm256_min_ps(_mm256_loadu_ps(depth_.data() + i), _mm256_set1_ps(farthest)),
+                        _mm256_set1_ps(kSlack)),
+          _mm256_set1_ps(behind));
+      const __m256 in_row = _mm256_div_ps(_mm256_i32gather_ps(row.data(), face, 4), depth);
+      __m256 expected = _mm256_set1_ps(1.0f);
+      for (std::size_t k = 0; k < kAxes; ++k)
+        expected =
+            _mm256_mul_ps(expected, _mm256_min_ps(in_row, _mm256_i32gather_ps(places[k].data(), face, 4)));
+      const __m256 chance = _mm256_mul_ps(
+          _mm256_cvtepi32_ps(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(chance_.data() + i))),
+          _mm256_set1_ps(kChanceUnit));
+      auto set = static_cast<unsigned>(_mm256_movemask_ps(_mm256_and_ps(
+          _mm256_cmp_ps(_mm256_mul_ps(chance, expected), _mm256_set1_ps(beams), _CMP_LT_OQ),
+          _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)))));
+      for (; set != 0; set &= set - 1) {
+        const std::size_t place = i + static_cast<std::size_t>(__builtin_ctz(set));
+        add_kept(numbers[face_[place]], place);
+      }
+    }
+    return i;
+  }
+
+  /// look_over_one() for beams of one origin. @returns the first that is left.
+  NDTREE_AVX2 Eigen::Index look_over_by_eights(const BeamRange& range) {
+    const ScanView<D>& scan = measurements_->scan();
+    const Vector<D> origin = scan.origin(0);
+    const double max_range = measurements_->max_range();
+    const bool all_count = scan.returned == nullptr && max_range == kUnlimitedRange;
+    const auto cut =
+        _mm256_set1_ps(static_cast<float>(std::min(max_range, 2.0 * static_cast<double>(kLongest))));
+    const __m256 sign = _mm256_set1_ps(-0.0f);
+    const __m256 infinity = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+    struct Extent {
+      __m256 lower, upper;
+    };
+    std::array<std::array<Extent, kAxes>, 2 * D> extents;
+    for (auto& of_side : extents) of_side.fill({infinity, _mm256_sub_ps(_mm256_setzero_ps(), infinity)});
+    std::array<std::uint32_t, 2 * D> count{};
+    std::array<Extent, D> reach;
+    reach.fill({_mm256_setzero_ps(), _mm256_setzero_ps()});
+    __m256 deepest = _mm256_setzero_ps();
+    const __m128i stride = _mm_setr_epi32(0, D, 2 * D, 3 * D);
+    Eigen::Index i = range.first;
+    std::uint64_t valid = 0;
+    for (; i + 8 <= range.last; i += 8) {
+      __m256 d[D];
+      __m256 depth = _mm256_setzero_ps();
+      __m256i axis = _mm256_setzero_si256();
+      __m256 finite = _mm256_castsi256_ps(_mm256_set1_epi32(-1));
+#pragma GCC unroll 4
+      for (int a = 0; a < D; ++a) {
+        const double* const from = scan.endpoints + i * D + a;
+        const __m256d o = _mm256_set1_pd(origin[a]);
+        const __m128 low = _mm256_cvtpd_ps(_mm256_sub_pd(gather(from, stride), o));
+        const __m128 high = _mm256_cvtpd_ps(_mm256_sub_pd(gather(from + 4 * D, stride), o));
+        const auto k = static_cast<std::size_t>(a);
+        d[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(low), high, 1);
+        const __m256 length = _mm256_andnot_ps(sign, d[k]);
+        const __m256 longer = _mm256_cmp_ps(length, depth, _CMP_GT_OQ);
+        axis = _mm256_blendv_epi8(axis, _mm256_set1_epi32(2 * a), _mm256_castps_si256(longer));
+        depth = _mm256_max_ps(length, depth);
+        finite = _mm256_and_ps(finite, _mm256_cmp_ps(length, _mm256_set1_ps(kLongest), _CMP_LE_OQ));
+      }
+      const __m256 fits = _mm256_and_ps(finite, _mm256_cmp_ps(depth, _mm256_set1_ps(kShortest), _CMP_GE_OQ));
+      if (_mm256_movemask_ps(fits) != 0xff) {
+        for (Eigen::Index k = 0; k < 8; ++k) look_over_one(i + k);
+        continue;
+      }
+      // Where it meets the face: the other axes, in their order.
+      __m256 main = d[0];
+      __m256 at[kAxes + 1];
+#pragma GCC unroll 4
+      for (std::size_t k = 0; k < kAxes; ++k) {
+        const __m256i this_axis = _mm256_set1_epi32(static_cast<int>(2 * (k + 1)));
+        const __m256 is_behind = _mm256_castsi256_ps(_mm256_cmpgt_epi32(this_axis, axis));  // Axes after it.
+        at[k] = _mm256_blendv_ps(d[k], d[k + 1], is_behind);
+        main = _mm256_blendv_ps(main, d[k + 1], _mm256_castsi256_ps(_mm256_cmpeq_epi32(this_axis, axis)));
+      }
+      const __m256i side = _mm256_sub_epi32(axis, _mm256_srai_epi32(_mm256_castps_si256(main), 31));
+#pragma GCC unroll 4
+      for (std::size_t k = 0; k < kAxes; ++k) at[k] = _mm256_div_ps(at[k], depth);
+
+      __m256i hash = _mm256_setzero_si256();
+#pragma GCC unroll 4
+      for (std::size_t a = 0; a < D; ++a) {
+        hash = _mm256_mullo_epi32(_mm256_xor_si256(hash, _mm256_castps_si256(d[a])),
+                                  _mm256_set1_epi32(static_cast<int>(0x9e3779b1u)));
+        hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 15));
+      }
+      hash = _mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0x85ebca77u)));
+      hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 13));
+      hash = _mm256_srli_epi32(_mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0xc2b2ae3du))), 8);
+
+      const auto place = static_cast<std::size_t>(i - first_);
+      _mm256_storeu_ps(depth_.data() + place, depth);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(chance_.data() + place), hash);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(face_.data() + place), side);
+      deepest = _mm256_max_ps(deepest, depth);
+      for (std::size_t a = 0; a < D; ++a) {
+        reach[a].lower = _mm256_min_ps(reach[a].lower, _mm256_max_ps(d[a], _mm256_xor_ps(cut, sign)));
+        reach[a].upper = _mm256_max_ps(reach[a].upper, _mm256_min_ps(d[a], cut));
+      }
+      unsigned left = 0xff;
+      do {  // Most beams side by side go through the same face.
+        const std::uint32_t one = face_[place + static_cast<std::size_t>(__builtin_ctz(left))];
+        const __m256 same =
+            _mm256_castsi256_ps(_mm256_cmpeq_epi32(side, _mm256_set1_epi32(static_cast<int>(one))));
+        const auto set = static_cast<unsigned>(_mm256_movemask_ps(same));
+        for (std::size_t k = 0; k < kAxes; ++k) {
+          Extent& extent = extents[one][k];
+          extent.lower = _mm256_min_ps(extent.lower, _mm256_blendv_ps(infinity, at[k], same));
+          extent.upper = _mm256_max_ps(extent.upper, _mm256_blendv_ps(extent.upper, at[k], same));
+        }
+        count[one] += static_cast<std::uint32_t>(__builtin_popcount(set));
+        left &= ~set;
+      } while (left != 0);
+      valid += 8;
+      if (!all_count) count_outcomes(i, depth);
+    }
+    if (all_count) survey_.count(BeamOutcome::returned) += valid;
+    join_sides(count, extents);
+    if (valid > 0) {
+      Vector<D> lower = origin;
+      Vector<D> upper = origin;
+      for (std::size_t a = 0; a < D; ++a) {
+        lower[static_cast<int>(a)] += static_cast<double>(least_of(reach[a].lower));
+        upper[static_cast<int>(a)] += static_cast<double>(most_of(reach[a].upper));
+      }
+      survey_.include(lower);
+      survey_.include(upper);
+      deepest_ = std::max(deepest_, most_of(deepest));
+    }
+    return i;
+  }
+  /// Adds the beams of each side to its face, which has the same number.
+  template <class Extents>
+  NDTREE_AVX2 void join_sides(const std::array<std::uint32_t, 2 * D>& count, const Extents& extents) {
+    for (std::size_t side = 0; side < 2 * D; ++side) {
+      if (count[side] == 0) continue;
+      ScanFace<D>& face = image_.faces()[side];
+      face.num_beams += count[side];
+      for (std::size_t k = 0; k < kAxes; ++k) {
+        face.lower[k] = std::min(face.lower[k], least_of(extents[side][k].lower));
+        face.upper[k] = std::max(face.upper[k], most_of(extents[side][k].upper));
+      }
+    }
+  }
+  NDTREE_AVX2 void count_outcomes(Eigen::Index first, __m256 depths) {
+    std::array<float, 8> depth;
+    _mm256_storeu_ps(depth.data(), depths);
+    const ScanView<D>& scan = measurements_->scan();
+    const double max_range = measurements_->max_range();
+    for (std::size_t k = 0; k < 8; ++k) {
+      const Eigen::Index i = first + static_cast<Eigen::Index>(k);
+      BeamOutcome outcome = BeamOutcome::not_returned;
+      if (scan.is_returned(i)) {
+        const auto least = static_cast<double>(depth[k]);
+        const bool in_reach =
+            least * (std::sqrt(D) * (1.0 + 1e-6)) <= max_range ||
+            (least * (1.0 - 1e-6) <= max_range && (scan.endpoint(i) - scan.origin(i)).norm() <= max_range);
+        outcome = in_reach ? BeamOutcome::returned : BeamOutcome::beyond_max_range;
+      }
+      ++survey_.count(outcome);
+    }
+  }
+  NDTREE_AVX2 [[nodiscard]] static __m256d gather(const double* from, __m128i offsets) {
+    const __m256d all = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
+    return _mm256_mask_i32gather_pd(_mm256_setzero_pd(), from, offsets, all, 8);
+  }
+  NDTREE_AVX2 [[nodiscard]] static float least_of(__m256 v) {
+    std::array<float, 8> values;
+    _mm256_storeu_ps(values.data(), v);
+    return *std::min_element(values.begin(), values.end());
+  }
+  NDTREE_AVX2 [[nodiscard]] static float most_of(__m256 v) {
+    std::array<float, 8> values;
+    _mm256_storeu_ps(values.data(), v);
+    return *std::max_element(values.begin(), values.end());
+  }
+#endif
+
+  const Measurements<D, Sensor>* measurements_ = nullptr;
+  Eigen::Index first_ = 0;
+  ScanSurvey<D> survey_;
+  ScanImage<D> image_;
+  float deepest_ = 0.0f;
+  float reach_behind_ = 0.0f;     // The end of a beam, at most [m].
+  bool is_exact_needed_ = false;  // Some beam is too long for float.
+  // Of each beam; kNoFace of those that say nothing:
+  std::vector<float> depth_;
+  std::vector<std::uint32_t> chance_;
+  std::vector<std::uint32_t> face_;
+  std::vector<Kept> kept_;
+};
+
+}  // namespace ndtree

@@ -1,0 +1,417 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// A whole scan into the tree at once: every node hands the beams that cross it down to its children.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/cell/summary.hpp"
+#include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/clip.hpp"
+#include "ndtree/mapping/scan/coverage.hpp"
+#include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/leaf.hpp"
+#include "ndtree/mapping/update_counters.hpp"
+
+namespace ndtree {
+
+/// The part of an update that goes down the tree: what one thread does. See ScanUpdate.
+template <class Tree, class Refinement, class Sensor>
+class ScanWalk {
+  static constexpr int N = Tree::kBranching;
+  static constexpr int D = Tree::kDim;
+  static constexpr int kNumChildren = Tree::kNumChildren;
+
+ public:
+  using Ref = typename Tree::Ref;
+
+  /// A node whose part of the update does not touch that of any other one, with the beams that cross it.
+  struct Task {
+    Ref ref;
+    Crossings list;
+  };
+
+  /// @param arena of the tree, for this thread alone.
+  ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
+           const ScanBeams<D>& beams)
+      : tree_(tree),
+        arena_(arena),
+        refinement_(refinement),
+        beams_(beams),
+        clip_(tree.geometry(), beams),
+        evidence_(tree.geometry(), beams, refinement.model, sensor),
+        coverage_(beams),
+        smallest_size_(static_cast<float>(tree.geometry().unit())),
+        finest_level_(tree.geometry().finest_level()),
+        coarsest_level_(Refinement::coarsest_level(finest_level_)) {}
+
+  [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
+
+  /// The whole update, or, if `tasks` are asked for, that of nodes above the coarsest level of cells, of
+  /// which none are merged; what is left to do is then in the tasks, whose lists live as long as this walk.
+  void run(std::vector<Task>* tasks = nullptr) {
+    tasks_ = tasks;
+    Crossings list = stack_.allocate(beams_.size());
+    for (std::size_t i = 0; i < beams_.size(); ++i) {
+      list.beam[i] = static_cast<std::uint32_t>(i);
+      list.enter()[i] = 0.0f;
+      list.exit()[i] = beams_.reach()[i];
+    }
+    list.size = beams_.size();
+    if (!list.empty()) descend(tree_.root(), list);
+    tasks_ = nullptr;
+  }
+  void run(const Task& task) { descend(task.ref, task.list); }
+
+ private:
+  using Lists = typename ChildClip<N, D>::Lists;
+
+  /// Of a face's beams, those that count in a cell.
+  struct Taken {
+    const ScanFace<D>* face;
+    std::uint32_t end;  // Number of the one after the last.
+    float share;        // Of all, at most 1.
+  };
+  /// Which of a list's beams count in a leaf: all of them, or, of each face from which some cross it, those
+  /// on the stack of samples.
+  struct Sample {
+    bool is_all = true;
+    std::size_t first = 0;
+    std::size_t last = 0;
+  };
+
+  /// Calls `visit(face, first, last)` for each part of a list whose beams are of one face.
+  template <class Visit>
+  void for_each_face(const Crossings& list, const Visit& visit) const {
+    for (std::size_t first = 0; first < list.size;) {
+      const ScanFace<D>& face = beams_.face_of(list.beam[first]);
+      const std::size_t last = list.find(face.end_of_beams, first);
+      visit(face, first, last);
+      first = last;
+    }
+  }
+  /// How many of a part of a list, of one face, are of a share.
+  [[nodiscard]] std::size_t end_of_share(const Crossings& list, std::size_t first, std::size_t last,
+                                         float share) const {
+    const float* const chance = beams_.chance();
+    if (!(share < 1.0f) || chance[list.beam[last - 1]] < share) return last;
+    return static_cast<std::size_t>(
+        std::partition_point(list.beam + first, list.beam + last,
+                             [&](std::uint32_t beam) { return chance[beam] < share; }) -
+        list.beam);
+  }
+
+  [[nodiscard]] double border(const CellIndex<D>& cell, int axis, bool upper) const {
+    const auto& geometry = tree_.geometry();
+    return geometry.border(cell.lower[static_cast<std::size_t>(axis)] +
+                           (upper ? geometry.edge(cell.level) : 0));
+  }
+  [[nodiscard]] float depth_of(const CellIndex<D>& cell, const ScanFace<D>& face) const {
+    return face.depth_of(border(cell, face.axis, false), border(cell, face.axis, true));
+  }
+
+  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
+    const auto& geometry = tree_.geometry();
+    const double centre = geometry.border(leaf.lower[static_cast<std::size_t>(face.axis)]) +
+                          0.5 * geometry.cell_size(leaf.level);
+    return static_cast<float>(std::abs(centre - face.origin[face.axis])) >= face.depth_of_all[is_known];
+  }
+  /// Beams of a list that count in a leaf: so many for each smallest cell side by side in it.
+  Sample take(const CellIndex<D>& leaf, const Crossings& list, bool is_known) {
+    Sample sample{false, taken_.size(), 0};
+    const auto beams = static_cast<float>(refinement_.model.sample_beams(is_known));
+    for_each_face(list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
+      const float share =
+          face.is_lone() || takes_all(leaf, face, is_known)
+              ? 1.0f
+              : std::min(1.0f, beams / face.expected_beams(depth_of(leaf, face), smallest_size_));
+      const std::size_t end = end_of_share(list, first, last, share);
+      taken_.push_back({&face, end < last ? list.beam[end] : face.end_of_beams, share});
+    });
+    sample.last = taken_.size();
+    return sample;
+  }
+  /// Calls `visit(face, share, list)` for the parts of a list that are in a sample.
+  template <class Visit>
+  void for_each_taken(const Crossings& list, const Sample& sample, const Visit& visit) const {
+    if (sample.is_all) {
+      for_each_face(list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
+        visit(face, 1.0f, list.part(first, last));
+      });
+      return;
+    }
+    std::size_t from = 0;
+    for (std::size_t s = sample.first; s < sample.last && from < list.size; ++s) {
+      const Taken& taken = taken_[s];
+      const std::size_t to = list.find(taken.end, from);
+      if (from < to) visit(*taken.face, taken.share, list.part(from, to));
+      from = taken.end < taken.face->end_of_beams ? list.find(taken.face->end_of_beams, to) : to;
+    }
+  }
+  /// The same whatever faces they are of. Calls `visit(list)`.
+  template <class Visit>
+  void for_each_list(const Crossings& list, const Sample& sample, const Visit& visit) const {
+    if (sample.is_all)
+      visit(list);
+    else
+      for_each_taken(list, sample, [&](const ScanFace<D>&, float, const Crossings& part) { visit(part); });
+  }
+
+  /// Hands a node's beams to its children, without those that no cell below takes.
+  Lists hand_down(const CellIndex<D>& node, const Crossings& list) {
+    Lists children = clip_.lists_for(node, list, stack_);
+    std::size_t from = 0;  // Of beams that follow each other, and are not handed down yet.
+    for (std::size_t first = 0, last = 0; first < list.size; first = last) {
+      const ScanFace<D>& face = beams_.face_of(list.beam[first]);
+      last = list.find(face.end_of_beams, first);
+      const double behind = std::abs(border(node, face.axis, !face.negative) - face.origin[face.axis]);
+      const auto farthest =
+          static_cast<float>(std::max(behind, 0.5 * tree_.geometry().cell_size(node.level)));
+      if (farthest >= face.depth_of_all[0]) continue;
+      const float expected = face.expected_beams(farthest * kSlack, smallest_size_);
+      const auto learning = static_cast<float>(refinement_.model.sample_beams(false)) * kSlack;
+      const std::size_t end = end_of_share(list, first, last, learning / expected);
+      if (end == last) continue;
+      clip_(node, list.part(from, end), children);
+      from = last;
+    }
+    if (from < list.size) clip_(node, list.part(from, list.size), children);
+    return children;
+  }
+
+  /// @param list not empty. @returns whether a cell changed.
+  bool descend(const Ref& ref, const Crossings& list) {
+    if (tasks_ != nullptr && ref.index.level <= coarsest_level_) {
+      tasks_->push_back({ref, list});
+      return false;
+    }
+    if (!ref.is_leaf()) {
+      if (Summary(ref.node->note()).is_settled() && evidence_.all_pass(list)) return false;
+    } else if (ref.index.level <= coarsest_level_) {
+      return update_leaf(ref, list);
+    } else {
+      tree_.split_node(*ref.node, {}, arena_);
+    }
+    const CrossingStack::Mark mark = stack_.mark();
+    return update_children(ref, hand_down(ref.index, list), mark, false, false);
+  }
+
+  bool update_leaf(const Ref& leaf, const Crossings& list) {
+    const EvidenceModel& model = refinement_.model;
+    EvidenceCell& cell = leaf.cell();
+    bool is_known = model.is_known(cell);
+    if (is_known && model.is_settled(cell)) {
+      if (evidence_.all_pass(list)) return false;
+      is_known = !is_contradicted(leaf.index, list);
+    }
+    const ScanFace<D>& face = beams_.face_of(list.beam[0]);
+    ScanEvidence scan;
+    if (list.beam[list.size - 1] < face.end_of_beams && takes_all(leaf.index, face, is_known)) {
+      evidence_.add(leaf.index, list, scan);
+      model.limit(scan);
+      return divides(leaf, scan) ? divide(leaf, list, {}, scan) : update(cell, scan);
+    }
+    const std::size_t taken_before = taken_.size();
+    const Sample sample = take(leaf.index, list, is_known);
+    for_each_list(list, sample, [&](const Crossings& part) { evidence_.add(leaf.index, part, scan); });
+    model.limit(scan);
+    const bool changed = divides(leaf, scan) ? divide(leaf, list, sample, scan) : update(cell, scan);
+    taken_.resize(taken_before);
+    return changed;
+  }
+  /// Whether a leaf may have to split.
+  [[nodiscard]] bool divides(const Ref& leaf, const ScanEvidence& scan) const {
+    return leaf.index.level != finest_level_ &&
+           (is_unseen(leaf, scan) || refinement_.splits(leaf.cell(), scan));
+  }
+  /// Whether beams have only passed a leaf that was never observed. Those that are were seen before; hits
+  /// speak for themselves.
+  [[nodiscard]] bool is_unseen(const Ref& leaf, const ScanEvidence& scan) const {
+    return !leaf.cell().observed() && scan.hits == 0 && scan.occupied == 0 && refinement_.coverage.is_on();
+  }
+  bool divide(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan) {
+    if (scan.beams == 0) return false;
+    return is_unseen(leaf, scan) ? update_unseen(leaf, list, sample, scan) : split(leaf, list, sample);
+  }
+  /// A leaf that was never observed, and that beams have only passed.
+  bool update_unseen(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan) {
+    const EvidenceModel& model = refinement_.model;
+    const CrossingStack::Mark mark = stack_.mark();
+    Lists lists;
+    const CoverageVerdict seen = look_at_coverage(leaf, list, sample, lists);
+    if (seen.shows_more && sample.is_all) return split(leaf, list, sample, lists, mark);
+    stack_.release(mark);
+    if (seen.shows_more) return split(leaf, list, sample);
+    if (!seen.is_enough) return counted(model.remember(leaf.cell(), seen.parts, scan), scan);
+    return update(leaf.cell(), scan);
+  }
+  bool update(EvidenceCell& cell, const ScanEvidence& scan) {
+    return scan.beams > 0 && counted(refinement_.model.update(cell, scan), scan);
+  }
+  bool counted(bool changed, const ScanEvidence& scan) {
+    counters_.updates += changed ? scan.beams : 0;
+    return changed;
+  }
+
+  bool split(const Ref& leaf, const Crossings& list, const Sample& sample) {
+    const CrossingStack::Mark mark = stack_.mark();
+    return split(leaf, list, sample, hand_down(leaf.index, list), mark);
+  }
+  /// @param lists of the children, allocated after the mark.
+  bool split(const Ref& leaf, const Crossings& list, const Sample& sample, const Lists& lists,
+             const CrossingStack::Mark& mark) {
+    const EvidenceCell parent = leaf.cell();
+    ++counters_.splits;
+    tree_.split_node(*leaf.node, {}, arena_);
+    if (EvidenceModel::has_heirs(parent)) share_out(parent, tree_.children(*leaf.node), lists, list, sample);
+    return update_children(leaf, lists, mark, true, true);
+  }
+
+  /// @param lists of the children, allocated after the mark. @param changed whether one of them did already.
+  bool update_children(const Ref& ref, const Lists& lists, const CrossingStack::Mark& mark, bool changed,
+                       bool was_split) {
+    auto* const children = tree_.children(*ref.node);
+    const std::int64_t edge = tree_.geometry().edge(ref.index.level - 1);
+#ifdef __GNUC__
+#pragma GCC unroll 8
+#endif
+    for (int j = 0; j < kNumChildren; ++j) {
+      const auto c = static_cast<std::size_t>(j);
+      if (lists.first[c] == lists.last[c]) continue;
+      Ref child{children + j, {ref.index.lower, ref.index.level - 1}};
+      int number = j;
+      for (std::size_t a = 0; a < D; ++a, number /= N) child.index.lower[a] += number % N * edge;
+      changed = descend(child, lists.of(j)) || changed;
+    }
+    if (tasks_ != nullptr) {  // They need their lists.
+      ref.node->set_note(0);  // Until they are done.
+      return changed;
+    }
+    stack_.release(mark);
+    if (!changed && ref.node->note() != 0) return false;
+    const SummaryOfChildren all = summary_of_children(
+        tree_, *ref.node, [this](const EvidenceCell& cell) { return refinement_.is_settled(cell); });
+    const bool may_merge =
+        changed && ref.index.level <= coarsest_level_ && all.are_leaves && all.summary.is_uniform();
+    const auto merged =
+        may_merge ? refinement_.merge_rule(children, kNumChildren, kShareDivisor<Tree>) : std::nullopt;
+    if (!merged) {
+      ref.node->set_note(all.summary.word());
+      return changed;
+    }
+    tree_.merge(*ref.node, *merged, arena_);
+    if (was_split)
+      --counters_.splits;
+    else
+      ++counters_.merges;
+    return true;
+  }
+
+  /// Gives children what is due to them of what their parent knew.
+  void share_out(const EvidenceCell& parent, typename Tree::NodeType* children, const Lists& lists,
+                 const Crossings& list, const Sample& sample) const {
+    std::size_t beams = 0;
+    for_each_list(list, sample, [&](const Crossings& part) { beams += part.size; });
+    for (int j = 0; j < kNumChildren; ++j)
+      children[j].cell() =
+          refinement_.model.inherited(parent, kShareDivisor<Tree>, count_passed(lists.of(j), sample), beams,
+                                      CellParts<N, D>::of_child(j));
+  }
+  /// Those at whose exit the beam has clearly not met anything.
+  [[nodiscard]] std::size_t count_passed(const Crossings& list, const Sample& sample) const {
+    std::size_t n = 0;
+    for_each_list(list, sample, [&](const Crossings& part) {
+      for (std::size_t i = 0; i < part.size; ++i) {
+        const std::uint32_t beam = part.beam[i];
+        n += beams_.surface()[beam] == 0.0f || part.exit()[i] < beams_.clear()[beam];
+      }
+    });
+    return n;
+  }
+
+  /// Whether more beams end in a leaf that knows as much free space as it can than the sensor's errors
+  /// explain, of those of a sample that would cross it if they were spread evenly.
+  [[nodiscard]] bool is_contradicted(const CellIndex<D>& leaf, const Crossings& list) {
+    const std::size_t taken_before = taken_.size();
+    const Sample sample = take(leaf, list, false);
+    const auto size = static_cast<float>(tree_.geometry().cell_size(leaf.level));
+    double blocked = 0.0;
+    for_each_taken(list, sample, [&](const ScanFace<D>& face, float share, const Crossings& part) {
+      std::size_t ends = 0;
+      for (std::size_t i = 0; i < part.size; ++i) {
+        const std::uint32_t beam = part.beam[i];
+        ends += beams_.surface()[beam] > 0.0f && tree_.geometry().contains(leaf, beams_.end_cell(beam));
+      }
+      float expected = 1.0f;
+      if (!face.is_lone() && ends > 0)
+        expected = std::max(1.0f, share * face.expected_beams(depth_of(leaf, face), size));
+      blocked += static_cast<double>(ends) / static_cast<double>(expected);
+    });
+    taken_.resize(taken_before);
+    return blocked > refinement_.partial_occupancy.free_until();
+  }
+
+  /// Whether enough of a leaf was seen to update it as a whole.
+  /// @param lists of the children, if all beams are taken.
+  [[nodiscard]] CoverageVerdict look_at_coverage(const Ref& leaf, const Crossings& list, const Sample& sample,
+                                                 Lists& lists) {
+    const auto child_size = static_cast<float>(tree_.geometry().cell_size(leaf.index.level - 1));
+    const float per_child = 1.0f / child_size;
+    ScanCoverage<N, D> coverage;
+    lists = clip_.lists_for(leaf.index, list, stack_);
+    auto first = lists.first;  // Of the beams of each child that were not looked at yet.
+    for_each_taken(list, sample, [&](const ScanFace<D>& face, float share, const Crossings& part) {
+      clip_(leaf.index, part, lists);
+      // Those of a sample stand for those that are not in it, too.
+      const BeamWidths widths{face.width_of_beam() * widening(share) * per_child, smallest_size_ * per_child};
+      for (int j = 0; j < kNumChildren; ++j) {
+        const auto c = static_cast<std::size_t>(j);
+        if (first[c] == lists.last[c]) continue;
+        coverage.add(j, coverage_(lists.memory.part(first[c], lists.last[c]), per_child, widths));
+        first[c] = lists.last[c];
+      }
+    });
+    const EvidenceCell& cell = leaf.cell();
+    const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
+    return refinement_.coverage.judge(coverage, seen_before,
+                                      tree_.geometry().cell_size(leaf.index.level) / tree_.geometry().unit());
+  }
+  /// How much wider beams get if only a share of them is left.
+  [[nodiscard]] static float widening(float share) {
+    if constexpr (D < 2) return 1.0f;
+    if constexpr (D == 2) return 1.0f / share;
+    if constexpr (D == 3) return 1.0f / std::sqrt(share);
+    return std::pow(share, -1.0f / static_cast<float>(D - 1));
+  }
+
+  static constexpr float kSlack = 1.0f + 1e-5f;  // Above all rounding.
+
+  Tree& tree_;
+  typename Tree::Arena& arena_;
+  const Refinement& refinement_;
+  const ScanBeams<D>& beams_;
+  const ChildClip<N, D> clip_;
+  const LeafEvidence<N, D, Sensor> evidence_;
+  const LeafCoverage<N, D> coverage_;
+  const float smallest_size_;
+  const int finest_level_;
+  const int coarsest_level_;
+  UpdateCounters counters_;
+  std::vector<Task>* tasks_ = nullptr;
+  // Of the nodes on the path from the root, the deepest last:
+  CrossingStack stack_;
+  std::vector<Taken> taken_;
+};
+
+}  // namespace ndtree

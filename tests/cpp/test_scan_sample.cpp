@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <set>
+#include <vector>
+
+#include "ndtree/core/scan.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/sample.hpp"
+#include "ndtree/tree/beam_traversal.hpp"
+#include "ndtree/tree/lattice.hpp"
+#include "random.hpp"
+
+namespace ndtree::test {
+namespace {
+
+template <int D>
+std::array<float, D> floats(const Vector<D>& v) {
+  std::array<float, D> result;
+  for (std::size_t a = 0; a < D; ++a) result[a] = static_cast<float>(v[static_cast<int>(a)]);
+  return result;
+}
+
+/// One origin or many; in a cone or all around; some beams of no length, broken, without return, or long.
+template <int D>
+Scan<D> random_scan(Random& random, int count, int kind) {
+  Scan<D> scan;
+  const Eigen::Index origins = kind % 2 == 0 ? 1 : count;
+  scan.origins.resize(D, origins);
+  scan.endpoints.resize(D, count);
+  scan.returned.resize(count);
+  for (Eigen::Index i = 0; i < count; ++i) {
+    for (int a = 0; a < D; ++a) {
+      if (i < origins) scan.origins(a, i) = random.uniform(-1.0, 1.0);
+      scan.endpoints(a, i) = random.uniform(-5.0, 5.0) + (kind >= 2 && a == 0 ? 8.0 : 0.0);
+    }
+    if (random.chance(0.02)) scan.endpoints.col(i) = scan.origins.col(origins == 1 ? 0 : i);
+    if (random.chance(0.02)) scan.endpoints(random.integer(0, D - 1), i) = std::nan("");
+    if (random.chance(0.02)) scan.endpoints(0, i) = kUnlimitedRange;
+    if (random.chance(0.02)) scan.endpoints(0, i) = 1e200;
+    scan.returned[i] = random.chance(0.8);
+  }
+  return scan;
+}
+
+template <int D>
+void looks_over_as_one_by_one(std::uint64_t seed) {
+  Random random(seed);
+  SCOPED_TRACE(random.trace());
+  const LatticeGeometry<2, D> geometry(0.05, 3);
+  const SensorOptions options;
+  const BeamSensorModel sensor(options);
+  std::array<std::uint64_t, 4> outcomes{};
+  for (int kind = 0; kind < 4; ++kind)
+    for (const int count : {1, 7, 8, 40, 700}) {
+      const Scan<D> scan = random_scan<D>(random, count, kind);
+      const Measurements<D, BeamSensorModel> measurements(scan.view(), 6.0, sensor);
+      const ScanSurvey<D> exact = survey_exactly(geometry, measurements, measurements.all());
+      for (const int at_a_time : {1, 8}) {
+        Simd::limit(at_a_time);
+        ScanPart<D, BeamSensorModel> part;
+        part.look_over(measurements, measurements.all(), sensor, geometry);
+        Simd::limit(8);
+        const ScanSurvey<D>& survey = part.survey();
+        EXPECT_EQ(survey.outcomes, exact.outcomes);
+        if (exact.num_valid() == 0) continue;
+        EXPECT_TRUE((survey.reach.lower.array() <= exact.reach.lower.array()).all());
+        EXPECT_TRUE((survey.reach.upper.array() >= exact.reach.upper.array()).all());
+        // A cell that takes all beams of a scan keeps them all.
+        ScanImage<D> image;
+        const auto numbers = image.join(part.image());
+        std::uint64_t beams = 0;
+        for (ScanFace<D>& face : image.faces()) {
+          beams += face.num_beams;
+          face.divide();
+        }
+        EXPECT_EQ(beams, exact.num_valid());
+        part.keep(image, numbers, {1e9, 0.05, 0.4});
+        EXPECT_EQ(part.kept().size(), exact.num_valid());
+        for (const auto& kept : part.kept()) {
+          const auto i = static_cast<Eigen::Index>(kept.number);
+          const Beam<D> beam = measurements.beam(i);
+          const ScanFace<D>& face = image.face(kept.face);
+          EXPECT_EQ(face.origin, beam.origin);
+          EXPECT_EQ(std::abs(beam.displacement[face.axis]), beam.displacement.cwiseAbs().maxCoeff());
+          EXPECT_EQ(beam.displacement[face.axis] < 0.0, face.negative);
+          if (beam.range < 100.0) {
+            EXPECT_EQ(kept.chance, chance_of<D>(floats<D>(beam.displacement)));
+          }
+        }
+        if (::testing::Test::HasFailure()) return;
+      }
+      for (std::size_t i = 0; i < outcomes.size(); ++i) outcomes[i] += exact.outcomes[i];
+    }
+  for (const std::uint64_t n : outcomes) EXPECT_GT(n, 20u);
+}
+
+TEST(ScanSample, LooksOverAsOneByOne) {
+  looks_over_as_one_by_one<1>(170);
+  looks_over_as_one_by_one<2>(171);
+  looks_over_as_one_by_one<3>(172);
+  looks_over_as_one_by_one<4>(173);
+}
+
+/// Of beams that are denser than cells need, those that no cell of some size takes are not kept; but all that
+/// one does.
+template <int D>
+void keeps_what_some_cell_takes(std::uint64_t seed) {
+  Random random(seed);
+  SCOPED_TRACE(random.trace());
+  const LatticeGeometry<2, D> geometry(0.25, 2);
+  SensorOptions options;
+  options.range_sigma = 0.02;
+  const BeamSensorModel sensor(options);
+  int taken = 0;
+  std::size_t left_out = 0;
+  for (const double beams_of_a_cell : {0.02, 0.3, 2.0}) {
+    Scan<D> scan;
+    scan.origins = Vector<D>::Constant(0.03);
+    scan.endpoints.resize(D, 2000);
+    for (Eigen::Index i = 0; i < scan.size(); ++i) {
+      for (int a = 0; a < D; ++a) scan.endpoints(a, i) = 0.03 + random.uniform(-1.0, 1.0);
+      scan.endpoints(0, i) = 0.03 + random.uniform(0.5, 5.0);
+    }
+    const Measurements<D, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
+    ScanPart<D, BeamSensorModel> part;
+    part.look_over(measurements, measurements.all(), sensor, geometry);
+    ScanImage<D> image;
+    const auto numbers = image.join(part.image());
+    for (ScanFace<D>& face : image.faces()) face.divide();
+    part.keep(image, numbers, {beams_of_a_cell, 0.25, 1.0});
+    std::set<std::uint32_t> kept;
+    for (const auto& beam : part.kept()) kept.insert(beam.number);
+    left_out += 2000 - kept.size();
+    for (int i = 0; i < 300; ++i) {
+      const double size = 0.25 * std::pow(2.0, random.integer(0, 2));
+      Box<D> cell;
+      for (int a = 0; a < D; ++a) cell.lower[a] = size * std::floor(random.uniform(-2.0, 6.0) / size);
+      cell.upper = cell.lower.array() + size;
+      for (Eigen::Index k = 0; k < scan.size(); ++k) {
+        const Beam<D> beam = measurements.beam(k);
+        double t_enter = 0.0;
+        double t_exit = BeamSensorModel::t_end(beam, 0.02);
+        if (!clip_to_box<D>(cell.lower - beam.origin, cell.upper - beam.origin, beam.displacement, t_enter,
+                            t_exit))
+          continue;
+        Eigen::Index axis = 0;
+        beam.displacement.cwiseAbs().maxCoeff(&axis);
+        for (const ScanFace<D>& face : image.faces()) {
+          if (face.axis != axis || face.negative != (beam.displacement[axis] < 0.0)) continue;
+          const float expected =
+              face.expected_beams(face.depth_of(cell.lower[axis], cell.upper[axis]), 0.25f);
+          const float chance = static_cast<float>(chance_of<D>(floats<D>(beam.displacement))) * kChanceUnit;
+          if (!(chance * expected < static_cast<float>(beams_of_a_cell))) continue;
+          EXPECT_EQ(kept.count(static_cast<std::uint32_t>(k)), 1u);
+          ++taken;
+        }
+      }
+      if (::testing::Test::HasFailure()) return;
+    }
+  }
+  EXPECT_GT(taken, 100);
+  if (D > 1) {
+    EXPECT_GT(left_out, D == 4 ? 20u : 1000u);
+  }
+}
+
+TEST(ScanSample, KeepsWhatSomeCellTakes) {
+  keeps_what_some_cell_takes<1>(166);
+  keeps_what_some_cell_takes<2>(167);
+  keeps_what_some_cell_takes<3>(168);
+  keeps_what_some_cell_takes<4>(169);
+}
+
+/// All the rest of a beam being equal, a face that expects more beams in a cell lets it take a smaller share.
+TEST(ScanImage, FacesAreAsDenseAsTheirBeams) {
+  ScanImage<3> image;
+  const Vector<3> origin(1.0, 2.0, 3.0);
+  const std::uint32_t number = image.face_of(image.cube_of(origin), origin, 2);
+  ScanFace<3>& face = image.faces()[number];
+  EXPECT_EQ(face.axis, 1);
+  EXPECT_FALSE(face.negative);
+  face.lower = {-0.5f, -0.25f};
+  face.upper = {0.5f, 0.25f};
+  face.num_beams = 5000;  // On an area of 1 / 2: a hundred in a row of length 1.
+  face.divide();
+  EXPECT_NEAR(face.density, 100.0f, 1e-4f);
+  EXPECT_NEAR(face.expected_beams(2.0f, 0.1f), 25.0f, 1e-4f);
+  EXPECT_EQ(face.expected_beams(0.01f, 0.1f), face.places[0] * face.places[1]) << "no more than there are";
+  EXPECT_NEAR(face.width_of_beam(), 0.01f, 1e-6f);
+  EXPECT_EQ(face.depth_of(4.0, 5.0), 2.5f);
+  EXPECT_EQ(face.depth_of(1.0, 4.0), 1.5f) << "half the edge, if the origin is in the cell";
+  EXPECT_LE(face.expected_beams(face.depth_for(7.0f, 0.1f), 0.1f), 7.0f);
+  EXPECT_NEAR(face.expected_beams(face.depth_for(7.0f, 0.1f), 0.1f), 7.0f, 1e-3f);
+}
+
+TEST(ScanSample, AChanceSaysNothingAboutWhatABeamMeasured) {
+  Random random(165);
+  SCOPED_TRACE(random.trace());
+  constexpr int kClasses = 16;
+  // Of end points that a sensor gives: single precision, or of 1 mm, near each other; by their range.
+  for (const double step : {0.0, 0.001}) {
+    int count[2][kClasses] = {};
+    constexpr int kBeams = 40000;
+    for (int i = 0; i < kBeams; ++i) {
+      const double angle = 1e-4 * i;
+      double range = 2.0 + 0.01 * random.uniform();
+      const bool is_near = range < 2.005;
+      if (step > 0.0) range = std::round(range / step) * step;
+      const std::uint32_t chance =
+          chance_of<3>(floats<3>({range * std::cos(angle), range * std::sin(angle), 0.3}));
+      ASSERT_LT(chance, 1u << 24);
+      ++count[is_near][chance >> 20];
+    }
+    for (const auto& row : count) {
+      double sum = 0.0;
+      for (const int n : row) sum += n;
+      double chi_square = 0.0;
+      for (const int n : row) chi_square += std::pow(n - sum / kClasses, 2) / (sum / kClasses);
+      EXPECT_LT(chi_square, 44.0) << "15 degrees of freedom: one in ten thousand is larger";
+    }
+  }
+  EXPECT_EQ(chance_of<2>({0.1f, 0.2f}), chance_of<2>({0.1f, 0.2f}));
+  EXPECT_NE(chance_of<2>({0.1f, 0.2f}), chance_of<2>({0.2f, 0.1f}));
+}
+
+}  // namespace
+}  // namespace ndtree::test
