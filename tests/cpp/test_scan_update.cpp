@@ -875,7 +875,7 @@ TYPED_TEST(ScanUpdateOf, ThreadsMayBeMoreThanCoarseCells) {
   AdaptiveMap<N, D> alone(options);
   AdaptiveMap<N, D> shared(options);
   for (int i = 0; i < 20; ++i) {
-    Scan<D> scan = random_scan<D>(random, 20000, 0.5, 0.0, 0.0);
+    Scan<D> scan = random_scan<D>(random, 20003, 0.5, 0.0, 0.0);
     scan.origins = scan.origins.leftCols(1).eval();
     alone.insert(scan, 3.0, 1);
     shared.insert(scan, 3.0, 20);

@@ -62,7 +62,7 @@ class ScanWalk {
   /// which none are merged; what is left to do is then in the tasks, whose lists live as long as this walk.
   void run(std::vector<Task>* tasks = nullptr) {
     tasks_ = tasks;
-    Crossings list = stack_.allocate(beams_.size());
+    Crossings list = stack_.allocate(beams_.size() + Crossings::kSlack);
     for (std::size_t i = 0; i < beams_.size(); ++i) {
       list.beam[i] = static_cast<std::uint32_t>(i);
       list.enter()[i] = 0.0f;
