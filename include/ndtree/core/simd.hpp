@@ -78,6 +78,18 @@ NDTREE_AVX2 inline __m256i first_of_eight(std::size_t n) {
   return _mm256_cmpgt_epi32(_mm256_set1_epi32(n < 8 ? static_cast<int>(n) : 8),
                             _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
 }
+/// The first n of up to eight whole numbers at p, and 0 for the rest. @param live first_of_eight(n).
+NDTREE_AVX2 inline __m256i load_live(const std::uint32_t* p, __m256i live) {
+  return _mm256_and_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)), live);
+}
+/// from[offsets], four of them. The plain gather is one that GCC 12 warns of.
+NDTREE_AVX2 inline __m256d gather(const double* from, __m128i offsets) {
+  const __m256d all = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
+  return _mm256_mask_i32gather_pd(_mm256_setzero_pd(), from, offsets, all, 8);
+}
+NDTREE_AVX2 inline __m256 joined(__m128 low, __m128 high) {
+  return _mm256_insertf128_ps(_mm256_castps128_ps256(low), high, 1);
+}
 
 }  // namespace detail
 #endif

@@ -192,10 +192,7 @@ class ScanUpdate {
       beam.face = number[beam.face];
       ++faces[beam.face].end_of_beams;
     }
-    for (std::size_t f = 1; f < faces.size(); ++f) {
-      faces[f].first_beam = faces[f - 1].end_of_beams;
-      faces[f].end_of_beams += faces[f].first_beam;
-    }
+    for (std::size_t f = 1; f < faces.size(); ++f) faces[f].end_of_beams += faces[f - 1].end_of_beams;
     sort_by_face_and_chance(kept, faces.size());
     return faces;
   }

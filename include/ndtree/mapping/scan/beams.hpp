@@ -120,11 +120,11 @@ class ScanBeams {
     __m256d on_border = _mm256_setzero_pd();
 #pragma GCC unroll 4
     for (int a = 0; a < D; ++a) {
-      const __m256d low = gather(scan.endpoints + a, low_numbers);
-      const __m256d high = gather(scan.endpoints + a, high_numbers);
+      const __m256d low = detail::gather(scan.endpoints + a, low_numbers);
+      const __m256d high = detail::gather(scan.endpoints + a, high_numbers);
       const __m256d origin = _mm256_set1_pd(scan.origins[a]);
-      way[a] =
-          joined(_mm256_cvtpd_ps(_mm256_sub_pd(low, origin)), _mm256_cvtpd_ps(_mm256_sub_pd(high, origin)));
+      way[a] = detail::joined(_mm256_cvtpd_ps(_mm256_sub_pd(low, origin)),
+                              _mm256_cvtpd_ps(_mm256_sub_pd(high, origin)));
       square = _mm256_add_ps(square, _mm256_mul_ps(way[a], way[a]));
       depth = _mm256_max_ps(depth, _mm256_andnot_ps(sign, way[a]));
       __m256d low_on_border;
@@ -158,13 +158,13 @@ class ScanBeams {
     const __m256d low_sigma = sensor.sigma(low);
     const __m256d high_sigma = sensor.sigma(high);
     const __m256d reach = _mm256_set1_pd(Sensor::kReachSigmas);
-    const __m256 sigma = joined(_mm256_cvtpd_ps(low_sigma), _mm256_cvtpd_ps(high_sigma));
-    const __m256 clear = joined(_mm256_cvtpd_ps(sensor.clearly_free_until(low, low_sigma)),
-                                _mm256_cvtpd_ps(sensor.clearly_free_until(high, high_sigma)));
+    const __m256 sigma = detail::joined(_mm256_cvtpd_ps(low_sigma), _mm256_cvtpd_ps(high_sigma));
+    const __m256 clear = detail::joined(_mm256_cvtpd_ps(sensor.clearly_free_until(low, low_sigma)),
+                                        _mm256_cvtpd_ps(sensor.clearly_free_until(high, high_sigma)));
     const __m256 surface = _mm256_mul_ps(_mm256_set1_ps(static_cast<float>(kThinnestSurface)), sigma);
     _mm256_storeu_ps(column(kReach) + number,
-                     joined(_mm256_cvtpd_ps(_mm256_add_pd(low, _mm256_mul_pd(reach, low_sigma))),
-                            _mm256_cvtpd_ps(_mm256_add_pd(high, _mm256_mul_pd(reach, high_sigma)))));
+                     detail::joined(_mm256_cvtpd_ps(_mm256_add_pd(low, _mm256_mul_pd(reach, low_sigma))),
+                                    _mm256_cvtpd_ps(_mm256_add_pd(high, _mm256_mul_pd(reach, high_sigma)))));
     _mm256_storeu_ps(column(kRange) + number, range);
     _mm256_storeu_ps(column(kSigma) + number, sigma);
     _mm256_storeu_ps(column(kClear) + number, clear);
@@ -251,15 +251,6 @@ class ScanBeams {
     column(kPass)[number] = clear - surface;
     column(kSlant)[number] = slant;
   }
-#ifdef NDTREE_HAS_AVX2
-  NDTREE_AVX2 [[nodiscard]] static __m256d gather(const double* from, __m128i offsets) {
-    const __m256d all = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
-    return _mm256_mask_i32gather_pd(_mm256_setzero_pd(), from, offsets, all, 8);
-  }
-  NDTREE_AVX2 [[nodiscard]] static __m256 joined(__m128 low, __m128 high) {
-    return _mm256_insertf128_ps(_mm256_castps128_ps256(low), high, 1);
-  }
-#endif
 
   enum Column { kReach, kRange, kSigma, kClear, kSurface, kPass, kSlant, kChance, kInverse };
   static constexpr std::size_t kNumFloats = kInverse + D;

@@ -132,7 +132,7 @@ class ChildClip {
     const Crossings memory = children.memory;
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
-      const __m256i beam = _mm256_and_si256(load(list.beam + i), live);
+      const __m256i beam = detail::load_live(list.beam + i, live);
       const __m256 t0 = _mm256_loadu_ps(list.enter() + i);
       const __m256 t1 = _mm256_blendv_ps(t0, _mm256_loadu_ps(list.exit() + i), _mm256_castsi256_ps(live));
       __m256 enter[kNumChildren];
@@ -188,9 +188,6 @@ class ChildClip {
         children.last[c] = place + static_cast<std::size_t>(__builtin_popcount(set));
       }
     }
-  }
-  NDTREE_AVX2 static __m256i load(const std::uint32_t* p) {
-    return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(p));
   }
 #endif
 

@@ -80,8 +80,7 @@ class LeafCoverage {
     const __m256 fixed = _mm256_set1_ps(widths.fixed);
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
-      const __m256i beam =
-          _mm256_and_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(list.beam + i)), live);
+      const __m256i beam = detail::load_live(list.beam + i, live);
       const __m256 enter = _mm256_loadu_ps(list.enter() + i);
       const __m256 exit =
           _mm256_min_ps(_mm256_loadu_ps(list.exit() + i), _mm256_i32gather_ps(beams_.range(), beam, 4));

@@ -22,6 +22,7 @@ namespace ndtree {
 template <int D>
 struct ScanFace {
   static constexpr std::size_t kAxes = D - 1;
+  static constexpr float kSlack = 1.0f + 1e-5f;  ///< Of depths and of beams, above all rounding.
 
   Vector<D> origin;
   int axis = 0;
@@ -32,8 +33,7 @@ struct ScanFace {
   float density = 0.0f;            ///< Places of one beam each, in a row of length 1.
   std::array<float, kAxes> places{};
   // After the beams were chosen:
-  std::uint32_t first_beam = 0;  ///< Number of the first of those that are kept, and of the one after them.
-  std::uint32_t end_of_beams = 0;
+  std::uint32_t end_of_beams = 0;  ///< Number of the one after the last of those that are kept.
   /// From this depth on, a cell takes all of them: one that is learning, or one that knows much [m].
   std::array<float, 2> depth_of_all{};
 
@@ -74,7 +74,6 @@ struct ScanFace {
 
   /// At this depth and farther away, a cell of this size expects no more than so many beams [m].
   [[nodiscard]] float depth_for(float beams, float size) const {
-    constexpr float kSlack = 1.0f + 1e-5f;  // Above all rounding.
     if constexpr (kAxes == 0) return beams >= 1.0f ? 0.0f : std::numeric_limits<float>::infinity();
     return is_lone() ? 0.0f
                      : kSlack * size * density /
@@ -144,7 +143,6 @@ class ScanImage {
   [[nodiscard]] std::vector<ScanFace<D>>& faces() { return faces_; }
   [[nodiscard]] const std::vector<ScanFace<D>>& faces() const { return faces_; }
   [[nodiscard]] const ScanFace<D>& face(std::uint32_t number) const { return faces_[number]; }
-  [[nodiscard]] std::size_t num_cubes() const { return cubes_.size(); }
 
   /// Adds another image's faces. @returns the numbers that they have here.
   std::vector<std::uint32_t> join(const ScanImage& other) {

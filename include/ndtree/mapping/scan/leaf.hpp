@@ -164,7 +164,7 @@ class LeafEvidence {
     unsigned passed = 0;
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
-      const __m256i beam = beams_at(list, i, live);
+      const __m256i beam = detail::load_live(list.beam + i, live);
       const __m256 enter = _mm256_loadu_ps(list.enter() + i);
       const __m256 exit = _mm256_loadu_ps(list.exit() + i);
       const __m256i units = _mm256_max_epi32(
@@ -259,12 +259,9 @@ class LeafEvidence {
     return static_cast<std::uint32_t>(
         _mm_cvtsi128_si32(_mm_add_epi32(quarter, _mm_shuffle_epi32(quarter, 0xb1))));
   }
-  NDTREE_AVX2 [[nodiscard]] static __m256i beams_at(const Crossings& list, std::size_t i, __m256i live) {
-    return _mm256_and_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(list.beam + i)), live);
-  }
   NDTREE_AVX2 [[nodiscard]] static __m256i not_passing(const Crossings& list, std::size_t i,
                                                        const float* pass) {
-    const __m256i beam = beams_at(list, i, detail::first_of_eight(list.size - i));
+    const __m256i beam = detail::load_live(list.beam + i, detail::first_of_eight(list.size - i));
     return _mm256_castps_si256(
         _mm256_cmp_ps(_mm256_loadu_ps(list.exit() + i), _mm256_i32gather_ps(pass, beam, 4), _CMP_NLT_UQ));
   }

@@ -125,9 +125,9 @@ class alignas(64) ScanPart {
   [[nodiscard]] const std::vector<Kept>& kept() const { return kept_; }
 
  private:
-  static constexpr float kSlack = 1.0f + 1e-5f;  // Above all rounding.
-  static constexpr float kShortest = 2e-18f;     // Squares of such numbers are floats [m] ...
-  static constexpr float kLongest = 1e18f;       // ... and of such.
+  static constexpr float kSlack = ScanFace<D>::kSlack;
+  static constexpr float kShortest = 2e-18f;  // Squares of such numbers are floats [m] ...
+  static constexpr float kLongest = 1e18f;    // ... and of such.
 
   void look_over_one(Eigen::Index i) {
     const ScanView<D>& scan = measurements_->scan();
@@ -149,10 +149,6 @@ class alignas(64) ScanPart {
         if (!(way.cwiseAbs().maxCoeff() <= static_cast<double>(kLongest))) way = Vector<D>::Unit(0);
       }
     }
-    const double max_range = measurements_->max_range();
-    ++survey_.count(!scan.is_returned(i)                              ? BeamOutcome::not_returned
-                    : (scan.endpoint(i) - origin).norm() <= max_range ? BeamOutcome::returned
-                                                                      : BeamOutcome::beyond_max_range);
     std::array<float, D> d;
     std::size_t axis = 0;
     for (std::size_t a = 0; a < D; ++a) {
@@ -160,6 +156,8 @@ class alignas(64) ScanPart {
       if (std::abs(d[a]) > std::abs(d[axis])) axis = a;
     }
     const float depth = std::abs(d[axis]);
+    ++survey_.count(outcome_of(i, depth));
+    const double max_range = measurements_->max_range();
     Vector<D> end = origin;
     for (std::size_t a = 0; a < D; ++a)
       end[static_cast<int>(a)] += std::clamp(static_cast<double>(d[a]), -max_range, max_range);
@@ -178,6 +176,19 @@ class alignas(64) ScanPart {
     chance_[place] = chance_of<D>(d);
     face_[place] = number;
     deepest_ = std::max(deepest_, depth);
+  }
+
+  /// How a valid beam ended. @param depth its length is between this and sqrt(D) times as much, but for
+  ///   rounding.
+  [[nodiscard]] BeamOutcome outcome_of(Eigen::Index i, float depth) const {
+    const ScanView<D>& scan = measurements_->scan();
+    if (!scan.is_returned(i)) return BeamOutcome::not_returned;
+    const double max_range = measurements_->max_range();
+    const auto least = static_cast<double>(depth);
+    const bool in_reach =
+        least * (std::sqrt(D) * (1.0 + 1e-6)) <= max_range ||
+        (least * (1.0 - 1e-6) <= max_range && (scan.endpoint(i) - scan.origin(i)).norm() <= max_range);
+    return in_reach ? BeamOutcome::returned : BeamOutcome::beyond_max_range;
   }
 
   void add_kept(std::uint32_t face, std::size_t place) {
@@ -258,10 +269,10 @@ class alignas(64) ScanPart {
       for (int a = 0; a < D; ++a) {
         const double* const from = scan.endpoints + i * D + a;
         const __m256d o = _mm256_set1_pd(origin[a]);
-        const __m128 low = _mm256_cvtpd_ps(_mm256_sub_pd(gather(from, stride), o));
-        const __m128 high = _mm256_cvtpd_ps(_mm256_sub_pd(gather(from + 4 * D, stride), o));
+        const __m128 low = _mm256_cvtpd_ps(_mm256_sub_pd(detail::gather(from, stride), o));
+        const __m128 high = _mm256_cvtpd_ps(_mm256_sub_pd(detail::gather(from + 4 * D, stride), o));
         const auto k = static_cast<std::size_t>(a);
-        d[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(low), high, 1);
+        d[k] = detail::joined(low, high);
         const __m256 length = _mm256_andnot_ps(sign, d[k]);
         const __m256 longer = _mm256_cmp_ps(length, depth, _CMP_GT_OQ);
         axis = _mm256_blendv_epi8(axis, _mm256_set1_epi32(2 * a), _mm256_castps_si256(longer));
@@ -355,24 +366,8 @@ class alignas(64) ScanPart {
   NDTREE_AVX2 void count_outcomes(Eigen::Index first, __m256 depths) {
     std::array<float, 8> depth;
     _mm256_storeu_ps(depth.data(), depths);
-    const ScanView<D>& scan = measurements_->scan();
-    const double max_range = measurements_->max_range();
-    for (std::size_t k = 0; k < 8; ++k) {
-      const Eigen::Index i = first + static_cast<Eigen::Index>(k);
-      BeamOutcome outcome = BeamOutcome::not_returned;
-      if (scan.is_returned(i)) {
-        const auto least = static_cast<double>(depth[k]);
-        const bool in_reach =
-            least * (std::sqrt(D) * (1.0 + 1e-6)) <= max_range ||
-            (least * (1.0 - 1e-6) <= max_range && (scan.endpoint(i) - scan.origin(i)).norm() <= max_range);
-        outcome = in_reach ? BeamOutcome::returned : BeamOutcome::beyond_max_range;
-      }
-      ++survey_.count(outcome);
-    }
-  }
-  NDTREE_AVX2 [[nodiscard]] static __m256d gather(const double* from, __m128i offsets) {
-    const __m256d all = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
-    return _mm256_mask_i32gather_pd(_mm256_setzero_pd(), from, offsets, all, 8);
+    for (std::size_t k = 0; k < 8; ++k)
+      ++survey_.count(outcome_of(first + static_cast<Eigen::Index>(k), depth[k]));
   }
   NDTREE_AVX2 [[nodiscard]] static float least_of(__m256 v) {
     std::array<float, 8> values;

@@ -172,20 +172,18 @@ class ScanWalk {
   Lists hand_down(const CellIndex<D>& node, const Crossings& list) {
     Lists children = clip_.lists_for(node, list, stack_);
     std::size_t from = 0;  // Of beams that follow each other, and are not handed down yet.
-    for (std::size_t first = 0, last = 0; first < list.size; first = last) {
-      const ScanFace<D>& face = beams_.face_of(list.beam[first]);
-      last = list.find(face.end_of_beams, first);
+    for_each_face(list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
       const double behind = std::abs(border(node, face.axis, !face.negative) - face.origin[face.axis]);
       const auto farthest =
           static_cast<float>(std::max(behind, 0.5 * tree_.geometry().cell_size(node.level)));
-      if (farthest >= face.depth_of_all[0]) continue;
+      if (farthest >= face.depth_of_all[0]) return;
       const float expected = face.expected_beams(farthest * kSlack, smallest_size_);
       const auto learning = static_cast<float>(refinement_.model.sample_beams(false)) * kSlack;
       const std::size_t end = end_of_share(list, first, last, learning / expected);
-      if (end == last) continue;
+      if (end == last) return;
       clip_(node, list.part(from, end), children);
       from = last;
-    }
+    });
     if (from < list.size) clip_(node, list.part(from, list.size), children);
     return children;
   }
@@ -216,7 +214,7 @@ class ScanWalk {
       is_known = !is_contradicted(leaf.index, list);
     }
     const ScanFace<D>& face = beams_.face_of(list.beam[0]);
-    ScanEvidence scan;
+    ScanEvidence scan;  // Most lists are of one face, and all of their beams count.
     if (list.beam[list.size - 1] < face.end_of_beams && takes_all(leaf.index, face, is_known)) {
       evidence_.add(leaf.index, list, scan);
       model.limit(scan);
@@ -395,7 +393,7 @@ class ScanWalk {
     return std::pow(share, -1.0f / static_cast<float>(D - 1));
   }
 
-  static constexpr float kSlack = 1.0f + 1e-5f;  // Above all rounding.
+  static constexpr float kSlack = ScanFace<D>::kSlack;
 
   Tree& tree_;
   typename Tree::Arena& arena_;
