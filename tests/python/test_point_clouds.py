@@ -187,7 +187,11 @@ def test_stamps_as_names_get_the_pose_of_their_time(tmp_path: Path, names: str) 
     between = next(iter(read(tmp_path, time_offset=0.5)))
     np.testing.assert_allclose(between.origin, (3 * pose_matrix(0) + pose_matrix(1))[:3, 3] / 4, atol=1e-9)
     with pytest.raises(ValueError, match=r"groundtruth.txt: no pose at 1305031226.000000 s"):
-        list(read(tmp_path, time_offset=-3.0))
+        list(read(tmp_path, time_offset=-3.0, strict=True))
+    late = read(tmp_path, time_offset=-3.0)
+    assert len(list(late)) == 1 and late.skipped["scans without a pose"].summary == (
+        "2 of 3 scans had no pose: the poses begin 3.00 s later"
+    )
 
 
 def test_numbers_get_the_pose_of_the_time_on_their_line(tmp_path: Path) -> None:

@@ -292,10 +292,7 @@ def test_a_single_file_of_ros2_and_a_bag_without_its_ending(tmp_path: Path) -> N
             (single,) = (one for one in path.iterdir() if one.suffix in (".mcap", ".db3"))
         assert len(list(read(single))) == 1
         if kind != "ros1":
-            moved = single.rename(tmp_path / "renamed")
-            with pytest.raises(ValueError, match=rf"file, expected a name that ends in \{single.suffix}"):
-                read(moved)
-            moved.unlink()
+            assert len(list(read(single.rename(tmp_path / f"{kind}_renamed")))) == 1
 
 
 HEADER = "std_msgs/Header header\n"
@@ -391,22 +388,57 @@ def test_a_bag_is_read_message_by_message(ros2: Messages, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("when", [-1.0, 9.0])
-def test_a_scan_outside_of_the_transforms_is_named_or_passed_over(
+def test_a_scan_outside_of_the_transforms_is_left_out_or_named(
     make: Messages, when: float, tmp_path: Path
 ) -> None:
     drive = Drive(planar=True)
     stamps = sorted([START + when, *SCAN_TIMES])
     content = drive.transforms(make) + [("/scan", t, make.laser(t, "sensor", [1, 2, 3])) for t in stamps]
     path = write_bag(tmp_path / "bag", make, sorted(content, key=lambda one: one[1]))
+    log = read(path)
+    assert len(list(log)) == 5
+    (left_out,) = log.skipped.values()
+    assert list(log.skipped) == ["scans without a pose"] and left_out.count == 1
+    how = "begin 1.00 s later" if when < 0 else "end 6.60 s earlier"
+    assert left_out.summary == f"1 of 6 scans had no pose: the poses {how}"
     message = (
         rf"{path}: /scan: message {0 if when < 0 else 5}: transform from \w+ to \w+: no pose at "
-        rf"{START + when:.6f} s, expected a time from {START:.6f} to [\d.]+ s; keep_going passes over such"
+        rf"{START + when:.6f} s, expected a time from {START:.6f} to [\d.]+ s"
     )
     with pytest.raises(ValueError, match=message):
-        list(read(path))
-    log = read(path, keep_going=True)
-    assert len(list(log)) == 5
-    assert {kind: one.count for kind, one in log.skipped.items()} == {"messages without a pose": 1}
+        list(read(path, strict=True))
+
+
+def test_a_log_without_any_pose_is_an_error(ros2: Messages, tmp_path: Path) -> None:
+    content = Drive(planar=True).transforms(ros2)
+    content += [("/scan", START, ros2.laser(START + 90 + t, "sensor", [1, 2, 3])) for t in range(3)]
+    log = read(write_bag(tmp_path / "bag", ros2, content))
+    with pytest.raises(ValueError, match=r"3 of 3 scans had no pose: the poses end 8\d.60 s earlier"):
+        list(log)
+
+
+def test_scans_in_a_gap_of_the_transforms_are_left_out(ros2: Messages, tmp_path: Path) -> None:
+    """Where the robot moved meanwhile: a robot that stood is where it was."""
+    for moved in (True, False):
+        content: list[tuple[str, float, Any]] = []
+        for i in [*range(10), *range(40, 50)]:
+            place = [0.05 * i if moved else 0.0, 0, 0]
+            content.append(
+                (
+                    "/tf",
+                    START + 0.1 * i,
+                    ros2.tf(ros2.transform(START + 0.1 * i, "odom", "laser", place, LEVEL)),
+                )
+            )
+        for i in range(50):
+            content.append(("/scan", START + 0.1 * i, ros2.laser(START + 0.1 * i, "laser", [1, 2, 3])))
+        path = write_bag(tmp_path / str(moved), ros2, sorted(content, key=lambda one: one[1]))
+        log = read(path)
+        assert len(list(log)) == (20 if moved else 50)
+        summaries = [one.summary for one in log.skipped.values()]
+        assert summaries == (
+            ["30 of 50 scans had no pose: the poses have gaps of up to 3.10 s"] if moved else []
+        )
 
 
 def test_damaged_messages_are_named_or_passed_over(make: Messages, tmp_path: Path) -> None:
@@ -431,19 +463,32 @@ def test_damaged_bags_are_named(make: Messages, tmp_path: Path) -> None:
     path = write_bag(tmp_path / "bag", make, content)
     file = path if path.is_file() else next(one for one in path.iterdir() if one.suffix != ".yaml")
     whole = file.read_bytes()
-    for kept in (0.3, 0.9):
+    scans = list(read(path))
+    for kept in (0.01, 0.3, 0.9):
         file.write_bytes(whole[: int(kept * len(whole))])
-        with pytest.raises(ValueError, match="cannot be read as a ROS bag") as caught:
-            list(read(path))
-        assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+        try:
+            log = read(path)
+            found = list(log)
+        except ValueError as error:  # What is left holds nothing to map.
+            assert str(error).startswith((f"{path}: ", f"{file}: ")) and "\n" not in str(error)
+            continue
+        assert 0 < len(found) <= len(scans) == 5
+        for one, other in zip(found, scans):
+            np.testing.assert_array_equal(one.endpoints, other.endpoints)
+        assert any("messages were found in it" in note for note in log.notes)
+        with pytest.raises(ValueError, match="messages were found in it"):
+            list(read(path, strict=True))
     if path.is_dir():
         file.write_bytes(whole)
-        (path / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 5}")
-        with pytest.raises(ValueError, match="cannot be read as a ROS bag"):
-            read(path)
-        (path / "metadata.yaml").unlink()
-        with pytest.raises(ValueError, match=f"{path}: no metadata.yaml in it, expected a whole ROS 2 bag"):
-            read(path)
+        for text in ("rosbag2_bagfile_information: {version: 5}", None):
+            if text is None:
+                (path / "metadata.yaml").unlink()
+            else:
+                (path / "metadata.yaml").write_text(text)
+            assert len(list(read(path))) == 5
+        file.unlink()
+        with pytest.raises((ValueError, OSError)):
+            read(path, format="rosbag")
 
 
 def test_damage_in_the_middle_keeps_what_was_read(tmp_path: Path) -> None:
@@ -469,13 +514,11 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
     scan, cloud = ros2.laser(START, "sensor", [1, 2]), ros2.cloud(START, "sensor", np.ones((2, 3)))
     image = ros2.image(START, "sensor", np.ones((2, 2)), "16UC1")
     odometry = ros2.odometry(START, "odom", "wheel", [0, 0, 0], LEVEL)
-    nameless = ros2.odometry(START, "odom", "", [0, 0, 0], LEVEL)
     kitti = tmp_path / "kitti.txt"
     kitti.write_text("1 0 0 0 0 1 0 0 0 0 1 0\n")
     two = {"/tf_static": fixed, "/scan": scan, "/points": cloud, "/words": ros2.text("a")}
     cases: list[tuple[dict[str, Any], dict[str, Any], type[Exception], str]] = [
         ({"/words": ros2.text("a")}, {}, ValueError, r"no LaserScan, .* in it, found /words \(String\)"),
-        (two, {}, ValueError, r"2 topics could be read, .* /points \(PointCloud2\), /scan \(LaserScan\)"),
         (two, {"topic": "/nothing"}, ValueError, "no topic /nothing, expected one of /points"),
         (two, {"topic": "/words"}, ValueError, "topic /words is of type std_msgs/msg/String, expected"),
         (two, {"topic": "scan", "fixed_frame": "moon"}, ValueError, "no transform between sensor and moon"),
@@ -483,14 +526,13 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
         (two, {"topic": "scan", "odometry": "/o"}, ValueError, "no Odometry in /o, expected one of none"),
         (two, {"topic": "scan", "odometry": "/o", "fixed_frame": "map"}, TypeError, "expected one of them"),
         (two, {"topic": "scan", "trajectory": str(kitti)}, ValueError, "kitti.txt: has no times"),
-        ({"/scan": scan}, {}, ValueError, "no transform to sensor in /tf or /tf_static, expected odometry"),
+        ({"/scan": scan}, {}, ValueError, "no transform to sensor, the frame of /scan: there is no /tf"),
         ({"/scan": ros2.laser(START, "laser", [1]), "/tf_static": away}, {}, ValueError,
-         "laser is connected with none of map, odom, world, expected fixed_frame as one of earth, laser"),
+         "laser is connected with none of map, odom, world .* expected fixed_frame as one of earth, laser"),
         ({"/depth": image, "/tf_static": fixed}, {}, ValueError, "no CameraInfo of 2 x 2 pixels beside"),
         ({"/depth": image, "/tf_static": fixed}, {"camera": "1"}, ValueError, "expected fx,fy,cx,cy"),
         ({"/scan": scan, "/odom": odometry}, {"odometry": "/odom"}, ValueError,
-         "no transform between sensor and odom"),
-        ({"/scan": scan, "/odom": nameless}, {"odometry": "/odom"}, ValueError, "without child_frame_id"),
+         "no transform between sensor, the frame of /scan, and wheel, of which /odom has the poses"),
     ]  # fmt: skip
     for number, (content, options, kind, message) in enumerate(cases):
         path = write_bag(tmp_path / str(number), ros2, [(t, START, m) for t, m in content.items()])
@@ -498,6 +540,9 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
             read(path, **options)
         assert "\n" not in str(caught.value)
     assert len(list(read(tmp_path / "1", topic="scan"))) == 1
+    alone = read(tmp_path / "1")  # A laser comes before a cloud.
+    assert alone.uses.startswith("/scan (LaserScan")
+    assert alone.notes == ["--topic would take another sensor than /scan: /points (PointCloud2)"]
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def _adds_flags(
         @functools.wraps(command)
         def with_flags(**arguments: Any) -> None:
             values = {flag.name: arguments.pop(flag.name) for flag in flags}
-            gathered = gather({name: value for name, value in values.items() if value is not None})
+            gathered = gather({name: value for name, value in values.items() if value not in (None, [])})
             command(**arguments, **{argument: gathered})
 
         parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own] + list(flags)
@@ -73,6 +73,7 @@ class Reading:
 
     format: str | None = None
     keep_going: bool = False
+    strict: bool = False
     selection: dict[str, Any] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -85,7 +86,14 @@ class Reading:
         """The log, or the part of it that was asked for."""
         self._check_format()
         try:
-            log = read(path, format=self.format, dim=dim, keep_going=self.keep_going, **self.options)
+            log = read(
+                path,
+                format=self.format,
+                dim=dim,
+                keep_going=self.keep_going,
+                strict=self.strict,
+                **self.options,
+            )
         except WrongOption as error:
             raise WrongCall(str(error)) from None
         if not self.selection:
@@ -104,7 +112,7 @@ class Reading:
     def require_none(self, instead_of: str) -> None:
         """Refuses flags that nothing would read."""
         given = [*self.selection, *self.options, *(["format"] if self.format else [])]
-        given += ["keep_going"] if self.keep_going else []
+        given += [name for name in ("keep_going", "strict") if getattr(self, name)]
         if given:
             name = {"start": "from", "stop": "to"}.get(given[0], given[0])
             raise WrongCall(f"--{name.replace('_', '-')}: is for a LOG, not for {instead_of}")
@@ -140,6 +148,7 @@ def _reading(given: dict[str, Any]) -> Reading:
     return Reading(
         given.pop("format", None),
         given.pop("keep_going", False),
+        given.pop("strict", False),
         {name: given.pop(name) for name in _SELECTION_NAMES if name in given},
         given,
     )
@@ -151,6 +160,7 @@ reading_options = _adds_flags(
     [
         _flag("format", str, f"Of {', '.join(FORMATS)}; else recognised from the content.", _OF_LOGS),
         _flag("keep_going", bool, "Pass over what is damaged, and say how often.", _OF_LOGS, "--keep-going"),
+        _flag("strict", bool, "Refuse logs with scans whose pose is not known.", _OF_LOGS, "--strict"),
         *_SELECTION,
         *(_flag(option.name, option.type, option.help, _OF_FORMATS) for option in READER_OPTIONS),
     ],

@@ -612,8 +612,13 @@ def _skipped(log: Log) -> dict[str, Any]:
 
 
 def _warn_of_skipped(log: Log) -> None:
-    """One line for each kind of what was passed over."""
+    """One line for each thing that the reader decided, and each kind of what was passed over."""
+    for note in log.notes:
+        print(f"ndtree: {note}", file=sys.stderr)
     for kind, one in log.skipped.items():
+        if one.summary is not None:
+            print(f"ndtree: {one.summary}", file=sys.stderr)
+            continue
         first = " ".join(one.first.split())
         print(f"ndtree: passed over {one.count} {kind}, the first: {first}", file=sys.stderr)
 

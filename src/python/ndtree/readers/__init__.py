@@ -73,6 +73,7 @@ def read(
     format: str | None = None,
     dim: int | None = None,
     keep_going: bool = False,
+    strict: bool = False,
     **options: Any,
 ) -> Log:
     """Open a log of range scans.
@@ -88,7 +89,10 @@ def read(
     dim : {2, 3}, optional
         Left out, it is what the file says: an .npz recording is 2-D if no point or origin leaves one plane z.
     keep_going : bool
-        Pass over damaged lines, messages without a pose and the like; the log's ``skipped`` counts them.
+        Pass over damaged lines, messages and the like; the log's ``skipped`` counts them.
+    strict : bool
+        Raise for a scan whose pose is not known, and for a file that ends too early. Else such scans are left
+        out, what there is of the file is read, and the log's ``skipped`` says so.
     **options
         What the format takes, see ``ndtree.readers.READER_OPTIONS``; None is as if left out.
 
@@ -112,7 +116,7 @@ def read(
     given = {key: value for key, value in options.items() if value is not None}
     _require_taken(source, chosen, given)
     log = chosen.open(source, dim=dim, **given)
-    log.keep_going = keep_going
+    log.keep_going, log.strict = keep_going, strict
     return log
 
 

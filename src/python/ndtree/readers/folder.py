@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ndtree.readers.log import SizedLog
 from ndtree.readers.source import ReaderOption
-from ndtree.readers.trajectory import Pose, Trajectory, read_times, read_trajectory, trajectory_kind
+from ndtree.readers.trajectory import NoPose, Pose, Trajectory, read_times, read_trajectory, trajectory_kind
 from ndtree.scan import Scan
 
 TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to find their poses [s].")
@@ -23,6 +23,8 @@ TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to
 class FolderLog(SizedLog):
     """One file a scan, of which one is in memory at a time.
 
+    A scan at a time outside of the poses is left out; one whose pose should be there, and is not, is an error.
+
     Parameters
     ----------
     path : str
@@ -30,6 +32,8 @@ class FolderLog(SizedLog):
     files : sequence of str
         Paths, in the order of the scans.
     """
+
+    knows_no_returns = False
 
     def __init__(self, path: str, files: Sequence[str]) -> None:
         super().__init__(path, dim=3)
@@ -42,6 +46,9 @@ class FolderLog(SizedLog):
         for i in range(len(self)):
             try:
                 T_map_sensor = self._pose(i)
+            except NoPose as error:
+                self._leave_out_unposed(error)
+                continue
             except (ValueError, OSError) as error:
                 self._skip("scans without a pose", error)
                 continue

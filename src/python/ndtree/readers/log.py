@@ -11,11 +11,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
 from ndtree.scan import Scan
+
+if TYPE_CHECKING:
+    from ndtree.readers.trajectory import NoPose
 
 GZIP_MAGIC = b"\x1f\x8b"
 BZIP2_MAGIC = b"BZh"
@@ -24,12 +27,17 @@ BZIP2_MAGIC = b"BZh"
 GZIP_ERRORS = (EOFError, gzip.BadGzipFile, zlib.error)
 
 
+#: The kind of scans that are left out unless `Log.strict`.
+UNPOSED = "scans without a pose"
+
+
 @dataclass
 class Skipped:
-    """What was passed over of one kind: how often, and what was said of the first."""
+    """What was passed over of one kind: how often, what was said of the first, and of all together."""
 
     count: int
     first: str
+    summary: str | None = None
 
 
 class Log(ABC):
@@ -47,17 +55,27 @@ class Log(ABC):
         What of the file is read, where it holds more than one log.
     keep_going : bool
         Pass over what is damaged instead of raising.
+    strict : bool
+        Raise for scans whose pose is not known, and for files that end too early, instead of leaving out what
+        cannot be used.
+    notes : list of str
+        What the reader decided, and a user should know, each in one line.
+    knows_no_returns : bool
+        Whether the scans may say of beams that nothing was hit.
     skipped : dict of str to Skipped
         By kind, what the last loop has passed over so far.
     """
 
     format: str
     uses: str = ""
+    knows_no_returns = True
 
     def __init__(self, path: str | None, dim: int) -> None:
         self.path = path
         self.dim = dim
         self.keep_going = False
+        self.strict = False
+        self.notes: list[str] = []
         self.skipped: dict[str, Skipped] = {}
         self._done = 0
 
@@ -68,15 +86,22 @@ class Log(ABC):
 
     def __iter__(self) -> Iterator[Scan]:
         self.skipped.clear()
+        self._unposed: dict[str, float] = {}
         self._done = 0
         try:
             for scan in self._scans():
                 self._done += 1
                 yield scan
+            if self._unposed and not self._done:
+                self._sum_up_unposed()
+                left_out = self.skipped[UNPOSED]
+                raise ValueError(f"{self.name}: {left_out.summary}; the first: {left_out.first}")
         except (ValueError, OSError) as error:
             if not self._done:  # There is nothing to keep.
                 raise
             self._skip("ends that cannot be read", error)
+        finally:
+            self._sum_up_unposed()
 
     @property
     def share_read(self) -> float | None:
@@ -152,6 +177,34 @@ class Log(ABC):
             self.skipped[kind].count += 1
         else:
             self.skipped[kind] = Skipped(1, str(error))
+
+    def _leave_out(self, kind: str, error: Exception, summary: str | None = None) -> None:
+        """Note what cannot be used but is no damage either; with ``strict`` raise it."""
+        if self.strict:
+            raise error
+        if kind in self.skipped:
+            self.skipped[kind].count += 1
+        else:
+            self.skipped[kind] = Skipped(1, str(error), summary)
+
+    def _leave_out_unposed(self, error: NoPose) -> None:
+        """Note a scan at whose time no pose is known; with ``strict`` raise it."""
+        self._leave_out(UNPOSED, error)
+        self._unposed[error.where] = max(self._unposed.get(error.where, 0.0), error.seconds)
+
+    def _sum_up_unposed(self) -> None:
+        """Say once how many scans had no pose, and why."""
+        if not self._unposed:
+            return
+        left_out = self.skipped[UNPOSED]
+        ways = {
+            "before": "the poses begin {:.2f} s later",
+            "after": "the poses end {:.2f} s earlier",
+            "in a gap": "the poses have gaps of up to {:.2f} s",
+        }
+        why = ", ".join(text.format(self._unposed[at]) for at, text in ways.items() if at in self._unposed)
+        total = left_out.count + self._done
+        left_out.summary = f"{left_out.count} of {total} scans had no pose: {why}"
 
     def __repr__(self) -> str:
         return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D>"

@@ -1,212 +1,66 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags of ROS 1 and ROS 2, read without ROS: laser scans, point clouds and depth images with their poses."""
+"""Bags of ROS 1 and ROS 2, read without ROS: scans of their sensors, each with the pose of its time."""
 
 from __future__ import annotations
 
-import os
-import posixpath
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import lru_cache
+import heapq
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ndtree.readers import ros_messages as ros
-from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE, Camera, camera_of, check_stride
+from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE, check_stride
+from ndtree.readers.folder import TIME_OFFSET
 from ndtree.readers.log import SizedLog
+from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, Bag, Topic, open_bag
+from ndtree.readers.ros.beams import IMAGES, SENSORS, stamp_of
+from ndtree.readers.ros.deskew import in_map
+from ndtree.readers.ros.head import head_of
+from ndtree.readers.ros.outline import outline
+from ndtree.readers.ros.placement import Asked, Placement, placed
+from ndtree.readers.ros.sensors import SENSOR_NAMES, Sensor, Wanted, chosen, listed, readable
+from ndtree.readers.ros.storage import Raw
+from ndtree.readers.ros.survey import ODOMETRY as ODOMETRY_TYPE
+from ndtree.readers.ros.survey import POSE_NAMES, POSES, Survey
 from ndtree.readers.source import Format, ReaderOption, Source, WrongOption
-from ndtree.readers.trajectory import TRAJECTORY, Pose, read_trajectory
-from ndtree.readers.transforms import TransformTree, is_transform, plain
+from ndtree.readers.trajectory import TRAJECTORY, NoPose
+from ndtree.readers.transforms import plain
 from ndtree.scan import Scan
 
-ROS1_MAGIC = b"#ROSBAG V"
-MCAP_MAGIC = b"\x89MCAP0\r\n"
-SQLITE_MAGIC = b"SQLite format 3\0"
-METADATA = "metadata.yaml"
-#: Endings by which the library for bags tells the storage of a single file.
-_ENDINGS = ((MCAP_MAGIC, ".mcap", "an MCAP file"), (SQLITE_MAGIC, ".db3", "an SQLite file"))
-
-TOPIC = ReaderOption("topic", str, "Of a ROS bag: topic with the scans, clouds or depth images.")
-FIXED_FRAME = ReaderOption("fixed_frame", str, "Of a ROS bag: frame of the map; else map, odom or world.")
+TOPIC = ReaderOption(
+    "topic", list[str], "Of a ROS bag: topic with scans, clouds or depth images; @SIGMA [m] may follow."
+)
+FIXED_FRAME = ReaderOption(
+    "fixed_frame", str, "Of a ROS bag: frame of the map; else map, odom, world or a root."
+)
 ODOMETRY = ReaderOption("odometry", str, "Of a ROS bag: topic with Odometry, for poses instead of /tf.")
+POSE_TOPIC = ReaderOption("poses", str, f"Of a ROS bag: topic with poses: {POSE_NAMES}.")
+STILL = ReaderOption("still", bool, "Of a ROS bag: the sensor stands still.")
+MOUNT = ReaderOption("mount", str, "Of a ROS bag: sensor on its base, X,Y,Z,ROLL,PITCH,YAW or X,Y,YAW.")
+SENSOR_FRAME = ReaderOption(
+    "sensor_frame", str, "Of a ROS bag: the sensor's frame, whatever its messages say."
+)
+BASE_FRAME = ReaderOption("base_frame", str, "Of a ROS bag: frame of the mount, or that the poses are of.")
+DESKEW = ReaderOption("deskew", bool, "Of a ROS bag: each beam from the pose of its own time (default).")
+NO_RETURN_RANGE = ReaderOption(
+    "no_return_range", float, "Of a ROS bag: up to where +inf is free if range_max is infinite [m]."
+)
 
-TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
-SENSORS = (ros.LASER, ros.MULTI_ECHO_LASER, ros.POINT_CLOUD, ros.IMAGE)
-_WANTED = (*SENSORS, ros.CAMERA_INFO, *TF, ODOMETRY_TYPE)
-_SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2 or depth Image"
-_FIXED_FRAMES = ("map", "odom", "world")
-_TRAJECTORY_FRAME = "the trajectory's frame"
-
-#: A laser is planar if it tilts no more [rad], and keeps its height so well [m], at up to so many times.
-PLANAR_TILT, PLANAR_HEIGHT, PLANAR_LOOKS = 0.035, 0.1, 5000
-
-
-@dataclass(frozen=True)
-class Topic:
-    """One topic of a bag."""
-
-    name: str
-    type: str
-    messages: int
-
-
-class Bag:
-    """A bag that is open: its topics, and their messages one after the other."""
-
-    def __init__(self, path: str, reader: Any, library: _Library) -> None:
-        self.path = path
-        self._reader = reader
-        self._library = library
-        self._store: Any = None
-        self._is_ros1 = isinstance(reader, library.reader1)
-        self.topics = [
-            Topic(name, info.msgtype or info.connections[0].msgtype, int(info.msgcount))
-            for name, info in sorted(reader.topics.items())
-        ]
-        has_messages = any(topic.messages for topic in self.topics)
-        #: When the first and the last message were recorded [s].
-        self.start = 1e-9 * reader.start_time if has_messages else 0.0
-        self.end = 1e-9 * (reader.end_time - 1) if has_messages else 0.0
-
-    def of_type(self, *types: str) -> list[Topic]:
-        """Topics of some types that have messages."""
-        return [topic for topic in self.topics if topic.type in types and topic.messages]
-
-    def raw_messages(self, topics: Collection[str]) -> Iterator[tuple[str, str, int, bytes]]:
-        """Topic, type, time of recording [ns] and bytes of each message of some topics.
-
-        Raises
-        ------
-        ValueError
-            Where the bag is damaged: nothing behind that place can be read.
-        """
-        connections = [one for one in self._reader.connections if one.topic in topics]
-        if not connections:
-            return
-        with _named(self.path):
-            messages = self._reader.messages(connections=connections)
-        while True:
-            with _named(self.path):
-                found = next(messages, None)
-            if found is None:
-                return
-            connection, stamp, raw = found
-            yield connection.topic, connection.msgtype, int(stamp), raw
-
-    def decoded(self, type: str, raw: bytes) -> Any:
-        """A message of one of the types that are read here; ValueError if it is damaged."""
-        if type not in _WANTED:
-            raise ValueError(f"is of type {type}, expected {_SENSOR_NAMES}")
-        if self._store is None:
-            with _named(self.path):
-                self._store = self._library.store(self._reader.connections, self._is_ros1)
-        decode = self._store.deserialize_ros1 if self._is_ros1 else self._store.deserialize_cdr
-        try:
-            return decode(raw, type)
-        except (
-            Exception
-        ) as error:  # A library at the mercy of foreign bytes: it raises whatever it runs into.
-            raise ValueError(f"no whole {type} ({_line(error)})") from None
-
-    def messages(self, topics: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-        """Topic, time of recording [ns] and message, of small messages that must all be whole."""
-        for topic, type, received, raw in self.raw_messages(topics):
-            try:
-                yield topic, received, self.decoded(type, raw)
-            except ValueError as error:
-                raise ValueError(f"{self.path}: {topic}: {error}") from None
-
-    def first(self, topic: str) -> Any:
-        """The first message of a topic that has some."""
-        for _, type, _, raw in self.raw_messages([topic]):
-            try:
-                return self.decoded(type, raw)
-            except ValueError as error:
-                raise ValueError(f"{self.path}: {topic}: first message: {error}") from None
-        raise ValueError(f"{self.path}: {topic}: no message, expected at least one")
-
-
-@contextmanager
-def open_bag(path: str) -> Iterator[Bag]:
-    """Open a bag of ROS 1 or ROS 2 for as long as it is read.
-
-    Raises
-    ------
-    ImportError
-        If rosbags is not there.
-    OSError
-        If there is no such file.
-    ValueError
-        If it is no bag, or damaged.
-    """
-    library = _Library()
-    is_ros1 = False
-    if os.path.isdir(path):
-        if METADATA not in os.listdir(path):
-            raise ValueError(f"{path}: no {METADATA} in it, expected a whole ROS 2 bag, or one of its files")
-    else:
-        with open(path, "rb") as file:
-            head = file.read(16)
-        is_ros1 = head.startswith(ROS1_MAGIC)
-        for magic, ending, what in _ENDINGS:
-            if head.startswith(magic) and not path.endswith(ending):
-                raise ValueError(f"{path}: {what}, expected a name that ends in {ending}")
-    with _named(path):
-        reader = library.reader1(path) if is_ros1 else library.reader2(path)
-        reader.open()
-    try:
-        with _named(path):
-            bag = Bag(path, reader, library)
-        yield bag
-    finally:
-        reader.close()
-
-
-class _Library:
-    """What is used of the library for bags; @raises ImportError that names the extra."""
-
-    def __init__(self) -> None:
-        try:
-            from rosbags import interfaces, rosbag1, rosbag2, typesys
-        except ImportError as error:
-            raise ImportError(
-                f"ROS bags need rosbags ({error}); install it with: pip install 'ndtree-mapping[ros]'"
-            ) from None
-        self.reader1: Any = rosbag1.Reader
-        self.reader2: Any = rosbag2.Reader
-        self._formats: Any = interfaces.MessageDefinitionFormat
-        self._types: Any = typesys
-
-    def store(self, connections: Any, is_ros1: bool) -> Any:
-        """Definitions of the types that are read: as the bag has them, else ROS's own."""
-        definitions = {
-            one.msgtype: one.msgdef.data
-            for one in connections
-            if one.msgtype in _WANTED and one.msgdef.format == self._formats.MSG
-        }
-        return _store(self._types, tuple(sorted(definitions.items())), is_ros1)
-
-
-@lru_cache(maxsize=8)
-def _store(types: Any, definitions: tuple[tuple[str, str], ...], is_ros1: bool) -> Any:
-    """Makes the store of definitions, which takes a while."""
-    known = types.get_typestore(types.Stores.ROS1_NOETIC if is_ros1 else types.Stores.ROS2_HUMBLE)
-    every = dict(known.fielddefs)
-    for type_, text in definitions:
-        every.update(types.get_types_from_msg(text, type_))
-    store = types.get_typestore(types.Stores.EMPTY)
-    store.register(every)
-    return store
+#: A laser is planar if it tilts no more than this at half of the times, and than that at all but 5 % [rad],
+#: and keeps its height so well [m]. So many times are looked at.
+PLANAR_TILT, PLANAR_MOST_TILT, PLANAR_HEIGHT, PLANAR_LOOKS = 0.05, 0.09, 0.1, 5000
+#: Messages of several sensors are put into the order of their stamps if they come no later than this [s].
+LATEST = 1.0
+#: A sweep that lasts so much longer than the time from scan to scan is none.
+LONGER_THAN_INTERVAL = 1.2
 
 
 class RosbagLog(SizedLog):
-    """The messages of one sensor topic with their poses.
+    """The messages of one or more sensor topics with their poses.
 
-    Poses and cameras are read when the log is opened, measurements while it is iterated. A message's pose
-    is that of its stamp. The length is the topic's number of messages.
+    Transforms, poses, cameras and the times of all scans are read when the log is opened, measurements while
+    it is iterated. The length is the topics' number of messages.
     """
 
     format = "rosbag"
@@ -217,272 +71,252 @@ class RosbagLog(SizedLog):
         path: str,
         *,
         dim: int | None = None,
-        topic: str | None = None,
+        topic: str | Sequence[str] | None = None,
         fixed_frame: str | None = None,
         odometry: str | None = None,
+        poses: str | None = None,
         trajectory: str | None = None,
+        still: bool = False,
+        mount: str | None = None,
+        sensor_frame: str | None = None,
+        base_frame: str | None = None,
+        time_offset: float = 0.0,
+        deskew: bool = True,
+        no_return_range: float | None = None,
         camera: str | None = None,
         pixel_stride: int = 1,
     ) -> None:
-        ways = {"fixed_frame": fixed_frame, "odometry": odometry, "trajectory": trajectory}
+        ways = {
+            "fixed_frame": fixed_frame, "odometry": odometry, "poses": poses, "trajectory": trajectory,
+        }  # fmt: skip
         given = [name for name, value in ways.items() if value is not None]
+        given += ["still"] if still and given != ["fixed_frame"] else []
         if len(given) > 1:
             raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
+        if no_return_range is not None and not 0 < no_return_range < np.inf:
+            raise WrongOption(f"no_return_range = {no_return_range:g} m: must be > 0 and finite")
+        if not np.isfinite(time_offset):
+            raise WrongOption(f"time_offset = {time_offset:g} s: must be finite")
         check_stride(pixel_stride)
-        self._pixel_stride = pixel_stride
+        wanted = [Wanted.of(one) for one in ([topic] if isinstance(topic, str) else topic or [])]
+        self._time_offset, self._deskew = float(time_offset), deskew
+        notes: list[str] = []
         with open_bag(path) as bag:
-            self.topic = _chosen(bag, topic)
-            first = bag.first(self.topic.name)
-            self.frame = plain(first.header.frame_id)
-            odometry_topic = _odometry_topic(bag, odometry)
-            self._cameras: tuple[np.ndarray[Any, Any], list[Camera]] | None = None
-            camera_topic = None
-            if self.topic.type == ros.IMAGE:
-                ros.depth_of(first)
-                scale = ros.DEPTH_ENCODINGS[first.encoding][1]
-                if camera is not None:
-                    self._cameras = np.zeros(1), [camera_of(camera, scale=scale)]
-                else:
-                    camera_topic, self._cameras = _cameras(bag, self.topic.name, first, scale)
-            elif camera is not None:
-                raise WrongOption(f"{path}: camera: {self.topic.name} has no depth images")
-            self._tree, odometry_frame = _transforms(
-                bag, odometry_topic, is_moving=not (odometry or trajectory)
-            )
-        if trajectory is not None:
-            poses_of_sensor = read_trajectory(trajectory)
-            if poses_of_sensor.is_numbered:
-                raise ValueError(
-                    f"{trajectory}: has no times, expected t x y z qx qy qz qw for the scans of a bag"
+            self._damage = bag.damage
+            topics = chosen(bag, wanted) if wanted else readable(bag)
+            if not topics:
+                raise ValueError(f"{bag.path}: no {SENSOR_NAMES} in it, found {listed(bag.topics)}")
+            names = ", ".join(one.name for one in topics)
+            if camera is not None and not any(one.type in IMAGES for one in topics):
+                raise WrongOption(f"{path}: camera: {names} has no depth images")
+            if len(wanted) > 1 and (mount is not None or sensor_frame is not None):
+                what = "mount" if mount is not None else "sensor_frame"
+                raise WrongOption(f"{path}: {what}: is of one sensor, and there are {len(topics)}: {names}")
+            source = _poses_topic(bag, odometry, poses)
+            survey = Survey(bag, [one.name for one in topics], source)
+            for seen in survey.seen.values():
+                seen.stamps = [stamp + self._time_offset for stamp in seen.stamps]
+            asked = Asked(fixed_frame, source, trajectory, still, mount, sensor_frame, base_frame)
+            if wanted:
+                self._places = _placed_together(bag, survey, topics, asked)
+            else:
+                every = topics
+                topics, self._places = _first_placed(bag, survey, every, asked)
+                wanted = [Wanted(topics[0].name)]
+                left = [one for one in every if one not in topics]
+                if left:
+                    notes.append(f"--topic would take another sensor than {topics[0].name}: {listed(left)}")
+            self.sensors = [
+                Sensor(
+                    bag, one, survey, sigma=want.sigma, camera=camera, pixel_stride=pixel_stride,
+                    no_return_range=no_return_range,
                 )
-            self._tree.add_trajectory(_TRAJECTORY_FRAME, self.frame, poses_of_sensor)
-            self.fixed_frame = _TRAJECTORY_FRAME
-        else:
-            wanted = odometry_frame if odometry_topic else fixed_frame
-            self.fixed_frame = _fixed_frame(path, self._tree, self.frame, wanted)
-        origin = odometry or trajectory or "/tf"
+                for one, want in zip(topics, wanted)
+            ]  # fmt: skip
+        first = self._places[self.sensors[0].topic.name]
+        self.fixed_frame = first.fixed_frame
+        cameras = [sensor.camera_topic for sensor in self.sensors if sensor.camera_topic]
         self.uses = (
-            f"{self.topic.name} ({self.topic.type.split('/')[-1]} in {self.frame})"
-            + (f", cameras from {camera_topic}" if camera_topic else "")
-            + f", poses in {self.fixed_frame} from {origin}"
+            " and ".join(sensor.description for sensor in self.sensors)
+            + (f", cameras from {' and '.join(cameras)}" if cameras else "")
+            + (", " if still else f", poses in {self.fixed_frame} from ")
+            + first.origin
         )
         super().__init__(path, dim=self._dimension(path, dim))
+        self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
+        self.notes = [*notes, *first.notes, *self._damage, *self._wrong_sweeps()]
+        self.fixed_note = len(self.notes)
 
     def __len__(self) -> int:
-        return self.topic.messages
+        return sum(sensor.topic.messages for sensor in self.sensors)
+
+    @property
+    def stamps(self) -> dict[str, list[float]]:
+        """When the scans of each topic were measured, by the poses' clock [s]."""
+        return {sensor.topic.name: sensor.seen.stamps for sensor in self.sensors}
+
+    @property
+    def pose_span(self) -> tuple[float, float]:
+        """First and last time [s] at which the first sensor's pose is known; infinite where it stands."""
+        place = self._places[self.sensors[0].topic.name]
+        return place.tree.span(place.fixed_frame, place.frame)
 
     def _dimension(self, path: str, wanted: int | None) -> int:
-        """2 for a laser that stays in a level plane, whichever side is up."""
-        if self.topic.type not in ros.PLANAR:
-            if wanted == 2:
-                raise ValueError(f"{path}: {self.topic.type} is 3-D, expected dim=3")
-            return 3
+        """2 for lasers that stay in a level plane of their own, whichever side is up."""
+        for sensor in self.sensors:
+            if not sensor.is_planar:
+                if wanted == 2:
+                    raise ValueError(f"{path}: {sensor.topic.type} is 3-D, expected dim=3")
+                return 3
         if wanted is not None:
             return wanted
-        stamps = self._tree.stamps(self.fixed_frame, self.frame)
+        return 2 if all(self._is_level(self._places[one.topic.name]) for one in self.sensors) else 3
+
+    def _is_level(self, place: Placement) -> bool:
+        stamps = place.tree.stamps(place.fixed_frame, place.frame)
         looked_at = stamps[:: len(stamps) // PLANAR_LOOKS + 1] if len(stamps) else [0.0]
-        poses = [self._tree.pose_at(self.fixed_frame, self.frame, stamp) for stamp in looked_at]
-        level = min(abs(pose.rotation[2, 2]) for pose in poses)
-        heights = [pose.position[2] for pose in poses]
-        is_planar = level >= np.cos(PLANAR_TILT) and max(heights) - min(heights) <= PLANAR_HEIGHT
-        return 2 if is_planar else 3
+        tilts, heights = [], []
+        for stamp in looked_at:
+            try:
+                pose = place.tree.pose_at(place.fixed_frame, place.frame, stamp)
+            except NoPose:
+                continue
+            tilts.append(np.arccos(min(abs(pose.rotation[2, 2]), 1.0)))
+            heights.append(pose.position[2])
+        if not heights:
+            return True
+        usual, most = np.percentile(tilts, (50, 95))
+        low, high = np.percentile(heights, (2.5, 97.5))
+        return bool(usual <= PLANAR_TILT and most <= PLANAR_MOST_TILT and high - low <= PLANAR_HEIGHT)
+
+    def _wrong_sweeps(self) -> list[str]:
+        """A line for each sensor whose beams would take longer than the time from scan to scan."""
+        self._unswept: set[str] = set()
+        lines: list[str] = []
+        if not self._deskew:
+            return lines
+        with open_bag(self.path) as bag:
+            for sensor in self.sensors:
+                if sensor.topic.type in IMAGES or not sensor.seen.interval:
+                    continue
+                try:
+                    message = bag.first(sensor.topic.name)
+                    times = sensor.beams(message, stamp_of(message, 0)).times
+                except ValueError:
+                    continue
+                sweep = 0.0 if times is None or not len(times) else float(np.ptp(times))
+                if sweep > LONGER_THAN_INTERVAL * sensor.seen.interval:
+                    self._unswept.add(sensor.topic.name)
+                    lines.append(
+                        f"{sensor.topic.name}: the times of its beams last {sweep:.3f} s, but a scan comes every "
+                        f"{sensor.seen.interval:.3f} s: they are not used"
+                    )
+        return lines
 
     def _scans(self) -> Iterator[Scan]:
+        by_name = {sensor.topic.name: sensor for sensor in self.sensors}
+        del self.notes[self.fixed_note :]
+        for damage in self._damage if self.strict else ():
+            raise ValueError(f"{damage}, expected a whole bag")
+        endless = 0
         with open_bag(self.path) as bag:
-            messages = bag.raw_messages([self.topic.name])
-            number = -1
-            while True:
+            messages = bag.messages(list(by_name), on_damage=lambda error: self._skip("damaged bags", error))
+            if len(by_name) > 1:
+                messages = _in_order(messages)
+            numbers = dict.fromkeys(by_name, -1)
+            for raw in messages:
+                name = raw.connection.topic
+                sensor, place = by_name[name], self._places[name]
+                numbers[name] += 1
+                where = f"{self.path}: {name}: message {numbers[name]}"
                 try:
-                    found = next(messages, None)
-                except ValueError as error:
-                    self._skip("damaged bags", error)
-                    return
-                if found is None:
-                    return
-                number += 1
-                _, type, received, raw = found
-                where = f"{self.path}: {self.topic.name}: message {number}"
-                try:
-                    message = bag.decoded(type, raw)
-                    stamp = ros.stamp_of(message, received)
-                    beams = self._beams(message, stamp)
+                    if raw.connection.type not in SENSORS:
+                        raise ValueError(f"is of type {raw.connection.type}, expected {SENSOR_NAMES}")
+                    message = bag.decoded(raw)
+                    stamp = stamp_of(message, raw.received)
+                    beams = sensor.beams(message, stamp)
                 except ValueError as error:
                     self._skip("damaged messages", ValueError(f"{where}: {error}"))
                     continue
+                if not self._deskew or name in self._unswept:
+                    beams = type(beams)(beams.points, beams.returned, None, beams.endless)
+                frame = plain(message.header.frame_id) if place.is_own else place.frame
                 try:
-                    pose = self._tree.pose_at(self.fixed_frame, message.header.frame_id, stamp)
-                except ValueError as error:
-                    error = ValueError(f"{where}: {error}; keep_going passes over such messages")
-                    self._skip("messages without a pose", error)
-                    continue
-                points = pose.apply(beams.points)[:, : self.dim]
-                yield Scan(points, pose.position[: self.dim], beams.returned, stamp)
-
-    def _beams(self, message: Any, stamp: float) -> ros.Beams:
-        if self.topic.type == ros.LASER:
-            return ros.laser_beams(message)
-        if self.topic.type == ros.MULTI_ECHO_LASER:
-            return ros.multi_echo_beams(message)
-        if self.topic.type == ros.POINT_CLOUD:
-            return ros.cloud_beams(message)
-        assert self._cameras is not None
-        stamps, cameras = self._cameras
-        return ros.depth_beams(message, cameras[int(np.abs(stamps - stamp).argmin())], self._pixel_stride)
-
-
-def _chosen(bag: Bag, wanted: str | None) -> Topic:
-    """The topic that was asked for, or the only one that can be read."""
-    if wanted is not None:
-        for topic in bag.topics:
-            if plain(topic.name) == plain(wanted):
-                if topic.type not in SENSORS:
-                    raise ValueError(
-                        f"{bag.path}: topic {topic.name} is of type {topic.type}, expected {_SENSOR_NAMES}"
+                    ends, origins = in_map(
+                        place.tree, place.fixed_frame, frame, beams, stamp + self._time_offset
                     )
-                return topic
-        raise ValueError(f"{bag.path}: no topic {wanted}, expected one of {_list(bag.of_type(*SENSORS))}")
-    readable = [topic for topic in bag.of_type(*SENSORS) if topic.type != ros.IMAGE or _has_depth(bag, topic)]
-    if len(readable) == 1:
-        return readable[0]
-    if readable:
-        raise ValueError(
-            f"{bag.path}: {len(readable)} topics could be read, expected topic as one of {_list(readable)}"
-        )
-    raise ValueError(f"{bag.path}: no {_SENSOR_NAMES} in it, found {_list(bag.topics)}")
+                except NoPose as error:
+                    self._leave_out_unposed(NoPose(f"{where}: {error}", error.where, error.seconds))
+                    continue
+                except ValueError as error:
+                    self._skip("messages in unknown frames", ValueError(f"{where}: {error}"))
+                    continue
+                endless += beams.endless
+                sigma = None if sensor.sigma is None else np.full(len(ends), sensor.sigma)
+                yield Scan(ends[:, : self.dim], origins[..., : self.dim], beams.returned, stamp, sigma)
+        if endless:
+            self.notes.append(
+                f"{endless} beams met nothing, but range_max is infinite: they say nothing; with --max-range "
+                "they are free up to there"
+            )
 
 
-def _has_depth(bag: Bag, topic: Topic) -> bool:
-    return bag.first(topic.name).encoding in ros.DEPTH_ENCODINGS
+def _placed_together(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked) -> dict[str, Placement]:
+    """Where the sensors are that were asked for, all of them in the frame of the first."""
+    others = {one.name: one.type.rpartition("/")[2] for one in bag.of_type(*POSES)}
+    places: dict[str, Placement] = {}
+    for topic in topics:
+        places[topic.name] = placed(bag.path, survey, topic.name, asked, others)
+        if asked.poses is None and asked.trajectory is None:
+            asked = replace(asked, fixed_frame=places[topic.name].fixed_frame)
+    return places
 
 
-def _list(topics: list[Topic]) -> str:
-    shown = [f"{topic.name} ({topic.type.split('/')[-1]})" for topic in topics[:12]]
-    return ", ".join(shown + ["..."] * (len(topics) > 12)) or "none"
+def _first_placed(
+    bag: Bag, survey: Survey, topics: list[Topic], asked: Asked
+) -> tuple[list[Topic], dict[str, Placement]]:
+    """The first sensor of which it is known where it is; the error is that of the first of all."""
+    wrong: ValueError | None = None
+    for topic in topics:
+        try:
+            return [topic], _placed_together(bag, survey, [topic], asked)
+        except ValueError as error:
+            wrong = wrong or error
+    assert wrong is not None
+    raise wrong
 
 
-def _odometry_topic(bag: Bag, wanted: str | None) -> str | None:
+def _in_order(messages: Iterator[Raw]) -> Iterator[Raw]:
+    """Messages of several sensors in the order of their stamps, as far as they come soon enough."""
+    waiting: list[tuple[float, int, Raw]] = []
+    latest = -np.inf
+    for number, raw in enumerate(messages):
+        head = head_of(raw)
+        stamp = head[0] if head is not None else 1e-9 * raw.received
+        latest = max(latest, stamp)
+        heapq.heappush(waiting, (stamp, number, raw))
+        while waiting[0][0] < latest - LATEST:
+            yield heapq.heappop(waiting)[2]
+    while waiting:
+        yield heapq.heappop(waiting)[2]
+
+
+def _poses_topic(bag: Bag, odometry: str | None, poses: str | None) -> str | None:
+    """The topic with poses that was asked for."""
+    wanted, types = (odometry, (ODOMETRY_TYPE,)) if odometry is not None else (poses, POSES)
     if wanted is None:
         return None
-    topics = bag.of_type(ODOMETRY_TYPE)
-    for topic in topics:
-        if plain(topic.name) == plain(wanted):
-            return topic.name
-    raise ValueError(f"{bag.path}: no Odometry in {wanted}, expected one of {_list(topics)}")
-
-
-def _cameras(
-    bag: Bag, topic: str, first: Any, scale: float
-) -> tuple[str, tuple[np.ndarray[Any, Any], list[Camera]]]:
-    """The topic with an image's cameras, and stamps and cameras in it."""
-    by_topic: dict[str, tuple[list[float], list[Camera]]] = {}
-    frame = plain(first.header.frame_id)
-    names = [info.name for info in bag.of_type(ros.CAMERA_INFO)]
-    for name, received, message in bag.messages(names):
-        is_near = posixpath.dirname(name) == posixpath.dirname(topic)
-        is_alike = (message.width, message.height) == (first.width, first.height)
-        if is_alike and (is_near or plain(message.header.frame_id) == frame):
-            stamps, cameras = by_topic.setdefault(name, ([], []))
-            stamps.append(ros.stamp_of(message, received))
-            cameras.append(ros.camera_of_info(message, scale))
-    if not by_topic:
-        raise ValueError(
-            f"{bag.path}: no CameraInfo of {first.width} x {first.height} pixels beside {topic} or in frame "
-            f"{frame}, expected one, or camera as fx,fy,cx,cy; found {', '.join(names) or 'none'}"
-        )
-    chosen = min(by_topic, key=lambda name: (posixpath.dirname(name) != posixpath.dirname(topic), name))
-    return chosen, (np.array(by_topic[chosen][0]), by_topic[chosen][1])
-
-
-def _transforms(bag: Bag, odometry: str | None, *, is_moving: bool) -> tuple[TransformTree, str | None]:
-    """All fixed transforms, and those over time of an odometry or, if `is_moving`, of /tf.
-
-    Transforms with NaN, or quaternions of another length than 1, are passed over, as ROS does.
-    """
-    tree, frame = TransformTree(), None
-    topics = [topic.name for topic in bag.of_type(*TF) if is_moving or _is_static(topic.name)]
-    for topic, received, message in bag.messages([*topics, *([odometry] if odometry else [])]):
-        if topic == odometry:
-            if not message.child_frame_id:
-                raise ValueError(f"{bag.path}: {topic}: an Odometry without child_frame_id, expected one")
-            frame = plain(message.header.frame_id)
-            pose = message.pose.pose
-            position, quaternion = _numbers(pose.position, pose.orientation)
-            if is_transform(position, quaternion):
-                stamp = ros.stamp_of(message, received)
-                tree.add(frame, message.child_frame_id, stamp, position, quaternion)
-            continue
-        for one in message.transforms:
-            position, quaternion = _numbers(one.transform.translation, one.transform.rotation)
-            if not is_transform(position, quaternion):
-                continue
-            if _is_static(topic):
-                tree.add_fixed(
-                    one.header.frame_id, one.child_frame_id, Pose.from_quaternion(position, quaternion)
-                )
-            else:
-                stamp = ros.stamp_of(one, received)
-                tree.add(one.header.frame_id, one.child_frame_id, stamp, position, quaternion)
-    return tree, frame
-
-
-def _is_static(topic: str) -> bool:
-    return posixpath.basename(topic) == "tf_static"
-
-
-def _numbers(position: Any, quaternion: Any) -> tuple[list[float], list[float]]:
-    return (
-        [position.x, position.y, position.z],
-        [quaternion.x, quaternion.y, quaternion.z, quaternion.w],
-    )
-
-
-def _fixed_frame(path: str, tree: TransformTree, frame: str, wanted: str | None) -> str:
-    """The frame of the map: as asked for, or the first usual one that the sensor is connected with."""
-    connected = tree.connected(frame)
-    if wanted is not None:
-        if plain(wanted) not in connected:
-            raise ValueError(
-                f"{path}: no transform between {frame} and {wanted}, "
-                f"expected fixed_frame as one of {', '.join(connected)}"
-            )
-        return plain(wanted)
-    for usual in _FIXED_FRAMES:
-        if usual in connected:
-            return usual
-    if len(connected) == 1:
-        raise ValueError(
-            f"{path}: no transform to {frame} in /tf or /tf_static, expected odometry or trajectory "
-            "to be given"
-        )
-    raise ValueError(
-        f"{path}: {frame} is connected with none of {', '.join(_FIXED_FRAMES)}, "
-        f"expected fixed_frame as one of {', '.join(connected)}"
-    )
-
-
-@contextmanager
-def _named(path: str) -> Iterator[None]:
-    """What the library runs into becomes a ValueError with the file's name."""
-    try:
-        yield
-    except (ImportError, MemoryError):
-        raise
-    except Exception as error:
-        raise ValueError(
-            f"{path}: cannot be read as a ROS bag ({_line(error)}), expected a whole one"
-        ) from None
-
-
-def _line(error: Exception) -> str:
-    """An exception's kind and message in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    topic = bag.topic(wanted)
+    if topic is None or topic.type not in types or not topic.messages:
+        what = "Odometry" if odometry is not None else f"poses ({POSE_NAMES})"
+        raise ValueError(f"{bag.path}: no {what} in {wanted}, expected one of {listed(bag.of_type(*types))}")
+    return topic.name
 
 
 def _recognises(source: Source) -> bool:
     if source.is_folder:
-        endings = tuple(ending for _, ending, _ in _ENDINGS)
-        return METADATA in source.names or any(name.endswith(endings) for name in source.names)
-    return source.head.startswith((ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC))
+        return METADATA in source.names or any(name.endswith(ENDINGS) for name in source.names)
+    return source.head.startswith(MAGICS)
 
 
 def _open(source: Source, *, dim: int | None = None, **options: Any) -> RosbagLog:
@@ -490,17 +324,8 @@ def _open(source: Source, *, dim: int | None = None, **options: Any) -> RosbagLo
 
 
 def _contents(source: Source) -> dict[str, Any]:
-    """Topics with their types, numbers of messages and frames, and when the bag was recorded [s]."""
     with open_bag(source.path) as bag:
-        topics = []
-        for topic in bag.topics:
-            frame = None
-            if topic.messages and topic.type in (*SENSORS, ros.CAMERA_INFO, ODOMETRY_TYPE):
-                frame = plain(bag.first(topic.name).header.frame_id)
-            topics.append(
-                {"topic": topic.name, "type": topic.type, "messages": topic.messages, "frame": frame}
-            )
-        return {"start": bag.start, "end": bag.end, "topics": topics}
+        return outline(bag)
 
 
 ROSBAG = Format(
@@ -508,7 +333,10 @@ ROSBAG = Format(
     "a ROS bag",
     _recognises,
     _open,
-    options=(TOPIC, FIXED_FRAME, ODOMETRY, TRAJECTORY, CAMERA, PIXEL_STRIDE),
+    options=(
+        TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
+        TIME_OFFSET, DESKEW, NO_RETURN_RANGE, CAMERA, PIXEL_STRIDE,
+    ),
     stored_as="either",
     contents=_contents,
-)
+)  # fmt: skip

@@ -26,9 +26,30 @@ ROTATION_TOLERANCE = 0.02
 #: Sine of an angle below which an arc is its chord to the last bit.
 STRAIGHT = 1e-9
 
+#: Between two poses further apart in time than this [s], and than so many times the usual, ...
+GAP_SECONDS, GAP_TIMES = 1.0, 10.0
+#: ... nobody knows the pose if it changed by more than this [m], [rad] meanwhile.
+GAP_DISTANCE, GAP_TURN = 0.1, 0.1
+
 TRAJECTORY = ReaderOption("trajectory", str, "File of poses, TUM (t x y z qx qy qz qw) or KITTI (3x4).")
 
 EXPECTED = "expected 8 numbers a line (t x y z qx qy qz qw) or 12 (3x4 matrix)"
+
+
+class NoPose(ValueError):
+    """A time at which a pose is not known.
+
+    Attributes
+    ----------
+    where : {"before", "after", "in a gap"}
+        On which side of the poses that are known.
+    seconds : float
+        How far outside of them, or how long the gap is.
+    """
+
+    def __init__(self, message: str, where: str, seconds: float) -> None:
+        super().__init__(message)
+        self.where, self.seconds = where, seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +159,7 @@ class Trajectory:
             self.quaternions: Floats = unit_quaternions(turned)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
+        self._gaps = self._found_gaps()
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -152,10 +174,12 @@ class Trajectory:
         """The pose at a time [s]: as `poses_at`, without the cost of arrays for one."""
         first, last = float(self.stamps[0]), float(self.stamps[-1])
         if not first - STAMP_TOLERANCE <= stamp <= last + STAMP_TOLERANCE:
-            raise self._outside(stamp)
+            raise self._unknown(stamp)
         stamp = min(max(float(stamp), first), last)
         after = max(int(self.stamps.searchsorted(stamp)), min(1, len(self) - 1))
         before = max(after - 1, 0)
+        if self._gaps is not None and self._gaps[before] and self._is_inside(stamp, before):
+            raise self._unknown(stamp, before)
         begin, end = float(self.stamps[before]), float(self.stamps[after])
         share = (stamp - begin) / (end - begin) if end > begin else 0.0
         position = self.positions[before] + share * (self.positions[after] - self.positions[before])
@@ -189,17 +213,22 @@ class Trajectory:
         Raises
         ------
         ValueError
-            If a time lies more than ``STAMP_TOLERANCE`` before the first or after the last pose; closer, it
-            gets that pose.
+            A `NoPose`, if a time lies more than ``STAMP_TOLERANCE`` before the first or after the last pose;
+            closer, it gets that pose. Or if it lies in a gap: between poses that are more than 1 s and 10
+            times the usual interval apart, and more than 0.1 m or 0.1 rad in place.
         """
         wanted = np.atleast_1d(np.asarray(stamps, dtype=np.float64))
         first, last = self.stamps[0], self.stamps[-1]
         outside = ~((wanted >= first - STAMP_TOLERANCE) & (wanted <= last + STAMP_TOLERANCE))
         if outside.any():
-            raise self._outside(wanted[outside.argmax()])
+            raise self._unknown(wanted[outside.argmax()])
         wanted = np.clip(wanted, first, last)
         after = np.clip(np.searchsorted(self.stamps, wanted), 1, max(len(self) - 1, 1))
         before = after - 1
+        if self._gaps is not None:
+            for i in np.flatnonzero(self._gaps[before]):
+                if self._is_inside(wanted[i], before[i]):
+                    raise self._unknown(wanted[i], before[i])
         after = np.minimum(after, len(self) - 1)
         span = self.stamps[after] - self.stamps[before]
         share = np.divide(wanted - self.stamps[before], span, out=np.zeros_like(wanted), where=span > 0)
@@ -207,11 +236,35 @@ class Trajectory:
         positions = start + share[:, None] * (end - start)
         return positions, _slerp(self.quaternions[before], self.quaternions[after], share)
 
-    def _outside(self, stamp: float) -> ValueError:
-        return ValueError(
-            f"{self.name}: no pose at {stamp:.6f} s, "
-            f"expected a time from {self.stamps[0]:.6f} to {self.stamps[-1]:.6f} s"
-        )
+    def _found_gaps(self) -> NDArray[np.bool_] | None:
+        """Which of the intervals between poses are gaps; None if there are none."""
+        if self.is_numbered or len(self) < 3:
+            return None
+        apart = np.diff(self.stamps)
+        long = apart > max(GAP_SECONDS, GAP_TIMES * float(np.median(apart)))
+        if not long.any():
+            return None
+        way = np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
+        same = np.abs((self.quaternions[1:] * self.quaternions[:-1]).sum(axis=1))
+        turn = 2 * np.arccos(np.minimum(same, 1.0))
+        gaps = long & ((way > GAP_DISTANCE) | (turn > GAP_TURN))
+        return gaps if gaps.any() else None
+
+    def _is_inside(self, stamp: float, before: int) -> bool:
+        """Whether a time is really between two poses, not that of one of them."""
+        begin, end = self.stamps[before], self.stamps[before + 1]
+        return bool(begin + STAMP_TOLERANCE < stamp < end - STAMP_TOLERANCE)
+
+    def _unknown(self, stamp: float, before: int | None = None) -> NoPose:
+        first, last = float(self.stamps[0]), float(self.stamps[-1])
+        if before is not None:
+            begin, end = float(self.stamps[before]), float(self.stamps[before + 1])
+            message = f"no pose at {stamp:.6f} s, it is in a gap from {begin:.6f} to {end:.6f} s"
+            return NoPose(f"{self.name}: {message}", "in a gap", end - begin)
+        message = f"no pose at {stamp:.6f} s, expected a time from {first:.6f} to {last:.6f} s"
+        if stamp > last:
+            return NoPose(f"{self.name}: {message}", "after", float(stamp) - last)
+        return NoPose(f"{self.name}: {message}", "before", first - float(stamp))
 
     def transformed(self, T_sensor_other: Pose) -> Trajectory:
         """The trajectory of something that is fixed to the sensor."""

@@ -8,7 +8,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree.readers.trajectory import Pose, Trajectory, unit_quaternions
+from ndtree.readers.trajectory import Pose, Trajectory, matrices_of, unit_quaternions
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +43,12 @@ class TransformTree:
         self._moving[plain(parent), plain(child)] = trajectory
         self._ways.clear()
 
+    def fixed_only(self) -> TransformTree:
+        """A tree of its own with the fixed transforms."""
+        tree = TransformTree()
+        tree._fixed.update(self._fixed)
+        return tree
+
     def connected(self, frame: str) -> list[str]:
         """Sorted names of all frames that are connected with one, itself included."""
         return sorted(self._origins_of(plain(frame)))
@@ -75,6 +81,84 @@ class TransformTree:
             else:
                 T_at_source, at = T_parent_child.inverse() @ T_at_source, edge[1]
         return T_at_source
+
+    def poses_at(self, target: str, source: str, stamps: ArrayLike) -> tuple[Floats, Floats]:
+        """``T_target_source`` at times (n,) [s]: rotations (n, 3, 3) and positions (n, 3) [m].
+
+        Raises
+        ------
+        ValueError
+            As `pose_at`, for any of the times.
+        """
+        times = np.asarray(stamps, dtype=np.float64)
+        rotations = np.broadcast_to(np.eye(3), (len(times), 3, 3))
+        positions = np.zeros((len(times), 3))
+        at = plain(source)
+        for edge in self._way(target, source):
+            fixed = self._fixed.get(edge)
+            if fixed is None:
+                moved, quaternions = self._trajectory(edge).poses_at(times)
+                turned = matrices_of(quaternions)
+            else:
+                moved, turned = fixed.position, fixed.rotation
+            if at == edge[0]:
+                turned = np.swapaxes(turned, -1, -2)
+                moved = -(turned @ moved[..., None])[..., 0]
+            rotations = turned @ rotations
+            positions = (turned @ positions[..., None])[..., 0] + moved
+            at = edge[0] if at == edge[1] else edge[1]
+        return rotations, positions
+
+    def is_fixed(self, target: str, source: str) -> bool:
+        """Whether all transforms on the way between connected frames are fixed."""
+        return all(edge in self._fixed for edge in self._way(target, source))
+
+    def span(self, target: str, source: str) -> tuple[float, float]:
+        """First and last time [s] at which the pose between connected frames is known; may be infinite."""
+        first, last = -np.inf, np.inf
+        for edge in self._way(target, source):
+            if edge not in self._fixed:
+                stamps = self._trajectory(edge).stamps
+                first, last = max(first, float(stamps[0])), min(last, float(stamps[-1]))
+        return first, last
+
+    def roots(self, frame: str, *, fixed: bool = False) -> list[str]:
+        """Frames connected with one that are nobody's child; with `fixed` by fixed transforms alone."""
+        connected = self._origins_of(plain(frame), fixed=fixed)
+        edges = self._fixed if fixed else {**self._fixed, **self._rows, **self._moving}
+        children = {child for _, child in edges}
+        return sorted(one for one in connected if one not in children)
+
+    def frames(self) -> list[str]:
+        """Sorted names of all frames."""
+        return sorted({frame for edge in self._edges() for frame in edge})
+
+    def lines(self) -> list[str]:
+        """The frames as trees, a line each, indented; moving ones say so."""
+        children: dict[str, list[str]] = {}
+        for parent, child in self._edges():
+            children.setdefault(parent, []).append(child)
+        lines: list[str] = []
+        seen: set[str] = set()
+
+        def walk(frame: str, parent: str | None, depth: int) -> None:
+            moves = parent is not None and (parent, frame) not in self._fixed
+            lines.append("  " * depth + frame + (" (moves)" if moves else ""))
+            if frame not in seen:
+                seen.add(frame)
+                for child in sorted(children.get(frame, ())):
+                    walk(child, frame, depth + 1)
+
+        everyone = {child for ones in children.values() for child in ones}
+        for root in sorted(children.keys() - everyone):
+            walk(root, None, 0)
+        for frame in sorted(children.keys() - seen):  # What goes round in circles.
+            if frame not in seen:
+                walk(frame, None, 0)
+        return lines
+
+    def _edges(self) -> list[tuple[str, str]]:
+        return list(dict.fromkeys((*self._fixed, *self._rows, *self._moving)))
 
     def _trajectory(self, edge: tuple[str, str]) -> Trajectory:
         if edge not in self._moving:
@@ -110,9 +194,9 @@ class TransformTree:
             at = edge[0] if edge[1] == at else edge[1]
         return way[::-1]
 
-    def _origins_of(self, source: str) -> dict[str, tuple[str, str] | None]:
-        """By frame, the last transform on the shortest way to it."""
-        edges = dict.fromkeys((*self._fixed, *self._rows, *self._moving))
+    def _origins_of(self, source: str, *, fixed: bool = False) -> dict[str, tuple[str, str] | None]:
+        """By frame, the last transform on the shortest way to it; with `fixed` by fixed ones alone."""
+        edges = list(self._fixed) if fixed else self._edges()
         by_frame: dict[str, list[tuple[str, str]]] = {}
         for edge in edges:
             for frame in edge:

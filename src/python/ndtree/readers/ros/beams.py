@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What messages of sensors are turned into, and which types of messages there are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+LASER = "sensor_msgs/msg/LaserScan"
+MULTI_ECHO_LASER = "sensor_msgs/msg/MultiEchoLaserScan"
+RANGE = "sensor_msgs/msg/Range"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
+LIVOX = (
+    "livox_ros_driver/msg/CustomMsg",
+    "livox_ros_driver2/msg/CustomMsg",
+    "livox_interfaces/msg/CustomMsg",
+)
+IMAGE = "sensor_msgs/msg/Image"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+
+#: Measure in one plane.
+PLANAR = (LASER, MULTI_ECHO_LASER, RANGE)
+IMAGES = (IMAGE, COMPRESSED_IMAGE)
+#: The best first: of several sensors in a bag one of an earlier type is read.
+SENSORS = (LASER, MULTI_ECHO_LASER, POINT_CLOUD, *LIVOX, IMAGE, COMPRESSED_IMAGE, RANGE)
+
+
+@dataclass(frozen=True)
+class Beams:
+    """What one message measured, in the sensor's frame.
+
+    Attributes
+    ----------
+    points : (n, 3)
+        End points [m], NaN where invalid.
+    returned : (n,) bool or None
+        Which met a surface; None: all.
+    times : (n,) float64 or None
+        When each was measured, from the message's stamp on [s]; None: all at the stamp.
+    endless : int
+        Beams that met nothing, but of which the message does not say up to where: they are invalid.
+    """
+
+    points: NDArray[np.floating[Any]]
+    returned: NDArray[np.bool_] | None = None
+    times: Floats | None = None
+    endless: int = 0
+
+
+def stamp_of(message: Any, received: int) -> float:
+    """When a message was measured [s]; when it was received [ns] if it does not say."""
+    stamp = message.header.stamp
+    seconds = stamp.sec + 1e-9 * stamp.nanosec
+    return seconds if seconds else 1e-9 * received
+
+
+def short(type: str) -> str:
+    """A type's own name."""
+    return type.rpartition("/")[2]

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""PointCloud2 to beams in the sensor's own frame, with the times of the points where the cloud has them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.readers.ros.beams import Beams, Floats
+from ndtree.readers.ros.laser import LONGEST_SWEEP
+
+_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+
+#: What drivers call the time of a point: Velodyne, Ouster, Hesai and RoboSense, Livox, and others.
+_TIMES = ("t", "time", "timestamp", "time_stamp", "offset_time", "time_offset")
+#: Units of times [s], and the shortest sweep that they are told apart by [s].
+_UNITS, SHORTEST_SWEEP = (1.0, 1e-3, 1e-6, 1e-9), 1e-3
+
+
+def cloud_beams(message: Any, stamp: float) -> Beams:
+    """Points of a PointCloud2 with fields x, y and z of any type, byte order and layout; NaN is invalid."""
+    by_name = {field.name: field for field in message.fields}
+    missing = [name for name in ("x", "y", "z") if name not in by_name]
+    if missing:
+        raise ValueError(
+            f"the cloud has no field {' and no '.join(missing)}, expected x, y and z, "
+            f"found {', '.join(by_name) or 'none'}"
+        )
+    names = ["x", "y", "z", *(name for name in _TIMES if name in by_name)][:4]
+    order = ">" if message.is_bigendian else "<"
+    formats, offsets = [], []
+    for name in names:
+        field = by_name[name]
+        if field.datatype not in _FIELD_TYPES:
+            raise ValueError(f"field {name} of the cloud has type {field.datatype}, expected 1 to 8")
+        formats.append(order + _FIELD_TYPES[field.datatype])
+        offsets.append(int(field.offset))
+    height, width = int(message.height), int(message.width)
+    step, row_step = int(message.point_step), int(message.row_step)
+    if row_step == 0 and height <= 1:
+        row_step = width * step
+    data = np.asarray(message.data, dtype=np.uint8)
+    ends = [offset + np.dtype(kind).itemsize for offset, kind in zip(offsets, formats)]
+    needed = (height - 1) * row_step + width * step if height and width else 0
+    if height and width and (max(ends) > step or width * step > row_step or len(data) < needed):
+        raise ValueError(
+            f"the cloud has {len(data)} bytes, expected {needed} for {height} rows of {row_step} bytes "
+            f"and {width} points of {step}"
+        )
+    if not needed:
+        return Beams(np.zeros((0, 3), dtype=np.float32))
+    layout = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
+    table = np.ndarray((height, width), layout, np.ascontiguousarray(data), strides=(row_step, step))
+    kind = np.float32 if all(kind[1:] == "f4" for kind in formats[:3]) else np.float64
+    points = np.empty((height, width, 3), dtype=kind)
+    for axis, name in enumerate(("x", "y", "z")):
+        points[:, :, axis] = table[name]
+    times = times_of(table[names[3]].ravel(), stamp) if len(names) == 4 else None
+    return Beams(points.reshape(-1, 3), times=times)
+
+
+def times_of(values: NDArray[Any], stamp: float) -> Floats | None:
+    """Times of points since the message's stamp [s], whatever their unit and their beginning.
+
+    The unit is the one of s, ms, us and ns in which they last between 1 ms and 1 s: there is only one. They
+    are absolute where they then lie within a sweep of the stamp, else they count from it. None where they
+    are neither.
+    """
+    times = values.astype(np.float64)
+    known = np.isfinite(times)
+    if not known.any():
+        return None
+    first, last = float(times[known].min()), float(times[known].max())
+    for unit in _UNITS:
+        if SHORTEST_SWEEP <= (last - first) * unit < LONGEST_SWEEP:
+            break
+    else:
+        return None
+    # Absolute times are subtracted in their own type: nanoseconds since 1970 have no room in a double.
+    begin = values[known][int(times[known].argmin())]
+    since_first = np.where(known, (values - begin).astype(np.float64) * unit, 0.0)
+    for offset in (float(begin) * unit - stamp, float(begin) * unit):
+        if abs(offset) <= LONGEST_SWEEP:
+            return since_first + offset
+    return None

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Depth images and their cameras, packed or not, to points in the camera's frame."""
+
+from __future__ import annotations
+
+import io
+import posixpath
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.readers.depth_image import Camera, points_of
+from ndtree.readers.ros.beams import COMPRESSED_IMAGE, Beams
+
+#: Images that hold depths: type of a pixel, and its values in a metre.
+DEPTH_ENCODINGS = {"16UC1": ("u2", 1000.0), "mono16": ("u2", 1000.0), "32FC1": ("f4", 1.0)}
+#: What stands before the picture in an image packed as compressedDepth: a number, and two of its quantisation.
+_CONFIG = struct.Struct("<iff")
+_PNG = b"\x89PNG"
+
+
+def depth_beams(message: Any, camera: Camera, pixel_stride: int) -> Beams:
+    """Points of a depth image; pixels without depth are no beams."""
+    return Beams(points_of(depth_of(message), camera, pixel_stride=pixel_stride))
+
+
+def encoding_of(message: Any) -> str:
+    """How the pixels of an Image or a CompressedImage are encoded, "" where it does not say."""
+    if message.__msgtype__ == COMPRESSED_IMAGE:
+        return str(message.format).split(";")[0].strip()
+    return str(message.encoding)
+
+
+def has_depth(message: Any) -> bool:
+    """Whether an image holds depths."""
+    return encoding_of(message) in DEPTH_ENCODINGS
+
+
+def scale_of(message: Any) -> float:
+    """An image's values in a metre; ValueError if it holds no depths."""
+    encoding = encoding_of(message)
+    if encoding not in DEPTH_ENCODINGS:
+        raise ValueError(f"the image has encoding {encoding!r}, expected {', '.join(DEPTH_ENCODINGS)}")
+    return DEPTH_ENCODINGS[encoding][1]
+
+
+def size_of(message: Any) -> tuple[int, int]:
+    """Width and height [px]."""
+    if message.__msgtype__ == COMPRESSED_IMAGE:
+        height, width = depth_of(message).shape
+        return width, height
+    return int(message.width), int(message.height)
+
+
+def depth_of(message: Any) -> NDArray[Any]:
+    """The pixels of a depth image, (rows, columns), in its own unit."""
+    scale_of(message)
+    if message.__msgtype__ == COMPRESSED_IMAGE:
+        return _unpacked(message)
+    kind = np.dtype((">" if message.is_bigendian else "<") + DEPTH_ENCODINGS[message.encoding][0])
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    data = np.ascontiguousarray(message.data, dtype=np.uint8)
+    needed = (height - 1) * step + width * kind.itemsize if height and width else 0
+    if step < width * kind.itemsize or len(data) < needed:
+        raise ValueError(
+            f"the image has {len(data)} bytes, expected {needed} for {height} rows of {step} bytes "
+            f"and {width} pixels of {kind.itemsize}"
+        )
+    image = np.ndarray((height, width), kind, data, strides=(step, kind.itemsize))
+    return image if kind.isnative else image.astype(kind.newbyteorder("="))
+
+
+def _unpacked(message: Any) -> NDArray[Any]:
+    """The pixels of a CompressedImage: a PNG of 16 bits, or compressedDepth with one in it.
+
+    compressedDepth of an image in metres holds their inverse, quantised: depth is a / (value - b).
+    """
+    data = np.asarray(message.data, dtype=np.uint8).tobytes()
+    is_metres = encoding_of(message) == "32FC1"
+    a = b = 0.0
+    if data[_CONFIG.size :].startswith(_PNG):
+        _, a, b = _CONFIG.unpack_from(data)
+        data = data[_CONFIG.size :]
+    elif not data.startswith(_PNG) or is_metres:
+        raise ValueError(
+            f"the image is packed as {message.format!r}, expected a PNG of 16 bits, as compressedDepth or plain"
+        )
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise ImportError(
+            f"packed images need Pillow ({error}); install it with: pip install 'ndtree-mapping[ros]'"
+        ) from None
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            values = np.asarray(picture)
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ValueError(f"the image cannot be unpacked ({error}), expected a whole PNG") from None
+    if values.ndim != 2:
+        raise ValueError(f"the image has {values.ndim} axes, expected rows and columns of depths")
+    if not is_metres:
+        return values.astype(np.uint16)
+    depth = np.full(values.shape, np.nan, dtype=np.float32)
+    known = values > 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth[known] = a / (values[known].astype(np.float64) - b)
+    return depth
+
+
+def camera_of_info(message: Any, scale: float) -> Camera:
+    """The camera of a CameraInfo of ROS 1 or 2, of the rectified image if it has one."""
+    projection = np.asarray(message.p if hasattr(message, "p") else message.P, dtype=np.float64)
+    matrix = np.asarray(message.k if hasattr(message, "k") else message.K, dtype=np.float64)
+    if projection.shape == (12,) and projection[0] > 0:
+        fx, cx, fy, cy = projection[[0, 2, 5, 6]]
+    else:
+        fx, cx, fy, cy = matrix[[0, 2, 4, 5]]
+    return Camera(float(fx), float(fy), float(cx), float(cy), scale)
+
+
+def is_beside(info_topic: str, image_topic: str) -> bool:
+    """Whether a CameraInfo belongs to an image by its name; a packed image has a name one level deeper."""
+    folder = posixpath.dirname(info_topic)
+    own = posixpath.dirname(image_topic)
+    return folder in (own, posixpath.dirname(own)) if folder else not own

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages of sensors that measure ranges, to beams in the sensor's own frame."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.readers.ros.beams import Beams, Floats
+
+#: A laser that turns this far [rad] looks all around.
+FULL_TURN = math.radians(350)
+#: No sensor takes longer for one scan [s]; what says so is in another unit.
+LONGEST_SWEEP = 1.0
+
+
+def laser_beams(message: Any, no_return_range: float | None = None) -> Beams:
+    """Beams of a LaserScan by the rules of REP 117.
+
+    A range within [range_min, range_max] is a surface. +inf is no return: free up to range_max, and where
+    that is no length, up to `no_return_range` [m] if it is given. NaN, -inf (too close to be measured) and
+    other ranges are invalid.
+
+    A beam's time is that of the message and its number times time_increment. Of a laser that looks all
+    around and has no time_increment, but a scan_time, the beams are spread over that.
+    """
+    return _planar_beams(message, np.asarray(message.ranges), no_return_range)
+
+
+def multi_echo_beams(message: Any, no_return_range: float | None = None) -> Beams:
+    """Beams of a MultiEchoLaserScan, of each its nearest echo that is valid as in `laser_beams`.
+
+    A beam with no valid echo did not return if one of its echoes is +inf.
+    """
+    echoes = [np.asarray(beam.echoes, dtype=np.float32) for beam in message.ranges]
+    table = np.full((len(echoes), max((len(echo) for echo in echoes), default=0) + 1), np.nan, np.float32)
+    for row, echo in zip(table, echoes):
+        row[: len(echo)] = echo
+    silent = np.isposinf(table).any(axis=1)
+    valid = (table >= message.range_min) & (table <= message.range_max)
+    nearest = np.where(valid, table, np.inf).min(axis=1, initial=np.inf)
+    nearest[~valid.any(axis=1) & ~silent] = np.nan
+    return _planar_beams(message, nearest, no_return_range)
+
+
+def range_beams(message: Any, no_return_range: float | None = None) -> Beams:
+    """The beam of a Range, along x in the middle of its cone: ranges as of a LaserScan."""
+    return _measured(
+        message, np.array([message.range], np.float32), np.array([[1.0, 0, 0]]), None, no_return_range
+    )
+
+
+def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_range: float | None) -> Beams:
+    n = len(ranges)
+    ways = _directions(float(message.angle_min), float(message.angle_increment), n)
+    return _measured(message, ranges, ways, _times(message, n), no_return_range)
+
+
+def _measured(
+    message: Any,
+    ranges: NDArray[np.floating[Any]],
+    ways: Floats,
+    times: Floats | None,
+    no_return_range: float | None,
+) -> Beams:
+    returned = (ranges >= message.range_min) & (ranges <= message.range_max) & np.isfinite(ranges)
+    length = np.where(returned, ranges, np.nan).astype(np.float64)
+    silent = np.isposinf(ranges)
+    limit = message.range_max if 0 < message.range_max < np.inf else no_return_range
+    endless = 0
+    if limit is not None:
+        length[silent] = limit
+    else:
+        endless = int(np.count_nonzero(silent))
+    return Beams(length[:, None] * ways, returned, times, endless)
+
+
+def _times(message: Any, n: int) -> Floats | None:
+    """When the beams were measured since the stamp [s]; None where all at once, or where nobody knows."""
+    step = float(message.time_increment)
+    if step == 0 and abs(message.angle_increment) * n >= FULL_TURN:
+        step = float(message.scan_time) / max(n, 1)
+    if not 0 < abs(step) * n <= LONGEST_SWEEP:
+        return None
+    return step * np.arange(n)
+
+
+@lru_cache(maxsize=8)
+def _directions(angle_min: float, angle_increment: float, count: int) -> Floats:
+    angles = angle_min + angle_increment * np.arange(count)
+    return np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)

@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Clouds of Livox lidars in the message of their own driver, of ROS 1 and ROS 2."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.readers.ros.beams import LIVOX, Beams
+
+TYPES = LIVOX
+
+#: Point of a CustomMsg: time since the message's [ns], place [m], and what is not used here.
+_POINT = [("offset_time", "u4"), ("xyz", "f4", 3), ("others", "u1", 3)]
+#: In ROS 2 numbers of 4 bytes begin at multiples of 4, and so does each point.
+_PADDED = [*_POINT, ("padding", "u1")]
+
+
+@dataclass(frozen=True)
+class Time:
+    """As in ROS."""
+
+    sec: int
+    nanosec: int
+
+
+@dataclass(frozen=True)
+class Header:
+    """As in ROS."""
+
+    stamp: Time
+    frame_id: str
+
+
+@dataclass(frozen=True)
+class CustomMsg:
+    """What is used of the message."""
+
+    header: Header
+    offset_times: NDArray[np.uint32]
+    points: NDArray[np.float32]
+
+
+def decoded(data: bytes, *, is_ros1: bool) -> CustomMsg:
+    """The message in some bytes; ValueError if they are too few."""
+    order = "<" if is_ros1 or (len(data) > 1 and data[1] & 1) else ">"
+    try:
+        seconds, nanoseconds, length = struct.unpack_from(order + "3I", data, 4)
+        frame = data[16 : 16 + length].rstrip(b"\0").decode("utf-8", "replace")
+        at = 16 + length
+        if is_ros1:
+            at += 8 + 4 + 1 + 3
+        else:  # Behind the 4 bytes that say how it is packed, to a multiple of 8, and of 4.
+            at = 4 + (at - 4 + 7) // 8 * 8 + 8 + 4 + 1 + 3
+        (count,) = struct.unpack_from(order + "I", data, at)
+    except struct.error:
+        raise ValueError(f"the cloud has {len(data)} bytes, expected a whole CustomMsg") from None
+    kind = np.dtype(_POINT if is_ros1 else _PADDED)
+    needed = at + 4 + count * kind.itemsize - (0 if is_ros1 or not count else 1)
+    if len(data) < needed:
+        raise ValueError(f"the cloud has {len(data)} bytes, expected {needed} for {count} points")
+    table = np.frombuffer((data + b"\0")[at + 4 :], kind.newbyteorder(order), count)
+    header = Header(Time(seconds, nanoseconds), frame)
+    return CustomMsg(header, table["offset_time"].astype(np.uint32), table["xyz"].astype(np.float32))
+
+
+def beams(message: Any) -> Beams:
+    """Points of a CustomMsg, each with its own time; those in the sensor's origin are no measurement."""
+    points = message.points.copy()
+    points[~points.any(axis=1)] = np.nan
+    return Beams(points, times=1e-9 * message.offset_times.astype(np.float64))

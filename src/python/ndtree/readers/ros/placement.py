@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""From where the poses of a sensor come: transforms, a topic, a trajectory, or none as it stands still."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ndtree.readers.ros.mount import mount_of
+from ndtree.readers.ros.survey import PoseRow, Survey, share_within
+from ndtree.readers.trajectory import STAMP_TOLERANCE, read_trajectory
+from ndtree.readers.transforms import TransformTree, plain
+
+USUAL = ("map", "odom", "world")
+_BASES = ("base_link", "base_footprint", "base")
+_TRAJECTORY_FRAME = "the trajectory's frame"
+_BODY = "the body"
+HOW_TO_MOUNT = "--mount X,Y,Z,ROLL,PITCH,YAW (metres, and radians or degrees as in 90deg)"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a user said of poses; None where nothing was said."""
+
+    fixed_frame: str | None = None
+    poses: str | None = None
+    trajectory: str | None = None
+    still: bool = False
+    mount: str | None = None
+    sensor_frame: str | None = None
+    base_frame: str | None = None
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How the pose of a sensor is found.
+
+    Attributes
+    ----------
+    tree : TransformTree
+    fixed_frame : str
+        That of the map.
+    frame : str
+        The sensor's.
+    is_own : bool
+        Each message's own frame counts; else all have `frame`.
+    origin : str
+        Where the poses come from, for reports.
+    notes : tuple of str
+        What was taken for granted.
+    """
+
+    tree: TransformTree
+    fixed_frame: str
+    frame: str
+    is_own: bool
+    origin: str
+    notes: tuple[str, ...] = ()
+
+
+def placed(path: str, survey: Survey, topic: str, asked: Asked, others: dict[str, str]) -> Placement:
+    """Find the way from a topic's sensor to the map.
+
+    Parameters
+    ----------
+    path : str
+        The bag, for errors.
+    survey : Survey
+        With the stamps of the topic.
+    topic : str
+    asked : Asked
+    others : dict of str to str
+        Topics with poses that the bag has and their types, for errors.
+
+    Raises
+    ------
+    ValueError
+        If there is none: which frames there are, and what to say.
+    """
+    own = survey.seen[topic].frame
+    frame = plain(asked.sensor_frame) if asked.sensor_frame is not None else own
+    if asked.still:
+        return _still(path, survey, frame, asked)
+    if asked.trajectory is not None or asked.poses is not None:
+        return _by_poses(path, survey, topic, frame, asked)
+    return _by_transforms(path, survey, topic, frame, asked, others)
+
+
+def _still(path: str, survey: Survey, frame: str, asked: Asked) -> Placement:
+    tree = survey.tree.fixed_only()
+    if asked.mount is not None:
+        base = plain(asked.base_frame or _BODY)
+        tree.add_fixed(base, _mounted(frame), mount_of(asked.mount))
+        return Placement(tree, base, _mounted(frame), False, "standing still")
+    connected = tree.connected(frame)
+    wanted = asked.fixed_frame or asked.base_frame
+    if wanted is not None and plain(wanted) not in connected:
+        raise ValueError(
+            f"{path}: no fixed transform between {frame} and {wanted}, expected one of {', '.join(connected)}"
+        )
+    roots = tree.roots(frame, fixed=True)
+    fixed = plain(wanted) if wanted is not None else (roots[0] if roots else frame)
+    return Placement(tree, fixed, frame, False, "standing still")
+
+
+def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
+    """Poses of a body, or of the sensor itself, from a trajectory or a topic."""
+    tree = survey.tree.fixed_only()
+    notes: list[str] = []
+    child = survey.poses[0].child if survey.poses else ""
+    body = plain(asked.base_frame or child)
+    sensor = frame
+    if asked.mount is not None:
+        body, sensor = body or _BODY, _mounted(frame)
+        tree.add_fixed(body, sensor, mount_of(asked.mount))
+    elif not body and asked.poses is not None:
+        roots = tree.roots(frame, fixed=True)
+        body = roots[0] if roots else frame
+    body = body or frame
+    if asked.trajectory is not None:
+        poses = read_trajectory(asked.trajectory)
+        if poses.is_numbered:
+            raise ValueError(
+                f"{asked.trajectory}: has no times, expected t x y z qx qy qz qw for the scans of a bag"
+            )
+        fixed, origin = _TRAJECTORY_FRAME, asked.trajectory
+        tree.add_trajectory(fixed, body, poses)
+    else:
+        assert asked.poses is not None
+        fixed, origin = _add_poses(path, tree, survey.poses, body, asked.poses), asked.poses
+    if sensor not in tree.connected(fixed):
+        raise ValueError(
+            f"{path}: no transform between {frame}, the frame of {topic}, and {body}, of which {origin} has the "
+            f"poses; say where the sensor is on it: {HOW_TO_MOUNT}; or give --sensor-frame or --base-frame as one "
+            f"of {_listed([one for one in tree.connected(fixed) if one != fixed])}"
+        )
+    if body == frame and asked.poses is not None and asked.mount is None:
+        notes.append(
+            f"{origin} is taken for the poses of the sensor itself; where it is on its body: {HOW_TO_MOUNT}"
+        )
+    # Messages of a sensor that is the body itself may call it by any name.
+    is_own = body != frame and asked.mount is None and asked.sensor_frame is None
+    return Placement(tree, fixed, sensor, is_own, origin, tuple(notes))
+
+
+def _add_poses(path: str, tree: TransformTree, rows: list[PoseRow], body: str, topic: str) -> str:
+    """Put the poses of a topic into a tree; their fixed frame."""
+    if not rows:
+        raise ValueError(f"{path}: {topic}: no pose in it, expected some")
+    fixed = rows[0].parent or topic
+    if fixed == body:
+        fixed += " at the beginning"
+    for row in rows:
+        if (row.parent, row.child) != (rows[0].parent, rows[0].child):
+            raise ValueError(
+                f"{path}: {topic}: poses of {row.child or 'a body'} in {row.parent} follow those of "
+                f"{rows[0].child or 'a body'} in {rows[0].parent}, expected one of them"
+            )
+        tree.add(fixed, body, row.stamp, row.position, row.quaternion)
+    if len(rows) > 1 and len({row.stamp for row in rows}) == 1:
+        raise ValueError(f"{path}: {topic}: all {len(rows)} poses have the same time, expected their own")
+    return fixed
+
+
+def _by_transforms(
+    path: str, survey: Survey, topic: str, frame: str, asked: Asked, others: dict[str, str]
+) -> Placement:
+    tree, sensor = survey.tree, frame
+    if asked.mount is not None:
+        base = _base(path, tree, asked)
+        sensor = _mounted(frame)
+        tree.add_fixed(base, sensor, mount_of(asked.mount))
+    connected = tree.connected(sensor)
+    if len(connected) == 1:
+        raise ValueError(_unconnected(path, tree, topic, frame, others))
+    stamps = np.array(survey.seen[topic].stamps)
+    fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps)
+    is_own = asked.mount is None and asked.sensor_frame is None
+    return Placement(tree, fixed, sensor, is_own, "/tf")
+
+
+def _base(path: str, tree: TransformTree, asked: Asked) -> str:
+    """The frame that a sensor is mounted on."""
+    frames = tree.frames()
+    if asked.base_frame is not None:
+        if plain(asked.base_frame) not in frames:
+            raise ValueError(
+                f"{path}: base_frame = {asked.base_frame}: not in /tf, expected one of {_listed(frames)}"
+            )
+        return plain(asked.base_frame)
+    for usual in _BASES:
+        if usual in frames:
+            return usual
+    raise ValueError(
+        f"{path}: mount: on which frame? Expected --base-frame as one of {_listed(frames)}"
+        if frames
+        else f"{path}: mount: there is no /tf, expected poses, odometry, trajectory or still besides"
+    )
+
+
+def _fixed_frame(path: str, tree: TransformTree, sensor: str, wanted: str | None, stamps: np.ndarray) -> str:
+    """The frame of the map: as asked for; else the first that has poses for half of the scans, or the most.
+
+    Candidates are the usual ones, then the roots of the tree to which the sensor moves.
+    """
+    connected = tree.connected(sensor)
+    if wanted is not None:
+        if plain(wanted) not in connected:
+            raise ValueError(
+                f"{path}: no transform between {sensor} and {wanted}, "
+                f"expected fixed_frame as one of {_listed(connected)}"
+            )
+        return plain(wanted)
+    candidates = [usual for usual in USUAL if usual in connected]
+    candidates += [root for root in tree.roots(sensor) if root != sensor and not tree.is_fixed(root, sensor)]
+    best, most = None, -1.0
+    for candidate in candidates:
+        first, last = tree.span(candidate, sensor)
+        share = share_within(stamps, (first - STAMP_TOLERANCE, last + STAMP_TOLERANCE))
+        if share >= 0.5:
+            return candidate
+        if share > most:
+            best, most = candidate, share
+    if best is None:
+        raise ValueError(
+            f"{path}: {sensor} is connected with none of {', '.join(USUAL)} and with no frame that it moves in, "
+            f"expected fixed_frame as one of {_listed(connected)}, or --still"
+        )
+    return best
+
+
+def _unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
+    """The error of a sensor whose frame hangs nowhere: what there is, and what to say."""
+    frames = tree.frames()
+    say = [f"{'--odometry' if type == 'Odometry' else '--poses'} {name}" for name, type in others.items()]
+    if not frames:
+        begin = f"{path}: no transform to {frame}, the frame of {topic}: there is no /tf"
+        if not say:
+            return (
+                f"{begin}, nor any other poses, expected --trajectory FILE, or --still if the sensor stands"
+            )
+        return (
+            f"{begin}, expected poses from {' or '.join(say)}, with {HOW_TO_MOUNT} where the sensor is not in "
+            "their place; or --trajectory FILE, or --still if the sensor stands"
+        )
+    base = next((one for one in _BASES if one in frames), "FRAME")
+    return (
+        f"{path}: no transform to {frame}, the frame of {topic}, in /tf or /tf_static, whose frames are "
+        f"{_listed(frames)}; say where the sensor is: --base-frame {base} {HOW_TO_MOUNT}; or --sensor-frame "
+        "as one of these frames, if the sensor is there"
+    )
+
+
+def _mounted(frame: str) -> str:
+    """A frame of its own for a sensor whose place was given by hand, whatever /tf says of it."""
+    return f"{frame} as mounted"
+
+
+def _listed(frames: list[str]) -> str:
+    return ", ".join(frames[:24] + ["..."] * (len(frames) > 24))

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which topics of a bag are mapped, and how the messages of each become beams."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ndtree.readers.depth_image import Camera, camera_of
+from ndtree.readers.ros import image, livox
+from ndtree.readers.ros.bag import Bag, Topic
+from ndtree.readers.ros.beams import (
+    IMAGES,
+    LASER,
+    LIVOX,
+    MULTI_ECHO_LASER,
+    PLANAR,
+    POINT_CLOUD,
+    RANGE,
+    SENSORS,
+    Beams,
+    short,
+)
+from ndtree.readers.ros.cloud import cloud_beams
+from ndtree.readers.ros.laser import laser_beams, multi_echo_beams, range_beams
+from ndtree.readers.ros.survey import Survey
+from ndtree.readers.source import WrongOption
+from ndtree.readers.transforms import plain
+
+SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2, Livox CustomMsg, depth Image or Range"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A topic that a user asked for, and the standard deviation of its ranges [m] if they said."""
+
+    name: str
+    sigma: float | None = None
+
+    @staticmethod
+    def of(text: str) -> Wanted:
+        """From ``"/scan"`` or ``"/scan@0.02"``."""
+        name, at, number = text.partition("@")
+        if not at:
+            return Wanted(name)
+        try:
+            sigma = float(number)
+        except ValueError:
+            sigma = -1.0
+        if not 0 < sigma < np.inf:
+            raise WrongOption(f"topic {text}: expected a standard deviation in metres > 0 behind the @")
+        return Wanted(name, sigma)
+
+
+class Sensor:
+    """One topic with measurements.
+
+    Parameters
+    ----------
+    bag : Bag
+    topic : Topic
+    survey : Survey
+    sigma : float, optional
+        Of its ranges [m].
+    camera : str, optional
+        Of depth images.
+    pixel_stride : int
+        Of depth images.
+    no_return_range : float, optional
+        Up to where a beam without return is free if its message does not say [m].
+
+    Attributes
+    ----------
+    camera_topic : str or None
+        Where its cameras are from.
+    """
+
+    def __init__(
+        self,
+        bag: Bag,
+        topic: Topic,
+        survey: Survey,
+        *,
+        sigma: float | None = None,
+        camera: str | None = None,
+        pixel_stride: int = 1,
+        no_return_range: float | None = None,
+    ) -> None:
+        self.topic, self.sigma = topic, sigma
+        self.seen = survey.seen[topic.name]
+        self.camera_topic: str | None = None
+        self._no_return_range = no_return_range
+        self._pixel_stride = pixel_stride
+        self._cameras: tuple[np.ndarray[Any, Any], list[Camera]] | None = None
+        if topic.type in IMAGES:
+            first = bag.first(topic.name)
+            scale = image.scale_of(first)
+            if camera is not None:
+                self._cameras = np.zeros(1), [camera_of(camera, scale=scale)]
+            else:
+                self.camera_topic, self._cameras = _cameras(bag, survey, topic.name, first, scale)
+
+    @property
+    def is_planar(self) -> bool:
+        """Whether it measures in one plane."""
+        return self.topic.type in PLANAR
+
+    @property
+    def description(self) -> str:
+        """For reports."""
+        return f"{self.topic.name} ({short(self.topic.type)} in {self.seen.frame})"
+
+    def beams(self, message: Any, stamp: float) -> Beams:
+        """What a message measured; ValueError if it contradicts itself."""
+        kind = self.topic.type
+        if kind == LASER:
+            return laser_beams(message, self._no_return_range)
+        if kind == MULTI_ECHO_LASER:
+            return multi_echo_beams(message, self._no_return_range)
+        if kind == RANGE:
+            return range_beams(message, self._no_return_range)
+        if kind == POINT_CLOUD:
+            return cloud_beams(message, stamp)
+        if kind in LIVOX:
+            return livox.beams(message)
+        assert self._cameras is not None
+        stamps, cameras = self._cameras
+        return image.depth_beams(message, cameras[int(np.abs(stamps - stamp).argmin())], self._pixel_stride)
+
+
+def readable(bag: Bag) -> list[Topic]:
+    """Topics with measurements, the one to take if nobody says first.
+
+    By type: lasers, clouds, depth images, single ranges. Of one type the one whose name has the fewest parts,
+    and then by the alphabet.
+    """
+    topics = [
+        topic
+        for topic in bag.of_type(*SENSORS)
+        if topic.type not in IMAGES or image.has_depth(bag.first(topic.name))
+    ]
+    return sorted(topics, key=lambda one: (SENSORS.index(one.type), plain(one.name).count("/"), one.name))
+
+
+def chosen(bag: Bag, wanted: list[Wanted]) -> list[Topic]:
+    """The topics that were asked for."""
+    found = []
+    for one in wanted:
+        topic = bag.topic(one.name)
+        if topic is None:
+            raise ValueError(
+                f"{bag.path}: no topic {one.name}, expected one of {listed(bag.of_type(*SENSORS))}"
+            )
+        if topic.type not in SENSORS:
+            raise ValueError(
+                f"{bag.path}: topic {topic.name} is of type {topic.type}, expected {SENSOR_NAMES}"
+            )
+        if not topic.messages:
+            raise ValueError(f"{bag.path}: {topic.name}: no message, expected at least one")
+        if topic in found:
+            raise WrongOption(f"{bag.path}: topic {one.name}: is there twice")
+        found.append(topic)
+    return found
+
+
+def listed(topics: list[Topic]) -> str:
+    """Topics for errors."""
+    shown = [f"{topic.name} ({short(topic.type)})" for topic in topics[:12]]
+    return ", ".join(shown + ["..."] * (len(topics) > 12)) or "none"
+
+
+def _cameras(
+    bag: Bag, survey: Survey, topic: str, first: Any, scale: float
+) -> tuple[str, tuple[np.ndarray[Any, Any], list[Camera]]]:
+    """The topic with an image's cameras, and stamps and cameras in it."""
+    frame = plain(first.header.frame_id)
+    size = image.size_of(first)
+    by_topic: dict[str, tuple[list[float], list[Camera]]] = {}
+    for name, infos in survey.infos.items():
+        for stamp, message in infos:
+            is_alike = (message.width, message.height) == size
+            if is_alike and (image.is_beside(name, topic) or plain(message.header.frame_id) == frame):
+                stamps, cameras = by_topic.setdefault(name, ([], []))
+                stamps.append(stamp)
+                cameras.append(image.camera_of_info(message, scale))
+    if not by_topic:
+        raise ValueError(
+            f"{bag.path}: no CameraInfo of {size[0]} x {size[1]} pixels beside {topic} or in frame "
+            f"{frame}, expected one, or camera as fx,fy,cx,cy; found {', '.join(survey.infos) or 'none'}"
+        )
+    best = min(by_topic, key=lambda name: (not image.is_beside(name, topic), name))
+    return best, (np.array(by_topic[best][0]), by_topic[best][1])

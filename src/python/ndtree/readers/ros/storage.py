@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the files that bags consist of have in common, whoever wrote them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+
+#: What is called with the damage that reading ran into; it raises it, or notes it and lets reading go on.
+OnDamage = Callable[[ValueError], None]
+
+#: What is read of a message of which only stamp and frame are wanted [bytes].
+HEAD_BYTES = 512
+
+
+@dataclass(frozen=True)
+class Connection:
+    """What a file says of the messages of one topic from one writer.
+
+    Attributes
+    ----------
+    id : int
+        Its number in the file.
+    topic : str
+    type : str
+        As ROS 2 spells it: package/msg/Name.
+    encoding : {"ros1", "cdr"}
+        How its messages are packed.
+    definition : str or None
+        The text of its type where the file has it in the form of .msg files.
+    """
+
+    id: int
+    topic: str
+    type: str
+    encoding: str
+    definition: str | None = None
+
+
+@dataclass(frozen=True)
+class Raw:
+    """A message as it was recorded, or with less than all of `data` its beginning.
+
+    `received` is when it was recorded [ns].
+    """
+
+    connection: Connection
+    received: int
+    data: bytes
+
+
+class Storage(ABC):
+    """One file of a bag, open for reading.
+
+    Attributes
+    ----------
+    connections : list of Connection
+    counts : dict of int to int
+        Messages of each connection.
+    span : (int, int) or None
+        When the first and the last message were recorded [ns]; None where there is none.
+    damage : str or None
+        Why the file was read without its index, and what is missing then.
+    """
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self.connections: list[Connection] = []
+        self.counts: dict[int, int] = {}
+        self.span: tuple[int, int] | None = None
+        self.damage: str | None = None
+
+    @abstractmethod
+    def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
+        """Messages of some connections, in the order of recording; of `heads` the beginnings are enough."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Nothing can be read afterwards."""
+
+    def _count(self, id: int, received: int) -> None:
+        """Note a message that was found."""
+        self.counts[id] = self.counts.get(id, 0) + 1
+        self.span = (received, received) if self.span is None else (
+            min(self.span[0], received), max(self.span[1], received)
+        )  # fmt: skip
+
+
+def ros2_type(name: str) -> str:
+    """A type's name as ROS 2 spells it."""
+    package, _, type_ = name.rpartition("/")
+    return name if "/msg" in package else f"{package}/msg/{type_}"
+
+
+def line_of(error: Exception) -> str:
+    """What an exception says, in one line; its kind where it says nothing."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
