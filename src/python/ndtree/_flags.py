@@ -82,8 +82,8 @@ class Reading:
         self._check_format()
         return contents(path, format=self.format)
 
-    def open(self, path: Path, dim: int | None) -> Log:
-        """The log, or the part of it that was asked for."""
+    def open(self, path: Path, dim: int | None, max_range: float | None = None) -> Log:
+        """The log, or the part of it that was asked for; what met nothing is free up to `max_range` at most."""
         self._check_format()
         try:
             log = read(
@@ -96,6 +96,7 @@ class Reading:
             )
         except WrongOption as error:
             raise WrongCall(str(error)) from None
+        log.no_return_range = max_range
         if not self.selection:
             return log
         selection = dict(self.selection)

@@ -290,6 +290,28 @@ def calibrate(
     )
 
 
+def range_noise(scans: Iterable[Scan], *, max_range: float = math.inf) -> tuple[Estimate, Estimate] | None:
+    """Standard deviation of a range [m] and its growth with the squared range [1/m], as `calibrate` finds them.
+
+    Returns
+    -------
+    tuple of Estimate, or None
+        None where fewer than 100 beams returned, or several scans saw no flat surface.
+    """
+    generator = np.random.default_rng(SEED)
+    points = _Points(generator)
+    returned = 0
+    for i, scan in enumerate(scans):
+        one = _Beams(scan, math.inf)
+        returned += int(np.count_nonzero(one.hit))
+        points.add(one, i)
+    if returned < LEAST_BEAMS:
+        return None
+    points.finish()
+    noise = _noise(points, max_range, generator, no_progress)
+    return None if noise is None else (noise.sigma, noise.quadratic)
+
+
 # --- Reading ----------------------------------------------------------------------------------------
 
 

@@ -31,6 +31,7 @@ from ndtree.map_comparison import compare_maps
 from ndtree.maps import is_map, open_map
 from ndtree.readers import FORMATS, Log, simulate
 from ndtree.scan import Scan
+from ndtree.settings import Settings, settle
 from ndtree.writers import FORMATS as MAP_FORMATS
 from ndtree.writers import STATES as CELL_STATES
 from ndtree.writers import format_of
@@ -68,6 +69,7 @@ class World(str, Enum):
 class NoReturnKind(str, Enum):
     """What a beam without return says."""
 
+    auto = "auto"
     free = "free"
     ignore = "ignore"
 
@@ -95,7 +97,8 @@ MaxRange = Annotated[
     typer.Option(help="Longer beams are free space up to here \\[m]; else no limit.", show_default=False),
 ]
 NoReturnOption = Annotated[
-    NoReturnKind, typer.Option(help="What a beam without return says: free up to its end point, or nothing.")
+    NoReturnKind,
+    typer.Option(help="What a beam without return says: free up to its end point, or nothing; auto: see."),
 ]
 Port = Annotated[
     Optional[int],
@@ -166,7 +169,7 @@ def demo(
     ),
     dim: Dim = None,
     max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.free,
+    no_return: NoReturnOption = NoReturnKind.auto,
     scans: Scans = None,
     seed: Seed = 1,
     json_file: Json = None,
@@ -177,14 +180,16 @@ def demo(
 
     Without LOG it simulates an office.
     """
-    opened = _open(log, World.office if log is None else None, dim, reading, scans, seed)
+    opened = _open(log, World.office if log is None else None, dim, reading, scans, seed, max_range)
     size = options.get("min_cell_size", ndtree.default_options()["min_cell_size"])
     maps = ["adaptive", "fixed", f"fixed@{2 * size:g}"]
     if ndtree.has_octomap:
         maps.append("octomap")
     plot = _plot()
     _check_target(json_file)
-    comparison = _compare(opened, maps, options, max_range=max_range, no_return=no_return.value)
+    comparison = _compare(
+        opened, maps, options, max_range=max_range, no_return=no_return.value, json_file=json_file
+    )
     _warn_of_skipped(opened)
     if not _is_stdout(json_file):
         print(comparison)
@@ -227,31 +232,33 @@ def map_(
     ] = None,
     dim: Dim = None,
     max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.free,
+    no_return: NoReturnOption = NoReturnKind.auto,
     json_file: Json = None,
     options: Any = None,
     reading: Any = None,
 ) -> None:
     """Build a map from a log, and write it to a file."""
     begin = time.perf_counter()
-    opened = reading.open(log, dim)
+    limit = _limit(max_range)
+    opened = reading.open(log, dim, max_range)
     read_seconds = time.perf_counter() - begin
     plot = _plot() if picture else None
     for path in (output, json_file, record):
         _check_target(path)
     _check_picture(plot, picture)
-    limit = _limit(max_range)
-    target = _made(lambda: _new_map(opened.dim, fixed, options))
+    _made(lambda: _new_map(opened.dim, fixed, options))
+    settings = _settled(opened, options, limit, no_return.value, with_sigma=True)
+    target = _new_map(opened.dim, fixed, settings.options)
     report = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds, scans = 0.0, 0
     looking_on = _observers(watch, port, record, record_every)
     with looking_on as observers, mapping_progress(opened, target) as advance:
         for number, (scan, took) in enumerate(_timed(opened)):
             read_seconds += took
-            if no_return is NoReturnKind.ignore:
+            if settings.no_return == "ignore":
                 scan = scan.returned_only()
             try:
-                one = scan.insert_into(target, max_range=limit)
+                one = scan.insert_into(target, max_range=settings.max_range)
             except ValueError as error:
                 opened._skip("scans that cannot be mapped", ValueError(f"{log}: scan {number}: {error}"))
                 continue
@@ -272,6 +279,7 @@ def map_(
         "log": str(log),
         "format": opened.format,
         "uses": opened.uses,
+        "chosen": None if settings.look is None else settings.look.figures(),
         "scans": scans,
         "beams": report,
         "seconds": seconds,
@@ -281,9 +289,12 @@ def map_(
     }
     if not _is_stdout(json_file):
         print(f"{log}: {scans} scans, {_beams(report)}")
+        for line in ([f"uses {opened.uses}"] if opened.uses else []) + settings.lines():
+            print(f"  {line}")
         _print_map(target)
         written = " and ".join(str(path) for path in (output, picture, record) if path)
         print(f"read in {read_seconds:.3f} s, inserted in {seconds:.3f} s; wrote {written}")
+        print(f"look at it: ndtree view {output} --open")
     _write_json(figures, json_file)
     _warn_of_skipped(opened)
     if watch:
@@ -326,7 +337,7 @@ def compare_(
     repeat: Repeat = 1,
     dim: Dim = None,
     max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.free,
+    no_return: NoReturnOption = NoReturnKind.auto,
     scans: Scans = None,
     seed: Seed = 1,
     json_file: Json = None,
@@ -349,7 +360,7 @@ def compare_(
         return
     if (log is None) == (world is None):
         raise WrongCall("compare: expected either LOG or --world")
-    opened = _open(log, world, dim, reading, scans, seed)
+    opened = _open(log, world, dim, reading, scans, seed, max_range)
     names = [name.strip() for name in maps.split(",")] if maps is not None else None
     plot = _plot() if picture else None
     for path in (json_file, csv_file):
@@ -365,6 +376,7 @@ def compare_(
         no_return=no_return.value,
         held_out=held_out,
         repeat=repeat,
+        json_file=json_file or csv_file,
     )
     _warn_of_skipped(opened)
     if plot and picture:
@@ -387,7 +399,7 @@ def calibrate(
     log: GivenLog,
     dim: Dim = None,
     max_range: MaxRange = None,
-    no_return: NoReturnOption = NoReturnKind.free,
+    no_return: NoReturnOption = NoReturnKind.auto,
     limit: Annotated[
         Optional[int], typer.Option(min=1, help="Only so many scans from the beginning.", show_default=False)
     ] = None,
@@ -395,12 +407,19 @@ def calibrate(
     reading: Any = None,
 ) -> None:
     """Estimate the options of the sensor from a log: the noise of its ranges, and its error rates."""
-    opened = reading.open(log, dim)
-    _check_target(json_file)
     far = _limit(max_range)
+    opened = reading.open(log, dim, max_range)
+    _check_target(json_file)
+    settings = _settled(opened, {}, far, no_return.value)
+    if not _is_stdout(json_file):
+        _print_settings(opened, settings)
     with progress() as advance:
         figures = ndtree.calibrate(
-            opened, max_range=far, no_return=no_return.value, limit=limit, progress=advance
+            opened,
+            max_range=settings.max_range,
+            no_return=settings.no_return,
+            limit=limit,
+            progress=advance,
         )
     _warn_of_skipped(opened)
     if not _is_stdout(json_file):
@@ -582,11 +601,12 @@ def _open(
     reading: Reading,
     scans: Optional[int] = None,
     seed: int = 1,
+    max_range: Optional[float] = None,
 ) -> Log:
     if path is not None:
         if scans is not None:
             raise WrongCall("--scans: is for simulated logs only")
-        return reading.open(path, dim)
+        return reading.open(path, dim, max_range)
     if world is None:
         raise WrongCall("expected a LOG")
     reading.require_none(f"the simulated {world.value}")
@@ -652,12 +672,34 @@ def _new_map(dim: int, fixed: bool, options: dict[str, Any]) -> OccupancyMap:
     )
 
 
+def _settled(
+    log: Log, options: dict[str, Any], max_range: float, no_return: str, *, with_sigma: bool = False
+) -> Settings:
+    with progress() as advance:
+        return settle(
+            log,
+            options=options,
+            max_range=max_range,
+            no_return=no_return,
+            with_sigma=with_sigma,
+            progress=advance,
+        )
+
+
+def _print_settings(log: Log, settings: Settings) -> None:
+    """What was chosen, before what it was chosen for."""
+    for line in settings.lines():
+        print(f"{log.name}: {line}")
+
+
 def _compare(
     log: Log,
     maps: Optional[Sequence[str]],
     options: dict[str, Any],
     *,
     max_range: Optional[float],
+    no_return: str,
+    json_file: Optional[Path],
     **more: Any,
 ) -> Comparison:
     limit = _limit(max_range)
@@ -670,9 +712,15 @@ def _compare(
     size = settings.pop("min_cell_size", None)
     for name in maps:
         _made(functools.partial(make_map, name, dim=log.dim, cell_size=size, **settings))
+    settings = _settled(log, options, limit, no_return)
+    if not _is_stdout(json_file):
+        _print_settings(log, settings)
+    limit, no_return = settings.max_range, settings.no_return
     with progress() as advance:
         try:
-            return compare(log, maps, max_range=limit, progress=advance, **more, **options)
+            return compare(
+                log, maps, max_range=limit, no_return=no_return, progress=advance, **more, **options
+            )
         except ValueError as error:
             if str(error).startswith(log.name):
                 raise

@@ -58,10 +58,14 @@ class Log(ABC):
     strict : bool
         Raise for scans whose pose is not known, and for files that end too early, instead of leaving out what
         cannot be used.
+    no_return_range : float or None
+        Up to where a beam that met nothing is free [m] if the log does not say; None: it says nothing then.
     notes : list of str
         What the reader decided, and a user should know, each in one line.
     knows_no_returns : bool
         Whether the scans may say of beams that nothing was hit.
+    is_depth_camera : bool
+        Whether ranges are from structured light or stereo, whose noise grows with the squared range.
     skipped : dict of str to Skipped
         By kind, what the last loop has passed over so far.
     """
@@ -69,12 +73,14 @@ class Log(ABC):
     format: str
     uses: str = ""
     knows_no_returns = True
+    is_depth_camera = False
 
     def __init__(self, path: str | None, dim: int) -> None:
         self.path = path
         self.dim = dim
         self.keep_going = False
         self.strict = False
+        self.no_return_range: float | None = None
         self.notes: list[str] = []
         self.skipped: dict[str, Skipped] = {}
         self._done = 0

@@ -14,7 +14,7 @@ from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE, check_stride
 from ndtree.readers.folder import TIME_OFFSET
 from ndtree.readers.log import SizedLog
 from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, Bag, Topic, open_bag
-from ndtree.readers.ros.beams import IMAGES, SENSORS, stamp_of
+from ndtree.readers.ros.beams import IMAGES, SENSORS, Beams, stamp_of
 from ndtree.readers.ros.deskew import in_map
 from ndtree.readers.ros.head import head_of
 from ndtree.readers.ros.outline import outline
@@ -23,6 +23,7 @@ from ndtree.readers.ros.sensors import SENSOR_NAMES, Sensor, Wanted, chosen, lis
 from ndtree.readers.ros.storage import Raw
 from ndtree.readers.ros.survey import ODOMETRY as ODOMETRY_TYPE
 from ndtree.readers.ros.survey import POSE_NAMES, POSES, Survey
+from ndtree.readers.ros.sweep import AS_SAID, GROUP, OFF, Sweep, sharpest, turning
 from ndtree.readers.source import Format, ReaderOption, Source, WrongOption
 from ndtree.readers.trajectory import TRAJECTORY, NoPose
 from ndtree.readers.transforms import plain
@@ -43,9 +44,6 @@ SENSOR_FRAME = ReaderOption(
 )
 BASE_FRAME = ReaderOption("base_frame", str, "Of a ROS bag: frame of the mount, or that the poses are of.")
 DESKEW = ReaderOption("deskew", bool, "Of a ROS bag: each beam from the pose of its own time (default).")
-NO_RETURN_RANGE = ReaderOption(
-    "no_return_range", float, "Of a ROS bag: up to where +inf is free if range_max is infinite [m]."
-)
 
 #: A laser is planar if it tilts no more than this at half of the times, and than that at all but 5 % [rad],
 #: and keeps its height so well [m]. So many times are looked at.
@@ -82,7 +80,6 @@ class RosbagLog(SizedLog):
         base_frame: str | None = None,
         time_offset: float = 0.0,
         deskew: bool = True,
-        no_return_range: float | None = None,
         camera: str | None = None,
         pixel_stride: int = 1,
     ) -> None:
@@ -93,13 +90,11 @@ class RosbagLog(SizedLog):
         given += ["still"] if still and given != ["fixed_frame"] else []
         if len(given) > 1:
             raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
-        if no_return_range is not None and not 0 < no_return_range < np.inf:
-            raise WrongOption(f"no_return_range = {no_return_range:g} m: must be > 0 and finite")
         if not np.isfinite(time_offset):
             raise WrongOption(f"time_offset = {time_offset:g} s: must be finite")
         check_stride(pixel_stride)
         wanted = [Wanted.of(one) for one in ([topic] if isinstance(topic, str) else topic or [])]
-        self._time_offset, self._deskew = float(time_offset), deskew
+        self._time_offset = float(time_offset)
         notes: list[str] = []
         with open_bag(path) as bag:
             self._damage = bag.damage
@@ -129,7 +124,6 @@ class RosbagLog(SizedLog):
             self.sensors = [
                 Sensor(
                     bag, one, survey, sigma=want.sigma, camera=camera, pixel_stride=pixel_stride,
-                    no_return_range=no_return_range,
                 )
                 for one, want in zip(topics, wanted)
             ]  # fmt: skip
@@ -143,8 +137,9 @@ class RosbagLog(SizedLog):
             + first.origin
         )
         super().__init__(path, dim=self._dimension(path, dim))
+        self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
-        self.notes = [*notes, *first.notes, *self._damage, *self._wrong_sweeps()]
+        self.notes = [*notes, *first.notes, *self._damage, *self._understood_sweeps(deskew)]
         self.fixed_note = len(self.notes)
 
     def __len__(self) -> int:
@@ -189,29 +184,67 @@ class RosbagLog(SizedLog):
         low, high = np.percentile(heights, (2.5, 97.5))
         return bool(usual <= PLANAR_TILT and most <= PLANAR_MOST_TILT and high - low <= PLANAR_HEIGHT)
 
-    def _wrong_sweeps(self) -> list[str]:
-        """A line for each sensor whose beams would take longer than the time from scan to scan."""
-        self._unswept: set[str] = set()
+    def _understood_sweeps(self, deskew: bool) -> list[str]:
+        """Decide what the times of each sensor's beams mean; a line for each that is not what messages say."""
+        self._sweeps: dict[str, Sweep] = {}
         lines: list[str] = []
-        if not self._deskew:
-            return lines
-        with open_bag(self.path) as bag:
-            for sensor in self.sensors:
-                if sensor.topic.type in IMAGES or not sensor.seen.interval:
+        for sensor in self.sensors:
+            name = sensor.topic.name
+            self._sweeps[name] = AS_SAID if deskew else OFF
+            if not deskew or sensor.topic.type in IMAGES:
+                continue
+            with open_bag(self.path) as bag:
+                lasts = self._sweep_of(bag, sensor)
+                if not lasts:
                     continue
-                try:
-                    message = bag.first(sensor.topic.name)
-                    times = sensor.beams(message, stamp_of(message, 0)).times
-                except ValueError:
-                    continue
-                sweep = 0.0 if times is None or not len(times) else float(np.ptp(times))
-                if sweep > LONGER_THAN_INTERVAL * sensor.seen.interval:
-                    self._unswept.add(sensor.topic.name)
+                if sensor.seen.interval and lasts > LONGER_THAN_INTERVAL * sensor.seen.interval:
+                    self._sweeps[name] = OFF
                     lines.append(
-                        f"{sensor.topic.name}: the times of its beams last {sweep:.3f} s, but a scan comes every "
-                        f"{sensor.seen.interval:.3f} s: they are not used"
+                        f"{name}: its beams would take {lasts:.3f} s, but a scan comes every "
+                        f"{sensor.seen.interval:.3f} s: their times are not used"
+                    )
+                    continue
+                place = self._places[name]
+                stamps = np.array(sensor.seen.stamps)
+                starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
+                groups = self._groups(bag, sensor, starts)
+            if groups:
+                sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups)
+                self._sweeps[name] = sweep
+                if sweep is not AS_SAID:
+                    lines.append(
+                        f"{name}: {sweep.name}: so scans agree better than as their messages say "
+                        f"({100 * (1 - gain):.0f} % fewer cells)"
                     )
         return lines
+
+    def _sweep_of(self, bag: Bag, sensor: Sensor) -> float:
+        """How long the first whole message's beams take [s]; 0 where all are measured at once."""
+        try:
+            message = bag.first(sensor.topic.name)
+            times = sensor.beams(message, stamp_of(message, 0)).times
+        except ValueError:
+            return 0.0
+        return 0.0 if times is None or not len(times) else float(np.ptp(times))
+
+    def _groups(self, bag: Bag, sensor: Sensor, starts: list[int]) -> list[list[tuple[Beams, float]]]:
+        """Scans that follow each other from some numbers on."""
+        if not starts:
+            return []
+        groups: dict[int, list[tuple[Beams, float]]] = {start: [] for start in starts}
+        wanted = {start + i: start for start in starts for i in range(GROUP)}
+        for number, raw in enumerate(bag.messages([sensor.topic.name], on_damage=lambda error: None)):
+            if number > starts[-1] + GROUP:
+                break
+            if number in wanted:
+                try:
+                    message = bag.decoded(raw)
+                    stamp = stamp_of(message, raw.received)
+                    beams = sensor.beams(message, stamp)
+                except ValueError:
+                    continue
+                groups[wanted[number]].append((beams, stamp + self._time_offset))
+        return [group for group in groups.values() if len(group) > 1]
 
     def _scans(self) -> Iterator[Scan]:
         by_name = {sensor.topic.name: sensor for sensor in self.sensors}
@@ -234,12 +267,10 @@ class RosbagLog(SizedLog):
                         raise ValueError(f"is of type {raw.connection.type}, expected {SENSOR_NAMES}")
                     message = bag.decoded(raw)
                     stamp = stamp_of(message, raw.received)
-                    beams = sensor.beams(message, stamp)
+                    beams = self._sweeps[name].applied(sensor.beams(message, stamp, self.no_return_range))
                 except ValueError as error:
                     self._skip("damaged messages", ValueError(f"{where}: {error}"))
                     continue
-                if not self._deskew or name in self._unswept:
-                    beams = type(beams)(beams.points, beams.returned, None, beams.endless)
                 frame = plain(message.header.frame_id) if place.is_own else place.frame
                 try:
                     ends, origins = in_map(
@@ -335,7 +366,7 @@ ROSBAG = Format(
     _open,
     options=(
         TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
-        TIME_OFFSET, DESKEW, NO_RETURN_RANGE, CAMERA, PIXEL_STRIDE,
+        TIME_OFFSET, DESKEW, CAMERA, PIXEL_STRIDE,
     ),
     stored_as="either",
     contents=_contents,

@@ -34,6 +34,7 @@ class SelectedLog(Log):
         super().__init__(log.path, log.dim)
         self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
         self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
+        self.is_depth_camera = log.is_depth_camera
         self.skipped = log.skipped
         self._log = log
         for name, value in (("every", every), ("stride", stride)):

@@ -45,6 +45,7 @@ class TumRgbdLog(FolderLog):
         Added to the images' times before their poses are looked up [s].
     """
 
+    is_depth_camera = True
     format = "tum_rgbd"
 
     def __init__(

@@ -14,6 +14,8 @@ from ndtree.readers.ros.beams import Beams, Floats
 
 #: A laser that turns this far [rad] looks all around.
 FULL_TURN = math.radians(350)
+#: So many beams of a message at exactly range_max are not measured there.
+LEAST_CUT_OFF = 2
 #: No sensor takes longer for one scan [s]; what says so is in another unit.
 LONGEST_SWEEP = 1.0
 
@@ -23,7 +25,8 @@ def laser_beams(message: Any, no_return_range: float | None = None) -> Beams:
 
     A range within [range_min, range_max] is a surface. +inf is no return: free up to range_max, and where
     that is no length, up to `no_return_range` [m] if it is given. NaN, -inf (too close to be measured) and
-    other ranges are invalid.
+    other ranges are invalid. Several beams of a message at exactly range_max did not return either: a driver
+    cut them off there.
 
     A beam's time is that of the message and its number times time_increment. Of a laser that looks all
     around and has no time_increment, but a scan_time, the beams are spread over that.
@@ -67,9 +70,12 @@ def _measured(
     times: Floats | None,
     no_return_range: float | None,
 ) -> Beams:
-    returned = (ranges >= message.range_min) & (ranges <= message.range_max) & np.isfinite(ranges)
-    length = np.where(returned, ranges, np.nan).astype(np.float64)
     silent = np.isposinf(ranges)
+    cut_off = ranges == np.float32(message.range_max)
+    if np.count_nonzero(cut_off) >= LEAST_CUT_OFF:  # What is measured does not come twice to the last bit.
+        silent |= cut_off & np.isfinite(ranges)
+    returned = (ranges >= message.range_min) & (ranges <= message.range_max) & np.isfinite(ranges) & ~silent
+    length = np.where(returned, ranges, np.nan).astype(np.float64)
     limit = message.range_max if 0 < message.range_max < np.inf else no_return_range
     endless = 0
     if limit is not None:

@@ -68,8 +68,6 @@ class Sensor:
         Of depth images.
     pixel_stride : int
         Of depth images.
-    no_return_range : float, optional
-        Up to where a beam without return is free if its message does not say [m].
 
     Attributes
     ----------
@@ -86,12 +84,10 @@ class Sensor:
         sigma: float | None = None,
         camera: str | None = None,
         pixel_stride: int = 1,
-        no_return_range: float | None = None,
     ) -> None:
         self.topic, self.sigma = topic, sigma
         self.seen = survey.seen[topic.name]
         self.camera_topic: str | None = None
-        self._no_return_range = no_return_range
         self._pixel_stride = pixel_stride
         self._cameras: tuple[np.ndarray[Any, Any], list[Camera]] | None = None
         if topic.type in IMAGES:
@@ -112,15 +108,18 @@ class Sensor:
         """For reports."""
         return f"{self.topic.name} ({short(self.topic.type)} in {self.seen.frame})"
 
-    def beams(self, message: Any, stamp: float) -> Beams:
-        """What a message measured; ValueError if it contradicts itself."""
+    def beams(self, message: Any, stamp: float, no_return_range: float | None = None) -> Beams:
+        """What a message measured; ValueError if it contradicts itself.
+
+        `no_return_range` is up to where a beam without return is free if the message does not say [m].
+        """
         kind = self.topic.type
         if kind == LASER:
-            return laser_beams(message, self._no_return_range)
+            return laser_beams(message, no_return_range)
         if kind == MULTI_ECHO_LASER:
-            return multi_echo_beams(message, self._no_return_range)
+            return multi_echo_beams(message, no_return_range)
         if kind == RANGE:
-            return range_beams(message, self._no_return_range)
+            return range_beams(message, no_return_range)
         if kind == POINT_CLOUD:
             return cloud_beams(message, stamp)
         if kind in LIVOX:

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A first look at a log: the options with which it should be mapped."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ndtree import _core
+from ndtree.calibration import range_noise
+from ndtree.comparison import Progress, no_progress
+from ndtree.no_returns import NoReturns, judge
+from ndtree.readers.log import Log
+from ndtree.sampling import spread
+from ndtree.scan import Scan
+
+#: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
+#: with the squared range [1/m].
+DEPTH_CAMERA = (0.005, 0.0015)
+#: A sigma is chosen between these [m]: poses are hardly better, and worse ones are not the sensor's noise.
+SIGMA_LIMITS = (0.005, 0.1)
+#: Of the longest range that was measured, how far beams without return are believed.
+BELIEVED = 1.2
+
+
+@dataclass(frozen=True)
+class FirstLook:
+    """What `first_look` found.
+
+    Parameters
+    ----------
+    dim, scans, beams : int
+    range_sigma, range_sigma_quadratic : float
+        Standard deviation of a range [m], and its growth with the squared range [1/m].
+    is_measured : bool
+        The noise is from the log; else it is what such sensors usually have.
+    no_returns : NoReturns
+        What beams without return say, and why.
+    max_range : float
+        How far they are believed [m]; infinite where it does not matter.
+    seconds, memory_bytes : float
+        That mapping will take, about.
+    """
+
+    dim: int
+    scans: int
+    beams: int
+    range_sigma: float
+    range_sigma_quadratic: float
+    is_measured: bool
+    no_returns: NoReturns
+    max_range: float
+    seconds: float
+    memory_bytes: float
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Keywords for `AdaptiveMap`."""
+        options = {"range_sigma": self.range_sigma}
+        if self.range_sigma_quadratic:
+            options["range_sigma_quadratic"] = self.range_sigma_quadratic
+        return options
+
+    def figures(self) -> dict[str, Any]:
+        """All of it as plain numbers, ready for JSON."""
+        return {
+            "dim": self.dim,
+            **self.options,
+            "is_measured": self.is_measured,
+            "no_return": self.no_returns.choice,
+            "no_return_beams": self.no_returns.beams,
+            "no_return_crossing": self.no_returns.crossing,
+            "no_return_expected": self.no_returns.expected,
+            "max_range": self.max_range if math.isfinite(self.max_range) else None,
+            "seconds": self.seconds,
+            "memory_bytes": self.memory_bytes,
+        }
+
+
+def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
+    """Read a log once, and find the options with which it should be mapped.
+
+    160 to 320 scans from all over the log are looked at, in runs of four. The noise of the ranges is measured
+    as by `calibrate`. What beams without return say is decided by `ndtree.no_returns.judge`; where they are
+    believed, then up to 1.2 times the longest range that was measured.
+
+    Parameters
+    ----------
+    log : Log
+    progress : callable, optional
+        Called as ``progress(what, done, total)``.
+
+    Raises
+    ------
+    ValueError
+        If the log has no scans, or is damaged.
+    """
+    report = progress or no_progress
+    total = len(log) if hasattr(log, "__len__") else 0
+    runs, scans, beams = spread(log, lambda done: report("looking at the log", done, total))
+    sample = [scan for run in runs for scan in run]
+    if not sample:
+        raise ValueError(f"{log.name}: no scans, expected at least one")
+    noise = range_noise(sample)
+    if noise is not None:
+        sigma, quadratic = noise[0].value, noise[1].value
+    elif log.is_depth_camera:
+        sigma, quadratic = DEPTH_CAMERA
+    else:
+        sigma, quadratic = _core.default_options()["range_sigma"], 0.0
+    sigma = _rounded(min(max(sigma, SIGMA_LIMITS[0]), SIGMA_LIMITS[1]))
+    quadratic = _rounded(quadratic)
+    said = judge(sample)
+    limit = math.inf
+    longest = max((float(scan.returned_beams()[2].max(initial=0.0)) for scan in sample), default=0.0)
+    if said.choice == "free" and said.share > 0 and longest > 0:
+        limit = _rounded(BELIEVED * longest)
+    seconds, memory = _tried(sample, sigma, quadratic, said.choice, limit)
+    share = sum(len(scan) for scan in sample) / max(beams, 1)
+    return FirstLook(
+        dim=log.dim,
+        scans=scans,
+        beams=beams,
+        range_sigma=sigma,
+        range_sigma_quadratic=quadratic,
+        is_measured=noise is not None,
+        no_returns=said,
+        max_range=limit,
+        seconds=seconds / max(share, 1e-9),
+        memory_bytes=memory,
+    )
+
+
+def _tried(
+    sample: list[Scan], sigma: float, quadratic: float, no_return: str, limit: float
+) -> tuple[float, float]:
+    """Time [s] and memory [bytes] that the sample itself takes."""
+    m = _core.AdaptiveMap(dim=sample[0].dim, range_sigma=sigma, range_sigma_quadratic=quadratic)
+    begin = time.perf_counter()
+    for scan in sample[:: max(1, len(sample) // 80)]:
+        one = scan.returned_only() if no_return == "ignore" else scan
+        one.insert_into(m, max_range=limit)
+    took = time.perf_counter() - begin
+    return took * max(1, len(sample) // 80), float(m.stats().memory_bytes)
+
+
+def _rounded(value: float) -> float:
+    """To two digits, as a person would type it."""
+    if not value or not np.isfinite(value):
+        return value
+    return float(f"{value:.2g}")

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""With which options the commands map a log: those that were given, and for the rest what the log says."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from ndtree.comparison import Progress
+from ndtree.first_look import FirstLook, first_look
+from ndtree.readers import Log, SimulatedLog
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a log is mapped.
+
+    Parameters
+    ----------
+    options : dict
+        Of the map.
+    max_range : float
+        Infinite for no limit [m].
+    no_return : {"free", "ignore"}
+    chosen : tuple of str
+        Flags that were not given, as one would type them.
+    look : FirstLook or None
+        What they are from.
+    """
+
+    options: dict[str, Any]
+    max_range: float
+    no_return: str
+    chosen: tuple[str, ...] = ()
+    look: FirstLook | None = field(default=None, compare=False)
+
+    def lines(self) -> list[str]:
+        """What was chosen and why, for people."""
+        if self.look is None:
+            return []
+        how = "measured on this log" if self.look.is_measured else "usual for such sensors"
+        lines = [f"chosen: {' '.join(self.chosen)}"]
+        if any(flag.startswith("--range-sigma ") for flag in self.chosen):
+            lines[0] += f" (sigma is {how})"
+        if any(flag.startswith("--no-return ") for flag in self.chosen):
+            lines.append(str(self.look.no_returns))
+        return lines
+
+
+def settle(
+    log: Log,
+    *,
+    options: dict[str, Any],
+    max_range: float,
+    no_return: str,
+    with_sigma: bool,
+    progress: Progress | None = None,
+) -> Settings:
+    """Complete what a user said of mapping a log; the log is read for it where anything is left open.
+
+    Parameters
+    ----------
+    log : Log
+    options : dict
+        Of the map, as they were given.
+    max_range : float
+        Infinite where it was not given [m].
+    no_return : {"free", "ignore", "auto"}
+        With "auto" the log decides. Simulated logs mean what they say: "free".
+    with_sigma : bool
+        Whether the noise of the ranges is chosen, too, where it was not given.
+    progress : callable, optional
+        As for `first_look`.
+    """
+    is_simulated = isinstance(log, SimulatedLog)
+    choose_sigma = with_sigma and not is_simulated
+    choose_sigma &= not {"range_sigma", "range_sigma_quadratic"} & options.keys()
+    choose_no_return = no_return == AUTO and log.knows_no_returns and not is_simulated
+    if not (choose_sigma or choose_no_return):
+        return Settings(options, max_range, "free" if no_return == AUTO else no_return)
+    look = first_look(log, progress=progress)
+    flags = [f"--dim {look.dim}"]
+    if choose_sigma:
+        options = {**options, **look.options}
+        flags += [f"--{name.replace('_', '-')} {value:g}" for name, value in look.options.items()]
+    if choose_no_return:
+        no_return = look.no_returns.choice
+        flags.append(f"--no-return {no_return}")
+        if math.isinf(max_range) and math.isfinite(look.max_range):
+            max_range = look.max_range
+            flags.append(f"--max-range {max_range:g}")
+    elif no_return == AUTO:
+        no_return = "free"
+    return Settings(options, max_range, no_return, tuple(flags), look)
