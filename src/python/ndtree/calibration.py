@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ndtree import _core
 from ndtree.comparison import NO_RETURN, is_held_out, no_progress
+from ndtree.no_returns import AUTO, believed
 from ndtree.readers.log import Log
 from ndtree.scan import Scan
 
@@ -181,7 +182,7 @@ def calibrate(
     log: Log | Iterable[Scan],
     *,
     max_range: float = math.inf,
-    no_return: str = "free",
+    no_return: str = AUTO,
     min_cell_size: float | None = None,
     limit: int | None = None,
     progress: Progress | None = None,
@@ -196,7 +197,8 @@ def calibrate(
     max_range : float
         Longer beams say only that the space up to there is free [m].
     no_return : str
-        What a beam without return says: "free", that space is free up to its end point; "ignore", nothing.
+        What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
+        "auto", of a log from a file what `ndtree.no_returns.judge` finds, else "free".
     min_cell_size : float, optional
         Of the map that the error rates are from [m]. Left out: the adaptive map's own default.
     limit : int, optional
@@ -243,6 +245,8 @@ def calibrate(
     cell = _core.default_options()["min_cell_size"] if min_cell_size is None else float(min_cell_size)
     if not (cell > 0 and math.isfinite(cell)):
         raise ValueError(f"min_cell_size = {cell:g} m: must be > 0 and finite")
+    if no_return == AUTO:
+        no_return = believed(log, log)
     if not isinstance(log, Log):
         log = _Scans(log)
     source = _Source(log, limit, progress or no_progress)

@@ -29,6 +29,7 @@ from ndtree.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
 from ndtree.files import replaced
 from ndtree.map_comparison import compare_maps
 from ndtree.maps import is_map, open_map
+from ndtree.prospect import prospect_of
 from ndtree.readers import FORMATS, Log, simulate
 from ndtree.scan import Scan
 from ndtree.settings import Settings, settle
@@ -411,8 +412,6 @@ def calibrate(
     opened = reading.open(log, dim, max_range)
     _check_target(json_file)
     settings = _settled(opened, {}, far, no_return.value)
-    if not _is_stdout(json_file):
-        _print_settings(opened, settings)
     with progress() as advance:
         figures = ndtree.calibrate(
             opened,
@@ -423,6 +422,7 @@ def calibrate(
         )
     _warn_of_skipped(opened)
     if not _is_stdout(json_file):
+        _print_settings(opened, settings)
         print(figures)
         flags = [f"--{name.replace('_', '-')} {value:.3g}" for name, value in figures.options().items()]
         if flags:
@@ -581,6 +581,13 @@ def info(
         figures = {**_log_figures(opened), "contents": held, "skipped": _skipped(opened)}
         if not _is_stdout(json_file):
             _print_log(figures)
+        if opened.is_raw:
+            with progress() as advance:
+                prospect = prospect_of(opened, progress=advance)
+            figures["prospect"] = prospect.figures()
+            if not _is_stdout(json_file):
+                for line in prospect.lines():
+                    print(f"  {line}")
         _warn_of_skipped(opened)
     _write_json(figures, json_file)
 
@@ -713,18 +720,19 @@ def _compare(
     for name in maps:
         _made(functools.partial(make_map, name, dim=log.dim, cell_size=size, **settings))
     settings = _settled(log, options, limit, no_return)
-    if not _is_stdout(json_file):
-        _print_settings(log, settings)
     limit, no_return = settings.max_range, settings.no_return
     with progress() as advance:
         try:
-            return compare(
+            found = compare(
                 log, maps, max_range=limit, no_return=no_return, progress=advance, **more, **options
             )
         except ValueError as error:
             if str(error).startswith(log.name):
                 raise
             raise ValueError(f"{log.name}: {error}") from None
+    if not _is_stdout(json_file):
+        _print_settings(log, settings)
+    return found
 
 
 def _compare_two(
@@ -800,6 +808,9 @@ def _print_map(m: OccupancyMap) -> None:
         print(f"  cells of {row['size']:g} m: {row['observed']}")
 
 
+#: Frames of a bag that are printed.
+FRAME_LINES = 60
+
 #: The median range of longer logs is that of every second, fourth, ... beam.
 RANGE_SAMPLE = 2_000_000
 
@@ -853,13 +864,27 @@ def _print_contents(path: Path, held: dict[str, Any]) -> None:
     start, end = held["start"], held["end"]
     print(f"{path}: {end - start:.1f} s from {start:.3f} to {end:.3f} s")
     rows = [
-        (topic["topic"], topic["type"], str(topic["messages"]), topic["frame"] or "")
+        (
+            topic["topic"],
+            topic["type"],
+            str(topic["messages"]),
+            topic["frame"] or "",
+            "" if topic["rate"] is None else f"{topic['rate']:.3g} Hz",
+        )
         for topic in held["topics"]
     ]
-    widths = [max((len(row[i]) for row in rows), default=0) for i in range(3)]
-    for name, type_, messages, frame in rows:
-        line = f"  {name:<{widths[0]}}  {type_:<{widths[1]}}  {messages:>{widths[2]}}  {frame}"
+    widths = [max((len(row[i]) for row in rows), default=0) for i in range(4)]
+    for name, type_, messages, frame, rate in rows:
+        line = f"  {name:<{widths[0]}}  {type_:<{widths[1]}}  {messages:>{widths[2]}}  {frame:<{widths[3]}}  {rate}"
         print(line.rstrip())
+    if held["frames"]:
+        print("  frames:")
+        for line in held["frames"][:FRAME_LINES]:
+            print(f"    {line}")
+        if len(held["frames"]) > FRAME_LINES:
+            print(f"    ... and {len(held['frames']) - FRAME_LINES} more")
+    for line in held["damage"]:
+        print(f"  {line}")
 
 
 def _print_log(figures: dict[str, Any]) -> None:

@@ -20,6 +20,7 @@ from ndtree import _core
 from ndtree._core import OccupancyMap
 from ndtree._options import make_map
 from ndtree.exact_truth import FOUND_WITHIN, NEAR_SURFACE, ExactTruth
+from ndtree.no_returns import AUTO, believed
 from ndtree.readers.log import Log
 from ndtree.readers.simulated import SimulatedLog
 from ndtree.scan import Scan
@@ -29,7 +30,7 @@ Maps = Union[Sequence[str], Mapping[str, MapMaker]]
 Progress = Callable[[str, int, int], None]
 
 DEFAULT_MAPS = ("adaptive", "fixed", "octomap") if _core.has_octomap else ("adaptive", "fixed")
-NO_RETURN = ("free", "ignore")
+NO_RETURN = ("free", "ignore", AUTO)
 OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
 CLAIMED = ("points", "seen", "free", "free_and_unseen", "unknown_and_seen")
 SHARES_OF_VOLUME = ("free_unseen", "seen_unknown", "wrong_volume")
@@ -74,7 +75,7 @@ def compare(
     *,
     held_out: int = 10,
     max_range: float = math.inf,
-    no_return: str = "free",
+    no_return: str = AUTO,
     repeat: int = 1,
     cell_size: float | None = None,
     progress: Progress | None = None,
@@ -96,7 +97,8 @@ def compare(
     max_range : float
         Longer beams say only that the space up to there is free [m].
     no_return : str
-        What a beam without return says: "free", that space is free up to its end point; "ignore", nothing.
+        What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
+        "auto", of a log from a file what `ndtree.no_returns.judge` finds, else "free".
     repeat : int
         How often each map is made, in turns, for the times. Updates and cells do not depend on it.
     cell_size : float, optional
@@ -143,6 +145,8 @@ def compare(
         cell_size = options.pop("min_cell_size")
     progress = progress or no_progress
     scans = _loaded(log, progress)
+    if no_return == AUTO:
+        no_return = believed(log, scans)
     if no_return == "ignore":
         scans = [scan.returned_only() for scan in scans]
     dim = scans[0].dim

@@ -4,17 +4,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ndtree import _core
+from ndtree.readers.log import Log
+from ndtree.sampling import spread
 from ndtree.scan import Scan
 
 Floats = NDArray[np.float64]
 
+#: The log decides.
+AUTO = "auto"
 #: Edge of the cells in which surfaces are noted, by dimension [m], and how far before its own end a beam may
 #: touch one, in cells.
 CELL, MARGIN = {2: 0.1, 3: 0.2}, 3.0
@@ -123,6 +127,19 @@ def judge(scans: Sequence[Scan]) -> NoReturns:
     if beams >= LEAST_BEAMS and found.wrong >= MOST_WRONG:
         return NoReturns("ignore", int(beams), crossing / beams, expected, silent_share)
     return found
+
+
+def believed(log: object, scans: Iterable[Scan]) -> str:
+    """What "auto" stands for with the scans of a log: "free" or "ignore".
+
+    Of logs from files `judge` decides on a sample. Scans that were simulated, or that a program has made, mean
+    what they say.
+    """
+    is_from_file = isinstance(log, Log) and log.path is not None
+    if not (is_from_file and log.knows_no_returns):
+        return "free"
+    runs, _, _ = spread(scans)
+    return judge([scan for run in runs for scan in run]).choice
 
 
 def _count(

@@ -5,12 +5,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+import numpy as np
+
 from ndtree.scan import Scan
 
 #: Scans in a row, so that some of them see the same, and so many of these runs at least.
 RUN, RUNS = 4, 40
 #: Beams kept of a scan.
 MOST_BEAMS = 4000
+#: Coordinates [m] with which one can reckon.
+FARTHEST = 1e9
 
 
 def spread(
@@ -24,7 +28,8 @@ def spread(
     Returns
     -------
     runs : list of list of Scan
-        40 to 80 runs of four scans; fewer only of a short log. Of long scans every second, third, ... beam.
+        40 to 80 runs of four scans; fewer only of a short log. Of long scans every second, third, ... beam,
+        and none that ends farther than 1e9 m from the map's origin.
     scans, beams : int
         How many the log has.
     """
@@ -45,7 +50,15 @@ def spread(
                 if run % step:
                     continue
             runs.append([])
-        stride = -(-len(scan) // MOST_BEAMS)
         if len(runs) * step > run:  # Else the run began before it was dropped.
-            runs[-1].append(scan.only(slice(None, None, stride)) if stride > 1 else scan)
+            runs[-1].append(_some(scan))
     return runs, number, beams
+
+
+def _some(scan: Scan) -> Scan:
+    stride = -(-len(scan) // MOST_BEAMS)
+    if stride > 1:
+        scan = scan.only(slice(None, None, stride))
+    too_far = (np.abs(scan.endpoints) > FARTHEST).any(axis=1)
+    too_far |= (np.abs(np.broadcast_to(scan.origin, scan.endpoints.shape)) > FARTHEST).any(axis=1)
+    return scan.only(~too_far) if too_far.any() else scan

@@ -9,9 +9,8 @@ from typing import Any
 
 from ndtree.comparison import Progress
 from ndtree.first_look import FirstLook, first_look
-from ndtree.readers import Log, SimulatedLog
-
-AUTO = "auto"
+from ndtree.no_returns import AUTO
+from ndtree.readers import Log
 
 
 @dataclass(frozen=True)
@@ -71,14 +70,14 @@ def settle(
     no_return : {"free", "ignore", "auto"}
         With "auto" the log decides. Simulated logs mean what they say: "free".
     with_sigma : bool
-        Whether the noise of the ranges is chosen, too, where it was not given.
+        Whether the noise of the ranges, and how far beams without return are believed, are chosen, too, where
+        they were not given and the log is as a robot recorded it.
     progress : callable, optional
         As for `first_look`.
     """
-    is_simulated = isinstance(log, SimulatedLog)
-    choose_sigma = with_sigma and not is_simulated
+    choose_sigma = with_sigma and log.is_raw
     choose_sigma &= not {"range_sigma", "range_sigma_quadratic"} & options.keys()
-    choose_no_return = no_return == AUTO and log.knows_no_returns and not is_simulated
+    choose_no_return = no_return == AUTO and log.knows_no_returns and log.path is not None
     if not (choose_sigma or choose_no_return):
         return Settings(options, max_range, "free" if no_return == AUTO else no_return)
     look = first_look(log, progress=progress)
@@ -89,7 +88,7 @@ def settle(
     if choose_no_return:
         no_return = look.no_returns.choice
         flags.append(f"--no-return {no_return}")
-        if math.isinf(max_range) and math.isfinite(look.max_range):
+        if with_sigma and log.is_raw and math.isinf(max_range) and math.isfinite(look.max_range):
             max_range = look.max_range
             flags.append(f"--max-range {max_range:g}")
     elif no_return == AUTO:

@@ -66,6 +66,8 @@ class Log(ABC):
         Whether the scans may say of beams that nothing was hit.
     is_depth_camera : bool
         Whether ranges are from structured light or stereo, whose noise grows with the squared range.
+    is_raw : bool
+        Whether scans are as a robot recorded them, and nobody has prepared them for mapping.
     skipped : dict of str to Skipped
         By kind, what the last loop has passed over so far.
     """
@@ -74,6 +76,7 @@ class Log(ABC):
     uses: str = ""
     knows_no_returns = True
     is_depth_camera = False
+    is_raw = False
 
     def __init__(self, path: str | None, dim: int) -> None:
         self.path = path
@@ -108,6 +111,11 @@ class Log(ABC):
             self._skip("ends that cannot be read", error)
         finally:
             self._sum_up_unposed()
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """First and last time [s] of what the log has apart: of "scans" and "poses"; empty where nobody knows."""
+        return {}
 
     @property
     def share_read(self) -> float | None:

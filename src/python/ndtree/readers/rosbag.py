@@ -62,6 +62,7 @@ class RosbagLog(SizedLog):
     """
 
     format = "rosbag"
+    is_raw = True
     path: str
 
     def __init__(
@@ -146,15 +147,13 @@ class RosbagLog(SizedLog):
         return sum(sensor.topic.messages for sensor in self.sensors)
 
     @property
-    def stamps(self) -> dict[str, list[float]]:
-        """When the scans of each topic were measured, by the poses' clock [s]."""
-        return {sensor.topic.name: sensor.seen.stamps for sensor in self.sensors}
-
-    @property
-    def pose_span(self) -> tuple[float, float]:
-        """First and last time [s] at which the first sensor's pose is known; infinite where it stands."""
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """Of the scans of all sensors, by the poses' clock, and of the first sensor's poses, unless it stands."""
+        stamps = [stamp for sensor in self.sensors for stamp in sensor.seen.stamps]
+        spans = {"scans": (min(stamps), max(stamps))} if stamps else {}
         place = self._places[self.sensors[0].topic.name]
-        return place.tree.span(place.fixed_frame, place.frame)
+        first, last = place.tree.span(place.fixed_frame, place.frame)
+        return {**spans, "poses": (first, last)} if np.isfinite(first) else spans
 
     def _dimension(self, path: str, wanted: int | None) -> int:
         """2 for lasers that stay in a level plane of their own, whichever side is up."""

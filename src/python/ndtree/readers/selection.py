@@ -34,7 +34,7 @@ class SelectedLog(Log):
         super().__init__(log.path, log.dim)
         self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
         self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
-        self.is_depth_camera = log.is_depth_camera
+        self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
         self.skipped = log.skipped
         self._log = log
         for name, value in (("every", every), ("stride", stride)):
@@ -56,6 +56,11 @@ class SelectedLog(Log):
     def name(self) -> str:
         """How reports call the log: as the whole one."""
         return self._log.name
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """As of the whole log."""
+        return self._log.spans
 
     @property
     def share_read(self) -> float | None:

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What will come of mapping a log: with which options, whether its poses reach, how long it takes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from ndtree.comparison import Progress
+from ndtree.no_returns import AUTO
+from ndtree.readers.log import Log
+from ndtree.settings import Settings, settle
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """What `prospect_of` found.
+
+    Parameters
+    ----------
+    settings : Settings
+        Without any option given.
+    spans : dict of str to (float, float)
+        Of scans and poses [s].
+    """
+
+    settings: Settings
+    spans: dict[str, tuple[float, float]]
+
+    def figures(self) -> dict[str, Any]:
+        """All of it as plain numbers, ready for JSON."""
+        look = self.settings.look
+        return {
+            "chosen": None if look is None else look.figures(),
+            "flags": list(self.settings.chosen),
+            "spans": {name: list(span) for name, span in self.spans.items()},
+        }
+
+    def lines(self) -> list[str]:
+        """For people."""
+        lines = []
+        scans, poses = self.spans.get("scans"), self.spans.get("poses")
+        if scans is not None and poses is not None:
+            lines.append(
+                f"scans from {scans[0]:.3f} to {scans[1]:.3f} s, poses from {poses[0]:.3f} to {poses[1]:.3f} s"
+                f" (scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
+            )
+        lines += self.settings.lines()
+        if self.settings.look is not None:
+            look = self.settings.look
+            lines.append(
+                f"mapping will take about {_rounded(look.seconds)} s and {_rounded(look.memory_bytes / 2**20)} MiB"
+            )
+        return lines
+
+
+def prospect_of(log: Log, *, progress: Progress | None = None) -> Prospect:
+    """Look at a log as `settle` does where nothing was given."""
+    settings = settle(log, options={}, max_range=math.inf, no_return=AUTO, with_sigma=True, progress=progress)
+    return Prospect(settings, log.spans)
+
+
+def _away(seconds: float) -> str:
+    return f"{abs(seconds):.2f} s {'earlier' if seconds < 0 else 'later'}"
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.1g}" if value < 1 else f"{value:.2g}" if value < 100 else f"{value:.0f}"

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bag that ROS 1 itself records of a robot that drives, read back.
+
+Where ROS is not installed the test is skipped. Debian has it:
+``apt-get install --no-install-recommends python3-rosbag python3-rospy python3-rosmaster python3-tf2-msgs``
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+
+import ndtree
+
+SYSTEM_PYTHON = "/usr/bin/python3"
+NEEDED = "rospy, rosbag, sensor_msgs.msg, tf2_msgs.msg"
+ROOM = (-4.0, -3.0, 4.0, 3.0)
+
+
+def has_ros() -> bool:
+    if not (shutil.which("rosmaster") and shutil.which("rosbag") and os.path.exists(SYSTEM_PYTHON)):
+        return False
+    return subprocess.run([SYSTEM_PYTHON, "-c", f"import {NEEDED}"], capture_output=True).returncode == 0
+
+
+pytestmark = pytest.mark.skipif(
+    not has_ros(), reason="no ROS 1: see the head of the file for what to install"
+)
+
+
+@contextmanager
+def running(command: list[Any], environment: dict[str, str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """A program that is asked to end when it is no longer needed."""
+    with open(log, "wb") as file:
+        process = subprocess.Popen(
+            [str(one) for one in command], env=environment, stdout=file, stderr=file, start_new_session=True
+        )
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGINT)
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Two bags of the same drive: one that was closed, and the file while it was still being written."""
+    folder = tmp_path_factory.mktemp("ros1")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    environment = {
+        **{name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL"))},
+        "ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1", "ROS_HOME": str(folder),
+        "ROS_PACKAGE_PATH": "/usr/share", "ROS_ROOT": "/usr/share/ros",
+    }  # fmt: skip
+    bag, unclosed = folder / "drive.bag", folder / "unclosed.bag.active"
+    recorder = [SYSTEM_PYTHON, "-m", "rosbag"] if shutil.which("rosbag") is None else ["rosbag"]
+    with running(["rosmaster", "--core", "-p", port], environment, folder / "master.log"):
+        time.sleep(1)
+        record = [*recorder, "record", "--chunksize", "64", "-O", bag, "/tf", "/tf_static", "/scan"]
+        with running(record, environment, folder / "record.log"):
+            robot = Path(__file__).parent / "ros1" / "robot.py"
+            done = subprocess.run(
+                [SYSTEM_PYTHON, str(robot), "4"],
+                env=environment,
+                capture_output=True,
+                timeout=60,
+                check=False,
+            )
+            assert done.returncode == 0, done.stderr.decode()
+            shutil.copy(folder / "drive.bag.active", unclosed)
+        assert bag.is_file(), (folder / "record.log").read_text()
+    return {"closed": bag, "unclosed": unclosed}
+
+
+@pytest.mark.parametrize("which", ["closed", "unclosed"])
+def test_a_bag_of_ros_itself_has_its_walls_where_the_room_has_them(bags: dict[str, Path], which: str) -> None:
+    log = ndtree.read(bags[which])
+    assert log.dim == 2 and log.uses == "/scan (LaserScan in laser), poses in odom from /tf"
+    scans = list(log)
+    assert len(scans) > (50 if which == "closed" else 20)
+    for scan in scans:
+        x, y = scan.endpoints.T
+        off = np.minimum(
+            np.minimum(abs(x - ROOM[0]), abs(x - ROOM[2])), np.minimum(abs(y - ROOM[1]), abs(y - ROOM[3]))
+        )
+        assert off.max() < 0.01  # The poses between transforms are those of a straight line.
+        inside = (x > ROOM[0] - 0.01) & (x < ROOM[2] + 0.01) & (y > ROOM[1] - 0.01) & (y < ROOM[3] + 0.01)
+        assert inside.all()
+    summary = log.skipped["scans without a pose"].summary
+    assert summary is not None and "scans had no pose: the poses begin 0." in summary
+    assert any("never closed" in note for note in log.notes) == (which == "unclosed")
+    m = ndtree.AdaptiveMap(dim=2, range_sigma=0.01)
+    for scan in scans:
+        scan.insert_into(m)
+    # Shortly before a wall it is free, and at the wall occupied.
+    walls = np.array([[2.0, ROOM[1]], [ROOM[2], 0.0], [1.0, ROOM[3]]])
+    inwards = np.array([[0.0, 0.3], [-0.3, 0.0], [0.0, -0.3]])
+    assert m.occupied_within(walls, 0.05).all()
+    assert (m.state(walls + inwards) == 0).all()
