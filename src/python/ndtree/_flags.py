@@ -83,7 +83,7 @@ class Reading:
         return contents(path, format=self.format)
 
     def open(self, path: Path, dim: int | None, max_range: float | None = None) -> Log:
-        """The log, or the part of it that was asked for; what met nothing is free up to `max_range` at most."""
+        """The log, or the part of it that was asked for; no beam is free beyond `max_range`."""
         self._check_format()
         try:
             log = read(

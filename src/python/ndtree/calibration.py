@@ -295,7 +295,7 @@ def calibrate(
 
 
 def range_noise(scans: Iterable[Scan], *, max_range: float = math.inf) -> tuple[Estimate, Estimate] | None:
-    """Standard deviation of a range [m] and its growth with the squared range [1/m], as `calibrate` finds them.
+    """Standard deviation of a range [m] and its growth with the squared range [1/m], as by `calibrate`.
 
     Returns
     -------

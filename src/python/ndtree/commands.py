@@ -875,7 +875,8 @@ def _print_contents(path: Path, held: dict[str, Any]) -> None:
     ]
     widths = [max((len(row[i]) for row in rows), default=0) for i in range(4)]
     for name, type_, messages, frame, rate in rows:
-        line = f"  {name:<{widths[0]}}  {type_:<{widths[1]}}  {messages:>{widths[2]}}  {frame:<{widths[3]}}  {rate}"
+        line = f"  {name:<{widths[0]}}  {type_:<{widths[1]}}  {messages:>{widths[2]}}  "
+        line += f"{frame:<{widths[3]}}  {rate}"
         print(line.rstrip())
     if held["frames"]:
         print("  frames:")

@@ -132,8 +132,8 @@ def judge(scans: Sequence[Scan]) -> NoReturns:
 def believed(log: object, scans: Iterable[Scan]) -> str:
     """What "auto" stands for with the scans of a log: "free" or "ignore".
 
-    Of logs from files `judge` decides on a sample. Scans that were simulated, or that a program has made, mean
-    what they say.
+    Of logs from files `judge` decides on a sample. Scans that were simulated, or that a program has made,
+    mean what they say.
     """
     is_from_file = isinstance(log, Log) and log.path is not None
     if not (is_from_file and log.knows_no_returns):

@@ -43,15 +43,14 @@ class Prospect:
         scans, poses = self.spans.get("scans"), self.spans.get("poses")
         if scans is not None and poses is not None:
             lines.append(
-                f"scans from {scans[0]:.3f} to {scans[1]:.3f} s, poses from {poses[0]:.3f} to {poses[1]:.3f} s"
-                f" (scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
+                f"scans from {scans[0]:.3f} to {scans[1]:.3f} s, "
+                f"poses from {poses[0]:.3f} to {poses[1]:.3f} s (scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
             )
         lines += self.settings.lines()
         if self.settings.look is not None:
             look = self.settings.look
-            lines.append(
-                f"mapping will take about {_rounded(look.seconds)} s and {_rounded(look.memory_bytes / 2**20)} MiB"
-            )
+            memory = _rounded(look.memory_bytes / 2**20)
+            lines.append(f"mapping will take about {_rounded(look.seconds)} s and {memory} MiB")
         return lines
 
 

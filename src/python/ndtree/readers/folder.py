@@ -23,7 +23,7 @@ TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to
 class FolderLog(SizedLog):
     """One file a scan, of which one is in memory at a time.
 
-    A scan at a time outside of the poses is left out; one whose pose should be there, and is not, is an error.
+    A scan at a time outside of the poses is left out; a pose that should be there, and is not, is an error.
 
     Parameters
     ----------

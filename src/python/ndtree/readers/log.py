@@ -53,6 +53,8 @@ class Log(ABC):
         Number of coordinates of a point.
     uses : str
         What of the file is read, where it holds more than one log.
+    hint : str
+        What may help where no scan has a pose.
     keep_going : bool
         Pass over what is damaged instead of raising.
     strict : bool
@@ -74,6 +76,7 @@ class Log(ABC):
 
     format: str
     uses: str = ""
+    hint: str = ""
     knows_no_returns = True
     is_depth_camera = False
     is_raw = False
@@ -104,7 +107,8 @@ class Log(ABC):
             if self._unposed and not self._done:
                 self._sum_up_unposed()
                 left_out = self.skipped[UNPOSED]
-                raise ValueError(f"{self.name}: {left_out.summary}; the first: {left_out.first}")
+                hint = f"; {self.hint}" if self.hint else ""
+                raise ValueError(f"{self.name}: {left_out.summary}{hint}; the first: {left_out.first}")
         except (ValueError, OSError) as error:
             if not self._done:  # There is nothing to keep.
                 raise
@@ -114,7 +118,7 @@ class Log(ABC):
 
     @property
     def spans(self) -> dict[str, tuple[float, float]]:
-        """First and last time [s] of what the log has apart: of "scans" and "poses"; empty where nobody knows."""
+        """First and last time [s] of "scans" and of "poses", where the log has them apart."""
         return {}
 
     @property

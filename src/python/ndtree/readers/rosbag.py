@@ -14,7 +14,7 @@ from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE, check_stride
 from ndtree.readers.folder import TIME_OFFSET
 from ndtree.readers.log import SizedLog
 from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, Bag, Topic, open_bag
-from ndtree.readers.ros.beams import IMAGES, SENSORS, Beams, stamp_of
+from ndtree.readers.ros.beams import IMAGES, SENSORS, stamp_of
 from ndtree.readers.ros.deskew import in_map
 from ndtree.readers.ros.head import head_of
 from ndtree.readers.ros.outline import outline
@@ -23,7 +23,7 @@ from ndtree.readers.ros.sensors import SENSOR_NAMES, Sensor, Wanted, chosen, lis
 from ndtree.readers.ros.storage import Raw
 from ndtree.readers.ros.survey import ODOMETRY as ODOMETRY_TYPE
 from ndtree.readers.ros.survey import POSE_NAMES, POSES, Survey
-from ndtree.readers.ros.sweep import AS_SAID, GROUP, OFF, Sweep, sharpest, turning
+from ndtree.readers.ros.sweep_choice import understood
 from ndtree.readers.source import Format, ReaderOption, Source, WrongOption
 from ndtree.readers.trajectory import TRAJECTORY, NoPose
 from ndtree.readers.transforms import plain
@@ -50,8 +50,8 @@ DESKEW = ReaderOption("deskew", bool, "Of a ROS bag: each beam from the pose of 
 PLANAR_TILT, PLANAR_MOST_TILT, PLANAR_HEIGHT, PLANAR_LOOKS = 0.05, 0.09, 0.1, 5000
 #: Messages of several sensors are put into the order of their stamps if they come no later than this [s].
 LATEST = 1.0
-#: A sweep that lasts so much longer than the time from scan to scan is none.
-LONGER_THAN_INTERVAL = 1.2
+#: Stamps and poses that are further apart are of two clocks [s].
+TWO_CLOCKS = 1.0
 
 
 class RosbagLog(SizedLog):
@@ -140,7 +140,9 @@ class RosbagLog(SizedLog):
         super().__init__(path, dim=self._dimension(path, dim))
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
-        self.notes = [*notes, *first.notes, *self._damage, *self._understood_sweeps(deskew)]
+        self._sweeps, said = understood(path, self.sensors, self._places, self._time_offset, deskew)
+        self.notes = [*notes, *first.notes, *self._damage, *said]
+        self.hint = _clocks(self.sensors[0], survey, self.spans)
         self.fixed_note = len(self.notes)
 
     def __len__(self) -> int:
@@ -148,7 +150,7 @@ class RosbagLog(SizedLog):
 
     @property
     def spans(self) -> dict[str, tuple[float, float]]:
-        """Of the scans of all sensors, by the poses' clock, and of the first sensor's poses, unless it stands."""
+        """Of all scans, by the poses' clock, and of the first sensor's poses unless it stands."""
         stamps = [stamp for sensor in self.sensors for stamp in sensor.seen.stamps]
         spans = {"scans": (min(stamps), max(stamps))} if stamps else {}
         place = self._places[self.sensors[0].topic.name]
@@ -182,68 +184,6 @@ class RosbagLog(SizedLog):
         usual, most = np.percentile(tilts, (50, 95))
         low, high = np.percentile(heights, (2.5, 97.5))
         return bool(usual <= PLANAR_TILT and most <= PLANAR_MOST_TILT and high - low <= PLANAR_HEIGHT)
-
-    def _understood_sweeps(self, deskew: bool) -> list[str]:
-        """Decide what the times of each sensor's beams mean; a line for each that is not what messages say."""
-        self._sweeps: dict[str, Sweep] = {}
-        lines: list[str] = []
-        for sensor in self.sensors:
-            name = sensor.topic.name
-            self._sweeps[name] = AS_SAID if deskew else OFF
-            if not deskew or sensor.topic.type in IMAGES:
-                continue
-            with open_bag(self.path) as bag:
-                lasts = self._sweep_of(bag, sensor)
-                if not lasts:
-                    continue
-                if sensor.seen.interval and lasts > LONGER_THAN_INTERVAL * sensor.seen.interval:
-                    self._sweeps[name] = OFF
-                    lines.append(
-                        f"{name}: its beams would take {lasts:.3f} s, but a scan comes every "
-                        f"{sensor.seen.interval:.3f} s: their times are not used"
-                    )
-                    continue
-                place = self._places[name]
-                stamps = np.array(sensor.seen.stamps)
-                starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
-                groups = self._groups(bag, sensor, starts)
-            if groups:
-                sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups)
-                self._sweeps[name] = sweep
-                if sweep is not AS_SAID:
-                    lines.append(
-                        f"{name}: {sweep.name}: so scans agree better than as their messages say "
-                        f"({100 * (1 - gain):.0f} % fewer cells)"
-                    )
-        return lines
-
-    def _sweep_of(self, bag: Bag, sensor: Sensor) -> float:
-        """How long the first whole message's beams take [s]; 0 where all are measured at once."""
-        try:
-            message = bag.first(sensor.topic.name)
-            times = sensor.beams(message, stamp_of(message, 0)).times
-        except ValueError:
-            return 0.0
-        return 0.0 if times is None or not len(times) else float(np.ptp(times))
-
-    def _groups(self, bag: Bag, sensor: Sensor, starts: list[int]) -> list[list[tuple[Beams, float]]]:
-        """Scans that follow each other from some numbers on."""
-        if not starts:
-            return []
-        groups: dict[int, list[tuple[Beams, float]]] = {start: [] for start in starts}
-        wanted = {start + i: start for start in starts for i in range(GROUP)}
-        for number, raw in enumerate(bag.messages([sensor.topic.name], on_damage=lambda error: None)):
-            if number > starts[-1] + GROUP:
-                break
-            if number in wanted:
-                try:
-                    message = bag.decoded(raw)
-                    stamp = stamp_of(message, raw.received)
-                    beams = sensor.beams(message, stamp)
-                except ValueError:
-                    continue
-                groups[wanted[number]].append((beams, stamp + self._time_offset))
-        return [group for group in groups.values() if len(group) > 1]
 
     def _scans(self) -> Iterator[Scan]:
         by_name = {sensor.topic.name: sensor for sensor in self.sensors}
@@ -329,6 +269,20 @@ def _in_order(messages: Iterator[Raw]) -> Iterator[Raw]:
             yield heapq.heappop(waiting)[2]
     while waiting:
         yield heapq.heappop(waiting)[2]
+
+
+def _clocks(sensor: Sensor, survey: Survey, spans: dict[str, tuple[float, float]]) -> str:
+    """What to say where scans and poses have no time in common, though they were recorded together."""
+    scans, poses = spans.get("scans"), spans.get("poses")
+    if scans is None or poses is None or not sensor.seen.lags or not survey.lags:
+        return ""
+    apart = float(np.median(sensor.seen.lags) - np.median(survey.lags))
+    if (scans[0] <= poses[1] and poses[0] <= scans[1]) or abs(apart) < TWO_CLOCKS:
+        return ""
+    return (
+        "their stamps are of two clocks, which the times of recording bring together by "
+        f"--time-offset {apart:.3f}"
+    )
 
 
 def _poses_topic(bag: Bag, odometry: str | None, poses: str | None) -> str | None:

@@ -16,7 +16,7 @@ from ndtree.readers.ros.beams import COMPRESSED_IMAGE, Beams
 
 #: Images that hold depths: type of a pixel, and its values in a metre.
 DEPTH_ENCODINGS = {"16UC1": ("u2", 1000.0), "mono16": ("u2", 1000.0), "32FC1": ("f4", 1.0)}
-#: What stands before the picture in an image packed as compressedDepth: a number, and two of its quantisation.
+#: What stands before the picture in compressedDepth: a number, and two of its quantisation.
 _CONFIG = struct.Struct("<iff")
 _PNG = b"\x89PNG"
 
@@ -85,7 +85,8 @@ def _unpacked(message: Any) -> NDArray[Any]:
         data = data[_CONFIG.size :]
     elif not data.startswith(_PNG) or is_metres:
         raise ValueError(
-            f"the image is packed as {message.format!r}, expected a PNG of 16 bits, as compressedDepth or plain"
+            f"the image is packed as {message.format!r}, expected a PNG of 16 bits, "
+            "as compressedDepth or plain"
         )
     try:
         from PIL import Image

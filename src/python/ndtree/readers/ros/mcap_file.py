@@ -53,7 +53,8 @@ class McapFile(Storage):
                 if self.damage is None:  # Else it is known.
                     on_damage(
                         ValueError(
-                            f"{self.path}: cannot be read as a ROS bag ({line_of(error)}), expected a whole one"
+                            f"{self.path}: cannot be read as a ROS bag ({line_of(error)}), "
+                            "expected a whole one"
                         )
                     )
                 return

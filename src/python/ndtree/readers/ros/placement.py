@@ -131,9 +131,9 @@ def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -
         fixed, origin = _add_poses(path, tree, survey.poses, body, asked.poses), asked.poses
     if sensor not in tree.connected(fixed):
         raise ValueError(
-            f"{path}: no transform between {frame}, the frame of {topic}, and {body}, of which {origin} has the "
-            f"poses; say where the sensor is on it: {HOW_TO_MOUNT}; or give --sensor-frame or --base-frame as one "
-            f"of {_listed([one for one in tree.connected(fixed) if one != fixed])}"
+            f"{path}: no transform between {frame}, the frame of {topic}, and {body}, of which {origin} has "
+            f"the poses; say where the sensor is on it: {HOW_TO_MOUNT}; or give --sensor-frame or "
+            f"--base-frame as one of {_listed([one for one in tree.connected(fixed) if one != fixed])}"
         )
     if body == frame and asked.poses is not None and asked.mount is None:
         notes.append(
@@ -224,8 +224,8 @@ def _fixed_frame(path: str, tree: TransformTree, sensor: str, wanted: str | None
             best, most = candidate, share
     if best is None:
         raise ValueError(
-            f"{path}: {sensor} is connected with none of {', '.join(USUAL)} and with no frame that it moves in, "
-            f"expected fixed_frame as one of {_listed(connected)}, or --still"
+            f"{path}: {sensor} is connected with none of {', '.join(USUAL)} and with no frame that it moves "
+            f"in, expected fixed_frame as one of {_listed(connected)}, or --still"
         )
     return best
 
@@ -241,8 +241,8 @@ def _unconnected(path: str, tree: TransformTree, topic: str, frame: str, others:
                 f"{begin}, nor any other poses, expected --trajectory FILE, or --still if the sensor stands"
             )
         return (
-            f"{begin}, expected poses from {' or '.join(say)}, with {HOW_TO_MOUNT} where the sensor is not in "
-            "their place; or --trajectory FILE, or --still if the sensor stands"
+            f"{begin}, expected poses from {' or '.join(say)}, with {HOW_TO_MOUNT} where the sensor is not "
+            "in their place; or --trajectory FILE, or --still if the sensor stands"
         )
     base = next((one for one in _BASES if one in frames), "FRAME")
     return (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags of ROS 1, version 2.0: chunks of records. Of their indexes only the last one is used, and not needed."""
+"""Bags of ROS 1, version 2.0: chunks of records, read with the index at the end or without."""
 
 from __future__ import annotations
 
@@ -97,8 +97,8 @@ class Ros1File(Storage):
         if version.groups() != (b"2", b"0"):
             number = b".".join(version.groups()).decode()
             raise ValueError(
-                f"{self.path}: an old ROS bag, of version {number}, expected version 2.0; ROS 1 writes it anew: "
-                "rosbag filter OLD.bag NEW.bag True"
+                f"{self.path}: an old ROS bag, of version {number}, expected version 2.0; "
+                "ROS 1 writes it anew: rosbag filter OLD.bag NEW.bag True"
             )
         self._chunks: list[_Chunk] = []
         try:

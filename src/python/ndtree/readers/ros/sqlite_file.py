@@ -53,7 +53,8 @@ class SqliteFile(Storage):
         order = "" if self.damage else "ORDER BY timestamp, id"
         rows = self._base.execute(
             f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({whole}) THEN data "
-            f"ELSE substr(data, 1, {HEAD_BYTES}) END FROM messages WHERE topic_id IN ({among}) AND {_WHOLE} {order}"
+            f"ELSE substr(data, 1, {HEAD_BYTES}) END FROM messages "
+            f"WHERE topic_id IN ({among}) AND {_WHOLE} {order}"
         )
         while True:
             try:
@@ -62,7 +63,8 @@ class SqliteFile(Storage):
                 if not self.damage:  # Else it is known.
                     on_damage(
                         ValueError(
-                            f"{self.path}: cannot be read as a ROS bag ({line_of(error)}), expected a whole one"
+                            f"{self.path}: cannot be read as a ROS bag ({line_of(error)}), "
+                            "expected a whole one"
                         )
                     )
                 return

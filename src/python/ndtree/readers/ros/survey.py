@@ -32,9 +32,20 @@ POSE_NAMES = ", ".join(short(type) for type in POSES)
 
 @dataclass
 class Seen:
-    """What the heads of a topic's messages say: stamps [s] in the order of recording, and frames."""
+    """What the heads of a topic's messages say.
+
+    Attributes
+    ----------
+    stamps : list of float
+        In the order of recording [s].
+    lags : list of float
+        How long after its stamp each was recorded [s].
+    frames : dict of str to int
+        And in how many messages they are.
+    """
 
     stamps: list[float] = field(default_factory=list)
+    lags: list[float] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=dict)
 
     @property
@@ -80,6 +91,8 @@ class Survey:
         All that is in /tf and /tf_static.
     seen : dict of str to Seen
     poses : list of PoseRow
+    lags : list of float
+        How long after their stamps poses and transforms were recorded [s].
     infos : dict of str to list of (float, message)
         CameraInfo with its stamps [s], by topic.
     """
@@ -88,6 +101,7 @@ class Survey:
         self.tree = TransformTree()
         self.seen: dict[str, Seen] = {name: Seen() for name in sensors}
         self.poses: list[PoseRow] = []
+        self.lags: list[float] = []
         self.infos: dict[str, list[tuple[float, Any]]] = {}
         whole = {topic.name for topic in bag.of_type(*TF, CAMERA_INFO)}
         if poses is not None:
@@ -98,9 +112,12 @@ class Survey:
                 head = head_of(raw)
                 if head is not None:
                     self.seen[topic].stamps.append(head[0])
+                    self.seen[topic].lags.append(1e-9 * raw.received - head[0])
                     self.seen[topic].frames[head[1]] = self.seen[topic].frames.get(head[1], 0) + 1
             elif topic == poses:
-                self.poses += _poses_in(bag.named(raw), raw.received)
+                rows = _poses_in(bag.named(raw), raw.received)
+                self.poses += rows
+                self.lags += [1e-9 * raw.received - row.stamp for row in rows]
             elif type in TF:
                 self._add_transforms(bag.named(raw), raw.received, _is_static(topic))
             elif type == CAMERA_INFO:
@@ -116,7 +133,9 @@ class Survey:
             if is_static:
                 self.tree.add_fixed(parent, child, Pose.from_quaternion(position, quaternion))
             else:
-                self.tree.add(parent, child, stamp_of(one, received), position, quaternion)
+                stamp = stamp_of(one, received)
+                self.tree.add(parent, child, stamp, position, quaternion)
+                self.lags.append(1e-9 * received - stamp)
 
 
 def _poses_in(message: Any, received: int) -> list[PoseRow]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""When the beams of a sweep were measured: as their messages say, or as the log shows that drivers mean it."""
+"""When the beams of a sweep were measured: as messages say, or as the log shows that drivers mean it."""
 
 from __future__ import annotations
 

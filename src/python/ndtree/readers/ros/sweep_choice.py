@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which understanding of the times of its beams a log's own scans bear out, for each of its sensors."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ndtree.readers.ros.bag import Bag, open_bag
+from ndtree.readers.ros.beams import IMAGES, Beams, stamp_of
+from ndtree.readers.ros.placement import Placement
+from ndtree.readers.ros.sensors import Sensor
+from ndtree.readers.ros.sweep import AS_SAID, GROUP, OFF, Sweep, sharpest, turning
+
+#: A sweep that lasts so much longer than the time from scan to scan is none.
+LONGER_THAN_INTERVAL = 1.2
+
+
+def understood(
+    path: str, sensors: list[Sensor], places: dict[str, Placement], time_offset: float, deskew: bool
+) -> tuple[dict[str, Sweep], list[str]]:
+    """What the times of each sensor's beams mean, and a line for each that is not what its messages say.
+
+    Times by which a scan would last longer than it takes until the next are none. Of the others a sample of
+    scans decides in which the sensor turns, see `ndtree.readers.ros.sweep.sharpest`.
+    """
+    sweeps: dict[str, Sweep] = {}
+    lines: list[str] = []
+    for sensor in sensors:
+        name = sensor.topic.name
+        sweeps[name] = AS_SAID if deskew else OFF
+        if not deskew or sensor.topic.type in IMAGES:
+            continue
+        with open_bag(path) as bag:
+            lasts = _duration(bag, sensor)
+            if not lasts:
+                continue
+            if sensor.seen.interval and lasts > LONGER_THAN_INTERVAL * sensor.seen.interval:
+                sweeps[name] = OFF
+                lines.append(
+                    f"{name}: its beams would take {lasts:.3f} s, but a scan comes every "
+                    f"{sensor.seen.interval:.3f} s: their times are not used"
+                )
+                continue
+            place = places[name]
+            stamps = np.array(sensor.seen.stamps)
+            starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
+            groups = _groups(bag, sensor, starts, time_offset)
+        if groups:
+            sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups)
+            sweeps[name] = sweep
+            if sweep is not AS_SAID:
+                lines.append(
+                    f"{name}: {sweep.name}: so scans agree better than as their messages say "
+                    f"({100 * (1 - gain):.0f} % fewer cells)"
+                )
+    return sweeps, lines
+
+
+def _duration(bag: Bag, sensor: Sensor) -> float:
+    """How long the first whole message's beams take [s]; 0 where all are measured at once."""
+    try:
+        message = bag.first(sensor.topic.name)
+        times = sensor.beams(message, stamp_of(message, 0)).times
+    except ValueError:
+        return 0.0
+    return 0.0 if times is None or not len(times) else float(np.ptp(times))
+
+
+def _groups(
+    bag: Bag, sensor: Sensor, starts: list[int], time_offset: float
+) -> list[list[tuple[Beams, float]]]:
+    """Scans that follow each other from some numbers on."""
+    if not starts:
+        return []
+    groups: dict[int, list[tuple[Beams, float]]] = {start: [] for start in starts}
+    wanted = {start + i: start for start in starts for i in range(GROUP)}
+    for number, raw in enumerate(bag.messages([sensor.topic.name], on_damage=lambda error: None)):
+        if number > starts[-1] + GROUP:
+            break
+        if number in wanted:
+            try:
+                message = bag.decoded(raw)
+                stamp = stamp_of(message, raw.received)
+                beams = sensor.beams(message, stamp)
+            except ValueError:
+                continue
+            groups[wanted[number]].append((beams, stamp + time_offset))
+    return [group for group in groups.values() if len(group) > 1]
