@@ -32,6 +32,7 @@ from ._core import (
 from .calibration import Calibration, calibrate
 from .comparison import Comparison, compare
 from .conversion import convert
+from .first_look import FirstLook, first_look
 from .map_comparison import MapComparison, compare_maps
 from .readers import Log, read, simulate
 from .scan import Scan
@@ -54,6 +55,7 @@ __all__ = [
     "Claims",
     "Comparison",
     "CompressReport",
+    "FirstLook",
     "FixedMap",
     "HeldOutTruth",
     "InsertReport",
@@ -71,6 +73,7 @@ __all__ = [
     "compare_maps",
     "convert",
     "default_options",
+    "first_look",
     "from_bytes",
     "from_grid",
     "has_octomap",

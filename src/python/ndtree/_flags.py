@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -109,6 +109,10 @@ class Reading:
             return log.select(**selection)
         except ValueError as error:
             raise WrongCall(str(error)) from None
+
+    def with_default(self, name: str, value: Any) -> Reading:
+        """The same with an option of the format, unless it was given."""
+        return replace(self, options={name: value, **self.options})
 
     def require_none(self, instead_of: str) -> None:
         """Refuses flags that nothing would read."""

@@ -404,10 +404,17 @@ def calibrate(
     limit: Annotated[
         Optional[int], typer.Option(min=1, help="Only so many scans from the beginning.", show_default=False)
     ] = None,
+    find_mount: Annotated[
+        bool,
+        typer.Option("--find-mount", help="Of a ROS bag: find where the sensor sits on its base, instead."),
+    ] = False,
     json_file: Json = None,
     reading: Any = None,
 ) -> None:
     """Estimate the options of the sensor from a log: the noise of its ranges, and its error rates."""
+    if find_mount:
+        _find_mount(log, dim, reading, json_file)
+        return
     far = _limit(max_range)
     opened = reading.open(log, dim, max_range)
     _check_target(json_file)
@@ -677,6 +684,24 @@ def _new_map(dim: int, fixed: bool, options: dict[str, Any]) -> OccupancyMap:
         dim=dim,
         **{("cell_size" if name == "min_cell_size" else name): value for name, value in options.items()},
     )
+
+
+def _find_mount(path: Path, dim: Optional[int], reading: Reading, json_file: Optional[Path]) -> None:
+    """Where the sensor of a bag sits, from where its map is sharpest."""
+    from ndtree.readers.ros.mounting import find_mount
+    from ndtree.readers.rosbag import RosbagLog
+
+    _check_target(json_file)
+    if reading.selection:
+        raise WrongCall("--find-mount: looks at the whole log, expected no part of it")
+    opened = reading.with_default("mount", "0,0,0").open(path, dim)
+    if not isinstance(opened, RosbagLog):
+        raise WrongCall(f"--find-mount: {path} is no ROS bag")
+    with progress() as advance:
+        found = find_mount(opened, progress=advance)
+    if not _is_stdout(json_file):
+        print(f"{path}: {found}")
+    _write_json(found.figures(), json_file)
 
 
 def _settled(

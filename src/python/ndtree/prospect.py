@@ -44,7 +44,8 @@ class Prospect:
         if scans is not None and poses is not None:
             lines.append(
                 f"scans from {scans[0]:.3f} to {scans[1]:.3f} s, "
-                f"poses from {poses[0]:.3f} to {poses[1]:.3f} s (scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
+                f"poses from {poses[0]:.3f} to {poses[1]:.3f} s "
+                f"(scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
             )
         lines += self.settings.lines()
         if self.settings.look is not None:

@@ -95,7 +95,7 @@ class RosbagLog(SizedLog):
             raise WrongOption(f"time_offset = {time_offset:g} s: must be finite")
         check_stride(pixel_stride)
         wanted = [Wanted.of(one) for one in ([topic] if isinstance(topic, str) else topic or [])]
-        self._time_offset = float(time_offset)
+        self.time_offset = float(time_offset)
         notes: list[str] = []
         with open_bag(path) as bag:
             self._damage = bag.damage
@@ -111,7 +111,7 @@ class RosbagLog(SizedLog):
             source = _poses_topic(bag, odometry, poses)
             survey = Survey(bag, [one.name for one in topics], source)
             for seen in survey.seen.values():
-                seen.stamps = [stamp + self._time_offset for stamp in seen.stamps]
+                seen.stamps = [stamp + self.time_offset for stamp in seen.stamps]
             asked = Asked(fixed_frame, source, trajectory, still, mount, sensor_frame, base_frame)
             if wanted:
                 self._places = _placed_together(bag, survey, topics, asked)
@@ -140,7 +140,7 @@ class RosbagLog(SizedLog):
         super().__init__(path, dim=self._dimension(path, dim))
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
-        self._sweeps, said = understood(path, self.sensors, self._places, self._time_offset, deskew)
+        self._sweeps, said = understood(path, self.sensors, self._places, self.time_offset, deskew)
         self.notes = [*notes, *first.notes, *self._damage, *said]
         self.hint = _clocks(self.sensors[0], survey, self.spans)
         self.fixed_note = len(self.notes)
@@ -153,9 +153,14 @@ class RosbagLog(SizedLog):
         """Of all scans, by the poses' clock, and of the first sensor's poses unless it stands."""
         stamps = [stamp for sensor in self.sensors for stamp in sensor.seen.stamps]
         spans = {"scans": (min(stamps), max(stamps))} if stamps else {}
-        place = self._places[self.sensors[0].topic.name]
+        place = self.place
         first, last = place.tree.span(place.fixed_frame, place.frame)
         return {**spans, "poses": (first, last)} if np.isfinite(first) else spans
+
+    @property
+    def place(self) -> Placement:
+        """How the first sensor's poses are found."""
+        return self._places[self.sensors[0].topic.name]
 
     def _dimension(self, path: str, wanted: int | None) -> int:
         """2 for lasers that stay in a level plane of their own, whichever side is up."""
@@ -213,7 +218,7 @@ class RosbagLog(SizedLog):
                 frame = plain(message.header.frame_id) if place.is_own else place.frame
                 try:
                     ends, origins = in_map(
-                        place.tree, place.fixed_frame, frame, beams, stamp + self._time_offset
+                        place.tree, place.fixed_frame, frame, beams, stamp + self.time_offset
                     )
                 except NoPose as error:
                     self._leave_out_unposed(NoPose(f"{where}: {error}", error.where, error.seconds))

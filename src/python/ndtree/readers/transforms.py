@@ -122,6 +122,13 @@ class TransformTree:
                 first, last = max(first, float(stamps[0])), min(last, float(stamps[-1]))
         return first, last
 
+    def fixed_parent(self, frame: str) -> tuple[str, Pose]:
+        """The frame to which one is fixed, and ``T_parent_frame``; ValueError if there is none."""
+        for (parent, child), pose in self._fixed.items():
+            if child == frame:
+                return parent, pose
+        raise ValueError(f"{frame} is fixed to no frame")
+
     def roots(self, frame: str, *, fixed: bool = False) -> list[str]:
         """Frames connected with one that are nobody's child; with `fixed` by fixed transforms alone."""
         connected = self._origins_of(plain(frame), fixed=fixed)

@@ -52,31 +52,34 @@ def multi_echo_beams(message: Any, no_return_range: float | None = None) -> Beam
 
 def range_beams(message: Any, no_return_range: float | None = None) -> Beams:
     """The beam of a Range, along x in the middle of its cone: ranges as of a LaserScan."""
-    return _measured(
-        message, np.array([message.range], np.float32), np.array([[1.0, 0, 0]]), None, no_return_range
-    )
+    limits = (float(message.min_range), float(message.max_range))
+    ranges = np.array([message.range], dtype=np.float32)
+    return _measured(ranges, limits, np.array([[1.0, 0, 0]]), None, no_return_range, least_cut_off=1)
 
 
 def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_range: float | None) -> Beams:
     n = len(ranges)
     ways = _directions(float(message.angle_min), float(message.angle_increment), n)
-    return _measured(message, ranges, ways, _times(message, n), no_return_range)
+    limits = (float(message.range_min), float(message.range_max))
+    return _measured(ranges, limits, ways, _times(message, n), no_return_range)
 
 
 def _measured(
-    message: Any,
     ranges: NDArray[np.floating[Any]],
+    limits: tuple[float, float],
     ways: Floats,
     times: Floats | None,
     no_return_range: float | None,
+    least_cut_off: int = LEAST_CUT_OFF,
 ) -> Beams:
+    nearest, farthest = limits
     silent = np.isposinf(ranges)
-    cut_off = ranges == np.float32(message.range_max)
-    if np.count_nonzero(cut_off) >= LEAST_CUT_OFF:  # What is measured does not come twice to the last bit.
+    cut_off = ranges == np.float32(farthest)
+    if np.count_nonzero(cut_off) >= least_cut_off:  # What is measured does not come twice to the last bit.
         silent |= cut_off & np.isfinite(ranges)
-    returned = (ranges >= message.range_min) & (ranges <= message.range_max) & np.isfinite(ranges) & ~silent
+    returned = (ranges >= nearest) & (ranges <= farthest) & np.isfinite(ranges) & ~silent
     length = np.where(returned, ranges, np.nan).astype(np.float64)
-    limit = message.range_max if 0 < message.range_max < np.inf else no_return_range
+    limit = farthest if 0 < farthest < np.inf else no_return_range
     endless = 0
     if limit is not None:
         length[silent] = limit

@@ -23,6 +23,8 @@ LEAST_TURN = 0.005
 LEAST_GAIN = 0.05
 #: Beams of a scan that are looked at, their lengths [m], and the cells in which they are counted [m].
 MOST_BEAMS, RANGES, CELL = 2000, (0.4, 12.0), 0.05
+#: Angles of the grids of cells [rad], and factors that make one number of a cell's three.
+GRIDS, KEY = (0.2, 0.6, 1.0, 1.4), np.array([1, 1 << 20, 1 << 40])
 
 
 @dataclass(frozen=True)
@@ -165,11 +167,19 @@ def thinned(beams: Beams) -> Beams:
     return Beams(beams.points[which], None, None if beams.times is None else beams.times[which])
 
 
-def entropy(points: Floats) -> float:
-    """Of the numbers of points in cells [nats]."""
+def entropy(points: Floats, cell: float = CELL) -> float:
+    """Of the numbers of points in cells of some edge [m], in nats: the mean of grids that lie askew.
+
+    In one grid it would matter whether a wall runs along the cells, or between them.
+    """
     if not len(points):
         return 0.0
-    cells = np.floor(points / CELL).astype(np.int64)
-    _, counts = np.unique(cells, axis=0, return_counts=True)
-    share = counts / counts.sum()
-    return float(-(share * np.log(share)).sum())
+    found = []
+    for i, angle in enumerate(GRIDS):
+        c, s = np.cos(angle), np.sin(angle)
+        turned = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        cells = np.floor(turned / cell + i / len(GRIDS)).astype(np.int64)
+        _, counts = np.unique(cells @ KEY, return_counts=True)
+        share = counts / counts.sum()
+        found.append(float(-(share * np.log(share)).sum()))
+    return float(np.mean(found))

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Beams without return are believed where the world is open, and not where walls swallow them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.first_look import first_look
+from ndtree.no_returns import judge
+from ndtree.sampling import RUN, RUNS, spread
+from ndtree.scan import Scan
+
+
+def room(silent: float, seed: int = 1, scans: int = 60, gate: bool = False) -> list[Scan]:
+    """A laser that walks in a square room of 8 m; some beams get lost, those through a gate rightly so."""
+    generator = np.random.default_rng(seed)
+    angles = np.linspace(-np.pi, np.pi, 180, endpoint=False)
+    made = []
+    for i in range(scans):
+        origin = np.array([2 * np.cos(0.1 * i), 2 * np.sin(0.1 * i)])
+        way = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        with np.errstate(divide="ignore"):
+            length = np.min(np.where(way > 0, 4 - origin, -4 - origin) / way, axis=1)
+        end = origin + length[:, None] * way
+        lost = generator.random(180) < silent
+        if gate:
+            lost |= (end[:, 0] > 3.99) & (abs(end[:, 1]) < 2)
+        length = np.where(lost, 12.0, length + generator.normal(0, 0.01, 180))
+        made.append(Scan(origin + length[:, None] * way, origin, ~lost, stamp=0.1 * i))
+    return made
+
+
+@pytest.mark.parametrize("silent, gate, choice", [
+    (0.0, False, "free"), (0.0, True, "free"), (0.1, False, "ignore"), (0.5, False, "ignore"),
+    (0.2, True, "ignore"), (0.01, True, "free"),
+])  # fmt: skip
+def test_what_others_hit_decides(silent: float, gate: bool, choice: str) -> None:
+    found = judge(room(silent, gate=gate))
+    assert found.choice == choice, str(found)
+    assert (found.beams > 0) == (silent > 0 or gate)
+    assert ("say nothing" in str(found)) == (choice == "ignore")
+
+
+def test_wrong_poses_do_not_make_no_returns_wrong() -> None:
+    """Beams that returned cross surfaces as well then."""
+    generator = np.random.default_rng(5)
+    scans = []
+    for scan in room(0.0, gate=True):
+        shift = generator.normal(0, 0.3, 2)
+        scans.append(Scan(scan.endpoints + shift, scan.origin + shift, scan.returned))
+    found = judge(scans)
+    assert found.expected > 0.05 and found.choice == "free"
+
+
+def test_few_beams_tell_nothing() -> None:
+    assert judge(room(0.003, scans=20)).choice == "free"
+
+
+def test_samples_are_runs_from_all_over() -> None:
+    for n in (1, 5, RUN * RUNS * 2, 1000, 5003):
+        scans = [Scan(np.ones((1, 2)), np.zeros(2), stamp=float(i)) for i in range(n)]
+        runs, count, beams = spread(scans)
+        assert (count, beams) == (n, n)
+        assert len(runs) <= 2 * RUNS and (len(runs) >= RUNS or n < RUN * RUNS)
+        starts = np.array([run[0].stamp for run in runs])
+        assert starts[0] == 0 and (n - starts[-1]) <= 2 * max(np.diff(starts), default=n)
+        for run in runs[:-1]:
+            assert [scan.stamp - run[0].stamp for scan in run] == [0, 1, 2, 3]
+
+
+def written(scans: list[Scan], path: Path) -> Path:
+    np.savez(
+        path,
+        origins=np.array([scan.origin for scan in scans]),
+        points=np.concatenate([scan.endpoints for scan in scans]).astype(np.float32),
+        offsets=np.cumsum([0, *(len(scan) for scan in scans)]),
+        no_return=np.concatenate([~scan.returned for scan in scans]),
+    )
+    return path
+
+
+def test_logs_of_any_format_decide_and_an_option_overrules(tmp_path: Path) -> None:
+    log = ndtree.read(written(room(0.3), tmp_path / "a.npz"))
+    assert first_look(log).no_returns.choice == "ignore"
+    for asked, chosen in (("auto", "ignore"), ("free", "free"), ("ignore", "ignore")):
+        found = ndtree.compare(log, ["adaptive"], no_return=asked, held_out=0)
+        assert found["parameters"]["no_return"] == chosen
+
+
+def test_the_first_look_measures_the_sensor(tmp_path: Path) -> None:
+    look = first_look(ndtree.read(written(room(0.0, gate=True), tmp_path / "a.npz")))
+    assert look.is_measured and 0.006 < look.range_sigma < 0.015
+    assert look.no_returns.choice == "free" and 8 < look.max_range < 10
