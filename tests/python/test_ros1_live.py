@@ -117,3 +117,23 @@ def test_a_bag_of_ros_itself_has_its_walls_where_the_room_has_them(bags: dict[st
     inwards = np.array([[0.0, 0.3], [-0.3, 0.0], [0.0, -0.3]])
     assert m.occupied_within(walls, 0.05).all()
     assert (m.state(walls + inwards) == 0).all()
+
+
+@pytest.mark.parametrize("packing", ["--bz2", "--lz4"])
+def test_what_ros_itself_packs_is_the_same(bags: dict[str, Path], packing: str, tmp_path: Path) -> None:
+    path = tmp_path / "packed.bag"
+    shutil.copy(bags["closed"], path)
+    subprocess.run(["rosbag", "compress", packing, "-q", str(path)], check=True, capture_output=True)
+    assert path.read_bytes() != bags["closed"].read_bytes()
+    packed, plain = (list(ndtree.read(one)) for one in (path, bags["closed"]))
+    assert len(packed) == len(plain) > 50
+    for one, other in zip(packed, plain):
+        np.testing.assert_array_equal(one.endpoints, other.endpoints)
+
+
+def test_an_unclosed_bag_has_what_ros_finds_when_it_mends_it(bags: dict[str, Path], tmp_path: Path) -> None:
+    path = tmp_path / "mended.bag"
+    shutil.copy(bags["unclosed"], path)
+    subprocess.run(["rosbag", "reindex", "-q", str(path)], check=True, capture_output=True)
+    mended, as_it_is = (list(ndtree.read(one)) for one in (path, bags["unclosed"]))
+    assert len(mended) == len(as_it_is) > 20

@@ -150,6 +150,26 @@ def test_without_a_usual_frame_the_root_of_the_tree_is_fixed(ros2: Messages, tmp
     assert read(write_bag(tmp_path / "late", ros2, content)).fixed_frame == "odom"
 
 
+def test_a_mount_that_was_said_only_once_holds(ros2: Messages, tmp_path: Path) -> None:
+    """In /tf, not /tf_static; one that changes is no mount."""
+    for turns in (False, True):
+        content: list[tuple[str, float, Any]] = []
+        for t in STAMPS:
+            moved = ros2.transform(START + t, "odom", "base", [t, 0, 0], LEVEL)
+            content.append(("/tf", START + t, ros2.tf(moved)))
+        for t in (0.0, 0.3):
+            at_t = ros2.transform(START + t, "base", "laser", [0.2, t if turns else 0, 0], LEVEL)
+            content.append(("/tf", START + t, ros2.tf(at_t)))
+        for t in (0.1, 1.0, 2.0, 2.5):
+            content.append(("/scan", START + t, ros2.laser(START + t, "laser", [1.0, 2.0])))
+        log = read(write_bag(tmp_path / str(turns), ros2, sorted(content, key=lambda one: one[1])))
+        scans = list(log)
+        assert len(scans) == (1 if turns else 4)
+        assert any("base to laser" in note for note in log.notes) == (not turns)
+        if not turns:
+            np.testing.assert_allclose([scan.origin[0] for scan in scans], [0.3, 1.2, 2.2, 2.7], atol=1e-5)
+
+
 def test_a_sensor_that_stands_still(ros2: Messages, tmp_path: Path) -> None:
     content = [("/scan", START + t, ros2.laser(START + t, f"laser{t}", [1.0] * (t + 2))) for t in range(4)]
     path = write_bag(tmp_path / "bag", ros2, content)

@@ -12,6 +12,9 @@ from ndtree.readers.trajectory import Pose, Trajectory, matrices_of, unit_quater
 
 Floats = NDArray[np.float64]
 
+#: Numbers of a transform that differ no more than this are the same.
+SAME = 1e-6
+
 
 class TransformTree:
     """Transforms ``T_parent_child``, and through them that between any two connected frames.
@@ -121,6 +124,18 @@ class TransformTree:
                 stamps = self._trajectory(edge).stamps
                 first, last = max(first, float(stamps[0])), min(last, float(stamps[-1]))
         return first, last
+
+    def fix_constant(self, target: str, source: str) -> list[str]:
+        """Take transforms between frames that never changed for fixed; which, as "a to b"."""
+        fixed = []
+        for edge in self._way(target, source):
+            if edge in self._fixed or edge not in self._rows:
+                continue
+            values = np.array(self._rows[edge])[:, 1:]
+            if np.ptp(values, axis=0).max() <= SAME:
+                self._fixed[edge] = Pose.from_quaternion(values[0, :3], values[0, 3:])
+                fixed.append(f"{edge[0]} to {edge[1]}")
+        return fixed
 
     def fixed_parent(self, frame: str) -> tuple[str, Pose]:
         """The frame to which one is fixed, and ``T_parent_frame``; ValueError if there is none."""

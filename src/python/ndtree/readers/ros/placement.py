@@ -16,6 +16,8 @@ USUAL = ("map", "odom", "world")
 _BASES = ("base_link", "base_footprint", "base")
 _TRAJECTORY_FRAME = "the trajectory's frame"
 _BODY = "the body"
+#: A frame that has poses for this share of the scans is good enough.
+ENOUGH = 0.5
 HOW_TO_MOUNT = "--mount X,Y,Z,ROLL,PITCH,YAW (metres, and radians or degrees as in 90deg)"
 
 
@@ -176,8 +178,17 @@ def _by_transforms(
         raise ValueError(_unconnected(path, tree, topic, frame, others))
     stamps = np.array(survey.seen[topic].stamps)
     fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps)
+    notes: tuple[str, ...] = ()
+    if _share_known(tree, fixed, sensor, stamps) < ENOUGH:
+        # Transforms that were said only once in a while, though nothing moves in them.
+        constant = tree.fix_constant(fixed, sensor)
+        if constant:
+            notes = (
+                f"/tf says little of {', '.join(constant)}, but never changes it: it is taken for fixed",
+            )
+            fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps)
     is_own = asked.mount is None and asked.sensor_frame is None
-    return Placement(tree, fixed, sensor, is_own, "/tf")
+    return Placement(tree, fixed, sensor, is_own, "/tf", notes)
 
 
 def _base(path: str, tree: TransformTree, asked: Asked) -> str:
@@ -216,9 +227,8 @@ def _fixed_frame(path: str, tree: TransformTree, sensor: str, wanted: str | None
     candidates += [root for root in tree.roots(sensor) if root != sensor and not tree.is_fixed(root, sensor)]
     best, most = None, -1.0
     for candidate in candidates:
-        first, last = tree.span(candidate, sensor)
-        share = share_within(stamps, (first - STAMP_TOLERANCE, last + STAMP_TOLERANCE))
-        if share >= 0.5:
+        share = _share_known(tree, candidate, sensor, stamps)
+        if share >= ENOUGH:
             return candidate
         if share > most:
             best, most = candidate, share
@@ -228,6 +238,12 @@ def _fixed_frame(path: str, tree: TransformTree, sensor: str, wanted: str | None
             f"in, expected fixed_frame as one of {_listed(connected)}, or --still"
         )
     return best
+
+
+def _share_known(tree: TransformTree, fixed: str, sensor: str, stamps: np.ndarray) -> float:
+    """The share of the scans at whose time poses are known, but for gaps."""
+    first, last = tree.span(fixed, sensor)
+    return share_within(stamps, (first - STAMP_TOLERANCE, last + STAMP_TOLERANCE))
 
 
 def _unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
