@@ -251,13 +251,15 @@ def map_(
     settings = _settled(opened, options, limit, no_return.value, with_sigma=True)
     target = _new_map(opened.dim, fixed, settings.options)
     report = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
-    seconds, scans = 0.0, 0
+    seconds, scans, ignored = 0.0, 0, 0
     looking_on = _observers(watch, port, record, record_every)
     with looking_on as observers, mapping_progress(opened, target) as advance:
         for number, (scan, took) in enumerate(_timed(opened)):
             read_seconds += took
             if settings.no_return == "ignore":
+                beams = len(scan)
                 scan = scan.returned_only()
+                ignored += beams - len(scan)
             try:
                 one = scan.insert_into(target, max_range=settings.max_range)
             except ValueError as error:
@@ -271,6 +273,8 @@ def map_(
             advance(scans, report["beams"])
         if not scans:
             raise ValueError(f"{log}: no scans, expected at least one")
+    if ignored:
+        report = {**report, "beams": report["beams"] + ignored, "ignored": ignored}
     if plot and picture:
         with replaced(picture) as path:
             _draw(plot, target, path)

@@ -81,8 +81,8 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
 
     The end points of 200 scans from all over the log are counted in cells of 8 to 2 cm; the entropy of the
     counts says over how many they spread. First yaws all around are tried, then each of the four in turn in
-    ever smaller steps. Where the robot does not turn, x and y cannot be found, and stay as given; a log with drift
-    finds what makes the drift look smallest.
+    ever smaller steps. Where the robot does not turn, x and y cannot be found, and stay as given; a log with
+    drift finds what makes the drift look smallest.
 
     Parameters
     ----------

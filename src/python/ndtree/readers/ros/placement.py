@@ -18,7 +18,10 @@ _TRAJECTORY_FRAME = "the trajectory's frame"
 _BODY = "the body"
 #: A frame that has poses for this share of the scans is good enough.
 ENOUGH = 0.5
-HOW_TO_MOUNT = "--mount X,Y,Z,ROLL,PITCH,YAW (metres, and radians or degrees as in 90deg)"
+HOW_TO_MOUNT = (
+    "--mount X,Y,Z,ROLL,PITCH,YAW (metres, and radians or degrees as in 90deg; "
+    "ndtree calibrate --find-mount finds it)"
+)
 
 
 @dataclass(frozen=True)
@@ -183,9 +186,8 @@ def _by_transforms(
         # Transforms that were said only once in a while, though nothing moves in them.
         constant = tree.fix_constant(fixed, sensor)
         if constant:
-            notes = (
-                f"/tf says little of {', '.join(constant)}, but never changes it: it is taken for fixed",
-            )
+            which = ", ".join(constant)
+            notes = (f"/tf says little of {which}, but never changes it: it is taken for fixed",)
             fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps)
     is_own = asked.mount is None and asked.sensor_frame is None
     return Placement(tree, fixed, sensor, is_own, "/tf", notes)
