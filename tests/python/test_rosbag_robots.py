@@ -223,10 +223,17 @@ def to_wall(x: float, y: float, angle: float) -> float:
 
 
 def sweeps(
-    make: Messages, path: Path, *, reversed_: bool = False, at_end: bool = False, beams: int = 180
+    make: Messages,
+    path: Path,
+    *,
+    reversed_: bool = False,
+    at_end: bool = False,
+    beams: int = 180,
+    said: bool = True,
+    sweep: float = 0.1,
 ) -> Path:
     """A turning laser in a room whose beams are measured one after the other."""
-    sweep, generator = 0.1, np.random.default_rng(3)
+    generator = np.random.default_rng(3)
 
     def where(t: float) -> tuple[float, float, float]:
         return 0.4 * t, 0.1 * t, 0.9 * t
@@ -250,7 +257,7 @@ def sweeps(
         stamp = START + (times.max() if at_end else begin)
         message = make.laser(
             stamp, "laser", ranges, angle_min=angles[0], angle_increment=2 * np.pi / beams,
-            time_increment=sweep / beams, range_max=20.0,
+            time_increment=sweep / beams if said else 0.0, range_max=20.0,
         )  # fmt: skip
         content.append(("/scan", stamp, message))
     return write_bag(path, make, sorted(content, key=lambda one: one[1]))
@@ -260,6 +267,13 @@ def off_walls(scans: Any) -> float:
     """How far end points are from the walls, 95 % of them less [m]."""
     points = np.concatenate([scan.endpoints for scan in scans])
     return float(np.percentile(np.min([abs(points[:, axis] - side) for side, axis in SIDES], axis=0), 95))
+
+
+def test_a_scan_time_counts_if_the_log_bears_it_out(ros2: Messages, tmp_path: Path) -> None:
+    log = read(sweeps(ros2, tmp_path / "swept", said=False))
+    assert off_walls(log) < 0.012 and any("so scans agree better" in note for note in log.notes)
+    at_once = read(sweeps(ros2, tmp_path / "at once", said=False, sweep=0.0))
+    assert off_walls(at_once) < 0.012 and not at_once.notes
 
 
 @pytest.mark.parametrize("reversed_, at_end", [(False, False), (True, True), (True, False), (False, True)])

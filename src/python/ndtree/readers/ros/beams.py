@@ -43,6 +43,9 @@ class Beams:
         Which met a surface; None: all.
     times : (n,) float64 or None
         When each was measured, from the message's stamp on [s]; None: all at the stamp.
+    is_guess : bool
+        The message does not say `times` but only how long the sweep may have taken: they count if the log
+        bears them out.
     endless : int
         Beams that met nothing, but of which the message does not say up to where: they are invalid.
     """
@@ -51,6 +54,7 @@ class Beams:
     returned: NDArray[np.bool_] | None = None
     times: Floats | None = None
     endless: int = 0
+    is_guess: bool = False
 
 
 def stamp_of(message: Any, received: int) -> float:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -29,7 +30,8 @@ def laser_beams(message: Any, no_return_range: float | None = None) -> Beams:
     cut them off there.
 
     A beam's time is that of the message and its number times time_increment. Of a laser that looks all
-    around and has no time_increment, but a scan_time, the beams are spread over that.
+    around and has no time_increment, but a scan_time, the beams may be spread over that: it is a guess, for
+    simulators say so, too, and measure at once.
     """
     return _planar_beams(message, np.asarray(message.ranges), no_return_range)
 
@@ -61,7 +63,8 @@ def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_ran
     n = len(ranges)
     ways = _directions(float(message.angle_min), float(message.angle_increment), n)
     limits = (float(message.range_min), float(message.range_max))
-    return _measured(ranges, limits, ways, _times(message, n), no_return_range)
+    beams = _measured(ranges, limits, ways, _times(message, n), no_return_range)
+    return replace(beams, is_guess=beams.times is not None and float(message.time_increment) == 0)
 
 
 def _measured(

@@ -107,6 +107,7 @@ def sharpest(
     fixed_frame: str,
     frame: str,
     groups: Sequence[Sequence[tuple[Beams, float]]],
+    base: Sweep,
 ) -> tuple[Sweep, float]:
     """The understanding of the beams' times under which scans that follow each other agree best.
 
@@ -118,6 +119,8 @@ def sharpest(
     ----------
     groups : sequence of sequences of (Beams, float)
         Scans that follow each other, with their stamps [s].
+    base : Sweep
+        What counts as said.
 
     Returns
     -------
@@ -125,13 +128,15 @@ def sharpest(
     float
         Cells that it needs, as a share of those under what the messages say.
     """
-    said = spread_of(tree, fixed_frame, frame, groups, AS_SAID)
-    best, least = AS_SAID, said * (1 - LEAST_GAIN)
-    for other in OTHERS:
+    said = spread_of(tree, fixed_frame, frame, groups, base)
+    best, least = base, said * (1 - LEAST_GAIN)
+    for other in (AS_SAID, *OTHERS):
+        if other is base:
+            continue
         cells = spread_of(tree, fixed_frame, frame, groups, other)
         if cells < least:
             best, least = other, cells
-    return best, least / said if best is not AS_SAID and said > 0 else 1.0
+    return best, least / said if best is not base and said > 0 else 1.0
 
 
 def spread_of(

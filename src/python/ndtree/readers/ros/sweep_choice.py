@@ -31,9 +31,11 @@ def understood(
         if not deskew or sensor.topic.type in IMAGES:
             continue
         with open_bag(path) as bag:
-            lasts = _duration(bag, sensor)
+            lasts, is_guess = _duration(bag, sensor)
             if not lasts:
                 continue
+            base = OFF if is_guess else AS_SAID
+            sweeps[name] = base
             if sensor.seen.interval and lasts > LONGER_THAN_INTERVAL * sensor.seen.interval:
                 sweeps[name] = OFF
                 lines.append(
@@ -46,9 +48,9 @@ def understood(
             starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
             groups = _groups(bag, sensor, starts, time_offset)
         if groups:
-            sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups)
+            sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups, base)
             sweeps[name] = sweep
-            if sweep is not AS_SAID:
+            if sweep is not base:
                 lines.append(
                     f"{name}: {sweep.name}: so scans agree better than as their messages say "
                     f"({100 * (1 - gain):.0f} % fewer cells)"
@@ -56,14 +58,16 @@ def understood(
     return sweeps, lines
 
 
-def _duration(bag: Bag, sensor: Sensor) -> float:
-    """How long the first whole message's beams take [s]; 0 where all are measured at once."""
+def _duration(bag: Bag, sensor: Sensor) -> tuple[float, bool]:
+    """How long the first whole message's beams take [s], 0 if all come at once; whether it is a guess."""
     try:
         message = bag.first(sensor.topic.name)
-        times = sensor.beams(message, stamp_of(message, 0)).times
+        beams = sensor.beams(message, stamp_of(message, 0))
     except ValueError:
-        return 0.0
-    return 0.0 if times is None or not len(times) else float(np.ptp(times))
+        return 0.0, False
+    if beams.times is None or not len(beams.times):
+        return 0.0, False
+    return float(np.ptp(beams.times)), beams.is_guess
 
 
 def _groups(
