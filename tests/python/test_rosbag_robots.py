@@ -573,3 +573,28 @@ def test_the_mount_is_found_where_the_map_is_sharpest(ros2: Messages, tmp_path: 
     )
     assert again.yaw == pytest.approx(yaw, abs=0.01) and again.others[0] == 0.5
     assert again.time_offset == pytest.approx(offset, abs=0.01)
+
+
+def test_an_index_of_ros1_that_lacks_its_end_is_not_believed(tmp_path: Path) -> None:
+    """Cut off between records of the index, where nothing else shows that some are missing."""
+    make = Messages("ros1")
+    long = np.linspace(1, 7, 150_000)
+    content = drive_content(make)
+    content += [
+        ("/scan", START + 1 + 0.1 * i, make.laser(START + 1 + 0.1 * i, "laser", long)) for i in range(6)
+    ]
+    path = write_bag(tmp_path / "a", make, content)
+    whole = list(read(path))
+    data = path.read_bytes()
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    (place,) = struct.unpack_from("<Q", data, at)
+    records = []
+    while place < len(data):
+        records.append(place)
+        for _ in range(2):  # Header and data.
+            place += 4 + struct.unpack_from("<I", data, place)[0]
+    assert len(records) >= 4  # Two connections, and chunks.
+    for cut in records[1:]:
+        path.write_bytes(data[:cut])
+        log = read(path)
+        assert same(list(log), whole) and any("messages were found in it" in note for note in log.notes)
