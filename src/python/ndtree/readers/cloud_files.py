@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.readers.plain_file import open_regular
 from ndtree.readers.trajectory import Pose
 
 Points = NDArray[np.floating[Any]]
@@ -36,7 +37,7 @@ class CloudFile:
 def pcd_points(path: str) -> Points:
     """Points of a PCD: ascii, binary or binary_compressed; NaN where the sensor measured nothing."""
     pypcd4 = _pypcd4()
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         try:
             cloud = pypcd4.PointCloud.from_fileobj(file)
             data = np.atleast_1d(cloud.pc_data)
@@ -54,7 +55,7 @@ def pcd_points(path: str) -> Points:
 
 def pcd_viewpoint(path: str) -> Pose:
     """Pose of the sensor in a PCD's header; what changes nothing where nobody said anything."""
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         for _ in range(100):
             line = file.readline(4096)
             if not line or line.startswith(b"DATA"):
@@ -79,7 +80,7 @@ def ply_points(path: str) -> Points:
         import trimesh
     except ImportError as error:
         raise ImportError(f"PLY files need trimesh ({error}); {_INSTALL}") from None
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         try:
             loaded = trimesh.load(file, file_type="ply", process=False)
             points = np.asarray(loaded.vertices)
@@ -115,7 +116,7 @@ def las_points(path: str) -> Points:
 def _check_las_header(path: str) -> None:
     """Refuses numbers of records that do not fit into the file: the library would look for each of them."""
     size = os.path.getsize(path)
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         header = file.read(247)
     if len(header) < 227:
         raise ValueError(
@@ -162,7 +163,7 @@ def kind_of_name(name: str) -> CloudFile | None:
 
 def points_of_file(path: str) -> Points:
     """(n, 3) points of a file that is one of these by its content."""
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         kind = kind_of_file(file.read(16))
     if kind is None:
         raise ValueError(f"{path}: expected a {', '.join(kind.name for kind in CLOUD_FILES)} or LAZ file")
