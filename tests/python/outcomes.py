@@ -3,8 +3,8 @@
 
 usage: python outcomes.py SAMPLE FIRST COUNT SCRATCH     (prints one line of JSON for each file)
 
-Only two outcomes are right: the file is "read", or "refused" by status 1 and one clear line that names it. With
-either, "passed over" lines of --keep-going may stand beside it.
+Only two outcomes are right: the file is "read", or "refused" by status 1 and one clear line that names it.
+With either, "passed over" lines of --keep-going may stand beside it.
 """
 
 from __future__ import annotations
@@ -126,19 +126,19 @@ def tried(sample_name: str, first: int, count: int, scratch: Path):
         path = here / "data" / opened
         if sample.pack:
             path = sample.pack(path)
-        options = [str(here / "data" / opened / o) if o.endswith(".txt") else o for o in sample.options]
-        if (
-            Random(seed).random() < 0.4
-            and "--keep-going" not in options
-            and not sample_name.startswith("map")
-        ):
+        options = [str(path / option) if option.endswith(".txt") else option for option in sample.options]
+        if not sample_name.startswith("map") and Random(seed).random() < 0.4:
             options.append("--keep-going")
         begin = time.monotonic()
         outcome, said = outcome_of(["info", str(path), *options], here)
         yield {
-            "sample": sample_name, "number": number, "damaged": what, "outcome": outcome, "said": said[-2000:],
+            "sample": sample_name,
+            "number": number,
+            "damaged": what,
+            "outcome": outcome,
+            "said": said[-2000:],
             "seconds": round(time.monotonic() - begin, 3),
-        }  # fmt: skip
+        }
         if outcome in ("read", "refused"):
             shutil.rmtree(here)
 

@@ -23,8 +23,11 @@ import numpy as np
 import pytest
 
 pytest.importorskip("matplotlib")
-for _library in ("PIL", "pypcd4", "trimesh", "meshio", "rosbags"):
-    pytest.importorskip(_library)
+pytest.importorskip("PIL")
+pytest.importorskip("pypcd4")
+pytest.importorskip("trimesh")
+pytest.importorskip("meshio")
+pytest.importorskip("rosbags")
 
 import ndtree
 from ndtree import plot

@@ -20,12 +20,12 @@ class WrongOption(TypeError):
 
 
 @contextmanager
-def readable(path: str | None, what: str = "cannot be read") -> Iterator[None]:
+def readable(path: str | None, what: str = "cannot be read", *, foreign: bool = False) -> Iterator[None]:
     """Whatever reading a file runs into becomes an error that names it.
 
     Errors that say it already pass as they are: ValueError with a file's name, OSError with one,
     ImportError, `WrongOption`. Others of these get the name. MemoryError stays one. Anything else becomes a
-    ValueError with the original as its cause: libraries at the mercy of foreign bytes raise what they run into.
+    ValueError with the original as its cause: libraries at the mercy of foreign bytes raise whatever comes.
 
     Parameters
     ----------
@@ -33,6 +33,8 @@ def readable(path: str | None, what: str = "cannot be read") -> Iterator[None]:
         The file; None passes everything, for logs that have none.
     what : str
         What could not be done, as in "cannot be read as a ROS bag".
+    foreign : bool
+        All is done by a library: its ValueErrors say nothing without `what`.
     """
     try:
         yield
@@ -41,7 +43,7 @@ def readable(path: str | None, what: str = "cannot be read") -> Iterator[None]:
     except BaseException as error:
         if path is None or not (isinstance(error, Exception) or type(error).__name__ == _PANIC):
             raise
-        clear = _clear(path, what, error)
+        clear = _clear(path, what, error, foreign)
         if clear is error:
             raise
         raise clear from error
@@ -60,7 +62,7 @@ def shown(value: object, most: int = MOST_SHOWN) -> str:
     return text if len(text) <= most and not cut else text[: most - 3] + "..."
 
 
-def _clear(path: str, what: str, error: BaseException) -> BaseException:
+def _clear(path: str, what: str, error: BaseException, foreign: bool) -> BaseException:
     if isinstance(error, (ImportError, WrongOption)):
         return error
     if isinstance(error, MemoryError):
@@ -74,7 +76,7 @@ def _clear(path: str, what: str, error: BaseException) -> BaseException:
         text = _shortened(str(error))
         if _names_a_file(text, path):
             return error if text == str(error) else ValueError(text)
-        if type(error) is ValueError:
+        if type(error) is ValueError and not foreign:
             return ValueError(f"{path}: {text}")
     return _foreign(path, what, error)
 
@@ -82,7 +84,7 @@ def _clear(path: str, what: str, error: BaseException) -> BaseException:
 def _foreign(path: str, what: str, error: BaseException) -> ValueError:
     said = one_line(error)
     kind = type(error).__name__
-    return ValueError(f"{path}: {what}, damaged ({said if said == kind else f'{kind}: {said}'})")
+    return ValueError(f"{path}: {what}, cut off or damaged ({said if said == kind else f'{kind}: {said}'})")
 
 
 def _names_a_file(text: str, path: str) -> bool:
