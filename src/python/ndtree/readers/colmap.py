@@ -166,10 +166,11 @@ class _Text(_Files):
         for where, line in _lines(path):
             fields = line.split()
             try:
-                camera, parameters = int(fields[0]), [float(field) for field in fields[4:]]
+                camera, model, _, _ = int(fields[0]), *fields[1:4]
+                parameters = [float(field) for field in fields[4:]]
             except (ValueError, IndexError):
                 raise ValueError(f"{path}: {where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS") from None
-            yield camera, _focal_length(path, where, fields[1], parameters)
+            yield camera, _focal_length(path, where, model, parameters)
 
     @staticmethod
     def count(path: str) -> int:
