@@ -236,6 +236,36 @@ def test_colors_and_transparency_say_what_they_said(image: Callable[..., Path], 
         assert np.array_equal(found.state(points), expected[::-1].T.ravel()), mode
 
 
+# --- Bags -----------------------------------------------------------------------------------------
+
+
+def test_a_false_length_in_an_mcap_takes_no_memory(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    path = tmp_path / "a.mcap"
+    magic = b"\x89MCAP0\r\n"
+    header = struct.pack("<BQI", 1, 12, 4) + b"ros2" + struct.pack("<I", 0)
+    for length in (2**30, 2**40, 2**63 + 1):
+        lying = struct.pack("<BQ", 3, length) + b"schema"
+        footer = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
+        path.write_bytes(magic + header + lying + footer + magic)
+        assert "cannot be read as a ROS bag" in refused(path, tmp_path)
+        assert peak_memory(lambda: ndtree.read(path)) < 60 << 20
+
+
+def test_a_bag_of_a_fifo_does_not_wait(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    os.mkfifo(folder / "a.mcap")
+    (folder / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n"
+        "  relative_file_paths: [a.mcap]\n  duration: {nanoseconds: 1}\n"
+        "  starting_time: {nanoseconds_since_epoch: 1}\n  message_count: 0\n"
+        "  topics_with_message_count: []\n"
+    )
+    assert "is no regular file" in refused(folder, tmp_path)
+
+
 # --- Others ----------------------------------------------------------------------------------------
 
 
