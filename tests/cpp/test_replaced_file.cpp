@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/sysmacros.h>
 
 #include <csignal>
 #include <filesystem>
@@ -95,10 +97,22 @@ TEST_F(ReplacedFileTest, RefusesWhatCannotBeReplaced) {
   ASSERT_EQ(::mkfifo((folder_ / "pipe").c_str(), 0600), 0);
   EXPECT_EQ(error_of([&] { write_file(folder_ / "pipe", "x"); }), ENXIO);
   EXPECT_EQ(error_of([&] { static_cast<void>(read_file(folder_ / "pipe")); }), EINVAL);
-  EXPECT_EQ(error_of([] { write_file("/dev/full", "x"); }), ENOSPC);
-  EXPECT_EQ(error_of([] { write_file("/dev/null", "x"); }), 0);
   EXPECT_EQ(error_of([] { static_cast<void>(read_file("/dev/zero")); }), EINVAL);
   EXPECT_EQ(contents().size(), 3u);
+}
+
+/// The test's own devices: a writer that replaces what it should not must not take the system's.
+TEST_F(ReplacedFileTest, DevicesStayDevices) {
+  const auto made = [&](const char* name, unsigned minor) {
+    const fs::path path = folder_ / name;
+    const bool is_made = ::mknod(path.c_str(), S_IFCHR | 0666, makedev(1, minor)) == 0;
+    return is_made && std::ofstream(path).is_open();
+  };
+  if (!made("null", 3) || !made("full", 7)) GTEST_SKIP() << "no right to make devices";
+  EXPECT_EQ(error_of([&] { write_file(folder_ / "null", "x"); }), 0);
+  EXPECT_EQ(error_of([&] { write_file(folder_ / "full", "x"); }), ENOSPC);
+  EXPECT_TRUE(fs::is_character_file(folder_ / "null"));
+  EXPECT_TRUE(fs::is_character_file(folder_ / "full"));
 }
 
 TEST_F(ReplacedFileTest, WritesIntoAPipe) {

@@ -176,11 +176,23 @@ def test_a_pipe_gets_the_file_and_stays(ending: str, tmp_path: Path) -> None:
         assert got[0] == (tmp_path / f"same{ending}").read_bytes()
 
 
-def test_devices_stay_devices() -> None:
-    MAPS[2][0].save("/dev/null")
-    assert stat.S_ISCHR(os.stat("/dev/null").st_mode)
+def device(path: Path, like: str) -> Path:
+    """A device of the test's own: a writer that replaces what it should not must not take the system's."""
+    try:
+        os.mknod(path, stat.S_IFCHR | 0o666, os.stat(like).st_rdev)
+        with open(path, "wb"):
+            return path
+    except PermissionError:
+        pytest.skip("no right to make devices, and none of the system's is risked")
+
+
+def test_devices_stay_devices(tmp_path: Path) -> None:
+    null, full = device(tmp_path / "null", "/dev/null"), device(tmp_path / "full", "/dev/full")
+    MAPS[2][0].save(null)
     with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
-        MAPS[2][0].save("/dev/full")
+        MAPS[2][0].save(full)
+    assert stat.S_ISCHR(null.stat().st_mode) and stat.S_ISCHR(full.stat().st_mode)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["full", "null"]
 
 
 @ALL
