@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What the command line makes of damaged files, each tried in a process of its own with limits.
 
-usage: python outcomes.py SAMPLE FIRST COUNT SCRATCH     (prints one line of JSON for each file)
+usage: python outcomes.py FIRST COUNT SCRATCH SAMPLE ...     (prints one line of JSON for each file)
 
 Only two outcomes are right: the file is "read", or "refused" by status 1 and one clear line that names it.
 With either, "passed over" lines of --keep-going may stand beside it.
@@ -145,5 +145,6 @@ def tried(sample_name: str, first: int, count: int, scratch: Path):
 
 
 if __name__ == "__main__":
-    for one in tried(sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), Path(sys.argv[4])):
-        print(json.dumps(one), flush=True)
+    for name in sys.argv[4:]:
+        for one in tried(name, int(sys.argv[1]), int(sys.argv[2]), Path(sys.argv[3], name)):
+            print(json.dumps(one), flush=True)

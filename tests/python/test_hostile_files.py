@@ -266,6 +266,40 @@ def test_a_bag_of_a_fifo_does_not_wait(tmp_path: Path) -> None:
     assert "is no regular file" in refused(folder, tmp_path)
 
 
+# --- LAZ ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sample", ["laz", "laz, layered"])
+@pytest.mark.parametrize("what", ["chunks", "points a chunk", "no points a chunk", "layer", "table"])
+def test_a_laz_that_lies_does_not_end_the_process(sample: str, what: str, tmp_path: Path) -> None:
+    for library in ("laspy", "lazrs", "pypcd4", "meshio", "trimesh", "rosbags", "scipy"):
+        pytest.importorskip(library)
+    from samples import SAMPLES
+
+    folder = tmp_path / "clouds"
+    folder.mkdir()
+    SAMPLES[sample].make(folder)
+    path = sorted(folder.glob("*.laz"))[0]
+    content = bytearray(path.read_bytes())
+    (first,) = struct.unpack_from("<I", content, 96)
+    (table,) = struct.unpack_from("<q", content, first)
+    record = content.index(b"laszip encoded") + 52
+    head = 30 if sample == "laz, layered" else 34
+    at, value = {
+        "chunks": (table + 4, 2**31),
+        "points a chunk": (record + 12, 2**31),
+        "no points a chunk": (record + 12, 0),
+        "layer": (first + 8 + head + 4, 2**32 - 1),
+        "table": (first, 2**31),
+    }[what]
+    struct.pack_into("<I", content, at, value)
+    path.write_bytes(content)
+    outcome, said = outcome_of(["info", str(folder)], tmp_path)
+    assert outcome in ("read", "refused"), (outcome, said)
+    if what in ("chunks", "no points a chunk", "table") or (what == "layer" and head == 30):
+        assert outcome == "refused" and f"{path}: cannot be read as LAZ: " in said
+
+
 # --- Others ----------------------------------------------------------------------------------------
 
 
