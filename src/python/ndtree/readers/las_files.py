@@ -104,6 +104,13 @@ def _checked_chunks(path: str, file: IO[bytes], header: Any) -> int:
     if not found:
         raise ValueError(f"{path}: cannot be read as LAZ: no record of LASzip, expected one")
     record = found[0].record_data
+    (points,) = struct.unpack_from("<I", record, 12)
+    point = sum(bytes_ for _, bytes_ in _parts(record))
+    if points == 0 or point != header.point_format.size:
+        raise ValueError(
+            f"{path}: cannot be read as LAZ: chunks of {points} points of {point} bytes, "
+            f"expected some of {header.point_format.size} bytes"
+        )
     file.seek(first)
     table_of_chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(record))
     chunks = [size for _, size in table_of_chunks]
@@ -122,13 +129,6 @@ def _checked_chunks(path: str, file: IO[bytes], header: Any) -> int:
             )
         at += chunk
     file.seek(first)
-    (points,) = struct.unpack_from("<I", record, 12)
-    size = sum(size for _, size in _parts(record))
-    if points == 0 or size != header.point_format.size:
-        raise ValueError(
-            f"{path}: cannot be read as LAZ: chunks of {points} points of {size} bytes, "
-            f"expected some of {header.point_format.size} bytes"
-        )
     return max((number for number, _ in table_of_chunks), default=0) if points == _VARIABLE else points
 
 
