@@ -16,6 +16,7 @@ import numpy as np
 from ndtree.readers import ros_messages as ros
 from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE, Camera, camera_of, check_stride
 from ndtree.readers.log import SizedLog
+from ndtree.readers.plain_file import BoundedPath
 from ndtree.readers.source import Format, ReaderOption, Source, WrongOption
 from ndtree.readers.trajectory import TRAJECTORY, Pose, read_trajectory
 from ndtree.readers.transforms import TransformTree, is_transform, plain
@@ -155,7 +156,7 @@ def open_bag(path: str) -> Iterator[Bag]:
             if head.startswith(magic) and not path.endswith(ending):
                 raise ValueError(f"{path}: {what}, expected a name that ends in {ending}")
     with _named(path):
-        reader = library.reader1(path) if is_ros1 else library.reader2(path)
+        reader = (library.reader1 if is_ros1 else library.reader2)(BoundedPath(path))
         reader.open()
     try:
         with _named(path):
