@@ -5,6 +5,7 @@
 #include <cmath>
 #include <vector>
 
+#include "at_a_time.hpp"
 #include "ndtree/core/beta.hpp"
 #include "random.hpp"
 
@@ -221,6 +222,60 @@ TEST(Beta, IncompleteMeetsItselfAtTheSwitchOfSidesForRealNumbers) {
       ASSERT_NEAR(incomplete_beta(a, b, x), incomplete_beta(a, b, middle), 1e-9) << a << ", " << b;
   }
   EXPECT_EQ(cases, 20000);
+}
+
+TEST(QuickIncompleteBeta, IsNearlyTheExactOne) {
+  Random random(127);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (const double x : {0.01, 0.05, 0.2, 0.5, 0.9}) {
+    const QuickIncompleteBeta quick(x);
+    for (int i = 0; i < 2000; ++i, ++cases) {
+      const double a = 1.0 + random.integer(0, random.chance(0.5) ? 20 : 1000);
+      const double b = 1.0 + random.integer(0, random.chance(0.5) ? 20 : 1000);
+      const double exact = incomplete_beta(a, b, x);
+      ASSERT_NEAR(quick(a, b), exact, 1e-7 * exact + 1e-14) << a << ", " << b << ", " << x;
+    }
+  }
+  EXPECT_EQ(cases, 10000);
+}
+
+TEST(RateComparison, IsTheSameFourCellsAtATime) {
+  Random random(128);
+  SCOPED_TRACE(random.trace());
+  for (int i = 0; i < 2000; ++i) {
+    const double prior = random.chance(0.5) ? 0.1 : 1.0;
+    const auto n = static_cast<std::size_t>(random.integer(1, 13));
+    std::vector<double> hits;
+    std::vector<double> misses;
+    for (std::size_t k = 0; k < n; ++k) {
+      hits.push_back(random.chance(0.3) ? 0.0 : random.uniform(0.0, random.chance(0.5) ? 8.0 : 300.0));
+      misses.push_back(random.chance(0.3) ? 0.0 : random.uniform(0.0, random.chance(0.5) ? 8.0 : 300.0));
+    }
+    std::vector<double> bits;
+    for (const int width : {1, 8}) {
+      const AtATime loops(width);
+      RateComparison rates(prior);
+      rates.add(hits.data(), misses.data(), n);
+      bits.push_back(rates.bits_for_many());
+    }
+    RateComparison one_by_one(prior);
+    for (std::size_t k = 0; k < n; ++k) one_by_one.add(hits[k], misses[k]);
+    ASSERT_EQ(bits[0], bits[1]) << "to the last bit";
+    ASSERT_EQ(bits[0], one_by_one.bits_for_many());
+  }
+}
+
+/// What EvidenceMergeRule relies on.
+TEST(RateComparison, OneRateIsLikelierWhereNothingWasHit) {
+  Random random(129);
+  SCOPED_TRACE(random.trace());
+  for (int i = 0; i < 2000; ++i) {
+    RateComparison rates(0.1);
+    for (int cell = random.integer(1, 9); cell > 0; --cell)
+      rates.add(0.0, random.chance(0.2) ? 0.0 : random.uniform(0.0, 300.0));
+    ASSERT_LE(rates.bits_for_many(), 1e-9);
+  }
 }
 
 /// The probability of each beam, given those before, is a share of the counts so far: Pólya's urn.

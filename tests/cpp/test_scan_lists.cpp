@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "at_a_time.hpp"
 #include "ndtree/core/quick_log.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
@@ -25,15 +26,6 @@ namespace ndtree::test {
 namespace {
 
 constexpr double kUnit = 0.25;
-
-/// Loops that work on so many numbers at a time, as long as it lives.
-class AtATime {
- public:
-  explicit AtATime(int numbers) { Simd::limit(numbers); }
-  AtATime(const AtATime&) = delete;
-  AtATime& operator=(const AtATime&) = delete;
-  ~AtATime() { Simd::limit(8); }
-};
 
 /// Random beams, of which some are parallel to axes, on borders of cells, or without return.
 template <int N, int D>
@@ -51,7 +43,7 @@ struct Beams {
     };
     Vector<D> origin;
     for (int a = 0; a < D; ++a) origin[a] = place(random.chance(0.3));
-    beams.resize(count, {ScanFace<D>(origin, 0, false)}, own_origins, geometry.coordinates(origin));
+    beams.resize(count, {ScanFace<D>(origin, 0, false)}, own_origins, geometry.coordinates(origin), true);
     Scan<D> scan;
     scan.origins.resize(D, static_cast<Eigen::Index>(count));
     scan.endpoints.resize(D, static_cast<Eigen::Index>(count));
@@ -174,7 +166,7 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
           lower = (scan.geometry.coordinate(far_away) / scan.geometry.edge(level) + random.integer(-2, 1)) *
                   scan.geometry.edge(level);
         std::array<ScanEvidence, 2> evidence;
-        std::array<typename ScanCoverage<N, D>::Seen, 2> coverage;
+        std::array<ScanCoverage<N, D>, 2> coverage;
         std::array<bool, 2> all_pass{};
         for (const int wide : {0, 1}) {
           const AtATime loops(wide ? 8 : 1);
@@ -190,13 +182,10 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
           }
           leaves.add(leaf, list, evidence[w]);
           all_pass[w] = leaves.all_pass(list);
-          const LeafCoverage<N, D> covering(scan.beams);
-          for (const BeamWidths& widths : {BeamWidths{0.0f, 0.5f}, BeamWidths{0.3f, 0.0f}}) {
-            const auto more = covering(list, 2.0f, widths);
-            coverage[w].child += more.child;
-            coverage[w].cell += more.cell;
-            coverage[w].way += more.way;
-          }
+          if (level == scan.geometry.finest_level()) continue;
+          const LeafCoverage<N, D> covering(scan.beams, clip);
+          for (const BeamWidths& widths : {BeamWidths{0.0f, 0.5f}, BeamWidths{0.3f, 0.0f}})
+            covering(leaf, list, 2.0f, widths, coverage[w]);
         }
         EXPECT_EQ(evidence[0].occupied, evidence[1].occupied);
         EXPECT_EQ(evidence[0].free, evidence[1].free);
@@ -207,12 +196,14 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
         EXPECT_EQ(evidence[0].deep_hits, evidence[1].deep_hits);
         EXPECT_EQ(evidence[0].beams, evidence[1].beams);
         EXPECT_EQ(all_pass[0], all_pass[1]);
-        EXPECT_EQ(coverage[0].child, coverage[1].child);
-        EXPECT_EQ(coverage[0].cell, coverage[1].cell);
-        EXPECT_EQ(coverage[0].way, coverage[1].way);
+        for (int j = 0; j < ScanCoverage<N, D>::kNumChildren; ++j) {
+          EXPECT_EQ(coverage[0].units_of_child(j), coverage[1].units_of_child(j));
+          seen += coverage[1].units_of_child(j);
+        }
+        EXPECT_EQ(coverage[0].of_cell(), coverage[1].of_cell());
+        EXPECT_EQ(coverage[0].beams_for_child(), coverage[1].beams_for_child());
         hits += evidence[1].hits;
         misses += evidence[1].misses;
-        seen += coverage[1].child;
       }
     }
   EXPECT_GE(hits, 5u);
@@ -236,6 +227,35 @@ TEST(CrossingStack, GivesBackWhatWasAllocatedLast) {
   const Crossings again = stack.allocate(100);
   EXPECT_EQ(again.beam, first.beam + 10);
   EXPECT_EQ(stack.allocate(10).beam, first.beam + 110);
+}
+
+TEST(SiblingLists, MoveTogetherAsTheyAre) {
+  CrossingStack stack;
+  SiblingLists<4> lists;
+  lists.memory = stack.allocate(4 * 108);
+  const std::size_t sizes[] = {0, 100, 3, 40};
+  for (std::size_t c = 0; c < 4; ++c) {
+    lists.first[c] = c * 108;
+    lists.last[c] = c * 108 + sizes[c];
+    for (std::size_t i = lists.first[c]; i < lists.last[c]; ++i) {
+      lists.memory.beam[i] = static_cast<std::uint32_t>(i);
+      lists.memory.enter()[i] = static_cast<float>(i) + 0.25f;
+      lists.memory.exit()[i] = static_cast<float>(i) + 0.5f;
+    }
+  }
+  const std::size_t used = lists.pack();
+  EXPECT_EQ(used, 143 + 4 * Crossings::kSlack);
+  stack.shrink(lists.memory, used);
+  EXPECT_EQ(stack.allocate(10).beam, lists.memory.beam + used);
+  for (std::size_t c = 0; c < 4; ++c) {
+    const Crossings list = lists.of(static_cast<int>(c));
+    ASSERT_EQ(list.size, sizes[c]);
+    for (std::size_t i = 0; i < list.size; ++i) {
+      ASSERT_EQ(list.beam[i], c * 108 + i);
+      ASSERT_EQ(list.enter()[i], static_cast<float>(c * 108 + i) + 0.25f);
+      ASSERT_EQ(list.exit()[i], static_cast<float>(c * 108 + i) + 0.5f);
+    }
+  }
 }
 
 TEST(QuickLog, IsTheLogarithm) {

@@ -7,6 +7,8 @@
 #include <limits>
 #include <string>
 
+#include "at_a_time.hpp"
+#include "ndtree/cell/evidence_summary.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
@@ -184,6 +186,64 @@ TEST(Summary, NodesOfSettledLeavesSayThatTheyAreUntilOneIsHit) {
   map.check_invariants();
   const std::string bytes = to_bytes(map);
   EXPECT_EQ(to_bytes(from_bytes<AdaptiveMap<2, 2>>(bytes)), bytes);
+}
+
+/// Nodes of all kinds that siblings may be.
+template <int kCount>
+void check_summaries_of_siblings(Random& random) {
+  MapOptions options;
+  if (random.chance(0.2)) options.evidence_half_life = 10.0;
+  const EvidenceModel model(options, options);
+  std::array<Node<EvidenceCell>, kCount> siblings;
+  const bool are_much_alike = random.chance(0.7);
+  const int kind_of_most = random.integer(0, 5);
+  for (auto& sibling : siblings) {
+    EvidenceCell cell;
+    switch (are_much_alike && random.chance(0.95) ? kind_of_most : random.integer(0, 5)) {
+      case 0:
+        break;
+      case 1:
+        cell.set_partly_seen(static_cast<std::uint32_t>(random.integer(0, 255)), random.integer(0, 1000));
+        break;
+      case 2:
+        cell = model.settled();
+        break;
+      case 3:
+        model.assign(cell, 0, random.integer(0, 2000));
+        break;
+      case 4:
+        model.assign(cell, random.integer(0, 2000), random.integer(0, 100));
+        break;
+      default: {
+        Summary note = Summary::of_cell(model.settled(), random.chance(0.5));
+        if (random.chance(0.3)) note.add(Summary::of_cell(EvidenceCell{}));
+        sibling.become_inner(static_cast<BlockId>(random.integer(0, 1000)));
+        sibling.set_note(random.chance(0.2) ? 0 : note.word());
+        continue;
+      }
+    }
+    sibling.become_leaf(cell);
+  }
+  const SummaryOfSiblings expected = summary_of_siblings(
+      siblings.data(), kCount, [&](const EvidenceCell& cell) { return model.is_settled(cell); });
+  for (const int width : {1, 8}) {
+    const AtATime loops(width);
+    const SummaryOfSiblings all = EvidenceSummary<kCount>(model)(siblings.data());
+    ASSERT_EQ(all.summary.word(), expected.summary.word());
+    ASSERT_EQ(all.are_leaves, expected.are_leaves);
+  }
+}
+
+TEST(EvidenceSummary, IsTheSameEightAtATime) {
+  Random random(64);
+  SCOPED_TRACE(random.trace());
+  for (int i = 0; i < 3000 && !HasFailure(); ++i) {
+    check_summaries_of_siblings<2>(random);
+    check_summaries_of_siblings<4>(random);
+    check_summaries_of_siblings<8>(random);
+    check_summaries_of_siblings<9>(random);
+    check_summaries_of_siblings<27>(random);
+  }
 }
 
 }  // namespace

@@ -157,8 +157,8 @@ void run(const Call& call) {
   auto report = ndtree::to_json(ndtree::compare(log, call.options, show_progress));
   report["parameters"]["no_return"] = call.no_return;
   show_progress("", 1.0);
-  if (!call.json.empty()) ndtree::write_file(call.json, ndtree::to_text(report));
-  if (!call.csv.empty()) ndtree::write_file(call.csv, ndtree::to_csv(report));
+  if (!call.json.empty()) ndtree::write_report(call.json, ndtree::to_text(report));
+  if (!call.csv.empty()) ndtree::write_report(call.csv, ndtree::to_csv(report));
   std::cout << ndtree::to_table(report) << std::flush;
 }
 

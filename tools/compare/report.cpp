@@ -8,13 +8,13 @@
 #include <fstream>
 #include <functional>
 #include <optional>
-#include <random>
 #include <set>
 #include <stdexcept>
 #include <thread>
 #include <utility>
 #include <vector>
 
+#include "ndtree/io/replaced_file.hpp"
 #include "ndtree/version.hpp"
 
 namespace ndtree {
@@ -421,23 +421,14 @@ void check_writable(const std::string& path) {
     throw std::runtime_error(path + ": cannot be written: is a folder");
 }
 
-void write_file(const std::string& path, const std::string& text) {
-  const std::string temporary = path + "." + std::to_string(std::random_device()()) + ".tmp";
-  std::error_code error;
-  {
-    std::ofstream file(temporary, std::ios::binary);
-    file << text;
-    file.close();
-    if (!file) {
-      std::filesystem::remove(temporary, error);
-      throw std::runtime_error(path + ": cannot be written");
-    }
+void write_report(const std::string& path, const std::string& text) {
+  try {
+    write_file(path, text);
+  } catch (const std::filesystem::filesystem_error& error) {
+    const auto* const refused = dynamic_cast<const FileError*>(&error);
+    throw std::runtime_error(
+        path + ": cannot be written: " + (refused != nullptr ? refused->reason() : error.code().message()));
   }
-  std::filesystem::rename(temporary, path, error);
-  if (!error) return;
-  const std::string reason = error.message();
-  std::filesystem::remove(temporary, error);
-  throw std::runtime_error(path + ": cannot be written: " + reason);
 }
 
 }  // namespace ndtree

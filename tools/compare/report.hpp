@@ -27,8 +27,8 @@ namespace ndtree {
 /// Whether a file of this name could be written. @throws std::runtime_error with the reason if not.
 void check_writable(const std::string& path);
 
-/// Writes under a temporary name in the same folder and renames: the file is never half there.
+/// Writes as ReplacedFile does: the file is never half there.
 /// @throws std::runtime_error naming the file.
-void write_file(const std::string& path, const std::string& text);
+void write_report(const std::string& path, const std::string& text);
 
 }  // namespace ndtree

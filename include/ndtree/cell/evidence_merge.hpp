@@ -4,7 +4,9 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <optional>
@@ -64,8 +66,9 @@ class EvidenceMergeRule {
     if (state == CellState::unknown) return std::nullopt;
     for (int j = 1; j < count; ++j)
       if (!siblings[j].is_leaf() || siblings[j].cell().state() != state) return std::nullopt;
-    const bool alike = state == CellState::free ? all_clearly_free(siblings, count)
-                                                : bits_for_one(siblings, count) >= kLeastBitsForOneSurface;
+    const bool alike = state == CellState::free
+                           ? all_clearly_free(siblings, count)
+                           : bits_for_many(siblings, count, 1.0) <= -kLeastBitsForOneSurface;
     if (!alike) return std::nullopt;
     const double most = max_loss_ * (count - 1);
     const Joined joined = join(siblings, count, share_divisor, most);
@@ -80,16 +83,14 @@ class EvidenceMergeRule {
   [[nodiscard]] Joined join(const NodeType* siblings, int count, int share_divisor,
                             double most = std::numeric_limits<double>::infinity()) const {
     Joined joined;
-    RateComparison rates(kMostSpaceIsFree);
     std::int64_t occupied = 0;
     std::int64_t free = 0;
     std::int64_t hits = 0;
     std::int64_t misses = 0;
     for (int j = 0; j < count; ++j) {
       const EvidenceCell& cell = siblings[j].cell();
+      joined.observed += cell.observed();
       if (!cell.observed()) continue;
-      ++joined.observed;
-      rates.add(model_.effective_hits(cell), model_.effective_misses(cell));
       occupied += cell.occupied_evidence();
       free += cell.free_evidence();
       hits += cell.hits();
@@ -97,17 +98,15 @@ class EvidenceMergeRule {
     }
     if (joined.observed == 0) return joined;
     joined.mixes_unknown = joined.observed < count;
-    joined.loss = std::max(0.0, rates.bits_for_many());
+    // Where no beam ended, one rate for all explains that better than several.
+    if (occupied > 0) joined.loss = std::max(0.0, bits_for_many(siblings, count, kMostSpaceIsFree));
     if (joined.loss > most) return joined;
     model_.assign(joined.cell, scaled(occupied, share_divisor, count), scaled(free, share_divisor, count));
     joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, share_divisor, count)),
                            static_cast<std::uint32_t>(scaled(misses, share_divisor, count)));
     double divergence = 0.0;
-    const double q = joined.cell.probability();
-    for (int j = 0; j < count; ++j) {
-      const double p = siblings[j].cell().probability();
-      divergence += p * quick_log(p / q) + (1.0 - p) * quick_log((1.0 - p) / (1.0 - q));
-    }
+    for (int j = 0; j < count; ++j)
+      divergence += kullback_leibler(siblings[j].cell().log_odds(), joined.cell.log_odds());
     constexpr double kBitsPerNat = 1.4426950408889634;
     joined.loss += std::max(0.0, kBitsPerNat * divergence);
     return joined;
@@ -123,13 +122,33 @@ class EvidenceMergeRule {
     return std::all_of(siblings, siblings + count,
                        [](const NodeType& sibling) { return sibling.cell().log_odds() <= kClearlyFree; });
   }
-  /// How much speaks for one occupied cell instead of several, if it could as well be anything.
+  /// How much speaks for a rate of hits of each cell's own, of those that were observed.
   template <class NodeType>
-  [[nodiscard]] double bits_for_one(const NodeType* siblings, int count) const {
-    RateComparison rates(1.0);
-    for (int j = 0; j < count; ++j)
-      rates.add(model_.effective_hits(siblings[j].cell()), model_.effective_misses(siblings[j].cell()));
-    return -rates.bits_for_many();
+  [[nodiscard]] double bits_for_many(const NodeType* siblings, int count, double prior_hits) const {
+    constexpr std::size_t kAtOnce = 8;
+    RateComparison rates(prior_hits);
+    std::array<double, kAtOnce> hits;
+    std::array<double, kAtOnce> misses;
+    std::size_t n = 0;
+    for (int j = 0; j < count; ++j) {
+      const EvidenceCell& cell = siblings[j].cell();
+      hits[n] = model_.effective_hits(cell);
+      misses[n] = model_.effective_misses(cell);
+      n += cell.observed();
+      if (n < kAtOnce && j + 1 < count) continue;
+      rates.add(hits.data(), misses.data(), n);
+      n = 0;
+    }
+    return rates.bits_for_many();
+  }
+  /// Of one occupancy from another, by their log-odds [nats]:
+  /// p log(p / q) + (1 - p) log((1 - p) / (1 - q)), with log(1 - p) = -log(1 + exp(log-odds)).
+  [[nodiscard]] static double kullback_leibler(float of, float from) {
+    if (of == from) return 0.0;
+    const double odds_of = std::exp(static_cast<double>(of));
+    const double odds_from = std::exp(static_cast<double>(from));
+    return odds_of / (1.0 + odds_of) * (static_cast<double>(of) - static_cast<double>(from)) +
+           quick_log((1.0 + odds_from) / (1.0 + odds_of));
   }
 
   /// Rounded up, so that what was seen once is not forgotten.

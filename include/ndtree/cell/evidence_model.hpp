@@ -132,14 +132,14 @@ class EvidenceModel {
     return table;
   }
 
-  [[nodiscard]] float log_odds_of(std::int64_t occupied, std::int64_t free) const {
+  [[nodiscard]] NDTREE_ALWAYS_INLINE float log_odds_of(std::int64_t occupied, std::int64_t free) const {
     const auto value = static_cast<float>(
         quick_log((static_cast<double>(occupied) + prior_) / (static_cast<double>(free) + prior_)));
     return std::clamp(value, log_odds_min_, log_odds_max_);
   }
 
   /// A cell with this evidence, faded to what it can remember: the ratio stays, but for rounding.
-  void assign(EvidenceCell& cell, std::int64_t occupied, std::int64_t free) const {
+  NDTREE_ALWAYS_INLINE void assign(EvidenceCell& cell, std::int64_t occupied, std::int64_t free) const {
     if (occupied == 0) free = std::min(free, free_memory_);
     const std::int64_t sum = occupied + free;
     if (sum > memory_) {
@@ -150,9 +150,9 @@ class EvidenceModel {
   }
 
   /// Adds the joint evidence of a scan. @returns whether the cell changed.
-  bool update(EvidenceCell& cell, const ScanEvidence& scan) const {
+  NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) const {
     const bool is_only_free = !cell.is_hit() && scan.hits == 0 && scan.occupied == 0;
-    if (is_only_free && kept_ == 1.0) {  // So are most; the rest does the same for them.
+    if (is_only_free && forgets_nothing()) {  // So are most; the rest does the same for them.
       const std::int64_t free = std::min(cell.free_evidence() + scan.free, free_memory_);
       const std::uint32_t misses = std::min(cell.misses() + scan.misses, free_memory_beams_);
       if (cell.observed() && cell.streak() == 0 && free == cell.free_evidence() && misses == cell.misses())
@@ -160,26 +160,7 @@ class EvidenceModel {
       cell.set_free(free, misses, log_odds_of(0, free));
       return true;
     }
-    EvidenceCell now = cell;
-    now.count_scan(scan.hits > 0, scan.misses > 0);
-    if (now.streak() >= kLeastScansOfChange && has_changed(now)) forget_but_streak(now);
-    std::int64_t occupied = now.occupied_evidence();
-    std::int64_t free = now.free_evidence();
-    if (kept_ < 1.0) {
-      occupied = part(occupied, kept_);
-      free = part(free, kept_);
-    }
-    assign(now, occupied + scan.occupied, free + scan.free);
-    const std::uint32_t misses = now.misses() + scan.misses;
-    if (now.occupied_evidence() > 0 || scan.hits > 0) {
-      now.set_counts(now.hits() + scan.hits, misses);
-    } else {  // No hit is left that could be contradicted.
-      now.set_counts(0, std::min(misses, free_memory_beams_));
-      now.end_streak();
-    }
-    const bool changed = now != cell;
-    cell = now;
-    return changed;
+    return update_any(cell, scan);
   }
 
   /// What beams say about the parts of a cell that they passed, of which too little was seen yet.
@@ -192,7 +173,8 @@ class EvidenceModel {
 
   /// Beams of one scan are much alike: of those that say of nothing but free space, a cell counts
   /// `scan_beams`.
-  void limit(ScanEvidence& scan) const {
+  NDTREE_ALWAYS_INLINE void limit(ScanEvidence& scan) const {
+    if (scan.beams <= scan_beams_ && scan.free <= scan_beams_ * miss_) return;  // Most.
     if (scan.hits > 0 || scan.occupied > 0) return;
     scan.free = std::min(scan.free, scan_beams_ * miss_);
     scan.misses = std::min(scan.misses, scan_beams_);
@@ -205,8 +187,12 @@ class EvidenceModel {
   /// Whether scans of which all beams pass the cell leave it as it is: it knows as much free space as a cell
   /// can remember, and nothing else.
   [[nodiscard]] bool is_settled(const EvidenceCell& cell) const {
-    return cell.knows_the_same(settled_) && kept_ == 1.0;
+    return cell.knows_the_same(settled_) && forgets_nothing();
   }
+
+  /// The cell that is, but for its log-odds; none is unless the model forgets nothing.
+  [[nodiscard]] const EvidenceCell& settled() const { return settled_; }
+  [[nodiscard]] bool forgets_nothing() const { return kept_ == 1.0; }
 
   /// Whether the cell knows so much that of a scan a sample will do. The beams of a scan are much alike, and
   /// what a cell remembers is limited: the fewer it takes of each scan, the more scans it remembers.
@@ -278,6 +264,30 @@ class EvidenceModel {
 
  private:
   static constexpr std::uint32_t kLeastScansOfChange = 12;
+
+  /// update() of any cell.
+  NDTREE_ALWAYS_INLINE bool update_any(EvidenceCell& cell, const ScanEvidence& scan) const {
+    EvidenceCell now = cell;
+    now.count_scan(scan.hits > 0, scan.misses > 0);
+    if (now.streak() >= kLeastScansOfChange && has_changed(now)) forget_but_streak(now);
+    std::int64_t occupied = now.occupied_evidence();
+    std::int64_t free = now.free_evidence();
+    if (kept_ < 1.0) {
+      occupied = part(occupied, kept_);
+      free = part(free, kept_);
+    }
+    assign(now, occupied + scan.occupied, free + scan.free);
+    const std::uint32_t misses = now.misses() + scan.misses;
+    if (now.occupied_evidence() > 0 || scan.hits > 0) {
+      now.set_counts(now.hits() + scan.hits, misses);
+    } else {  // No hit is left that could be contradicted.
+      now.set_counts(0, std::min(misses, free_memory_beams_));
+      now.end_streak();
+    }
+    const bool changed = now != cell;
+    cell = now;
+    return changed;
+  }
 
   /// A cell that knows as much free space as a cell can remember, but for its log-odds.
   [[nodiscard]] EvidenceCell settled_cell() const {

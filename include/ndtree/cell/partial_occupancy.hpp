@@ -38,7 +38,10 @@ class PartialOccupancyModel {
  public:
   /// @throws std::invalid_argument if the error rates leave no room for partially occupied cells.
   explicit PartialOccupancyModel(const SplitOptions& options)
-      : free_until_(options.hit_given_free), occupied_from_(1.0 - options.miss_given_occupied) {
+      : free_until_(options.hit_given_free),
+        occupied_from_(1.0 - options.miss_given_occupied),
+        below_(free_until_),
+        above_(1.0 - occupied_from_) {
     require_option(free_until_ < occupied_from_, "hit_given_free", options.hit_given_free,
                    "less than 1 - miss_given_occupied");
   }
@@ -46,8 +49,8 @@ class PartialOccupancyModel {
   [[nodiscard]] OccupancyHypotheses operator()(std::uint32_t hits, std::uint32_t misses) const {
     const double a = hits + 1.0;
     const double b = misses + 1.0;
-    const double below = incomplete_beta(a, b, free_until_);
-    const double above = incomplete_beta(b, a, 1.0 - occupied_from_);  // 1 - I, without cancellation.
+    const double below = below_(a, b);
+    const double above = above_(b, a);  // 1 - I, without cancellation.
     OccupancyHypotheses evidence;
     evidence.free = below / free_until_;
     evidence.occupied = above / (1.0 - occupied_from_);
@@ -62,6 +65,8 @@ class PartialOccupancyModel {
  private:
   double free_until_;
   double occupied_from_;
+  QuickIncompleteBeta below_;
+  QuickIncompleteBeta above_;
 };
 
 }  // namespace ndtree

@@ -61,6 +61,9 @@ class Summary {
   }
 
  private:
+  template <int kCount>
+  friend class EvidenceSummary;
+
   static constexpr std::uint32_t kKnown = 1;
   static constexpr std::uint32_t kStates = 2 | 4 | 8;
   static constexpr std::uint32_t kUnsettled = 16;
@@ -81,24 +84,22 @@ class Summary {
   std::uint32_t word_ = 0;
 };
 
-/// What the children of a node say together.
-struct SummaryOfChildren {
+/// What siblings say together.
+struct SummaryOfSiblings {
   Summary summary;         ///< Unknown if that of one of them is.
   bool are_leaves = true;  ///< All of them.
 };
 
 /// @param is_settled says it of a cell.
-template <class Tree, class IsSettled>
-SummaryOfChildren summary_of_children(const Tree& tree, const typename Tree::NodeType& parent,
-                                      const IsSettled& is_settled) {
-  const auto* const children = tree.children(parent);
-  SummaryOfChildren result;
+template <class NodeType, class IsSettled>
+SummaryOfSiblings summary_of_siblings(const NodeType* siblings, int count, const IsSettled& is_settled) {
+  SummaryOfSiblings result;
   bool is_known = true;
-  for (int j = 0; j < Tree::kNumChildren; ++j) {
-    const Summary child = Summary::of(children[j], is_settled);
-    is_known = is_known && child.is_known();
-    result.are_leaves = result.are_leaves && children[j].is_leaf();
-    result.summary.add(child);
+  for (int j = 0; j < count; ++j) {
+    const Summary sibling = Summary::of(siblings[j], is_settled);
+    is_known = is_known && sibling.is_known();
+    result.are_leaves = result.are_leaves && siblings[j].is_leaf();
+    result.summary.add(sibling);
   }
   if (!is_known) result.summary = {};
   return result;
@@ -108,7 +109,7 @@ SummaryOfChildren summary_of_children(const Tree& tree, const typename Tree::Nod
 /// @param is_settled says it of a cell.
 template <class Tree, class IsSettled>
 Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSettled& is_settled) {
-  const Summary summary = summary_of_children(tree, parent, is_settled).summary;
+  const Summary summary = summary_of_siblings(tree.children(parent), Tree::kNumChildren, is_settled).summary;
   parent.set_note(summary.word());
   return summary;
 }

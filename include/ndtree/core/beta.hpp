@@ -3,11 +3,15 @@
 /// The beta function and its incomplete form: what counts of two outcomes say about the odds behind them.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <utility>
 
 #include "ndtree/core/quick_log.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 
@@ -64,17 +68,51 @@ struct GammaFactors {
          quick_log(of_sum.product / (of_a.product * of_b.product));
 }
 
-/// I_x(a, b) for a, b > 0 and x in [0, 1]: the probability that a share with the distribution Beta(a, b) is
-/// below x. By the continued fraction DLMF 8.17.22, evaluated forwards with rescaled convergents, on the side
-/// of the mean where it converges fast. Relative error below 1e-10 for a + b up to 1e4.
-[[nodiscard]] inline double incomplete_beta(double a, double b, double x) {
-  if (!(x > 0.0)) return 0.0;
-  if (!(x < 1.0)) return 1.0;
-  const bool above_mean = x > (a + 1.0) / (a + b + 2.0);
-  if (above_mean) {
-    std::swap(a, b);
-    x = 1.0 - x;
-  }
+#ifdef NDTREE_HAS_AVX2
+namespace detail {
+
+/// GammaFactors of four numbers, to the same bits.
+struct FourGammaFactors {
+  __m256d stirling;
+  __m256d product;
+};
+NDTREE_AVX2 inline __m256d plus(__m256d x, double c) { return _mm256_add_pd(x, _mm256_set1_pd(c)); }
+NDTREE_AVX2 inline FourGammaFactors four_gamma_factors(__m256d x) {
+  const __m256d is_small = _mm256_cmp_pd(x, _mm256_set1_pd(8.0), _CMP_LT_OQ);
+  const __m256d below = _mm256_mul_pd(x, plus(x, 7.0));
+  const __m256d product = _mm256_mul_pd(
+      _mm256_mul_pd(_mm256_mul_pd(below, plus(below, 6.0)), plus(below, 10.0)), plus(below, 12.0));
+  x = _mm256_blendv_pd(x, plus(x, 8.0), is_small);
+  const __m256d inverse = _mm256_div_pd(_mm256_set1_pd(1.0), x);
+  const __m256d y = _mm256_mul_pd(inverse, inverse);
+  __m256d series = _mm256_set1_pd(1.0 / 1680.0);
+  for (const double c : {1.0 / 1260.0, 1.0 / 360.0, 1.0 / 12.0})
+    series = _mm256_sub_pd(_mm256_set1_pd(c), _mm256_mul_pd(y, series));
+  series = _mm256_mul_pd(series, inverse);
+  return {_mm256_add_pd(_mm256_sub_pd(_mm256_mul_pd(plus(x, -0.5), quick_log(x)), x), series),
+          _mm256_blendv_pd(_mm256_set1_pd(1.0), product, is_small)};
+}
+
+}  // namespace detail
+
+/// Of four pairs, to the same bits.
+NDTREE_AVX2 [[nodiscard]] inline __m256d quick_log_beta(__m256d a, __m256d b) {
+  const detail::FourGammaFactors of_a = detail::four_gamma_factors(a);
+  const detail::FourGammaFactors of_b = detail::four_gamma_factors(b);
+  const detail::FourGammaFactors of_sum = detail::four_gamma_factors(_mm256_add_pd(a, b));
+  const __m256d stirling =
+      _mm256_add_pd(_mm256_sub_pd(_mm256_add_pd(of_a.stirling, of_b.stirling), of_sum.stirling),
+                    _mm256_set1_pd(0.91893853320467274));
+  return _mm256_add_pd(stirling,
+                       quick_log(_mm256_div_pd(of_sum.product, _mm256_mul_pd(of_a.product, of_b.product))));
+}
+#endif
+
+namespace detail {
+
+/// The continued fraction DLMF 8.17.22, evaluated forwards with rescaled convergents, until its value changes
+/// by no more than a share of it.
+[[nodiscard]] inline double incomplete_beta_fraction(double a, double b, double x, double share) {
   // Convergents A_n / B_n of 1 / (1 + d_1 / (1 + d_2 / (1 + ...))), kept near 1 by dividing both by B_n.
   double numerator_before = 0.0;
   double numerator = 1.0;
@@ -87,17 +125,52 @@ struct GammaFactors {
     const double next_numerator = numerator + d * numerator_before;
     const double next_denominator = denominator + d * denominator_before;
     const double value = next_numerator / next_denominator;
-    const bool converged = std::abs(value * denominator - numerator) <=
-                           std::numeric_limits<double>::epsilon() * std::abs(numerator);
+    const bool converged = std::abs(value * denominator - numerator) <= share * std::abs(numerator);
     numerator_before = numerator / next_denominator;
     denominator_before = denominator / next_denominator;
     numerator = value;
     denominator = 1.0;
     if (converged) break;
   }
-  const double tail = std::exp(a * std::log(x) + b * std::log1p(-x) - log_beta(a, b)) / a * numerator;
+  return numerator;
+}
+
+}  // namespace detail
+
+/// I_x(a, b) for a, b > 0 and x in [0, 1]: the probability that a share with the distribution Beta(a, b) is
+/// below x. By a continued fraction, on the side of the mean where it converges fast. Relative error below
+/// 1e-10 for a + b up to 1e4.
+[[nodiscard]] inline double incomplete_beta(double a, double b, double x) {
+  if (!(x > 0.0)) return 0.0;
+  if (!(x < 1.0)) return 1.0;
+  const bool above_mean = x > (a + 1.0) / (a + b + 2.0);
+  if (above_mean) {
+    std::swap(a, b);
+    x = 1.0 - x;
+  }
+  const double tail = std::exp(a * std::log(x) + b * std::log1p(-x) - log_beta(a, b)) / a *
+                      detail::incomplete_beta_fraction(a, b, x, std::numeric_limits<double>::epsilon());
   return above_mean ? 1.0 - tail : tail;
 }
+
+/// incomplete_beta() of one x in (0, 1), within 1e-7 of its value or 1e-14, in less than half the time.
+class QuickIncompleteBeta {
+ public:
+  explicit QuickIncompleteBeta(double x) : x_(x), log_x_(std::log(x)), log_rest_(std::log1p(-x)) {}
+
+  [[nodiscard]] double operator()(double a, double b) const {
+    const double power = std::exp(a * log_x_ + b * log_rest_ - quick_log_beta(a, b));
+    constexpr double kShare = 1e-9;
+    if (x_ > (a + 1.0) / (a + b + 2.0))
+      return 1.0 - power / b * detail::incomplete_beta_fraction(b, a, 1.0 - x_, kShare);
+    return power / a * detail::incomplete_beta_fraction(a, b, x_, kShare);
+  }
+
+ private:
+  double x_;
+  double log_x_;
+  double log_rest_;
+};
 
 /// Do beams end in several cells with a probability of each cell's own, or with one for all? The Bayes factor
 /// of the two, the probabilities being from Beta(prior_hits, 1).
@@ -106,10 +179,19 @@ class RateComparison {
   explicit RateComparison(double prior_hits) : prior_hits_(prior_hits), log_prior_(-std::log(prior_hits)) {}
 
   /// Another cell's beams; the numbers need not be whole.
-  void add(double hits, double misses) {
-    many_ += log_evidence(hits, misses);
-    hits_ += hits;
-    misses_ += misses;
+  void add(double hits, double misses) { add(&hits, &misses, 1); }
+  /// Those of n cells.
+  void add(const double* hits, const double* misses, std::size_t n) {
+    std::array<double, kAtOnce> evidence;
+    for (std::size_t first = 0; first < n; first += kAtOnce) {
+      const std::size_t count = std::min(n - first, kAtOnce);
+      log_evidences(hits + first, misses + first, count, evidence.data());
+      for (std::size_t i = 0; i < count; ++i) {
+        many_ += evidence[i];
+        hits_ += hits[first + i];
+        misses_ += misses[first + i];
+      }
+    }
   }
   /// log2 of the factor for a probability of each one's own; negative where one for all is likelier.
   [[nodiscard]] double bits_for_many() const {
@@ -121,6 +203,20 @@ class RateComparison {
   [[nodiscard]] double log_evidence(double hits, double misses) const {
     return quick_log_beta(hits + prior_hits_, misses + 1.0) - log_prior_;
   }
+  static constexpr std::size_t kAtOnce = 4;
+  void log_evidences(const double* hits, const double* misses, std::size_t n, double* evidence) const {
+#ifdef NDTREE_HAS_AVX2
+    if (n == kAtOnce && Simd::width() >= 8) return four_log_evidences(hits, misses, evidence);
+#endif
+    for (std::size_t i = 0; i < n; ++i) evidence[i] = log_evidence(hits[i], misses[i]);
+  }
+#ifdef NDTREE_HAS_AVX2
+  NDTREE_AVX2 void four_log_evidences(const double* hits, const double* misses, double* evidence) const {
+    const __m256d a = _mm256_add_pd(_mm256_loadu_pd(hits), _mm256_set1_pd(prior_hits_));
+    const __m256d b = _mm256_add_pd(_mm256_loadu_pd(misses), _mm256_set1_pd(1.0));
+    _mm256_storeu_pd(evidence, _mm256_sub_pd(quick_log_beta(a, b), _mm256_set1_pd(log_prior_)));
+  }
+#endif
 
   double prior_hits_;
   double log_prior_;

@@ -11,6 +11,13 @@
 #define NDTREE_HAS_AVX2 1
 #endif
 
+#if defined(__GNUC__) || defined(__clang__)
+/// Of small functions on the way of every beam and cell, whose calls cost as much as what they do.
+#define NDTREE_ALWAYS_INLINE inline __attribute__((always_inline))
+#else
+#define NDTREE_ALWAYS_INLINE inline
+#endif
+
 #include <array>
 #include <atomic>
 #include <cmath>

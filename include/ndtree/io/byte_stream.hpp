@@ -1,26 +1,25 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Little-endian values into and out of a byte string, its checksum, and files that appear whole or not at
-/// all.
+/// Little-endian values into and out of a byte string, its checksum, and whole files.
 #pragma once
 
 #include <array>
 #include <cerrno>
 #include <cstdint>
-#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <limits>
 #include <locale>
-#include <random>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <string_view>
 #include <system_error>
 #include <type_traits>
+
+#include "ndtree/io/replaced_file.hpp"
 
 namespace ndtree {
 
@@ -113,48 +112,14 @@ class ByteReader {
   }
 }
 
-/// The system's last error about a file.
-[[nodiscard]] inline std::filesystem::filesystem_error file_error(const char* what,
-                                                                  const std::filesystem::path& path,
-                                                                  int error) {
-  return {what, path, std::error_code(error != 0 ? error : EIO, std::generic_category())};
-}
-
-/// Writes a file under a temporary name of its own beside it and renames it: readers see the old file or the
-/// whole new one, also if two programs write it at once.
-/// @throws std::filesystem::filesystem_error naming the file and the system's reason; nothing is left behind.
-inline void write_file(const std::filesystem::path& path, std::string_view bytes) {
-  std::filesystem::path temporary;
-  std::FILE* out = nullptr;
-  std::random_device random;
-  for (int attempt = 0; out == nullptr; ++attempt) {
-    temporary = path;
-    temporary += "." + std::to_string(random()) + ".part";
-    errno = 0;
-    out = std::fopen(temporary.string().c_str(), "wbx");  // x: never a file that is there already.
-    if (out == nullptr && (errno != EEXIST || attempt == 100)) throw file_error("cannot write", path, errno);
-  }
-  errno = 0;
-  const bool written = std::fwrite(bytes.data(), 1, bytes.size(), out) == bytes.size();
-  const int write_errno = errno;
-  const bool closed = std::fclose(out) == 0;
-  std::error_code error;
-  if (!written || !closed) {
-    const int reason = written ? errno : write_errno;
-    std::filesystem::remove(temporary, error);
-    throw file_error("cannot write", path, reason);
-  }
-  std::filesystem::rename(temporary, path, error);
-  if (error) {
-    const int reason = error.value();
-    std::filesystem::remove(temporary, error);
-    throw file_error("cannot write", path, reason);
-  }
-}
-
-/// A whole file. @throws std::filesystem::filesystem_error naming the file and the system's reason.
+/// A whole file. Others than regular ones are refused: a FIFO may wait, and a device have no end.
+/// @throws std::filesystem::filesystem_error naming the file and the reason.
 [[nodiscard]] inline std::string read_file(const std::filesystem::path& path) {
-  if (std::filesystem::is_directory(path)) throw file_error("cannot read", path, EISDIR);
+  std::error_code error;
+  const auto status = std::filesystem::status(path, error);
+  if (std::filesystem::is_directory(status)) throw file_error("cannot read", path, EISDIR);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status))
+    throw FileError(path, EINVAL, "is no regular file, expected one");
   errno = 0;
   std::ifstream in(path, std::ios::binary);
   if (!in.is_open()) throw file_error("cannot read", path, errno);

@@ -166,7 +166,7 @@ template <class Map>
   return image;
 }
 
-/// Writes an image as .pgm beside the YAML file of the same name.
+/// Writes an image as .pgm beside the YAML file of the same name; see commit_together().
 /// @param path must end in .yaml, or std::invalid_argument is thrown.
 /// @throws std::filesystem::filesystem_error naming a file that cannot be written, and the system's reason.
 inline void save_map_server(const MapServerImage& image, const std::filesystem::path& path) {
@@ -174,8 +174,12 @@ inline void save_map_server(const MapServerImage& image, const std::filesystem::
     throw std::invalid_argument(path.string() + ": the name of a map_server file must end in .yaml");
   std::filesystem::path pgm = path;
   pgm.replace_extension(".pgm");
-  write_file(pgm, image.pgm());
-  write_file(path, image.yaml(pgm.filename().string()));
+  std::vector<ReplacedFile> files;
+  files.emplace_back(pgm);
+  files.emplace_back(path);
+  files[0].write(image.pgm());
+  files[1].write(image.yaml(pgm.filename().string()));
+  commit_together(files);
 }
 
 }  // namespace ndtree

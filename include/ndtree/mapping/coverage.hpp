@@ -36,21 +36,32 @@ struct CellParts {
   static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
 
   /// The part that a child belongs to; of an odd N the middle belongs to the lower half.
-  [[nodiscard]] static int of_child(int number) { return table()[static_cast<std::size_t>(number)]; }
+  [[nodiscard]] static constexpr int of_child(int number) {
+    return kTables.of_child[static_cast<std::size_t>(number)];
+  }
+  /// Children that belong to a part.
+  [[nodiscard]] static constexpr int num_children(int part) {
+    return kTables.num_children[static_cast<std::size_t>(part)];
+  }
 
  private:
-  [[nodiscard]] static const std::array<std::uint8_t, kNumChildren>& table() {
-    static const std::array<std::uint8_t, kNumChildren> parts = [] {
-      std::array<std::uint8_t, kNumChildren> result{};
-      for (int j = 0; j < kNumChildren; ++j) {
-        const Offset<D> offset = child_offset<N, D>(j);
-        for (std::size_t a = 0; a < static_cast<std::size_t>(kAxes); ++a)
-          if (2 * offset[a] >= N) result[static_cast<std::size_t>(j)] |= static_cast<std::uint8_t>(1u << a);
-      }
-      return result;
-    }();
-    return parts;
+  struct Tables {
+    std::array<std::uint8_t, kNumChildren> of_child{};
+    std::array<std::uint16_t, kCount> num_children{};
+  };
+  static constexpr Tables tables() {
+    Tables result;
+    for (int j = 0; j < kNumChildren; ++j) {
+      const Offset<D> offset = child_offset<N, D>(j);
+      unsigned part = 0;
+      for (std::size_t a = 0; a < static_cast<std::size_t>(kAxes); ++a)
+        if (2 * offset[a] >= N) part |= 1u << a;
+      result.of_child[static_cast<std::size_t>(j)] = static_cast<std::uint8_t>(part);
+      ++result.num_children[part];
+    }
+    return result;
   }
+  static constexpr Tables kTables = tables();
 };
 
 /// What the beams of one scan have seen of the children of one cell: sums of whole numbers, so that the order
@@ -87,6 +98,9 @@ class ScanCoverage {
   /// Seen share of a child; more than 1 where beams are closer than they are elsewhere.
   [[nodiscard]] double of_child(int number) const {
     return static_cast<double>(of_child_[static_cast<std::size_t>(number)]) * kUnit;
+  }
+  [[nodiscard]] std::int64_t units_of_child(int number) const {
+    return of_child_[static_cast<std::size_t>(number)];
   }
   /// The same of the whole cell.
   [[nodiscard]] double of_cell() const { return static_cast<double>(of_cell_) * kUnit / kNumChildren; }
@@ -145,21 +159,26 @@ class CoverageModel {
                                       double size) const {
     using Parts = CellParts<N, D>;
     constexpr double kLeast = 0.25;
-    const double missing_below = std::min(kLeast, 1.0 - std::sqrt(2.0 / scan.beams_for_child()));
-    bool is_missing = false;
-    std::array<double, Parts::kCount> seen{};  // In children.
-    std::array<int, Parts::kCount> children{};
+    constexpr auto kOne = static_cast<std::int64_t>(ScanCoverage<N, D>::kUnitsOfOne);
+    const double missing_below =
+        kOne * std::min(kLeast, 1.0 - std::sqrt(2.0 / scan.beams_for_child()));  // In units.
+    std::int64_t least = kOne;  // Seen of a child, of those in parts that were not seen before.
+    std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
     for (int j = 0; j < Parts::kNumChildren; ++j) {
       const auto part = static_cast<std::size_t>(Parts::of_child(j));
-      ++children[part];
-      seen[part] += std::min(1.0, scan.of_child(j));
-      is_missing = is_missing || (scan.of_child(j) < missing_below && (seen_before >> part & 1u) == 0);
+      const std::int64_t of_child = std::min(kOne, scan.units_of_child(j));
+      seen[part] += of_child;
+      least = std::min(least, (seen_before >> part & 1u) == 0 ? of_child : kOne);
     }
+    const bool is_missing = static_cast<double>(least) < missing_below;
     CoverageVerdict verdict{seen_before};
     int seen_children = 0;
-    for (std::size_t p = 0; p < seen.size(); ++p) {
-      if (seen[p] >= kLeast * kRounding * children[p]) verdict.parts |= 1u << p;
-      if ((verdict.parts >> p & 1u) != 0) seen_children += children[p];
+    for (int p = 0; p < Parts::kCount; ++p) {
+      const int children = Parts::num_children(p);
+      const bool is_seen =
+          static_cast<double>(seen[static_cast<std::size_t>(p)]) >= kLeast * kRounding * kOne * children;
+      verdict.parts |= static_cast<std::uint32_t>(is_seen) << p;
+      seen_children += (verdict.parts >> p & 1u) != 0 ? children : 0;
     }
     verdict.shows_more = is_missing && size > least_to_split_;
     const double share = std::max(scan.of_cell(), static_cast<double>(seen_children) / Parts::kNumChildren);

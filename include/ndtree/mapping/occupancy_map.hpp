@@ -22,6 +22,7 @@
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/mapping/compress.hpp"
+#include "ndtree/mapping/forget.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/refinement.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
@@ -172,6 +173,45 @@ class OccupancyMap {
     return report;
   }
 
+  /// Forgets all cells but those that share a volume with a box. O(what goes, and what lies on its border).
+  /// @throws std::invalid_argument if the box has no volume; the map is then unchanged.
+  void crop(const Box<D>& box) {
+    check(box);
+    forget(
+        [&](const Box<D>& cell, bool) {
+          if (!overlap(cell, box)) return Fate::forget;
+          return is_within(cell, box) ? Fate::keep : Fate::divide;
+        },
+        false);
+  }
+  /// Forgets the space in a box: larger cells on its border are divided, and of smallest cells there those go
+  /// that share a volume with it. @throws as crop().
+  void clear(const Box<D>& box) {
+    check(box);
+    forget(
+        [&](const Box<D>& cell, bool is_smallest) {
+          if (!overlap(cell, box)) return Fate::keep;
+          return is_smallest || is_within(cell, box) ? Fate::forget : Fate::divide;
+        },
+        true);
+  }
+  /// Forgets all cells that are farther than `radius` > 0 [m] from a point: a window that moves with a robot.
+  /// O(what goes, and what lies on its border). @throws std::invalid_argument if either is not finite; the
+  /// map is then unchanged.
+  void keep_near(const Vector<D>& center, double radius) {
+    if (!center.allFinite()) throw std::invalid_argument("center = " + describe(center) + ": must be finite");
+    if (!(radius > 0.0) || !std::isfinite(radius))
+      throw std::invalid_argument("radius = " + std::to_string(radius) + " m: must be > 0 and finite");
+    forget(
+        [&](const Box<D>& cell, bool) {
+          if (cell.squared_distance(center) > radius * radius) return Fate::forget;
+          const double farthest =
+              (cell.lower - center).cwiseAbs().cwiseMax((cell.upper - center).cwiseAbs()).squaredNorm();
+          return farthest <= radius * radius ? Fate::keep : Fate::divide;
+        },
+        false);
+  }
+
   [[nodiscard]] const Tree& tree() const { return tree_; }
   [[nodiscard]] const MapOptions& options() const { return options_; }
   [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
@@ -223,6 +263,31 @@ class OccupancyMap {
   /// Whether a cell is settled.
   [[nodiscard]] auto settled() const {
     return [this](const Cell& cell) { return refinement_.is_settled(cell); };
+  }
+
+  /// @param fate_of(box, is_smallest) of nodes. @param divides_leaves else leaves are kept that it would
+  /// divide.
+  template <class FateOf>
+  void forget(const FateOf& fate_of, bool divides_leaves) {
+    const auto is_settled = settled();
+    const auto fate = [&](const Box<D>& box, bool is_smallest) { return fate_of(box, is_smallest); };
+    detail::Forgetting<Tree, decltype(is_settled), decltype(fate)> forgetting(tree_, is_settled, fate,
+                                                                              divides_leaves);
+    try {
+      forgetting.run();
+      tree_.shrink_if_half_empty();
+    } catch (...) {  // Of lack of memory: what is there stays valid.
+      forget_summaries(tree_);
+      throw;
+    }
+  }
+  [[nodiscard]] static bool is_within(const Box<D>& cell, const Box<D>& box) {
+    return (cell.lower.array() >= box.lower.array()).all() && (cell.upper.array() <= box.upper.array()).all();
+  }
+  static void check(const Box<D>& box) {
+    if (!box.lower.allFinite() || !box.upper.allFinite() || !(box.lower.array() < box.upper.array()).all())
+      throw std::invalid_argument("box from " + describe(box.lower) + " to " + describe(box.upper) +
+                                  ": must be finite, and have a volume");
   }
 
   void check_summary(const typename Tree::ConstRef& parent) const {

@@ -95,7 +95,8 @@ class ScanUpdate {
     const ScanView<D>& scan = measurements_->scan();
     parts_.clear();
     beams_.resize(kept.size(), std::move(faces), scan.origin_per_beam,
-                  geometry.coordinates(scan.origin(static_cast<Eigen::Index>(kept.front().number))));
+                  geometry.coordinates(scan.origin(static_cast<Eigen::Index>(kept.front().number))),
+                  ends_nearby());
     const bool by_eights = may_go_by_eights();
     const std::size_t tasks = workers.count();
     workers.for_each_task(tasks, [&](std::size_t, std::size_t task) {
@@ -104,14 +105,17 @@ class ScanUpdate {
     beams_.finish();
   }
 
+  [[nodiscard]] bool ends_nearby() const {
+    const double nearby = 0.5 * static_cast<double>(ScanBeams<D>::kNearby) * tree_.geometry().unit();
+    return (reach_.upper - reach_.lower).maxCoeff() < nearby;
+  }
   /// Whether ScanBeams::set_eight() may do: for scans of one origin, that end nearby.
   [[nodiscard]] bool may_go_by_eights() const {
 #ifdef NDTREE_HAS_AVX2
     const ScanView<D>& scan = measurements_->scan();
-    const double nearby = 0.5 * static_cast<double>(ScanBeams<D>::kNearby) * tree_.geometry().unit();
     return std::is_same_v<Sensor, BeamSensorModel> && Simd::width() >= 8 && !scan.origin_per_beam &&
            scan.range_sigma == nullptr && scan.size < std::numeric_limits<std::int32_t>::max() / D &&
-           (reach_.upper - reach_.lower).maxCoeff() < nearby;
+           ends_nearby();
 #else
     return false;
 #endif

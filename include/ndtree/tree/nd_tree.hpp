@@ -114,6 +114,16 @@ class NdTree {
     pool_.free(block, arena);
   }
 
+  /// A node becomes a leaf with the given cell; all below it goes. O(nodes below).
+  void cut(NodeType& node, const Cell& cell = Cell{}) {
+    if (!node.is_leaf()) {
+      NodeType* const below = children(node);
+      for (int j = 0; j < kNumChildren; ++j) cut(below[j]);
+      pool_.free(node.children());
+    }
+    node.become_leaf(cell);
+  }
+
   /// The storage that split_node() and merge() take and free blocks through, unless a thread has its own.
   [[nodiscard]] Arena& main_arena() { return pool_.main_arena(); }
   /// While threads have arenas, they may split and merge below nodes of their own, and nothing else happens.

@@ -64,6 +64,9 @@ std::string describe(const char* type, const PythonMap& map, bool adaptive);
 /// The one of AdaptiveMap and FixedMap that a map belongs to.
 pybind11::object to_python(std::unique_ptr<MapInterface> map);
 
+/// What the library throws becomes an exception of Python's in one readable line; and `ReplacedFile`.
+void bind_errors(pybind11::module_& module);
+void bind_files(pybind11::module_& module);
 void bind_maps(pybind11::module_& module);
 /// @pre bind_maps() has run: it adds methods to its classes.
 void bind_exports(pybind11::module_& module);

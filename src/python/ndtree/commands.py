@@ -6,7 +6,6 @@ import functools
 import json
 import math
 import sys
-import tempfile
 import time
 import webbrowser
 from collections.abc import Iterator, Sequence
@@ -19,7 +18,7 @@ import numpy as np
 import typer
 
 import ndtree
-from ndtree._core import OccupancyMap
+from ndtree._core import OccupancyMap, ReplacedFile
 from ndtree._flags import Reading, map_options, reading_options
 from ndtree._options import KINDS, make_map
 from ndtree._progress import mapping_progress, progress
@@ -120,7 +119,8 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def guarded(**arguments: Any) -> None:
         try:
-            command(**arguments)
+            with np.errstate(all="ignore"):  # Absurd numbers in a log are counted, or refused by name.
+                command(**arguments)
         except BrokenPipeError:
             raise
         except WrongCall as error:
@@ -130,7 +130,7 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
             _end(f"{where}{error.strerror or error}", BAD_INPUT)
         except ImportError as error:
             _end(str(error), WRONG_CALL)
-        except (ValueError, MemoryError) as error:
+        except (ValueError, MemoryError, RuntimeError) as error:
             _end(str(error) or "not enough memory", BAD_INPUT)
 
     return guarded
@@ -278,8 +278,7 @@ def map_(
     if plot and picture:
         with replaced(picture) as path:
             _draw(plot, target, path)
-    with replaced(output) as path:
-        target.save(path)
+    target.save(output)
     figures = {
         "log": str(log),
         "format": opened.format,
@@ -972,8 +971,8 @@ def _check_target(target: Optional[Path]) -> None:
             errno.EISDIR, "is a folder, expected the name of a file to write", str(target)
         )
     try:
-        with tempfile.NamedTemporaryFile(dir=target.parent):
-            pass
+        if not target.is_fifo():  # Whose reader would take the end of this for the end of all.
+            ReplacedFile(target).discard()
     except OSError as error:
         raise OSError(error.errno, f"cannot be written: {error.strerror}", str(target)) from None
 

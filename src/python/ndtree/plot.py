@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Union
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ndtree._core import OccupancyMap
 from ndtree.comparison import Comparison
+from ndtree.files import replaced
 from ndtree.lattice import Cells, Floats, Integers, coarsened, covered_faces
 
 try:
@@ -621,19 +621,9 @@ def _written(figure: Figure, path: Path | None, dpi: float) -> Figure:
     """The same figure, in a file if there is a path: whole or not at all."""
     figure.set_dpi(dpi)
     if path is not None:
-        folder, name = os.path.split(os.fspath(path))
-        handle, part = tempfile.mkstemp(dir=folder or ".", prefix=".", suffix=f".{name}")
-        os.close(handle)
-        try:
+        with replaced(path) as part:
             figure.draw_without_rendering()  # Labels have their place only after the axes have theirs.
             figure.savefig(part, dpi=dpi)
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(part, 0o666 & ~umask)
-            os.replace(part, path)
-        finally:
-            if os.path.exists(part):
-                os.unlink(part)
     return figure
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from pathlib import Path
 from subprocess import CalledProcessError
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ndtree import plot
+from ndtree import _core, plot
 from ndtree._core import OccupancyMap
 from ndtree.lattice import Cells, Floats
 
@@ -72,9 +71,8 @@ class Recorder:
         self._every, self._color = every, color
         self._figure = Figure(figsize=(SIZE[0] / _DPI, SIZE[1] / _DPI), dpi=_DPI)
         FigureCanvasAgg(self._figure)
-        handle, name = tempfile.mkstemp(dir=self._path.parent, prefix=f".{self._path.stem}.", suffix=ending)
-        os.close(handle)
-        self._part = Path(name)
+        self._file = _core.ReplacedFile(self._path)
+        self._part = Path(self._file.temporary)
         self._film: Any = _Gif(self._part) if ending == ".gif" else _Mp4(self._part, self._figure)
         self._scans, self._last_drawn = 0, -1
         self._region: Floats | None = None
@@ -113,17 +111,14 @@ class Recorder:
                 self._film.finish()
             except CalledProcessError as error:
                 raise OSError(f"{self._path}: ffmpeg ended with status {error.returncode}") from None
-            umask = os.umask(0)
-            os.umask(umask)
-            self._part.chmod(0o666 & ~umask)
-            self._part.replace(self._path)
+            _core.commit_together([self._file])
         finally:
             self.abandon()
 
     def abandon(self) -> None:
         """End without a film. Nothing happens after `close`."""
         self._film.abandon()
-        self._part.unlink(missing_ok=True)
+        self._file.discard()
 
     def _draw(self, m: OccupancyMap) -> None:
         if not m.stats().observed_leaves:

@@ -33,6 +33,8 @@ except ImportError as error:
         f"ndtree.view needs viser ({error}); install it with: pip install 'ndtree-mapping[view]'"
     ) from None
 
+from ndtree.page_guard import guarded
+
 #: What browsers do wrong when they call is no news for the user.
 logging.getLogger("websockets").addHandler(logging.NullHandler())
 
@@ -225,7 +227,7 @@ def _started(port: int) -> viser.ViserServer:
             probe.bind((HOST, port))
     except OSError as error:
         raise _unusable(port, error.errno, error.strerror) from None
-    with contextlib.redirect_stdout(io.StringIO()):  # viser introduces itself.
+    with guarded(), contextlib.redirect_stdout(io.StringIO()):  # viser introduces itself.
         server = viser.ViserServer(host=HOST, port=port, verbose=False)
     if port and server.get_port() != port:  # Somebody was faster, and viser took another.
         with contextlib.redirect_stdout(io.StringIO()):

@@ -49,14 +49,16 @@ class ScanBeams {
   [[nodiscard]] std::size_t size() const { return size_; }
   /// @param faces that the beams go through. Those of number 0 are alone in their faces, of which there is no
   ///   other number. @param have_own_origins whether not all begin in one place.
-  /// @param base the cell from which end points are counted.
-  void resize(std::size_t n, std::vector<ScanFace<D>> faces, bool have_own_origins, const Lattice<D>& base) {
+  /// @param base the cell from which end points are counted. @param end_nearby see ends_nearby().
+  void resize(std::size_t n, std::vector<ScanFace<D>> faces, bool have_own_origins, const Lattice<D>& base,
+              bool end_nearby) {
     size_ = n;
     faces_ = std::move(faces);
     floats_.reset(new float[n * kNumFloats]);  // Not initialised: set() does that.
     faces_of_.reset(new std::uint32_t[n]);
-    offsets_.reset(new std::int32_t[n * D]);
-    cells_.reset(new Lattice<D>[n]);
+    offsets_.reset(end_nearby ? new std::int32_t[n * D] : nullptr);
+    cells_.reset(end_nearby ? nullptr : new Lattice<D>[n]);
+    ends_nearby_ = end_nearby;
     has_own_origins_ = have_own_origins;
     origins_.resize(have_own_origins ? n : std::min<std::size_t>(n, 1));
     base_ = base;
@@ -92,10 +94,9 @@ class ScanBeams {
     column(kChance)[number] = chance;
     faces_of_[number] = face;
     const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
-    cells_[number] = cell;
-    for (std::size_t a = 0; a < D; ++a)
-      offsets_[a * size_ + number] =
-          static_cast<std::int32_t>(std::clamp(cell[a] - base_[a], -2 * kNearby, 2 * kNearby));
+    if (!ends_nearby_) cells_[number] = cell;
+    for (std::size_t a = 0; a < D && ends_nearby_; ++a)
+      offsets_[a * size_ + number] = static_cast<std::int32_t>(cell[a] - base_[a]);
     if (has_own_origins_ || number == 0) origins_[number] = beam.origin;
   }
 
@@ -184,11 +185,6 @@ class ScanBeams {
     const auto [least, most] = std::minmax_element(sigma(), sigma() + size_);
     smallest_sigma_ = *least;
     largest_sigma_ = *most;
-    std::uint32_t far = 0;
-    constexpr auto kFar = static_cast<std::uint32_t>(kNearby);
-    for (std::size_t i = 0; i < D * size_; ++i)
-      far |= static_cast<std::uint32_t>(offsets_[i]) + kFar;  // Below 2^30, all of them.
-    ends_nearby_ = far < 2 * kFar;
   }
   /// Of all beams [m].
   [[nodiscard]] float smallest_sigma() const { return smallest_sigma_; }

@@ -52,7 +52,7 @@ class ChildClip {
   void operator()(const CellIndex<D>& node, const Crossings& list, Lists& children) const {
 #ifdef NDTREE_HAS_AVX2
     if constexpr (kNumChildren <= kMostAtOnce) {
-      if (width_ >= 8 && !beams_.has_own_origins()) {
+      if (goes_by_eights()) {
         eight_at_a_time(planes_of(node), list, children);
         return;
       }
@@ -64,25 +64,6 @@ class ChildClip {
       children.memory.enter()[place] = enter;
       children.memory.exit()[place] = exit;
     });
-  }
-
- private:
-  static constexpr std::size_t kPlanes = N - 1;
-  static constexpr int kMostAtOnce = 32;  // Children; among more, a beam finds its way faster alone.
-
-  using Planes = std::array<std::array<float, kPlanes>, D>;
-
-  [[nodiscard]] double border(const CellIndex<D>& node, std::size_t axis, std::size_t plane) const {
-    return geometry_.border(node.lower[axis] +
-                            static_cast<std::int64_t>(plane + 1) * geometry_.edge(node.level - 1));
-  }
-  /// The planes between children, from the one origin of all beams.
-  [[nodiscard]] Planes planes_of(const CellIndex<D>& node) const {
-    Planes planes;
-    for (std::size_t a = 0; a < D; ++a)
-      for (std::size_t i = 0; i < kPlanes; ++i)
-        planes[a][i] = static_cast<float>(border(node, a, i) - beams_.origin(0)[static_cast<int>(a)]);
-    return planes;
   }
 
   /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses.
@@ -105,6 +86,69 @@ class ChildClip {
     for (std::size_t i = 0; i < list.size; ++i)
       divide<D - 1>(list.beam[i], list.enter()[i], list.exit()[i], 0, visit,
                     [&](std::size_t a, std::size_t plane) { return planes[a][plane]; });
+  }
+  static constexpr std::size_t kPlanes = N - 1;
+  static constexpr int kMostAtOnce = 32;  ///< Children; among more, a beam finds its way faster alone.
+  using Planes = std::array<std::array<float, kPlanes>, D>;
+
+  /// Whether eight_beams() may do. @pre kNumChildren <= kMostAtOnce.
+  [[nodiscard]] bool goes_by_eights() const { return width_ >= 8 && !beams_.has_own_origins(); }
+  /// The planes between children, from the one origin of all beams.
+  [[nodiscard]] Planes planes_of(const CellIndex<D>& node) const {
+    Planes planes;
+    for (std::size_t a = 0; a < D; ++a)
+      for (std::size_t i = 0; i < kPlanes; ++i)
+        planes[a][i] = static_cast<float>(border(node, a, i) - beams_.origin(0)[static_cast<int>(a)]);
+    return planes;
+  }
+#ifdef NDTREE_HAS_AVX2
+  /// Where eight beams enter and leave each child: those that cross it leave behind where they enter.
+  NDTREE_AVX2 NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, __m256i beam, __m256 t0, __m256 t1,
+                                                    __m256* enter, __m256* exit) const {
+    enter[0] = t0;
+    exit[0] = t1;
+    int made = 1;
+#pragma GCC unroll 4
+    for (std::size_t a = 0; a < D; ++a) {
+      const __m256 inv = _mm256_i32gather_ps(beams_.inverse(static_cast<int>(a)), beam, 4);
+      __m256 from[N];
+      __m256 to[N];
+      from[0] = t0;
+      to[N - 1] = t1;
+      // Slab s lies between the planes s - 1 and s: a beam upwards enters it by the first.
+#pragma GCC unroll 8
+      for (std::size_t s = 0; s < N; ++s) {
+        const __m256 before = s == 0 ? t0 : _mm256_mul_ps(_mm256_set1_ps(plane[a][s == 0 ? 0 : s - 1]), inv);
+        const __m256 behind =
+            s == N - 1 ? t0 : _mm256_mul_ps(_mm256_set1_ps(plane[a][s == N - 1 ? 0 : s]), inv);
+        const __m256 from_up = s == 0 ? t0 : _mm256_max_ps(before, t0);
+        const __m256 to_up = s == N - 1 ? t1 : _mm256_min_ps(behind, t1);
+        const __m256 from_down = s == N - 1 ? t0 : _mm256_max_ps(behind, t0);
+        const __m256 to_down = s == 0 ? t1 : _mm256_min_ps(before, t1);
+        from[s] = _mm256_blendv_ps(from_up, from_down, inv);
+        to[s] = _mm256_blendv_ps(to_up, to_down, inv);
+      }
+#pragma GCC unroll 8
+      for (int m = 0; m < N; ++m) {  // From the last slab: the first takes the place of what it is made of.
+        const int s = N - 1 - m;
+#pragma GCC unroll 16
+        for (int c = 0; c < made; ++c) {
+          const auto source = static_cast<std::size_t>(c);
+          const auto target = static_cast<std::size_t>(s * made + c);
+          const auto slab = static_cast<std::size_t>(s);
+          enter[target] = a == 0 ? from[slab] : _mm256_max_ps(enter[source], from[slab]);
+          exit[target] = a == 0 ? to[slab] : _mm256_min_ps(exit[source], to[slab]);
+        }
+      }
+      made *= N;
+    }
+  }
+#endif
+
+ private:
+  [[nodiscard]] double border(const CellIndex<D>& node, std::size_t axis, std::size_t plane) const {
+    return geometry_.border(node.lower[axis] +
+                            static_cast<std::int64_t>(plane + 1) * geometry_.edge(node.level - 1));
   }
   /// Divides a beam's way among slabs of children, axis by axis.
   template <int Axis, class Visit, class PlaneOf>
@@ -137,44 +181,7 @@ class ChildClip {
       const __m256 t1 = _mm256_blendv_ps(t0, _mm256_loadu_ps(list.exit() + i), _mm256_castsi256_ps(live));
       __m256 enter[kNumChildren];
       __m256 exit[kNumChildren];
-      enter[0] = t0;
-      exit[0] = t1;
-      int made = 1;
-#pragma GCC unroll 4
-      for (std::size_t a = 0; a < D; ++a) {
-        const __m256 inv = _mm256_i32gather_ps(beams_.inverse(static_cast<int>(a)), beam, 4);
-        __m256 from[N];
-        __m256 to[N];
-        from[0] = t0;
-        to[N - 1] = t1;
-        // Slab s lies between the planes s - 1 and s: a beam upwards enters it by the first.
-#pragma GCC unroll 8
-        for (std::size_t s = 0; s < N; ++s) {
-          const __m256 before =
-              s == 0 ? t0 : _mm256_mul_ps(_mm256_set1_ps(plane[a][s == 0 ? 0 : s - 1]), inv);
-          const __m256 behind =
-              s == N - 1 ? t0 : _mm256_mul_ps(_mm256_set1_ps(plane[a][s == N - 1 ? 0 : s]), inv);
-          const __m256 from_up = s == 0 ? t0 : _mm256_max_ps(before, t0);
-          const __m256 to_up = s == N - 1 ? t1 : _mm256_min_ps(behind, t1);
-          const __m256 from_down = s == N - 1 ? t0 : _mm256_max_ps(behind, t0);
-          const __m256 to_down = s == 0 ? t1 : _mm256_min_ps(before, t1);
-          from[s] = _mm256_blendv_ps(from_up, from_down, inv);
-          to[s] = _mm256_blendv_ps(to_up, to_down, inv);
-        }
-#pragma GCC unroll 8
-        for (int m = 0; m < N; ++m) {  // From the last slab: the first takes the place of what it is made of.
-          const int s = N - 1 - m;
-#pragma GCC unroll 16
-          for (int c = 0; c < made; ++c) {
-            const auto source = static_cast<std::size_t>(c);
-            const auto target = static_cast<std::size_t>(s * made + c);
-            const auto slab = static_cast<std::size_t>(s);
-            enter[target] = a == 0 ? from[slab] : _mm256_max_ps(enter[source], from[slab]);
-            exit[target] = a == 0 ? to[slab] : _mm256_min_ps(exit[source], to[slab]);
-          }
-        }
-        made *= N;
-      }
+      eight_beams(plane, beam, t0, t1, enter, exit);
 #pragma GCC unroll 32
       for (std::size_t c = 0; c < kNumChildren; ++c) {
         const auto set =

@@ -4,13 +4,14 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 
 namespace ndtree {
@@ -21,103 +22,112 @@ struct BeamWidths {
   float fixed = 0.0f;
 };
 
-/// Sums over lists of one child each.
+/// Sums over the children that the beams of a list cross.
 template <int N, int D>
 class LeafCoverage {
-  using Seen = typename ScanCoverage<N, D>::Seen;
+  using Clip = ChildClip<N, D>;
+  using Sum = ScanCoverage<N, D>;
+  static constexpr int kNumChildren = Clip::kNumChildren;
 
  public:
-  explicit LeafCoverage(const ScanBeams<D>& beams) : beams_(beams), width_(Simd::width()) {}
+  LeafCoverage(const ScanBeams<D>& beams, const Clip& clip) : beams_(beams), clip_(clip) {}
 
-  /// Beams see up to their end points. @param per_child 1 / edge of the child [1/m].
-  [[nodiscard]] Seen operator()(const Crossings& list, float per_child, const BeamWidths& widths) const {
-    Seen sum;
-    for (std::size_t first = 0; first < list.size; first += kChunk) {
-      const Crossings chunk = list.part(first, std::min(list.size, first + kChunk));
+  /// Adds what beams that cross a leaf see of its children, up to their end points.
+  /// @param per_child 1 / edge of a child [1/m].
+  void operator()(const CellIndex<D>& leaf, const Crossings& list, float per_child, const BeamWidths& widths,
+                  Sum& sum) const {
 #ifdef NDTREE_HAS_AVX2
-      if constexpr (integer_power(N, D - 1) <= kLargestSum) {
-        if (width_ >= 8) {
-          add_by_eights(chunk, per_child, widths, sum);
-          continue;
-        }
+    if constexpr (kNumChildren <= Clip::kMostAtOnce) {
+      if (clip_.goes_by_eights()) {
+        const auto planes = clip_.planes_of(leaf);
+        for (std::size_t first = 0; first < list.size; first += kChunk)
+          add_by_eights(planes, list.part(first, std::min(list.size, first + kChunk)), per_child, widths,
+                        sum);
+        return;
       }
-#endif
-      add_one_by_one(chunk, per_child, widths, sum);
     }
-    return sum;
+#endif
+    const float* const range = beams_.range();
+    const float* const slant = beams_.slant();
+    clip_.for_each_crossing(leaf, list, [&](std::size_t child, std::uint32_t beam, float enter, float leave) {
+      const float exit = std::min(leave, range[beam]);
+      if (!(exit > enter)) return;
+      const float along = slant[beam];
+      const float middle = 0.5f * (enter + exit) * along;
+      sum.add(static_cast<int>(child),
+              Sum::seen((exit - enter) * along * per_child,
+                        widths.per_depth > 0.0f ? middle * widths.per_depth : widths.fixed));
+    });
   }
 
  private:
-  static constexpr std::size_t kChunk = 64;
-  static constexpr std::int64_t kLargestSum =
-      64;  // Widths up to it, eight times, are whole numbers in 32 bits.
-
-  void add_one_by_one(const Crossings& list, float per_child, const BeamWidths& widths, Seen& sum) const {
-    const float* const range = beams_.range();
-    const float* const slant = beams_.slant();
-    for (std::size_t i = 0; i < list.size; ++i) {
-      const float enter = list.enter()[i];
-      const float exit = std::min(list.exit()[i], range[list.beam[i]]);
-      if (!(exit > enter)) continue;
-      const float along = slant[list.beam[i]];
-      const float middle = 0.5f * (enter + exit) * along;
-      const Seen seen =
-          ScanCoverage<N, D>::seen((exit - enter) * along * per_child,
-                                   widths.per_depth > 0.0f ? middle * widths.per_depth : widths.fixed);
-      sum.child += seen.child;
-      sum.cell += seen.cell;
-      sum.way += seen.way;
-    }
-  }
+  static constexpr std::size_t kChunk = 64;  // Beams, of which all sums fit 32 bits.
 
 #ifdef NDTREE_HAS_AVX2
-  NDTREE_AVX2 void add_by_eights(const Crossings& list, float per_child, const BeamWidths& widths,
-                                 Seen& sum) const {
-    __m256i child = _mm256_setzero_si256();
-    __m256i cell = child;
-    __m256i way = child;
+  NDTREE_AVX2 void add_by_eights(const typename Clip::Planes& planes, const Crossings& list, float per_child,
+                                 const BeamWidths& widths, Sum& sum) const {
+    __m256i child[kNumChildren];
+#pragma GCC unroll 32
+    for (int c = 0; c < kNumChildren; ++c) child[c] = _mm256_setzero_si256();
+    __m256i cell = _mm256_setzero_si256();
+    __m256i way = cell;
     const __m256 per_depth = _mm256_set1_ps(widths.per_depth);
     const __m256 fixed = _mm256_set1_ps(widths.fixed);
+    const __m256 half = _mm256_set1_ps(0.5f);
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const __m256i beam = detail::load_live(list.beam + i, live);
-      const __m256 enter = _mm256_loadu_ps(list.enter() + i);
-      const __m256 exit =
+      const __m256 t0 = _mm256_loadu_ps(list.enter() + i);
+      const __m256 seen =
           _mm256_min_ps(_mm256_loadu_ps(list.exit() + i), _mm256_i32gather_ps(beams_.range(), beam, 4));
+      const __m256 t1 = _mm256_blendv_ps(t0, seen, _mm256_castsi256_ps(live));
       const __m256 along = _mm256_i32gather_ps(beams_.slant(), beam, 4);
-      const __m256i sees =
-          _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(exit, enter, _CMP_GT_OQ)));
-      const __m256 middle =
-          _mm256_mul_ps(_mm256_mul_ps(_mm256_set1_ps(0.5f), _mm256_add_ps(enter, exit)), along);
-      const __m256 width = widths.per_depth > 0.0f ? _mm256_mul_ps(middle, per_depth) : fixed;
-      const __m256 units = _mm256_mul_ps(
-          _mm256_mul_ps(_mm256_mul_ps(_mm256_sub_ps(exit, enter), along), _mm256_set1_ps(per_child)),
-          _mm256_set1_ps(ScanCoverage<N, D>::kUnitsOfOne));
-      child = _mm256_add_epi32(
-          child, _mm256_and_si256(sees, in_units(units, _mm256_min_ps(width, _mm256_set1_ps(1.0f)))));
-      cell = _mm256_add_epi32(
-          cell, _mm256_and_si256(sees, in_units(units, _mm256_min_ps(width, _mm256_set1_ps(N)))));
-      way = _mm256_add_epi32(way, _mm256_and_si256(sees, _mm256_cvtps_epi32(units)));
+      __m256 enter[kNumChildren];
+      __m256 exit[kNumChildren];
+      clip_.eight_beams(planes, beam, t0, t1, enter, exit);
+#pragma GCC unroll 32
+      for (int c = 0; c < kNumChildren; ++c) {
+        const __m256i sees = _mm256_castps_si256(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ));
+        const __m256 middle = _mm256_mul_ps(_mm256_mul_ps(half, _mm256_add_ps(enter[c], exit[c])), along);
+        const __m256 width = widths.per_depth > 0.0f ? _mm256_mul_ps(middle, per_depth) : fixed;
+        const __m256 units = _mm256_mul_ps(
+            _mm256_mul_ps(_mm256_mul_ps(_mm256_sub_ps(exit[c], enter[c]), along), _mm256_set1_ps(per_child)),
+            _mm256_set1_ps(Sum::kUnitsOfOne));
+        child[c] = _mm256_add_epi32(
+            child[c], _mm256_and_si256(sees, in_units(units, _mm256_min_ps(width, _mm256_set1_ps(1.0f)))));
+        cell = _mm256_add_epi32(
+            cell, _mm256_and_si256(sees, in_units(units, _mm256_min_ps(width, _mm256_set1_ps(N)))));
+        way = _mm256_add_epi32(way, _mm256_and_si256(sees, _mm256_cvtps_epi32(units)));
+      }
     }
-    sum.child += sum_of(child);
-    sum.cell += sum_of(cell);
-    sum.way += sum_of(way);
+    std::array<std::uint32_t, 4> sums;
+    const auto store_sums = [&sums](__m128i v) {
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(sums.data()), v);
+    };
+#pragma GCC unroll 8
+    for (int c = 0; c < kNumChildren; c += 4) {  // The last again if there are no four left.
+      constexpr int kLast = kNumChildren - 1;
+      store_sums(sums_of(child[c], child[std::min(c + 1, kLast)], child[std::min(c + 2, kLast)],
+                         child[std::min(c + 3, kLast)]));
+      for (int k = 0; k < std::min(4, kNumChildren - c); ++k)
+        sum.add(c + k, {sums[static_cast<std::size_t>(k)], 0, 0});
+    }
+    store_sums(sums_of(cell, way, cell, way));
+    sum.add(0, {0, sums[0], sums[1]});
   }
   NDTREE_AVX2 [[nodiscard]] static __m256i in_units(__m256 units, __m256 width) {
     __m256 area = _mm256_set1_ps(1.0f);
     for (int a = 1; a < D; ++a) area = _mm256_mul_ps(area, width);
     return _mm256_cvtps_epi32(_mm256_mul_ps(units, area));
   }
-  NDTREE_AVX2 [[nodiscard]] static std::int64_t sum_of(__m256i v) {
-    const __m256i low = _mm256_and_si256(v, _mm256_set1_epi64x(0xffffffff));
-    const __m256i both = _mm256_add_epi64(low, _mm256_srli_epi64(v, 32));
-    const __m128i half = _mm_add_epi64(_mm256_castsi256_si128(both), _mm256_extracti128_si256(both, 1));
-    return _mm_cvtsi128_si64(_mm_add_epi64(half, _mm_unpackhi_epi64(half, half)));
+  NDTREE_AVX2 [[nodiscard]] static __m128i sums_of(__m256i a, __m256i b, __m256i c, __m256i d) {
+    const __m256i quarters = _mm256_hadd_epi32(_mm256_hadd_epi32(a, b), _mm256_hadd_epi32(c, d));
+    return _mm_add_epi32(_mm256_castsi256_si128(quarters), _mm256_extracti128_si256(quarters, 1));
   }
 #endif
 
   const ScanBeams<D>& beams_;
-  int width_;
+  const Clip& clip_;
 };
 
 }  // namespace ndtree

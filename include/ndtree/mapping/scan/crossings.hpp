@@ -46,9 +46,31 @@ struct SiblingLists {
     const auto c = static_cast<std::size_t>(child);
     return memory.part(first[c], last[c]);
   }
+  /// Moves the lists together. @returns how much of the memory they take.
+  std::size_t pack() {
+    std::size_t end = 0;
+    for (std::size_t c = 0; c < kCount; ++c) {
+      const std::size_t size = last[c] - first[c];
+      if (first[c] != end) {
+        move_down(memory.beam + first[c], size, memory.beam + end);
+        move_down(memory.enter() + first[c], size, memory.enter() + end);
+        move_down(memory.exit() + first[c], size, memory.exit() + end);
+      }
+      first[c] = end;
+      last[c] = end + size;
+      end += size + Crossings::kSlack;
+    }
+    return end;
+  }
+
+ private:
+  template <class T>
+  static void move_down(const T* from, std::size_t n, T* to) {
+    for (std::size_t i = 0; i < n; ++i) to[i] = from[i];
+  }
 };
 
-/// Memory for lists: what is allocated last is given back first. Lists do not move.
+/// Memory for lists: what is allocated last is given back first.
 class CrossingStack {
  public:
   /// What was allocated up to some time.
@@ -67,6 +89,13 @@ class CrossingStack {
   void release(const Mark& mark) {
     block_ = mark.block;
     used_ = mark.used;
+  }
+
+  /// Leaves room for n to the list that was allocated last.
+  void shrink(const Crossings& list, std::size_t n) {
+    used_ = static_cast<std::size_t>(list.beam -
+                                     reinterpret_cast<const std::uint32_t*>(blocks_[block_].bytes.get())) +
+            n;
   }
 
   /// An empty list with room for n, the slack included.

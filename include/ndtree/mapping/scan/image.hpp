@@ -79,6 +79,7 @@ struct ScanFace {
                      : kSlack * size * density /
                            std::pow(beams, 1.0f / static_cast<float>(std::max<std::size_t>(1, kAxes)));
   }
+  [[nodiscard]] float depth_of_all_in_any_cell() const { return std::max(depth_of_all[0], depth_of_all[1]); }
   /// Beams that cross a cube of this size at a depth, if they are spread evenly over the face; none, so to
   /// speak, if there is but one.
   [[nodiscard]] float expected_beams(float depth, float size) const {

@@ -75,7 +75,7 @@ class LeafEvidence {
   }
 
   /// Adds what a list's beams say about a leaf of level 0 or below.
-  void add(const CellIndex<D>& leaf, const Crossings& list, ScanEvidence& sum) const {
+  NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, const Crossings& list, ScanEvidence& sum) const {
     const Size& size = size_of(leaf.level);
 #ifdef NDTREE_HAS_AVX2
     if (width_ >= 8 && size.fits_32_bits) {

@@ -14,6 +14,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/cell/evidence_summary.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
@@ -40,6 +41,7 @@ class ScanWalk {
   struct Task {
     Ref ref;
     Crossings list;
+    bool takes_all;
   };
 
   /// @param arena of the tree, for this thread alone.
@@ -51,7 +53,8 @@ class ScanWalk {
         beams_(beams),
         clip_(tree.geometry(), beams),
         evidence_(tree.geometry(), beams, refinement.model, sensor),
-        coverage_(beams),
+        coverage_(beams, clip_),
+        summary_(refinement.model),
         smallest_size_(static_cast<float>(tree.geometry().unit())),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)) {}
@@ -69,10 +72,10 @@ class ScanWalk {
       list.exit()[i] = beams_.reach()[i];
     }
     list.size = beams_.size();
-    if (!list.empty()) descend(tree_.root(), list);
+    if (!list.empty()) descend(tree_.root(), list, false);
     tasks_ = nullptr;
   }
-  void run(const Task& task) { descend(task.ref, task.list); }
+  void run(const Task& task) { descend(task.ref, task.list, task.takes_all); }
 
  private:
   using Lists = typename ChildClip<N, D>::Lists;
@@ -127,6 +130,17 @@ class ScanWalk {
                           0.5 * geometry.cell_size(leaf.level);
     return static_cast<float>(std::abs(centre - face.origin[face.axis])) >= face.depth_of_all[is_known];
   }
+  /// Whether all leaves in a node, whatever they know, take all of a list's beams.
+  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const Crossings& list) const {
+    for (std::size_t first = 0; first < list.size;) {
+      const ScanFace<D>& face = beams_.face_of(list.beam[first]);
+      const double ahead = border(node, face.axis, face.negative) - face.origin[face.axis];
+      if (!(static_cast<float>(face.negative ? -ahead : ahead) >= face.depth_of_all_in_any_cell()))
+        return false;
+      first = list.find(face.end_of_beams, first);
+    }
+    return true;
+  }
   /// Beams of a list that count in a leaf: so many for each smallest cell side by side in it.
   Sample take(const CellIndex<D>& leaf, const Crossings& list, bool is_known) {
     Sample sample{false, taken_.size(), 0};
@@ -169,8 +183,18 @@ class ScanWalk {
   }
 
   /// Hands a node's beams to its children, without those that no cell below takes.
-  Lists hand_down(const CellIndex<D>& node, const Crossings& list) {
+  /// @param takes_all all_take_all() of the node.
+  Lists hand_down(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
     Lists children = clip_.lists_for(node, list, stack_);
+    if (takes_all || list.size <= kFew)
+      clip_(node, list, children);
+    else
+      hand_down_what_is_taken(node, list, children);
+    if (list.size > kMany)
+      stack_.shrink(children.memory, children.pack());  // There was room for all in each.
+    return children;
+  }
+  void hand_down_what_is_taken(const CellIndex<D>& node, const Crossings& list, Lists& children) const {
     std::size_t from = 0;  // Of beams that follow each other, and are not handed down yet.
     for_each_face(list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
       const double behind = std::abs(border(node, face.axis, !face.negative) - face.origin[face.axis]);
@@ -185,27 +209,29 @@ class ScanWalk {
       from = last;
     });
     if (from < list.size) clip_(node, list.part(from, list.size), children);
-    return children;
   }
 
-  /// @param list not empty. @returns whether a cell changed.
-  bool descend(const Ref& ref, const Crossings& list) {
-    if (tasks_ != nullptr && ref.index.level <= coarsest_level_) {
-      tasks_->push_back({ref, list});
-      return false;
+  /// @param list not empty. @param takes_all whether all leaves in some node above take all of it.
+  /// @returns whether a cell changed.
+  bool descend(const Ref& ref, const Crossings& list, bool takes_all) {
+    if (ref.index.level <= coarsest_level_) {
+      if (tasks_ != nullptr) {
+        tasks_->push_back({ref, list, takes_all});
+        return false;
+      }
+      if (ref.is_leaf()) return update_leaf(ref, list, takes_all);
     }
     if (!ref.is_leaf()) {
       if (Summary(ref.node->note()).is_settled() && evidence_.all_pass(list)) return false;
-    } else if (ref.index.level <= coarsest_level_) {
-      return update_leaf(ref, list);
     } else {
       tree_.split_node(*ref.node, {}, arena_);
     }
+    takes_all = takes_all || all_take_all(ref.index, list);
     const CrossingStack::Mark mark = stack_.mark();
-    return update_children(ref, hand_down(ref.index, list), mark, false, false);
+    return update_children(ref, hand_down(ref.index, list, takes_all), mark, false, false, takes_all);
   }
 
-  bool update_leaf(const Ref& leaf, const Crossings& list) {
+  bool update_leaf(const Ref& leaf, const Crossings& list, bool takes_all) {
     const EvidenceModel& model = refinement_.model;
     EvidenceCell& cell = leaf.cell();
     bool is_known = model.is_known(cell);
@@ -213,20 +239,24 @@ class ScanWalk {
       if (evidence_.all_pass(list)) return false;
       is_known = !is_contradicted(leaf.index, list);
     }
-    const ScanFace<D>& face = beams_.face_of(list.beam[0]);
-    ScanEvidence scan;  // Most lists are of one face, and all of their beams count.
-    if (list.beam[list.size - 1] < face.end_of_beams && takes_all(leaf.index, face, is_known)) {
+    ScanEvidence scan;
+    if (takes_all || are_all_taken(leaf.index, list, is_known)) {
       evidence_.add(leaf.index, list, scan);
       model.limit(scan);
-      return divides(leaf, scan) ? divide(leaf, list, {}, scan) : update(cell, scan);
+      return divides(leaf, scan) ? divide(leaf, list, {}, scan, takes_all) : update(cell, scan);
     }
     const std::size_t taken_before = taken_.size();
     const Sample sample = take(leaf.index, list, is_known);
     for_each_list(list, sample, [&](const Crossings& part) { evidence_.add(leaf.index, part, scan); });
     model.limit(scan);
-    const bool changed = divides(leaf, scan) ? divide(leaf, list, sample, scan) : update(cell, scan);
+    const bool changed = divides(leaf, scan) ? divide(leaf, list, sample, scan, false) : update(cell, scan);
     taken_.resize(taken_before);
     return changed;
+  }
+  /// Whether a list is of one face, and all of its beams count in a leaf: so it is with most.
+  [[nodiscard]] bool are_all_taken(const CellIndex<D>& leaf, const Crossings& list, bool is_known) const {
+    const ScanFace<D>& face = beams_.face_of(list.beam[0]);
+    return list.beam[list.size - 1] < face.end_of_beams && takes_all(leaf, face, is_known);
   }
   /// Whether a leaf may have to split.
   [[nodiscard]] bool divides(const Ref& leaf, const ScanEvidence& scan) const {
@@ -238,20 +268,18 @@ class ScanWalk {
   [[nodiscard]] bool is_unseen(const Ref& leaf, const ScanEvidence& scan) const {
     return !leaf.cell().observed() && scan.hits == 0 && scan.occupied == 0 && refinement_.coverage.is_on();
   }
-  bool divide(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan) {
+  bool divide(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan,
+              bool takes_all) {
     if (scan.beams == 0) return false;
-    return is_unseen(leaf, scan) ? update_unseen(leaf, list, sample, scan) : split(leaf, list, sample);
+    return is_unseen(leaf, scan) ? update_unseen(leaf, list, sample, scan, takes_all)
+                                 : split(leaf, list, sample, takes_all);
   }
   /// A leaf that was never observed, and that beams have only passed.
-  bool update_unseen(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan) {
-    const EvidenceModel& model = refinement_.model;
-    const CrossingStack::Mark mark = stack_.mark();
-    Lists lists;
-    const CoverageVerdict seen = look_at_coverage(leaf, list, sample, lists);
-    if (seen.shows_more && sample.is_all) return split(leaf, list, sample, lists, mark);
-    stack_.release(mark);
-    if (seen.shows_more) return split(leaf, list, sample);
-    if (!seen.is_enough) return counted(model.remember(leaf.cell(), seen.parts, scan), scan);
+  bool update_unseen(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan,
+                     bool takes_all) {
+    const CoverageVerdict seen = look_at_coverage(leaf, list, sample);
+    if (seen.shows_more) return split(leaf, list, sample, takes_all);
+    if (!seen.is_enough) return counted(refinement_.model.remember(leaf.cell(), seen.parts, scan), scan);
     return update(leaf.cell(), scan);
   }
   bool update(EvidenceCell& cell, const ScanEvidence& scan) {
@@ -262,24 +290,21 @@ class ScanWalk {
     return changed;
   }
 
-  bool split(const Ref& leaf, const Crossings& list, const Sample& sample) {
+  bool split(const Ref& leaf, const Crossings& list, const Sample& sample, bool takes_all) {
     const CrossingStack::Mark mark = stack_.mark();
-    return split(leaf, list, sample, hand_down(leaf.index, list), mark);
-  }
-  /// @param lists of the children, allocated after the mark.
-  bool split(const Ref& leaf, const Crossings& list, const Sample& sample, const Lists& lists,
-             const CrossingStack::Mark& mark) {
+    const Lists lists = hand_down(leaf.index, list, takes_all);
     const EvidenceCell parent = leaf.cell();
     ++counters_.splits;
     tree_.split_node(*leaf.node, {}, arena_);
     if (EvidenceModel::has_heirs(parent)) share_out(parent, tree_.children(*leaf.node), lists, list, sample);
-    return update_children(leaf, lists, mark, true, true);
+    return update_children(leaf, lists, mark, true, true, takes_all);
   }
 
   /// @param lists of the children, allocated after the mark. @param changed whether one of them did already.
   bool update_children(const Ref& ref, const Lists& lists, const CrossingStack::Mark& mark, bool changed,
-                       bool was_split) {
+                       bool was_split, bool takes_all) {
     auto* const children = tree_.children(*ref.node);
+    const bool are_cells = ref.index.level <= coarsest_level_ && tasks_ == nullptr;
     const std::int64_t edge = tree_.geometry().edge(ref.index.level - 1);
 #ifdef __GNUC__
 #pragma GCC unroll 8
@@ -290,7 +315,10 @@ class ScanWalk {
       Ref child{children + j, {ref.index.lower, ref.index.level - 1}};
       int number = j;
       for (std::size_t a = 0; a < D; ++a, number /= N) child.index.lower[a] += number % N * edge;
-      changed = descend(child, lists.of(j)) || changed;
+      const Crossings list = lists.of(j);
+      const bool child_changed = are_cells && child.is_leaf() ? update_leaf(child, list, takes_all)
+                                                              : descend(child, list, takes_all);
+      changed = child_changed || changed;
     }
     if (tasks_ != nullptr) {  // They need their lists.
       ref.node->set_note(0);  // Until they are done.
@@ -298,8 +326,7 @@ class ScanWalk {
     }
     stack_.release(mark);
     if (!changed && ref.node->note() != 0) return false;
-    const SummaryOfChildren all = summary_of_children(
-        tree_, *ref.node, [this](const EvidenceCell& cell) { return refinement_.is_settled(cell); });
+    const SummaryOfSiblings all = summary_(children);
     const bool may_merge =
         changed && ref.index.level <= coarsest_level_ && all.are_leaves && all.summary.is_uniform();
     const auto merged =
@@ -361,24 +388,14 @@ class ScanWalk {
   }
 
   /// Whether enough of a leaf was seen to update it as a whole.
-  /// @param lists of the children, if all beams are taken.
-  [[nodiscard]] CoverageVerdict look_at_coverage(const Ref& leaf, const Crossings& list, const Sample& sample,
-                                                 Lists& lists) {
-    const auto child_size = static_cast<float>(tree_.geometry().cell_size(leaf.index.level - 1));
-    const float per_child = 1.0f / child_size;
+  [[nodiscard]] CoverageVerdict look_at_coverage(const Ref& leaf, const Crossings& list,
+                                                 const Sample& sample) const {
+    const float per_child = 1.0f / static_cast<float>(tree_.geometry().cell_size(leaf.index.level - 1));
     ScanCoverage<N, D> coverage;
-    lists = clip_.lists_for(leaf.index, list, stack_);
-    auto first = lists.first;  // Of the beams of each child that were not looked at yet.
     for_each_taken(list, sample, [&](const ScanFace<D>& face, float share, const Crossings& part) {
-      clip_(leaf.index, part, lists);
       // Those of a sample stand for those that are not in it, too.
       const BeamWidths widths{face.width_of_beam() * widening(share) * per_child, smallest_size_ * per_child};
-      for (int j = 0; j < kNumChildren; ++j) {
-        const auto c = static_cast<std::size_t>(j);
-        if (first[c] == lists.last[c]) continue;
-        coverage.add(j, coverage_(lists.memory.part(first[c], lists.last[c]), per_child, widths));
-        first[c] = lists.last[c];
-      }
+      coverage_(leaf.index, part, per_child, widths, coverage);
     });
     const EvidenceCell& cell = leaf.cell();
     const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
@@ -394,6 +411,8 @@ class ScanWalk {
   }
 
   static constexpr float kSlack = ScanFace<D>::kSlack;
+  static constexpr std::size_t kFew = 8;      // Beams: to find those that leave costs more than it saves.
+  static constexpr std::size_t kMany = 1000;  // Beams: their lists are worth moving together.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
@@ -402,6 +421,7 @@ class ScanWalk {
   const ChildClip<N, D> clip_;
   const LeafEvidence<N, D, Sensor> evidence_;
   const LeafCoverage<N, D> coverage_;
+  const EvidenceSummary<kNumChildren> summary_;
   const float smallest_size_;
   const int finest_level_;
   const int coarsest_level_;

@@ -11,6 +11,7 @@ from ndtree.readers.bal import BAL
 from ndtree.readers.bundler import BUNDLER
 from ndtree.readers.carmen import CARMEN
 from ndtree.readers.colmap import COLMAP
+from ndtree.readers.failures import readable
 from ndtree.readers.kitti import KITTI
 from ndtree.readers.log import Log, SizedLog
 from ndtree.readers.npz import NPZ, ZIP_MAGIC
@@ -115,7 +116,8 @@ def read(
     source, chosen = _looked_up(path, format)
     given = {key: value for key, value in options.items() if value is not None}
     _require_taken(source, chosen, given)
-    log = chosen.open(source, dim=dim, **given)
+    with readable(source.path, f"cannot be read as {chosen.description}"):
+        log = chosen.open(source, dim=dim, **given)
     log.keep_going, log.strict = keep_going, strict
     return log
 
@@ -135,7 +137,8 @@ def contents(path: str | os.PathLike[str], *, format: str | None = None) -> dict
         Of formats that hold nothing but one log: nothing.
     """
     source, chosen = _looked_up(path, format)
-    return chosen.contents(source) if chosen.contents else {}
+    with readable(source.path, f"cannot be read as {chosen.description}"):
+        return chosen.contents(source) if chosen.contents else {}
 
 
 def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source, Format]:
@@ -144,8 +147,9 @@ def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source
     by_name = {row.name: row for row in _TABLE}
     if format is not None and format not in by_name:
         raise ValueError(f"format = {format!r}: must be one of {', '.join(FORMATS)}")
-    source = source_of(name, _KNOWN)
-    chosen = by_name[format] if format is not None else _recognised(source)
+    with readable(name):
+        source = source_of(name, _KNOWN)
+        chosen = by_name[format] if format is not None else _recognised(source)
     if not chosen.may_be(source):
         if source.is_folder:
             raise IsADirectoryError(errno.EISDIR, f"is a directory, expected {chosen.description}", name)

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import islice
-from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.readers.log import GZIP_ERRORS, open_plain
+from ndtree.readers.plain_file import PlainFile, open_plain
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, Model, ModelLog
 
@@ -30,15 +29,10 @@ class BalLog(ModelLog):
     format = "bal"
 
     def _read(self) -> Model:
-        try:
-            with open_plain(self.path) as file:
-                return self._read_from(file)
-        except GZIP_ERRORS:
-            raise ValueError(
-                f"{self.path}: the gzip stream is cut off or damaged, expected a whole one"
-            ) from None
+        with open_plain(self.path) as file:
+            return self._read_from(file)
 
-    def _read_from(self, file: IO[bytes]) -> Model:
+    def _read_from(self, file: PlainFile) -> Model:
         lines = ((number, line) for number, line in enumerate(file, start=1) if line.strip())
         sizes = _header(next(lines, (1, b""))[1])
         if sizes is None:

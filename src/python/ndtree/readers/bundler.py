@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ndtree.readers.log import GZIP_ERRORS, open_plain
+from ndtree.readers.plain_file import open_plain
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.trajectory import nearest_rotations
 from ndtree.readers.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, Model, ModelLog
@@ -93,11 +93,6 @@ class _Lines:
             return next(self._lines)
         except StopIteration:
             raise ValueError(f"{self.path}: behind line {self.number}: cut off, expected {what}") from None
-        except GZIP_ERRORS:
-            raise ValueError(
-                f"{self.path}: behind line {self.number}: "
-                "the gzip stream is cut off or damaged, expected a whole one"
-            ) from None
 
     def _wrong(self, what: str) -> ValueError:
         return ValueError(f"{self.path}: line {self.number}: expected {what}")

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.readers.failures import one_line
+from ndtree.readers.las_files import INSTALL, las_points
+from ndtree.readers.plain_file import open_regular
 from ndtree.readers.trajectory import Pose
 
 Points = NDArray[np.floating[Any]]
-
-_INSTALL = "install it with: pip install 'ndtree-mapping[clouds]'"
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class CloudFile:
 def pcd_points(path: str) -> Points:
     """Points of a PCD: ascii, binary or binary_compressed; NaN where the sensor measured nothing."""
     pypcd4 = _pypcd4()
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         try:
             cloud = pypcd4.PointCloud.from_fileobj(file)
             data = np.atleast_1d(cloud.pc_data)
-        except OSError:
+        except (OSError, MemoryError):
             raise
         except Exception as error:  # The library has no error of its own: anything may come from below it.
             raise _damaged(path, "PCD", error) from None
@@ -54,7 +54,7 @@ def pcd_points(path: str) -> Points:
 
 def pcd_viewpoint(path: str) -> Pose:
     """Pose of the sensor in a PCD's header; what changes nothing where nobody said anything."""
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         for _ in range(100):
             line = file.readline(4096)
             if not line or line.startswith(b"DATA"):
@@ -78,62 +78,16 @@ def ply_points(path: str) -> Points:
     try:
         import trimesh
     except ImportError as error:
-        raise ImportError(f"PLY files need trimesh ({error}); {_INSTALL}") from None
-    with open(path, "rb") as file:
+        raise ImportError(f"PLY files need trimesh ({error}); {INSTALL}") from None
+    with open_regular(path) as file:
         try:
             loaded = trimesh.load(file, file_type="ply", process=False)
             points = np.asarray(loaded.vertices)
-        except OSError:
+        except (OSError, MemoryError):
             raise
         except Exception as error:  # As above.
             raise _damaged(path, "PLY", error) from None
     return points.reshape(-1, 3)
-
-
-def las_points(path: str) -> Points:
-    """Points of a LAS or LAZ: its integers times its scale, plus its offset, in float64."""
-    try:
-        import laspy
-    except ImportError as error:
-        raise ImportError(f"LAS and LAZ files need laspy ({error}); {_INSTALL}") from None
-    _check_las_header(path)
-    try:
-        with laspy.open(path) as reader:
-            if reader.header.are_points_compressed and not laspy.LazBackend.detect_available():
-                raise ImportError(f"LAZ files need lazrs; {_INSTALL}")
-            expected = reader.header.point_count
-            las = reader.read()
-    except (OSError, ImportError):
-        raise
-    except Exception as error:  # Errors of laspy, of the unpackers behind it, and of NumPy.
-        raise _damaged(path, "LAS", error) from None
-    if len(las.points) != expected:
-        raise _fewer(path, len(las.points), expected)
-    return np.column_stack([np.asarray(las.x), np.asarray(las.y), np.asarray(las.z)]).astype(np.float64)
-
-
-def _check_las_header(path: str) -> None:
-    """Refuses numbers of records that do not fit into the file: the library would look for each of them."""
-    size = os.path.getsize(path)
-    with open(path, "rb") as file:
-        header = file.read(247)
-    if len(header) < 227:
-        raise ValueError(
-            f"{path}: the LAS header is cut off, expected at least 227 bytes, found {len(header)}"
-        )
-    header_size, first_point, records = struct.unpack_from("<HII", header, 94)
-    if not header_size + 54 * records <= first_point <= size:
-        raise ValueError(
-            f"{path}: the LAS header of {header_size} bytes says {records} records and points from byte "
-            f"{first_point} of {size}, expected that they fit"
-        )
-    if header[25] >= 4 and len(header) == 247:  # Version 1.4 may have more records behind the points.
-        start, records = struct.unpack_from("<QI", header, 235)
-        if records and start + 60 * records > size:
-            raise ValueError(
-                f"{path}: the LAS header says {records} records from byte {start} of {size}, "
-                "expected that they fit"
-            )
 
 
 CLOUD_FILES = (
@@ -162,7 +116,7 @@ def kind_of_name(name: str) -> CloudFile | None:
 
 def points_of_file(path: str) -> Points:
     """(n, 3) points of a file that is one of these by its content."""
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         kind = kind_of_file(file.read(16))
     if kind is None:
         raise ValueError(f"{path}: expected a {', '.join(kind.name for kind in CLOUD_FILES)} or LAZ file")
@@ -173,13 +127,12 @@ def _pypcd4() -> Any:
     try:
         import pypcd4
     except ImportError as error:
-        raise ImportError(f"PCD files need pypcd4 ({error}); {_INSTALL}") from None
+        raise ImportError(f"PCD files need pypcd4 ({error}); {INSTALL}") from None
     return pypcd4
 
 
 def _damaged(path: str, kind: str, error: Exception) -> ValueError:
-    said = (str(error).strip().splitlines() or [type(error).__name__])[0]
-    return ValueError(f"{path}: cannot be read as {kind}, cut off or damaged ({said})")
+    return ValueError(f"{path}: cannot be read as {kind}, cut off or damaged ({one_line(error)})")
 
 
 def _fewer(path: str, found: int, expected: int) -> ValueError:

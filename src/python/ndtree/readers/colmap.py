@@ -13,6 +13,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.readers.plain_file import open_regular, text_lines
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.trajectory import Pose
 from ndtree.readers.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, SfmLog, Triangulation
@@ -165,10 +166,11 @@ class _Text(_Files):
         for where, line in _lines(path):
             fields = line.split()
             try:
-                camera, parameters = int(fields[0]), [float(field) for field in fields[4:]]
+                camera, model, _, _ = int(fields[0]), *fields[1:4]
+                parameters = [float(field) for field in fields[4:]]
             except (ValueError, IndexError):
                 raise ValueError(f"{path}: {where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS") from None
-            yield camera, _focal_length(path, where, fields[1], parameters)
+            yield camera, _focal_length(path, where, model, parameters)
 
     @staticmethod
     def count(path: str) -> int:
@@ -227,7 +229,7 @@ class _Text(_Files):
 class _Binary(_Files):
     @staticmethod
     def cameras(path: str) -> Iterator[tuple[int, float]]:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             for where in _records(file, path, "camera", smallest=24):
                 camera, number, _, _ = _unpacked(file, path, where, "<IiQQ")
                 if number not in _NAMES:
@@ -238,13 +240,13 @@ class _Binary(_Files):
 
     @staticmethod
     def count(path: str) -> int:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             (said,) = _unpacked(file, path, "number of images", "<Q")
             return min(said, os.fstat(file.fileno()).st_size // IMAGE_BYTES)
 
     @staticmethod
     def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             for where in _records(file, path, "image", smallest=IMAGE_BYTES):
                 numbers = _unpacked(file, path, where, "<I7dI")
                 while _take(file, path, where, 1) != b"\0":
@@ -255,7 +257,7 @@ class _Binary(_Files):
 
     @staticmethod
     def points(path: str) -> tuple[Identities, Floats]:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             identities, points = [], []
             for where in _records(file, path, "point", smallest=51):
                 identity, x, y, z, _, _, _, _, track = _unpacked(file, path, where, "<q3d3BdQ")
@@ -303,10 +305,9 @@ def _pose(path: str, where: str, numbers: list[float]) -> Pose:
 
 def _lines(path: str, *, skip_blank: bool = True) -> Iterator[tuple[str, str]]:
     """Lines that are no comments, and where they stand."""
-    with open(path, encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            if not line.startswith("#") and (line.strip() or not skip_blank):
-                yield f"line {number}", line
+    for number, line in text_lines(path):
+        if not line.startswith("#") and (line.strip() or not skip_blank):
+            yield f"line {number}", line
 
 
 def _records(file: IO[bytes], path: str, what: str, *, smallest: int) -> Iterator[str]:

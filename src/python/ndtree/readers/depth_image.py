@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.readers.plain_file import open_regular
 from ndtree.readers.source import ReaderOption
 
 CAMERA = ReaderOption("camera", str, "Of depth images: fx,fy,cx,cy[,image values per metre].")
@@ -144,7 +145,7 @@ def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
             "pip install 'ndtree-mapping[clouds]'"
         ) from None
     expected = "expected a PNG of one channel of 16 bits"
-    with open(path, "rb") as file:
+    with open_regular(path) as file:
         try:
             with Image.open(file, formats=["PNG"]) as image:
                 # Pillow names 16 bits "I;16", and before version 10.3 widened them to "I".

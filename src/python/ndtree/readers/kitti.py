@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.readers.failures import one_line
 from ndtree.readers.folder import TIME_OFFSET, FolderLog, PosesOfFiles
+from ndtree.readers.plain_file import open_regular, text_lines
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.trajectory import TRAJECTORY, Pose
 
@@ -60,10 +62,11 @@ class KittiLog(FolderLog):
 
     def _points(self, i: int) -> NDArray[np.floating]:
         path = self._files[i]
-        size = os.path.getsize(path)
-        if size % 16:
-            raise ValueError(f"{path}: {size} bytes, expected a multiple of 16 (float32 x y z intensity)")
-        return np.fromfile(path, dtype="<f4").reshape(-1, 4)[:, :3]
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size % 16:
+                raise ValueError(f"{path}: {size} bytes, expected a multiple of 16 (float32 x y z intensity)")
+            return np.fromfile(file, dtype="<f4").reshape(-1, 4)[:, :3]
 
     def _stamp(self, i: int) -> float:
         return self._poses.stamp(i)
@@ -83,15 +86,16 @@ def _poses_of(source: Source) -> str:
 
 def _velodyne_in(path: str) -> Pose:
     """T_camera_velodyne of a calibration file."""
-    with open(path, encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            name, _, values = line.partition(":")
-            if name.strip() != "Tr":
-                continue
-            try:
-                return Pose.from_matrix(np.array([float(field) for field in values.split()]).reshape(3, 4))
-            except ValueError as error:
-                raise ValueError(f"{path}: line {number}: Tr: expected a 3x4 matrix ({error})") from None
+    for number, line in text_lines(path):
+        name, _, values = line.partition(":")
+        if name.strip() != "Tr":
+            continue
+        try:
+            return Pose.from_matrix(np.array([float(field) for field in values.split()]).reshape(3, 4))
+        except ValueError as error:
+            raise ValueError(
+                f"{path}: line {number}: Tr: expected a 3x4 matrix ({one_line(error)})"
+            ) from None
     raise ValueError(f"{path}: no line Tr, expected where the Velodyne sits beside the camera")
 
 

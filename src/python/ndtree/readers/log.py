@@ -1,31 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What all logs have in common, and the lines of text files, compressed or not."""
+"""What all logs have in common, and those whose lines a parser reads."""
 
 from __future__ import annotations
 
-import bz2
-import gzip
 import os
-import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from ndtree.readers.failures import readable
+from ndtree.readers.plain_file import DamagedStream, open_plain
 from ndtree.scan import Scan
 
 if TYPE_CHECKING:
     from ndtree.readers.trajectory import NoPose
-
-GZIP_MAGIC = b"\x1f\x8b"
-BZIP2_MAGIC = b"BZh"
-
-#: What reading raises where gzip cannot go on.
-GZIP_ERRORS = (EOFError, gzip.BadGzipFile, zlib.error)
-
 
 #: The kind of scans that are left out unless `Log.strict`.
 UNPOSED = "scans without a pose"
@@ -101,9 +92,10 @@ class Log(ABC):
         self._unposed: dict[str, float] = {}
         self._done = 0
         try:
-            for scan in self._scans():
-                self._done += 1
-                yield scan
+            with readable(self.path, f"cannot be read as a {self.format} log"):
+                for scan in self._scans():
+                    self._done += 1
+                    yield scan
             if self._unposed and not self._done:
                 self._sum_up_unposed()
                 left_out = self.skipped[UNPOSED]
@@ -241,27 +233,19 @@ class LineLog(Log):
 
     def _parsed(self, parse: Callable[[str], Scan | None]) -> Iterator[Scan]:
         """Scans that a parser finds in the lines; its errors get the file's name."""
-        number = 0
         with open_plain(self.path) as file:
             try:
                 for line in file:
-                    number += 1
                     try:
                         scan = parse(line.decode("utf-8", "replace").rstrip("\r\n"))
                     except ValueError as error:
                         self._skip("damaged lines", ValueError(f"{self.path}: {error}"))
                         continue
                     if scan is not None:
-                        self._place = getattr(file, "fileobj", file).tell()
+                        self._place = file.place
                         yield scan
-            except GZIP_ERRORS:
-                self._skip(
-                    "damaged gzip streams",
-                    ValueError(
-                        f"{self.path}: behind line {number}: "
-                        "the gzip stream is cut off or damaged, expected a whole one"
-                    ),
-                )
+            except DamagedStream as error:
+                self._skip(f"damaged {error.kind} streams", error)
 
 
 class SizedLog(Log):
@@ -277,26 +261,3 @@ class SizedLog(Log):
 
     def __repr__(self) -> str:
         return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D, {len(self)} scans>"
-
-
-@contextmanager
-def open_plain(path: str) -> Iterator[IO[bytes]]:
-    """Open a file for reading; what gzip or bzip2 has packed is unpacked on the way."""
-    with open(path, "rb") as file:
-        magic = file.read(max(len(GZIP_MAGIC), len(BZIP2_MAGIC)))
-        file.seek(0)
-        if magic.startswith(GZIP_MAGIC):
-            with gzip.GzipFile(fileobj=file) as unpacked:
-                yield unpacked
-        elif magic == BZIP2_MAGIC:
-            with bz2.BZ2File(file) as unpacked:
-                try:
-                    yield unpacked
-                except (EOFError, OSError) as error:
-                    if isinstance(error, OSError) and error.errno is not None:
-                        raise  # Not what bz2 says of its data.
-                    raise ValueError(
-                        f"{path}: the bzip2 stream is cut off or damaged, expected a whole one"
-                    ) from None
-        else:
-            yield file

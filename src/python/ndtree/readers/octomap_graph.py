@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.readers.log import GZIP_ERRORS, SizedLog, open_plain
+from ndtree.readers.log import SizedLog
+from ndtree.readers.plain_file import DamagedStream, PlainFile, open_plain
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.trajectory import Pose
 from ndtree.scan import Scan
@@ -45,18 +45,15 @@ class OctomapGraphLog(SizedLog):
                 file.read(4)
                 for done in range(self._nodes):
                     yield self._node(file, f"{self.path}: node {done + 1} of {self._nodes}")
-        except GZIP_ERRORS:
+        except DamagedStream as error:
             self._skip(
-                "damaged gzip streams",
-                ValueError(
-                    f"{self.path}: node {done + 1} of {self._nodes}: "
-                    "the gzip stream is cut off or damaged, expected a whole one"
-                ),
+                f"damaged {error.kind} streams",
+                ValueError(f"{self.path}: node {done + 1} of {self._nodes}: {error}, expected a whole one"),
             )
         except ValueError as error:  # Nobody knows where the next node begins.
             self._skip("damaged files", error)
 
-    def _node(self, file: IO[bytes], where: str) -> Scan:
+    def _node(self, file: PlainFile, where: str) -> Scan:
         (count,) = struct.unpack("<I", _taken(file, 4, where))
         points = self._points(file, count, where)
         size, x, y, z, size_of_turn, qw, qx, qy, qz, _ = _POSE.unpack(_taken(file, _POSE.size, where))
@@ -70,7 +67,7 @@ class OctomapGraphLog(SizedLog):
             raise ValueError(f"{where}: {error}") from None
         return Scan(pose.apply(points), pose.position)
 
-    def _points(self, file: IO[bytes], count: int, where: str) -> NDArray[np.float64]:
+    def _points(self, file: PlainFile, count: int, where: str) -> NDArray[np.float64]:
         parts = [np.empty((0, 3))]
         while count:
             some = min(count, _POINTS_AT_ONCE)
@@ -82,7 +79,7 @@ class OctomapGraphLog(SizedLog):
         return np.concatenate(parts)
 
 
-def _taken(file: IO[bytes], size: int, where: str) -> bytes:
+def _taken(file: PlainFile, size: int, where: str) -> bytes:
     content = file.read(size)
     if len(content) != size:
         raise ValueError(f"{where}: the file is cut off, expected {size - len(content)} bytes more")

@@ -17,7 +17,9 @@ from ndtree.readers.depth_image import (
     load_png,
     points_of,
 )
+from ndtree.readers.failures import one_line
 from ndtree.readers.folder import FolderLog
+from ndtree.readers.plain_file import text_lines
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.trajectory import Pose, read_pose
 
@@ -64,12 +66,12 @@ class SevenScenesLog(FolderLog):
 
 def _camera_in(path: str) -> Camera:
     try:
-        with open(path, encoding="utf-8", errors="replace") as file:
-            matrix = np.array([float(field) for field in file.read().split()]).reshape(3, 3)
+        fields = [field for _, line in text_lines(path) for field in line.split()]
+        matrix = np.array([float(field) for field in fields]).reshape(3, 3)
         fx, fy, cx, cy = matrix[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
         return Camera(fx, fy, cx, cy, DEFAULT_CAMERA.scale)
     except ValueError as error:
-        raise ValueError(f"{path}: expected a camera's 3x3 matrix ({error})") from None
+        raise ValueError(f"{path}: expected a camera's 3x3 matrix ({one_line(error)})") from None
 
 
 def _recognises(source: Source) -> bool:

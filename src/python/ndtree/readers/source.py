@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
-import gzip
 import os
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ndtree.readers.log import Log, open_plain
+from ndtree.readers.failures import WrongOption
+from ndtree.readers.log import Log
+from ndtree.readers.plain_file import open_plain
+
+__all__ = ["Format", "ReaderOption", "Source", "WrongOption", "require_dim", "source_of"]
 
 HEAD_BYTES = 1 << 18
 
@@ -51,10 +53,6 @@ class ReaderOption:
     name: str
     type: type
     help: str
-
-
-class WrongOption(TypeError):
-    """An option that a format does not take, or not together with another."""
 
 
 @dataclass(frozen=True)
@@ -116,27 +114,14 @@ def require_dim(source: Source, format: Format, has: int, wanted: int | None) ->
 
 def _head(path: str, expected: str) -> bytes:
     """The first bytes, unpacked, cut at the end of a line if there is more."""
-    try:
-        with open_plain(path) as file:
-            head = file.read(HEAD_BYTES)
-            if len(head) == HEAD_BYTES:
-                head = head[: head.rfind(b"\n") + 1] or head
-    except EOFError:  # Cut off: what there is may still tell the format.
-        head = _rescued_head(path)
-        if not head:
-            raise ValueError(f"{path}: the gzip stream is cut off, expected {expected}") from None
-    except (gzip.BadGzipFile, zlib.error):
-        raise ValueError(f"{path}: the gzip stream is damaged, expected {expected}") from None
+    with open_plain(path) as file:
+        head, damage = file.beginning(HEAD_BYTES)
+    if len(head) == HEAD_BYTES or damage:
+        whole = head[: head.rfind(b"\n") + 1]
+        head = whole if damage else whole or head
+    if damage and not (damage.is_cut_off and head):  # What there is may still tell the format.
+        what = "cut off" if damage.is_cut_off else "damaged"
+        raise ValueError(f"{path}: the {damage.kind} stream is {what}, expected {expected}")
     if not head.strip():
         raise ValueError(f"{path}: the file is empty, expected {expected}")
     return head
-
-
-def _rescued_head(path: str) -> bytes:
-    """The whole lines that can be unpacked of a gzip stream that is cut off."""
-    with open(path, "rb") as file:
-        try:
-            head = zlib.decompressobj(wbits=31).decompress(file.read(HEAD_BYTES), HEAD_BYTES)
-        except zlib.error:
-            return b""
-    return head[: head.rfind(b"\n") + 1]

@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import gzip
 import math
 import os
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree.readers.log import open_plain
+from ndtree.readers.plain_file import text_lines
 from ndtree.readers.source import ReaderOption
 
 Floats = NDArray[np.float64]
@@ -447,18 +445,12 @@ def _slerp(start: Floats, end: Floats, share: Floats) -> Floats:
 
 def _numbers(path: str) -> Iterator[tuple[int, list[float]]]:
     """Numbers of each line that has any, and the line's number."""
-    try:
-        with open_plain(path) as file:
-            for number, raw in enumerate(file, start=1):
-                fields = raw.decode("utf-8", "replace").split("#", 1)[0].replace(",", " ").split()
-                if not fields:
-                    continue
-                try:
-                    yield number, [float(field) for field in fields]
-                except ValueError:
-                    found = " ".join(fields)[:40]
-                    raise ValueError(
-                        f"{path}: line {number}: found {found!r}, expected only numbers"
-                    ) from None
-    except (EOFError, gzip.BadGzipFile, zlib.error):
-        raise ValueError(f"{path}: the gzip stream is cut off or damaged, expected a whole one") from None
+    for number, line in text_lines(path):
+        fields = line.split("#", 1)[0].replace(",", " ").split()
+        if not fields:
+            continue
+        try:
+            yield number, [float(field) for field in fields]
+        except ValueError:
+            found = " ".join(fields)[:40]
+            raise ValueError(f"{path}: line {number}: found {found!r}, expected only numbers") from None

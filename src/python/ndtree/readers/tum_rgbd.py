@@ -19,6 +19,7 @@ from ndtree.readers.depth_image import (
     points_of,
 )
 from ndtree.readers.folder import TIME_OFFSET, FolderLog
+from ndtree.readers.plain_file import text_lines
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.trajectory import TRAJECTORY, Pose, Trajectory, read_trajectory
 
@@ -81,22 +82,21 @@ class TumRgbdLog(FolderLog):
 def _images(path: str) -> tuple[list[float], list[str]]:
     """Times [s] and names of the images that a list has."""
     stamps, names = [], []
-    with open(path, encoding="utf-8", errors="replace") as file:
-        for number, line in enumerate(file, start=1):
-            fields = line.split("#", 1)[0].split(maxsplit=1)
-            if not fields:
-                continue
-            try:
-                stamp = float(fields[0])
-            except ValueError:
-                stamp = math.nan
-            if len(fields) != 2 or not math.isfinite(stamp):
-                raise ValueError(
-                    f"{path}: line {number}: found {line.strip()[:40]!r}, "
-                    "expected a time [s] and the name of an image"
-                )
-            stamps.append(stamp)
-            names.append(fields[1].strip())
+    for number, line in text_lines(path):
+        fields = line.split("#", 1)[0].split(maxsplit=1)
+        if not fields:
+            continue
+        try:
+            stamp = float(fields[0])
+        except ValueError:
+            stamp = math.nan
+        if len(fields) != 2 or not math.isfinite(stamp):
+            raise ValueError(
+                f"{path}: line {number}: found {line.strip()[:40]!r}, "
+                "expected a time [s] and the name of an image"
+            )
+        stamps.append(stamp)
+        names.append(fields[1].strip())
     if not names:
         raise ValueError(f"{path}: no images, expected a line each with a time [s] and the name of an image")
     return stamps, names

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from ndtree._core import OccupancyMap
-from ndtree.files import replaced
+from ndtree.files import replaced_together
 
 
 def write(
@@ -29,11 +29,11 @@ def write(
             f"PNG files need Pillow ({error}); install it with: pip install 'ndtree-mapping[convert]'"
         ) from None
     with tempfile.TemporaryDirectory() as folder:
-        same = Path(folder, yaml.name)
+        same = Path(folder, "map.yaml")
         m.save_map_server(same, cell_size=cell_size, height=height)
-        with Image.open(same.with_suffix(".pgm")) as image, replaced(path) as part:
-            image.save(part)
         lines = same.read_text(encoding="utf-8").splitlines(keepends=True)
-    lines[0] = lines[0].replace(".pgm'\n", ".png'\n")
-    with replaced(yaml) as part:
-        part.write_text("".join(lines), encoding="utf-8")
+        lines[0] = "image: '{}'\n".format(path.name.replace("'", "''"))
+        with replaced_together(path, yaml) as (png_part, yaml_part):
+            with Image.open(same.with_suffix(".pgm")) as image:
+                image.save(png_part)
+            yaml_part.write_text("".join(lines), encoding="utf-8")

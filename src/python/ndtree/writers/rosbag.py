@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import time
 from pathlib import Path
@@ -56,10 +57,7 @@ def write(
         topic, kind, message = OCTOMAP_TOPIC, _OCTOMAP, _octomap(m, store, now, cell_size)
     else:
         topic, kind, message = GRID_TOPIC, _GRID, _grid(m, store, now, cell_size, height)
-    with (
-        tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}.") as folder,
-        replaced(path) as part,
-    ):
+    with replaced(path) as part, tempfile.TemporaryDirectory() as folder:
         if is_ros1:
             data = Path(folder, "map.bag")
             with rosbag1.Writer(data) as bag:
@@ -77,7 +75,7 @@ def write(
                 )
                 bag.write(connection, now, store.serialize_cdr(message, kind))
             (data,) = Path(folder, "map").glob(f"*{path.suffix}")
-        data.replace(part)
+        shutil.copyfile(data, part)
 
 
 def _latched(interfaces: Any) -> Any:

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterator
 from typing import IO, Any
 
 from ndtree.readers.ros.storage import Connection, OnDamage, Raw, Storage, line_of, ros2_type
 
 MAGIC = b"\x89MCAP0\r\n"
-#: No record is longer [bytes]: one that says so is damaged.
-_LONGEST_RECORD = 1 << 31
 
 
 class McapFile(Storage):
@@ -34,6 +33,7 @@ class McapFile(Storage):
             ) from None
         self._reader, self._records, self._stream = reader, records, stream_reader
         self._file: IO[bytes] = open(path, "rb")
+        self._size = os.fstat(self._file.fileno()).st_size  # No record is longer.
         try:
             self._open()
         except BaseException:
@@ -125,4 +125,4 @@ class McapFile(Storage):
 
     def _every_record(self) -> Iterator[Any]:
         self._file.seek(0)
-        yield from self._stream.StreamReader(self._file, record_size_limit=_LONGEST_RECORD).records
+        yield from self._stream.StreamReader(self._file, record_size_limit=self._size).records

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import bz2
 import heapq
+import os
 import re
 import struct
 from collections.abc import Collection, Iterator
@@ -50,6 +51,7 @@ class Ros1File(Storage):
     def __init__(self, path: str) -> None:
         super().__init__(path)
         self._file: IO[bytes] = open(path, "rb")
+        self._size = os.fstat(self._file.fileno()).st_size
         try:
             self._open()
         except BaseException:
@@ -214,10 +216,10 @@ class Ros1File(Storage):
         return header, self._whole(_U32.unpack(self._whole(4))[0])
 
     def _whole(self, size: int) -> bytes:
-        data = self._file.read(size)
-        if len(data) < size:
-            raise _Damaged(f"the file ends {size - len(data)} bytes too early")
-        return data
+        missing = size - (self._size - self._file.tell())
+        if missing > 0:  # No room is made for what is not there.
+            raise _Damaged(f"the file ends {missing} bytes too early")
+        return self._file.read(size)
 
 
 class _Damaged(Exception):

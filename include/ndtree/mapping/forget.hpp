@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Parts of a map become unknown again.
+#pragma once
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/summary.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/tree/lattice.hpp"
+
+namespace ndtree {
+
+/// What is to become of a cell, or of all cells in a box.
+enum class Fate { keep, forget, divide };
+
+namespace detail {
+
+template <class Cell>
+[[nodiscard]] bool is_blank(const Cell& cell) {
+  return !cell.observed();
+}
+[[nodiscard]] inline bool is_blank(const EvidenceCell& cell) {
+  return !cell.observed() && !cell.is_partly_seen();
+}
+
+/// Forgets what a rule says of a tree, and keeps its summaries up to date.
+template <class Tree, class IsSettled, class FateOf>
+class Forgetting {
+  static constexpr int D = Tree::kDim;
+  using Ref = typename Tree::Ref;
+
+ public:
+  /// @param fate_of(box, is_smallest) of a node. @param divides_leaves down to the smallest, where that is
+  ///   their fate; else they are kept.
+  Forgetting(Tree& tree, const IsSettled& is_settled, const FateOf& fate_of, bool divides_leaves)
+      : tree_(tree), is_settled_(is_settled), fate_of_(fate_of), divides_leaves_(divides_leaves) {}
+
+  void run() { descend(tree_.root()); }
+
+ private:
+  /// @returns whether anything changed.
+  bool descend(const Ref& ref) {
+    if (ref.is_leaf() && is_blank(ref.cell())) return false;
+    const bool is_smallest = ref.index.level <= tree_.geometry().finest_level();
+    switch (fate_of_(tree_.box(ref.index), is_smallest)) {
+      case Fate::keep:
+        return false;
+      case Fate::forget:
+        tree_.cut(*ref.node);
+        return true;
+      case Fate::divide:
+        break;
+    }
+    const bool was_leaf = ref.is_leaf();
+    if (was_leaf && !divides_leaves_) return false;
+    if (was_leaf) tree_.split_node(*ref.node, without_parts(ref.cell()));
+    bool changed = was_leaf;
+    bool all_blank = true;
+    for (int j = 0; j < Tree::kNumChildren; ++j) {
+      const Ref child = tree_.child(ref, j);
+      changed = descend(child) || changed;
+      all_blank = all_blank && child.is_leaf() && is_blank(child.cell());
+    }
+    if (!changed) return false;
+    if (all_blank)
+      tree_.cut(*ref.node);
+    else
+      summarise(tree_, *ref.node, is_settled_);
+    return true;
+  }
+  /// What a child knows of a parent that it keeps a part of: all, but for what was seen of parts of it.
+  template <class Cell>
+  [[nodiscard]] static Cell without_parts(const Cell& cell) {
+    return cell.observed() ? cell : Cell{};
+  }
+
+  Tree& tree_;
+  const IsSettled& is_settled_;
+  const FateOf& fate_of_;
+  bool divides_leaves_;
+};
+
+}  // namespace detail
+
+/// Whether two boxes share a volume, and not only a border.
+template <int D>
+[[nodiscard]] bool overlap(const Box<D>& a, const Box<D>& b) {
+  return (a.lower.array() < b.upper.array()).all() && (b.lower.array() < a.upper.array()).all();
+}
+
+}  // namespace ndtree

@@ -1,0 +1,99 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The cells of a map by place and state, as boxes.
+#pragma once
+
+#include <algorithm>
+#include <optional>
+#include <vector>
+
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/cell/summary.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/query/region.hpp"
+
+namespace ndtree {
+
+/// What unknown space, outside the map too, is taken for.
+enum class UnknownSpace { free, occupied };
+
+[[nodiscard]] inline bool contains(const RegionStates& states, CellState state) {
+  return state == CellState::occupied ? states.occupied
+         : state == CellState::free   ? states.free
+                                      : states.unknown;
+}
+
+/// Calls `visit(leaf)` for each leaf of one of these states that shares a point with the closed box, depth
+/// first. Nodes without any are not entered.
+template <class Map, class Visit>
+void for_each_leaf_of(const Map& map, const Box<Map::kDim>& region, const RegionStates& states,
+                      const Visit& visit) {
+  detail::for_each_node_touching(map.tree(), map.tree().root(), region, [&](const auto& ref, bool) {
+    if (ref.is_leaf()) {
+      if (contains(states, ref.cell().state())) visit(ref);
+      return false;
+    }
+    const Summary summary = Summary::of(*ref.node);
+    return (states.occupied && summary.may_contain(CellState::occupied)) ||
+           (states.free && summary.may_contain(CellState::free)) ||
+           (states.unknown && summary.may_contain(CellState::unknown));
+  });
+}
+
+/// A box around all cells that were observed, as small as it may be; none if there is no such cell. O(nodes).
+template <class Map>
+[[nodiscard]] std::optional<Box<Map::kDim>> bounds(const Map& map) {
+  std::optional<Box<Map::kDim>> result;
+  const auto descend = [&](const auto& self, const auto& ref) -> void {
+    const Box<Map::kDim> box = map.tree().box(ref.index);
+    if (result && (box.lower.array() >= result->lower.array()).all() &&
+        (box.upper.array() <= result->upper.array()).all())
+      return;  // It can add nothing.
+    if (!ref.is_leaf()) {
+      for (int j = 0; j < Map::Tree::kNumChildren; ++j) self(self, map.tree().child(ref, j));
+    } else if (ref.cell().observed()) {
+      if (!result) result = box;
+      result->lower = result->lower.cwiseMin(box.lower);
+      result->upper = result->upper.cwiseMax(box.upper);
+    }
+  };
+  descend(descend, map.tree().root());
+  return result;
+}
+
+/// Of a region, the parts that lie outside a box, as boxes that do not overlap.
+template <int D>
+[[nodiscard]] std::vector<Box<D>> outside_of(const Box<D>& box, Box<D> region) {
+  std::vector<Box<D>> parts;
+  for (int a = 0; a < D; ++a) {
+    if (region.lower[a] < box.lower[a]) {
+      parts.push_back(region);
+      parts.back().upper[a] = std::min(region.upper[a], box.lower[a]);
+    }
+    if (region.upper[a] > box.upper[a]) {
+      parts.push_back(region);
+      parts.back().lower[a] = std::max(region.lower[a], box.upper[a]);
+    }
+    region.lower[a] = std::max(region.lower[a], box.lower[a]);
+    region.upper[a] = std::min(region.upper[a], box.upper[a]);
+    if (!(region.lower[a] < region.upper[a])) break;  // Nothing is left inside.
+  }
+  return parts;
+}
+
+/// The space in a region that has one of these states, as boxes: leaves, as they are, and parts of the space
+/// outside the map, which is unknown.
+template <class Map>
+[[nodiscard]] std::vector<Box<Map::kDim>> boxes_of(const Map& map, const Box<Map::kDim>& region,
+                                                   const RegionStates& states) {
+  std::vector<Box<Map::kDim>> boxes;
+  for_each_leaf_of(map, region, states,
+                   [&](const auto& leaf) { boxes.push_back(map.tree().box(leaf.index)); });
+  if (states.unknown) {
+    const auto outside = outside_of(map.tree().box(map.tree().root().index), region);
+    boxes.insert(boxes.end(), outside.begin(), outside.end());
+  }
+  return boxes;
+}
+
+}  // namespace ndtree

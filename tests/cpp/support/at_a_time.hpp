@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#pragma once
+
+#include "ndtree/core/simd.hpp"
+
+namespace ndtree::test {
+
+/// Loops that work on so many numbers at a time, as long as it lives.
+class AtATime {
+ public:
+  explicit AtATime(int numbers) { Simd::limit(numbers); }
+  AtATime(const AtATime&) = delete;
+  AtATime& operator=(const AtATime&) = delete;
+  ~AtATime() { Simd::limit(8); }
+};
+
+}  // namespace ndtree::test

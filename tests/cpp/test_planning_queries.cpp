@@ -1,0 +1,602 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What planners and explorers ask, against plain looks at every leaf.
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <optional>
+#include <set>
+#include <stdexcept>
+#include <utility>
+#include <vector>
+
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/cells.hpp"
+#include "ndtree/query/collision.hpp"
+#include "ndtree/query/distance_field.hpp"
+#include "ndtree/query/frontiers.hpp"
+#include "ndtree/query/nearest.hpp"
+#include "ndtree/query/ray.hpp"
+#include "random.hpp"
+
+namespace ndtree::test {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+template <class Map>
+Map random_map(Random& random) {
+  constexpr int D = Map::kDim;
+  MapOptions options;
+  options.min_cell_size = 0.25;
+  options.max_cell_size = 0.25 * Map::kBranching * (D == 2 ? Map::kBranching : 1);
+  options.range_sigma = 0.05;
+  Map map(options);
+  for (int scans = 0; scans < 3; ++scans) {
+    Scan<D> scan;
+    scan.origins.resize(D, 1);
+    for (int a = 0; a < D; ++a) scan.origins(a, 0) = random.uniform(-1.0, 1.0);
+    scan.endpoints.resize(D, 60);
+    for (Eigen::Index i = 0; i < 60; ++i)
+      for (int a = 0; a < D; ++a) scan.endpoints(a, i) = random.uniform(-2.0, 2.0);
+    map.insert(scan);
+    map.insert(scan);
+  }
+  return map;
+}
+
+template <int D>
+struct PlainLeaf {
+  Box<D> box;
+  CellState state;
+  bool observed;
+};
+template <class Map>
+std::vector<PlainLeaf<Map::kDim>> plain_leaves(const Map& map) {
+  std::vector<PlainLeaf<Map::kDim>> leaves;
+  for_each_leaf(map.tree(), [&](const auto& leaf) {
+    leaves.push_back({map.tree().box(leaf.index), leaf.cell().state(), leaf.cell().observed()});
+  });
+  return leaves;
+}
+template <int D>
+Vector<D> random_point(Random& random, double reach) {
+  Vector<D> point;
+  for (int a = 0; a < D; ++a) {
+    point[a] = random.uniform(-reach, reach);
+    if (random.chance(0.2)) point[a] = std::round(point[a] * 4.0) / 4.0;  // On a border of cells.
+  }
+  return point;
+}
+template <int D>
+Box<D> random_box(Random& random, double reach) {
+  const Vector<D> a = random_point<D>(random, reach);
+  const Vector<D> b = random_point<D>(random, reach);
+  return {a.cwiseMin(b), a.cwiseMax(b) + Vector<D>::Constant(0.1)};
+}
+
+template <class Map>
+void bounds_and_cells_are_those_of_all_leaves(Random& random) {
+  constexpr int D = Map::kDim;
+  const Map map = random_map<Map>(random);
+  EXPECT_FALSE(bounds(Map(map.options())).has_value());
+  const auto leaves = plain_leaves(map);
+  Box<D> around{Vector<D>::Constant(kInfinity), Vector<D>::Constant(-kInfinity)};
+  for (const auto& leaf : leaves)
+    if (leaf.observed)
+      around = {around.lower.cwiseMin(leaf.box.lower), around.upper.cwiseMax(leaf.box.upper)};
+  ASSERT_TRUE(bounds(map).has_value());
+  EXPECT_EQ(bounds(map)->lower, around.lower);
+  EXPECT_EQ(bounds(map)->upper, around.upper);
+  std::size_t found = 0;
+  for (int i = 0; i < 30; ++i) {
+    const Box<D> region = random_box<D>(random, 3.0);
+    RegionStates states;
+    states.free = random.chance(0.5);
+    states.occupied = random.chance(0.5);
+    states.unknown = random.chance(0.5);
+    std::size_t expected = 0;
+    for (const auto& leaf : leaves) expected += contains(states, leaf.state) && region.touches(leaf.box);
+    std::size_t n = 0;
+    for_each_leaf_of(map, region, states, [&](const auto&) { ++n; });
+    ASSERT_EQ(n, expected);
+    found += n;
+    if (!states.unknown) continue;
+    double volume = 0.0;  // Of the region, inside and outside the map.
+    for (const Box<D>& part : outside_of(map.tree().box(map.tree().root().index), region))
+      volume += (part.upper - part.lower).prod();
+    const Box<D> root = map.tree().box(map.tree().root().index);
+    const Vector<D> inside = (region.upper.cwiseMin(root.upper) - region.lower.cwiseMax(root.lower));
+    if ((inside.array() > 0.0).all()) volume += inside.prod();
+    ASSERT_NEAR(volume, (region.upper - region.lower).prod(), 1e-9);
+  }
+  EXPECT_GT(found, 100u);
+}
+TEST(PlanningQueries, BoundsAndCellsAreThoseOfAllLeaves) {
+  Random random(310);
+  SCOPED_TRACE(random.trace());
+  bounds_and_cells_are_those_of_all_leaves<AdaptiveMap<2, 2>>(random);
+  bounds_and_cells_are_those_of_all_leaves<PaperMap<3, 2>>(random);
+  bounds_and_cells_are_those_of_all_leaves<FixedMap<2, 3>>(random);
+  bounds_and_cells_are_those_of_all_leaves<AdaptiveMap<2, 3>>(random);
+}
+
+template <class Map>
+void nearest_point_is_that_of_all_leaves(Random& random) {
+  constexpr int D = Map::kDim;
+  const Map map = random_map<Map>(random);
+  const auto leaves = plain_leaves(map);
+  int none = 0;
+  for (int i = 0; i < 200; ++i) {
+    const Vector<D> point = random_point<D>(random, 4.0);
+    const double most = random.chance(0.5) ? kInfinity : random.uniform(0.0, 1.0);
+    double expected = kInfinity;
+    for (const auto& leaf : leaves)
+      if (leaf.state == CellState::occupied) expected = std::min(expected, leaf.box.squared_distance(point));
+    const auto nearest = nearest_occupied(map, point, most);
+    if (expected > most * most) {
+      ASSERT_FALSE(nearest.has_value());
+      ++none;
+      continue;
+    }
+    ASSERT_TRUE(nearest.has_value());
+    ASSERT_DOUBLE_EQ(nearest->distance, std::sqrt(expected));
+    ASSERT_NEAR((nearest->point - point).norm(), nearest->distance, 1e-12);
+    bool is_occupied = false;
+    for (const auto& leaf : leaves)
+      is_occupied = is_occupied ||
+                    (leaf.state == CellState::occupied && leaf.box.squared_distance(nearest->point) == 0.0);
+    ASSERT_TRUE(is_occupied);
+  }
+  EXPECT_GT(none, 10);
+}
+TEST(PlanningQueries, TheNearestPointIsThatOfAllLeaves) {
+  Random random(311);
+  SCOPED_TRACE(random.trace());
+  nearest_point_is_that_of_all_leaves<AdaptiveMap<2, 2>>(random);
+  nearest_point_is_that_of_all_leaves<FixedMap<3, 2>>(random);
+  nearest_point_is_that_of_all_leaves<AdaptiveMap<2, 3>>(random);
+}
+
+template <class Map>
+void rays_end_where_leaves_say(Random& random, int& all_outside) {
+  constexpr int D = Map::kDim;
+  const Map map = random_map<Map>(random);
+  int unknown = 0;
+  int occupied = 0;
+  int outside = 0;
+  for (int i = 0; i < 400; ++i) {
+    const Vector<D> origin = random_point<D>(random, 2.5);
+    Vector<D> direction = random_point<D>(random, 1.0);
+    if (direction.norm() == 0.0) continue;
+    const double max_range = random.chance(0.3) ? 50.0 : random.uniform(0.1, 5.0);
+    const auto plain = cast_ray(map, origin, direction, max_range);
+    const auto traced = trace_ray(map, origin, direction, max_range, false);
+    ASSERT_EQ(plain.has_value(), traced.has_value());
+    if (plain) {
+      ASSERT_EQ(*plain, traced->distance);
+      ASSERT_EQ(traced->state, CellState::occupied);
+      const Vector<D> end = origin + traced->distance * direction.normalized();
+      ASSERT_LT(traced->cell->squared_distance(end), 1e-18);
+    }
+    const auto stopped = trace_ray(map, origin, direction, max_range, true);
+    // Small steps along the ray: free up to its end, and not behind it.
+    const double end = stopped ? stopped->distance : max_range;
+    for (double t = 0.003; t < end - 1e-6; t += 0.01) {
+      const auto leaf = map.tree().find_leaf(Vector<D>(origin + t * direction.normalized()));
+      ASSERT_TRUE(leaf.has_value());
+      ASSERT_EQ(leaf->cell().state(), CellState::free) << t << " of " << end;
+    }
+    if (!stopped) continue;
+    ASSERT_LT(stopped->distance, max_range);
+    const auto leaf = map.tree().find_leaf(Vector<D>(origin + (end + 1e-7) * direction.normalized()));
+    if (!stopped->cell) {
+      ++outside;
+      ASSERT_FALSE(leaf.has_value());
+      ASSERT_EQ(stopped->state, CellState::unknown);
+    } else if (leaf && map.tree().box(leaf->index).lower == stopped->cell->lower) {
+      ASSERT_EQ(leaf->cell().state(), stopped->state);
+      ++(stopped->state == CellState::occupied ? occupied : unknown);
+    }
+  }
+  EXPECT_GT(unknown, 50);
+  EXPECT_GT(occupied, 10);
+  const auto from_outside = trace_ray(map, Vector<D>(Vector<D>::Constant(100.0)),
+                                      Vector<D>(Vector<D>::Constant(-1.0)), 500.0, true);
+  ASSERT_TRUE(from_outside.has_value());
+  EXPECT_EQ(from_outside->distance, 0.0);
+  EXPECT_FALSE(from_outside->cell.has_value());
+  all_outside += outside;
+}
+TEST(PlanningQueries, RaysEndWhereLeavesSay) {
+  Random random(312);
+  SCOPED_TRACE(random.trace());
+  int outside = 0;
+  rays_end_where_leaves_say<AdaptiveMap<2, 2>>(random, outside);
+  rays_end_where_leaves_say<AdaptiveMap<3, 2>>(random, outside);
+  rays_end_where_leaves_say<FixedMap<2, 3>>(random, outside);
+  rays_end_where_leaves_say<PaperMap<2, 2>>(random, outside);  // Its large cells reach the border of the map.
+  EXPECT_GT(outside, 10);
+}
+
+template <class Map>
+void distance_fields_are_exact(Random& random) {
+  constexpr int D = Map::kDim;
+  const Map map = random_map<Map>(random);
+  auto leaves = plain_leaves(map);
+  const Box<D> huge{Vector<D>::Constant(-50.0), Vector<D>::Constant(50.0)};
+  for (const Box<D>& part : outside_of(map.tree().box(map.tree().root().index), huge))
+    leaves.push_back({part, CellState::unknown, false});
+  int inside = 0;
+  int outside = 0;
+  int far = 0;
+  for (int i = 0; i < 8; ++i) {
+    const Box<D> box = random_box<D>(random, 3.0);
+    const double cell_size = random.chance(0.3) ? 0.25 : random.uniform(0.1, 0.6);
+    const double most = random.chance(0.5) ? 20.0 : random.uniform(0.2, 2.0);
+    const UnknownSpace unknown = random.chance(0.5) ? UnknownSpace::free : UnknownSpace::occupied;
+    const DistanceField<D> field = distance_field(map, box, cell_size, most, unknown);
+    std::size_t n = 0;
+    auto at = field.shape();
+    at.fill(0);
+    for (std::size_t k = 0; k < field.values().size(); ++k, ++n) {
+      std::size_t rest = k;
+      Vector<D> point;
+      for (std::size_t a = D; a-- > 0; rest /= field.shape()[a])
+        point[static_cast<int>(a)] =
+            box.lower[static_cast<int>(a)] + (static_cast<double>(rest % field.shape()[a]) + 0.5) * cell_size;
+      double to_obstacle = kInfinity;
+      double to_other = kInfinity;
+      for (const auto& leaf : leaves) {
+        const bool is_obstacle = leaf.state == CellState::occupied ||
+                                 (leaf.state == CellState::unknown && unknown == UnknownSpace::occupied);
+        (is_obstacle ? to_obstacle : to_other) =
+            std::min(is_obstacle ? to_obstacle : to_other, leaf.box.squared_distance(point));
+      }
+      const double expected =
+          to_obstacle > 0.0 ? std::min(std::sqrt(to_obstacle), most) : -std::min(std::sqrt(to_other), most);
+      ASSERT_NEAR(static_cast<double>(field.values()[k]), expected, 1e-5);
+      inside += expected < 0.0;
+      outside += expected > 0.0;
+      far += expected == most;
+      ASSERT_NEAR(field.distance(point), static_cast<double>(field.values()[k]), 1e-6);
+    }
+  }
+  EXPECT_GT(inside, 20);
+  EXPECT_GT(outside, 100);
+  EXPECT_GT(far, 5);
+}
+TEST(PlanningQueries, DistanceFieldsAreExact) {
+  Random random(313);
+  SCOPED_TRACE(random.trace());
+  distance_fields_are_exact<AdaptiveMap<2, 2>>(random);
+  distance_fields_are_exact<PaperMap<3, 2>>(random);
+  distance_fields_are_exact<AdaptiveMap<2, 3>>(random);
+  distance_fields_are_exact<FixedMap<2, 3>>(random);
+}
+
+TEST(PlanningQueries, FieldsAreLinearBetweenCentres) {
+  DistanceField<2> field(Vector<2>(1.0, 2.0), 0.5, {4, 3}, 10.0);
+  for (std::size_t i = 0; i < 4; ++i)
+    for (std::size_t j = 0; j < 3; ++j)
+      field.values()[i * 3 + j] =
+          static_cast<float>(2.0 * (0.5 * static_cast<double>(i)) - 3.0 * (0.5 * static_cast<double>(j)));
+  EXPECT_NEAR(field.distance(Vector<2>(1.25, 2.25)), 0.0, 1e-6);
+  EXPECT_NEAR(field.distance(Vector<2>(1.6, 2.8)), 2.0 * 0.35 - 3.0 * 0.55, 1e-6);
+  EXPECT_NEAR((field.gradient(Vector<2>(1.6, 2.8)) - Vector<2>(2.0, -3.0)).norm(), 0.0, 1e-6);
+  EXPECT_TRUE(std::isnan(field.distance(Vector<2>(0.9, 2.8))));
+  EXPECT_TRUE(std::isnan(field.gradient(Vector<2>(1.6, 3.6))[0]));
+  EXPECT_NEAR(field.distance(Vector<2>(1.0, 2.25)), 0.0, 1e-6) << "as at the last centre";
+}
+
+/// Every face between smallest cells, one by one.
+template <class Map>
+void frontiers_are_those_of_all_faces(Random& random) {
+  constexpr int D = Map::kDim;
+  const Map map = random_map<Map>(random);
+  const auto leaves = plain_leaves(map);
+  double area = 0.0;
+  std::set<std::vector<double>> cells;
+  const auto state_at = [&](const Vector<D>& point) {
+    const auto leaf = map.tree().find_leaf(point);
+    return leaf ? leaf->cell().state() : CellState::unknown;
+  };
+  for (const auto& leaf : leaves) {
+    if (leaf.state != CellState::free) continue;
+    const auto n = static_cast<int>(std::round((leaf.box.upper[0] - leaf.box.lower[0]) / 0.25));
+    for (int axis = 0; axis < D; ++axis)
+      for (const double side : {-1.0, 1.0}) {
+        int count = 1;
+        for (int a = 1; a < D; ++a) count *= n;
+        for (int k = 0; k < count; ++k) {
+          Vector<D> point;
+          int rest = k;
+          for (int a = 0; a < D; ++a) {
+            if (a == axis) {
+              point[a] = side < 0.0 ? leaf.box.lower[a] - 0.1 : leaf.box.upper[a] + 0.1;
+              continue;
+            }
+            point[a] = leaf.box.lower[a] + 0.25 * (rest % n) + 0.125;
+            rest /= n;
+          }
+          if (state_at(point) != CellState::unknown) continue;
+          area += std::pow(0.25, D - 1);
+          cells.insert(std::vector<double>(leaf.box.lower.data(), leaf.box.lower.data() + D));
+        }
+      }
+  }
+  const auto all = frontiers(map, std::nullopt, 0.0);
+  double found = 0.0;
+  std::set<std::vector<double>> of_frontiers;
+  for (std::size_t f = 0; f < all.size(); ++f) {
+    found += all[f].area;
+    if (f > 0) {
+      ASSERT_LE(all[f].area, all[f - 1].area);
+    }
+    ASSERT_TRUE(all[f].direction.isZero() || std::abs(all[f].direction.norm() - 1.0) < 1e-12);
+    for (const Box<D>& cell : all[f].cells) {
+      ASSERT_TRUE(of_frontiers.insert(std::vector<double>(cell.lower.data(), cell.lower.data() + D)).second);
+      for (std::size_t g = 0; g < f; ++g)
+        for (const Box<D>& other : all[g].cells) ASSERT_FALSE(cell.touches(other)) << "they are one";
+    }
+  }
+  EXPECT_EQ(of_frontiers, cells);
+  EXPECT_NEAR(found, area, 1e-9 * area);
+  EXPECT_GT(all.size(), 1u);
+  std::size_t large = 0;
+  for (const auto& frontier : all) large += frontier.area >= 3.0 * std::pow(0.25, D - 1) * (1.0 - 1e-9);
+  EXPECT_EQ(frontiers(map, std::nullopt, 3.0).size(), large);
+}
+TEST(PlanningQueries, FrontiersAreThoseOfAllFaces) {
+  Random random(314);
+  SCOPED_TRACE(random.trace());
+  frontiers_are_those_of_all_faces<AdaptiveMap<2, 2>>(random);
+  frontiers_are_those_of_all_faces<FixedMap<3, 2>>(random);
+  frontiers_are_those_of_all_faces<AdaptiveMap<2, 3>>(random);
+}
+
+template <int D>
+Pose<D> random_pose(Random& random) {
+  Pose<D> pose;
+  pose.translation = random_point<D>(random, 2.5);
+  Eigen::Matrix<double, D, D> m;
+  for (int i = 0; i < D; ++i)
+    for (int j = 0; j < D; ++j) m(i, j) = random.uniform(-1.0, 1.0);
+  for (int i = 0; i < D; ++i) {  // Gram and Schmidt's way.
+    for (int j = 0; j < i; ++j) m.col(i) -= m.col(i).dot(m.col(j)) * m.col(j);
+    m.col(i).normalize();
+  }
+  if (m.determinant() < 0.0) m.col(0) *= -1.0;
+  pose.rotation = m;
+  return pose;
+}
+
+/// A shape meets a box if one of many points of the one lies in the other; never if none is near.
+template <int D>
+void touching_is_what_sampling_says(Random& random) {
+  int touching = 0;
+  int apart = 0;
+  for (int i = 0; i < 3000; ++i) {
+    ShapePart<D> part;
+    if (random.chance(0.5)) {
+      const Vector<D> a = random_point<D>(random, 1.0);
+      part = Capsule<D>{a, random.chance(0.3) ? a : random_point<D>(random, 1.0), random.uniform(0.0, 0.5)};
+    } else {
+      part = OrientedBox<D>{random_point<D>(random, 1.0), random_point<D>(random, 0.5).cwiseAbs(),
+                            random_pose<D>(random).rotation};
+    }
+    const Box<D> box = random_box<D>(random, 1.5);
+    // The least distance between the two by alternating projections, which are exact for convex sets.
+    const auto onto_part = [&](const Vector<D>& p) -> Vector<D> {
+      if (const auto* c = std::get_if<Capsule<D>>(&part)) {
+        const Vector<D> way = c->b - c->a;
+        const double t =
+            way.squaredNorm() > 0.0 ? std::clamp((p - c->a).dot(way) / way.squaredNorm(), 0.0, 1.0) : 0.0;
+        const Vector<D> on_axis = c->a + t * way;
+        const double d = (p - on_axis).norm();
+        return d <= c->radius ? p : Vector<D>(on_axis + (p - on_axis) * (c->radius / d));
+      }
+      const auto& b = std::get<OrientedBox<D>>(part);
+      const Vector<D> local = b.axes.transpose() * (p - b.center);
+      return b.center + b.axes * local.cwiseMax(-b.half_size).cwiseMin(b.half_size);
+    };
+    Vector<D> p = box.lower;
+    double distance = 0.0;
+    for (int step = 0; step < 3000; ++step) {
+      const Vector<D> q = onto_part(p);
+      const Vector<D> next = q.cwiseMax(box.lower).cwiseMin(box.upper);
+      distance = (next - q).norm();
+      if ((next - p).norm() < 1e-13) break;
+      p = next;
+    }
+    if (distance > 1e-9 && distance < 1e-2) continue;  // Too near to say.
+    const bool meets = distance <= 1e-9;
+    ASSERT_EQ(touch(part, box), meets) << i << ", " << distance;
+    (meets ? touching : apart)++;
+    if (!meets) continue;
+    const Box<D> around = bounds_of(part);
+    ASSERT_TRUE(around.squared_distance(p) < 1e-12) << "the shape lies in its bounds";
+    ASSERT_LE(p.norm(), reach_of(part) + 1e-9);
+  }
+  EXPECT_GT(touching, 300);
+  EXPECT_GT(apart, 300);
+}
+TEST(Shape, TouchesABoxIfAPointLiesInBoth) {
+  Random random(315);
+  SCOPED_TRACE(random.trace());
+  touching_is_what_sampling_says<2>(random);
+  touching_is_what_sampling_says<3>(random);
+}
+
+template <class Map>
+void collisions_are_those_with_all_leaves(Random& random) {
+  constexpr int D = Map::kDim;
+  const Map map = random_map<Map>(random);
+  const auto leaves = plain_leaves(map);
+  const Box<D> root = map.tree().box(map.tree().root().index);
+  int hits = 0;
+  int misses = 0;
+  for (int i = 0; i < 300; ++i) {
+    ndtree::Shape<D> body;
+    body.push_back(
+        Capsule<D>{random_point<D>(random, 0.2), random_point<D>(random, 0.2), random.uniform(0.01, 0.2)});
+    if (random.chance(0.5))
+      body.push_back(OrientedBox<D>{random_point<D>(random, 0.2), random_point<D>(random, 0.2).cwiseAbs(),
+                                    random_pose<D>(random).rotation});
+    const Pose<D> pose = random_pose<D>(random);
+    for (const UnknownSpace unknown : {UnknownSpace::free, UnknownSpace::occupied}) {
+      bool expected = false;
+      for (const auto& part : body) {
+        const auto placed = moved(part, pose);
+        for (const auto& leaf : leaves)
+          expected = expected || ((leaf.state == CellState::occupied ||
+                                   (leaf.state == CellState::unknown && unknown == UnknownSpace::occupied)) &&
+                                  touch(placed, leaf.box));
+        const Box<D> around = bounds_of(placed);
+        expected = expected || (unknown == UnknownSpace::occupied &&
+                                !((around.lower.array() >= root.lower.array()).all() &&
+                                  (around.upper.array() <= root.upper.array()).all()));
+      }
+      ASSERT_EQ(collides(map, body, pose, unknown), expected);
+      (expected ? hits : misses)++;
+    }
+    const Pose<D> next = random_pose<D>(random);
+    const bool on_the_way = collides_between(map, body, pose, next);
+    if (collides(map, body, pose) || collides(map, body, next)) {
+      ASSERT_TRUE(on_the_way);
+    }
+    for (int k = 0; k <= 37 && !on_the_way; ++k) {  // It meets nothing, but for what the step leaves open.
+      ndtree::Shape<D> thinner{
+          Capsule<D>{std::get<Capsule<D>>(body[0]).a, std::get<Capsule<D>>(body[0]).b, 0.0}};
+      if (std::get<Capsule<D>>(body[0]).radius < 0.0625) break;
+      ASSERT_FALSE(collides(map, thinner, between(pose, next, k / 37.0)));
+    }
+  }
+  EXPECT_GT(hits, 50);
+  EXPECT_GT(misses, 50);
+}
+TEST(PlanningQueries, CollisionsAreThoseWithAllLeaves) {
+  Random random(316);
+  SCOPED_TRACE(random.trace());
+  collisions_are_those_with_all_leaves<AdaptiveMap<2, 2>>(random);
+  collisions_are_those_with_all_leaves<AdaptiveMap<2, 3>>(random);
+  collisions_are_those_with_all_leaves<FixedMap<3, 2>>(random);
+}
+
+TEST(Pose, TurnsTheShorterWayByEqualAngles) {
+  Random random(317);
+  SCOPED_TRACE(random.trace());
+  for (int i = 0; i < 200; ++i) {
+    const Pose<3> a = random_pose<3>(random);
+    const Pose<3> b = random_pose<3>(random);
+    ASSERT_LT((between(a, b, 0.0).rotation - a.rotation).norm(), 1e-9);
+    ASSERT_LT((between(a, b, 1.0).rotation - b.rotation).norm(), 1e-9);
+    const Pose<3> half = between(a, b, 0.5);
+    ASSERT_NEAR(angle_between(a, half), 0.5 * angle_between(a, b), 1e-6);
+    ASSERT_NEAR(angle_between(half, b), 0.5 * angle_between(a, b), 1e-6);
+    const Pose<2> c = random_pose<2>(random);
+    const Pose<2> d = random_pose<2>(random);
+    ASSERT_LT((between(c, d, 1.0).rotation - d.rotation).norm(), 1e-9);
+    ASSERT_NEAR(angle_between(c, between(c, d, 0.5)), 0.5 * angle_between(c, d), 1e-6);
+  }
+  Pose<3> turned;  // By half a turn.
+  turned.rotation.diagonal() << -1.0, 1.0, -1.0;
+  EXPECT_LT((between(Pose<3>{}, turned, 1.0).rotation - turned.rotation).norm(), 1e-9);
+  EXPECT_NEAR(angle_between(Pose<3>{}, between(Pose<3>{}, turned, 0.5)), std::acos(0.0), 1e-9);
+}
+
+template <class Map>
+void forgetting_takes_what_it_says(Random& random) {
+  constexpr int D = Map::kDim;
+  for (int i = 0; i < 10; ++i) {
+    const Map before = random_map<Map>(random);
+    Map map = before;
+    const Box<D> box = random_box<D>(random, 1.5);
+    const Vector<D> center = random_point<D>(random, 1.0);
+    const double radius = random.uniform(0.3, 2.0);
+    const int what = random.integer(0, 2);
+    if (what == 0) map.crop(box);
+    if (what == 1) map.clear(box);
+    if (what == 2) map.keep_near(center, radius);
+    map.check_invariants();
+    int kept = 0;
+    int gone = 0;
+    for_each_leaf(before.tree(), [&](const auto& leaf) {
+      if (!leaf.cell().observed()) return;
+      const Box<D> cell = before.tree().box(leaf.index);
+      // Its smallest cells, by their centres.
+      const auto n = static_cast<int>(std::round((cell.upper[0] - cell.lower[0]) / 0.25));
+      int count = 1;
+      for (int a = 0; a < D; ++a) count *= n;
+      for (int k = 0; k < count; ++k) {
+        Box<D> small;
+        int rest = k;
+        for (int a = 0; a < D; ++a, rest /= n) small.lower[a] = cell.lower[a] + 0.25 * (rest % n);
+        small.upper = small.lower + Vector<D>::Constant(0.25);
+        const bool keeps = what == 0   ? overlap(cell, box)
+                           : what == 1 ? !overlap(small, box)
+                                       : cell.squared_distance(center) <= radius * radius;
+        const auto now = map.tree().find_leaf(Vector<D>(0.5 * (small.lower + small.upper)));
+        const CellState state = now ? now->cell().state() : CellState::unknown;
+        ASSERT_EQ(state, keeps ? leaf.cell().state() : CellState::unknown);
+        (keeps ? kept : gone)++;
+      }
+    });
+    EXPECT_GT(kept + gone, 50);
+    Scan<D> scan;
+    scan.origins = center;
+    scan.endpoints = random_point<D>(random, 2.0);
+    map.insert(scan);  // It goes on.
+    map.check_invariants();
+  }
+  Map map = random_map<Map>(random);
+  const std::size_t full = map.memory_bytes();
+  map.keep_near(Vector<D>::Constant(1000.0), 1.0);
+  EXPECT_EQ(map.stats().leaves, 1u);
+  EXPECT_LE(map.memory_bytes(), full);
+  EXPECT_THROW(map.crop(Box<D>{Vector<D>::Zero(), Vector<D>::Zero()}), std::invalid_argument);
+  EXPECT_THROW(map.keep_near(Vector<D>::Zero(), -1.0), std::invalid_argument);
+}
+TEST(Forgetting, TakesWhatItSays) {
+  Random random(318);
+  SCOPED_TRACE(random.trace());
+  forgetting_takes_what_it_says<AdaptiveMap<2, 2>>(random);
+  forgetting_takes_what_it_says<PaperMap<3, 2>>(random);
+  forgetting_takes_what_it_says<FixedMap<2, 3>>(random);
+  forgetting_takes_what_it_says<AdaptiveMap<2, 3>>(random);
+}
+
+/// A robot that drives on for ever, with a window around it.
+TEST(Forgetting, AWindowHoldsAsMuchAsIsInIt) {
+  Random random(319);
+  SCOPED_TRACE(random.trace());
+  MapOptions options;
+  options.min_cell_size = 0.1;
+  options.max_cell_size = 1.6;
+  AdaptiveMap<2, 2> map(options);
+  std::size_t most = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const Vector<2> at(2.0 * i, 0.0);
+    Scan<2> scan;
+    scan.origins = at;
+    scan.endpoints.resize(2, 60);
+    for (int k = 0; k < 60; ++k) {
+      const double angle = 0.1 * k;
+      scan.endpoints.col(k) = at + random.uniform(3.0, 8.0) * Vector<2>(std::cos(angle), std::sin(angle));
+    }
+    map.insert(scan);
+    map.keep_near(at, 10.0);
+    if (i >= 20) most = std::max(most, map.memory_bytes());
+    if (i == 100) {
+      EXPECT_LT(most, 300000u);
+    }
+  }
+  map.check_invariants();
+  EXPECT_LT(most, 400000u) << "4 km behind it";
+}
+
+}  // namespace
+}  // namespace ndtree::test

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A wrong call is told in one short line which argument is wrong, and what is expected."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ndtree
+
+POINTS, ORIGIN = np.ones((3, 2)), np.zeros(2)
+M = ndtree.AdaptiveMap(dim=2)
+
+WRONG: dict[str, tuple[Callable[[], Any], str]] = {
+    "missing": (lambda: M.insert(POINTS), "insert(): origin is missing, expected points, origin, "),
+    "unknown": (
+        lambda: M.cast_rays(ORIGIN, POINTS, far=3),
+        "cast_rays(): no argument far, expected origins, directions, max_range",
+    ),
+    "too many": (lambda: M.stats(1), "stats(): 1 arguments without names, expected none"),
+    "not by name": (lambda: ndtree.AdaptiveMap(3), "AdaptiveMap(): 1 arguments without names, expected none"),
+    "no number": (
+        lambda: M.insert(POINTS, ORIGIN, max_range="x"),
+        "insert(): max_range = 'x': must be a number",
+    ),
+    "no integer": (lambda: ndtree.AdaptiveMap(dim=2.5), "AdaptiveMap(): dim = 2.5: must be an integer"),
+    "no path": (lambda: M.save(3), "save(): path = 3: must be a path"),
+    "no bytes": (lambda: ndtree.from_bytes("x"), "from_bytes(): bytes = 'x': must be bytes"),
+    "no text": (
+        lambda: ndtree.AdaptiveMap(refinement=1),
+        "AdaptiveMap(): refinement = 1: must be a text",
+    ),
+    "none at all": (lambda: M.save(None), "save(): path = None: must be a path"),
+    "out of bounds": (
+        lambda: ndtree.AdaptiveMap(dim=10**300),
+        "AdaptiveMap(): dim = an integer of 997 bits: a value is out of bounds",
+    ),
+    "a large array": (
+        lambda: M.insert(np.zeros((1000, 2)), ORIGIN, threads=10**20),
+        "insert(): points = array of shape (1000, 2) and dtype float64, ",
+    ),
+    "a long text": (lambda: M.insert(POINTS, ORIGIN, max_range="x" * 10**6), "insert(): max_range = 'xxxx"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_said_in_one_line(case: str) -> None:
+    call, expected = WRONG[case]
+    with pytest.raises(TypeError) as caught:
+        call()
+    said = str(caught.value)
+    assert said.startswith(expected) and "\n" not in said and len(said) < 300
+    assert caught.value.__cause__ is None and caught.value.__context__ is None
+
+
+def test_own_errors_pass_as_they_are() -> None:
+    with pytest.raises(TypeError, match="points has dtype <U1: must be an array of real numbers"):
+        M.insert("a", ORIGIN)
+    with pytest.raises(TypeError, match="no_such"):
+        ndtree.AdaptiveMap(no_such=1)
+    with pytest.raises(ValueError, match="shape"):
+        M.insert(np.ones((3, 3)), ORIGIN)
+
+
+def test_functions_keep_their_names_and_words() -> None:
+    assert ndtree.load.__name__ == "load" and "Read a map" in (ndtree.load.__doc__ or "")
+    assert pickle.loads(pickle.dumps(ndtree.load)) is ndtree.load
+    m = ndtree.AdaptiveMap(dim=2)
+    assert m.insert(points=POINTS, origin=ORIGIN).returned == 3
+    assert m.insert.__doc__ == ndtree.AdaptiveMap.insert.__doc__

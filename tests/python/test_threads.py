@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Several threads of Python: on one map, each on its own, and all writing one file."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from conftest import room_scan
+
+import ndtree
+
+SCANS = [room_scan(2, seed) for seed in range(40)]
+
+
+def mapped(scans: list) -> ndtree.OccupancyMap:
+    m = ndtree.AdaptiveMap(dim=2)
+    for points, origin in scans:
+        m.insert(points, origin)
+    return m
+
+
+def together(*work: Callable[[], None]) -> None:
+    """Run at the same time; the first error is raised here."""
+    start = threading.Barrier(len(work))
+
+    def run(one: Callable[[], None]) -> None:
+        start.wait(20)
+        one()
+
+    with ThreadPoolExecutor(len(work)) as pool:
+        for done in [pool.submit(run, one) for one in work]:
+            done.result(120)
+
+
+def test_a_map_of_each_thread_is_as_of_one() -> None:
+    expected = mapped(SCANS).to_bytes()
+    found: list[bytes] = []
+    together(*[lambda: found.append(mapped(SCANS).to_bytes())] * 4)
+    assert found == [expected] * 4
+
+
+def test_questions_and_files_see_whole_scans(tmp_path: Path) -> None:
+    steps = {mapped(SCANS[:n]).to_bytes() for n in range(len(SCANS) + 1)}
+    m = ndtree.AdaptiveMap(dim=2)
+    finished = threading.Event()
+    points = np.random.default_rng(1).uniform(-3, 3, (500, 2))
+    seen = {"bytes": 0, "files": 0, "questions": 0}
+
+    def insert() -> None:
+        try:
+            for scan, origin in SCANS:
+                m.insert(scan, origin)
+        finally:
+            finished.set()
+
+    def ask() -> None:
+        while not finished.is_set() or not seen["questions"]:
+            states, leaves = m.state(points), m.leaves()
+            assert set(np.unique(states)) <= {-1, 0, 1} and np.isfinite(leaves.lower).all()
+            m.cast_rays(np.zeros(2), points, max_range=5)
+            seen["questions"] += 1
+
+    def take() -> None:
+        while not finished.is_set() or not seen["bytes"]:
+            assert m.to_bytes() in steps
+            seen["bytes"] += 1
+
+    def save() -> None:
+        while not finished.is_set() or not seen["files"]:
+            m.save(tmp_path / "a.ndt")
+            assert (tmp_path / "a.ndt").read_bytes() in steps
+            seen["files"] += 1
+
+    together(insert, ask, ask, take, save)
+    assert min(seen.values()) > 0
+    assert m.to_bytes() == mapped(SCANS).to_bytes()
+
+
+def test_two_writers_of_one_map_insert_all() -> None:
+    """In some order, scan by scan."""
+    m = ndtree.FixedMap(dim=2, cell_size=0.1, log_odds_max=100, log_odds_min=-100)
+    alone = ndtree.FixedMap(dim=2, cell_size=0.1, log_odds_max=100, log_odds_min=-100)
+    for points, origin in SCANS:
+        alone.insert(points, origin)
+
+    def insert(scans: list) -> None:
+        for points, origin in scans:
+            m.insert(points, origin)
+
+    together(lambda: insert(SCANS[::2]), lambda: insert(SCANS[1::2]))
+    assert m.stats().updates == alone.stats().updates
+    points = np.random.default_rng(2).uniform(-2, 2, (300, 2))
+    assert np.allclose(m.probability(points), alone.probability(points), atol=1e-5)
+
+
+def test_logs_are_read_by_each_thread(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    with open(path, "w") as file:
+        for points, origin in SCANS[:10]:
+            file.writelines(f"{origin[0]} {origin[1]} {x} {y}\n" for x, y in points)
+    counts: list[int] = []
+    together(*[lambda: counts.append(sum(len(scan) for scan in ndtree.read(path)))] * 4)
+    assert counts == [sum(len(points) for points, _ in SCANS[:10])] * 4
+
+
+def test_threads_that_save_to_one_name_leave_one_whole_file(tmp_path: Path) -> None:
+    maps = [mapped(SCANS[:n]) for n in (1, 5, 10)]
+    path = tmp_path / "a.ndt"
+    together(*[lambda m=m: [m.save(path) for _ in range(20)] and None for m in maps])
+    assert path.read_bytes() in [m.to_bytes() for m in maps]
+    assert [one.name for one in tmp_path.iterdir()] == ["a.ndt"]
