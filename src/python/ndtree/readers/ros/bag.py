@@ -240,6 +240,8 @@ def _natural(name: str) -> list[Any]:
 
 def _opened(path: str, stack: ExitStack) -> Storage:
     """One file, by its first bytes; what is packed as a whole is unpacked into a temporary one."""
+    if not os.path.isfile(path):  # A pipe would wait for somebody to write.
+        raise ValueError(f"{path}: is no regular file, expected one of a ROS bag")
     with open(path, "rb") as file:
         head = file.read(16)
     if head.startswith(ZSTD_MAGIC):
