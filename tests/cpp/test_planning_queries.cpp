@@ -380,7 +380,7 @@ void touching_is_what_sampling_says(Random& random) {
   int touching = 0;
   int apart = 0;
   for (int i = 0; i < 3000; ++i) {
-    ShapePart<D> part;
+    BodyPart<D> part;
     if (random.chance(0.5)) {
       const Vector<D> a = random_point<D>(random, 1.0);
       part = Capsule<D>{a, random.chance(0.3) ? a : random_point<D>(random, 1.0), random.uniform(0.0, 0.5)};
@@ -440,7 +440,7 @@ void collisions_are_those_with_all_leaves(Random& random) {
   int hits = 0;
   int misses = 0;
   for (int i = 0; i < 300; ++i) {
-    ndtree::Shape<D> body;
+    Body<D> body;
     body.push_back(
         Capsule<D>{random_point<D>(random, 0.2), random_point<D>(random, 0.2), random.uniform(0.01, 0.2)});
     if (random.chance(0.5))
@@ -469,7 +469,7 @@ void collisions_are_those_with_all_leaves(Random& random) {
       ASSERT_TRUE(on_the_way);
     }
     for (int k = 0; k <= 37 && !on_the_way; ++k) {  // It meets nothing, but for what the step leaves open.
-      ndtree::Shape<D> thinner{
+      Body<D> thinner{
           Capsule<D>{std::get<Capsule<D>>(body[0]).a, std::get<Capsule<D>>(body[0]).b, 0.0}};
       if (std::get<Capsule<D>>(body[0]).radius < 0.0625) break;
       ASSERT_FALSE(collides(map, thinner, between(pose, next, k / 37.0)));

@@ -57,7 +57,10 @@ def test_keywords_are_those_of_the_methods(name):
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and not node.decorator_list:
             assert keywords(node) == documented_keywords(getattr(getattr(_core, name), node.name)), node.name
             checked += 1
-    without = "Claims CompressReport HeldOutTruth InsertReport Leaves MapStats SeenSpace".split()
+    without = (
+        "Claims CompressReport Frontier HeldOutTruth InsertReport Leaves MapStats NearestOccupied RayEnds "
+        "SeenSpace Shape"
+    ).split()
     assert checked or name in without or "Map" in name
 
 

@@ -9,7 +9,7 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
-#include "ndtree/core/shape.hpp"
+#include "ndtree/core/body.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/region.hpp"
@@ -20,7 +20,7 @@ namespace ndtree {
 /// space is taken for occupied, one that is not free, or space outside the map. Nodes without any are not
 /// entered.
 template <class Map>
-[[nodiscard]] bool collides(const Map& map, const ShapePart<Map::kDim>& part,
+[[nodiscard]] bool collides(const Map& map, const BodyPart<Map::kDim>& part,
                             UnknownSpace unknown = UnknownSpace::free) {
   const Box<Map::kDim> around = bounds_of(part);
   const bool mind_unknown = unknown == UnknownSpace::occupied;
@@ -41,9 +41,9 @@ template <class Map>
 
 /// The same of a body in a pose.
 template <class Map>
-[[nodiscard]] bool collides(const Map& map, const Shape<Map::kDim>& body, const Pose<Map::kDim>& pose,
+[[nodiscard]] bool collides(const Map& map, const Body<Map::kDim>& body, const Pose<Map::kDim>& pose,
                             UnknownSpace unknown = UnknownSpace::free) {
-  for (const ShapePart<Map::kDim>& part : body)
+  for (const BodyPart<Map::kDim>& part : body)
     if (collides(map, moved(part, pose), unknown)) return true;
   return false;
 }
@@ -91,7 +91,7 @@ template <int D>
 /// between(). The way is looked at in steps in which no point of the body moves farther than half a smallest
 /// cell; so the corner of an obstacle may be missed that reaches less than a quarter of a cell into the way.
 template <class Map>
-[[nodiscard]] bool collides_between(const Map& map, const Shape<Map::kDim>& body, const Pose<Map::kDim>& from,
+[[nodiscard]] bool collides_between(const Map& map, const Body<Map::kDim>& body, const Pose<Map::kDim>& from,
                                     const Pose<Map::kDim>& to, UnknownSpace unknown = UnknownSpace::free) {
   double reach = 0.0;
   for (const auto& part : body) reach = std::max(reach, reach_of(part));

@@ -113,9 +113,16 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   [[nodiscard]] std::unique_ptr<MapExports> exports() const override {
     return std::make_unique<MapExportsOf<Map>>(map_);
   }
+  [[nodiscard]] std::unique_ptr<MapQueries> queries() const override {
+    return std::make_unique<MapQueriesOf<Map>>(map_);
+  }
+  void crop(const double* lower, const double* upper) override { map_.crop(box(lower, upper)); }
+  void clear(const double* lower, const double* upper) override { map_.clear(box(lower, upper)); }
+  void keep_near(const double* center, double radius) override {
+    map_.keep_near(Vector<D>(Eigen::Map<const Vector<D>>(center)), radius);
+  }
   [[nodiscard]] LeafArrays leaves() const override {
-    const auto& tree = map_.tree();
-    const std::size_t n = tree.num_leaves();
+    const std::size_t n = map_.tree().num_leaves();
     LeafArrays arrays;
     arrays.lower.reserve(n * D);
     arrays.size.reserve(n);
@@ -123,16 +130,29 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     arrays.hits.reserve(n);
     arrays.misses.reserve(n);
     arrays.observed.reserve(n);
-    for_each_leaf(tree, [&](const auto& leaf) {
-      for (const std::int64_t coordinate : leaf.index.lower)
-        arrays.lower.push_back(tree.geometry().border(coordinate));
-      arrays.size.push_back(tree.geometry().cell_size(leaf.index.level));
-      arrays.log_odds.push_back(leaf.cell().log_odds());
-      arrays.hits.push_back(leaf.cell().hits());
-      arrays.misses.push_back(leaf.cell().misses());
-      arrays.observed.push_back(leaf.cell().observed());
-    });
+    for_each_leaf(map_.tree(), [&](const auto& leaf) { add(leaf, arrays); });
     return arrays;
+  }
+  [[nodiscard]] LeafArrays leaves_in(const double* lower, const double* upper,
+                                     const RegionStates& states) const override {
+    LeafArrays arrays;
+    for_each_leaf_of(map_, box(lower, upper), states, [&](const auto& leaf) { add(leaf, arrays); });
+    return arrays;
+  }
+
+ private:
+  [[nodiscard]] static Box<D> box(const double* lower, const double* upper) {
+    return {Eigen::Map<const Vector<D>>(lower), Eigen::Map<const Vector<D>>(upper)};
+  }
+  void add(const typename Map::Tree::ConstRef& leaf, LeafArrays& arrays) const {
+    const auto& geometry = map_.tree().geometry();
+    for (const std::int64_t coordinate : leaf.index.lower)
+      arrays.lower.push_back(geometry.border(coordinate));
+    arrays.size.push_back(geometry.cell_size(leaf.index.level));
+    arrays.log_odds.push_back(leaf.cell().log_odds());
+    arrays.hits.push_back(leaf.cell().hits());
+    arrays.misses.push_back(leaf.cell().misses());
+    arrays.observed.push_back(leaf.cell().observed());
   }
 };
 

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "map_exports.hpp"
+#include "map_queries.hpp"
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
@@ -75,6 +76,12 @@ class MapInterface {
   /// @throws std::invalid_argument if the space has not the map's dimension.
   [[nodiscard]] virtual Claims claims(const AnySeenSpace& space) const = 0;
   [[nodiscard]] virtual LeafArrays leaves() const = 0;
+  /// Those of some states that share a point with a closed box. @throws std::invalid_argument for maps that
+  /// are not ours.
+  [[nodiscard]] virtual LeafArrays leaves_in(const double* /*lower*/, const double* /*upper*/,
+                                             const RegionStates& /*states*/) const {
+    throw std::invalid_argument("refinement = '" + refinement() + "': must be a map of ndtree's own");
+  }
   [[nodiscard]] virtual PythonStats stats() const = 0;
   /// The whole state, for pickle.
   [[nodiscard]] virtual std::string to_bytes() const = 0;
@@ -82,6 +89,14 @@ class MapInterface {
   [[nodiscard]] virtual std::unique_ptr<MapExports> exports() const {
     throw std::invalid_argument("refinement = '" + refinement() + "': must be a map of ndtree's own");
   }
+  /// @throws std::invalid_argument for maps that are not ours.
+  [[nodiscard]] virtual std::unique_ptr<MapQueries> queries() const {
+    throw std::invalid_argument("refinement = '" + refinement() + "': must be a map of ndtree's own");
+  }
+  /// Forgets cells. @throws std::invalid_argument as the map's own, or for maps that are not ours.
+  virtual void crop(const double* /*lower*/, const double* /*upper*/) { (void)queries(); }
+  virtual void clear(const double* /*lower*/, const double* /*upper*/) { (void)queries(); }
+  virtual void keep_near(const double* /*center*/, double /*radius*/) { (void)queries(); }
   /// What save() writes.
   [[nodiscard]] virtual std::string file_bytes() const { return to_bytes(); }
 };

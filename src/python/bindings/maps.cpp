@@ -47,6 +47,22 @@ double or_nan(std::optional<double> value) {
   return value.value_or(std::numeric_limits<double>::quiet_NaN());
 }
 
+RegionStates states_from(const std::optional<std::vector<std::string>>& names) {
+  RegionStates states;
+  if (!names) states.free = states.occupied = states.unknown = true;
+  for (const std::string& name : names.value_or(std::vector<std::string>{})) {
+    if (name == "free")
+      states.free = true;
+    else if (name == "occupied")
+      states.occupied = true;
+    else if (name == "unknown")
+      states.unknown = true;
+    else
+      throw py::value_error("states: '" + name + "': must be 'free', 'occupied' or 'unknown'");
+  }
+  return states;
+}
+
 std::string number(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
 
 /// Calls `fill(map, points, n, out)`, or that member of the map, without the interpreter's lock, for an (n,)
@@ -62,8 +78,10 @@ py::array_t<T> per_point(const PythonMap& map, const py::object& object, Fill&& 
   return out;
 }
 
-py::array_t<double> cast_rays(const PythonMap& map, const py::object& origins, const py::object& directions,
-                              double max_range) {
+py::object cast_rays(const PythonMap& map, const py::object& origins, const py::object& directions,
+                     double max_range, const std::string& unknown, bool details) {
+  if (unknown != "pass" && unknown != "stop")
+    throw py::value_error("unknown = '" + unknown + "': must be 'pass' or 'stop'");
   const int dim = map.constant().dim();
   const DoubleArray d = as_points(directions, "directions", dim);
   const DoubleArray o = as_points_or_one(origins, "origins", dim, d.shape(0));
@@ -77,6 +95,10 @@ py::array_t<double> cast_rays(const PythonMap& map, const py::object& origins, c
         throw py::value_error("ray " + std::to_string(i) + ": origin and direction must be finite");
     }
     if (is_zero) throw py::value_error("ray " + std::to_string(i) + ": the direction must not be zero");
+  }
+  if (details || unknown == "stop") {
+    const py::object ends = trace_rays(map, o, d, max_range, unknown == "stop");
+    return details ? ends : ends.attr("distance");
   }
   py::array_t<double> out(d.shape(0));
   double* const results = out.mutable_data();
@@ -467,9 +489,8 @@ Returns
 (n,) bool
 )")
       .def("cast_rays", &cast_rays, "origins"_a, "directions"_a, py::kw_only(), "max_range"_a = kInfinity,
+           "unknown"_a = "pass", "details"_a = false,
            R"(Distance along rays to the first occupied leaf (Sec. II-D of the paper).
-
-Unknown space does not stop a ray.
 
 Parameters
 ----------
@@ -479,11 +500,16 @@ directions : (n, dim) array of float
     Of any length but zero.
 max_range : float
     How far to look, > 0 [m].
+unknown : str
+    "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
+details : bool
+    Whether to say what the rays end at, too.
 
 Returns
 -------
-(n,) float64
-    Metres; nan where there is none. 0 for a ray that starts in an occupied leaf.
+(n,) float64, or RayEnds with details
+    Metres; nan where there is none. 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
+    and .lower and .size of the cell.
 
 Raises
 ------
@@ -507,11 +533,41 @@ HeldOutTruth
 )")
       .def(
           "leaves",
-          [](const PythonMap& map) {
-            return to_python(map.read([](const MapInterface& m) { return m.leaves(); }),
-                             map.constant().dim());
+          [](const PythonMap& map, const py::object& box,
+             const std::optional<std::vector<std::string>>& states) {
+            const int dim = map.constant().dim();
+            if (box.is_none() && !states)
+              return to_python(map.read([](const MapInterface& m) { return m.leaves(); }), dim);
+            const RegionStates wanted = states_from(states);
+            DoubleArray corners;
+            std::vector<double> all(static_cast<std::size_t>(2 * dim), kInfinity);
+            std::fill_n(all.begin(), dim, -kInfinity);
+            const double* lower = all.data();
+            if (!box.is_none()) {
+              corners = as_points(box, "box", dim);
+              if (corners.shape(0) != 2)
+                throw py::value_error("box: shape " + shape_text(corners) + ", expected (2, " +
+                                      std::to_string(dim) + "): lower and upper corner");
+              lower = corners.data();
+            }
+            return to_python(
+                map.read([&](const MapInterface& m) { return m.leaves_in(lower, lower + dim, wanted); }),
+                dim);
           },
-          "All leaves as arrays, unknown space included: a Leaves.")
+          "box"_a = py::none(), py::kw_only(), "states"_a = py::none(),
+          R"(Leaves as arrays.
+
+Parameters
+----------
+box : (2, dim) array of float, optional
+    Lower and upper corner [m]: only leaves that touch it. Default: all.
+states : sequence of str, optional
+    Only leaves of these: "free", "occupied", "unknown". Default: all.
+
+Returns
+-------
+Leaves
+)")
       .def(
           "stats",
           [](const PythonMap& map) { return map.read([](const MapInterface& m) { return m.stats(); }); },

@@ -71,6 +71,11 @@ void bind_maps(pybind11::module_& module);
 /// @pre bind_maps() has run: it adds methods to its classes.
 void bind_exports(pybind11::module_& module);
 /// @pre as bind_exports().
+void bind_queries(pybind11::module_& module);
+/// What rays end at: a RayEnds. @param origins, directions checked.
+pybind11::object trace_rays(const PythonMap& map, const DoubleArray& origins, const DoubleArray& directions,
+                            double max_range, bool stops_at_unknown);
+/// @pre as bind_exports().
 void bind_claims(pybind11::module_& module);
 void bind_logs(pybind11::module_& module);
 void bind_statistics(pybind11::module_& module);

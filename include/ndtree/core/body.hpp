@@ -33,10 +33,10 @@ struct OrientedBox {
 
 /// A piece of a robot's body.
 template <int D>
-using ShapePart = std::variant<Capsule<D>, OrientedBox<D>>;
+using BodyPart = std::variant<Capsule<D>, OrientedBox<D>>;
 /// The union of its pieces.
 template <int D>
-using Shape = std::vector<ShapePart<D>>;
+using Body = std::vector<BodyPart<D>>;
 
 /// A rigid motion: x -> rotation x + translation.
 template <int D>
@@ -48,7 +48,7 @@ struct Pose {
 };
 
 template <int D>
-[[nodiscard]] ShapePart<D> moved(const ShapePart<D>& part, const Pose<D>& pose) {
+[[nodiscard]] BodyPart<D> moved(const BodyPart<D>& part, const Pose<D>& pose) {
   if (const auto* const capsule = std::get_if<Capsule<D>>(&part))
     return Capsule<D>{pose * capsule->a, pose * capsule->b, capsule->radius};
   const auto& box = std::get<OrientedBox<D>>(part);
@@ -57,7 +57,7 @@ template <int D>
 
 /// The smallest box with sides along the axes of the map around a shape.
 template <int D>
-[[nodiscard]] Box<D> bounds_of(const ShapePart<D>& part) {
+[[nodiscard]] Box<D> bounds_of(const BodyPart<D>& part) {
   if (const auto* const capsule = std::get_if<Capsule<D>>(&part))
     return {(capsule->a.cwiseMin(capsule->b).array() - capsule->radius).matrix(),
             (capsule->a.cwiseMax(capsule->b).array() + capsule->radius).matrix()};
@@ -68,7 +68,7 @@ template <int D>
 
 /// The farthest that a point of a shape lies from 0 [m], or a little more.
 template <int D>
-[[nodiscard]] double reach_of(const ShapePart<D>& part) {
+[[nodiscard]] double reach_of(const BodyPart<D>& part) {
   if (const auto* const capsule = std::get_if<Capsule<D>>(&part))
     return std::max(capsule->a.norm(), capsule->b.norm()) + capsule->radius;
   const auto& box = std::get<OrientedBox<D>>(part);
@@ -138,7 +138,7 @@ template <int D>
   return true;
 }
 template <int D>
-[[nodiscard]] bool touch(const ShapePart<D>& part, const Box<D>& box) {
+[[nodiscard]] bool touch(const BodyPart<D>& part, const Box<D>& box) {
   return std::visit([&](const auto& one) { return touch(one, box); }, part);
 }
 

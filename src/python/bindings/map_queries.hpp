@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What planners and explorers ask of our own maps, in bulk.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "ndtree/core/body.hpp"
+#include "ndtree/query/cells.hpp"
+#include "ndtree/query/collision.hpp"
+#include "ndtree/query/distance_field.hpp"
+#include "ndtree/query/frontiers.hpp"
+#include "ndtree/query/nearest.hpp"
+#include "ndtree/query/ray.hpp"
+
+namespace ndtree::python {
+
+/// Of any dimension that maps have.
+struct AnyField {
+  std::variant<DistanceField<2>, DistanceField<3>, DistanceField<4>> field;
+
+  [[nodiscard]] int dim() const { return static_cast<int>(field.index()) + 2; }
+};
+using AnyFrontiers =
+    std::variant<std::vector<Frontier<2>>, std::vector<Frontier<3>>, std::vector<Frontier<4>>>;
+
+/// A piece of a body before the dimension of the map is known. A capsule has `a`, `b` and `radius`; a box has
+/// its center in `a`, half its size in `b`, and its axes, column by column, in `axes`; none: those of the
+/// body.
+struct AnyShapePart {
+  bool is_box = false;
+  std::vector<double> a;
+  std::vector<double> b;
+  std::vector<double> axes;
+  double radius = 0.0;
+};
+
+/// Corners, of the map's dimension.
+struct AnyBox {
+  const double* lower;
+  const double* upper;
+};
+
+/// What rays end at: `cell_lower` and `cell_size` are NaN where there is no cell.
+struct RayEndArrays {
+  double* distance;
+  std::int8_t* state;
+  double* cell_lower;
+  double* cell_size;
+};
+
+/// A view of a map; it holds as long as the map. As in MapInterface, no call touches a Python object.
+class MapQueries {
+ public:
+  virtual ~MapQueries() = default;
+  /// Lower and upper corner, one after the other; empty if nothing was observed.
+  [[nodiscard]] virtual std::vector<double> bounds() const = 0;
+  /// Infinity, and NaN for the point, where there is none.
+  virtual void nearest_occupied(const double* points, std::size_t n, double max_distance, double* distance,
+                                double* nearest) const = 0;
+  virtual void trace_rays(const double* origins, std::size_t origin_step, const double* directions,
+                          std::size_t n, double max_range, bool stops_at_unknown,
+                          const RayEndArrays& out) const = 0;
+  [[nodiscard]] virtual AnyField distance_field(const AnyBox& box, double cell_size, double max_distance,
+                                                UnknownSpace unknown) const = 0;
+  [[nodiscard]] virtual AnyFrontiers frontiers(const std::optional<AnyBox>& box, double min_cells) const = 0;
+  /// @param poses n of them, each a rotation, row by row, and a translation.
+  virtual void collides(const std::vector<AnyShapePart>& body, const double* poses, std::size_t n,
+                        UnknownSpace unknown, bool* out) const = 0;
+  /// The first pose that collides, or to which the body cannot move from the one before; -1 if there is none.
+  [[nodiscard]] virtual std::int64_t path_collides(const std::vector<AnyShapePart>& body, const double* poses,
+                                                   std::size_t n, UnknownSpace unknown) const = 0;
+};
+
+template <class Map>
+class MapQueriesOf final : public MapQueries {
+  static constexpr int D = Map::kDim;
+  using Point = Eigen::Map<const Vector<D>>;
+
+ public:
+  explicit MapQueriesOf(const Map& map) : map_(map) {}
+
+  [[nodiscard]] std::vector<double> bounds() const override {
+    const auto box = ndtree::bounds(map_);
+    std::vector<double> corners;
+    if (!box) return corners;
+    corners.insert(corners.end(), box->lower.data(), box->lower.data() + D);
+    corners.insert(corners.end(), box->upper.data(), box->upper.data() + D);
+    return corners;
+  }
+  void nearest_occupied(const double* points, std::size_t n, double max_distance, double* distance,
+                        double* nearest) const override {
+    for (std::size_t i = 0; i < n; ++i) {
+      const auto found = ndtree::nearest_occupied(map_, Vector<D>(Point(points + i * D)), max_distance);
+      distance[i] = found ? found->distance : std::numeric_limits<double>::infinity();
+      Eigen::Map<Vector<D>>(nearest + i * D) = found ? found->point : nowhere();
+    }
+  }
+  void trace_rays(const double* origins, std::size_t origin_step, const double* directions, std::size_t n,
+                  double max_range, bool stops_at_unknown, const RayEndArrays& out) const override {
+    for (std::size_t i = 0; i < n; ++i) {
+      const auto end = trace_ray(map_, Vector<D>(Point(origins + i * origin_step)),
+                                 Vector<D>(Point(directions + i * D)), max_range, stops_at_unknown);
+      const bool has_cell = end && end->cell;
+      out.distance[i] = end ? end->distance : std::numeric_limits<double>::quiet_NaN();
+      out.state[i] = static_cast<std::int8_t>(end ? end->state : CellState::free);
+      Eigen::Map<Vector<D>>(out.cell_lower + i * D) = has_cell ? end->cell->lower : nowhere();
+      out.cell_size[i] =
+          has_cell ? end->cell->upper[0] - end->cell->lower[0] : std::numeric_limits<double>::quiet_NaN();
+    }
+  }
+  [[nodiscard]] AnyField distance_field(const AnyBox& box, double cell_size, double max_distance,
+                                        UnknownSpace unknown) const override {
+    return {ndtree::distance_field(map_, box_of(box), cell_size, max_distance, unknown)};
+  }
+  [[nodiscard]] AnyFrontiers frontiers(const std::optional<AnyBox>& box, double min_cells) const override {
+    return ndtree::frontiers(map_, box ? std::optional<Box<D>>(box_of(*box)) : std::nullopt, min_cells);
+  }
+  void collides(const std::vector<AnyShapePart>& body, const double* poses, std::size_t n,
+                UnknownSpace unknown, bool* out) const override {
+    if constexpr (D <= 3) {
+      const Body<D> shape = shape_of(body);
+      for (std::size_t i = 0; i < n; ++i) out[i] = ndtree::collides(map_, shape, pose_of(poses, i), unknown);
+    } else {
+      throw_no_shapes();
+    }
+  }
+  [[nodiscard]] std::int64_t path_collides(const std::vector<AnyShapePart>& body, const double* poses,
+                                           std::size_t n, UnknownSpace unknown) const override {
+    if constexpr (D <= 3) {
+      const Body<D> shape = shape_of(body);
+      for (std::size_t i = 0; i < n; ++i)
+        if (i == 0 ? ndtree::collides(map_, shape, pose_of(poses, i), unknown)
+                   : collides_between(map_, shape, pose_of(poses, i - 1), pose_of(poses, i), unknown))
+          return static_cast<std::int64_t>(i);
+      return -1;
+    } else {
+      throw_no_shapes();
+    }
+  }
+
+ private:
+  [[nodiscard]] static Vector<D> nowhere() {
+    return Vector<D>::Constant(std::numeric_limits<double>::quiet_NaN());
+  }
+  [[nodiscard]] static Box<D> box_of(const AnyBox& box) { return {Point(box.lower), Point(box.upper)}; }
+  [[noreturn]] static void throw_no_shapes() {
+    throw std::invalid_argument("a map with dim = 4: shapes are of maps with dim = 2 or 3");
+  }
+  [[nodiscard]] static Pose<D> pose_of(const double* poses, std::size_t i) {
+    const double* const numbers = poses + i * (D * D + D);
+    Pose<D> pose;
+    for (int row = 0; row < D; ++row)
+      for (int column = 0; column < D; ++column) pose.rotation(row, column) = numbers[row * D + column];
+    pose.translation = Point(numbers + D * D);
+    return pose;
+  }
+  [[nodiscard]] static Vector<D> vector_of(const std::vector<double>& values) {
+    if (values.empty()) return Vector<D>::Zero();
+    if (values.size() != D)
+      throw std::invalid_argument("shape: a point with " + std::to_string(values.size()) +
+                                  " coordinates in a map with dim = " + std::to_string(D));
+    return Point(values.data());
+  }
+  [[nodiscard]] static Body<D> shape_of(const std::vector<AnyShapePart>& body) {
+    Body<D> shape;
+    for (const AnyShapePart& part : body) {
+      if (!part.is_box) {
+        const Vector<D> a = vector_of(part.a);
+        shape.push_back(Capsule<D>{a, part.b.empty() ? a : vector_of(part.b), part.radius});
+        continue;
+      }
+      OrientedBox<D> box{vector_of(part.a), vector_of(part.b), Eigen::Matrix<double, D, D>::Identity()};
+      if (!part.axes.empty()) {
+        if (part.axes.size() != D * D)
+          throw std::invalid_argument("shape: a rotation of another dimension in a map with dim = " +
+                                      std::to_string(D));
+        box.axes = Eigen::Map<const Eigen::Matrix<double, D, D>>(part.axes.data());
+      }
+      shape.push_back(box);
+    }
+    return shape;
+  }
+
+  const Map& map_;
+};
+
+}  // namespace ndtree::python

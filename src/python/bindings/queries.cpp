@@ -1,0 +1,609 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "map_queries.hpp"
+#include "python_map.hpp"
+
+namespace ndtree::python {
+
+using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+struct NearestArrays {
+  py::array distance, point;
+};
+struct RayEnds {
+  py::array distance, state, lower, size;
+};
+struct PythonFrontier {
+  py::array center, direction, cells, size;
+  double area;
+};
+struct PythonShape {
+  std::vector<AnyShapePart> parts;
+  std::string text;
+};
+
+UnknownSpace unknown_from(const std::string& name) {
+  if (name == "free") return UnknownSpace::free;
+  if (name == "occupied") return UnknownSpace::occupied;
+  throw py::value_error("unknown = '" + name + "': must be 'free' or 'occupied'");
+}
+
+/// The corners of a box, (2, dim), kept by the array. @throws ValueError that names them.
+AnyBox as_box(const DoubleArray& corners, const char* name) {
+  const double* const lower = corners.data();
+  const double* const upper = lower + corners.shape(1);
+  for (py::ssize_t a = 0; a < corners.shape(1); ++a)
+    if (!std::isfinite(lower[a]) || !std::isfinite(upper[a]) || !(lower[a] < upper[a]))
+      throw py::value_error(std::string(name) + ": from " + std::to_string(lower[a]) + " to " +
+                            std::to_string(upper[a]) + " m on axis " + std::to_string(a) +
+                            ": must be finite, the lower corner first");
+  return {lower, upper};
+}
+DoubleArray box_corners(const py::object& box, const char* name, int dim) {
+  DoubleArray corners = as_points(box, name, dim);
+  if (corners.shape(0) != 2)
+    throw py::value_error(std::string(name) + ": shape " + shape_text(corners) + ", expected (2, " +
+                          std::to_string(dim) + "): lower and upper corner");
+  return corners;
+}
+
+NearestArrays nearest_occupied(const PythonMap& map, const py::object& object, double max_distance) {
+  if (!(max_distance >= 0.0))
+    throw py::value_error("max_distance = " + std::to_string(max_distance) + " m: must be >= 0");
+  const DoubleArray points = as_points(object, "points", map.constant().dim());
+  py::array_t<double> distance(points.shape(0));
+  py::array_t<double> nearest({points.shape(0), points.shape(1)});
+  map.read([&, p = points.data(), n = static_cast<std::size_t>(points.shape(0)), d = distance.mutable_data(),
+            to = nearest.mutable_data()](const MapInterface& m) {
+    m.queries()->nearest_occupied(p, n, max_distance, d, to);
+  });
+  return {distance, nearest};
+}
+
+py::object bounds(const PythonMap& map) {
+  std::vector<double> corners = map.read([](const MapInterface& m) { return m.queries()->bounds(); });
+  if (corners.empty()) return py::none();
+  const py::array both = take(std::move(corners), map.constant().dim());
+  return py::make_tuple(both[py::int_(0)], both[py::int_(1)]);
+}
+
+py::array_t<float> values_of(const AnyField& any) {
+  return std::visit(
+      [](const auto& field) {
+        std::vector<py::ssize_t> shape(field.shape().begin(), field.shape().end());
+        return py::array_t<float>(shape, field.values().data());
+      },
+      any.field);
+}
+
+/// Calls `fill(field, point, i)` for each of (n, dim) points.
+template <class Fill>
+void for_each_point(const AnyField& any, const DoubleArray& points, const Fill& fill) {
+  std::visit(
+      [&](const auto& field) {
+        using Point = std::decay_t<decltype(field.lower())>;
+        const double* const data = points.data();
+        for (py::ssize_t i = 0; i < points.shape(0); ++i)
+          fill(field, Point(Eigen::Map<const Point>(data + i * points.shape(1))), i);
+      },
+      any.field);
+}
+
+/// (n, rotation and translation) from (n, 3) of x, y, yaw, or from (n, dim + 1, dim + 1).
+std::vector<double> poses_from(const py::object& object, int dim) {
+  const DoubleArray poses = as_doubles(object, "poses");
+  const bool is_planar = dim == 2 && poses.ndim() == 2 && poses.shape(1) == 3;
+  const bool is_matrix = poses.ndim() == 3 && poses.shape(1) == dim + 1 && poses.shape(2) == dim + 1;
+  if (!is_planar && !is_matrix)
+    throw py::value_error("poses: shape " + shape_text(poses) + ", expected " +
+                          (dim == 2
+                               ? "(n, 3), x, y and yaw, or (n, 3, 3)"
+                               : "(n, " + std::to_string(dim + 1) + ", " + std::to_string(dim + 1) + ")"));
+  std::vector<double> result;
+  result.reserve(static_cast<std::size_t>(poses.shape(0) * (dim * dim + dim)));
+  for (py::ssize_t i = 0; i < poses.shape(0); ++i) {
+    const double* const from = poses.data() + i * (is_planar ? 3 : (dim + 1) * (dim + 1));
+    const py::ssize_t numbers = is_planar ? 3 : (dim + 1) * (dim + 1);
+    if (!std::all_of(from, from + numbers, [](double x) { return std::isfinite(x); }))
+      throw py::value_error("pose " + std::to_string(i) + ": must be finite");
+    if (is_planar) {
+      const double c = std::cos(from[2]);
+      const double s = std::sin(from[2]);
+      result.insert(result.end(), {c, -s, s, c, from[0], from[1]});
+      continue;
+    }
+    for (int row = 0; row < dim; ++row)
+      for (int other = 0; other < dim; ++other) {
+        double product = 0.0;
+        for (int k = 0; k < dim; ++k) product += from[row * (dim + 1) + k] * from[other * (dim + 1) + k];
+        if (std::abs(product - (row == other ? 1.0 : 0.0)) > 1e-4)
+          throw py::value_error("pose " + std::to_string(i) + ": its rotation is not one");
+      }
+    for (int row = 0; row < dim; ++row)
+      result.insert(result.end(), from + row * (dim + 1), from + row * (dim + 1) + dim);
+    for (int row = 0; row < dim; ++row) result.push_back(from[row * (dim + 1) + dim]);
+  }
+  return result;
+}
+
+std::vector<double> as_vector(const py::object& object, const char* name) {
+  if (object.is_none()) return {};
+  const DoubleArray array = as_doubles(object, name);
+  if (array.ndim() != 1 || array.shape(0) < 2 || array.shape(0) > 3)
+    throw py::value_error(std::string(name) + ": shape " + shape_text(array) + ", expected (2,) or (3,)");
+  std::vector<double> values(array.data(), array.data() + array.shape(0));
+  for (const double value : values)
+    if (!std::isfinite(value)) throw py::value_error(std::string(name) + ": must be finite");
+  return values;
+}
+double checked_radius(double radius) {
+  if (!(radius >= 0.0) || !std::isfinite(radius))
+    throw py::value_error("radius = " + std::to_string(radius) + " m: must be >= 0 and finite");
+  return radius;
+}
+std::string number(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
+std::string text_of(const std::vector<double>& values) {
+  std::string text = "(";
+  for (std::size_t i = 0; i < values.size(); ++i) text += (i > 0 ? ", " : "") + number(values[i]);
+  return text + ")";
+}
+
+PythonShape sphere(double radius, const py::object& center) {
+  AnyShapePart part;
+  part.a = as_vector(center, "center");
+  part.radius = checked_radius(radius);
+  const std::string place = part.a.empty() ? "" : ", center=" + text_of(part.a);
+  return {{part}, "Sphere(radius=" + number(radius) + place + ")"};
+}
+PythonShape capsule(const py::object& a, const py::object& b, double radius) {
+  AnyShapePart part;
+  part.a = as_vector(a, "a");
+  part.b = as_vector(b, "b");
+  if (part.a.size() != part.b.size() || part.a.empty())
+    throw py::value_error("a and b: must be points of the same dimension");
+  part.radius = checked_radius(radius);
+  return {{part},
+          "Capsule(a=" + text_of(part.a) + ", b=" + text_of(part.b) + ", radius=" + number(radius) + ")"};
+}
+PythonShape box_shape(const py::object& size, const py::object& center, const py::object& rotation) {
+  AnyShapePart part;
+  part.is_box = true;
+  part.a = as_vector(center, "center");
+  part.b = as_vector(size, "size");
+  if (part.b.empty()) throw py::value_error("size: must be an edge length for each axis");
+  if (!part.a.empty() && part.a.size() != part.b.size())
+    throw py::value_error("center: has another dimension than size");
+  std::string text = "Box(size=" + text_of(part.b);
+  if (!part.a.empty()) text += ", center=" + text_of(part.a);
+  for (double& half : part.b) {
+    if (!(half >= 0.0)) throw py::value_error("size: every edge must be >= 0");
+    half *= 0.5;
+  }
+  if (!rotation.is_none()) {
+    const DoubleArray axes = as_doubles(rotation, "rotation");
+    const auto dim = static_cast<py::ssize_t>(part.b.size());
+    if (axes.ndim() != 2 || axes.shape(0) != dim || axes.shape(1) != dim)
+      throw py::value_error("rotation: shape " + shape_text(axes) + ", expected (" + std::to_string(dim) +
+                            ", " + std::to_string(dim) + ")");
+    for (py::ssize_t column = 0; column < dim; ++column)
+      for (py::ssize_t row = 0; row < dim; ++row) part.axes.push_back(axes.data()[row * dim + column]);
+    for (py::ssize_t c = 0; c < dim; ++c)
+      for (py::ssize_t d = 0; d < dim; ++d) {
+        double product = 0.0;
+        for (py::ssize_t k = 0; k < dim; ++k)
+          product += part.axes[static_cast<std::size_t>(c * dim + k)] *
+                     part.axes[static_cast<std::size_t>(d * dim + k)];
+        if (!(std::abs(product - (c == d ? 1.0 : 0.0)) <= 1e-4))
+          throw py::value_error("rotation: is not one");
+      }
+    text += ", rotation=...";
+  }
+  return {{part}, text + ")"};
+}
+PythonShape joined(const PythonShape& a, const PythonShape& b) {
+  PythonShape both{a.parts, a.text + " | " + b.text};
+  both.parts.insert(both.parts.end(), b.parts.begin(), b.parts.end());
+  return both;
+}
+
+std::vector<PythonFrontier> to_python(AnyFrontiers&& any) {
+  return std::visit(
+      [](const auto& all) {
+        std::vector<PythonFrontier> result;
+        for (const auto& frontier : all) {
+          const auto dim = static_cast<py::ssize_t>(frontier.center.size());
+          std::vector<double> cells;
+          std::vector<double> sizes;
+          for (const auto& cell : frontier.cells) {
+            cells.insert(cells.end(), cell.lower.data(), cell.lower.data() + dim);
+            sizes.push_back(cell.upper[0] - cell.lower[0]);
+          }
+          result.push_back({py::array_t<double>(dim, frontier.center.data()),
+                            py::array_t<double>(dim, frontier.direction.data()),
+                            take(std::move(cells), static_cast<int>(dim)), take(std::move(sizes)),
+                            frontier.area});
+        }
+        return result;
+      },
+      std::move(any));
+}
+
+void bind_shapes(py::module_& module) {
+  py::class_<PythonShape>(module, "Shape",
+                          "A robot's body in its own frame: Sphere, Capsule, Box, or several by `a | b`.")
+      .def("__or__", &joined, "other"_a, "The union of two.")
+      .def("__repr__", [](const PythonShape& shape) { return shape.text; });
+  module.def("Sphere", &sphere, "radius"_a, "center"_a = py::none(),
+             R"(All points at most radius from a centre.
+
+Parameters
+----------
+radius : float
+    >= 0 [m].
+center : (dim,) array of float, optional
+    In the body's frame [m]. Default: its origin.
+)");
+  module.def("Capsule", &capsule, "a"_a, "b"_a, "radius"_a, R"(All points at most radius from a segment.
+
+Parameters
+----------
+a, b : (dim,) array of float
+    Its ends in the body's frame [m].
+radius : float
+    >= 0 [m].
+)");
+  module.def("Box", &box_shape, "size"_a, "center"_a = py::none(), py::kw_only(), "rotation"_a = py::none(),
+             R"(A box in the body's frame.
+
+Parameters
+----------
+size : (dim,) array of float
+    Edge lengths, >= 0 [m].
+center : (dim,) array of float, optional
+    [m]. Default: the frame's origin.
+rotation : (dim, dim) array of float, optional
+    Its columns are the box's axes. Default: the frame's axes.
+)");
+}
+
+void bind_results(py::module_& module) {
+  py::class_<NearestArrays>(module, "NearestOccupied", "What is nearest to each of n points.")
+      .def_readonly("distance", &NearestArrays::distance, "(n,) float64 [m]; inf where there is nothing.")
+      .def_readonly("point", &NearestArrays::point, "(n, dim) float64 [m]; nan where there is nothing.");
+  py::class_<RayEnds>(module, "RayEnds", "What each of n rays ends at.")
+      .def_readonly("distance", &RayEnds::distance, "(n,) float64 [m]; nan where nothing ends it.")
+      .def_readonly("state", &RayEnds::state,
+                    "(n,) int8 of what ends it: -1 unknown, 1 occupied; 0 where nothing does.")
+      .def_readonly("lower", &RayEnds::lower,
+                    "(n, dim) float64: lower corner of the cell [m]; nan where there is none.")
+      .def_readonly("size", &RayEnds::size, "(n,) float64: its edge [m]; nan where there is none.");
+  py::class_<PythonFrontier>(module, "Frontier", "Free cells beside each other that border on unknown space.")
+      .def_readonly("center", &PythonFrontier::center, "(dim,) float64: of the border [m].")
+      .def_readonly("direction", &PythonFrontier::direction,
+                    "(dim,) float64: into the unknown, of length 1; 0 if it is on all sides alike.")
+      .def_readonly("area", &PythonFrontier::area, "Of the border: [m] in 2-D, [m2] in 3-D.")
+      .def_readonly("cells", &PythonFrontier::cells, "(k, dim) float64: lower corners of the cells [m].")
+      .def_readonly("size", &PythonFrontier::size, "(k,) float64: their edges [m].")
+      .def("__repr__", [](const PythonFrontier& f) {
+        return "Frontier(center=" + py::str(f.center).cast<std::string>() + ", area=" + number(f.area) +
+               ", cells=" + std::to_string(f.size.shape(0)) + ")";
+      });
+  py::class_<AnyField>(module, "DistanceField",
+                       "Signed distances to obstacles at the centres of equal cells that fill a box.")
+      .def_property_readonly("values", &values_of,
+                             "(nx, ny[, nz]) float32 [m]: positive outside obstacles, negative inside.")
+      .def_property_readonly(
+          "lower",
+          [](const AnyField& any) {
+            return std::visit(
+                [](const auto& f) { return py::array_t<double>(f.lower().size(), f.lower().data()); }, any.field);
+          },
+          "(dim,) float64: lower corner of the first cell [m].")
+      .def_property_readonly(
+          "cell_size",
+          [](const AnyField& any) { return std::visit([](const auto& f) { return f.cell_size(); }, any.field); },
+          "[m]")
+      .def_property_readonly(
+          "max_distance",
+          [](const AnyField& any) { return std::visit([](const auto& f) { return f.max_distance(); }, any.field); },
+          "Farther away, values are this [m].")
+      .def(
+          "distance",
+          [](const AnyField& any, const py::object& object) {
+            const DoubleArray points = as_points(object, "points", any.dim());
+            py::array_t<double> out(points.shape(0));
+            double* const results = out.mutable_data();
+            for_each_point(any, points,
+                           [&](const auto& f, const auto& p, py::ssize_t i) { results[i] = f.distance(p); });
+            return out;
+          },
+          "points"_a, R"(Distance between the centres of cells, linear on each axis.
+
+Parameters
+----------
+points : (n, dim) array of float
+    Map frame [m].
+
+Returns
+-------
+(n,) float64
+    [m]; nan outside the field.
+)")
+      .def(
+          "gradient",
+          [](const AnyField& any, const py::object& object) {
+            const DoubleArray points = as_points(object, "points", any.dim());
+            py::array_t<double> out({points.shape(0), points.shape(1)});
+            double* const results = out.mutable_data();
+            for_each_point(any, points, [&](const auto& f, const auto& p, py::ssize_t i) {
+              const auto gradient = f.gradient(p);
+              std::copy_n(gradient.data(), gradient.size(), results + i * gradient.size());
+            });
+            return out;
+          },
+          "points"_a, R"(Gradient of distance(): away from obstacles.
+
+Parameters
+----------
+points : (n, dim) array of float
+    Map frame [m].
+
+Returns
+-------
+(n, dim) float64
+    Of length 1, or nearly, but where several obstacles are as near; nan outside the field.
+)");
+}
+
+}  // namespace
+
+py::object trace_rays(const PythonMap& map, const DoubleArray& origins, const DoubleArray& directions,
+                      double max_range, bool stops_at_unknown) {
+  const auto n = static_cast<std::size_t>(directions.shape(0));
+  const int dim = map.constant().dim();
+  py::array_t<double> distance(directions.shape(0));
+  py::array_t<std::int8_t> state(directions.shape(0));
+  py::array_t<double> lower({directions.shape(0), directions.shape(1)});
+  py::array_t<double> size(directions.shape(0));
+  const RayEndArrays out{distance.mutable_data(), state.mutable_data(), lower.mutable_data(),
+                         size.mutable_data()};
+  const std::size_t step = origins.ndim() == 2 ? static_cast<std::size_t>(dim) : 0;
+  map.read([&, o = origins.data(), d = directions.data()](const MapInterface& m) {
+    m.queries()->trace_rays(o, step, d, n, max_range, stops_at_unknown, out);
+  });
+  return py::cast(RayEnds{distance, state, lower, size});
+}
+
+void bind_queries(py::module_& module) {
+  bind_shapes(module);
+  bind_results(module);
+  py::class_<PythonMap> map_type = module.attr("OccupancyMap");
+  map_type
+      .def("bounds", &bounds, R"(The smallest box around all cells that were observed.
+
+Returns
+-------
+(lower, upper) or None
+    Two (dim,) float64 [m]; None if nothing was observed.
+)")
+      .def("nearest_occupied", &nearest_occupied, "points"_a, py::kw_only(), "max_distance"_a = kInfinity,
+           R"(The nearest point of occupied space, for each point.
+
+Parameters
+----------
+points : (n, dim) array of float
+    Map frame [m].
+max_distance : float
+    How far to look, >= 0 [m].
+
+Returns
+-------
+NearestOccupied
+    .distance (n,), inf where there is nothing, 0 in an occupied cell; .point (n, dim), nan where there is
+    nothing.
+)")
+      .def(
+          "distance_field",
+          [](const PythonMap& map, const py::object& box, double cell_size, double max_distance,
+             const std::string& unknown) {
+            const UnknownSpace taken_for = unknown_from(unknown);
+            const DoubleArray corners = box_corners(box, "box", map.constant().dim());
+            const AnyBox region = as_box(corners, "box");
+            return map.read([&](const MapInterface& m) {
+              return m.queries()->distance_field(region, cell_size, max_distance, taken_for);
+            });
+          },
+          "box"_a, "cell_size"_a, py::kw_only(), "max_distance"_a = 2.0, "unknown"_a = "free",
+          R"(Signed Euclidean distance to the nearest obstacle, on a grid; exact for cells of any size.
+
+Parameters
+----------
+box : (2, dim) array of float
+    Lower and upper corner of the grid [m]; rounded up to whole cells.
+cell_size : float
+    Of the grid, > 0 [m]; any.
+max_distance : float
+    That matters, > 0 [m]: farther away, values are this.
+unknown : str
+    What unknown space, outside the map too, is taken for: "free" or "occupied".
+
+Returns
+-------
+DistanceField
+    .values (nx, ny[, nz]) float32, positive outside obstacles and negative inside; .distance(points) and
+    .gradient(points) between the centres.
+
+Raises
+------
+ValueError
+    A value or a shape is wrong; the message names it.
+)")
+      .def(
+          "frontiers",
+          [](const PythonMap& map, const py::object& box, double min_cells) {
+            DoubleArray corners;
+            std::optional<AnyBox> region;
+            if (!box.is_none()) {
+              corners = box_corners(box, "box", map.constant().dim());
+              region = as_box(corners, "box");
+            }
+            return to_python(
+                map.read([&](const MapInterface& m) { return m.queries()->frontiers(region, min_cells); }));
+          },
+          "box"_a = py::none(), py::kw_only(), "min_cells"_a = 8.0,
+          R"(Where known free space ends and nobody has looked further.
+
+Parameters
+----------
+box : (2, dim) array of float, optional
+    Lower and upper corner [m]: free cells that touch it count. Default: everywhere.
+min_cells : float
+    Frontiers with a border smaller than so many faces of smallest cells are left out.
+
+Returns
+-------
+list of Frontier
+    The largest border first: .center, .direction, .area, .cells and .size of the free cells.
+)")
+      .def(
+          "collides",
+          [](const PythonMap& map, const PythonShape& shape, const py::object& poses,
+             const std::string& unknown) {
+            const UnknownSpace taken_for = unknown_from(unknown);
+            const int dim = map.constant().dim();
+            const std::vector<double> numbers = poses_from(poses, dim);
+            const auto n = numbers.size() / static_cast<std::size_t>(dim * dim + dim);
+            py::array_t<bool> out(static_cast<py::ssize_t>(n));
+            bool* const results = out.mutable_data();
+            map.read([&](const MapInterface& m) {
+              m.queries()->collides(shape.parts, numbers.data(), n, taken_for, results);
+            });
+            return out;
+          },
+          "shape"_a, "poses"_a, py::kw_only(), "unknown"_a = "free",
+          R"(Whether a body meets an obstacle, in each of many poses.
+
+Parameters
+----------
+shape : Shape
+    Sphere, Capsule, Box, or several by ``a | b``.
+poses : (n, 3) array of float in 2-D; (n, dim + 1, dim + 1) in 2-D and 3-D
+    x, y [m] and yaw [rad], or homogeneous matrices: from the body's frame to the map's.
+unknown : str
+    What unknown space, outside the map too, is taken for: "free" or "occupied".
+
+Returns
+-------
+(n,) bool
+    Exact for cells of any size; touching counts.
+)")
+      .def(
+          "path_collides",
+          [](const PythonMap& map, const PythonShape& shape, const py::object& poses,
+             const std::string& unknown) {
+            const UnknownSpace taken_for = unknown_from(unknown);
+            const int dim = map.constant().dim();
+            const std::vector<double> numbers = poses_from(poses, dim);
+            const auto n = numbers.size() / static_cast<std::size_t>(dim * dim + dim);
+            return map.read([&](const MapInterface& m) {
+              return m.queries()->path_collides(shape.parts, numbers.data(), n, taken_for);
+            });
+          },
+          "shape"_a, "poses"_a, py::kw_only(), "unknown"_a = "free",
+          R"(The first pose of a path that a body cannot move to.
+
+Between two poses it moves straight and turns evenly, the shorter way; it is looked at in steps of at most half
+a smallest cell, so that what reaches less than a quarter of one into the way may be missed.
+
+Parameters
+----------
+shape, poses, unknown
+    As for collides().
+
+Returns
+-------
+int
+    Index of the pose; -1 if the whole path is free.
+)")
+      .def(
+          "crop",
+          [](PythonMap& map, const py::object& box) {
+            const DoubleArray corners = box_corners(box, "box", map.constant().dim());
+            const AnyBox region = as_box(corners, "box");
+            map.write([&](MapInterface& m) { m.crop(region.lower, region.upper); });
+          },
+          "box"_a, R"(Forget all cells but those that share a volume with a box.
+
+Parameters
+----------
+box : (2, dim) array of float
+    Lower and upper corner [m].
+)")
+      .def(
+          "clear",
+          [](PythonMap& map, const py::object& box) {
+            const DoubleArray corners = box_corners(box, "box", map.constant().dim());
+            const AnyBox region = as_box(corners, "box");
+            map.write([&](MapInterface& m) { m.clear(region.lower, region.upper); });
+          },
+          "box"_a, R"(Forget what is in a box, which is unknown then.
+
+Larger cells on its border are divided; of smallest cells there, those go that share a volume with it.
+
+Parameters
+----------
+box : (2, dim) array of float
+    Lower and upper corner [m].
+)")
+      .def(
+          "keep_near",
+          [](PythonMap& map, const py::object& center, double radius) {
+            const int dim = map.constant().dim();
+            const DoubleArray point = as_doubles(center, "center");
+            if (point.ndim() != 1 || point.shape(0) != dim)
+              throw py::value_error("center: shape " + shape_text(point) + ", expected (" +
+                                    std::to_string(dim) + ",)");
+            map.write([&, p = point.data()](MapInterface& m) { m.keep_near(p, radius); });
+          },
+          "center"_a, "radius"_a, R"(Forget all cells that are farther than a radius from a point.
+
+A window that moves with a robot: in time proportional to what goes, and what lies on the border. The map goes
+on growing elsewhere.
+
+Parameters
+----------
+center : (dim,) array of float
+    [m]
+radius : float
+    > 0 [m].
+)")
+      .def(
+          "__eq__",
+          [](const PythonMap& a, const py::object& other) -> py::object {
+            if (!py::isinstance<PythonMap>(other))
+              return py::reinterpret_borrow<py::object>(Py_NotImplemented);
+            const auto& b = other.cast<const PythonMap&>();
+            if (&a == &b) return py::bool_(true);
+            if (a.constant().refinement() != b.constant().refinement()) return py::bool_(false);
+            const std::string own = a.read([](const MapInterface& m) { return m.to_bytes(); });
+            return py::bool_(b.read([&](const MapInterface& m) { return m.to_bytes() == own; }));
+          },
+          "other"_a, "Whether both hold the same, counters included: equal maps give equal bytes.");
+  map_type.attr("__hash__") = py::none();  // Maps change.
+}
+
+}  // namespace ndtree::python
