@@ -310,16 +310,21 @@ void bind_results(py::module_& module) {
           "lower",
           [](const AnyField& any) {
             return std::visit(
-                [](const auto& f) { return py::array_t<double>(f.lower().size(), f.lower().data()); }, any.field);
+                [](const auto& f) { return py::array_t<double>(f.lower().size(), f.lower().data()); },
+                any.field);
           },
           "(dim,) float64: lower corner of the first cell [m].")
       .def_property_readonly(
           "cell_size",
-          [](const AnyField& any) { return std::visit([](const auto& f) { return f.cell_size(); }, any.field); },
+          [](const AnyField& any) {
+            return std::visit([](const auto& f) { return f.cell_size(); }, any.field);
+          },
           "[m]")
       .def_property_readonly(
           "max_distance",
-          [](const AnyField& any) { return std::visit([](const auto& f) { return f.max_distance(); }, any.field); },
+          [](const AnyField& any) {
+            return std::visit([](const auto& f) { return f.max_distance(); }, any.field);
+          },
           "Farther away, values are this [m].")
       .def(
           "distance",
