@@ -380,14 +380,12 @@ void touching_is_what_sampling_says(Random& random) {
   int touching = 0;
   int apart = 0;
   for (int i = 0; i < 3000; ++i) {
-    BodyPart<D> part;
-    if (random.chance(0.5)) {
-      const Vector<D> a = random_point<D>(random, 1.0);
-      part = Capsule<D>{a, random.chance(0.3) ? a : random_point<D>(random, 1.0), random.uniform(0.0, 0.5)};
-    } else {
-      part = OrientedBox<D>{random_point<D>(random, 1.0), random_point<D>(random, 0.5).cwiseAbs(),
-                            random_pose<D>(random).rotation};
-    }
+    const Vector<D> a = random_point<D>(random, 1.0);
+    const Vector<D> b = random.chance(0.3) ? a : random_point<D>(random, 1.0);
+    const BodyPart<D> part = random.chance(0.5)
+                                 ? BodyPart<D>(Capsule<D>{a, b, random.uniform(0.0, 0.5)})
+                                 : BodyPart<D>(OrientedBox<D>{a, random_point<D>(random, 0.5).cwiseAbs(),
+                                                              random_pose<D>(random).rotation});
     const Box<D> box = random_box<D>(random, 1.5);
     // The least distance between the two by alternating projections, which are exact for convex sets.
     const auto onto_part = [&](const Vector<D>& p) -> Vector<D> {
@@ -399,9 +397,10 @@ void touching_is_what_sampling_says(Random& random) {
         const double d = (p - on_axis).norm();
         return d <= c->radius ? p : Vector<D>(on_axis + (p - on_axis) * (c->radius / d));
       }
-      const auto& b = std::get<OrientedBox<D>>(part);
-      const Vector<D> local = b.axes.transpose() * (p - b.center);
-      return b.center + b.axes * local.cwiseMax(-b.half_size).cwiseMin(b.half_size);
+      const auto& oriented = std::get<OrientedBox<D>>(part);
+      const Vector<D> local = oriented.axes.transpose() * (p - oriented.center);
+      return oriented.center +
+             oriented.axes * local.cwiseMax(-oriented.half_size).cwiseMin(oriented.half_size);
     };
     Vector<D> p = box.lower;
     double distance = 0.0;
@@ -469,8 +468,7 @@ void collisions_are_those_with_all_leaves(Random& random) {
       ASSERT_TRUE(on_the_way);
     }
     for (int k = 0; k <= 37 && !on_the_way; ++k) {  // It meets nothing, but for what the step leaves open.
-      Body<D> thinner{
-          Capsule<D>{std::get<Capsule<D>>(body[0]).a, std::get<Capsule<D>>(body[0]).b, 0.0}};
+      Body<D> thinner{Capsule<D>{std::get<Capsule<D>>(body[0]).a, std::get<Capsule<D>>(body[0]).b, 0.0}};
       if (std::get<Capsule<D>>(body[0]).radius < 0.0625) break;
       ASSERT_FALSE(collides(map, thinner, between(pose, next, k / 37.0)));
     }

@@ -119,7 +119,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     longest = max((float(scan.returned_beams()[2].max(initial=0.0)) for scan in sample), default=0.0)
     if said.choice == "free" and said.share > 0 and longest > 0:
         limit = _rounded(BELIEVED * longest)
-    seconds, memory = _tried(sample, sigma, quadratic, said.choice, limit)
+    seconds, memory = _tried(log.name, sample, sigma, quadratic, said.choice, limit)
     share = sum(len(scan) for scan in sample) / max(beams, 1)
     return FirstLook(
         dim=log.dim,
@@ -136,14 +136,19 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
 
 
 def _tried(
-    sample: list[Scan], sigma: float, quadratic: float, no_return: str, limit: float
+    name: str, sample: list[Scan], sigma: float, quadratic: float, no_return: str, limit: float
 ) -> tuple[float, float]:
     """Time [s] and memory [bytes] that the sample itself takes."""
     m = _core.AdaptiveMap(dim=sample[0].dim, range_sigma=sigma, range_sigma_quadratic=quadratic)
     begin = time.perf_counter()
     for scan in sample[:: max(1, len(sample) // 80)]:
         one = scan.returned_only() if no_return == "ignore" else scan
-        one.insert_into(m, max_range=limit)
+        try:
+            one.insert_into(m, max_range=limit)
+        except MemoryError:
+            raise ValueError(
+                f"{name}: beams are so long that there is not enough memory, expected ranges in metres"
+            ) from None
     took = time.perf_counter() - begin
     return took * max(1, len(sample) // 80), float(m.stats().memory_bytes)
 

@@ -208,11 +208,12 @@ class Log(ABC):
             return
         left_out = self.skipped[UNPOSED]
         ways = {
-            "before": "the poses begin {:.2f} s later",
-            "after": "the poses end {:.2f} s earlier",
-            "in a gap": "the poses have gaps of up to {:.2f} s",
+            "before": "the poses begin {} s later",
+            "after": "the poses end {} s earlier",
+            "in a gap": "the poses have gaps of up to {} s",
         }
-        why = ", ".join(text.format(self._unposed[at]) for at, text in ways.items() if at in self._unposed)
+        seconds = {at: f"{s:.2f}" if s < 1e9 else f"{s:.3g}" for at, s in self._unposed.items()}
+        why = ", ".join(text.format(seconds[at]) for at, text in ways.items() if at in seconds)
         total = left_out.count + self._done
         left_out.summary = f"{left_out.count} of {total} scans had no pose: {why}"
 
