@@ -27,7 +27,7 @@ pytest.importorskip("scipy")
 from samples import SAMPLES, recorded_samples
 
 HERE = Path(__file__).parent
-SMALL = int(os.environ.get("NDTREE_MUTATIONS", 6))
+SMALL = int(os.environ.get("NDTREE_MUTATIONS", 3))
 RECORDED = int(os.environ.get("NDTREE_MUTATIONS", 2))
 
 
