@@ -3,16 +3,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Collection, Iterator
-from typing import IO, Any
+from typing import Any
 
-from ndtree.readers.ros.storage import Connection, OnDamage, Raw, Storage, line_of, ros2_type
+from ndtree.readers.ros.storage import Connection, FileStorage, OnDamage, Raw, line_of, ros2_type
 
 MAGIC = b"\x89MCAP0\r\n"
 
 
-class McapFile(Storage):
+class McapFile(FileStorage):
     """An .mcap file. One without its last part, as a crash leaves it, is read up to where it ends.
 
     Raises
@@ -24,7 +23,6 @@ class McapFile(Storage):
     """
 
     def __init__(self, path: str) -> None:
-        super().__init__(path)
         try:
             from mcap import reader, records, stream_reader
         except ImportError as error:
@@ -32,31 +30,17 @@ class McapFile(Storage):
                 f"MCAP files need mcap ({error}); install it with: pip install 'ndtree-mapping[ros]'"
             ) from None
         self._reader, self._records, self._stream = reader, records, stream_reader
-        self._file: IO[bytes] = open(path, "rb")
-        self._size = os.fstat(self._file.fileno()).st_size  # No record is longer.
-        try:
-            self._open()
-        except BaseException:
-            self._file.close()
-            raise
-
-    def close(self) -> None:
-        self._file.close()
+        super().__init__(path)
 
     def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
-        wanted = {one.id: one for one in self.connections if one.id in ids or one.id in heads}
+        wanted = self._wanted(ids, heads)
         rows = self._in_order(wanted) if self.damage is None else self._as_found()
         while True:
             try:
                 message = next(rows, None)
             except Exception as error:  # A library at the mercy of foreign bytes.
                 if self.damage is None:  # Else it is known.
-                    on_damage(
-                        ValueError(
-                            f"{self.path}: cannot be read as a ROS bag ({line_of(error)}), "
-                            "expected a whole one"
-                        )
-                    )
+                    on_damage(self._unreadable(line_of(error)))
                 return
             if message is None:
                 return
@@ -65,7 +49,6 @@ class McapFile(Storage):
 
     def _open(self) -> None:
         try:
-            self._file.seek(0)
             summary = self._reader.make_reader(self._file).get_summary()
         except Exception:  # As above.
             summary = None
@@ -93,9 +76,9 @@ class McapFile(Storage):
         except Exception as error:  # As above.
             reason = line_of(error)
         if self.damage and not self.counts:
-            raise ValueError(f"{self.path}: cannot be read as a ROS bag ({reason}), expected a whole one")
+            raise self._unreadable(reason)
         if self.damage:
-            self.damage += f": {sum(self.counts.values())} messages were found in it (mcap recover mends it)"
+            self._note_damage(self.damage, " (mcap recover mends it)")
 
     def _add(self, channel: Any, schema: Any) -> None:
         """Note a channel with messages of ROS."""

@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import bz2
 import heapq
-import os
 import re
 import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
-from typing import IO
 
-from ndtree.readers.ros.storage import Connection, OnDamage, Raw, Storage, line_of, ros2_type
+from ndtree.readers.ros.storage import Connection, FileStorage, OnDamage, Raw, line_of, ros2_type
 
 MAGIC = b"#ROS"
 _VERSION = re.compile(rb"#ROS(?:BAG|RECORD) V(\d+)\.(\d+)[\r\n]")
@@ -35,7 +33,7 @@ class _Chunk:
     last: int = 0
 
 
-class Ros1File(Storage):
+class Ros1File(FileStorage):
     """A bag of ROS 1.
 
     Chunks are read as a whole, one at a time, and their records one after the other. The index at the end of
@@ -48,21 +46,8 @@ class Ros1File(Storage):
         If the file is of another version, or encrypted.
     """
 
-    def __init__(self, path: str) -> None:
-        super().__init__(path)
-        self._file: IO[bytes] = open(path, "rb")
-        self._size = os.fstat(self._file.fileno()).st_size
-        try:
-            self._open()
-        except BaseException:
-            self._file.close()
-            raise
-
-    def close(self) -> None:
-        self._file.close()
-
     def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
-        wanted = {one.id: one for one in self.connections if one.id in ids or one.id in heads}
+        wanted = self._wanted(ids, heads)
         chunks = sorted(
             (chunk for chunk in self._chunks if not wanted.keys().isdisjoint(chunk.counts)),
             key=lambda chunk: chunk.first,
@@ -82,12 +67,7 @@ class Ros1File(Storage):
             except _DAMAGES as error:
                 if self.damage and chunk is chunks[-1]:
                     break  # Known: here the file was cut off.
-                on_damage(
-                    ValueError(
-                        f"{self.path}: the chunk at byte {chunk.position} cannot be read as a ROS bag "
-                        f"({line_of(error)}), expected a whole one"
-                    )
-                )
+                on_damage(self._unreadable(line_of(error), f"the chunk at byte {chunk.position} "))
         while waiting:
             yield heapq.heappop(waiting)[2]
 
@@ -106,14 +86,12 @@ class Ros1File(Storage):
         try:
             header, _ = self._record()
             if header.get(b"encryptor"):
-                raise _Refused(f"{self.path}: the bag is encrypted, expected a plain one (rosbag decrypt)")
+                raise ValueError(f"{self.path}: the bag is encrypted, expected a plain one (rosbag decrypt)")
             begin = self._file.tell()
             index = _U64.unpack(header[b"index_pos"])[0]
             expected = (_U32.unpack(header[b"conn_count"])[0], _U32.unpack(header[b"chunk_count"])[0])
         except _DAMAGES as error:
-            raise ValueError(
-                f"{self.path}: cannot be read as a ROS bag ({line_of(error)}), expected a whole one"
-            ) from None
+            raise self._unreadable(line_of(error)) from None
         if index:
             try:
                 self._file.seek(index)
@@ -126,7 +104,7 @@ class Ros1File(Storage):
         self.connections, self._chunks, self.counts, self.span = [], [], {}, None
         self._file.seek(begin)
         self._look_into_chunks()
-        self.damage += f": {sum(self.counts.values())} messages were found in it (rosbag reindex mends it)"
+        self._note_damage(self.damage, " (rosbag reindex mends it)")
 
     def _read_index(self, connections: int, chunks: int) -> None:
         """So many connections, and what is in which of so many chunks, from the end of the file."""
@@ -224,10 +202,6 @@ class Ros1File(Storage):
 
 class _Damaged(Exception):
     """Bytes that are no records."""
-
-
-class _Refused(ValueError):
-    """A file that is whole, but not for us."""
 
 
 #: What reading records of damaged bytes runs into.

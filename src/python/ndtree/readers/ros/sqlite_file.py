@@ -47,7 +47,7 @@ class SqliteFile(Storage):
         self._base.close()
 
     def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
-        wanted = {one.id: one for one in self.connections if one.id in ids or one.id in heads}
+        wanted = self._wanted(ids, heads)
         whole = ",".join(str(int(id)) for id in ids) or "-1"
         among = ",".join(str(id) for id in wanted)
         order = "" if self.damage else "ORDER BY timestamp, id"
@@ -61,12 +61,7 @@ class SqliteFile(Storage):
                 row = next(rows, None)
             except sqlite3.Error as error:
                 if not self.damage:  # Else it is known.
-                    on_damage(
-                        ValueError(
-                            f"{self.path}: cannot be read as a ROS bag ({line_of(error)}), "
-                            "expected a whole one"
-                        )
-                    )
+                    on_damage(self._unreadable(line_of(error)))
                 return
             if row is None:
                 return
@@ -98,9 +93,5 @@ class SqliteFile(Storage):
             pass
         if not self.counts or not self.connections:
             self._base.close()
-            raise ValueError(
-                f"{self.path}: cannot be read as a ROS bag ({line_of(error)}), expected a whole one"
-            ) from None
-        self.damage = (
-            f"the database is cut off or damaged: {sum(self.counts.values())} messages were found in it"
-        )
+            raise self._unreadable(line_of(error)) from None
+        self._note_damage("the database is cut off or damaged")

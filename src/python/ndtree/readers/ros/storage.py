@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
+from typing import IO
 
 #: What is called with the damage that reading ran into; it raises it, or notes it and lets reading go on.
 OnDamage = Callable[[ValueError], None]
@@ -79,12 +81,44 @@ class Storage(ABC):
     def close(self) -> None:
         """Nothing can be read afterwards."""
 
+    def _wanted(self, ids: Collection[int], heads: Collection[int]) -> dict[int, Connection]:
+        return {one.id: one for one in self.connections if one.id in ids or one.id in heads}
+
+    def _unreadable(self, reason: str, what: str = "") -> ValueError:
+        """The error of bytes that are no bag, all of them or a part."""
+        return ValueError(f"{self.path}: {what}cannot be read as a ROS bag ({reason}), expected a whole one")
+
+    def _note_damage(self, what: str, remedy: str = "") -> None:
+        """After all that can be found was counted."""
+        self.damage = f"{what}: {sum(self.counts.values())} messages were found in it{remedy}"
+
     def _count(self, id: int, received: int) -> None:
         """Note a message that was found."""
         self.counts[id] = self.counts.get(id, 0) + 1
         self.span = (received, received) if self.span is None else (
             min(self.span[0], received), max(self.span[1], received)
         )  # fmt: skip
+
+
+class FileStorage(Storage):
+    """One that is read through a file object, which `_open` finds at its beginning."""
+
+    def __init__(self, path: str) -> None:
+        super().__init__(path)
+        self._file: IO[bytes] = open(path, "rb")
+        self._size = os.fstat(self._file.fileno()).st_size  # No record is longer.
+        try:
+            self._open()
+        except BaseException:
+            self._file.close()
+            raise
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Find connections, counts and span."""
+
+    def close(self) -> None:
+        self._file.close()
 
 
 def ros2_type(name: str) -> str:
