@@ -15,6 +15,10 @@
 
 namespace ndtree {
 
+namespace detail {
+inline constexpr double kLogSqrt2Pi = 0.91893853320467274;
+}  // namespace detail
+
 /// log of the gamma function for x > 0, within 1e-13 or 1e-14 of its value: Stirling's series from 10 on, and
 /// the recurrence down from there. std::lgamma() also writes a global variable, which threads must not.
 [[nodiscard]] inline double log_gamma(double x) {
@@ -26,7 +30,7 @@ namespace ndtree {
        y * (1.0 / 360.0 -
             y * (1.0 / 1260.0 - y * (1.0 / 1680.0 - y * (1.0 / 1188.0 - y * 691.0 / 360360.0))))) /
       x;
-  return (x - 0.5) * std::log(x) - x + 0.91893853320467274 + series - std::log(product);
+  return (x - 0.5) * std::log(x) - x + detail::kLogSqrt2Pi + series - std::log(product);
 }
 
 /// log B(a, b) = log Γ(a) + log Γ(b) - log Γ(a + b), for a, b > 0.
@@ -60,11 +64,10 @@ struct GammaFactors {
 
 /// log_beta() within 1e-9 or 1e-12 of the largest of the three, in a third of the time.
 [[nodiscard]] inline double quick_log_beta(double a, double b) {
-  constexpr double kLogSqrt2Pi = 0.91893853320467274;
   const detail::GammaFactors of_a(a);
   const detail::GammaFactors of_b(b);
   const detail::GammaFactors of_sum(a + b);
-  return of_a.stirling + of_b.stirling - of_sum.stirling + kLogSqrt2Pi +
+  return of_a.stirling + of_b.stirling - of_sum.stirling + detail::kLogSqrt2Pi +
          quick_log(of_sum.product / (of_a.product * of_b.product));
 }
 
@@ -102,7 +105,7 @@ NDTREE_AVX2 [[nodiscard]] inline __m256d quick_log_beta(__m256d a, __m256d b) {
   const detail::FourGammaFactors of_sum = detail::four_gamma_factors(_mm256_add_pd(a, b));
   const __m256d stirling =
       _mm256_add_pd(_mm256_sub_pd(_mm256_add_pd(of_a.stirling, of_b.stirling), of_sum.stirling),
-                    _mm256_set1_pd(0.91893853320467274));
+                    _mm256_set1_pd(detail::kLogSqrt2Pi));
   return _mm256_add_pd(stirling,
                        quick_log(_mm256_div_pd(of_sum.product, _mm256_mul_pd(of_a.product, of_b.product))));
 }
@@ -195,8 +198,7 @@ class RateComparison {
   }
   /// log2 of the factor for a probability of each one's own; negative where one for all is likelier.
   [[nodiscard]] double bits_for_many() const {
-    constexpr double kNatsPerBit = 0.69314718055994531;
-    return (many_ - log_evidence(hits_, misses_)) / kNatsPerBit;
+    return (many_ - log_evidence(hits_, misses_)) / detail::kLog2;  // [nats] / [nats a bit].
   }
 
  private:

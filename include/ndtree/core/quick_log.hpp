@@ -40,15 +40,19 @@ class LogTable {
 };
 inline const LogTable kLogTable;
 
+inline constexpr double kLog2 = 0.69314718055994531;
+inline constexpr int kMantissaBits = 52;  // Of a double.
+inline constexpr std::uint64_t kMantissa = (std::uint64_t{1} << kMantissaBits) - 1;
+inline constexpr int kExponentBias = 1023;
+
 }  // namespace detail
 
 /// log x within 1e-12, for normal numbers x > 0. With x = 2^e m and a c near m, see LogTable,
 /// log x = e log 2 + log c + log(1 + r), r = m / c - 1, |r| <= 2^-7.
 [[nodiscard]] NDTREE_ALWAYS_INLINE double quick_log(double x) {
-  constexpr int kMantissaBits = 52;
-  constexpr std::uint64_t kMantissa = (std::uint64_t{1} << kMantissaBits) - 1;
-  constexpr std::int64_t kBias = 1023;
-  constexpr double kLog2 = 0.69314718055994531;
+  using detail::kMantissa;
+  using detail::kMantissaBits;
+  constexpr std::int64_t kBias = detail::kExponentBias;
   std::uint64_t bits = 0;
   std::memcpy(&bits, &x, sizeof bits);
   const auto exponent = static_cast<double>(static_cast<std::int64_t>(bits >> kMantissaBits) - kBias);
@@ -58,19 +62,20 @@ inline const LogTable kLogTable;
   double m = 0.0;
   std::memcpy(&m, &bits, sizeof m);
   const double r = m * part.inverse - 1.0;
-  return exponent * kLog2 + part.log +
+  return exponent * detail::kLog2 + part.log +
          r * (1.0 + r * (-1.0 / 2.0 + r * (1.0 / 3.0 + r * (-1.0 / 4.0 + r * (1.0 / 5.0)))));
 }
 
 #ifdef NDTREE_HAS_AVX2
 /// Of four numbers, to the same bits.
 NDTREE_AVX2 [[nodiscard]] inline __m256d quick_log(__m256d x) {
-  constexpr int kMantissaBits = 52;
   const __m256i bits = _mm256_castpd_si256(x);
-  const __m256i mantissa = _mm256_and_si256(bits, _mm256_set1_epi64x((std::int64_t{1} << kMantissaBits) - 1));
+  const __m256i mantissa =
+      _mm256_and_si256(bits, _mm256_set1_epi64x(static_cast<std::int64_t>(detail::kMantissa)));
   const __m128i upper = _mm256_castsi256_si128(  // Words of 32 bits: sign, exponent, and 20 of the mantissa.
       _mm256_permutevar8x32_epi32(bits, _mm256_setr_epi32(1, 3, 5, 7, 1, 3, 5, 7)));
-  const __m256d exponent = _mm256_cvtepi32_pd(_mm_sub_epi32(_mm_srli_epi32(upper, 20), _mm_set1_epi32(1023)));
+  const __m256d exponent =
+      _mm256_cvtepi32_pd(_mm_sub_epi32(_mm_srli_epi32(upper, 20), _mm_set1_epi32(detail::kExponentBias)));
   const __m128i entry = _mm_slli_epi32(_mm_and_si128(_mm_srli_epi32(upper, 20 - detail::LogTable::kBits),
                                                      _mm_set1_epi32((1 << detail::LogTable::kBits) - 1)),
                                        1);  // Two numbers each.
@@ -82,7 +87,7 @@ NDTREE_AVX2 [[nodiscard]] inline __m256d quick_log(__m256d x) {
   __m256d series = _mm256_set1_pd(1.0 / 5.0);
   for (const double c : {-1.0 / 4.0, 1.0 / 3.0, -1.0 / 2.0, 1.0})
     series = _mm256_add_pd(_mm256_set1_pd(c), _mm256_mul_pd(r, series));
-  return _mm256_add_pd(_mm256_add_pd(_mm256_mul_pd(exponent, _mm256_set1_pd(0.69314718055994531)), log),
+  return _mm256_add_pd(_mm256_add_pd(_mm256_mul_pd(exponent, _mm256_set1_pd(detail::kLog2)), log),
                        _mm256_mul_pd(r, series));
 }
 #endif
