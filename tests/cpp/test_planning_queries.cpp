@@ -534,8 +534,8 @@ void forgetting_takes_what_it_says(Random& random) {
         int rest = k;
         for (int a = 0; a < D; ++a, rest /= n) small.lower[a] = cell.lower[a] + 0.25 * (rest % n);
         small.upper = small.lower + Vector<D>::Constant(0.25);
-        const bool keeps = what == 0   ? overlap(cell, box)
-                           : what == 1 ? !overlap(small, box)
+        const bool keeps = what == 0   ? cell.overlaps(box)
+                           : what == 1 ? !small.overlaps(box)
                                        : cell.squared_distance(center) <= radius * radius;
         const auto now = map.tree().find_leaf(Vector<D>(0.5 * (small.lower + small.upper)));
         const CellState state = now ? now->cell().state() : CellState::unknown;

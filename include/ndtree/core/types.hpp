@@ -34,6 +34,14 @@ struct Box {
   [[nodiscard]] bool touches(const Box& other) const {
     return (lower.array() <= other.upper.array()).all() && (other.lower.array() <= upper.array()).all();
   }
+  /// The boxes share a volume, and not only a border.
+  [[nodiscard]] bool overlaps(const Box& other) const {
+    return (lower.array() < other.upper.array()).all() && (other.lower.array() < upper.array()).all();
+  }
+  /// All of the other closed box lies in this one.
+  [[nodiscard]] bool encloses(const Box& other) const {
+    return (other.lower.array() >= lower.array()).all() && (other.upper.array() <= upper.array()).all();
+  }
   /// Squared distance from p to the closed box [m²]; 0 inside.
   [[nodiscard]] double squared_distance(const Vector<D>& p) const {
     return (p.array().max(lower.array()).min(upper.array()) - p.array()).square().sum();

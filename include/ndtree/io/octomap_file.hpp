@@ -123,10 +123,7 @@ class OctomapSampler {
       const auto leaf = tree_.find_leaf(centres.lower);
       value = leaf ? value_of(leaf->cell()) : 0.0f;
     } else {
-      const Box<3> root = tree_.box(tree_.root().index);
-      const bool inside = (centres.lower.array() >= root.lower.array()).all() &&
-                          (centres.upper.array() <= root.upper.array()).all();
-      if (!inside) value = 0.0f;
+      if (!tree_.box(tree_.root().index).encloses(centres)) value = 0.0f;
       if (!is_uniform(tree_.root(), centres, value)) value.reset();
     }
     if (value) {

@@ -30,10 +30,9 @@ class Forgetting {
   using Ref = typename Tree::Ref;
 
  public:
-  /// @param fate_of(box, is_smallest) of a node. @param divides_leaves down to the smallest, where that is
-  ///   their fate; else they are kept.
-  Forgetting(Tree& tree, const IsSettled& is_settled, const FateOf& fate_of, bool divides_leaves)
-      : tree_(tree), is_settled_(is_settled), fate_of_(fate_of), divides_leaves_(divides_leaves) {}
+  /// @param fate_of(box, ref) of a node that holds anything; of a smallest cell it is not to be divided.
+  Forgetting(Tree& tree, const IsSettled& is_settled, const FateOf& fate_of)
+      : tree_(tree), is_settled_(is_settled), fate_of_(fate_of) {}
 
   void run() { descend(tree_.root()); }
 
@@ -41,8 +40,7 @@ class Forgetting {
   /// @returns whether anything changed.
   bool descend(const Ref& ref) {
     if (ref.is_leaf() && is_blank(ref.cell())) return false;
-    const bool is_smallest = ref.index.level <= tree_.geometry().finest_level();
-    switch (fate_of_(tree_.box(ref.index), is_smallest)) {
+    switch (fate_of_(tree_.box(ref.index), ref)) {
       case Fate::keep:
         return false;
       case Fate::forget:
@@ -52,7 +50,6 @@ class Forgetting {
         break;
     }
     const bool was_leaf = ref.is_leaf();
-    if (was_leaf && !divides_leaves_) return false;
     if (was_leaf) tree_.split_node(*ref.node, without_parts(ref.cell()));
     bool changed = was_leaf;
     bool all_blank = true;
@@ -77,15 +74,8 @@ class Forgetting {
   Tree& tree_;
   const IsSettled& is_settled_;
   const FateOf& fate_of_;
-  bool divides_leaves_;
 };
 
 }  // namespace detail
-
-/// Whether two boxes share a volume, and not only a border.
-template <int D>
-[[nodiscard]] bool overlap(const Box<D>& a, const Box<D>& b) {
-  return (a.lower.array() < b.upper.array()).all() && (b.lower.array() < a.upper.array()).all();
-}
 
 }  // namespace ndtree

@@ -177,23 +177,20 @@ class OccupancyMap {
   /// @throws std::invalid_argument if the box has no volume; the map is then unchanged.
   void crop(const Box<D>& box) {
     check(box);
-    forget(
-        [&](const Box<D>& cell, bool) {
-          if (!overlap(cell, box)) return Fate::forget;
-          return is_within(cell, box) ? Fate::keep : Fate::divide;
-        },
-        false);
+    forget([&](const Box<D>& cell, const auto& ref) {
+      if (!cell.overlaps(box)) return Fate::forget;
+      return ref.is_leaf() || box.encloses(cell) ? Fate::keep : Fate::divide;
+    });
   }
   /// Forgets the space in a box: larger cells on its border are divided, and of smallest cells there those go
   /// that share a volume with it. @throws as crop().
   void clear(const Box<D>& box) {
     check(box);
-    forget(
-        [&](const Box<D>& cell, bool is_smallest) {
-          if (!overlap(cell, box)) return Fate::keep;
-          return is_smallest || is_within(cell, box) ? Fate::forget : Fate::divide;
-        },
-        true);
+    forget([&](const Box<D>& cell, const auto& ref) {
+      if (!cell.overlaps(box)) return Fate::keep;
+      const bool is_smallest = ref.index.level == tree_.geometry().finest_level();
+      return is_smallest || box.encloses(cell) ? Fate::forget : Fate::divide;
+    });
   }
   /// Forgets all cells that are farther than `radius` > 0 [m] from a point: a window that moves with a robot.
   /// O(what goes, and what lies on its border). @throws std::invalid_argument if either is not finite; the
@@ -202,14 +199,12 @@ class OccupancyMap {
     if (!center.allFinite()) throw std::invalid_argument("center = " + describe(center) + ": must be finite");
     if (!(radius > 0.0) || !std::isfinite(radius))
       throw std::invalid_argument("radius = " + std::to_string(radius) + " m: must be > 0 and finite");
-    forget(
-        [&](const Box<D>& cell, bool) {
-          if (cell.squared_distance(center) > radius * radius) return Fate::forget;
-          const double farthest =
-              (cell.lower - center).cwiseAbs().cwiseMax((cell.upper - center).cwiseAbs()).squaredNorm();
-          return farthest <= radius * radius ? Fate::keep : Fate::divide;
-        },
-        false);
+    forget([&](const Box<D>& cell, const auto& ref) {
+      if (cell.squared_distance(center) > radius * radius) return Fate::forget;
+      const double farthest =
+          (cell.lower - center).cwiseAbs().cwiseMax((cell.upper - center).cwiseAbs()).squaredNorm();
+      return ref.is_leaf() || farthest <= radius * radius ? Fate::keep : Fate::divide;
+    });
   }
 
   [[nodiscard]] const Tree& tree() const { return tree_; }
@@ -265,24 +260,17 @@ class OccupancyMap {
     return [this](const Cell& cell) { return refinement_.is_settled(cell); };
   }
 
-  /// @param fate_of(box, is_smallest) of nodes. @param divides_leaves else leaves are kept that it would
-  /// divide.
+  /// @param fate_of(box, ref) of a node, see detail::Forgetting.
   template <class FateOf>
-  void forget(const FateOf& fate_of, bool divides_leaves) {
+  void forget(const FateOf& fate_of) {
     const auto is_settled = settled();
-    const auto fate = [&](const Box<D>& box, bool is_smallest) { return fate_of(box, is_smallest); };
-    detail::Forgetting<Tree, decltype(is_settled), decltype(fate)> forgetting(tree_, is_settled, fate,
-                                                                              divides_leaves);
     try {
-      forgetting.run();
+      detail::Forgetting<Tree, decltype(is_settled), FateOf>(tree_, is_settled, fate_of).run();
       tree_.shrink_if_half_empty();
     } catch (...) {  // Of lack of memory: what is there stays valid.
       forget_summaries(tree_);
       throw;
     }
-  }
-  [[nodiscard]] static bool is_within(const Box<D>& cell, const Box<D>& box) {
-    return (cell.lower.array() >= box.lower.array()).all() && (cell.upper.array() <= box.upper.array()).all();
   }
   static void check(const Box<D>& box) {
     if (!box.lower.allFinite() || !box.upper.allFinite() || !(box.lower.array() < box.upper.array()).all())
@@ -291,15 +279,9 @@ class OccupancyMap {
   }
 
   void check_summary(const typename Tree::ConstRef& parent) const {
-    Summary expected;
-    const auto* const children = tree_.children(*parent.node);
-    bool known = true;
-    for (int j = 0; j < Tree::kNumChildren; ++j) {
-      const Summary child = Summary::of(children[j], settled());
-      known = known && child.is_known();
-      expected.add(child);
-    }
-    if (parent.node->note() != (known ? expected.word() : 0))
+    const SummaryOfSiblings expected =
+        summary_of_siblings(tree_.children(*parent.node), Tree::kNumChildren, settled());
+    if (parent.node->note() != expected.summary.word())
       throw std::logic_error("the summary of a node of level " + std::to_string(parent.index.level) +
                              " is not that of its children");
   }

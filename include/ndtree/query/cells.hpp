@@ -46,9 +46,7 @@ template <class Map>
   std::optional<Box<Map::kDim>> result;
   const auto descend = [&](const auto& self, const auto& ref) -> void {
     const Box<Map::kDim> box = map.tree().box(ref.index);
-    if (result && (box.lower.array() >= result->lower.array()).all() &&
-        (box.upper.array() <= result->upper.array()).all())
-      return;  // It can add nothing.
+    if (result && result->encloses(box)) return;  // It can add nothing.
     if (!ref.is_leaf()) {
       for (int j = 0; j < Map::Tree::kNumChildren; ++j) self(self, map.tree().child(ref, j));
     } else if (ref.cell().observed()) {

@@ -17,6 +17,7 @@
 #include "ndtree/core/box_tree.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
+#include "ndtree/tree/child_index.hpp"
 
 namespace ndtree {
 
@@ -40,6 +41,16 @@ class DistanceField {
   [[nodiscard]] double cell_size() const { return cell_size_; }
   [[nodiscard]] const Shape& shape() const { return shape_; }
   [[nodiscard]] double max_distance() const { return max_distance_; }
+  /// Coordinate of the centre of the i-th cell along an axis [m].
+  [[nodiscard]] double center(std::size_t axis, std::size_t i) const {
+    return lower_[static_cast<int>(axis)] + (static_cast<double>(i) + 0.5) * cell_size_;
+  }
+  /// Where the value of a cell is.
+  [[nodiscard]] std::size_t index(const Shape& cell) const {
+    std::size_t at = 0;
+    for (std::size_t a = 0; a < D; ++a) at = at * shape_[a] + cell[a];
+    return at;
+  }
   /// In the order of a C array: the last axis varies fastest.
   [[nodiscard]] const std::vector<float>& values() const { return values_; }
   [[nodiscard]] std::vector<float>& values() { return values_; }
@@ -83,16 +94,16 @@ class DistanceField {
     double total = 0.0;
     for (unsigned corner = 0; corner < 1u << D; ++corner) {
       double weight = 1.0;
-      std::size_t at = 0;
+      Shape cell;
       for (std::size_t a = 0; a < D; ++a) {
         const bool is_second = (corner >> a & 1u) != 0;
-        at = at * shape_[a] + (is_second ? corners.second[a] : corners.first[a]);
+        cell[a] = is_second ? corners.second[a] : corners.first[a];
         if (static_cast<int>(a) == along)
           weight *= is_second ? 1.0 : -1.0;
         else
           weight *= is_second ? corners.share[a] : 1.0 - corners.share[a];
       }
-      total += weight * static_cast<double>(values_[at]);
+      total += weight * static_cast<double>(values_[index(cell)]);
     }
     return total;
   }
@@ -106,6 +117,19 @@ class DistanceField {
 
 namespace detail {
 
+/// Whether something holds for some place of a block, which is not empty: from the first to before the last
+/// on each axis, of which the last varies fastest.
+template <class Shape, class Holds>
+bool any_place(const Shape& first, const Shape& last, const Holds& holds) {
+  Shape at = first;
+  for (;;) {
+    if (holds(at)) return true;
+    std::size_t a = at.size();
+    for (; a > 0 && ++at[a - 1] == last[a - 1]; --a) at[a - 1] = first[a - 1];
+    if (a == 0) return false;
+  }
+}
+
 /// Distances from all points of a grid to the nearest of many boxes. Blocks of points are halved, each with
 /// those boxes and groups of boxes of which one may be the nearest to one of its points: a group goes as soon
 /// as something is surely nearer to all of them. What is left for a block of some dozens of points is looked
@@ -115,13 +139,8 @@ class NearestBoxes {
  public:
   using Shape = typename DistanceField<D>::Shape;
 
-  NearestBoxes(const Vector<D>& lower, double cell_size, const Shape& shape, const BoxTree<D>& boxes,
-               double max_distance)
-      : lower_(lower),
-        cell_size_(cell_size),
-        shape_(shape),
-        boxes_(boxes),
-        limit_(max_distance * max_distance) {}
+  NearestBoxes(const DistanceField<D>& field, const BoxTree<D>& boxes)
+      : field_(field), boxes_(boxes), limit_(field.max_distance() * field.max_distance()) {}
 
   /// Calls `visit(index, squared_distance)` for each point for which something is at most max_distance away.
   /// @param wants says of a block, by its first point and the one after its last on each axis, whether any of
@@ -130,7 +149,7 @@ class NearestBoxes {
   void run(const Wants& wants, const Visit& visit) const {
     if (boxes_.empty()) return;
     Block all;
-    all.last = shape_;
+    all.last = field_.shape();
     halve(all, {{0, kNotOne}}, wants, visit);
   }
 
@@ -148,15 +167,12 @@ class NearestBoxes {
     std::uint32_t box;
   };
 
-  [[nodiscard]] double place(std::size_t axis, std::size_t i) const {
-    return lower_[static_cast<int>(axis)] + (static_cast<double>(i) + 0.5) * cell_size_;
-  }
   /// Around the points.
   [[nodiscard]] Box<D> box_of(const Block& block) const {
     Box<D> box;
     for (std::size_t a = 0; a < D; ++a) {
-      box.lower[static_cast<int>(a)] = place(a, block.first[a]);
-      box.upper[static_cast<int>(a)] = place(a, block.last[a] - 1);
+      box.lower[static_cast<int>(a)] = field_.center(a, block.first[a]);
+      box.upper[static_cast<int>(a)] = field_.center(a, block.last[a] - 1);
     }
     return box;
   }
@@ -229,7 +245,7 @@ class NearestBoxes {
 
   template <class Visit>
   void look_at_all(const Block& block, const std::vector<Candidate>& candidates, const Visit& visit) const {
-    constexpr std::size_t kPoints = integer_power_of_side();
+    constexpr auto kPoints = static_cast<std::size_t>(integer_power(kSide, D));
     std::array<double, kPoints> squared;
     squared.fill(std::numeric_limits<double>::infinity());
     for (const Candidate& candidate : candidates) {
@@ -237,21 +253,19 @@ class NearestBoxes {
       std::array<std::array<double, kSide>, D> across{};  // Squared distance on each axis alone.
       for (std::size_t a = 0; a < D; ++a)
         for (std::size_t i = 0; i < block.last[a] - block.first[a]; ++i) {
-          const double at = place(a, block.first[a] + i);
+          const double at = field_.center(a, block.first[a] + i);
           const double d =
               std::max({box.lower[static_cast<int>(a)] - at, at - box.upper[static_cast<int>(a)], 0.0});
           across[a][i] = d * d;
         }
       add_up<0>(across, 0.0, 0, squared);
     }
-    for_each_point(block, [&](std::size_t index, std::size_t place_in_block) {
-      if (squared[place_in_block] <= limit_) visit(index, squared[place_in_block]);
+    any_place(block.first, block.last, [&](const Shape& at) {
+      std::size_t in_block = 0;
+      for (std::size_t a = 0; a < D; ++a) in_block = in_block * kSide + (at[a] - block.first[a]);
+      if (squared[in_block] <= limit_) visit(field_.index(at), squared[in_block]);
+      return false;
     });
-  }
-  static constexpr std::size_t integer_power_of_side() {
-    std::size_t n = 1;
-    for (int a = 0; a < D; ++a) n *= kSide;
-    return n;
   }
   template <std::size_t A, class Across, class Squared>
   static void add_up(const Across& across, double sum, std::size_t at, Squared& squared) {
@@ -262,29 +276,8 @@ class NearestBoxes {
         squared[at + i] = std::min(squared[at + i], sum + across[A][i]);
     }
   }
-  template <class Visit>
-  void for_each_point(const Block& block, const Visit& visit) const {
-    Shape at = block.first;
-    for (;;) {
-      std::size_t index = 0;
-      std::size_t in_block = 0;
-      for (std::size_t a = 0; a < D; ++a) {
-        index = index * shape_[a] + at[a];
-        in_block = in_block * kSide + (at[a] - block.first[a]);
-      }
-      visit(index, in_block);
-      std::size_t a = D;
-      while (a-- > 0) {
-        if (++at[a] < block.last[a]) break;
-        at[a] = block.first[a];
-        if (a == 0) return;
-      }
-    }
-  }
 
-  const Vector<D>& lower_;
-  double cell_size_;
-  const Shape& shape_;
+  const DistanceField<D>& field_;
   const BoxTree<D>& boxes_;
   double limit_;
 };
@@ -296,34 +289,20 @@ class NearestBoxes {
 ///   obstacle; it is asked only if a point lies in an obstacle.
 template <int D, class Others>
 void fill(DistanceField<D>& field, const std::vector<Box<D>>& obstacles, const Others& others) {
-  const auto& shape = field.shape();
   std::vector<float>& values = field.values();
   const BoxTree<D> tree(obstacles);
-  detail::NearestBoxes<D>(field.lower(), field.cell_size(), shape, tree, field.max_distance())
+  detail::NearestBoxes<D>(field, tree)
       .run([](const auto&, const auto&) { return true; },
            [&](std::size_t i, double squared) { values[i] = static_cast<float>(std::sqrt(squared)); });
   if (std::find(values.begin(), values.end(), 0.0f) == values.end()) return;
   const auto any_inside = [&](const auto& first, const auto& last) {
-    auto at = first;
-    for (;;) {  // Row by row.
-      std::size_t index = 0;
-      for (std::size_t a = 0; a < D; ++a) index = index * shape[a] + at[a];
-      for (std::size_t i = 0; i < last[D - 1] - first[D - 1]; ++i)
-        if (values[index + i] <= 0.0f) return true;
-      std::size_t a = D - 1;
-      while (a-- > 0) {
-        if (++at[a] < last[a]) break;
-        at[a] = first[a];
-        if (a == 0) return false;
-      }
-      if (D == 1) return false;
-    }
+    return detail::any_place(first, last, [&](const auto& at) { return values[field.index(at)] <= 0.0f; });
   };
   std::vector<float> inside(values.size(), static_cast<float>(field.max_distance()));
   const BoxTree<D> rest(others());
-  detail::NearestBoxes<D>(field.lower(), field.cell_size(), shape, rest, field.max_distance())
-      .run(any_inside,
-           [&](std::size_t i, double squared) { inside[i] = static_cast<float>(std::sqrt(squared)); });
+  detail::NearestBoxes<D>(field, rest).run(any_inside, [&](std::size_t i, double squared) {
+    inside[i] = static_cast<float>(std::sqrt(squared));
+  });
   for (std::size_t i = 0; i < values.size(); ++i)
     if (values[i] == 0.0f) values[i] = -inside[i];
 }

@@ -10,7 +10,6 @@
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/query/cells.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 
 namespace ndtree {
@@ -34,10 +33,9 @@ struct FirstOccupied : BeamVisitor {
   }
 };
 
-/// The first leaf of some states.
+/// The first leaf that is not free.
 template <int D>
-struct FirstOf : BeamVisitor {
-  RegionStates states;
+struct FirstNotFree : BeamVisitor {
   std::optional<double> t;  // Where the ray enters it.
   CellIndex<D> leaf_index;
   CellState state = CellState::unknown;
@@ -45,14 +43,13 @@ struct FirstOf : BeamVisitor {
   bool entered = false;
   double t_first = 0.0;
 
-  explicit FirstOf(const RegionStates& wanted) : states(wanted) {}
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
     if (!entered) t_first = t_enter;
     entered = true;
     t_inside = t_exit;
     state = leaf.cell().state();
-    if (!contains(states, state)) return true;
+    if (state == CellState::free) return true;
     t = t_enter;
     leaf_index = leaf.index;
     return false;
@@ -92,9 +89,7 @@ template <class Map>
     if (!first.t) return std::nullopt;
     return RayEnd<D>{*first.t * length, CellState::occupied, map.tree().box(first.leaf_index)};
   }
-  RegionStates wanted;
-  wanted.occupied = wanted.unknown = true;
-  detail::FirstOf<D> first(wanted);
+  detail::FirstNotFree<D> first;
   traverse_beam(map.tree(), origin, direction, 0.0, max_range / length, first);
   if (!first.entered || first.t_first > 0.0) return RayEnd<D>{0.0, CellState::unknown, std::nullopt};
   if (first.t) return RayEnd<D>{*first.t * length, first.state, map.tree().box(first.leaf_index)};

@@ -29,18 +29,14 @@ void for_each_node_touching(const Tree& tree, const typename Tree::ConstRef& ref
                             Visit&& visit) {
   const Box<D> box = tree.box(ref.index);
   if (!region.touches(box)) return;
-  const bool is_inside =
-      (box.lower.array() >= region.lower.array()).all() && (box.upper.array() <= region.upper.array()).all();
-  if (!visit(ref, is_inside) || ref.is_leaf()) return;
+  if (!visit(ref, region.encloses(box)) || ref.is_leaf()) return;
   for (int j = 0; j < Tree::kNumChildren; ++j)
     for_each_node_touching(tree, tree.child(ref, j), region, visit);
 }
 
 template <class Tree, int D>
 bool contains(const Tree& tree, const Box<D>& region) {
-  const Box<D> root = tree.box(tree.root().index);
-  return (region.lower.array() >= root.lower.array()).all() &&
-         (region.upper.array() <= root.upper.array()).all();
+  return tree.box(tree.root().index).encloses(region);
 }
 
 }  // namespace detail
