@@ -62,7 +62,7 @@ def test_leaves_of_a_box_and_of_states_are_some_of_all(any_room):
     assert len(any_room.leaves(states=("occupied",)).size) == (every.state == 1).sum() > 10
     with pytest.raises(ValueError, match="states: 'full'"):
         any_room.leaves(states=("full",))
-    with pytest.raises(ValueError, match=r"box: shape \(1, "):
+    with pytest.raises(ValueError, match=r"box has shape \(1, "):
         any_room.leaves(box[:1])
 
 

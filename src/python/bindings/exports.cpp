@@ -45,10 +45,7 @@ py::array grid_of(const PythonMap& map, const py::object& box, std::optional<dou
   const double size = cell_size.value_or(map.constant().options().min_cell_size);
   if (!(size > 0.0) || !std::isfinite(size))
     throw py::value_error("cell_size = " + std::to_string(size) + " m: must be > 0 and finite");
-  const DoubleArray corners = as_points(box, "box", dim);
-  if (corners.shape(0) != 2)
-    throw py::value_error("box has shape " + shape_text(corners) + ": must be (2, " + std::to_string(dim) +
-                          "), the lower and the upper corner");
+  const DoubleArray corners = as_corners(box, "box", dim);
   const double* const lower = corners.data();
   std::vector<py::ssize_t> shape;
   double cells = 1.0;

@@ -63,8 +63,6 @@ RegionStates states_from(const std::optional<std::vector<std::string>>& names) {
   return states;
 }
 
-std::string number(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
-
 /// Calls `fill(map, points, n, out)`, or that member of the map, without the interpreter's lock, for an (n,)
 /// result.
 template <class T, class Fill>
@@ -135,9 +133,9 @@ py::dict options_dict(const MapOptions& options, std::string_view refinement) {
 }
 
 std::string sizes_text(const MapOptions& options, bool adaptive) {
-  if (!adaptive) return "cell_size=" + number(options.min_cell_size);
-  return "min_cell_size=" + number(options.min_cell_size) +
-         ", max_cell_size=" + number(options.max_cell_size);
+  if (!adaptive) return "cell_size=" + number_text(options.min_cell_size);
+  return "min_cell_size=" + number_text(options.min_cell_size) +
+         ", max_cell_size=" + number_text(options.max_cell_size);
 }
 
 py::bytes to_bytes(const PythonMap& map) {
@@ -252,7 +250,7 @@ void bind_maps(py::module_& module) {
                ", beyond_max_range=" + std::to_string(r.beyond_max_range) +
                ", invalid=" + std::to_string(r.invalid) + ", updates=" + std::to_string(r.updates) +
                ", splits=" + std::to_string(r.splits) + ", merges=" + std::to_string(r.merges) +
-               ", seconds=" + number(r.seconds) + ")";
+               ", seconds=" + number_text(r.seconds) + ")";
       });
 
   py::class_<CompressReport>(module, "CompressReport", "What compress() did.")
@@ -266,7 +264,7 @@ void bind_maps(py::module_& module) {
         return "CompressReport(leaves_before=" + std::to_string(r.leaves_before) +
                ", leaves=" + std::to_string(r.leaves) + ", bytes_before=" + std::to_string(r.bytes_before) +
                ", bytes=" + std::to_string(r.bytes) + ", merges=" + std::to_string(r.merges) +
-               ", loss=" + number(r.loss) + ")";
+               ", loss=" + number_text(r.loss) + ")";
       });
 
   py::class_<PythonStats>(module, "MapStats", "The size of a map, and what happened to it since it was made.")
@@ -469,7 +467,8 @@ Returns
       .def(
           "occupied_within",
           [](const PythonMap& map, const py::object& points, double radius) {
-            if (!(radius >= 0.0)) throw py::value_error("radius = " + number(radius) + " m: must be >= 0");
+            if (!(radius >= 0.0))
+              throw py::value_error("radius = " + number_text(radius) + " m: must be >= 0");
             return per_point<bool>(
                 map, points, [radius](const MapInterface& m, const double* p, std::size_t n, bool* out) {
                   m.occupied_within(p, n, radius, out);
@@ -544,10 +543,7 @@ HeldOutTruth
             std::fill_n(all.begin(), dim, -kInfinity);
             const double* lower = all.data();
             if (!box.is_none()) {
-              corners = as_points(box, "box", dim);
-              if (corners.shape(0) != 2)
-                throw py::value_error("box: shape " + shape_text(corners) + ", expected (2, " +
-                                      std::to_string(dim) + "): lower and upper corner");
+              corners = as_corners(box, "box", dim);
               lower = corners.data();
             }
             return to_python(

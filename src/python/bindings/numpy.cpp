@@ -5,6 +5,8 @@
 
 namespace ndtree::python {
 
+std::string number_text(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
+
 std::string shape_text(const py::array& array) {
   std::string text = "(";
   for (py::ssize_t i = 0; i < array.ndim(); ++i) text += (i ? ", " : "") + std::to_string(array.shape(i));
@@ -34,6 +36,14 @@ DoubleArray as_points(const py::object& object, const char* name, int dim) {
     throw py::value_error(std::string(name) + " has shape " + shape_text(array) + ": must be (n, " +
                           std::to_string(dim) + ")");
   return array;
+}
+
+DoubleArray as_corners(const py::object& object, const char* name, int dim) {
+  DoubleArray corners = as_points(object, name, dim);
+  if (corners.shape(0) != 2)
+    throw py::value_error(std::string(name) + " has shape " + shape_text(corners) + ": must be (2, " +
+                          std::to_string(dim) + "), the lower and the upper corner");
+  return corners;
 }
 
 DoubleArray as_points_or_one(const py::object& object, const char* name, int dim, py::ssize_t n) {

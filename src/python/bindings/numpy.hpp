@@ -20,6 +20,9 @@ namespace py = pybind11;
 using DoubleArray = py::array_t<double, py::array::c_style>;
 using BoolArray = py::array_t<bool, py::array::c_style>;
 
+/// A number as Python writes it: no shorter than it needs to be.
+std::string number_text(double value);
+
 /// "(3, 2)", as NumPy writes it.
 std::string shape_text(const py::array& array);
 
@@ -28,6 +31,9 @@ DoubleArray as_doubles(const py::object& object, const char* name);
 
 /// An (n, dim) array. @throws ValueError naming the argument, its shape and the one expected.
 DoubleArray as_points(const py::object& object, const char* name, int dim);
+
+/// The lower and the upper corner of a box, a (2, dim) array. @throws as as_points().
+DoubleArray as_corners(const py::object& object, const char* name, int dim);
 
 /// A (dim,) or an (n, dim) array, one for all or one each. @throws ValueError naming both shapes.
 DoubleArray as_points_or_one(const py::object& object, const char* name, int dim, py::ssize_t n);

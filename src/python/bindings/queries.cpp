@@ -42,23 +42,33 @@ UnknownSpace unknown_from(const std::string& name) {
   throw py::value_error("unknown = '" + name + "': must be 'free' or 'occupied'");
 }
 
-/// The corners of a box, (2, dim), kept by the array. @throws ValueError that names them.
-AnyBox as_box(const DoubleArray& corners, const char* name) {
-  const double* const lower = corners.data();
-  const double* const upper = lower + corners.shape(1);
-  for (py::ssize_t a = 0; a < corners.shape(1); ++a)
-    if (!std::isfinite(lower[a]) || !std::isfinite(upper[a]) || !(lower[a] < upper[a]))
-      throw py::value_error(std::string(name) + ": from " + std::to_string(lower[a]) + " to " +
-                            std::to_string(upper[a]) + " m on axis " + std::to_string(a) +
-                            ": must be finite, the lower corner first");
-  return {lower, upper};
-}
-DoubleArray box_corners(const py::object& box, const char* name, int dim) {
-  DoubleArray corners = as_points(box, name, dim);
-  if (corners.shape(0) != 2)
-    throw py::value_error(std::string(name) + ": shape " + shape_text(corners) + ", expected (2, " +
-                          std::to_string(dim) + "): lower and upper corner");
-  return corners;
+/// The argument `box`, a (2, dim) array with a volume.
+class BoxArgument {
+ public:
+  /// @throws ValueError that names what is wrong with it.
+  BoxArgument(const py::object& box, const PythonMap& map)
+      : corners_(as_corners(box, "box", map.constant().dim())) {
+    const AnyBox region = *this;
+    for (py::ssize_t a = 0; a < corners_.shape(1); ++a)
+      if (!std::isfinite(region.lower[a]) || !std::isfinite(region.upper[a]) ||
+          !(region.lower[a] < region.upper[a]))
+        throw py::value_error("box: from " + std::to_string(region.lower[a]) + " to " +
+                              std::to_string(region.upper[a]) + " m on axis " + std::to_string(a) +
+                              ": must be finite, the lower corner first");
+  }
+  operator AnyBox() const { return {corners_.data(), corners_.data() + corners_.shape(1)}; }
+
+ private:
+  DoubleArray corners_;
+};
+
+/// A method that takes a box and hands it to that of the map.
+auto forgets_box(void (MapInterface::*forget)(const double*, const double*)) {
+  return [forget](PythonMap& map, const py::object& box) {
+    const BoxArgument argument(box, map);
+    const AnyBox region = argument;
+    map.write([&](MapInterface& m) { (m.*forget)(region.lower, region.upper); });
+  };
 }
 
 NearestArrays nearest_occupied(const PythonMap& map, const py::object& object, double max_distance) {
@@ -103,8 +113,14 @@ void for_each_point(const AnyField& any, const DoubleArray& points, const Fill& 
       any.field);
 }
 
-/// (n, rotation and translation) from (n, 3) of x, y, yaw, or from (n, dim + 1, dim + 1).
-std::vector<double> poses_from(const py::object& object, int dim) {
+/// Each a rotation, row by row, and a translation.
+struct Poses {
+  std::vector<double> numbers;
+  std::size_t count;
+};
+
+/// From (n, 3) of x, y, yaw, or from (n, dim + 1, dim + 1).
+Poses poses_from(const py::object& object, int dim) {
   const DoubleArray poses = as_doubles(object, "poses");
   const bool is_planar = dim == 2 && poses.ndim() == 2 && poses.shape(1) == 3;
   const bool is_matrix = poses.ndim() == 3 && poses.shape(1) == dim + 1 && poses.shape(2) == dim + 1;
@@ -113,8 +129,8 @@ std::vector<double> poses_from(const py::object& object, int dim) {
                           (dim == 2
                                ? "(n, 3), x, y and yaw, or (n, 3, 3)"
                                : "(n, " + std::to_string(dim + 1) + ", " + std::to_string(dim + 1) + ")"));
-  std::vector<double> result;
-  result.reserve(static_cast<std::size_t>(poses.shape(0) * (dim * dim + dim)));
+  Poses result{{}, static_cast<std::size_t>(poses.shape(0))};
+  result.numbers.reserve(static_cast<std::size_t>(poses.shape(0) * (dim * dim + dim)));
   for (py::ssize_t i = 0; i < poses.shape(0); ++i) {
     const double* const from = poses.data() + i * (is_planar ? 3 : (dim + 1) * (dim + 1));
     const py::ssize_t numbers = is_planar ? 3 : (dim + 1) * (dim + 1);
@@ -123,7 +139,7 @@ std::vector<double> poses_from(const py::object& object, int dim) {
     if (is_planar) {
       const double c = std::cos(from[2]);
       const double s = std::sin(from[2]);
-      result.insert(result.end(), {c, -s, s, c, from[0], from[1]});
+      result.numbers.insert(result.numbers.end(), {c, -s, s, c, from[0], from[1]});
       continue;
     }
     for (int row = 0; row < dim; ++row)
@@ -134,8 +150,8 @@ std::vector<double> poses_from(const py::object& object, int dim) {
           throw py::value_error("pose " + std::to_string(i) + ": its rotation is not one");
       }
     for (int row = 0; row < dim; ++row)
-      result.insert(result.end(), from + row * (dim + 1), from + row * (dim + 1) + dim);
-    for (int row = 0; row < dim; ++row) result.push_back(from[row * (dim + 1) + dim]);
+      result.numbers.insert(result.numbers.end(), from + row * (dim + 1), from + row * (dim + 1) + dim);
+    for (int row = 0; row < dim; ++row) result.numbers.push_back(from[row * (dim + 1) + dim]);
   }
   return result;
 }
@@ -155,10 +171,9 @@ double checked_radius(double radius) {
     throw py::value_error("radius = " + std::to_string(radius) + " m: must be >= 0 and finite");
   return radius;
 }
-std::string number(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
 std::string text_of(const std::vector<double>& values) {
   std::string text = "(";
-  for (std::size_t i = 0; i < values.size(); ++i) text += (i > 0 ? ", " : "") + number(values[i]);
+  for (std::size_t i = 0; i < values.size(); ++i) text += (i > 0 ? ", " : "") + number_text(values[i]);
   return text + ")";
 }
 
@@ -167,7 +182,7 @@ PythonShape sphere(double radius, const py::object& center) {
   part.a = as_vector(center, "center");
   part.radius = checked_radius(radius);
   const std::string place = part.a.empty() ? "" : ", center=" + text_of(part.a);
-  return {{part}, "Sphere(radius=" + number(radius) + place + ")"};
+  return {{part}, "Sphere(radius=" + number_text(radius) + place + ")"};
 }
 PythonShape capsule(const py::object& a, const py::object& b, double radius) {
   AnyShapePart part;
@@ -176,8 +191,9 @@ PythonShape capsule(const py::object& a, const py::object& b, double radius) {
   if (part.a.size() != part.b.size() || part.a.empty())
     throw py::value_error("a and b: must be points of the same dimension");
   part.radius = checked_radius(radius);
-  return {{part},
-          "Capsule(a=" + text_of(part.a) + ", b=" + text_of(part.b) + ", radius=" + number(radius) + ")"};
+  return {
+      {part},
+      "Capsule(a=" + text_of(part.a) + ", b=" + text_of(part.b) + ", radius=" + number_text(radius) + ")"};
 }
 PythonShape box_shape(const py::object& size, const py::object& center, const py::object& rotation) {
   AnyShapePart part;
@@ -299,7 +315,7 @@ void bind_results(py::module_& module) {
       .def_readonly("cells", &PythonFrontier::cells, "(k, dim) float64: lower corners of the cells [m].")
       .def_readonly("size", &PythonFrontier::size, "(k,) float64: their edges [m].")
       .def("__repr__", [](const PythonFrontier& f) {
-        return "Frontier(center=" + py::str(f.center).cast<std::string>() + ", area=" + number(f.area) +
+        return "Frontier(center=" + py::str(f.center).cast<std::string>() + ", area=" + number_text(f.area) +
                ", cells=" + std::to_string(f.size.shape(0)) + ")";
       });
   py::class_<AnyField>(module, "DistanceField",
@@ -426,8 +442,7 @@ NearestOccupied
           [](const PythonMap& map, const py::object& box, double cell_size, double max_distance,
              const std::string& unknown) {
             const UnknownSpace taken_for = unknown_from(unknown);
-            const DoubleArray corners = box_corners(box, "box", map.constant().dim());
-            const AnyBox region = as_box(corners, "box");
+            const BoxArgument region(box, map);
             return map.read([&](const MapInterface& m) {
               return m.queries()->distance_field(region, cell_size, max_distance, taken_for);
             });
@@ -460,12 +475,8 @@ ValueError
       .def(
           "frontiers",
           [](const PythonMap& map, const py::object& box, double min_cells) {
-            DoubleArray corners;
-            std::optional<AnyBox> region;
-            if (!box.is_none()) {
-              corners = box_corners(box, "box", map.constant().dim());
-              region = as_box(corners, "box");
-            }
+            std::optional<BoxArgument> region;
+            if (!box.is_none()) region.emplace(box, map);
             return to_python(
                 map.read([&](const MapInterface& m) { return m.queries()->frontiers(region, min_cells); }));
           },
@@ -489,13 +500,11 @@ list of Frontier
           [](const PythonMap& map, const PythonShape& shape, const py::object& poses,
              const std::string& unknown) {
             const UnknownSpace taken_for = unknown_from(unknown);
-            const int dim = map.constant().dim();
-            const std::vector<double> numbers = poses_from(poses, dim);
-            const auto n = numbers.size() / static_cast<std::size_t>(dim * dim + dim);
-            py::array_t<bool> out(static_cast<py::ssize_t>(n));
+            const Poses placed = poses_from(poses, map.constant().dim());
+            py::array_t<bool> out(static_cast<py::ssize_t>(placed.count));
             bool* const results = out.mutable_data();
             map.read([&](const MapInterface& m) {
-              m.queries()->collides(shape.parts, numbers.data(), n, taken_for, results);
+              m.queries()->collides(shape.parts, placed.numbers.data(), placed.count, taken_for, results);
             });
             return out;
           },
@@ -521,11 +530,9 @@ Returns
           [](const PythonMap& map, const PythonShape& shape, const py::object& poses,
              const std::string& unknown) {
             const UnknownSpace taken_for = unknown_from(unknown);
-            const int dim = map.constant().dim();
-            const std::vector<double> numbers = poses_from(poses, dim);
-            const auto n = numbers.size() / static_cast<std::size_t>(dim * dim + dim);
+            const Poses placed = poses_from(poses, map.constant().dim());
             return map.read([&](const MapInterface& m) {
-              return m.queries()->path_collides(shape.parts, numbers.data(), n, taken_for);
+              return m.queries()->path_collides(shape.parts, placed.numbers.data(), placed.count, taken_for);
             });
           },
           "shape"_a, "poses"_a, py::kw_only(), "unknown"_a = "free",
@@ -544,28 +551,16 @@ Returns
 int
     Index of the pose; -1 if the whole path is free.
 )")
-      .def(
-          "crop",
-          [](PythonMap& map, const py::object& box) {
-            const DoubleArray corners = box_corners(box, "box", map.constant().dim());
-            const AnyBox region = as_box(corners, "box");
-            map.write([&](MapInterface& m) { m.crop(region.lower, region.upper); });
-          },
-          "box"_a, R"(Forget all cells but those that share a volume with a box.
+      .def("crop", forgets_box(&MapInterface::crop), "box"_a,
+           R"(Forget all cells but those that share a volume with a box.
 
 Parameters
 ----------
 box : (2, dim) array of float
     Lower and upper corner [m].
 )")
-      .def(
-          "clear",
-          [](PythonMap& map, const py::object& box) {
-            const DoubleArray corners = box_corners(box, "box", map.constant().dim());
-            const AnyBox region = as_box(corners, "box");
-            map.write([&](MapInterface& m) { m.clear(region.lower, region.upper); });
-          },
-          "box"_a, R"(Forget what is in a box, which is unknown then.
+      .def("clear", forgets_box(&MapInterface::clear), "box"_a,
+           R"(Forget what is in a box, which is unknown then.
 
 Larger cells on its border are divided; of smallest cells there, those go that share a volume with it.
 
