@@ -174,13 +174,14 @@ TEST(EvidenceMerge, TheLossDecidesAmongSiblingsOfOneState) {
       continue;
     }
     const double loss = loss_of(cells, share);
-    if (loss < 1e-6) {  // One cell explains them better than many: nothing is lost.
+    constexpr double kRounding = 1e-6;  // Of log-odds to float.
+    if (loss < 2.0 * kRounding) {  // One cell explains them better than many: nothing is lost.
       ASSERT_TRUE(merged(0.0, cells, share).has_value() || loss > 0.0);
       continue;
     }
-    ASSERT_FALSE(merged(loss * (1.0 - 1e-7), cells, share).has_value()) << loss;
+    ASSERT_FALSE(merged(loss - kRounding, cells, share).has_value()) << loss;
     ++apart;
-    const auto parent = merged(loss * (1.0 + 1e-7), cells, share);
+    const auto parent = merged(loss + kRounding, cells, share);
     ASSERT_TRUE(parent.has_value()) << loss;
     ++joined;
     // A beam that crosses the parent crosses `share` of its children: the mean, times that, rounded up.

@@ -10,6 +10,7 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/log_odds.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 
@@ -51,7 +52,7 @@ class EvidenceCell {
   [[nodiscard]] std::int64_t occupied_evidence() const { return is_partly_seen() ? 0 : occupied_; }
   [[nodiscard]] std::int64_t free_evidence() const { return free_; }
 
-  void set_counts(std::uint32_t hits, std::uint32_t misses) {
+  NDTREE_ALWAYS_INLINE void set_counts(std::uint32_t hits, std::uint32_t misses) {
     if (hits == 0) misses = std::min(misses, kMaxCount);  // There is no ratio to keep.
     halve_to_fit(hits, misses, kMaxCount);
     counts_ = (counts_ & kStreakBits) | kObserved | misses << 9 | hits;
@@ -59,7 +60,7 @@ class EvidenceCell {
   /// Consecutive scans of which all beams ended in the cell, or all passed it; up to kMaxStreak.
   [[nodiscard]] std::uint32_t streak() const { return (counts_ >> 18) & kMaxStreak; }
   [[nodiscard]] bool streak_is_of_hits() const { return (counts_ & kStreakOfHits) != 0; }
-  void count_scan(bool any_hits, bool any_misses) {
+  NDTREE_ALWAYS_INLINE void count_scan(bool any_hits, bool any_misses) {
     if (!any_hits && !any_misses) return;
     std::uint32_t length = 0;
     if (any_hits != any_misses)

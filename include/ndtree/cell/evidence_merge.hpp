@@ -66,6 +66,13 @@ class EvidenceMergeRule {
     if (state == CellState::unknown) return std::nullopt;
     for (int j = 1; j < count; ++j)
       if (!siblings[j].is_leaf() || siblings[j].cell().state() != state) return std::nullopt;
+    return of_one_state(siblings, count, share_divisor);
+  }
+  /// The same for siblings that are all leaves of one state, and not unknown.
+  template <class NodeType>
+  [[nodiscard]] std::optional<EvidenceCell> of_one_state(const NodeType* siblings, int count,
+                                                         int share_divisor) const {
+    const CellState state = siblings[0].cell().state();
     const bool alike = state == CellState::free
                            ? all_clearly_free(siblings, count)
                            : bits_for_many(siblings, count, 1.0) <= -kLeastBitsForOneSurface;
@@ -104,11 +111,7 @@ class EvidenceMergeRule {
     model_.assign(joined.cell, scaled(occupied, share_divisor, count), scaled(free, share_divisor, count));
     joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, share_divisor, count)),
                            static_cast<std::uint32_t>(scaled(misses, share_divisor, count)));
-    double divergence = 0.0;
-    for (int j = 0; j < count; ++j)
-      divergence += kullback_leibler(siblings[j].cell().log_odds(), joined.cell.log_odds());
-    constexpr double kBitsPerNat = 1.4426950408889634;
-    joined.loss += std::max(0.0, kBitsPerNat * divergence);
+    joined.loss += std::max(0.0, divergence(siblings, count, joined.cell) / detail::kLog2);
     return joined;
   }
 
@@ -141,14 +144,27 @@ class EvidenceMergeRule {
     }
     return rates.bits_for_many();
   }
-  /// Of one occupancy from another, by their log-odds [nats]:
-  /// p log(p / q) + (1 - p) log((1 - p) / (1 - q)), with log(1 - p) = -log(1 + exp(log-odds)).
-  [[nodiscard]] static double kullback_leibler(float of, float from) {
-    if (of == from) return 0.0;
-    const double odds_of = std::exp(static_cast<double>(of));
-    const double odds_from = std::exp(static_cast<double>(from));
-    return odds_of / (1.0 + odds_of) * (static_cast<double>(of) - static_cast<double>(from)) +
-           quick_log((1.0 + odds_from) / (1.0 + odds_of));
+  /// The sum of the Kullback-Leibler divergences of siblings' occupancies from their parent's [nats]. With
+  /// the odds o = p / (1 - p), each is
+  ///   p log(p / q) + (1 - p) log((1 - p) / (1 - q)) = p (log o_p - log o_q) + log((1 + o_q) / (1 + o_p)).
+  template <class NodeType>
+  [[nodiscard]] double divergence(const NodeType* siblings, int count, const EvidenceCell& parent) const {
+    constexpr double kLarge = 1e200;
+    const double of_parent = 1.0 + model_.odds_of(parent);
+    double sum = 0.0;
+    double ratio = 1.0;  // The product of all the quotients.
+    for (int j = 0; j < count; ++j) {
+      const EvidenceCell& cell = siblings[j].cell();
+      const double odds = model_.odds_of(cell);
+      sum += odds / (1.0 + odds) *
+             (static_cast<double>(cell.log_odds()) - static_cast<double>(parent.log_odds()));
+      ratio *= of_parent / (1.0 + odds);
+      if (ratio > kLarge || ratio < 1.0 / kLarge) {
+        sum += quick_log(ratio);
+        ratio = 1.0;
+      }
+    }
+    return sum + quick_log(ratio);
   }
 
   /// Rounded up, so that what was seen once is not forgotten.

@@ -82,6 +82,8 @@ class EvidenceModel {
       : options_(options),
         log_odds_min_(static_cast<float>(sensor.log_odds_min)),
         log_odds_max_(static_cast<float>(sensor.log_odds_max)),
+        odds_min_(std::exp(sensor.log_odds_min)),
+        odds_max_(std::exp(sensor.log_odds_max)),
         prior_(options.evidence_prior / EvidenceCell::kUnit),
         hit_(ndtree::log_odds(sensor.probability_max)),
         miss_(units(-ndtree::log_odds(sensor.probability_min))),
@@ -109,7 +111,7 @@ class EvidenceModel {
 
 #ifdef NDTREE_HAS_AVX2
   /// What add() adds, of eight beams, to the last bit: for occupied space if > 0, else less so much for free.
-  NDTREE_AVX2 [[nodiscard]] static __m256i units_of(__m256 nats, __m256 sigmas) {
+  NDTREE_AVX2 [[nodiscard]] static NDTREE_ALWAYS_INLINE __m256i units_of(__m256 nats, __m256 sigmas) {
     constexpr auto kUnitsPerNat = static_cast<float>(1.0 / EvidenceCell::kUnit);
     const __m256 is_for = _mm256_cmp_ps(nats, _mm256_setzero_ps(), _CMP_GT_OQ);
     const __m256 weight = _mm256_blendv_ps(_mm256_set1_ps(1.0f), probability_inside_table()(sigmas), is_for);
@@ -136,6 +138,14 @@ class EvidenceModel {
     const auto value = static_cast<float>(
         quick_log((static_cast<double>(occupied) + prior_) / (static_cast<double>(free) + prior_)));
     return std::clamp(value, log_odds_min_, log_odds_max_);
+  }
+
+  /// The odds that a cell is occupied: exp(log-odds), but for rounding. 1 if it was never observed.
+  [[nodiscard]] double odds_of(const EvidenceCell& cell) const {
+    if (!cell.observed()) return 1.0;
+    return std::clamp((static_cast<double>(cell.occupied_evidence()) + prior_) /
+                          (static_cast<double>(cell.free_evidence()) + prior_),
+                      odds_min_, odds_max_);
   }
 
   /// A cell with this evidence, faded to what it can remember: the ratio stays, but for rounding.
@@ -179,6 +189,12 @@ class EvidenceModel {
     scan.free = std::min(scan.free, scan_beams_ * miss_);
     scan.misses = std::min(scan.misses, scan_beams_);
     scan.beams = std::min(scan.beams, scan_beams_);
+  }
+  /// Whether limit() may change what so many beams say, of any ways through a cell.
+  [[nodiscard]] bool may_limit(std::uint32_t beams) const {
+    constexpr std::uint32_t kLongestWay =
+        8;  // In mean ones, see mean_chord_of_unit_cube(): less than 1 a dimension.
+    return beams > scan_beams_ / kLongestWay;
   }
   /// Whether more beams that say of nothing but free space would change nothing in what limit() leaves.
   [[nodiscard]] bool is_full(const ScanEvidence& scan) const {
@@ -319,6 +335,8 @@ class EvidenceModel {
   EvidenceOptions options_;
   float log_odds_min_;
   float log_odds_max_;
+  double odds_min_;
+  double odds_max_;
   double prior_;         // In kUnit.
   double hit_;           // [nats]
   std::int64_t miss_;    // In kUnit.

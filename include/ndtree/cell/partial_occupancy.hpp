@@ -49,8 +49,9 @@ class PartialOccupancyModel {
   [[nodiscard]] OccupancyHypotheses operator()(std::uint32_t hits, std::uint32_t misses) const {
     const double a = hits + 1.0;
     const double b = misses + 1.0;
-    const double below = below_(a, b);
-    const double above = above_(b, a);  // 1 - I, without cancellation.
+    const double log_beta = quick_log_beta(a, b);
+    const double below = below_(a, b, log_beta);
+    const double above = above_(b, a, log_beta);  // 1 - I, without cancellation.
     OccupancyHypotheses evidence;
     evidence.free = below / free_until_;
     evidence.occupied = above / (1.0 - occupied_from_);

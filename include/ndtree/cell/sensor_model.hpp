@@ -113,7 +113,7 @@ class BeamSensorModel {
   }
 #ifdef NDTREE_HAS_AVX2
   /// The same of eight cells, to the last bit.
-  NDTREE_AVX2 [[nodiscard]] __m256 tabulated_log_odds(__m256 entry, __m256 exit) const {
+  NDTREE_AVX2 [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 tabulated_log_odds(__m256 entry, __m256 exit) const {
     const auto& cdf = normal_cdf_table();
     return log_odds_table_(_mm256_sub_ps(cdf(exit), _mm256_mul_ps(_mm256_set1_ps(0.5f), cdf(entry))));
   }

@@ -161,8 +161,10 @@ class QuickIncompleteBeta {
  public:
   explicit QuickIncompleteBeta(double x) : x_(x), log_x_(std::log(x)), log_rest_(std::log1p(-x)) {}
 
-  [[nodiscard]] double operator()(double a, double b) const {
-    const double power = std::exp(a * log_x_ + b * log_rest_ - quick_log_beta(a, b));
+  [[nodiscard]] double operator()(double a, double b) const { return (*this)(a, b, quick_log_beta(a, b)); }
+  /// @param log_beta that of a and b, or of b and a.
+  [[nodiscard]] double operator()(double a, double b, double log_beta) const {
+    const double power = std::exp(a * log_x_ + b * log_rest_ - log_beta);
     constexpr double kShare = 1e-9;
     if (x_ > (a + 1.0) / (a + b + 2.0))
       return 1.0 - power / b * detail::incomplete_beta_fraction(b, a, 1.0 - x_, kShare);

@@ -37,7 +37,7 @@ class LinearTable {
   }
 #ifdef NDTREE_HAS_AVX2
   /// The same of eight numbers, to the last bit.
-  NDTREE_AVX2 [[nodiscard]] __m256 operator()(__m256 x) const {
+  NDTREE_AVX2 [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 operator()(__m256 x) const {
     const __m256 place = _mm256_min_ps(_mm256_max_ps(_mm256_mul_ps(_mm256_sub_ps(x, _mm256_set1_ps(lower_)),
                                                                    _mm256_set1_ps(steps_per_unit_)),
                                                      _mm256_setzero_ps()),

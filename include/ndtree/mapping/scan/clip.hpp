@@ -91,10 +91,12 @@ class ChildClip {
   static constexpr int kMostAtOnce = 32;  ///< Children; among more, a beam finds its way faster alone.
   using Planes = std::array<std::array<float, kPlanes>, D>;
 
-  /// Whether eight_beams() may do. @pre kNumChildren <= kMostAtOnce.
-  [[nodiscard]] bool goes_by_eights() const { return width_ >= 8 && !beams_.has_own_origins(); }
+  /// Whether eight_beams() may do.
+  [[nodiscard]] bool goes_by_eights() const {
+    return kNumChildren <= kMostAtOnce && width_ >= 8 && !beams_.has_own_origins();
+  }
   /// The planes between children, from the one origin of all beams.
-  [[nodiscard]] Planes planes_of(const CellIndex<D>& node) const {
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Planes planes_of(const CellIndex<D>& node) const {
     Planes planes;
     for (std::size_t a = 0; a < D; ++a)
       for (std::size_t i = 0; i < kPlanes; ++i)
@@ -102,6 +104,34 @@ class ChildClip {
     return planes;
   }
 #ifdef NDTREE_HAS_AVX2
+  using Few = FewCrossings<kNumChildren>;
+  /// Clips at most Few::kMost beams, without lists for the children. @pre goes_by_eights().
+  NDTREE_AVX2 NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node, const Crossings& list,
+                                                   Few& few) const {
+    const __m256i live = detail::first_of_eight(list.size);
+    const __m256i beam = detail::load_live(list.beam, live);
+    few_beams(node, beam, _mm256_i32gather_ps(beams_.pass(), beam, 4), _mm256_loadu_ps(list.enter()),
+              _mm256_loadu_ps(list.exit()), _mm256_castsi256_ps(live), few);
+  }
+  NDTREE_AVX2 NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node,
+                                                   const FewOfChild<kNumChildren>& beams, Few& few) const {
+    const __m256 enter = _mm256_load_ps(beams.of.enter[beams.child].data());
+    const __m256 exit = _mm256_load_ps(beams.of.exit[beams.child].data());
+    few_beams(node, _mm256_load_si256(reinterpret_cast<const __m256i*>(beams.of.beam.data())),
+              _mm256_load_ps(beams.of.pass.data()), enter, exit, _mm256_cmp_ps(exit, enter, _CMP_GT_OQ), few);
+  }
+  /// Writes those that cross a child, in their order.
+  NDTREE_AVX2 static void write(const FewOfChild<kNumChildren>& few, Crossings& list) {
+    const __m256i order = detail::packing(few.set());
+    const __m256i beam = _mm256_load_si256(reinterpret_cast<const __m256i*>(few.of.beam.data()));
+    _mm256_storeu_si256(reinterpret_cast<__m256i*>(list.beam), _mm256_permutevar8x32_epi32(beam, order));
+    _mm256_storeu_ps(list.enter(),
+                     _mm256_permutevar8x32_ps(_mm256_load_ps(few.of.enter[few.child].data()), order));
+    _mm256_storeu_ps(list.exit(),
+                     _mm256_permutevar8x32_ps(_mm256_load_ps(few.of.exit[few.child].data()), order));
+    list.size = few.size();
+  }
+
   /// Where eight beams enter and leave each child: those that cross it leave behind where they enter.
   NDTREE_AVX2 NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, __m256i beam, __m256 t0, __m256 t1,
                                                     __m256* enter, __m256* exit) const {
@@ -172,6 +202,23 @@ class ChildClip {
   }
 
 #ifdef NDTREE_HAS_AVX2
+  NDTREE_AVX2 NDTREE_ALWAYS_INLINE void few_beams(const CellIndex<D>& node, __m256i beam, __m256 pass,
+                                                  __m256 t0, __m256 t1, __m256 live, Few& few) const {
+    _mm256_store_si256(reinterpret_cast<__m256i*>(few.beam.data()), beam);
+    _mm256_store_ps(few.pass.data(), pass);
+    __m256 enter[kNumChildren];
+    __m256 exit[kNumChildren];
+    eight_beams(planes_of(node), beam, t0, _mm256_blendv_ps(t0, t1, live), enter, exit);
+#pragma GCC unroll 32
+    for (std::size_t c = 0; c < kNumChildren; ++c) {
+      _mm256_store_ps(few.enter[c].data(), enter[c]);
+      _mm256_store_ps(few.exit[c].data(), exit[c]);
+      few.set[c] =
+          static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ)));
+      few.passing[c] = few.set[c] & static_cast<std::uint32_t>(
+                                        _mm256_movemask_ps(_mm256_cmp_ps(exit[c], pass, _CMP_LT_OQ)));
+    }
+  }
   NDTREE_AVX2 void eight_at_a_time(const Planes& plane, const Crossings& list, Lists& children) const {
     const Crossings memory = children.memory;
     for (std::size_t i = 0; i < list.size; i += 8) {

@@ -10,6 +10,8 @@
 #include <memory>
 #include <vector>
 
+#include "ndtree/core/simd.hpp"
+
 namespace ndtree {
 
 /// Beams that cross a node over more than a point, in the order of their numbers; distances from the origin
@@ -25,6 +27,8 @@ struct Crossings {
   [[nodiscard]] float* enter() const { return reinterpret_cast<float*>(beam + stride); }
   [[nodiscard]] float* exit() const { return reinterpret_cast<float*>(beam + 2 * stride); }
   [[nodiscard]] bool empty() const { return size == 0; }
+  [[nodiscard]] std::uint32_t first_beam() const { return beam[0]; }
+  [[nodiscard]] std::uint32_t last_beam() const { return beam[size - 1]; }
   /// The place of the first beam, from a place on, that has this number or more.
   [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from = 0) const {
     if (from == size || beam[size - 1] < number) return size;
@@ -34,6 +38,41 @@ struct Crossings {
     return {beam + first, stride, last - first};
   }
 };
+
+#ifdef NDTREE_HAS_AVX2
+/// Where at most eight beams cross the children of a node: so few need no lists. Those that cross a child are
+/// a set of bits, of their places among the eight.
+template <int kCount>
+struct FewCrossings {
+  static constexpr std::size_t kMost = 8;
+  alignas(32) std::array<std::uint32_t, kMost> beam;  ///< Their numbers, ascending.
+  alignas(32) std::array<float, kMost> pass;          ///< See ScanBeams.
+  alignas(32) std::array<std::array<float, kMost>, kCount> enter;
+  alignas(32) std::array<std::array<float, kMost>, kCount> exit;
+  std::array<std::uint32_t, kCount> set;      ///< Those that cross each child, and of these
+  std::array<std::uint32_t, kCount> passing;  ///< those that clearly pass it.
+
+  /// @pre the set of beams is not empty.
+  [[nodiscard]] std::uint32_t first_of(std::uint32_t beams) const {
+    return beam[static_cast<std::size_t>(__builtin_ctz(beams))];
+  }
+};
+
+/// Those of few beams that cross one child.
+template <int kCount>
+struct FewOfChild {
+  const FewCrossings<kCount>& of;
+  std::size_t child;
+
+  [[nodiscard]] std::uint32_t set() const { return of.set[child]; }
+  [[nodiscard]] bool all_pass() const { return of.passing[child] == of.set[child]; }
+  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(__builtin_popcount(set())); }
+  [[nodiscard]] std::uint32_t first_beam() const { return of.first_of(set()); }
+  [[nodiscard]] std::uint32_t last_beam() const {
+    return of.beam[static_cast<std::size_t>(31 - __builtin_clz(set()))];
+  }
+};
+#endif
 
 /// The lists of a node's children, in one piece of memory.
 template <int kCount>

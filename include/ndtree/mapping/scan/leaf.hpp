@@ -14,6 +14,7 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/tree/lattice.hpp"
 
@@ -36,6 +37,19 @@ class LeafEvidence {
   static constexpr float kWidestSigma = static_cast<float>(1.0 / ScanBeams<D>::kThinnestSurface);
   static constexpr float kSmallCell = 2.0f;  // Standard deviations up to which a cell is small.
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
+  struct Size;
+#ifdef NDTREE_HAS_AVX2
+  using Place = std::array<std::int32_t, D>;  // Lower corner of a leaf, from the base of the end cells.
+  /// What counts of eight beams near their end points.
+  struct NearEnd {
+    Place place;  // Of the node.
+    __m256 sigma;
+    __m256 surface;
+    __m256 range;
+    __m256 clear;
+    __m256i end[D];
+  };
+#endif
 
  public:
   LeafEvidence(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams, const EvidenceModel& model,
@@ -59,6 +73,7 @@ class LeafEvidence {
       of_level.resolves_all = of_level.child >= noise_sigmas_ * beams.largest_sigma();
       of_level.resolves_some = of_level.child >= noise_sigmas_ * beams.smallest_sigma();
       of_level.fits_32_bits = beams.ends_nearby() && geometry.edge(level) <= ScanBeams<D>::kNearby;
+      of_level.edge = of_level.fits_32_bits ? static_cast<std::int32_t>(geometry.edge(level)) : 0;
       sizes_.push_back(of_level);
     }
   }
@@ -91,6 +106,59 @@ class LeafEvidence {
       add_one(leaf, size, list.beam[i], list.enter()[i], list.exit()[i], sum);
   }
 
+#ifdef NDTREE_HAS_AVX2
+  static constexpr int kNumChildren = ChildClip<N, D>::kNumChildren;
+  using Few = FewCrossings<kNumChildren>;
+
+  /// Whether few beams may be handed down from a node of a level, and of all levels below.
+  [[nodiscard]] bool takes_few(int level) const { return size_of(level).fits_32_bits; }
+  /// What few beams say about the leaves below a node: first what they say about all of them.
+  class FewEvidence {
+   public:
+    /// @param few the beams where they cross the node's children. @pre takes_few(node.level).
+    NDTREE_AVX2 NDTREE_ALWAYS_INLINE FewEvidence(const LeafEvidence& all, const CellIndex<D>& node,
+                                                 const Few& few)
+        : all_(all), node_(node), few_(few), size_(all.size_of(node.level - 1)) {}
+
+    /// What those say that cross a child.
+    NDTREE_AVX2 NDTREE_ALWAYS_INLINE void add(std::size_t child, ScanEvidence& sum) {
+      const __m256 enter = _mm256_load_ps(few_.enter[child].data());
+      const __m256 exit = _mm256_load_ps(few_.exit[child].data());
+      const __m256 live = _mm256_cmp_ps(exit, enter, _CMP_GT_OQ);
+      const __m256 clear = _mm256_cmp_ps(exit, _mm256_load_ps(few_.pass.data()), _CMP_LT_OQ);
+      __m256i misses = _mm256_castps_si256(_mm256_and_ps(live, clear));
+      unsigned missed = few_.passing[child];
+      if (missed != few_.set[child]) {
+        if (!is_near_) near_ = all_.near_end(node_, beams());
+        is_near_ = true;
+        misses = all_.add_near_end(child_of(near_, child, size_), size_, near_, enter, exit, misses,
+                                   _mm256_castps_si256(live), sum);
+        missed = set_of(_mm256_castsi256_ps(misses));
+      }
+      sum.free += sum_of(_mm256_and_si256(units_of_way(enter, exit, size_), misses));
+      const unsigned passed = count(missed);
+      sum.misses += passed;
+      sum.beams += passed;
+      if (size_.resolves_all)
+        sum.resolvable_misses += passed;
+      else if (size_.resolves_some)
+        sum.resolvable_misses +=
+            count(missed & all_.resolvable(size_, _mm256_i32gather_ps(all_.beams_.sigma(), beams(), 4)));
+    }
+
+   private:
+    NDTREE_AVX2 [[nodiscard]] NDTREE_ALWAYS_INLINE __m256i beams() const {
+      return _mm256_load_si256(reinterpret_cast<const __m256i*>(few_.beam.data()));
+    }
+    const LeafEvidence& all_;
+    const CellIndex<D>& node_;
+    const Few& few_;
+    const Size& size_;
+    bool is_near_ = false;
+    NearEnd near_{};
+  };
+#endif
+
  private:
   struct Size {
     float cell;             // [m]
@@ -100,6 +168,7 @@ class LeafEvidence {
     bool resolves_all;      // Children could tell more whatever the noise of a beam ...
     bool resolves_some;     // ... or at least that of some beams.
     bool fits_32_bits;      // Where it lies, from the base of the end cells.
+    std::int32_t edge;      // Of the cell, in smallest cells, if so.
     float small;  // The cell's, or 0 if it is one of the smallest, which are small beside any noise.
   };
 
@@ -159,7 +228,6 @@ class LeafEvidence {
   /// As add_one(), for up to kMostAtOnce beams.
   NDTREE_AVX2 void add_by_eights(const CellIndex<D>& leaf, const Crossings& list, const Size& size,
                                  ScanEvidence& sum) const {
-    const __m256 per_metre = _mm256_set1_ps(size.units_per_metre);
     __m256i free = _mm256_setzero_si256();
     unsigned passed = 0;
     for (std::size_t i = 0; i < list.size; i += 8) {
@@ -167,13 +235,12 @@ class LeafEvidence {
       const __m256i beam = detail::load_live(list.beam + i, live);
       const __m256 enter = _mm256_loadu_ps(list.enter() + i);
       const __m256 exit = _mm256_loadu_ps(list.exit() + i);
-      const __m256i units = _mm256_max_epi32(
-          _mm256_set1_epi32(1), _mm256_cvtps_epi32(_mm256_mul_ps(_mm256_sub_ps(exit, enter), per_metre)));
+      const __m256i units = units_of_way(enter, exit, size);
       __m256i misses = _mm256_and_si256(
           live,
           _mm256_castps_si256(_mm256_cmp_ps(exit, _mm256_i32gather_ps(beams_.pass(), beam, 4), _CMP_LT_OQ)));
       if (!_mm256_testc_si256(misses, live))
-        misses = add_near_end(leaf, size, beam, enter, exit, misses, live, sum);
+        misses = add_near_end(place_of(leaf), size, near_end(leaf, beam), enter, exit, misses, live, sum);
       free = _mm256_add_epi32(free, _mm256_and_si256(units, misses));
       const unsigned missed = set_of(_mm256_castsi256_ps(misses));
       passed += count(missed);
@@ -186,29 +253,53 @@ class LeafEvidence {
     sum.resolvable_misses += size.resolves_all ? passed : 0;
     sum.free += sum_of(free);
   }
+  [[nodiscard]] Place place_of(const CellIndex<D>& cell) const {
+    Place place;
+    for (std::size_t a = 0; a < D; ++a)
+      place[a] = static_cast<std::int32_t>(std::clamp(cell.lower[a] - beams_.base()[a],
+                                                      -2 * ScanBeams<D>::kNearby, ScanBeams<D>::kNearby + 1));
+    return place;
+  }
+  NDTREE_AVX2 NDTREE_ALWAYS_INLINE NearEnd near_end(const CellIndex<D>& node, __m256i beam) const {
+    NearEnd near;
+    near.place = place_of(node);
+    near.sigma = _mm256_i32gather_ps(beams_.sigma(), beam, 4);
+    near.surface = _mm256_i32gather_ps(beams_.surface(), beam, 4);
+    near.range = _mm256_i32gather_ps(beams_.range(), beam, 4);
+    near.clear = _mm256_i32gather_ps(beams_.clear(), beam, 4);
+#pragma GCC unroll 4
+    for (std::size_t a = 0; a < D; ++a) near.end[a] = _mm256_i32gather_epi32(beams_.end_offset(a), beam, 4);
+    return near;
+  }
+  /// Place of a node's child.
+  [[nodiscard]] static Place child_of(const NearEnd& node, std::size_t child, const Size& size) {
+    Place place = node.place;
+    for (std::size_t a = 0; a < D; ++a, child /= N)
+      place[a] += static_cast<std::int32_t>(child % N) * size.edge;
+    return place;
+  }
   /// Adds what beams say of eight that do not all clearly pass.
   /// @param misses those that do. @returns them, and others that have passed.
-  NDTREE_AVX2 __m256i add_near_end(const CellIndex<D>& leaf, const Size& size, __m256i beam, __m256 enter,
-                                   __m256 exit, __m256i misses, __m256i live, ScanEvidence& sum) const {
+  NDTREE_AVX2 NDTREE_ALWAYS_INLINE __m256i add_near_end(const Place& leaf, const Size& size,
+                                                        const NearEnd& beams, __m256 enter, __m256 exit,
+                                                        __m256i misses, __m256i live,
+                                                        ScanEvidence& sum) const {
     const __m256i others = _mm256_andnot_si256(misses, live);
     const __m256 all = _mm256_castsi256_ps(others);
-    const __m256 sigma = _mm256_i32gather_ps(beams_.sigma(), beam, 4);
-    const __m256 surface = _mm256_i32gather_ps(beams_.surface(), beam, 4);
-    const __m256 range = _mm256_i32gather_ps(beams_.range(), beam, 4);
+    const __m256 sigma = beams.sigma;
+    const __m256 surface = beams.surface;
+    const __m256 range = beams.range;
     const __m256 is_small = _mm256_cmp_ps(_mm256_set1_ps(size.small),
                                           _mm256_mul_ps(_mm256_set1_ps(kSmallCell), sigma), _CMP_LE_OQ);
     const __m256 end = _mm256_blendv_ps(exit, _mm256_max_ps(exit, _mm256_add_ps(enter, surface)), is_small);
-    const __m256 is_clear = _mm256_cmp_ps(end, _mm256_i32gather_ps(beams_.clear(), beam, 4), _CMP_LT_OQ);
+    const __m256 is_clear = _mm256_cmp_ps(end, beams.clear, _CMP_LT_OQ);
     const __m256 no_return = _mm256_cmp_ps(surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
     __m256i holds = _mm256_andnot_si256(_mm256_castps_si256(is_clear), others);
-    const auto edge = static_cast<std::int32_t>(geometry_.edge(leaf.level));
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a) {
-      const auto lower = static_cast<std::int32_t>(std::clamp(
-          leaf.lower[a] - beams_.base()[a], -2 * ScanBeams<D>::kNearby, ScanBeams<D>::kNearby + 1));
-      const __m256i at = _mm256_i32gather_epi32(beams_.end_offset(a), beam, 4);
-      holds = _mm256_andnot_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(lower), at), holds);
-      holds = _mm256_and_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(lower + edge), at), holds);
+      const __m256i at = beams.end[a];
+      holds = _mm256_andnot_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(leaf[a]), at), holds);
+      holds = _mm256_and_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(leaf[a] + size.edge), at), holds);
     }
     const __m256 holds_end = _mm256_castsi256_ps(holds);
     const __m256 passes_or_not_returned = _mm256_or_ps(is_clear, no_return);
@@ -242,6 +333,11 @@ class LeafEvidence {
                              _mm256_cmp_ps(_mm256_set1_ps(size.cell),
                                            _mm256_mul_ps(_mm256_set1_ps(kNoiseReach), sigma), _CMP_GT_OQ))));
     return misses;
+  }
+  NDTREE_AVX2 [[nodiscard]] static __m256i units_of_way(__m256 enter, __m256 exit, const Size& size) {
+    return _mm256_max_epi32(
+        _mm256_set1_epi32(1),
+        _mm256_cvtps_epi32(_mm256_mul_ps(_mm256_sub_ps(exit, enter), _mm256_set1_ps(size.units_per_metre))));
   }
   NDTREE_AVX2 [[nodiscard]] unsigned resolvable(const Size& size, __m256 sigma) const {
     return set_of(_mm256_cmp_ps(_mm256_set1_ps(size.child),

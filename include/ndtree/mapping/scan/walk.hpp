@@ -57,7 +57,8 @@ class ScanWalk {
         summary_(refinement.model),
         smallest_size_(static_cast<float>(tree.geometry().unit())),
         finest_level_(tree.geometry().finest_level()),
-        coarsest_level_(Refinement::coarsest_level(finest_level_)) {}
+        coarsest_level_(Refinement::coarsest_level(finest_level_)),
+        few_may_be_too_many_(refinement.model.may_limit(kFewBeams)) {}
 
   [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
 
@@ -130,17 +131,31 @@ class ScanWalk {
                           0.5 * geometry.cell_size(leaf.level);
     return static_cast<float>(std::abs(centre - face.origin[face.axis])) >= face.depth_of_all[is_known];
   }
-  /// Whether all leaves in a node, whatever they know, take all of a list's beams.
+  /// Whether all leaves in a node, whatever they know, take all beams of a face ...
+  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const ScanFace<D>& face) const {
+    const double ahead = border(node, face.axis, face.negative) - face.origin[face.axis];
+    return static_cast<float>(face.negative ? -ahead : ahead) >= face.depth_of_all_in_any_cell();
+  }
+  /// ... and of a list.
   [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const Crossings& list) const {
     for (std::size_t first = 0; first < list.size;) {
       const ScanFace<D>& face = beams_.face_of(list.beam[first]);
-      const double ahead = border(node, face.axis, face.negative) - face.origin[face.axis];
-      if (!(static_cast<float>(face.negative ? -ahead : ahead) >= face.depth_of_all_in_any_cell()))
-        return false;
+      if (!all_take_all(node, face)) return false;
       first = list.find(face.end_of_beams, first);
     }
     return true;
   }
+#ifdef NDTREE_HAS_AVX2
+  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const FewOfChild<kNumChildren>& beams) const {
+    for (std::uint32_t left = beams.set(); left != 0;) {
+      const ScanFace<D>& face = beams_.face_of(beams.of.first_of(left));
+      if (!all_take_all(node, face)) return false;
+      if (beams.last_beam() < face.end_of_beams) return true;
+      while (left != 0 && beams.of.first_of(left) < face.end_of_beams) left &= left - 1;
+    }
+    return true;
+  }
+#endif
   /// Beams of a list that count in a leaf: so many for each smallest cell side by side in it.
   Sample take(const CellIndex<D>& leaf, const Crossings& list, bool is_known) {
     Sample sample{false, taken_.size(), 0};
@@ -186,7 +201,7 @@ class ScanWalk {
   /// @param takes_all all_take_all() of the node.
   Lists hand_down(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
     Lists children = clip_.lists_for(node, list, stack_);
-    if (takes_all || list.size <= kFew)
+    if (takes_all || list.size <= kFewBeams)
       clip_(node, list, children);
     else
       hand_down_what_is_taken(node, list, children);
@@ -227,52 +242,60 @@ class ScanWalk {
       tree_.split_node(*ref.node, {}, arena_);
     }
     takes_all = takes_all || all_take_all(ref.index, list);
+#ifdef NDTREE_HAS_AVX2
+    if (are_few(ref, list)) return update_children_of_few(ref, list, false, takes_all);
+#endif
     const CrossingStack::Mark mark = stack_.mark();
-    return update_children(ref, hand_down(ref.index, list, takes_all), mark, false, false, takes_all);
+    return update_children(ref, hand_down(ref.index, list, takes_all), mark, false, takes_all);
   }
 
   bool update_leaf(const Ref& leaf, const Crossings& list, bool takes_all) {
-    const EvidenceModel& model = refinement_.model;
-    EvidenceCell& cell = leaf.cell();
-    bool is_known = model.is_known(cell);
-    if (is_known && model.is_settled(cell)) {
+    bool is_known = refinement_.model.is_known(leaf.cell());
+    if (is_known && refinement_.model.is_settled(leaf.cell())) {
       if (evidence_.all_pass(list)) return false;
       is_known = !is_contradicted(leaf.index, list);
     }
+    if (!takes_all && !are_all_taken(leaf.index, list, is_known))
+      return update_by_sample(leaf, list, is_known);
     ScanEvidence scan;
-    if (takes_all || are_all_taken(leaf.index, list, is_known)) {
-      evidence_.add(leaf.index, list, scan);
-      model.limit(scan);
-      return divides(leaf, scan) ? divide(leaf, list, {}, scan, takes_all) : update(cell, scan);
-    }
+    evidence_.add(leaf.index, list, scan);
+    refinement_.model.limit(scan);
+    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, {}, scan, takes_all)
+                                                           : update(leaf.cell(), scan);
+  }
+  bool update_by_sample(const Ref& leaf, const Crossings& list, bool is_known) {
     const std::size_t taken_before = taken_.size();
     const Sample sample = take(leaf.index, list, is_known);
+    ScanEvidence scan;
     for_each_list(list, sample, [&](const Crossings& part) { evidence_.add(leaf.index, part, scan); });
-    model.limit(scan);
-    const bool changed = divides(leaf, scan) ? divide(leaf, list, sample, scan, false) : update(cell, scan);
+    refinement_.model.limit(scan);
+    const bool changed = may_divide(leaf.cell(), leaf.index.level, scan)
+                             ? divide(leaf, list, sample, scan, false)
+                             : update(leaf.cell(), scan);
     taken_.resize(taken_before);
     return changed;
   }
-  /// Whether a list is of one face, and all of its beams count in a leaf: so it is with most.
-  [[nodiscard]] bool are_all_taken(const CellIndex<D>& leaf, const Crossings& list, bool is_known) const {
-    const ScanFace<D>& face = beams_.face_of(list.beam[0]);
-    return list.beam[list.size - 1] < face.end_of_beams && takes_all(leaf, face, is_known);
+  /// Whether beams are of one face, and all of them count in a leaf: so it is with most.
+  template <class Beams>
+  [[nodiscard]] bool are_all_taken(const CellIndex<D>& leaf, const Beams& beams, bool is_known) const {
+    const ScanFace<D>& face = beams_.face_of(beams.first_beam());
+    return beams.last_beam() < face.end_of_beams && takes_all(leaf, face, is_known);
   }
   /// Whether a leaf may have to split.
-  [[nodiscard]] bool divides(const Ref& leaf, const ScanEvidence& scan) const {
-    return leaf.index.level != finest_level_ &&
-           (is_unseen(leaf, scan) || refinement_.splits(leaf.cell(), scan));
+  [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,
+                                                     const ScanEvidence& scan) const {
+    return level != finest_level_ && (is_unseen(leaf, scan) || refinement_.splits(leaf, scan));
   }
   /// Whether beams have only passed a leaf that was never observed. Those that are were seen before; hits
   /// speak for themselves.
-  [[nodiscard]] bool is_unseen(const Ref& leaf, const ScanEvidence& scan) const {
-    return !leaf.cell().observed() && scan.hits == 0 && scan.occupied == 0 && refinement_.coverage.is_on();
+  [[nodiscard]] bool is_unseen(const EvidenceCell& leaf, const ScanEvidence& scan) const {
+    return !leaf.observed() && scan.hits == 0 && scan.occupied == 0 && refinement_.coverage.is_on();
   }
   bool divide(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan,
               bool takes_all) {
     if (scan.beams == 0) return false;
-    return is_unseen(leaf, scan) ? update_unseen(leaf, list, sample, scan, takes_all)
-                                 : split(leaf, list, sample, takes_all);
+    return is_unseen(leaf.cell(), scan) ? update_unseen(leaf, list, sample, scan, takes_all)
+                                        : split(leaf, list, sample, takes_all);
   }
   /// A leaf that was never observed, and that beams have only passed.
   bool update_unseen(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan,
@@ -292,30 +315,33 @@ class ScanWalk {
 
   bool split(const Ref& leaf, const Crossings& list, const Sample& sample, bool takes_all) {
     const CrossingStack::Mark mark = stack_.mark();
-    const Lists lists = hand_down(leaf.index, list, takes_all);
     const EvidenceCell parent = leaf.cell();
     ++counters_.splits;
+#ifdef NDTREE_HAS_AVX2
+    if (!EvidenceModel::has_heirs(parent) && are_few(leaf, list)) {
+      tree_.split_node(*leaf.node, {}, arena_);
+      return update_children_of_few(leaf, list, true, takes_all);
+    }
+#endif
+    const Lists lists = hand_down(leaf.index, list, takes_all);
     tree_.split_node(*leaf.node, {}, arena_);
     if (EvidenceModel::has_heirs(parent)) share_out(parent, tree_.children(*leaf.node), lists, list, sample);
-    return update_children(leaf, lists, mark, true, true, takes_all);
+    return update_children(leaf, lists, mark, true, takes_all);
   }
 
-  /// @param lists of the children, allocated after the mark. @param changed whether one of them did already.
-  bool update_children(const Ref& ref, const Lists& lists, const CrossingStack::Mark& mark, bool changed,
-                       bool was_split, bool takes_all) {
-    auto* const children = tree_.children(*ref.node);
+  /// @param lists of the children, allocated after the mark.
+  bool update_children(const Ref& ref, const Lists& lists, const CrossingStack::Mark& mark, bool was_split,
+                       bool takes_all) {
     const bool are_cells = ref.index.level <= coarsest_level_ && tasks_ == nullptr;
-    const std::int64_t edge = tree_.geometry().edge(ref.index.level - 1);
+    bool changed = was_split;
+    const Children children(tree_, ref);
 #ifdef __GNUC__
 #pragma GCC unroll 8
 #endif
-    for (int j = 0; j < kNumChildren; ++j) {
-      const auto c = static_cast<std::size_t>(j);
-      if (lists.first[c] == lists.last[c]) continue;
-      Ref child{children + j, {ref.index.lower, ref.index.level - 1}};
-      int number = j;
-      for (std::size_t a = 0; a < D; ++a, number /= N) child.index.lower[a] += number % N * edge;
-      const Crossings list = lists.of(j);
+    for (int c = 0; c < kNumChildren; ++c) {
+      const Crossings list = lists.of(c);
+      if (list.empty()) continue;
+      const Ref child = children[c];
       const bool child_changed = are_cells && child.is_leaf() ? update_leaf(child, list, takes_all)
                                                               : descend(child, list, takes_all);
       changed = child_changed || changed;
@@ -326,15 +352,110 @@ class ScanWalk {
     }
     stack_.release(mark);
     if (!changed && ref.node->note() != 0) return false;
-    const SummaryOfSiblings all = summary_(children);
-    const bool may_merge =
-        changed && ref.index.level <= coarsest_level_ && all.are_leaves && all.summary.is_uniform();
-    const auto merged =
-        may_merge ? refinement_.merge_rule(children, kNumChildren, kShareDivisor<Tree>) : std::nullopt;
-    if (!merged) {
-      ref.node->set_note(all.summary.word());
-      return changed;
+    return finish_children(ref, summary_(&children.node(0)), changed, was_split);
+  }
+#ifdef NDTREE_HAS_AVX2
+  using Few = FewCrossings<kNumChildren>;
+  using FewBeams = FewOfChild<kNumChildren>;
+
+  /// Whether a node's children are cells, or nodes of cells, and its list needs none for them.
+  [[nodiscard]] bool are_few(const Ref& ref, const Crossings& list) const {
+    return list.size <= Few::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
+           evidence_.takes_few(ref.index.level);
+  }
+  /// The same for few beams. @param beams Crossings or FewBeams, not empty.
+  template <class Beams>
+  NDTREE_AVX2 bool update_children_of_few(const Ref& ref, const Beams& beams, bool was_split,
+                                          bool takes_all) {
+    Few few;
+    clip_(ref.index, beams, few);
+    typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
+    const Children children(tree_, ref);
+    const EvidenceModel& model = refinement_.model;
+    bool changed = was_split;
+#pragma GCC unroll 1
+    for (int c = 0; c < kNumChildren; ++c) {
+      const FewBeams of_child{few, static_cast<std::size_t>(c)};
+      if (of_child.set() == 0) continue;
+      auto& node = children.node(c);
+      if (!node.is_leaf()) {
+        if (Summary(node.note()).is_settled() && of_child.all_pass()) continue;
+        changed = descend(children[c], of_child, takes_all) || changed;
+        continue;
+      }
+      EvidenceCell& cell = node.cell();
+      const bool is_known = model.is_known(cell);
+      if (is_known && model.is_settled(cell)) {
+        if (of_child.all_pass()) continue;
+      } else if (takes_all || are_all_taken(children[c].index, of_child, is_known)) {
+        ScanEvidence scan;
+        evidence.add(of_child.child, scan);
+        if (few_may_be_too_many_) model.limit(scan);
+        changed = (may_divide(cell, ref.index.level - 1, scan)
+                       ? divide(children[c], of_child, scan, takes_all)
+                       : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
+                  changed;
+        continue;
+      }
+      changed = update_leaf(children[c], of_child, takes_all) || changed;
     }
+    if (!changed && ref.node->note() != 0) return false;
+    return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
+  }
+  bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
+    return update_children_of_few(inner, beams, false, takes_all || all_take_all(inner.index, beams));
+  }
+  // What few beams rarely do:
+  bool update_leaf(const Ref& leaf, const FewBeams& beams, bool takes_all) {
+    return with_list(beams, [&](const Crossings& list) { return update_leaf(leaf, list, takes_all); });
+  }
+  bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, bool takes_all) {
+    return with_list(beams, [&](const Crossings& list) { return divide(leaf, list, {}, scan, takes_all); });
+  }
+  /// Calls `use(list)` with the beams in a list.
+  template <class Use>
+  bool with_list(const FewBeams& beams, const Use& use) {
+    const CrossingStack::Mark mark = stack_.mark();
+    Crossings list = stack_.allocate(Few::kMost + Crossings::kSlack);
+    clip_.write(beams, list);
+    const bool result = use(list);
+    stack_.release(mark);
+    return result;
+  }
+#endif
+  /// The children of an inner node, by their numbers.
+  class Children {
+   public:
+    Children(Tree& tree, const Ref& parent)
+        : parent_(parent),
+          nodes_(tree.children(*parent.node)),
+          edge_(tree.geometry().edge(parent.index.level - 1)) {}
+    [[nodiscard]] auto& node(int number) const { return nodes_[number]; }
+    [[nodiscard]] NDTREE_ALWAYS_INLINE Ref operator[](int number) const {
+      Ref child{nodes_ + number, {parent_.index.lower, parent_.index.level - 1}};
+      for (std::size_t a = 0; a < D; ++a, number /= N) child.index.lower[a] += number % N * edge_;
+      return child;
+    }
+
+   private:
+    const Ref& parent_;
+    typename Tree::NodeType* nodes_;
+    std::int64_t edge_;
+  };
+  /// Writes the note of a node after its children's update, or merges them.
+  /// @param all what they say together.
+  NDTREE_ALWAYS_INLINE bool finish_children(const Ref& ref, const SummaryOfSiblings& all, bool changed,
+                                            bool was_split) {
+    if (changed && ref.index.level <= coarsest_level_ && all.are_leaves && all.summary.is_uniform() &&
+        merge_children(ref, was_split))
+      return true;
+    ref.node->set_note(all.summary.word());
+    return changed;
+  }
+  bool merge_children(const Ref& ref, bool was_split) {
+    const auto merged =
+        refinement_.merge_rule.of_one_state(tree_.children(*ref.node), kNumChildren, kShareDivisor<Tree>);
+    if (!merged) return false;
     tree_.merge(*ref.node, *merged, arena_);
     if (was_split)
       --counters_.splits;
@@ -411,8 +532,8 @@ class ScanWalk {
   }
 
   static constexpr float kSlack = ScanFace<D>::kSlack;
-  static constexpr std::size_t kFew = 8;      // Beams: to find those that leave costs more than it saves.
-  static constexpr std::size_t kMany = 1000;  // Beams: their lists are worth moving together.
+  static constexpr std::size_t kFewBeams = 8;  // To find those that leave costs more than it saves.
+  static constexpr std::size_t kMany = 1000;   // Beams: their lists are worth moving together.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
@@ -425,6 +546,7 @@ class ScanWalk {
   const float smallest_size_;
   const int finest_level_;
   const int coarsest_level_;
+  const bool few_may_be_too_many_;  // That so few beams count in a leaf.
   UpdateCounters counters_;
   std::vector<Task>* tasks_ = nullptr;
   // Of the nodes on the path from the root, the deepest last:
