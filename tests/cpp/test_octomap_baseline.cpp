@@ -4,6 +4,7 @@
 #ifdef NDTREE_HAVE_OCTOMAP
 
 #include <gtest/gtest.h>
+#include <octomap/octomap.h>
 
 #include <cmath>
 #include <limits>
@@ -77,8 +78,8 @@ const CountCase kCountCases[] = {
 };
 
 TEST(OctomapBaseline, CountsTheCellsThatABeamTouches) {
-  for (const OctomapInsertion how :
-       {OctomapInsertion::beam_by_beam, OctomapInsertion::scan_at_once, OctomapInsertion::scan_at_once_lazy})
+  for (const OctomapInsertion how : {OctomapInsertion::beam_by_beam, OctomapInsertion::scan_at_once,
+                                     OctomapInsertion::scan_at_once_lazy, OctomapInsertion::scan_discretized})
     for (const CountCase& c : kCountCases) {
       SCOPED_TRACE(c.what);
       OctomapBaseline map(0.1, {}, how);
@@ -112,6 +113,29 @@ TEST(OctomapBaseline, AScanAtOnceUpdatesACellOnce) {
   const auto free = static_cast<float>(log_odds(MapOptions{}.probability_min));
   EXPECT_FLOAT_EQ(at_once.log_odds(hit).value(), occupied);
   EXPECT_FLOAT_EQ(by_beam.log_odds(hit).value(), occupied + 3.0f * free);
+}
+
+TEST(OctomapBaseline, OfBeamsThatEndInOneCellOneCounts) {
+  constexpr double kCell = 0.1;
+  std::size_t fewer = 0;
+  for (Scan<3>& scan : room<3>(13, 2000)) {
+    scan.returned.resize(0);  // All are.
+    OctomapBaseline discretized(kCell, {}, OctomapInsertion::scan_discretized);
+    OctomapBaseline lazy(kCell, {}, OctomapInsertion::scan_at_once_lazy);
+    octomap::OcTree tree(kCell);
+    octomap::Pointcloud cloud;
+    for (Eigen::Index i = 0; i < scan.endpoints.cols(); ++i) {
+      const Eigen::Vector3f end = scan.endpoints.col(i).cast<float>();
+      cloud.push_back(end.x(), end.y(), end.z());
+    }
+    const Eigen::Vector3f origin = scan.origins.col(0).cast<float>();
+    tree.insertPointCloud(cloud, octomap::point3d(origin.x(), origin.y(), origin.z()), -1.0, true, true);
+    const InsertReport report = discretized.insert(scan);
+    EXPECT_EQ(report.updates, tree.getNumLeafNodes());
+    EXPECT_EQ(discretized.stats().leaves, tree.getNumLeafNodes());
+    fewer += lazy.insert(scan).updates - report.updates;
+  }
+  EXPECT_GT(fewer, 100u);
 }
 
 template <int D>

@@ -243,15 +243,20 @@ def test_octomap_counts_as_the_fixed_map_does(log):
         pytest.skip("ndtree-compare was built without OctoMap")
     # With next to no noise nothing behind an end point is updated, which OctoMap never does.
     report, table = report_of(
-        log, "--maps", "adaptive,fixed,octomap,octomap-scan,octomap-scan-lazy", "--range-sigma", 1e-6
+        log,
+        "--maps",
+        "adaptive,fixed,octomap,octomap-scan,octomap-scan-lazy,octomap-scan-discretized",
+        "--range-sigma",
+        1e-6,
     )
-    adaptive, fixed, octomap, scan, lazy = report["maps"]
+    adaptive, fixed, octomap, scan, lazy, discretized = report["maps"]
     assert octomap["cells"] == pytest.approx(fixed["cells"], rel=0.01)
     assert octomap["updates"] == pytest.approx(fixed["updates"], rel=0.01)
     assert octomap["cells_pruned"] <= octomap["leaves"] <= octomap["cells"]
     assert scan["updates"] == lazy["updates"] < octomap["updates"]
     assert scan["cells"] == lazy["cells"] == lazy["leaves"] == octomap["cells"]
-    for entry in (octomap, scan, lazy):
+    assert discretized["updates"] <= lazy["updates"]
+    for entry in (octomap, scan, lazy, discretized):
         assert entry["splits"] is None and entry["merges"] is None
         ratios = report["ratios"][entry["map"]]
         assert math.isclose(ratios["cells"], adaptive["cells"] / entry["cells"])

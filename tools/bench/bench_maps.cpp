@@ -268,6 +268,9 @@ void add_all(const std::string& log, const std::shared_ptr<const Workload<D>>& w
   add<D>(log, "OctoMap insertPointCloud lazy", work, [](const MapOptions& options) {
     return OctomapBaseline(options.min_cell_size, options, OctomapInsertion::scan_at_once_lazy);
   });
+  add<D>(log, "OctoMap insertPointCloud discretized", work, [](const MapOptions& options) {
+    return OctomapBaseline(options.min_cell_size, options, OctomapInsertion::scan_discretized);
+  });
 #endif
 }
 

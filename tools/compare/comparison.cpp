@@ -111,10 +111,20 @@ void describe(const OccupancyMap<N, D, Refinement, Sensor>& map, MapResult& resu
 #ifdef NDTREE_HAVE_OCTOMAP
 void describe(const OctomapBaseline& map, MapResult& result) {
   const OctomapStats stats = map.stats();
-  result.refinement = map.insertion() == OctomapInsertion::beam_by_beam ? "insertRay"
-                      : map.insertion() == OctomapInsertion::scan_at_once
-                          ? "insertPointCloud, once per scan"
-                          : "insertPointCloud, once per scan, lazy";
+  switch (map.insertion()) {
+    case OctomapInsertion::beam_by_beam:
+      result.refinement = "insertRay";
+      break;
+    case OctomapInsertion::scan_at_once:
+      result.refinement = "insertPointCloud, once per scan";
+      break;
+    case OctomapInsertion::scan_at_once_lazy:
+      result.refinement = "insertPointCloud, once per scan, lazy";
+      break;
+    case OctomapInsertion::scan_discretized:
+      result.refinement = "insertPointCloud, once per scan, lazy, one beam to a cell";
+      break;
+  }
   result.cells = stats.leaves_expanded;
   result.cells_pruned = stats.leaves_pruned;
   result.leaves = stats.leaves;
@@ -190,6 +200,7 @@ Candidate<D> candidate_called(const std::string& name, const Job<D>& job) {
   if (name == "octomap") return octomap(OctomapInsertion::beam_by_beam);
   if (name == "octomap-scan") return octomap(OctomapInsertion::scan_at_once);
   if (name == "octomap-scan-lazy") return octomap(OctomapInsertion::scan_at_once_lazy);
+  if (name == "octomap-scan-discretized") return octomap(OctomapInsertion::scan_discretized);
 #endif
   if (job.options.branching == 2) return own_candidate<2, D>(name, job);
   if (job.options.branching == 3) return own_candidate<3, D>(name, job);

@@ -27,8 +27,8 @@ inline constexpr bool kHaveOctomap = false;
 #endif
 
 /// Maps that can be compared, by the names that the command line and the reports give them.
-inline constexpr const char* kAllMaps[] = {"adaptive", "paper",        "fixed",
-                                           "octomap",  "octomap-scan", "octomap-scan-lazy"};
+inline constexpr const char* kAllMaps[] = {
+    "adaptive", "paper", "fixed", "octomap", "octomap-scan", "octomap-scan-lazy", "octomap-scan-discretized"};
 
 struct ComparisonOptions {
   MapOptions map;                      ///< Of all maps; the fixed ones and OctoMap have min_cell_size alone.

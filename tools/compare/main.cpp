@@ -86,7 +86,8 @@ void declare(CLI::App& app, Call& call) {
   app.add_option("--limit", call.limit, "use only the first scans of the log")
       ->check(CLI::PositiveNumber)
       ->type_name("SCANS");
-  app.add_option("--maps", call.maps, "adaptive, paper, fixed, octomap, octomap-scan, octomap-scan-lazy")
+  app.add_option("--maps", call.maps,
+                 "adaptive, paper, fixed, octomap, octomap-scan, octomap-scan-lazy, octomap-scan-discretized")
       ->capture_default_str();
   app.add_option("--branching", call.options.branching, "children per axis of a node of our maps: 2, 3 or 4")
       ->capture_default_str();

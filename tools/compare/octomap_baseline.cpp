@@ -185,16 +185,22 @@ void OctomapBaseline::Impl::insert_at_once(const std::vector<Ray>& rays, InsertR
     if (ray.hit) hits.push_back(ray.end);
   }
   if (rays.empty()) return;
-  const bool lazy = insertion == OctomapInsertion::scan_at_once_lazy;
+  const bool discretized = insertion == OctomapInsertion::scan_discretized;
+  const bool lazy = discretized || insertion == OctomapInsertion::scan_at_once_lazy;
   octomap::KeyRay keys;
 
   const auto start = std::chrono::steady_clock::now();
   {
     octomap::KeySet free;
     octomap::KeySet occupied;
-    tree.computeUpdate(hits, rays.front().origin, free, occupied, -1.0);
+    octomap::KeySet ends;  // Of beams without return, if one to a cell counts.
+    if (discretized)
+      tree.computeDiscreteUpdate(hits, rays.front().origin, free, occupied, -1.0);
+    else
+      tree.computeUpdate(hits, rays.front().origin, free, occupied, -1.0);
     for (const Ray& ray : rays) {
-      if (ray.hit || !tree.computeRayKeys(ray.origin, ray.end, keys)) continue;
+      if (ray.hit || (discretized && !ends.insert(tree.coordToKey(ray.end)).second)) continue;
+      if (!tree.computeRayKeys(ray.origin, ray.end, keys)) continue;
       for (const octomap::OcTreeKey& key : keys)
         if (occupied.find(key) == occupied.end()) free.insert(key);
     }

@@ -21,9 +21,10 @@ namespace ndtree {
 
 /// Which of OctoMap's insertions is meant.
 enum class OctomapInsertion {
-  beam_by_beam,      ///< insertRay() for each beam, each of which updates each cell that it touches.
-  scan_at_once,      ///< insertPointCloud(): a cell is updated once a scan, a hit outvoting all misses.
-  scan_at_once_lazy  ///< The same with lazy evaluation: nothing is pruned while inserting.
+  beam_by_beam,       ///< insertRay() for each beam, each of which updates each cell that it touches.
+  scan_at_once,       ///< insertPointCloud(): a cell is updated once a scan, a hit outvoting all misses.
+  scan_at_once_lazy,  ///< The same with lazy evaluation: nothing is pruned while inserting.
+  scan_discretized    ///< Lazy, and with discretize: of the beams that end in one cell, one counts.
 };
 
 /// The size of an OctoMap tree.

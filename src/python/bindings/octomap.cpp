@@ -81,7 +81,9 @@ OctomapInsertion insertion_from(const std::string& name) {
   if (name == "ray") return OctomapInsertion::beam_by_beam;
   if (name == "scan") return OctomapInsertion::scan_at_once;
   if (name == "scan_lazy") return OctomapInsertion::scan_at_once_lazy;
-  throw std::invalid_argument("insertion = '" + name + "': must be 'ray', 'scan' or 'scan_lazy'");
+  if (name == "scan_discretized") return OctomapInsertion::scan_discretized;
+  throw std::invalid_argument("insertion = '" + name +
+                              "': must be 'ray', 'scan', 'scan_lazy' or 'scan_discretized'");
 }
 
 PythonOctoMap copy(const PythonOctoMap& map) {
@@ -105,7 +107,8 @@ dim : int
     3; or 2: scans then lie in the plane z = 0.
 insertion : str
     "ray": insertRay() for each beam. "scan": insertPointCloud(), which updates a cell once a scan; it takes
-    one origin a scan. "scan_lazy": the same with lazy evaluation.
+    one origin a scan. "scan_lazy": the same with lazy evaluation. "scan_discretized": the same, and of the
+    beams that end in one cell, one counts.
 probability_min, probability_max, log_odds_min, log_odds_max : float
     A miss and a hit add the log-odds of the first two, within the bounds of the last two.
 

@@ -56,10 +56,17 @@ OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
 
 DEFAULT_REFINEMENT = _core.AdaptiveMap().refinement
 
+_INSERTIONS = {
+    "octomap": "ray",
+    "octomap-scan": "scan",
+    "octomap-scan-lazy": "scan_lazy",
+    "octomap-scan-discretized": "scan_discretized",
+}
+
 #: What a comparison can have in it; "paper" is the adaptive map exactly as the paper has it, "octomap-scan"
-#: inserts scans by ``insertPointCloud``, which updates each cell once a scan, "-lazy" without pruning.
-KINDS = ("adaptive", "paper", "fixed", "octomap", "octomap-scan", "octomap-scan-lazy")
-_INSERTIONS = {"octomap": "ray", "octomap-scan": "scan", "octomap-scan-lazy": "scan_lazy"}
+#: inserts scans by ``insertPointCloud``, which updates each cell once a scan, "-lazy" without pruning,
+#: "-discretized" also with one beam for each cell that beams end in.
+KINDS = ("adaptive", "paper", "fixed", *_INSERTIONS)
 
 
 def make_map(name: str, *, dim: int, cell_size: float | None = None, **options: Any) -> OccupancyMap:
