@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import io
 import struct
 from pathlib import Path
 from typing import Any
@@ -374,29 +373,6 @@ def test_single_ranges(ros2: Messages, tmp_path: Path) -> None:
     )  # fmt: skip
     (scan,) = still_scans(ros2, message, tmp_path)
     np.testing.assert_allclose(scan.endpoints, [[1.5, 0]])
-
-
-@pytest.mark.parametrize("metres", [False, True])
-def test_packed_depth_images(ros2: Messages, metres: bool, tmp_path: Path) -> None:
-    image = pytest.importorskip("PIL.Image")
-    depths = np.array([[1.0, 2.0], [0.0, 4.0]])
-    a, b = 100.0, 2.0
-    with np.errstate(divide="ignore"):
-        values = np.where(depths > 0, a / depths + b if metres else 1000 * depths, 0).astype(np.uint16)
-    packed = io.BytesIO()
-    image.fromarray(values).save(packed, "PNG")
-    data = struct.pack("<iff", 0, a, b) + packed.getvalue()
-    message = ros2.of(
-        "sensor_msgs/msg/CompressedImage", header=ros2.header(START, "camera"),
-        format=f"{'32FC1' if metres else '16UC1'}; compressedDepth png", data=np.frombuffer(data, np.uint8),
-    )  # fmt: skip
-    info = ros2.camera_info(START, "camera", (2, 2), (1.0, 1.0, 0.0, 0.0))
-    content = [
-        ("/camera/depth/image/compressedDepth", START, message),
-        ("/camera/depth/camera_info", START, info),
-    ]
-    (scan,) = read(write_bag(tmp_path / "bag", ros2, content), still=True)
-    np.testing.assert_allclose(scan.endpoints, [[0, 0, 1], [2, 0, 2], [4, 4, 4]], rtol=0.02)
 
 
 def test_beams_that_are_cut_off_at_range_max_did_not_return(ros2: Messages, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.readers.depth_image import Camera, points_of
+from ndtree.readers.ros import rvl
 from ndtree.readers.ros.beams import COMPRESSED_IMAGE, Beams
 
 #: Images that hold depths: type of a pixel, and its values in a metre.
@@ -73,21 +74,33 @@ def depth_of(message: Any) -> NDArray[Any]:
 
 
 def _unpacked(message: Any) -> NDArray[Any]:
-    """The pixels of a CompressedImage: a PNG of 16 bits, or compressedDepth with one in it.
+    """The pixels of a CompressedImage: a PNG of 16 bits, or compressedDepth with one in it, or with RVL.
 
     compressedDepth of an image in metres holds their inverse, quantised: depth is a / (value - b).
     """
     data = np.asarray(message.data, dtype=np.uint8).tobytes()
     is_metres = encoding_of(message) == "32FC1"
     a = b = 0.0
-    if data[_CONFIG.size :].startswith(_PNG):
+    is_rvl = "compresseddepth rvl" in " ".join(message.format.lower().split())
+    if (is_rvl and len(data) >= _CONFIG.size) or data[_CONFIG.size :].startswith(_PNG):
         _, a, b = _CONFIG.unpack_from(data)
         data = data[_CONFIG.size :]
     elif not data.startswith(_PNG) or is_metres:
         raise ValueError(
             f"the image is packed as {message.format!r}, expected a PNG of 16 bits, "
-            "as compressedDepth or plain"
+            "as compressedDepth or plain, or compressedDepth with RVL"
         )
+    values = rvl.unpacked(data) if is_rvl else _png_pixels(data)
+    if not is_metres:
+        return values
+    depth = np.full(values.shape, np.nan, dtype=np.float32)
+    known = values > 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth[known] = a / (values[known].astype(np.float64) - b)
+    return depth
+
+
+def _png_pixels(data: bytes) -> NDArray[np.uint16]:
     try:
         from PIL import Image
     except ImportError as error:
@@ -101,13 +114,7 @@ def _unpacked(message: Any) -> NDArray[Any]:
         raise ValueError(f"the image cannot be unpacked ({error}), expected a whole PNG") from None
     if values.ndim != 2:
         raise ValueError(f"the image has {values.ndim} axes, expected rows and columns of depths")
-    if not is_metres:
-        return values.astype(np.uint16)
-    depth = np.full(values.shape, np.nan, dtype=np.float32)
-    known = values > 0
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth[known] = a / (values[known].astype(np.float64) - b)
-    return depth
+    return values.astype(np.uint16)
 
 
 def camera_of_info(message: Any, scale: float) -> Camera:
