@@ -21,6 +21,7 @@ from scipy.spatial import transform as spatial
 
 import ndtree
 from ndtree.readers import read
+from ndtree.readers.ros import multi_echo
 from ndtree.readers.trajectory import read_trajectory
 
 Rotation = spatial.Rotation
@@ -168,6 +169,29 @@ def test_of_several_echoes_the_nearest_valid_one_counts(make: Messages, tmp_path
     np.testing.assert_allclose(lengths, [2, np.nan, 4, 8, np.nan, 6, np.nan], rtol=1e-6)
     np.testing.assert_array_equal(scan.returned, [1, 0, 1, 0, 0, 1, 0])
     np.testing.assert_allclose(scan.endpoints[2], 4 * np.array([np.cos(0.5), np.sin(0.5)]), rtol=1e-6)
+
+
+def test_echoes_are_what_others_decode(make: Messages) -> None:
+    rng = np.random.default_rng(1)
+    for frame in ("a", "ab", "abc", "abcd"):
+        ranges = [rng.uniform(0, 9, size=rng.integers(0, 4)) for _ in range(rng.integers(0, 12))]
+        message = make.multi_echo(START, frame, ranges)
+        is_ros1 = make.kind == "ros1"
+        pack = make.store.serialize_ros1 if is_ros1 else make.store.serialize_cdr
+        data = bytes(pack(message, message.__msgtype__))
+        found = multi_echo.decoded(data, is_ros1=is_ros1)
+        assert found.header.frame_id == frame and found.beams == len(ranges)
+        for name in ("angle_min", "angle_increment", "time_increment", "scan_time", "range_min", "range_max"):
+            assert getattr(found, name) == pytest.approx(getattr(message, name))
+        for number, beam in enumerate(message.ranges):
+            np.testing.assert_array_equal(found.echoes[found.numbers == number], beam.echoes)
+        for cut in range(5, len(data), 3):
+            try:  # What is cut off behind the echoes, among the intensities, is not missed.
+                part = multi_echo.decoded(data[:-cut], is_ros1=is_ros1)
+            except ValueError as error:
+                assert "expected" in str(error)
+            else:
+                np.testing.assert_array_equal(part.echoes, found.echoes)
 
 
 CLOUDS: dict[str, dict[str, Any]] = {

@@ -31,7 +31,7 @@ from ndtree.maps import is_map, open_map
 from ndtree.prospect import prospect_of
 from ndtree.readers import FORMATS, Log, simulate
 from ndtree.scan import Scan
-from ndtree.settings import Settings, settle
+from ndtree.settings import BEYOND_MEMORY, Settings, settle
 from ndtree.writers import FORMATS as MAP_FORMATS
 from ndtree.writers import STATES as CELL_STATES
 from ndtree.writers import format_of
@@ -265,6 +265,8 @@ def map_(
             except ValueError as error:
                 opened._skip("scans that cannot be mapped", ValueError(f"{log}: scan {number}: {error}"))
                 continue
+            except MemoryError:
+                raise ValueError(f"{log}: scan {number}: {BEYOND_MEMORY}") from None
             report = {key: count + getattr(one, key) for key, count in report.items()}
             seconds += one.seconds
             scans += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,8 @@ from ndtree.scan import Scan
 DEPTH_CAMERA = (0.005, 0.0015)
 #: A sigma is chosen between these [m]: poses are hardly better, and worse ones are not the sensor's noise.
 SIGMA_LIMITS = (0.005, 0.1)
+#: So many scans are mapped at least to see what mapping costs, if there are as many.
+TRIED = 80
 #: Of the longest range that was measured, how far beams without return are believed.
 BELIEVED = 1.2
 
@@ -42,8 +44,10 @@ class FirstLook:
         What beams without return say, and why.
     max_range : float
         How far they are believed [m]; infinite where it does not matter.
-    seconds, memory_bytes : float
-        That mapping will take, about.
+    seconds, read_seconds : float
+        That the look took, and of these the reading of the log.
+    sample : list of Scan
+        That was looked at.
     """
 
     dim: int
@@ -55,7 +59,8 @@ class FirstLook:
     no_returns: NoReturns
     max_range: float
     seconds: float
-    memory_bytes: float
+    read_seconds: float
+    sample: list[Scan] = field(repr=False, compare=False)
 
     @property
     def options(self) -> dict[str, float]:
@@ -76,9 +81,19 @@ class FirstLook:
             "no_return_crossing": self.no_returns.crossing,
             "no_return_expected": self.no_returns.expected,
             "max_range": self.max_range if math.isfinite(self.max_range) else None,
-            "seconds": self.seconds,
-            "memory_bytes": self.memory_bytes,
         }
+
+    def cost(self) -> tuple[float, float]:
+        """Time [s] and memory [bytes] that `ndtree map` will take, about: a part of the sample is mapped."""
+        m = _core.AdaptiveMap(dim=self.dim, **self.options)
+        part = self.sample[:: max(1, len(self.sample) // TRIED)]
+        begin = time.perf_counter()
+        for scan in part:
+            one = scan.returned_only() if self.no_returns.choice == "ignore" else scan
+            one.insert_into(m, max_range=self.max_range)
+        inserted = time.perf_counter() - begin
+        inserted *= self.beams / max(sum(len(scan) for scan in part), 1)
+        return self.seconds + self.read_seconds + inserted, float(m.stats().memory_bytes)
 
 
 def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
@@ -99,9 +114,11 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     ValueError
         If the log has no scans, or is damaged.
     """
+    begin = time.perf_counter()
     report = progress or no_progress
     total = len(log) if hasattr(log, "__len__") else 0
     runs, scans, beams = spread(log, lambda done: report("looking at the log", done, total))
+    read_seconds = time.perf_counter() - begin
     sample = [scan for run in runs for scan in run]
     if not sample:
         raise ValueError(f"{log.name}: no scans, expected at least one")
@@ -119,8 +136,6 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     longest = max((float(scan.returned_beams()[2].max(initial=0.0)) for scan in sample), default=0.0)
     if said.choice == "free" and said.share > 0 and longest > 0:
         limit = _rounded(BELIEVED * longest)
-    seconds, memory = _tried(log.name, sample, sigma, quadratic, said.choice, limit)
-    share = sum(len(scan) for scan in sample) / max(beams, 1)
     return FirstLook(
         dim=log.dim,
         scans=scans,
@@ -130,27 +145,10 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         is_measured=noise is not None,
         no_returns=said,
         max_range=limit,
-        seconds=seconds / max(share, 1e-9),
-        memory_bytes=memory,
+        seconds=time.perf_counter() - begin,
+        read_seconds=read_seconds,
+        sample=sample,
     )
-
-
-def _tried(
-    name: str, sample: list[Scan], sigma: float, quadratic: float, no_return: str, limit: float
-) -> tuple[float, float]:
-    """Time [s] and memory [bytes] that the sample itself takes."""
-    m = _core.AdaptiveMap(dim=sample[0].dim, range_sigma=sigma, range_sigma_quadratic=quadratic)
-    begin = time.perf_counter()
-    for scan in sample[:: max(1, len(sample) // 80)]:
-        one = scan.returned_only() if no_return == "ignore" else scan
-        try:
-            one.insert_into(m, max_range=limit)
-        except MemoryError:
-            raise ValueError(
-                f"{name}: beams are so long that there is not enough memory, expected ranges in metres"
-            ) from None
-    took = time.perf_counter() - begin
-    return took * max(1, len(sample) // 80), float(m.stats().memory_bytes)
 
 
 def _rounded(value: float) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 from ndtree.comparison import Progress
 from ndtree.no_returns import AUTO
 from ndtree.readers.log import Log
-from ndtree.settings import Settings, settle
+from ndtree.settings import BEYOND_MEMORY, Settings, settle
 
 
 @dataclass(frozen=True)
@@ -23,10 +23,13 @@ class Prospect:
         Without any option given.
     spans : dict of str to (float, float)
         Of scans and poses [s].
+    cost : (float, float) or None
+        Time [s] and memory [bytes] that mapping will take, about; None where no look was taken.
     """
 
     settings: Settings
     spans: dict[str, tuple[float, float]]
+    cost: tuple[float, float] | None
 
     def figures(self) -> dict[str, Any]:
         """All of it as plain numbers, ready for JSON."""
@@ -35,6 +38,7 @@ class Prospect:
             "chosen": None if look is None else look.figures(),
             "flags": list(self.settings.chosen),
             "spans": {name: list(span) for name, span in self.spans.items()},
+            "cost": None if self.cost is None else dict(zip(("seconds", "memory_bytes"), self.cost)),
         }
 
     def lines(self) -> list[str]:
@@ -48,17 +52,20 @@ class Prospect:
                 f"(scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
             )
         lines += self.settings.lines()
-        if self.settings.look is not None:
-            look = self.settings.look
-            memory = _rounded(look.memory_bytes / 2**20)
-            lines.append(f"mapping will take about {_rounded(look.seconds)} s and {memory} MiB")
+        if self.cost is not None:
+            seconds, memory = self.cost
+            lines.append(f"mapping will take about {_rounded(seconds)} s, and {_rounded(memory / 2**20)} MiB")
         return lines
 
 
 def prospect_of(log: Log, *, progress: Progress | None = None) -> Prospect:
     """Look at a log as `settle` does where nothing was given."""
     settings = settle(log, options={}, max_range=math.inf, no_return=AUTO, with_sigma=True, progress=progress)
-    return Prospect(settings, log.spans)
+    try:
+        cost = None if settings.look is None else settings.look.cost()
+    except MemoryError:
+        raise ValueError(f"{log.name}: {BEYOND_MEMORY}") from None
+    return Prospect(settings, log.spans, cost)
 
 
 def _away(seconds: float) -> str:

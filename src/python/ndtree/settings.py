@@ -12,6 +12,9 @@ from ndtree.first_look import FirstLook, first_look
 from ndtree.no_returns import AUTO
 from ndtree.readers import Log
 
+#: What to say of a log whose map has no room.
+BEYOND_MEMORY = "beams are so long that there is not enough memory, expected ranges in metres"
+
 
 @dataclass(frozen=True)
 class Settings:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from ndtree.readers.ros import livox, mcap_file, ros1_file, sqlite_file
+from ndtree.readers.ros import livox, mcap_file, multi_echo, ros1_file, sqlite_file
 from ndtree.readers.ros.storage import Connection, OnDamage, Raw, Storage, line_of
 from ndtree.readers.transforms import plain
 
@@ -95,8 +95,9 @@ class Bag:
     def decoded(self, raw: Raw) -> Any:
         """A message of one of ROS's own types, or of a Livox lidar; ValueError if it is damaged."""
         one = raw.connection
-        if one.type in livox.TYPES:
-            return livox.decoded(raw.data, is_ros1=one.encoding == "ros1")
+        for ours in (livox, multi_echo):
+            if one.type in ours.TYPES:
+                return ours.decoded(raw.data, is_ros1=one.encoding == "ros1")
         if one.encoding not in self._stores:
             self._stores[one.encoding] = self._store(one.encoding)
         store = self._stores[one.encoding]

@@ -39,16 +39,15 @@ def laser_beams(message: Any, no_return_range: float | None = None) -> Beams:
 def multi_echo_beams(message: Any, no_return_range: float | None = None) -> Beams:
     """Beams of a MultiEchoLaserScan, of each its nearest echo that is valid as in `laser_beams`.
 
-    A beam with no valid echo did not return if one of its echoes is +inf.
+    `message` is what `ndtree.readers.ros.multi_echo` decodes. A beam with no valid echo did not return if one
+    of its echoes is +inf.
     """
-    echoes = [np.asarray(beam.echoes, dtype=np.float32) for beam in message.ranges]
-    table = np.full((len(echoes), max((len(echo) for echo in echoes), default=0) + 1), np.nan, np.float32)
-    for row, echo in zip(table, echoes):
-        row[: len(echo)] = echo
-    silent = np.isposinf(table).any(axis=1)
-    valid = (table >= message.range_min) & (table <= message.range_max)
-    nearest = np.where(valid, table, np.inf).min(axis=1, initial=np.inf)
-    nearest[~valid.any(axis=1) & ~silent] = np.nan
+    echoes, numbers = message.echoes, message.numbers
+    valid = (echoes >= message.range_min) & (echoes <= message.range_max)
+    nearest = np.full(message.beams, np.nan, dtype=np.float32)
+    nearest[numbers[np.isposinf(echoes)]] = np.inf
+    nearest[numbers[valid]] = np.inf
+    np.minimum.at(nearest, numbers[valid], echoes[valid])
     return _planar_beams(message, nearest, no_return_range)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.readers.ros.beams import LIVOX, Beams
+from ndtree.readers.ros.head import Header, header_of, order_of
 
 TYPES = LIVOX
 
@@ -18,22 +19,6 @@ TYPES = LIVOX
 _POINT = [("offset_time", "u4"), ("xyz", "f4", 3), ("others", "u1", 3)]
 #: In ROS 2 numbers of 4 bytes begin at multiples of 4, and so does each point.
 _PADDED = [*_POINT, ("padding", "u1")]
-
-
-@dataclass(frozen=True)
-class Time:
-    """As in ROS."""
-
-    sec: int
-    nanosec: int
-
-
-@dataclass(frozen=True)
-class Header:
-    """As in ROS."""
-
-    stamp: Time
-    frame_id: str
 
 
 @dataclass(frozen=True)
@@ -47,24 +32,20 @@ class CustomMsg:
 
 def decoded(data: bytes, *, is_ros1: bool) -> CustomMsg:
     """The message in some bytes; ValueError if they are too few."""
-    order = "<" if is_ros1 or (len(data) > 1 and data[1] & 1) else ">"
-    try:
-        seconds, nanoseconds, length = struct.unpack_from(order + "3I", data, 4)
-        frame = data[16 : 16 + length].rstrip(b"\0").decode("utf-8", "replace")
-        at = 16 + length
-        if is_ros1:
-            at += 8 + 4 + 1 + 3
-        else:  # Behind the 4 bytes that say how it is packed, to a multiple of 8, and of 4.
-            at = 4 + (at - 4 + 7) // 8 * 8 + 8 + 4 + 1 + 3
-        (count,) = struct.unpack_from(order + "I", data, at)
-    except struct.error:
-        raise ValueError(f"the cloud has {len(data)} bytes, expected a whole CustomMsg") from None
+    order = order_of(data, is_ros1)
+    header, at = header_of(data, is_ros1)
+    if is_ros1:
+        at += 8 + 4 + 1 + 3
+    else:  # Behind the 4 bytes that say how it is packed, to a multiple of 8, and of 4.
+        at = 4 + (at - 4 + 7) // 8 * 8 + 8 + 4 + 1 + 3
+    if at + 4 > len(data):
+        raise ValueError(f"the cloud has {len(data)} bytes, expected a whole CustomMsg")
+    (count,) = struct.unpack_from(order + "I", data, at)
     kind = np.dtype(_POINT if is_ros1 else _PADDED)
     needed = at + 4 + count * kind.itemsize - (0 if is_ros1 or not count else 1)
     if len(data) < needed:
         raise ValueError(f"the cloud has {len(data)} bytes, expected {needed} for {count} points")
     table = np.frombuffer((data + b"\0")[at + 4 :], kind.newbyteorder(order), count)
-    header = Header(Time(seconds, nanoseconds), frame)
     return CustomMsg(header, table["offset_time"].astype(np.uint32), table["xyz"].astype(np.float32))
 
 
