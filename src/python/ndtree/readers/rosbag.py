@@ -59,6 +59,16 @@ class RosbagLog(SizedLog):
 
     Transforms, poses, cameras and the times of all scans are read when the log is opened, measurements while
     it is iterated. The length is the topics' number of messages.
+
+    Attributes
+    ----------
+    sensors : list of Sensor
+    sweeps : dict of str to Sweep
+        By topic, what the times of beams mean.
+    fixed_frame : str
+        Of the map.
+    time_offset : float
+        Added to the stamps of scans [s].
     """
 
     format = "rosbag"
@@ -140,7 +150,7 @@ class RosbagLog(SizedLog):
         super().__init__(path, dim=self._dimension(path, dim))
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
-        self._sweeps, said = understood(path, self.sensors, self._places, self.time_offset, deskew)
+        self.sweeps, said = understood(path, self.sensors, self._places, self.time_offset, deskew)
         self.notes = [*notes, *first.notes, *self._damage, *said]
         self.hint = _clocks(self.sensors[0], survey, self.spans)
         self.fixed_note = len(self.notes)
@@ -211,7 +221,7 @@ class RosbagLog(SizedLog):
                         raise ValueError(f"is of type {raw.connection.type}, expected {SENSOR_NAMES}")
                     message = bag.decoded(raw)
                     stamp = stamp_of(message, raw.received)
-                    beams = self._sweeps[name].applied(sensor.beams(message, stamp, self.no_return_range))
+                    beams = self.sweeps[name].applied(sensor.beams(message, stamp, self.no_return_range))
                 except ValueError as error:
                     self._skip("damaged messages", ValueError(f"{where}: {error}"))
                     continue

@@ -21,13 +21,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 #: Scans from all over the log, and beams of each, that are looked at.
-SCANS, BEAMS = 200, 400
+SCANS, BEAMS = 400, 400
 #: Yaws that are tried first [rad]; then steps of x, y [m], yaw [rad] and time [s], halved so many times.
 YAWS = np.radians(np.arange(-180, 180, 10))
 STEPS, HALVINGS = (0.04, 0.04, math.radians(4), 0.04), 6
 #: Edges of the cells [m], at first and at last.
 COARSE, FINE = 0.08, 0.02
-#: So far from the ends of the poses scans are left out, as the clock is not known yet [s].
+#: Beams that are measured within this time share a pose [s].
+TIME_STEP = 0.004
+#: So far from the ends of the poses beams are left out, as the clock is not known yet [s].
 SLACK = 0.3
 
 
@@ -79,7 +81,7 @@ class Mounting:
 def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | None = None) -> Mounting:
     """Find x, y and yaw of a mount, and the offset of the clock, at which scans agree best with each other.
 
-    The end points of 200 scans from all over the log are counted in cells of 8 to 2 cm; the entropy of the
+    The end points of 400 scans from all over the log are counted in cells of 8 to 2 cm; the entropy of the
     counts says over how many they spread. First yaws all around are tried, then each of the four in turn in
     ever smaller steps. Where the robot does not turn, x and y cannot be found, and stay as given; a log with
     drift finds what makes the drift look smallest.
@@ -105,7 +107,7 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
     points, stamps, numbers = _inside(points, stamps, numbers, first + SLACK, last - SLACK)
     if len(stamps) < 2:
         raise ValueError(f"{log.path}: {len(stamps)} scans with poses, expected at least two")
-    level = points @ given.rotation.T + given.position - [*given.position[:2], 0]
+    level = (points @ given.rotation.T + given.position - [*given.position[:2], 0]).T.copy()
     done = [0]
     total = len(YAWS) + HALVINGS * 16
 
@@ -119,8 +121,8 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
         except ValueError:
             return math.inf
         c, s = math.cos(yaw), math.sin(yaw)
-        mounted = level @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + [x, y, 0]
-        return entropy(np.einsum("nij,nj->ni", rotations[numbers], mounted) + positions[numbers], cell)
+        mounted = np.stack([c * level[0] - s * level[1] + x, s * level[0] + c * level[1] + y, level[2]])
+        return entropy(np.einsum("nij,jn->ni", rotations[numbers], mounted) + positions[numbers], cell)
 
     start = np.array([*given.position[:2], 0.0, 0.0])
     as_given = least = cells(start, COARSE)
@@ -154,10 +156,16 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
 
 
 def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """End points in the sensor's frame (n, 3), stamps of scans, and the number of each point's scan."""
+    """End points in the sensor's frame (n, 3), times of measuring, and the number of each point's time.
+
+    Beams that are measured one after the other have their own times, as where the log is mapped.
+    """
     sensor = log.sensors[0]
     step = max(1, sensor.topic.messages // SCANS)
-    points, stamps = [], []
+    points: list[Floats] = []
+    stamps: list[Floats] = []
+    numbers: list[NDArray[np.int64]] = []
+    known = 0
     with open_bag(log.path) as bag:
         for number, raw in enumerate(bag.messages([sensor.topic.name], on_damage=lambda error: None)):
             if number % step:
@@ -165,21 +173,25 @@ def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:
             try:
                 message = bag.decoded(raw)
                 stamp = stamp_of(message, raw.received)
-                beams = thinned(sensor.beams(message, stamp))
+                beams = thinned(log.sweeps[sensor.topic.name].applied(sensor.beams(message, stamp)))
             except ValueError:
                 continue
             stride = max(1, len(beams.points) // BEAMS)
             points.append(np.asarray(beams.points, dtype=np.float64)[::stride])
-            stamps.append(stamp + log.time_offset)
-    numbers = np.repeat(np.arange(len(points)), [len(one) for one in points])
-    every = np.concatenate(points) if points else np.zeros((0, 3))
-    return every, np.array(stamps), numbers
+            times = np.zeros(len(points[-1])) if beams.times is None else beams.times[::stride]
+            steps, which = np.unique(np.round(times / TIME_STEP), return_inverse=True)
+            stamps.append(stamp + log.time_offset + TIME_STEP * steps)
+            numbers.append(known + which)
+            known += len(steps)
+    if not points:
+        return np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=np.int64)
+    return np.concatenate(points), np.concatenate(stamps), np.concatenate(numbers)
 
 
 def _inside(
     points: Floats, stamps: Floats, numbers: NDArray[np.int64], first: float, last: float
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Only scans at times between two."""
+    """Only beams at times between two."""
     use = (stamps >= first) & (stamps <= last)
     of_point = use[numbers]
     return points[of_point], stamps[use], (np.cumsum(use) - 1)[numbers[of_point]]

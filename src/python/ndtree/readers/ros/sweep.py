@@ -24,7 +24,7 @@ LEAST_GAIN = 0.05
 #: Beams of a scan that are looked at, their lengths [m], and the cells in which they are counted [m].
 MOST_BEAMS, RANGES, CELL = 2000, (0.4, 12.0), 0.05
 #: Angles of the grids of cells [rad], and factors that make one number of a cell's three.
-GRIDS, KEY = (0.2, 0.6, 1.0, 1.4), np.array([1, 1 << 20, 1 << 40])
+GRIDS, KEY = (0.2, 0.6, 1.0, 1.4), (1, 1 << 20, 1 << 40)
 
 
 @dataclass(frozen=True)
@@ -179,12 +179,14 @@ def entropy(points: Floats, cell: float = CELL) -> float:
     """
     if not len(points):
         return 0.0
+    x, y, z = np.ascontiguousarray(points.T) / cell
     found = []
     for i, angle in enumerate(GRIDS):
         c, s = np.cos(angle), np.sin(angle)
-        turned = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        cells = np.floor(turned / cell + i / len(GRIDS)).astype(np.int64)
-        _, counts = np.unique(cells @ KEY, return_counts=True)
+        places = [
+            np.floor(one + i / len(GRIDS)).astype(np.int64) for one in (c * x - s * y, s * x + c * y, z)
+        ]
+        _, counts = np.unique(sum(factor * place for factor, place in zip(KEY, places)), return_counts=True)
         share = counts / counts.sum()
         found.append(float(-(share * np.log(share)).sum()))
     return float(np.mean(found))
