@@ -23,6 +23,8 @@ from ndtree.scan import Scan
 DEPTH_CAMERA = (0.005, 0.0015)
 #: A sigma is chosen between these [m]: poses are hardly better, and worse ones are not the sensor's noise.
 SIGMA_LIMITS = (0.005, 0.1)
+#: Growth that adds less than this share to sigma at the longest range is none.
+NEGLIGIBLE = 0.1
 #: So many scans are mapped at least to see what mapping costs, if there are as many.
 TRIED = 80
 #: Of the longest range that was measured, how far beams without return are believed.
@@ -129,11 +131,13 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         sigma, quadratic = DEPTH_CAMERA
     else:
         sigma, quadratic = _core.default_options()["range_sigma"], 0.0
+    longest = max((float(scan.returned_beams()[2].max(initial=0.0)) for scan in sample), default=0.0)
     sigma = _rounded(min(max(sigma, SIGMA_LIMITS[0]), SIGMA_LIMITS[1]))
+    if quadratic * longest**2 < NEGLIGIBLE * sigma:
+        quadratic = 0.0
     quadratic = _rounded(quadratic)
     said = judge(sample)
     limit = math.inf
-    longest = max((float(scan.returned_beams()[2].max(initial=0.0)) for scan in sample), default=0.0)
     if said.choice == "free" and said.share > 0 and longest > 0:
         limit = _rounded(BELIEVED * longest)
     return FirstLook(

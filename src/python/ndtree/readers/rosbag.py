@@ -15,6 +15,7 @@ from ndtree.readers.folder import TIME_OFFSET
 from ndtree.readers.log import SizedLog
 from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, Bag, Topic, open_bag
 from ndtree.readers.ros.beams import IMAGES, SENSORS, stamp_of
+from ndtree.readers.ros.clock import Clock
 from ndtree.readers.ros.deskew import in_map
 from ndtree.readers.ros.head import head_of
 from ndtree.readers.ros.outline import outline
@@ -69,6 +70,7 @@ class RosbagLog(SizedLog):
         Of the map.
     time_offset : float
         Added to the stamps of scans [s].
+    clock : Clock
     """
 
     format = "rosbag"
@@ -120,6 +122,8 @@ class RosbagLog(SizedLog):
                 raise WrongOption(f"{path}: {what}: is of one sensor, and there are {len(topics)}: {names}")
             source = _poses_topic(bag, odometry, poses)
             survey = Survey(bag, [one.name for one in topics], source)
+            self.clock = survey.clock
+            notes += [_begun_again(stamp) for stamp in self.clock.falls]
             for seen in survey.seen.values():
                 seen.stamps = [stamp + self.time_offset for stamp in seen.stamps]
             asked = Asked(fixed_frame, source, trajectory, still, mount, sensor_frame, base_frame)
@@ -150,7 +154,7 @@ class RosbagLog(SizedLog):
         super().__init__(path, dim=self._dimension(path, dim))
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
-        self.sweeps, said = understood(path, self.sensors, self._places, self.time_offset, deskew)
+        self.sweeps, said = understood(path, self.sensors, self._places, self.clock, self.time_offset, deskew)
         self.notes = [*notes, *first.notes, *self._damage, *said]
         self.hint = _clocks(self.sensors[0], survey, self.spans)
         self.fixed_note = len(self.notes)
@@ -209,7 +213,7 @@ class RosbagLog(SizedLog):
         with open_bag(self.path) as bag:
             messages = bag.messages(list(by_name), on_damage=lambda error: self._skip("damaged bags", error))
             if len(by_name) > 1:
-                messages = _in_order(messages)
+                messages = _in_order(messages, self.clock)
             numbers = dict.fromkeys(by_name, -1)
             for raw in messages:
                 name = raw.connection.topic
@@ -226,6 +230,7 @@ class RosbagLog(SizedLog):
                     self._skip("damaged messages", ValueError(f"{where}: {error}"))
                     continue
                 frame = plain(message.header.frame_id) if place.is_own else place.frame
+                stamp = self.clock.time(name, 1e-9 * raw.received, stamp)
                 try:
                     ends, origins = in_map(
                         place.tree, place.fixed_frame, frame, beams, stamp + self.time_offset
@@ -271,19 +276,24 @@ def _first_placed(
     raise wrong
 
 
-def _in_order(messages: Iterator[Raw]) -> Iterator[Raw]:
+def _in_order(messages: Iterator[Raw], clock: Clock) -> Iterator[Raw]:
     """Messages of several sensors in the order of their stamps, as far as they come soon enough."""
     waiting: list[tuple[float, int, Raw]] = []
     latest = -np.inf
     for number, raw in enumerate(messages):
         head = head_of(raw)
-        stamp = head[0] if head is not None else 1e-9 * raw.received
+        received = 1e-9 * raw.received
+        stamp = clock.time(raw.connection.topic, received, head[0] if head is not None else received)
         latest = max(latest, stamp)
         heapq.heappush(waiting, (stamp, number, raw))
         while waiting[0][0] < latest - LATEST:
             yield heapq.heappop(waiting)[2]
     while waiting:
         yield heapq.heappop(waiting)[2]
+
+
+def _begun_again(stamp: float) -> str:
+    return f"the clock begins again at {stamp:.3f} s: what follows is mapped as if it came later"
 
 
 def _clocks(sensor: Sensor, survey: Survey, spans: dict[str, tuple[float, float]]) -> str:

@@ -180,7 +180,8 @@ def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:
             points.append(np.asarray(beams.points, dtype=np.float64)[::stride])
             times = np.zeros(len(points[-1])) if beams.times is None else beams.times[::stride]
             steps, which = np.unique(np.round(times / TIME_STEP), return_inverse=True)
-            stamps.append(stamp + log.time_offset + TIME_STEP * steps)
+            begin = log.clock.time(sensor.topic.name, 1e-9 * raw.received, stamp) + log.time_offset
+            stamps.append(begin + TIME_STEP * steps)
             numbers.append(known + which)
             known += len(steps)
     if not points:

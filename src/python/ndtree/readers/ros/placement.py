@@ -86,14 +86,14 @@ def placed(path: str, survey: Survey, topic: str, asked: Asked, others: dict[str
     own = survey.seen[topic].frame
     frame = plain(asked.sensor_frame) if asked.sensor_frame is not None else own
     if asked.still:
-        return _still(path, survey, frame, asked)
+        return _still(path, survey, topic, frame, asked)
     if asked.trajectory is not None or asked.poses is not None:
         return _by_poses(path, survey, topic, frame, asked)
     return _by_transforms(path, survey, topic, frame, asked, others)
 
 
-def _still(path: str, survey: Survey, frame: str, asked: Asked) -> Placement:
-    tree = survey.tree.fixed_only()
+def _still(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
+    tree = survey.tree_of(topic, frame).fixed_only()
     if asked.mount is not None:
         base = plain(asked.base_frame or _BODY)
         tree.add_fixed(base, _mounted(frame), mount_of(asked.mount))
@@ -111,7 +111,7 @@ def _still(path: str, survey: Survey, frame: str, asked: Asked) -> Placement:
 
 def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
     """Poses of a body, or of the sensor itself, from a trajectory or a topic."""
-    tree = survey.tree.fixed_only()
+    tree = survey.tree_of(topic, frame).fixed_only()
     notes: list[str] = []
     child = survey.poses[0].child if survey.poses else ""
     body = plain(asked.base_frame or child)
@@ -171,7 +171,7 @@ def _add_poses(path: str, tree: TransformTree, rows: list[PoseRow], body: str, t
 def _by_transforms(
     path: str, survey: Survey, topic: str, frame: str, asked: Asked, others: dict[str, str]
 ) -> Placement:
-    tree, sensor = survey.tree, frame
+    tree, sensor = survey.tree_of(topic, frame), frame
     if asked.mount is not None:
         base = _base(path, tree, asked)
         sensor = _mounted(frame)

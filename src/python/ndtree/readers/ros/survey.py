@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Collection
-from dataclasses import dataclass, field
+from collections.abc import Collection, Hashable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ndtree.readers.ros.bag import Bag
 from ndtree.readers.ros.beams import CAMERA_INFO, short, stamp_of
+from ndtree.readers.ros.clock import Clock
 from ndtree.readers.ros.head import head_of
 from ndtree.readers.trajectory import Pose
 from ndtree.readers.transforms import TransformTree, is_transform, plain
@@ -27,6 +28,11 @@ POSES = (
     "geometry_msgs/msg/TransformStamped",
     PATH,
 )
+#: Topic, parent and child; when received, stamp [s], position and quaternion.
+_Edge = tuple[str, str, str]
+_Row = tuple[float, float, list[float], list[float]]
+#: What the clock calls the topic with poses.
+POSES_STREAM = "poses"
 POSE_NAMES = ", ".join(short(type) for type in POSES)
 
 
@@ -88,54 +94,100 @@ class Survey:
     Attributes
     ----------
     tree : TransformTree
-        All that is in /tf and /tf_static.
+        All that is in /tf and /tf_static, of all robots.
     seen : dict of str to Seen
     poses : list of PoseRow
     lags : list of float
         How long after their stamps poses and transforms were recorded [s].
     infos : dict of str to list of (float, message)
         CameraInfo with its stamps [s], by topic.
+    clock : Clock
+        Of sensors by topic, of poses by "poses".
     """
 
     def __init__(self, bag: Bag, sensors: Collection[str], poses: str | None = None) -> None:
-        self.tree = TransformTree()
         self.seen: dict[str, Seen] = {name: Seen() for name in sensors}
         self.poses: list[PoseRow] = []
         self.lags: list[float] = []
         self.infos: dict[str, list[tuple[float, Any]]] = {}
+        self._fixed: list[tuple[str, str, str, Pose]] = []
+        self._moving: dict[_Edge, list[_Row]] = {}
+        heads: dict[str, list[tuple[float, float, str]]] = {name: [] for name in sensors}
+        pose_rows: list[tuple[float, PoseRow]] = []
+        infos: list[tuple[str, float, Any]] = []
         whole = {topic.name for topic in bag.of_type(*TF, CAMERA_INFO)}
         if poses is not None:
             whole.add(poses)
         for raw in bag.messages(whole, heads=self.seen, on_damage=lambda error: None):
-            topic, type = raw.connection.topic, raw.connection.type
+            topic, type, received = raw.connection.topic, raw.connection.type, 1e-9 * raw.received
             if topic in self.seen and topic not in whole:
                 head = head_of(raw)
                 if head is not None:
-                    self.seen[topic].stamps.append(head[0])
-                    self.seen[topic].lags.append(1e-9 * raw.received - head[0])
-                    self.seen[topic].frames[head[1]] = self.seen[topic].frames.get(head[1], 0) + 1
+                    heads[topic].append((received, *head))
             elif topic == poses:
-                rows = _poses_in(bag.named(raw), raw.received)
-                self.poses += rows
-                self.lags += [1e-9 * raw.received - row.stamp for row in rows]
+                pose_rows += [(received, row) for row in _poses_in(bag.named(raw), raw.received)]
             elif type in TF:
-                self._add_transforms(bag.named(raw), raw.received, _is_static(topic))
+                self._note_transforms(topic, bag.named(raw), raw.received)
             elif type == CAMERA_INFO:
-                message = bag.named(raw)
-                self.infos.setdefault(topic, []).append((stamp_of(message, raw.received), message))
+                infos.append((topic, received, bag.named(raw)))
+        streams: dict[Hashable, list[tuple[float, float]]] = {
+            name: [(received, stamp) for received, stamp, _ in ones] for name, ones in heads.items()
+        }
+        streams.update({edge: [row[:2] for row in rows] for edge, rows in self._moving.items()})
+        streams[POSES_STREAM] = [(received, row.stamp) for received, row in pose_rows]
+        self.clock = Clock(streams)
+        for topic, ones in heads.items():
+            for received, stamp, frame in ones:
+                self.seen[topic].stamps.append(self.clock.time(topic, received, stamp))
+                self.seen[topic].lags.append(received - stamp)
+                self.seen[topic].frames[frame] = self.seen[topic].frames.get(frame, 0) + 1
+        for received, row in pose_rows:
+            self.lags.append(received - row.stamp)
+            self.poses.append(replace(row, stamp=self.clock.time(POSES_STREAM, received, row.stamp)))
+        for rows in self._moving.values():
+            self.lags += [received - stamp for received, stamp, _, _ in rows]
+        for topic, received, message in infos:
+            stamp = self.clock.time(topic, received, stamp_of(message, round(1e9 * received)))
+            self.infos.setdefault(topic, []).append((stamp, message))
+        self.tree = self._tree(None)
 
-    def _add_transforms(self, message: Any, received: int, is_static: bool) -> None:
+    def tree_of(self, topic: str, frame: str) -> TransformTree:
+        """The transforms that concern a topic.
+
+        Where robots share a bag, each has a /tf of its own, whose frames may have the same names: of
+        /robot1/scan those on /robot1/tf count and those on /tf, if they know the sensor's frame; else all.
+        """
+        spaces = {_space(name) for name, *_ in (*self._fixed, *self._moving)}
+        own = {one for one in spaces if not one or plain(topic).startswith(plain(one) + "/")}
+        if own < spaces:
+            tree = self._tree(own)
+            if len(tree.connected(frame)) > 1:
+                return tree
+        return self.tree
+
+    def _tree(self, spaces: Collection[str] | None) -> TransformTree:
+        tree = TransformTree()
+        for topic, parent, child, pose in self._fixed:
+            if spaces is None or _space(topic) in spaces:
+                tree.add_fixed(parent, child, pose)
+        for edge, rows in self._moving.items():
+            topic, parent, child = edge
+            if spaces is None or _space(topic) in spaces:
+                for received, stamp, position, quaternion in rows:
+                    tree.add(parent, child, self.clock.time(edge, received, stamp), position, quaternion)
+        return tree
+
+    def _note_transforms(self, topic: str, message: Any, received: int) -> None:
         for one in message.transforms:
             position, quaternion = _numbers(one.transform.translation, one.transform.rotation)
             if not is_transform(position, quaternion):
                 continue
             parent, child = one.header.frame_id, one.child_frame_id
-            if is_static:
-                self.tree.add_fixed(parent, child, Pose.from_quaternion(position, quaternion))
+            if posixpath.basename(topic) == "tf_static":
+                self._fixed.append((topic, parent, child, Pose.from_quaternion(position, quaternion)))
             else:
-                stamp = stamp_of(one, received)
-                self.tree.add(parent, child, stamp, position, quaternion)
-                self.lags.append(1e-9 * received - stamp)
+                rows = self._moving.setdefault((topic, parent, child), [])
+                rows.append((1e-9 * received, stamp_of(one, received), position, quaternion))
 
 
 def _poses_in(message: Any, received: int) -> list[PoseRow]:
@@ -153,8 +205,9 @@ def _poses_in(message: Any, received: int) -> list[PoseRow]:
     return [PoseRow(plain(message.header.frame_id), child, stamp_of(message, received), position, quaternion)]
 
 
-def _is_static(topic: str) -> bool:
-    return posixpath.basename(topic) == "tf_static"
+def _space(topic: str) -> str:
+    """The namespace of a topic: "" of /tf."""
+    return plain(posixpath.dirname(topic))
 
 
 def _numbers(position: Any, quaternion: Any) -> tuple[list[float], list[float]]:

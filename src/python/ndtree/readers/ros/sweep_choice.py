@@ -7,6 +7,7 @@ import numpy as np
 
 from ndtree.readers.ros.bag import Bag, open_bag
 from ndtree.readers.ros.beams import IMAGES, Beams, stamp_of
+from ndtree.readers.ros.clock import Clock
 from ndtree.readers.ros.placement import Placement
 from ndtree.readers.ros.sensors import Sensor
 from ndtree.readers.ros.sweep import AS_SAID, GROUP, OFF, Sweep, sharpest, turning
@@ -16,7 +17,12 @@ LONGER_THAN_INTERVAL = 1.2
 
 
 def understood(
-    path: str, sensors: list[Sensor], places: dict[str, Placement], time_offset: float, deskew: bool
+    path: str,
+    sensors: list[Sensor],
+    places: dict[str, Placement],
+    clock: Clock,
+    time_offset: float,
+    deskew: bool,
 ) -> tuple[dict[str, Sweep], list[str]]:
     """What the times of each sensor's beams mean, and a line for each that is not what its messages say.
 
@@ -46,7 +52,7 @@ def understood(
             place = places[name]
             stamps = np.array(sensor.seen.stamps)
             starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
-            groups = _groups(bag, sensor, starts, time_offset)
+            groups = _groups(bag, sensor, starts, clock, time_offset)
         if groups:
             sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups, base)
             sweeps[name] = sweep
@@ -71,7 +77,7 @@ def _duration(bag: Bag, sensor: Sensor) -> tuple[float, bool]:
 
 
 def _groups(
-    bag: Bag, sensor: Sensor, starts: list[int], time_offset: float
+    bag: Bag, sensor: Sensor, starts: list[int], clock: Clock, time_offset: float
 ) -> list[list[tuple[Beams, float]]]:
     """Scans that follow each other from some numbers on."""
     if not starts:
@@ -88,5 +94,6 @@ def _groups(
                 beams = sensor.beams(message, stamp)
             except ValueError:
                 continue
-            groups[wanted[number]].append((beams, stamp + time_offset))
+            at = clock.time(sensor.topic.name, 1e-9 * raw.received, stamp) + time_offset
+            groups[wanted[number]].append((beams, at))
     return [group for group in groups.values() if len(group) > 1]
