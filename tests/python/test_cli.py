@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import json
 import os
@@ -87,6 +88,21 @@ def test_map_writes_the_map_that_the_library_makes(log: Path, tmp_path: Path) ->
     assert f"wrote {target} and {picture}" in done.output
 
 
+def test_a_map_that_nobody_named_has_the_name_of_its_log(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    packed = tmp_path / "a.b.txt.gz"
+    packed.write_bytes(gzip.compress(log.read_bytes()))
+    done = run("map", packed, "--every", 10)
+    assert done.exit_code == 0 and "ndtree view a.b.ndt" in done.output
+    before = (tmp_path / "a.b.ndt").read_bytes()
+    done = run("map", packed, "--every", 5)
+    assert done.exit_code == 2 and "a.b.ndt: is there already, expected -o MAP" in done.output
+    assert (tmp_path / "a.b.ndt").read_bytes() == before
+    assert run("map", packed, "--every", 5, "-o", "a.b.ndt").exit_code == 0
+
+
 def test_map_fixed_and_3d(log_3d: Path, tmp_path: Path) -> None:
     target, picture = tmp_path / "a.ndt", tmp_path / "a.png"
     done = run("map", log_3d, "-o", target, "--fixed", "--min-cell-size", 0.2, "--picture", picture)
@@ -160,7 +176,7 @@ def test_info_of_a_log_and_of_a_map(log: Path, log_3d: Path, tmp_path: Path) -> 
 
 def test_info_of_a_long_log_keeps_a_sample_of_its_ranges(log_3d: Path, monkeypatch: Any) -> None:
     whole = json.loads(run("info", log_3d, "--json", "-").stdout)["range"]
-    monkeypatch.setattr("ndtree.commands.RANGE_SAMPLE", 5000)
+    monkeypatch.setattr("ndtree.commands.figures.RANGE_SAMPLE", 5000)
     sample = json.loads(run("info", log_3d, "--json", "-").stdout)["range"]
     assert sample["max"] == whole["max"]
     assert sample["median"] == pytest.approx(whole["median"], rel=0.1)
@@ -396,7 +412,7 @@ def test_wrong_calls_end_with_one_line_and_status_2(
 
 
 @pytest.mark.parametrize(
-    "arguments", [("fly",), ("map", "LOG"), ("compare", "LOG", "--held-out", "x"), ("info", "--fast")]
+    "arguments", [("fly",), ("map",), ("compare", "LOG", "--held-out", "x"), ("info", "--fast")]
 )
 def test_what_is_no_call_at_all_has_status_2(arguments: tuple[str, ...], log: Path) -> None:
     done = run(*(str(log) if argument == "LOG" else argument for argument in arguments))

@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The commands of the command line, one file each, in the order of the help.
+
+Imports run one way: app, options, output ← logs ← figures, pictures, comparing ← the commands.
+"""
+
+# isort: off
+from ndtree.commands import demo, map_log, compare, calibrate, view, convert, info
+from ndtree.commands.app import app
+# isort: on
+
+__all__ = ["app", "calibrate", "compare", "convert", "demo", "info", "map_log", "view"]

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command line itself: its name, its help, and how a command ends where something is wrong."""
+
+import functools
+import sys
+from typing import Annotated, Any, Callable
+
+import numpy as np
+import typer
+
+import ndtree
+from ndtree.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
+
+
+def examples(*lines: str) -> str:
+    return "\n\n".join(("Examples:", *lines))
+
+
+app = typer.Typer(
+    name="ndtree",
+    help="Occupancy maps whose cells adapt to what is measured.",
+    epilog="Exit status: 0 done, 1 the input is bad, 2 the call is wrong.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
+    """Ends a command with one line and the right exit status where the input or the call is bad."""
+
+    @functools.wraps(command)
+    def guarded(**arguments: Any) -> None:
+        try:
+            with np.errstate(all="ignore"):  # Absurd numbers in a log are counted, or refused by name.
+                command(**arguments)
+        except BrokenPipeError:
+            raise
+        except WrongCall as error:
+            _end(str(error), WRONG_CALL)
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            _end(f"{where}{error.strerror or error}", BAD_INPUT)
+        except ImportError as error:
+            _end(str(error), WRONG_CALL)
+        except (ValueError, MemoryError, RuntimeError) as error:
+            _end(str(error) or "not enough memory", BAD_INPUT)
+
+    return guarded
+
+
+def _end(message: str, status: int) -> None:
+    print(f"ndtree: {' '.join(message.split())}", file=sys.stderr)
+    raise typer.Exit(status)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"ndtree {ndtree.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
