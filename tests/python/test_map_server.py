@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Images for map_server say to others, cell by cell, what the map says.
+
+Debian 12 has no map_server. It has MRPT, whose reader of its files is not ours; where it is installed
+(``apt-get install --no-install-recommends g++ libeigen3-dev libmrpt-maps-dev``), it reads what is written.
+``NDTREE_MRPT`` may name another place than / where MRPT was unpacked.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ndtree
+
+SIZE = 0.1
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """A map's YAML file, and the states that its cells have, (x, y) from the lower left on."""
+    rng = np.random.default_rng(5)
+    states = rng.choice([-1, 0, 1], size=(37, 23), p=[0.3, 0.4, 0.3]).astype(np.int8)
+    states[[0, -1]] = states[:, [0, -1]] = 1  # What is unknown at the rim is not written.
+    m = ndtree.from_grid(states, [-1.3, 0.7], SIZE)
+    path = tmp_path_factory.mktemp("map") / "hall.yaml"
+    ndtree.convert(m, path)
+    return path, states
+
+
+def served(path: Path) -> tuple[np.ndarray, list[float]]:
+    """What map_server publishes by its documentation, (x, y): 0 to 100, -1 unknown; and the origin."""
+    yaml, pil = pytest.importorskip("yaml"), pytest.importorskip("PIL.Image")
+    about = yaml.safe_load(path.read_text())
+    assert about["resolution"] == SIZE and about["origin"][2] == 0
+    with pil.open(path.parent / about["image"]) as image:
+        grey = np.asarray(image.convert("L")).astype(float)
+    p = grey / 255 if about["negate"] else (255 - grey) / 255
+    low, high = about["free_thresh"], about["occupied_thresh"]
+    values = np.full(p.shape, -1)
+    values[p > high], values[p < low] = 100, 0
+    assert about["mode"] == "trinary"
+    return values[::-1].T, about["origin"][:2]
+
+
+def test_map_server_would_serve_what_the_map_says(written: tuple[Path, np.ndarray]) -> None:
+    path, states = written
+    values, origin = served(path)
+    np.testing.assert_allclose(origin, [-1.3, 0.7])
+    np.testing.assert_array_equal(values, np.array([-1, 0, 100])[states + 1])
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, str]]:
+    """A program that prints what MRPT reads, and its environment."""
+    root = Path(os.environ.get("NDTREE_MRPT", "/"))
+    headers = sorted((root / "usr/include/mrpt").glob("*/include"))
+    libraries = sorted(root.glob("usr/lib/*/libmrpt-*.so"))
+    compiler = shutil.which("g++")
+    if compiler is None or not libraries or not headers:
+        pytest.skip("no MRPT: see the head of the file for what to install")
+    program = tmp_path_factory.mktemp("mrpt") / "read_map"
+    folder = libraries[0].parent
+    includes = [*headers, root / "usr/include", Path("/usr/include/eigen3")] if root != Path("/") else [
+        *headers, Path("/usr/include/eigen3"),
+    ]  # fmt: skip
+    command = [compiler, "-std=c++17", *(f"-isystem{one}" for one in includes)]
+    command += [str(Path(__file__).parent / "mrpt" / "read_map.cpp"), "-o", str(program), f"-L{folder}"]
+    command += [f"-l{one.name[3:-3]}" for one in libraries]
+    command += [f"-Wl,-rpath-link,{folder}", "-Wl,--unresolved-symbols=ignore-in-shared-libs"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    places = sorted({str(one.parent) for one in root.glob("usr/lib/**/*.so*")}) if root != Path("/") else []
+    return program, {**os.environ, "LD_LIBRARY_PATH": ":".join(places)}
+
+
+def test_mrpt_reads_every_cell(written: tuple[Path, np.ndarray], reader: tuple[Path, dict[str, str]]) -> None:
+    (path, states), (program, environment) = written, reader
+    done = subprocess.run([program, path], env=environment, capture_output=True, text=True, check=True)
+    head, *rows = done.stdout.splitlines()
+    columns, lines, x, y, size = (float(word) for word in head.split())
+    assert (columns, lines) == states.shape
+    np.testing.assert_allclose([x, y, size], [-1.3, 0.7, SIZE], rtol=1e-6)
+    free = np.array(rows, dtype=float).reshape(int(lines), int(columns)).T
+    expected = np.array([0.5, 1.0, 0.0])[states + 1]
+    np.testing.assert_allclose(free, expected, atol=0.01)
