@@ -84,7 +84,15 @@ def test_only_stamps_that_stay_low_begin_again() -> None:
     def streams(*stamps: float) -> Clock:
         return Clock({"a": [(float(i), stamp) for i, stamp in enumerate(stamps)], "b": [(0.0, 0.0)]})
 
-    for stamps in ([1, 2, 3, 4], [9, 2, 10, 11], [9, 10, 2], [9, 8, 9, 7.5], [5, 5, 5], [9, 2, 2.1, 9.1, 2.2, 2.3, 9.2], []):
+    for stamps in (
+        [1, 2, 3, 4],
+        [9, 2, 10, 11],
+        [9, 10, 2],
+        [9, 8, 9, 7.5],
+        [5, 5, 5],
+        [9, 2, 2.1, 9.1, 2.2, 2.3, 9.2],
+        [],
+    ):
         assert not streams(*stamps).falls
     stamps = [100, 101, 3, 4, 5, 6, 7, 8, 1, 2]
     clock = streams(*stamps)
