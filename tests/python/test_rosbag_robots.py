@@ -499,9 +499,11 @@ def test_old_bags_are_named(tmp_path: Path) -> None:
 # --- Finding the mount ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("sweep", [0.0, 0.09])
-def test_the_mount_is_found_where_the_map_is_sharpest(ros2: Messages, sweep: float, tmp_path: Path) -> None:
-    """A body that winds through a room, with a laser that sits askew on it and whose clock is off."""
+@pytest.mark.parametrize("sweep, side", [(0.0, 1), (0.09, -1)])
+def test_the_mount_is_found_where_the_map_is_sharpest(
+    ros2: Messages, sweep: float, side: int, tmp_path: Path
+) -> None:
+    """A body that winds through a room, its laser sits askew on it or hangs, and the clock is off."""
     from ndtree.readers.ros.mounting import find_mount
     from ndtree.readers.rosbag import RosbagLog
 
@@ -528,7 +530,7 @@ def test_the_mount_is_found_where_the_map_is_sharpest(ros2: Messages, sweep: flo
             bx, by, turn = body(t + after)
             c, s = np.cos(turn), np.sin(turn)
             place = (bx + c * x - s * y, by + s * x + c * y)
-            ranges.append(to_wall(*place, turn + yaw + angle) + generator.normal(0, 0.005))
+            ranges.append(to_wall(*place, turn + yaw + side * angle) + generator.normal(0, 0.005))
         stamp = START + t - offset
         laser = ros2.laser(
             stamp,
@@ -546,6 +548,7 @@ def test_the_mount_is_found_where_the_map_is_sharpest(ros2: Messages, sweep: flo
     assert found.x == pytest.approx(x, abs=0.01) and found.y == pytest.approx(y, abs=0.01)
     assert found.yaw == pytest.approx(yaw, abs=0.01)
     assert found.time_offset == pytest.approx(offset, abs=0.01)
+    assert abs(found.others[1]) == pytest.approx(0 if side > 0 else np.pi, abs=1e-6)
     assert found.gain > 0.5 and found.flags.startswith("--mount 0.1")
     mount = found.flags.split()[1]
     assert off_walls(read(path, poses="/pose", mount=mount, time_offset=found.time_offset)) < 0.03

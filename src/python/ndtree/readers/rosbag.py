@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import heapq
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE, check_stride
 from ndtree.readers.folder import TIME_OFFSET
 from ndtree.readers.log import SizedLog
-from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, Bag, Topic, open_bag
+from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, Bag, Topic, open_bag
 from ndtree.readers.ros.beams import IMAGES, SENSORS, stamp_of
 from ndtree.readers.ros.clock import Clock
 from ndtree.readers.ros.deskew import in_map
@@ -325,15 +326,20 @@ def _poses_topic(bag: Bag, odometry: str | None, poses: str | None) -> str | Non
 def _recognises(source: Source) -> bool:
     if source.is_folder:
         return METADATA in source.names or any(name.endswith(ENDINGS) for name in source.names)
-    return source.head.startswith(MAGICS)
+    return source.head.startswith((*MAGICS, METADATA_BEGINS))
+
+
+def _bag_of(source: Source) -> str:
+    """The path of the bag: of its metadata.yaml, the folder."""
+    return os.path.dirname(source.path) or "." if source.head.startswith(METADATA_BEGINS) else source.path
 
 
 def _open(source: Source, *, dim: int | None = None, **options: Any) -> RosbagLog:
-    return RosbagLog(source.path, dim=dim, **options)
+    return RosbagLog(_bag_of(source), dim=dim, **options)
 
 
 def _contents(source: Source) -> dict[str, Any]:
-    with open_bag(source.path) as bag:
+    with open_bag(_bag_of(source)) as bag:
         return outline(bag)
 
 

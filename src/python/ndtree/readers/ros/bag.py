@@ -17,7 +17,7 @@ from ndtree.readers.ros import livox, mcap_file, multi_echo, ros1_file, sqlite_f
 from ndtree.readers.ros.storage import Connection, OnDamage, Raw, Storage, line_of
 from ndtree.readers.transforms import plain
 
-METADATA = "metadata.yaml"
+METADATA, METADATA_BEGINS = "metadata.yaml", b"rosbag2_bagfile_information:"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 ENDINGS = (".db3", ".mcap", ".bag", ".db3.zstd", ".mcap.zstd", ".bag.active")
 #: First bytes of the files that bags consist of.
@@ -297,4 +297,4 @@ def _raised(error: ValueError) -> None:
     raise error
 
 
-__all__ = ["ENDINGS", "MAGICS", "METADATA", "Bag", "Connection", "Topic", "open_bag"]
+__all__ = ["ENDINGS", "MAGICS", "METADATA", "METADATA_BEGINS", "Bag", "Connection", "Topic", "open_bag"]

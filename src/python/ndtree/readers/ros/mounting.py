@@ -27,6 +27,8 @@ YAWS = np.radians(np.arange(-180, 180, 10))
 STEPS, HALVINGS = (0.04, 0.04, math.radians(4), 0.04), 6
 #: Edges of the cells [m], at first and at last.
 COARSE, FINE = 0.08, 0.02
+#: A planar sensor may hang upside down, if its map is then smaller by this much (in logarithms).
+UPSIDE_DOWN, SURELY = np.diag([1.0, -1.0, -1.0]), 0.05
 #: Beams that are measured within this time share a pose [s].
 TIME_STEP = 0.004
 #: So far from the ends of the poses beams are left out, as the clock is not known yet [s].
@@ -82,9 +84,9 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
     """Find x, y and yaw of a mount, and the offset of the clock, at which scans agree best with each other.
 
     The end points of 400 scans from all over the log are counted in cells of 8 to 2 cm; the entropy of the
-    counts says over how many they spread. First yaws all around are tried, then each of the four in turn in
-    ever smaller steps. Where the robot does not turn, x and y cannot be found, and stay as given; a log with
-    drift finds what makes the drift look smallest.
+    counts says over how many they spread. First yaws all around are tried, of a planar sensor also upside
+    down, then each of the four in turn in ever smaller steps. Where the robot does not turn, x and y cannot
+    be found, and stay as given; a log with drift finds what makes the drift look smallest.
 
     Parameters
     ----------
@@ -107,11 +109,15 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
     points, stamps, numbers = _inside(points, stamps, numbers, first + SLACK, last - SLACK)
     if len(stamps) < 2:
         raise ValueError(f"{log.path}: {len(stamps)} scans with poses, expected at least two")
-    level = (points @ given.rotation.T + given.position - [*given.position[:2], 0]).T.copy()
+    rotations_given = [given.rotation]
+    if log.sensors[0].is_planar:
+        rotations_given.append(given.rotation @ UPSIDE_DOWN)
+    height = np.array([0, 0, given.position[2]])
+    levels = [(points @ rotation.T + height).T.copy() for rotation in rotations_given]
     done = [0]
-    total = len(YAWS) + HALVINGS * 16
+    total = len(levels) * len(YAWS) + HALVINGS * 16
 
-    def cells(mount: Floats, cell: float) -> float:
+    def cells(mount: Floats, cell: float, level: Floats) -> float:
         x, y, yaw, offset = mount
         if progress is not None:
             done[0] += 1
@@ -125,17 +131,19 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
         return entropy(np.einsum("nij,jn->ni", rotations[numbers], mounted) + positions[numbers], cell)
 
     start = np.array([*given.position[:2], 0.0, 0.0])
-    as_given = least = cells(start, COARSE)
-    best = start
-    for yaw in YAWS:
-        trial = start + np.array([0, 0, yaw, 0])
-        value = cells(trial, COARSE)
-        if value < least:
-            best, least = trial, value
+    as_given = least = cells(start, COARSE, levels[0])
+    best, level, rotation = start, levels[0], given.rotation
+    for number, turned in enumerate(levels):
+        needed = SURELY if number else 0.0
+        for yaw in YAWS:
+            trial = start + np.array([0, 0, yaw, 0])
+            value = cells(trial, COARSE, turned) + needed
+            if value < least:
+                best, least, level, rotation = trial, value, turned, rotations_given[number]
     steps = np.array(STEPS)
     for _ in range(HALVINGS):
         fine = max(COARSE * steps[0] / STEPS[0], FINE)
-        least = cells(best, fine)
+        least = cells(best, fine, level)
         improved = True
         while improved:
             improved = False
@@ -143,15 +151,15 @@ def find_mount(log: RosbagLog, *, progress: Callable[[str, int, int], None] | No
                 for sign in (1, -1):
                     trial = best.copy()
                     trial[axis] += sign * steps[axis]
-                    value = cells(trial, fine)
+                    value = cells(trial, fine, level)
                     if value < least - 1e-6:
                         best, least, improved = trial, value, True
         steps = steps / 2
-    yaw, pitch, roll = _angles(given.rotation)
+    yaw, pitch, roll = _angles(rotation)
     turned = (yaw + best[2] + math.pi) % (2 * math.pi) - math.pi
     others = (float(given.position[2]), roll, pitch)
     offset = log.time_offset + float(best[3])
-    gain = 1 - math.exp(cells(best, COARSE) - as_given)
+    gain = 1 - math.exp(cells(best, COARSE, level) - as_given)
     return Mounting(float(best[0]), float(best[1]), turned, others, offset, gain)
 
 

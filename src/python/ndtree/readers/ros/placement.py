@@ -172,7 +172,7 @@ def _by_transforms(
     path: str, survey: Survey, topic: str, frame: str, asked: Asked, others: dict[str, str]
 ) -> Placement:
     tree, sensor = survey.tree_of(topic, frame), frame
-    if asked.mount is not None:
+    if asked.mount is not None and tree.frames():
         base = _base(path, tree, asked)
         sensor = _mounted(frame)
         tree.add_fixed(base, sensor, mount_of(asked.mount))
@@ -205,11 +205,7 @@ def _base(path: str, tree: TransformTree, asked: Asked) -> str:
     for usual in _BASES:
         if usual in frames:
             return usual
-    raise ValueError(
-        f"{path}: mount: on which frame? Expected --base-frame as one of {_listed(frames)}"
-        if frames
-        else f"{path}: mount: there is no /tf, expected poses, odometry, trajectory or still besides"
-    )
+    raise ValueError(f"{path}: mount: on which frame? Expected --base-frame as one of {_listed(frames)}")
 
 
 def _fixed_frame(path: str, tree: TransformTree, sensor: str, wanted: str | None, stamps: np.ndarray) -> str:
