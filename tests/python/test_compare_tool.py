@@ -535,3 +535,38 @@ def test_beams_without_return_can_be_left_out(tmp_path):
     assert (beams["free"]["returned"], beams["free"]["not_returned"]) == (50, 50)
     assert (beams["ignore"]["returned"], beams["ignore"]["not_returned"]) == (50, 0)
     assert call(str(log), "--no-return", "guess").returncode == 2
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda room: [scan.only(slice(None, None, 6)) for scan in room(0.2, scans=341)],
+        lambda room: room(0.01, gate=True),
+        lambda room: room(0.003, scans=20),
+        lambda room: [stacked(scan, 30) for scan in room(0.1, scans=4)],
+    ],
+    ids=["many scans", "a gate", "few", "many beams in space"],
+)
+def test_the_log_decides_what_beams_without_return_say_as_in_python(make, tmp_path):
+    ndtree = pytest.importorskip("ndtree")
+    from test_no_returns import room, written
+
+    path = written(make(room), tmp_path / "log.npz")
+    log = ndtree.read(path)
+    runs, _, _ = ndtree.sampling.spread(log)
+    expected = ndtree.no_returns.judge([scan for run in runs for scan in run])
+    report = tmp_path / "report.json"
+    done = call(path, "--maps", "fixed", "--held-out", "0", "--repeat", "1", "--json", report)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0] == str(expected)
+    assert json.loads(report.read_text())["parameters"]["no_return"] == expected.choice
+    assert expected.beams > 0
+
+
+def stacked(scan, layers):
+    """A scan of a plane in so many planes of space."""
+    ndtree = pytest.importorskip("ndtree")
+    heights = np.repeat(np.linspace(0, 2, layers), len(scan))
+    points = np.column_stack([np.tile(scan.endpoints, (layers, 1)), heights])
+    origin = np.append(scan.origin, 1.0)
+    return ndtree.Scan(points, origin, np.tile(scan.returned, layers), scan.stamp)

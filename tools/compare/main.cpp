@@ -20,6 +20,7 @@
 #include "comparison.hpp"
 #include "log_input.hpp"
 #include "ndtree/version.hpp"
+#include "no_returns.hpp"
 #include "report.hpp"
 
 namespace {
@@ -34,7 +35,7 @@ struct Call {
   std::string world;
   std::optional<int> dim;
   std::size_t limit = std::numeric_limits<std::size_t>::max();
-  std::string no_return = "free";
+  std::string no_return = "auto";
   std::string maps = ndtree::kHaveOctomap ? "adaptive,fixed,octomap" : "adaptive,fixed";
   std::string json;
   std::string csv;
@@ -94,8 +95,9 @@ void declare(CLI::App& app, Call& call) {
   app.add_option("--max-range", call.options.max_range,
                  "longer beams say only that the space up to there is free [m]; by default unlimited");
   app.add_option("--no-return", call.no_return,
-                 "what a beam without return says: free, up to its end point; or ignore, nothing")
-      ->check(CLI::IsMember({"free", "ignore"}))
+                 "what a beam without return says: free, up to its end point; or ignore, nothing; auto: the "
+                 "log decides, as in Python")
+      ->check(CLI::IsMember({"auto", "free", "ignore"}))
       ->capture_default_str();
   app.add_option("--held-out", call.options.held_out,
                  "every K-th scan is not mapped but tests the maps; 0: none")
@@ -154,13 +156,19 @@ void run(const Call& call) {
   show_progress("reading", 0.0);
   ndtree::Log log = call.world.empty() ? ndtree::read_log(call.log, call.dim, call.limit)
                                        : ndtree::simulate_log(call.world, call.dim, call.limit);
-  if (call.no_return == "ignore") ndtree::keep_returned(log);
+  std::string no_return = call.no_return, why;
+  if (no_return == "auto") {
+    const ndtree::NoReturns found = ndtree::judge_no_returns(log);
+    no_return = found.are_free ? "free" : "ignore";
+    if (found.beams != 0) why = found.to_text() + "\n";
+  }
+  if (no_return == "ignore") ndtree::keep_returned(log);
   auto report = ndtree::to_json(ndtree::compare(log, call.options, show_progress));
-  report["parameters"]["no_return"] = call.no_return;
+  report["parameters"]["no_return"] = no_return;
   show_progress("", 1.0);
   if (!call.json.empty()) ndtree::write_report(call.json, ndtree::to_text(report));
   if (!call.csv.empty()) ndtree::write_report(call.csv, ndtree::to_csv(report));
-  std::cout << ndtree::to_table(report) << std::flush;
+  std::cout << why << ndtree::to_table(report) << std::flush;
 }
 
 /// One line of printable characters, whatever a log holds.
