@@ -22,7 +22,7 @@ from scipy.spatial import transform as spatial
 import ndtree
 from ndtree.readers import read
 from ndtree.readers.ros import multi_echo
-from ndtree.readers.trajectory import read_trajectory
+from ndtree.readers.trajectory_files import read_trajectory
 
 Rotation = spatial.Rotation
 START = 1.7e9

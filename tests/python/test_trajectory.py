@@ -9,14 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ndtree.readers.trajectory import (
-    STAMP_TOLERANCE,
-    Pose,
-    Trajectory,
-    matrices_of,
-    quaternions_of,
-    read_trajectory,
-)
+from ndtree.readers.pose import Pose, matrices_of, quaternions_of
+from ndtree.readers.trajectory import STAMP_TOLERANCE, Trajectory
+from ndtree.readers.trajectory_files import read_trajectory
 
 spatial = pytest.importorskip("scipy.spatial.transform")
 

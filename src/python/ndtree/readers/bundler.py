@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ndtree.readers.plain_file import open_plain
+from ndtree.readers.pose import nearest_rotations
 from ndtree.readers.source import Format, Source, require_dim
-from ndtree.readers.trajectory import nearest_rotations
 from ndtree.readers.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, Model, ModelLog
 
 MAGIC = b"# Bundle file v"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ndtree.readers.failures import one_line
 from ndtree.readers.las_files import INSTALL, las_points
 from ndtree.readers.plain_file import open_regular
-from ndtree.readers.trajectory import Pose
+from ndtree.readers.pose import Pose
 
 Points = NDArray[np.floating[Any]]
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.readers.plain_file import open_regular, text_lines
+from ndtree.readers.pose import Pose
 from ndtree.readers.source import Format, Source, require_dim
-from ndtree.readers.trajectory import Pose
 from ndtree.readers.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, SfmLog, Triangulation
 from ndtree.scan import Scan
 

@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.readers.log import SizedLog
+from ndtree.readers.pose import Pose
 from ndtree.readers.source import ReaderOption
-from ndtree.readers.trajectory import NoPose, Pose, Trajectory, read_times, read_trajectory, trajectory_kind
+from ndtree.readers.trajectory import NoPose, Trajectory
+from ndtree.readers.trajectory_files import read_times, read_trajectory, trajectory_kind
 from ndtree.scan import Scan
 
 TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to find their poses [s].")

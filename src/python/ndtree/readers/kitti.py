@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from ndtree.readers.failures import one_line
 from ndtree.readers.folder import TIME_OFFSET, FolderLog, PosesOfFiles
 from ndtree.readers.plain_file import open_regular, text_lines
+from ndtree.readers.pose import Pose
 from ndtree.readers.source import Format, Source, require_dim
-from ndtree.readers.trajectory import TRAJECTORY, Pose
+from ndtree.readers.trajectory_files import TRAJECTORY
 
 SCANS = "velodyne"
 CALIBRATION = "calib.txt"

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ndtree.readers.log import SizedLog
 from ndtree.readers.plain_file import DamagedStream, PlainFile, open_plain
+from ndtree.readers.pose import Pose
 from ndtree.readers.source import Format, Source, require_dim
-from ndtree.readers.trajectory import Pose
 from ndtree.scan import Scan
 
 #: Vectors and quaternions begin with the number of their coordinates.

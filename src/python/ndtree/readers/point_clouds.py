@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from ndtree.readers.cloud_files import kind_of_file, kind_of_name, pcd_viewpoint, points_of_file
 from ndtree.readers.folder import TIME_OFFSET, FolderLog, PosesOfFiles, number_in, stamp_in, stem_of
+from ndtree.readers.pose import Pose
 from ndtree.readers.source import Format, ReaderOption, Source, require_dim
-from ndtree.readers.trajectory import TRAJECTORY, Pose, read_pose, trajectory_kind
+from ndtree.readers.trajectory_files import TRAJECTORY, read_pose, trajectory_kind
 
 POINTS_IN = ReaderOption("points_in", str, "Frame of the points of point clouds: sensor or map; else sensor.")
 FRAMES = ("sensor", "map")

@@ -27,7 +27,8 @@ from ndtree.readers.ros.survey import ODOMETRY as ODOMETRY_TYPE
 from ndtree.readers.ros.survey import POSE_NAMES, POSES, Survey
 from ndtree.readers.ros.sweep_choice import understood
 from ndtree.readers.source import Format, ReaderOption, Source, WrongOption
-from ndtree.readers.trajectory import TRAJECTORY, NoPose
+from ndtree.readers.trajectory import NoPose
+from ndtree.readers.trajectory_files import TRAJECTORY
 from ndtree.readers.transforms import plain
 from ndtree.scan import Scan
 

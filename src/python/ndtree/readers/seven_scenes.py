@@ -20,8 +20,9 @@ from ndtree.readers.depth_image import (
 from ndtree.readers.failures import one_line
 from ndtree.readers.folder import FolderLog
 from ndtree.readers.plain_file import text_lines
+from ndtree.readers.pose import Pose
 from ndtree.readers.source import Format, Source, require_dim
-from ndtree.readers.trajectory import Pose, read_pose
+from ndtree.readers.trajectory_files import read_pose
 
 #: Where the folder has no camera-intrinsics.txt.
 DEFAULT_CAMERA = Camera(585.0, 585.0, 320.0, 240.0, scale=1000.0)

@@ -8,7 +8,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree.readers.trajectory import Pose, Trajectory, matrices_of, unit_quaternions
+from ndtree.readers.pose import Pose, matrices_of, unit_quaternions
+from ndtree.readers.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 

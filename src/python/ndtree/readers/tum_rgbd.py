@@ -20,8 +20,10 @@ from ndtree.readers.depth_image import (
 )
 from ndtree.readers.folder import TIME_OFFSET, FolderLog
 from ndtree.readers.plain_file import text_lines
+from ndtree.readers.pose import Pose
 from ndtree.readers.source import Format, Source, require_dim
-from ndtree.readers.trajectory import TRAJECTORY, Pose, Trajectory, read_trajectory
+from ndtree.readers.trajectory import Trajectory
+from ndtree.readers.trajectory_files import TRAJECTORY, read_trajectory
 
 #: Depth images of the benchmark are made for this camera, whichever recorded them.
 DEFAULT_CAMERA = Camera(525.0, 525.0, 319.5, 239.5, scale=5000.0)

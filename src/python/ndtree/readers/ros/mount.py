@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from ndtree.readers.trajectory import Pose
+from ndtree.readers.pose import Pose
 
 EXPECTED = "expected x,y,z,roll,pitch,yaw or x,y,yaw, lengths in metres, angles in radians or as in 90deg"
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from ndtree.readers.ros.mount import mount_of
 from ndtree.readers.ros.survey import PoseRow, Survey, share_within
-from ndtree.readers.trajectory import STAMP_TOLERANCE, read_trajectory
+from ndtree.readers.trajectory import STAMP_TOLERANCE
+from ndtree.readers.trajectory_files import read_trajectory
 from ndtree.readers.transforms import TransformTree, plain
 
 USUAL = ("map", "odom", "world")

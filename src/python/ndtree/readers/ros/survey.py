@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.readers.pose import Pose
 from ndtree.readers.ros.bag import Bag
 from ndtree.readers.ros.beams import CAMERA_INFO, short, stamp_of
 from ndtree.readers.ros.clock import Clock
 from ndtree.readers.ros.head import head_of
-from ndtree.readers.trajectory import Pose
 from ndtree.readers.transforms import TransformTree, is_transform, plain
 
 TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")

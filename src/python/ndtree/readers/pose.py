@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Positions and rotations: poses, quaternions and matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+#: Larger departures from a rotation are mistakes, smaller ones rounding.
+ROTATION_TOLERANCE = 0.02
+#: Sine of an angle below which an arc is its chord to the last bit.
+STRAIGHT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid transform, as in ``T_map_sensor``: from sensor coordinates to the map's.
+
+    Attributes
+    ----------
+    rotation : (3, 3) float64
+    position : (3,) float64
+        Where the sensor's origin lies in the map [m].
+    """
+
+    rotation: Floats
+    position: Floats
+
+    @staticmethod
+    def identity() -> Pose:
+        """The transform that changes nothing."""
+        return Pose(np.eye(3), np.zeros(3))
+
+    @staticmethod
+    def from_matrix(matrix: ArrayLike) -> Pose:
+        """From a (3, 4) or (4, 4) matrix; ValueError if its left part is no rotation."""
+        values = np.asarray(matrix, dtype=np.float64)
+        if values.shape not in ((3, 4), (4, 4)):
+            raise ValueError(f"a pose has shape {values.shape}: must be (3, 4) or (4, 4)")
+        return Pose(nearest_rotations(values[None, :3, :3])[0], values[:3, 3])
+
+    @staticmethod
+    def from_quaternion(position: ArrayLike, quaternion: ArrayLike) -> Pose:
+        """From (3,) metres and a quaternion (x, y, z, w); ValueError if its length is not 1."""
+        rotation = matrices_of(unit_quaternions(np.asarray(quaternion, dtype=np.float64)[None]))[0]
+        return Pose(rotation, np.asarray(position, dtype=np.float64))
+
+    def apply(self, points: ArrayLike) -> Floats:
+        """Points (n, 3) in the map frame, float64 whatever they were [m]; not finite where they were not."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.position
+
+    def inverse(self) -> Pose:
+        """The transform back."""
+        return Pose(self.rotation.T, -self.rotation.T @ self.position)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """First `other`, then this one: ``T_map_body @ T_body_sensor``."""
+        return Pose(self.rotation @ other.rotation, self.rotation @ other.position + self.position)
+
+
+def unit_quaternions(quaternions: Floats) -> Floats:
+    """(n, 4) of length 1; ValueError if one is far from it."""
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternions, axis=1)
+    bad = ~(np.abs(length - 1) <= ROTATION_TOLERANCE)
+    if bad.any():
+        i = int(bad.argmax())
+        raise ValueError(
+            f"{_pose(i, bad)}quaternion {quaternions[i].tolist()} has length {length[i]:.3g}, expected 1"
+        )
+    return quaternions / length[:, None]
+
+
+def nearest_rotations(matrices: Floats) -> Floats:
+    """(n, 3, 3) freed of rounding; ValueError if one is far from a rotation."""
+    departure = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(axis=(1, 2))
+    bad = ~(departure <= ROTATION_TOLERANCE) | ~(np.linalg.det(matrices) > 0)
+    if bad.any():
+        i = int(bad.argmax())
+        raise ValueError(
+            f"{_pose(i, bad)}{np.round(matrices[i], 4).tolist()} is no rotation, expected rows of length 1 "
+            "at right angles"
+        )
+    left, _, right = np.linalg.svd(matrices)
+    return left @ right
+
+
+def _pose(i: int, among: NDArray[np.bool_]) -> str:
+    return f"pose {i}: " if len(among) > 1 else ""
+
+
+def matrices_of(quaternions: Floats) -> Floats:
+    """(n, 3, 3) rotation matrices of (n, 4) unit quaternions (x, y, z, w)."""
+    return np.moveaxis(matrix_of(*quaternions.T), 2, 0)
+
+
+def matrix_of(x: Any, y: Any, z: Any, w: Any) -> Floats:
+    """The rotation matrix of a unit quaternion; of arrays of them, along further axes."""
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternions_of(matrices: Floats) -> Floats:
+    """(n, 4) unit quaternions (x, y, z, w) of (n, 3, 3) rotation matrices."""
+    m = matrices
+    trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
+    # The outer product of a quaternion with itself, times 4: its longest row is the safest to divide by.
+    product = np.empty((len(m), 4, 4))
+    for i in range(3):
+        product[:, i, i] = 1 + 2 * m[:, i, i] - trace
+        j, k = (i + 1) % 3, (i + 2) % 3
+        product[:, j, k] = product[:, k, j] = m[:, j, k] + m[:, k, j]
+        product[:, i, 3] = product[:, 3, i] = m[:, k, j] - m[:, j, k]
+    product[:, 3, 3] = 1 + trace
+    longest = np.argmax(product[:, range(4), range(4)], axis=1)
+    rows = product[np.arange(len(m)), longest]
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
+
+
+def slerp(start: Floats, end: Floats, share: Floats) -> Floats:
+    """Unit quaternions on the shorter way between others, with constant speed."""
+    end = np.where(np.sum(start * end, axis=1, keepdims=True) < 0, -end, end)
+    half = np.arctan2(np.linalg.norm(end - start, axis=1), np.linalg.norm(end + start, axis=1))
+    angle = 2 * half
+    sine = np.sin(angle)
+    tiny = sine < STRAIGHT
+    sine = np.where(tiny, 1.0, sine)
+    before = np.where(tiny, 1 - share, np.sin((1 - share) * angle) / sine)
+    after = np.where(tiny, share, np.sin(share * angle) / sine)
+    between = before[:, None] * start + after[:, None] * end
+    return between / np.linalg.norm(between, axis=1, keepdims=True)
