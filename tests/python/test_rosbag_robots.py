@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 from pathlib import Path
 from typing import Any
@@ -504,6 +505,10 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
     ros2: Messages, sweep: float, side: int, tmp_path: Path
 ) -> None:
     """A body that winds through a room, its laser sits askew on it or hangs, and the clock is off."""
+    pytest.importorskip("typer")
+    from typer.testing import CliRunner
+
+    from ndtree.commands import app
     from ndtree.readers.ros.mounting import find_mount
     from ndtree.readers.rosbag import RosbagLog
 
@@ -552,7 +557,12 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
     assert found.gain > 0.5 and found.flags.startswith("--mount 0.1")
     mount = found.flags.split()[1]
     assert off_walls(read(path, poses="/pose", mount=mount, time_offset=found.time_offset)) < 0.03
-    if sweep:
+    if sweep:  # By the command the same.
+        report = tmp_path / "found.json"
+        call = ["calibrate", str(path), "--find-mount", "--poses", "/pose", "--json", str(report)]
+        done = CliRunner().invoke(app, call)
+        assert done.exit_code == 0 and "the map is sharpest with --mount" in done.stdout
+        assert json.loads(report.read_text())["time_offset"] == pytest.approx(offset, abs=0.01)
         return
     again = find_mount(
         RosbagLog(str(path), poses="/pose", mount=f"0.1,-0.1,0.5,0,0,{yaw - 0.3}", time_offset=0.05)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree calibrate``: the options of the sensor, or where it sits."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
@@ -78,6 +79,14 @@ def _find_mount(path: Path, dim: Optional[int], reading: Reading, json_file: Opt
         raise WrongCall(f"--find-mount: {path} is no ROS bag")
     with progress() as advance:
         found = find_mount(opened, progress=advance)
+        # There the log may bear out another understanding of the times of beams, which moves the clock.
+        _, mount, _, offset = found.flags.split()
+        options = {**reading.options, "mount": mount, "time_offset": float(offset)}
+        again = replace(reading, options=options).open(path, dim)
+        assert isinstance(again, RosbagLog)
+        if again.sweeps != opened.sweeps:
+            better = find_mount(again, progress=advance)
+            found = replace(better, gain=1 - (1 - found.gain) * (1 - better.gain))
     if not is_stdout(json_file):
         print(f"{path}: {found}")
     write_json(found.figures(), json_file)
