@@ -324,3 +324,7 @@ template <int N, int D>
 using FixedMap = OccupancyMap<N, D, FixedRefinement>;
 
 }  // namespace ndtree
+
+#ifdef NDTREE_PREBUILT
+#include "ndtree/mapping/prebuilt.hpp"
+#endif
