@@ -17,7 +17,7 @@
 #include "shapes.hpp"
 #include "trees.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_beam_traversal {
 namespace {
 
 constexpr double kUnit = 0.25;
@@ -538,4 +538,4 @@ TYPED_TEST(BeamTraversalOf, HooksMaySplitWhatIsEnteredAndMergeWhatIsLeft) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_beam_traversal

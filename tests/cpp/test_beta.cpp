@@ -9,7 +9,7 @@
 #include "ndtree/core/beta.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_beta {
 namespace {
 
 /// log(n!) by adding up, with sixteen more bits than a double.
@@ -341,4 +341,4 @@ TEST(RateComparison, EvidenceIsAnIntegral) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_beta

@@ -11,6 +11,7 @@
 
 #include "ndtree/logs/carmen.hpp"
 
+namespace ndtree::test::test_carmen {
 namespace {
 
 using ndtree::CarmenOptions;
@@ -248,3 +249,4 @@ TEST(Carmen, OptionsAreChecked) {
 }
 
 }  // namespace
+}  // namespace ndtree::test::test_carmen

@@ -16,7 +16,7 @@
 #include "options.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_change {
 namespace {
 
 MapOptions options_with(double change_probability, double half_life = 0.0) {
@@ -256,4 +256,4 @@ TEST(Change, ADoorThatOpensAndClosesIsSeenSoon) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_change

@@ -5,7 +5,7 @@
 
 #include "ndtree/core/chi_square.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_chi_square {
 namespace {
 
 TEST(ChiSquare, QuantilesOfOneDegreeOfFreedom) {
@@ -45,4 +45,4 @@ TEST(ChiSquare, StatisticByHand) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_chi_square

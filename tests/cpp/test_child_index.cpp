@@ -9,7 +9,7 @@
 #include "ndtree/tree/child_index.hpp"
 #include "shapes.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_child_index {
 namespace {
 
 constexpr int kMaxChildren = 4096;
@@ -144,4 +144,4 @@ TYPED_TEST(ChildIndexOf, DiagonalVerticesBoundTheChildren) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_child_index

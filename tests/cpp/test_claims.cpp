@@ -34,7 +34,7 @@ ndtree::CellState state(const Stripes&, const ndtree::Vector<2>& point) {
 
 }  // namespace elsewhere
 
-namespace ndtree {
+namespace ndtree::test::test_claims {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -551,4 +551,4 @@ TEST(ClaimsOptions, OutOfBoundsAreNamed) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_claims

@@ -13,7 +13,7 @@
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_compress {
 namespace {
 
 /// A box of walls seen from inside, with noise.
@@ -171,4 +171,4 @@ TEST(CompressBudget, TheLeastThatItNamesCanBeHad) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_compress

@@ -19,7 +19,7 @@
 #include "random.hpp"
 #include "shapes.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_coverage {
 namespace {
 
 constexpr double kUnit = 0.1;
@@ -353,4 +353,4 @@ TEST(Coverage, FilesFromBeforeThereWasCoverageAreRead) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_coverage

@@ -15,7 +15,7 @@
 #include "random.hpp"
 #include "shapes.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_dense_grid {
 namespace {
 
 using test::Random;
@@ -173,4 +173,4 @@ TEST(DenseGrid, WhatIsNoGridIsRefused) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_dense_grid

@@ -11,7 +11,7 @@
 #include "ndtree/tree/node_pool.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_evidence_cell {
 namespace {
 
 constexpr std::uint32_t kMax = 0x1ff;
@@ -194,4 +194,4 @@ TEST(EvidenceCell, NodeIsALeafOrALinkNeverBoth) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_evidence_cell

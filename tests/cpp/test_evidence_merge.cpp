@@ -14,7 +14,7 @@
 #include "options.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_evidence_merge {
 namespace {
 
 constexpr double kHit = 0.84729786038720367;  // log(0.7 / 0.3), of probability_max [nats].
@@ -250,4 +250,4 @@ TEST(EvidenceMergeOptions, BadValuesAreRefusedByName) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_evidence_merge

@@ -12,7 +12,7 @@
 #include "options.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_evidence_model {
 namespace {
 
 MapOptions options_with(double memory, double prior = 0.5, double inherited_beams = 3.0) {
@@ -446,4 +446,4 @@ TEST(EvidenceOptions, BadValuesAreRefusedByName) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_evidence_model

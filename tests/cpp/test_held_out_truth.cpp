@@ -45,7 +45,7 @@ std::optional<double> cast_ray(const Wall& map, const ndtree::Vector<2>& origin,
 
 }  // namespace elsewhere
 
-namespace ndtree {
+namespace ndtree::test::test_held_out_truth {
 namespace {
 
 Scan<2> beams_along_x(const std::vector<double>& ranges) {
@@ -275,4 +275,4 @@ TEST(HeldOutTruth, OwnMapIsTrueOnTheBeamsThatItMapped) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_held_out_truth

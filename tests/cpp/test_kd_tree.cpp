@@ -10,7 +10,7 @@
 #include "random.hpp"
 #include "shapes.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_kd_tree {
 namespace {
 
 template <class Shape>
@@ -80,4 +80,4 @@ TYPED_TEST(KdTreeOf, FindsWhatALookAtEveryPointFinds) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_kd_tree

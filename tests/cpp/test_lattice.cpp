@@ -12,7 +12,7 @@
 #include "random.hpp"
 #include "shapes.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_lattice {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -226,4 +226,4 @@ TYPED_TEST(LatticeOf, CellContainsItsHalfOpenRange) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_lattice

@@ -7,7 +7,7 @@
 #include "ndtree/core/log_odds.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_log_odds {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -90,4 +90,4 @@ TEST(NormalQuantile, KnownValuesAndEnds) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_log_odds

@@ -10,7 +10,7 @@
 
 #include "ndtree/ndtree.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_map_file {
 namespace {
 
 template <int N_, int D_>
@@ -245,4 +245,4 @@ TEST(ByteStream, NumbersAreLittleEndianAndComeBack) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_map_file

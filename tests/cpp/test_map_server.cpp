@@ -13,7 +13,7 @@
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_map_server {
 namespace {
 
 using test::Random;
@@ -186,4 +186,4 @@ TEST(MapServer, WhatCannotBeDrawnIsRefused) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_map_server

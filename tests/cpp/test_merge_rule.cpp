@@ -14,7 +14,7 @@
 #include "options.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_merge_rule {
 namespace {
 
 struct Sibling {
@@ -192,4 +192,4 @@ TEST(MergeOptions, BadValuesAreRefusedByName) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_merge_rule

@@ -18,7 +18,7 @@
 #include "shapes.hpp"
 #include "trees.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_nd_tree {
 namespace {
 
 /// The same partition as a plain map from cell to value, searched one by one.
@@ -553,4 +553,4 @@ TEST(NdTree, GivesMemoryBackThatMergingHasFreed) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_nd_tree

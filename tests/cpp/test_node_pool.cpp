@@ -15,7 +15,7 @@
 #include "ndtree/tree/node_pool.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_node_pool {
 namespace {
 
 struct WideCell {
@@ -237,4 +237,4 @@ TEST(NodePool, EmptyHoldsNothing) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_node_pool

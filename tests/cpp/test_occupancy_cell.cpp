@@ -9,7 +9,7 @@
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_occupancy_cell {
 namespace {
 
 constexpr std::uint32_t kMax = 0x7fff;
@@ -156,4 +156,4 @@ TEST(OccupancyCell, EqualityTakesAllOfIt) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_occupancy_cell

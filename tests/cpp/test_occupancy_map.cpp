@@ -17,7 +17,7 @@
 #include "shapes.hpp"
 #include "trees.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_occupancy_map {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -770,4 +770,4 @@ TEST(MapOptions, ArithmeticHoldsWhereManyOptionsAreAtTheirEnds) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_occupancy_map

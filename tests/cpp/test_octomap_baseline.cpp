@@ -20,7 +20,7 @@
 #include "ndtree/query/ray.hpp"
 #include "octomap_baseline.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_octomap_baseline {
 namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
@@ -425,6 +425,6 @@ TEST(OctomapBaseline, WritesOctomapsOwnFile) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_octomap_baseline
 
 #endif  // NDTREE_HAVE_OCTOMAP

@@ -22,7 +22,7 @@
 #include "octomap_baseline.hpp"
 #endif
 
-namespace ndtree {
+namespace ndtree::test::test_octomap_file {
 namespace {
 
 using test::Random;
@@ -351,4 +351,4 @@ TEST(OctomapFile, WhatOctomapWroteIsRead) {
 #endif  // NDTREE_HAVE_OCTOMAP
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_octomap_file

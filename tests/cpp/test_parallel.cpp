@@ -11,7 +11,7 @@
 
 #include "ndtree/core/parallel.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_parallel {
 namespace {
 
 TEST(Workers, DoEachTaskOnce) {
@@ -62,4 +62,4 @@ TEST(Workers, ThrowWhatTheFirstTaskThrows) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_parallel

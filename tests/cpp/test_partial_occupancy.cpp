@@ -8,7 +8,7 @@
 
 #include "ndtree/cell/partial_occupancy.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_partial_occupancy {
 namespace {
 
 SplitOptions options_of(double hit_given_free, double miss_given_occupied) {
@@ -145,4 +145,4 @@ TEST(PartialOccupancy, RatesThatLeaveNoRoomAreRefused) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_partial_occupancy

@@ -22,7 +22,7 @@
 #include "ndtree/query/ray.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_planning_queries {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -597,4 +597,4 @@ TEST(Forgetting, AWindowHoldsAsMuchAsIsInIt) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_planning_queries

@@ -11,7 +11,7 @@
 #include "ndtree/io/ply.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_ply {
 namespace {
 
 const std::string kHeader =
@@ -76,4 +76,4 @@ TEST(Ply, LeavesAreAskedInTheirOrder) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_ply

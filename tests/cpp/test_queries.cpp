@@ -19,7 +19,7 @@
 #include "shapes.hpp"
 #include "trees.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_queries {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -316,4 +316,4 @@ TEST(Queries, OccupiedWithinByHand) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_queries

@@ -17,7 +17,7 @@
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/io/replaced_file.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_replaced_file {
 namespace {
 
 namespace fs = std::filesystem;
@@ -205,4 +205,4 @@ TEST_F(ReplacedFileTest, WritersAtOnceLeaveOneWholeFile) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_replaced_file

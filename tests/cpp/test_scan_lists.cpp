@@ -22,7 +22,7 @@
 #include "random.hpp"
 #include "shapes.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_scan_lists {
 namespace {
 
 constexpr double kUnit = 0.25;
@@ -279,4 +279,4 @@ TEST(Simd, RoundsToTheNearestAndTheEven) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_scan_lists

@@ -14,7 +14,7 @@
 #include "ndtree/tree/lattice.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_scan_sample {
 namespace {
 
 template <int D>
@@ -228,4 +228,4 @@ TEST(ScanSample, AChanceSaysNothingAboutWhatABeamMeasured) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_scan_sample

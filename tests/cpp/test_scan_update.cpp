@@ -20,7 +20,7 @@
 #include "shapes.hpp"
 #include "trees.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_scan_update {
 namespace {
 
 /// The map without a tree: a list of cells, each clipped against each beam of a scan. Slow and plain. What a
@@ -1133,4 +1133,4 @@ TEST(ScanUpdate, EndPointsOnCornersCountOneHit) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_scan_update

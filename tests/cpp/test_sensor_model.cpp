@@ -9,7 +9,7 @@
 #include "options.hpp"
 #include "random.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_sensor_model {
 namespace {
 
 double density(double x, double mean, double sigma) {
@@ -244,4 +244,4 @@ TEST(SensorOptions, BadValuesAreRefusedByName) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_sensor_model

@@ -11,6 +11,7 @@
 
 #include "ndtree/logs/simulator.hpp"
 
+namespace ndtree::test::test_simulator {
 namespace {
 
 using ndtree::Box;
@@ -538,3 +539,4 @@ TEST(Simulator, BrokenOptionsAreRefusedByName) {
 }
 
 }  // namespace
+}  // namespace ndtree::test::test_simulator

@@ -9,7 +9,7 @@
 #include "ndtree/cell/split_test.hpp"
 #include "options.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_split_test {
 namespace {
 
 constexpr double kCritical95 = 3.841458820694124;
@@ -125,4 +125,4 @@ TEST(SplitOptions, BadValuesAreRefusedByName) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_split_test

@@ -20,7 +20,7 @@
 #include "random.hpp"
 #include "shapes.hpp"
 
-namespace ndtree::test {
+namespace ndtree::test::test_summary {
 namespace {
 
 TEST(Summary, BoundsAreOrderedAsLogOddsAndHardlyAbove) {
@@ -247,4 +247,4 @@ TEST(EvidenceSummary, IsTheSameEightAtATime) {
 }
 
 }  // namespace
-}  // namespace ndtree::test
+}  // namespace ndtree::test::test_summary

@@ -12,6 +12,7 @@
 #include "ndtree/core/random.hpp"
 #include "ndtree/logs/xyz.hpp"
 
+namespace ndtree::test::test_xyz {
 namespace {
 
 using ndtree::Scan;
@@ -139,3 +140,4 @@ TEST(Xyz, DimensionComesFromTheFirstLineWithNumbers) {
 }
 
 }  // namespace
+}  // namespace ndtree::test::test_xyz

@@ -181,7 +181,7 @@ def test_a_track_stays_bounded() -> None:
 # --- The page ---------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="class")
 def page(solid: Any) -> Iterator[Browser]:
     with view.Viewer(solid, port=0, look=Look(track=False)) as viewer, Browser(viewer.url) as browser:
         browser.until(lambda b: np.count_nonzero(coloured(b.picture())) > 5000)
@@ -192,49 +192,50 @@ def number_after(text: str, name: str) -> str:
     return re.search(rf"{name}\s+(.+)", text)[1]  # type: ignore[index]
 
 
-def test_the_page_shows_the_map(page: Browser, solid: Any) -> None:
-    picture = page.picture()
-    seen = coloured(picture)
-    rows, columns = np.nonzero(seen)
-    assert 0.02 < seen.mean() < 0.9
-    assert np.ptp(rows) > 150 and np.ptp(columns) > 200, "the map fills no good part of the page"
-    hues = np.unique(picture[200:, :930][seen] // 32, axis=0)
-    assert len(hues) > 10, "heights are not told apart"
-    text = page.text()
-    assert f"{solid.stats().observed_leaves:,} cells" in text
-    assert f"for {np.count_nonzero(solid.leaves().state == 1):,} occupied cells" in text
-    assert page.errors == []
+class TestOnePage:
+    """One page for all of them, closed after the last: it draws as long as it is open."""
 
+    def test_the_page_shows_the_map(self, page: Browser, solid: Any) -> None:
+        picture = page.picture()
+        seen = coloured(picture)
+        rows, columns = np.nonzero(seen)
+        assert 0.02 < seen.mean() < 0.9
+        assert np.ptp(rows) > 150 and np.ptp(columns) > 200, "the map fills no good part of the page"
+        hues = np.unique(picture[200:, :930][seen] // 32, axis=0)
+        assert len(hues) > 10, "heights are not told apart"
+        text = page.text()
+        assert f"{solid.stats().observed_leaves:,} cells" in text
+        assert f"for {np.count_nonzero(solid.leaves().state == 1):,} occupied cells" in text
+        assert page.errors == []
 
-def test_a_click_picks_the_cell_there(page: Browser, solid: Any) -> None:
-    seen = np.argwhere(coloured(page.picture()))
-    row, column = seen[len(seen) // 2]
-    page.click(int(column), int(row) + 200)
-    page.until(lambda b: "hits" in b.text())
-    text = page.text()
-    centre = np.array([float(c) for c in re.findall(r"-?\d+\.\d+", number_after(text, "centre"))])
-    assert solid.state(centre[None])[0] == 1
-    leaves = solid.leaves()
-    distance = np.abs(leaves.lower + 0.5 * leaves.size[:, None] - centre).max(axis=1)
-    i = int(distance.argmin())
-    assert distance[i] < 1e-3
-    assert float(number_after(text, "probability")) == pytest.approx(leaves.probability[i], abs=6e-4)
-    assert number_after(text, "hits") == f"{leaves.hits[i]:,}"
-    assert number_after(text, "misses") == f"{leaves.misses[i]:,}"
-    assert number_after(text, "size") == f"{leaves.size[i]:g} m"
-    page.click(30, 780)
-    page.until(lambda b: "no cell there" in b.text())
+    def test_a_click_picks_the_cell_there(self, page: Browser, solid: Any) -> None:
+        seen = np.argwhere(coloured(page.picture()))
+        row, column = seen[len(seen) // 2]
+        page.click(int(column), int(row) + 200)
+        page.until(lambda b: "hits" in b.text())
+        text = page.text()
+        centre = np.array([float(c) for c in re.findall(r"-?\d+\.\d+", number_after(text, "centre"))])
+        assert solid.state(centre[None])[0] == 1
+        leaves = solid.leaves()
+        distance = np.abs(leaves.lower + 0.5 * leaves.size[:, None] - centre).max(axis=1)
+        i = int(distance.argmin())
+        assert distance[i] < 1e-3
+        assert float(number_after(text, "probability")) == pytest.approx(leaves.probability[i], abs=6e-4)
+        assert number_after(text, "hits") == f"{leaves.hits[i]:,}"
+        assert number_after(text, "misses") == f"{leaves.misses[i]:,}"
+        assert number_after(text, "size") == f"{leaves.size[i]:g} m"
+        page.click(30, 780)
+        page.until(lambda b: "no cell there" in b.text())
 
-
-def test_what_is_switched_off_is_not_seen(page: Browser) -> None:
-    before = np.count_nonzero(coloured(page.picture()))
-    page.click_label("Occupied")
-    page.until(lambda b: np.count_nonzero(coloured(b.picture())) < 50)
-    page.click_label("Unknown by free")
-    page.until(lambda b: np.count_nonzero(coloured(b.picture())) > 1000)
-    page.click_label("Unknown by free")
-    page.click_label("Occupied")
-    page.until(lambda b: np.count_nonzero(coloured(b.picture())) > 0.9 * before)
+    def test_what_is_switched_off_is_not_seen(self, page: Browser) -> None:
+        before = np.count_nonzero(coloured(page.picture()))
+        page.click_label("Occupied")
+        page.until(lambda b: np.count_nonzero(coloured(b.picture())) < 50)
+        page.click_label("Unknown by free")
+        page.until(lambda b: np.count_nonzero(coloured(b.picture())) > 1000)
+        page.click_label("Unknown by free")
+        page.click_label("Occupied")
+        page.until(lambda b: np.count_nonzero(coloured(b.picture())) > 0.9 * before)
 
 
 def test_a_growing_map_grows_on_the_page(flat: Any) -> None:

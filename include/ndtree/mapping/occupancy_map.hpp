@@ -116,41 +116,7 @@ class OccupancyMap {
   /// @throws std::invalid_argument if max_range is not > 0, threads is negative, if the scan's one origin is
   ///   not finite, a range_sigma outside kRangeSigmaBounds, or if a beam leaves what the lattice can address.
   ///   The map is then unchanged.
-  InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0) {
-    const auto start = std::chrono::steady_clock::now();
-    threads = number_of_threads(threads);
-    check(scan, max_range);
-    InsertReport report;
-    report.beams = static_cast<std::uint64_t>(scan.size);
-    const UpdateCounters before = counters_;
-    using Update = typename Refinement::template Update<Tree, Sensor>;
-    Workers workers(std::min(static_cast<std::size_t>(threads), Update::most_workers(scan.size)));
-    Update update(tree_, refinement_, sensor_, options_, counters_);
-    const Measurements<D, Sensor> measurements(scan, max_range, sensor_);
-    // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, can
-    // still stop it half-way.
-    const ScanSurvey<D> survey = update.look_over(measurements, workers);
-    for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
-                                      BeamOutcome::beyond_max_range, BeamOutcome::invalid})
-      report.count(outcome) = survey.num(outcome);
-    try {
-      if (survey.num_valid() > 0) {
-        tree_.grow_to_contain(survey.reach.lower);
-        tree_.grow_to_contain(survey.reach.upper);
-      }
-      update.finish(workers);
-      tree_.shrink_if_half_empty();
-      summarise_unknown(tree_, *tree_.root().node, settled());
-    } catch (...) {  // Of lack of memory: what is there stays valid.
-      forget_summaries(tree_);
-      throw;
-    }
-    report.updates = counters_.updates - before.updates;
-    report.splits = counters_.splits - before.splits;
-    report.merges = counters_.merges - before.merges;
-    report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    return report;
-  }
+  InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0);
   InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange, int threads = 0) {
     return insert(scan.view(), max_range, threads);
   }
@@ -307,6 +273,44 @@ class OccupancyMap {
   UpdateCounters counters_;
 };
 
+template <int N, int D, class Refinement, class Sensor>
+InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& scan, double max_range,
+                                                            int threads) {
+  const auto start = std::chrono::steady_clock::now();
+  threads = number_of_threads(threads);
+  check(scan, max_range);
+  InsertReport report;
+  report.beams = static_cast<std::uint64_t>(scan.size);
+  const UpdateCounters before = counters_;
+  using Update = typename Refinement::template Update<Tree, Sensor>;
+  Workers workers(std::min(static_cast<std::size_t>(threads), Update::most_workers(scan.size)));
+  Update update(tree_, refinement_, sensor_, options_, counters_);
+  const Measurements<D, Sensor> measurements(scan, max_range, sensor_);
+  // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, can
+  // still stop it half-way.
+  const ScanSurvey<D> survey = update.look_over(measurements, workers);
+  for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
+                                    BeamOutcome::beyond_max_range, BeamOutcome::invalid})
+    report.count(outcome) = survey.num(outcome);
+  try {
+    if (survey.num_valid() > 0) {
+      tree_.grow_to_contain(survey.reach.lower);
+      tree_.grow_to_contain(survey.reach.upper);
+    }
+    update.finish(workers);
+    tree_.shrink_if_half_empty();
+    summarise_unknown(tree_, *tree_.root().node, settled());
+  } catch (...) {  // Of lack of memory: what is there stays valid.
+    forget_summaries(tree_);
+    throw;
+  }
+  report.updates = counters_.updates - before.updates;
+  report.splits = counters_.splits - before.splits;
+  report.merges = counters_.merges - before.merges;
+  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  return report;
+}
+
 /// The map whose cells find their size while mapping.
 template <int N, int D>
 using AdaptiveMap = OccupancyMap<N, D, EvidenceRefinement>;
@@ -320,3 +324,7 @@ template <int N, int D>
 using FixedMap = OccupancyMap<N, D, FixedRefinement>;
 
 }  // namespace ndtree
+
+#ifdef NDTREE_PREBUILT
+#include "ndtree/mapping/prebuilt.hpp"
+#endif
