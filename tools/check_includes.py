@@ -34,6 +34,7 @@ INCLUDE = re.compile(r'^\s*#\s*include\s*(?:"([^"]+)"|<([^>]+)>)')
 STANDARD = re.compile(r"[a-z0-9_]+")
 # Headers that know the processor or the system, and what they need of it.
 SYSTEM = {
+    "core/memory.hpp": {"unistd.h"},
     "core/simd.hpp": {"immintrin.h"},
     "io/replaced_file.hpp": {"fcntl.h", "sys/file.h", "sys/stat.h", "unistd.h"},
 }
