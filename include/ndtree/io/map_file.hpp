@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
@@ -158,9 +159,10 @@ template <class Map>
   if (header.branching != Map::kBranching || header.dim != Map::kDim ||
       header.refinement != Map::RefinementType::kName)
     throw std::runtime_error("holds a map with branching " + std::to_string(header.branching) + ", dim " +
-                             std::to_string(header.dim) + " and refinement '" + header.refinement +
-                             "', not branching " + std::to_string(Map::kBranching) + ", dim " +
-                             std::to_string(Map::kDim) + " and '" + Map::RefinementType::kName + "'");
+                             std::to_string(header.dim) + " and refinement " +
+                             describe_text(header.refinement) + ", not branching " +
+                             std::to_string(Map::kBranching) + ", dim " + std::to_string(Map::kDim) +
+                             " and '" + Map::RefinementType::kName + "'");
   typename Map::Options options;
   for (auto remaining = in.get<std::uint32_t>(); remaining > 0; --remaining) {
     const std::string name = in.get_text();
@@ -172,7 +174,8 @@ template <class Map>
         known = true;
       }
     });
-    if (!known) throw std::runtime_error("has an option '" + name + "' that this ndtree does not know");
+    if (!known)
+      throw std::runtime_error("has an option " + describe_text(name) + " that this ndtree does not know");
   }
   typename Map::Counters counters;
   counters.updates = in.get<std::uint64_t>();

@@ -331,8 +331,8 @@ inline OctomapHeader read_octomap_header(std::string_view bytes) {
              std::isfinite(header.cell_size);
     }
     if (!good)
-      throw std::runtime_error("line " + std::to_string(number) + ": found '" + line.substr(0, 60) +
-                               "', expected 'id OcTree', 'size' with a number of nodes, or 'res' with a cell "
+      throw std::runtime_error("line " + std::to_string(number) + ": found " + describe_text(line) +
+                               ", expected 'id OcTree', 'size' with a number of nodes, or 'res' with a cell "
                                "size > 0 m");
   }
   if (!has_nodes || header.cell_size == 0.0)

@@ -839,6 +839,9 @@ def _print_map(m: OccupancyMap) -> None:
 #: Frames of a bag that are printed.
 FRAME_LINES = 60
 
+#: So many of the smallest cells a beam may pass; maps refuse longer ones.
+LONGEST_BEAM = 2**20
+
 #: The median range of longer logs is that of every second, fourth, ... beam.
 RANGE_SAMPLE = 2_000_000
 
@@ -925,7 +928,10 @@ def _print_log(figures: dict[str, Any]) -> None:
         print(f"  uses {figures['uses']}")
     print(f"  {_beams(figures['beams'])}")
     if figures["range"]:
-        print(f"  ranges: median {figures['range']['median']:.2f} m, longest {figures['range']['max']:.2f} m")
+        median, longest = figures["range"]["median"], figures["range"]["max"]
+        print(f"  ranges: median {_metres(median)} m, longest {_metres(longest)} m")
+        if longest > LONGEST_BEAM * (cell := ndtree.default_options()["min_cell_size"]):
+            print(f"  beams of more than {LONGEST_BEAM * cell:,.0f} m can be no map's: give `map` a --max-range")
         print(
             f"  end points from {_point(figures['bounds']['lower'])} "
             f"to {_point(figures['bounds']['upper'])} m"
@@ -938,7 +944,11 @@ def _beams(counts: dict[str, int]) -> str:
 
 
 def _point(values: Sequence[float]) -> str:
-    return f"({', '.join(f'{value:.2f}' for value in values)})"
+    return f"({', '.join(_metres(value) for value in values)})"
+
+
+def _metres(value: float) -> str:
+    return f"{value:.2f}" if abs(value) < 1e9 else f"{value:.3g}"  # Not three hundred digits.
 
 
 # --- Output -----------------------------------------------------------------------------------------
