@@ -54,7 +54,10 @@ def test_the_command_line_refuses_absurd_ranges_in_one_line(tmp_path: Path) -> N
     log = tmp_path / "far.xyz"
     log.write_text("0 0 1 0\n0 0 1e9 0\n")
     done = subprocess.run(
-        [sys.executable, "-m", "ndtree.cli", "map", log, "-o", tmp_path / "far.ndt"], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "ndtree.cli", "map", log, "-o", tmp_path / "far.ndt"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1, done.stderr
@@ -74,7 +77,9 @@ def test_a_small_octomap_file_of_too_many_cells_is_refused(tmp_path: Path) -> No
     assert ndtree.load_octomap(path).stats().observed_leaves == 8  # About 0, each an eighth.
     # Leaves that are each small enough, but not together.
     many = b"".join(struct.pack("<fB", 1.0, 0) for _ in range(8))
-    path.write_bytes(b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\ndata\n" + struct.pack("<fB", 1.0, 255) + many)
+    path.write_bytes(
+        b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\ndata\n" + struct.pack("<fB", 1.0, 255) + many
+    )
     with pytest.raises(MemoryError, match="max_memory"):
         ndtree.load_octomap(path, refinement="fixed", max_memory=1e12)
 

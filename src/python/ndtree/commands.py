@@ -931,7 +931,9 @@ def _print_log(figures: dict[str, Any]) -> None:
         median, longest = figures["range"]["median"], figures["range"]["max"]
         print(f"  ranges: median {_metres(median)} m, longest {_metres(longest)} m")
         if longest > LONGEST_BEAM * (cell := ndtree.default_options()["min_cell_size"]):
-            print(f"  beams of more than {LONGEST_BEAM * cell:,.0f} m can be no map's: give `map` a --max-range")
+            print(
+                f"  beams of more than {LONGEST_BEAM * cell:,.0f} m can be no map's: give `map` a --max-range"
+            )
         print(
             f"  end points from {_point(figures['bounds']['lower'])} "
             f"to {_point(figures['bounds']['upper'])} m"
