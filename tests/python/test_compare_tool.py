@@ -24,7 +24,8 @@ PARAMETERS = {
     "sample_spacing", "sample_margin", "endpoint_radius", "cast_tolerance", "cast_overshoot", "no_return",
     "split_probability", "merge_loss", "inherited_beams", "noise_sigmas", "evidence_memory", "evidence_prior",
     "free_memory", "scan_beams", "known_evidence", "sample_beams",
-    "probability_clip", "change_probability", "evidence_half_life", "covered_share", "coverage_cells", "max_memory",
+    "probability_clip", "change_probability", "evidence_half_life", "covered_share", "coverage_cells",
+    "max_memory",
     "claims_samples", "claims_spacings", "claims_tolerance", "claims_margin", "claims_middle", "claims_seed",
 }  # fmt: skip
 TRUTH = {
