@@ -17,7 +17,7 @@ namespace ndtree::fuzz {
 
 namespace {
 
-constexpr double kMostMemory = 3e5;
+constexpr double kMostMemory = 6e4;
 
 /// An option at one of its ends, somewhere between, or as it is.
 MapOptions options_from(Bytes& bytes) {
