@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import struct
@@ -10,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +84,43 @@ def test_a_small_octomap_file_of_too_many_cells_is_refused(tmp_path: Path) -> No
     )
     with pytest.raises(MemoryError, match="max_memory"):
         ndtree.load_octomap(path, refinement="fixed", max_memory=1e12)
+
+
+def npz_bytes(**arrays: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **{"origins": np.zeros((1, 2)), "offsets": np.array([0, 3]), **arrays})
+    return file.getvalue()
+
+
+def test_arrays_that_unpack_beyond_memory_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "log.npz"
+    log.write_bytes(npz_bytes(points=np.ones((3, 2))))
+    assert len(ndtree.read(log)) == 1
+    monkeypatch.setattr("ndtree.readers.npz.MOST_BYTES", 300)
+    with pytest.raises(
+        ValueError, match=r"log\.npz: its arrays unpack to [0-9,]+ bytes, expected at most 300"
+    ):
+        ndtree.read(log)
+
+
+def test_an_array_that_says_it_is_larger_than_it_is_is_refused(tmp_path: Path) -> None:
+    log = tmp_path / "log.npz"
+    with zipfile.ZipFile(log, "w") as archive:
+        for name, array in (
+            ("origins", np.zeros((1, 2))),
+            ("points", np.ones((3, 2))),
+            ("offsets", np.array([0, 3])),
+        ):
+            file = io.BytesIO()
+            np.save(file, array)
+            content = file.getvalue()
+            if name == "points":
+                content = content.replace(b"(3, 2), }" + b" " * 11, b"(900000000000, 2), }")
+            archive.writestr(f"{name}.npy", content)
+    with pytest.raises(ValueError, match=r"log\.npz: points: cannot be read as an array"):
+        ndtree.read(log)
 
 
 def big_map() -> ndtree.FixedMap:
