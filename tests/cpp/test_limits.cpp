@@ -162,6 +162,37 @@ TYPED_TEST(Limits, BeamsThatAreAbsurdBesideTheCellsAreRefused) {
   map.check_invariants();
 }
 
+TEST(Limits, BeamsTooLongForFloatsAreCutLikeOthers) {
+  // In the same directions: however long beams are, what lies beyond max_range does not matter.
+  for (const double length : {1e17, 1e25, 1e160, 1e300}) {
+    AdaptiveMap<2, 3> one(spelled_out_options(0.05, 0.8));
+    AdaptiveMap<2, 3> other(one.options());
+    MapOptions seen = one.options();
+    seen.covered_share = 0.75;
+    AdaptiveMap<2, 3> third(seen);
+    Scan<3> scan;
+    scan.origins = Vector<3>(0.01, 0.02, 0.03);
+    scan.endpoints.resize(3, 24);
+    Random random(3);
+    Scan<3> shorter = scan;
+    for (int i = 0; i < 24; ++i) {
+      const Vector<3> way(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+      scan.endpoints.col(i) = length * way;
+      shorter.endpoints.col(i) = 1e6 * way;
+    }
+    EXPECT_EQ(one.insert(scan, 4.0).beyond_max_range, 24u);
+    other.insert(shorter, 4.0);
+    third.insert(scan, 4.0);
+    one.check_invariants();
+    third.check_invariants();
+    const MapStats stats = one.stats();
+    EXPECT_GT(stats.observed_leaves, 20u);
+    EXPECT_NEAR(static_cast<double>(stats.observed_leaves),
+                static_cast<double>(other.stats().observed_leaves), 2.0)
+        << length;
+  }
+}
+
 TEST(Limits, NumbersInErrorsAreShort) {
   AdaptiveMap<2, 2> map;
   Scan<2> scan;
