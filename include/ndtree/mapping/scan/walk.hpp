@@ -373,6 +373,7 @@ class ScanWalk {
   template <class Beams>
   NDTREE_AVX2 bool update_children_of_few(const Ref& ref, const Beams& beams, bool was_split,
                                           bool takes_all) {
+    pace_.spend(Few::kMost);
     Few few;
     clip_(ref.index, beams, few);
     typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
@@ -409,6 +410,7 @@ class ScanWalk {
     return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
   }
   bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
+    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
     return update_children_of_few(inner, beams, false, takes_all || all_take_all(inner.index, beams));
   }
   // What few beams rarely do:
