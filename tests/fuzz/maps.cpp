@@ -196,7 +196,8 @@ void compare_with_list(Bytes& bytes) {
     ++observed;
     const auto found = list.cells.find(leaf.index);
     require(found != list.cells.end() && found->second.observed, "leaves are those of the list");
-    require(found->second.hits == cell.hits() && found->second.misses == cell.misses(), "so are their counts");
+    require(found->second.hits == cell.hits() && found->second.misses == cell.misses(),
+            "so are their counts");
     require(std::abs(found->second.log_odds - cell.log_odds()) < 1e-3f, "and their log-odds");
   });
   for (const auto& [index, cell] : list.cells) observed -= cell.observed;
