@@ -152,9 +152,9 @@ TEST(Carmen, ErrorsNameLineRecordAndExpectation) {
       {"FLASER 3 1 1 1 0 0", "FLASER: expected x y theta behind 3 ranges, found 2 numbers"},
       {"FLASER 3 1 1", "FLASER: expected 3 ranges, found 2"},
       {"FLASER", "FLASER: expected the number of ranges, found the end"},
-      {"FLASER 2.5 1 1 0 0 0", "FLASER: expected the number of ranges, found 2.500000"},
-      {"FLASER -1 1 1 0 0 0", "FLASER: expected the number of ranges, found -1.000000"},
-      {"FLASER 1e300 1 1 0 0 0", "FLASER: expected the number of ranges, found " + std::to_string(1e300)},
+      {"FLASER 2.5 1 1 0 0 0", "FLASER: expected the number of ranges, found 2.5"},
+      {"FLASER -1 1 1 0 0 0", "FLASER: expected the number of ranges, found -1.0"},
+      {"FLASER 1e300 1 1 0 0 0", "FLASER: expected the number of ranges, found 1e+300"},
       {"FLASER 3 1 1,5 1 0 0 0", "FLASER: expected a number in field 4, found '1,5'"},
       {"FLASER 2 1 1 0 0 0 0 0 0 7 host", "FLASER: expected a number in field 12, found 'host'"},
       {"FLASER 0 h 0", "FLASER: expected 0 ranges and 7 more numbers before the host name, found 0 numbers"},
@@ -167,7 +167,7 @@ TEST(Carmen, ErrorsNameLineRecordAndExpectation) {
       {robot + "3 1 1", "ROBOTLASER1: expected 3 ranges, found 2"},
       {robot + "3 1 1 1", "ROBOTLASER1: expected the number of remissions behind 3 ranges, found the end"},
       {robot + "2 1 1 1.5 0" + state,
-       "ROBOTLASER1: expected the number of remissions behind 2 ranges, found 1.500000"},
+       "ROBOTLASER1: expected the number of remissions behind 2 ranges, found 1.5"},
       {robot + "2 1 1 3 50 60" + state, "ROBOTLASER1: expected 3 remissions, found 2"},
       {robot + "1 1 1" + state, "ROBOTLASER1: expected 1 remissions, found 0"},
       {robot + "1 1 0 1 2", "ROBOTLASER1: expected x y theta behind 0 remissions, found 2 numbers"},
@@ -242,10 +242,10 @@ TEST(Carmen, OptionsAreChecked) {
   CarmenOptions options;
   EXPECT_EQ(refusal(options), "accepted");
   options.max_range = 0.0;
-  EXPECT_EQ(refusal(options), "max_range = 0.000000 m: must be > 0");
+  EXPECT_EQ(refusal(options), "max_range = 0.0 m: must be > 0");
   options.max_range = 50.0;
   options.field_of_view = 7.0;
-  EXPECT_EQ(refusal(options), "field_of_view = 7.000000 rad: must be in (0, 2 pi]");
+  EXPECT_EQ(refusal(options), "field_of_view = 7.0 rad: must be in (0, 2 pi]");
 }
 
 }  // namespace

@@ -115,7 +115,7 @@ TEST(Xyz, ErrorsNameLineAndExpectation) {
   EXPECT_EQ(message_of<2>("#\n#\n1 2 three 4"), "line 3: expected a number in column 3, found 'three'");
   EXPECT_EQ(message_of<2>("1,2,,4"), "line 1: expected a number in column 3, found ''");
   EXPECT_EQ(message_of<2>(",1,2,3,4"), "line 1: expected a number in column 1, found ''");
-  EXPECT_EQ(message_of<2>("1 2 3 4 0.5"), "line 1: expected 0 or 1 in column 5, found 0.500000");
+  EXPECT_EQ(message_of<2>("1 2 3 4 0.5"), "line 1: expected 0 or 1 in column 5, found 0.5");
   EXPECT_EQ(message_of<2>("1 2 3 4 nan"), "line 1: expected 0 or 1 in column 5, found nan");
   EXPECT_EQ(message_of<2>(std::string(50, 'x')),
             "line 1: expected a number in column 1, found '" + std::string(40, 'x') + "...'");

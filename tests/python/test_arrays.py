@@ -65,11 +65,11 @@ WRONG = [
         TypeError,
         "returned: must be an array of bool, or None",
     ),
-    (lambda m: m.insert(POINTS, ORIGIN, max_range=0), ValueError, "max_range = 0.000000 m: must be > 0"),
+    (lambda m: m.insert(POINTS, ORIGIN, max_range=0), ValueError, "max_range = 0.0 m: must be > 0"),
     (
         lambda m: m.insert(POINTS, [0.0, np.nan]),
         ValueError,
-        "origin = (0.000000, nan) m: every component must be",
+        "origin = (0.0, nan) m: every component must be",
     ),
     (lambda m: m.insert([[1e18, 0.0]], ORIGIN), ValueError, "beam 0 reaches"),
     (
@@ -84,7 +84,7 @@ WRONG = [
     (
         lambda m: m.cast_rays(ORIGIN, np.ones((1, 2)), max_range=-1),
         ValueError,
-        "max_range = -1.000000 m: must be > 0",
+        "max_range = -1.0 m: must be > 0",
     ),
     (lambda m: m.occupied_within(POINTS, -1), ValueError, "radius = -1.0 m: must be >= 0"),
 ]

@@ -10,6 +10,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "ndtree/core/option.hpp"
+
 namespace ndtree {
 namespace {
 
@@ -211,7 +213,7 @@ NpyArray parse_npy(std::string bytes) {
                      (type[1] == '<' || (type[1] == '|' && type[3] == '1')) &&
                      std::find(std::begin(kTypes), std::end(kTypes), type.substr(2, 2)) != std::end(kTypes);
   if (!known)
-    fail("type " + std::string(type.substr(0, type.find(','))) +
+    fail("type " + describe_text(type.substr(type.substr(0, 1) == "'", type.find_first_of("',", 1) - 1)) +
          ": expected little-endian numbers, '<f4', '<f8', '<i8', '|b1' or alike");
   array.kind = type[2];
   array.item_size = static_cast<std::size_t>(type[3] - '0');

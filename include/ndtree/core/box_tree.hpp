@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
@@ -33,7 +34,8 @@ class BoxTree {
   /// O(n log n). @pre all are finite, and there are less than 2^32.
   explicit BoxTree(const std::vector<Box<D>>& boxes) : index_(boxes.size()) {
     std::iota(index_.begin(), index_.end(), std::uint32_t{0});
-    if (!boxes.empty()) build(boxes, 0, static_cast<std::uint32_t>(boxes.size()));
+    Pace pace;
+    if (!boxes.empty()) build(boxes, 0, static_cast<std::uint32_t>(boxes.size()), pace);
     boxes_.reserve(boxes.size());
     for (const std::uint32_t i : index_) boxes_.push_back(boxes[i]);
   }
@@ -68,7 +70,8 @@ class BoxTree {
       if (region.touches(boxes_[i])) visit(i);
   }
 
-  void build(const std::vector<Box<D>>& boxes, std::uint32_t first, std::uint32_t last) {
+  void build(const std::vector<Box<D>>& boxes, std::uint32_t first, std::uint32_t last, Pace& pace) {
+    pace.spend(last - first);
     Box<D> bounds = boxes[index_[first]];
     Box<D> centres{bounds.lower + bounds.upper, bounds.lower + bounds.upper};  // Twice as far from 0.
     for (std::uint32_t i = first + 1; i < last; ++i) {
@@ -86,9 +89,9 @@ class BoxTree {
     const std::uint32_t middle = first + (last - first) / 2;
     std::nth_element(index_.begin() + first, index_.begin() + middle, index_.begin() + last,
                      [&](std::uint32_t a, std::uint32_t b) { return place(a) < place(b); });
-    build(boxes, first, middle);
+    build(boxes, first, middle, pace);
     nodes_[id].second = static_cast<std::uint32_t>(nodes_.size());
-    build(boxes, middle, last);
+    build(boxes, middle, last, pace);
   }
 
   std::vector<Node> nodes_;

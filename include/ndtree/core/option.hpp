@@ -3,9 +3,11 @@
 /// Between which bounds options lie, and what is said of one that does not.
 #pragma once
 
+#include <cstddef>
 #include <cstdio>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 
 namespace ndtree {
 
@@ -24,6 +26,15 @@ struct OptionBounds {
   std::snprintf(buffer, sizeof buffer, "%.9g", value);
   const std::string text = buffer;
   return text.find_first_not_of("-0123456789") == std::string::npos ? text + ".0" : text;
+}
+
+/// Text of a file as messages show it: in quotes, 40 characters of it at most, on one line.
+[[nodiscard]] inline std::string describe_text(std::string_view text) {
+  constexpr std::size_t kMost = 40;
+  std::string shown(text.substr(0, kMost));
+  for (char& c : shown)
+    if (static_cast<unsigned char>(c) < ' ' || c == '\x7f') c = '?';
+  return "'" + shown + (text.size() > kMost ? "...'" : "'");
 }
 
 /// @throws std::invalid_argument naming the option, its value and what it must be, unless it is valid.

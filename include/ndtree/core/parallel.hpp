@@ -5,15 +5,18 @@
 
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <cstddef>
 #include <exception>
 #include <functional>
 #include <mutex>
-#include <system_error>
+#include <optional>
 #include <thread>
 #include <utility>
 #include <vector>
+
+#include "ndtree/core/cancel.hpp"
 
 namespace ndtree {
 
@@ -38,7 +41,8 @@ class Workers {
 
   /// Calls `work(worker, task)` once for each task in [0, tasks), handed out in their order to whoever is
   /// free. There are no more workers than tasks. Returns when all are done.
-  /// @throws what the first of the tasks that failed has thrown; later ones may then not have begun.
+  /// @throws what the first of the tasks that failed has thrown; later ones may then not have begun. Or
+  ///   Cancelled, see CancelScope.
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
     if (count_ <= 1 || tasks <= 1) {
@@ -49,8 +53,11 @@ class Workers {
     std::mutex failing;
     std::size_t failed = tasks;
     std::exception_ptr error;
+    CancelScope* const scope = CancelScope::current();
     run([&](std::size_t worker) {
       if (worker >= tasks) return;
+      std::optional<CancelScope::Lent> lent;
+      if (worker > 0) lent.emplace(scope);
       for (std::size_t task = next++; task < tasks; task = next++) {
         try {
           work(worker, task);
@@ -63,6 +70,7 @@ class Workers {
       }
     });
     if (error) std::rethrow_exception(error);
+    checkpoint();
   }
 
  private:
@@ -78,7 +86,11 @@ class Workers {
     start_missing();
     job_(0);
     std::unique_lock<std::mutex> lock(mutex_);
-    done_.wait(lock, [this] { return busy_ == 0; });
+    while (!done_.wait_for(lock, std::chrono::milliseconds(20), [this] { return busy_ == 0; })) {
+      lock.unlock();
+      (void)CancelScope::is_cancelled();  // Then the others stop, too.
+      lock.lock();
+    }
   }
 
   void start_missing() {
@@ -88,7 +100,7 @@ class Workers {
         threads_.emplace_back([this, worker = threads_.size() + 1, seen = jobs_ - 1] { live(worker, seen); });
         ++busy_;
       }
-    } catch (const std::system_error&) {  // No more threads are to be had: these will do.
+    } catch (...) {  // No more threads are to be had, or no memory for them: these will do.
       count_ = threads_.size() + 1;
     }
   }

@@ -7,7 +7,7 @@
 #include <immintrin.h>
 /// Functions with this attribute may use AVX2, whatever the rest is compiled for. They must not multiply and
 /// add in one step (FMA), which rounds once instead of twice.
-#define NDTREE_AVX2 __attribute__((target("avx2,popcnt,no-fma")))
+#define NDTREE_AVX2 [[gnu::target("avx2,popcnt,no-fma")]]
 #define NDTREE_HAS_AVX2 1
 #endif
 

@@ -127,22 +127,25 @@ void evaluate(const Map& map, const ScanView<D>& scan, double max_range, HeldOut
               const HeldOutTruthOptions& options = {}) {
   options.validate();
   constexpr double kMaxSamples = 1e7;
+  constexpr std::size_t kSteps = 16;  // Of a sample.
   if (!(max_range > 0.0))
-    throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
+    throw std::invalid_argument("max_range = " + describe_number(max_range) + " m: must be > 0");
   const auto clipped = [&](double p) {
     return std::clamp(p, options.probability_clip, 1.0 - options.probability_clip);
   };
+  Pace pace;
   for (Eigen::Index i = 0; i < scan.size; ++i) {
     const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
     if (beam.outcome != BeamOutcome::returned) continue;
     if (!(beam.range / options.sample_spacing < kMaxSamples))
-      throw std::invalid_argument("beam " + std::to_string(i) + " is " + std::to_string(beam.range) +
-                                  " m long: expected less than " + std::to_string(kMaxSamples) +
+      throw std::invalid_argument("beam " + std::to_string(i) + " is " + describe_number(beam.range) +
+                                  " m long: expected less than " + describe_number(kMaxSamples) +
                                   " samples; give a max_range");
 
     for (std::int64_t k = 1;; ++k) {
       const double distance = static_cast<double>(k) * options.sample_spacing;
       if (!(distance <= beam.range - options.sample_margin)) break;
+      pace.spend(kSteps);
       const Vector<D> point = beam.point(distance / beam.range);
       const CellState found = state(map, point);
       ++(found == CellState::free       ? truth.free

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/io/map_builder.hpp"
 #include "ndtree/tree/visit.hpp"
@@ -32,12 +33,12 @@ struct GridGeometry {
   /// @throws std::invalid_argument naming the first value that is out of bounds.
   void validate() const {
     if (!(cell_size > 0.0) || !std::isfinite(cell_size))
-      throw std::invalid_argument("cell_size = " + std::to_string(cell_size) + " m: must be > 0 and finite");
+      throw std::invalid_argument("cell_size = " + describe_number(cell_size) + " m: must be > 0 and finite");
     if (!lower.allFinite()) throw std::invalid_argument("lower: every component must be finite");
     double cells = 1.0;
     for (const std::size_t n : shape) cells *= static_cast<double>(n);
     if (!(cells <= static_cast<double>(std::numeric_limits<std::ptrdiff_t>::max())))
-      throw std::invalid_argument("a grid of " + std::to_string(cells) +
+      throw std::invalid_argument("a grid of " + describe_number(cells) +
                                   " cells: more than can be addressed");
   }
   [[nodiscard]] std::size_t size() const {
@@ -114,9 +115,9 @@ template <class Map>
   for (int a = 0; a < D; ++a) {
     const double cells = grid.lower[a] / grid.cell_size;
     if (!(std::abs(cells) < 9e15) || std::abs(cells - std::round(cells)) > 1e-6)
-      throw std::invalid_argument("lower = " + std::to_string(grid.lower[a]) + " m on axis " +
+      throw std::invalid_argument("lower = " + describe_number(grid.lower[a]) + " m on axis " +
                                   std::to_string(a) + ": must be a whole number of cells of " +
-                                  std::to_string(grid.cell_size) + " m");
+                                  describe_number(grid.cell_size) + " m");
     corner[static_cast<std::size_t>(a)] = std::llround(cells);
   }
   MapBuilder<Map> builder(options);

@@ -13,6 +13,8 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/memory.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/lattice.hpp"
 
@@ -39,11 +41,22 @@ class MapBuilder {
       : options_(validated(options)),
         model_(options, options),
         tree_(options.min_cell_size, options.num_levels(Map::kBranching)),
-        coarsest_(Map::RefinementType::coarsest_level(tree_.geometry().finest_level())) {}
+        coarsest_(Map::RefinementType::coarsest_level(tree_.geometry().finest_level())) {
+    tree_.limit_memory(options_.memory_limit());
+  }
+
+  /// @param cells of min_cell_size that are going to be filled, no two the same. @throws MemoryLimitReached
+  /// if
+  ///   they would surely take more than max_memory: of a map that cannot have larger ones.
+  void expect_cells(double cells) const {
+    if (coarsest_ != tree_.geometry().finest_level()) return;
+    const std::size_t limit = options_.memory_limit();
+    if (cells * sizeof(typename Tree::NodeType) > static_cast<double>(limit)) throw MemoryLimitReached(limit);
+  }
 
   /// All cells of min_cell_size from `lower` to `upper`, half-open, in units of min_cell_size about 0. What
   /// is filled twice has the second value; a log-odds of 0 is nothing known.
-  /// @throws std::invalid_argument if the box is beyond what the lattice can address.
+  /// @throws std::invalid_argument if the box is beyond what the lattice can address, MemoryLimitReached.
   void fill(const Lattice<D>& lower, const Lattice<D>& upper, float log_odds) {
     Vector<D> first, last;
     for (int a = 0; a < D; ++a) {
@@ -59,6 +72,7 @@ class MapBuilder {
 
   [[nodiscard]] Map finish() && {
     join(tree_.root());
+    tree_.limit_memory(kUnlimitedMemory);
     tree_.shrink_to_fit();
     return Map(options_, std::move(tree_), typename Map::Counters{});
   }
@@ -88,6 +102,7 @@ class MapBuilder {
   }
 
   void fill_node(const Ref& ref, const Lattice<D>& lower, const Lattice<D>& upper, const Cell& cell) {
+    pace_.spend();
     const std::int64_t edge = tree_.geometry().edge(ref.index.level);
     bool inside = ref.index.level <= coarsest_;
     for (std::size_t a = 0; a < D; ++a) {
@@ -111,6 +126,7 @@ class MapBuilder {
   /// the top.
   void join(const Ref& parent) {
     if (parent.is_leaf()) return;
+    pace_.spend(Tree::kNumChildren);
     bool alike = true;
     for (int j = 0; j < Tree::kNumChildren; ++j) {
       const Ref child = tree_.child(parent, j);
@@ -126,6 +142,7 @@ class MapBuilder {
   EvidenceModel model_;
   Tree tree_;
   int coarsest_;
+  Pace pace_;
 };
 
 }  // namespace ndtree

@@ -13,6 +13,8 @@
 #include <string_view>
 #include <utility>
 
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
@@ -38,13 +40,15 @@ inline constexpr std::uint32_t kMapFileVersion = 3;
 inline constexpr std::uint32_t kOldestMapFileVersion = 2;  // No cell was partly seen.
 inline constexpr std::uint32_t kInnerNode = 0x80000000u;
 inline constexpr std::size_t kMapFilePreamble = 20;
+inline constexpr std::size_t kStepsOfNode = 4;  // Of a Pace.
 
 template <class Tree>
-void write_nodes(const Tree& tree, const typename Tree::NodeType& node, ByteWriter& out) {
+void write_nodes(const Tree& tree, const typename Tree::NodeType& node, ByteWriter& out, Pace& pace) {
   if (!node.is_leaf()) {
+    pace.spend(kStepsOfNode * Tree::kNumChildren);
     out.put(kInnerNode);
     const auto* children = tree.children(node);
-    for (int j = 0; j < Tree::kNumChildren; ++j) write_nodes(tree, children[j], out);
+    for (int j = 0; j < Tree::kNumChildren; ++j) write_nodes(tree, children[j], out, pace);
   } else {
     const auto words = node.cell().words();
     for (std::size_t i = 0; i < words.size() && (i == 0 || words[0] != 0); ++i) out.put(words[i]);
@@ -52,15 +56,16 @@ void write_nodes(const Tree& tree, const typename Tree::NodeType& node, ByteWrit
 }
 
 template <class Tree>
-void read_nodes(Tree& tree, typename Tree::NodeType& node, int level, ByteReader& in) {
+void read_nodes(Tree& tree, typename Tree::NodeType& node, int level, ByteReader& in, Pace& pace) {
   const auto word = in.get<std::uint32_t>();
   if (word == kInnerNode) {
     if (level <= tree.geometry().finest_level())
       throw std::runtime_error("a node below the smallest cell is divided, at byte " +
                                std::to_string(in.position()));
+    pace.spend(kStepsOfNode * Tree::kNumChildren);
     tree.split_node(node);
     auto* children = tree.children(node);
-    for (int j = 0; j < Tree::kNumChildren; ++j) read_nodes(tree, children[j], level - 1, in);
+    for (int j = 0; j < Tree::kNumChildren; ++j) read_nodes(tree, children[j], level - 1, in, pace);
     return;
   }
   if (word == 0) return;  // Never observed, as the cell is already.
@@ -122,7 +127,8 @@ template <class Map>
   const auto root = map.tree().root();
   payload.put(static_cast<std::int32_t>(root.index.level));
   for (const std::int64_t coordinate : root.index.lower) payload.put(coordinate);
-  detail::write_nodes(map.tree(), *root.node, payload);
+  Pace pace;
+  detail::write_nodes(map.tree(), *root.node, payload, pace);
 
   ByteWriter file;
   file.bytes().append(detail::kMapFileMagic);
@@ -153,9 +159,10 @@ template <class Map>
   if (header.branching != Map::kBranching || header.dim != Map::kDim ||
       header.refinement != Map::RefinementType::kName)
     throw std::runtime_error("holds a map with branching " + std::to_string(header.branching) + ", dim " +
-                             std::to_string(header.dim) + " and refinement '" + header.refinement +
-                             "', not branching " + std::to_string(Map::kBranching) + ", dim " +
-                             std::to_string(Map::kDim) + " and '" + Map::RefinementType::kName + "'");
+                             std::to_string(header.dim) + " and refinement " +
+                             describe_text(header.refinement) + ", not branching " +
+                             std::to_string(Map::kBranching) + ", dim " + std::to_string(Map::kDim) +
+                             " and '" + Map::RefinementType::kName + "'");
   typename Map::Options options;
   for (auto remaining = in.get<std::uint32_t>(); remaining > 0; --remaining) {
     const std::string name = in.get_text();
@@ -167,7 +174,8 @@ template <class Map>
         known = true;
       }
     });
-    if (!known) throw std::runtime_error("has an option '" + name + "' that this ndtree does not know");
+    if (!known)
+      throw std::runtime_error("has an option " + describe_text(name) + " that this ndtree does not know");
   }
   typename Map::Counters counters;
   counters.updates = in.get<std::uint64_t>();
@@ -180,7 +188,8 @@ template <class Map>
     root.level = in.get<std::int32_t>();
     for (auto& coordinate : root.lower) coordinate = in.get<std::int64_t>();
     tree.reset(root);
-    detail::read_nodes(tree, *tree.root().node, root.level, in);
+    Pace pace;
+    detail::read_nodes(tree, *tree.root().node, root.level, in, pace);
     if (!in.at_end())
       throw std::runtime_error("nodes end at byte " + std::to_string(in.position()) + " too early");
     Map map(options, std::move(tree), counters);

@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/tree/visit.hpp"
@@ -107,14 +108,14 @@ template <class Map>
   const double unit = map.options().min_cell_size;
   const double pixel = options.cell_size.value_or(unit);
   if (!(pixel > 0.0) || !std::isfinite(pixel))
-    throw std::invalid_argument("cell_size = " + std::to_string(pixel) + " m: must be > 0 and finite");
+    throw std::invalid_argument("cell_size = " + describe_number(pixel) + " m: must be > 0 and finite");
   double bottom = -std::numeric_limits<double>::infinity();
   double top = std::numeric_limits<double>::infinity();
   if (options.height) {
     if (D != 3) throw std::invalid_argument("height: a map in the plane has none");
     if (!(options.height->first < options.height->second))
-      throw std::invalid_argument("height = " + std::to_string(options.height->first) + " to " +
-                                  std::to_string(options.height->second) + " m: must be from low to high");
+      throw std::invalid_argument("height = " + describe_number(options.height->first) + " to " +
+                                  describe_number(options.height->second) + " m: must be from low to high");
     bottom = detail::PixelAxis::whole(options.height->first / unit);
     top = detail::PixelAxis::whole(options.height->second / unit);
   }

@@ -20,6 +20,8 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/io/map_builder.hpp"
@@ -64,20 +66,21 @@ struct OctomapNode {
 template <class Map>
 class OctomapSampler {
   using Tree = typename Map::Tree;
+  static constexpr std::size_t kSteps = 16;  // Of a question to the map.
 
  public:
   OctomapSampler(const Map& map, OctomapFormat format, double cell_size)
       : tree_(map.tree()), binary_(format == OctomapFormat::binary), cell_size_(cell_size) {
     if (!(cell_size > 0.0) || !std::isfinite(cell_size))
-      throw std::invalid_argument("cell_size = " + std::to_string(cell_size) + " m: must be > 0 and finite");
+      throw std::invalid_argument("cell_size = " + describe_number(cell_size) + " m: must be > 0 and finite");
     const double reach = static_cast<double>(kOctomapZero) * cell_size;
     for_each_leaf(tree_, [&](const auto& leaf) {
       if (leaf.cell().state() == CellState::unknown) return;
       const Box<3> box = tree_.box(leaf.index);
       if (box.lower.minCoeff() < -reach || box.upper.maxCoeff() > reach)
         throw std::invalid_argument("a cell at " + text(box.lower) + " m: with cells of " +
-                                    std::to_string(cell_size) + " m, OctoMap's 16 levels end " +
-                                    std::to_string(reach) +
+                                    describe_number(cell_size) + " m, OctoMap's 16 levels end " +
+                                    describe_number(reach) +
                                     " m from 0; shift the map, or choose a larger cell_size");
     });
   }
@@ -95,8 +98,8 @@ class OctomapSampler {
 
  private:
   static std::string text(const Vector<3>& point) {
-    return "(" + std::to_string(point.x()) + ", " + std::to_string(point.y()) + ", " +
-           std::to_string(point.z()) + ")";
+    return "(" + describe_number(point.x()) + ", " + describe_number(point.y()) + ", " +
+           describe_number(point.z()) + ")";
   }
   [[nodiscard]] double centre(std::int64_t key) const {
     return (static_cast<double>(key - kOctomapZero) + 0.5) * cell_size_;
@@ -111,6 +114,7 @@ class OctomapSampler {
 
   /// Appends the nodes of a cube, if anything in it is known. @returns whether it is.
   bool sample(const OctomapKey& key, int level) {
+    pace_.spend(kSteps);
     const std::int64_t edge = std::int64_t{1} << level;
     Box<3> centres;
     for (int a = 0; a < 3; ++a) {
@@ -181,6 +185,7 @@ class OctomapSampler {
   bool binary_;
   double cell_size_;
   std::vector<OctomapNode> nodes_;
+  Pace pace_;
 };
 
 inline void write_octomap_full(const std::vector<OctomapNode>& nodes, ByteWriter& out) {
@@ -243,6 +248,7 @@ class OctomapReader {
 
  private:
   void read_full(const OctomapKey& key, int level) {
+    pace_.spend();
     ++nodes_;
     const auto log_odds = in_.get<float>();
     const auto children = in_.get<std::uint8_t>();
@@ -257,6 +263,7 @@ class OctomapReader {
         read_full(octomap_child(key, child, std::int64_t{1} << (level - 1)), level - 1);
   }
   void read_binary(const OctomapKey& key, int level) {
+    pace_.spend();
     const auto bits = in_.get<std::uint16_t>();
     if (level == 0) fail("a node below the 16th level");
     for (int child = 0; child < 8; ++child) {
@@ -281,6 +288,7 @@ class OctomapReader {
   float occupied_;
   std::uint64_t nodes_ = 0;
   std::vector<OctomapLeaf> leaves_;
+  Pace pace_;
 };
 
 struct OctomapHeader {
@@ -323,8 +331,8 @@ inline OctomapHeader read_octomap_header(std::string_view bytes) {
              std::isfinite(header.cell_size);
     }
     if (!good)
-      throw std::runtime_error("line " + std::to_string(number) + ": found '" + line.substr(0, 60) +
-                               "', expected 'id OcTree', 'size' with a number of nodes, or 'res' with a cell "
+      throw std::runtime_error("line " + std::to_string(number) + ": found " + describe_text(line) +
+                               ", expected 'id OcTree', 'size' with a number of nodes, or 'res' with a cell "
                                "size > 0 m");
   }
   if (!has_nodes || header.cell_size == 0.0)
@@ -381,7 +389,8 @@ void save_octomap(const Map& map, const std::filesystem::path& path, std::option
 /// log-odds. Leaves of a .bt file get log_odds_min or log_odds_max. Those at exactly 0 are unknown here.
 /// @param options of the map, but for min_cell_size, which is the file's resolution; max_cell_size and the
 ///   bounds of the log-odds are widened to what the file holds.
-/// @throws std::runtime_error if the bytes are not those of such a file.
+/// @throws std::runtime_error if the bytes are not those of such a file, MemoryLimitReached if the map would
+///   hold more than max_memory.
 template <class Map>
 [[nodiscard]] Map octomap_from_bytes(std::string_view bytes, typename Map::Options options = {}) {
   static_assert(Map::kDim == 3, "OctoMap has three dimensions");
@@ -401,6 +410,10 @@ template <class Map>
   }
   try {
     MapBuilder<Map> builder(options);
+    double cells = 0.0;
+    for (const detail::OctomapLeaf& leaf : leaves)
+      if (state_of(leaf.log_odds) != CellState::unknown) cells += std::ldexp(1.0, 3 * leaf.level);
+    builder.expect_cells(cells);
     for (const detail::OctomapLeaf& leaf : leaves) {
       Lattice<3> lower, upper;
       for (std::size_t a = 0; a < 3; ++a) {

@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/logs/text.hpp"
 
@@ -32,9 +33,9 @@ struct CarmenOptions {
   /// @throws std::invalid_argument that names the first value out of its limits.
   void validate() const {
     if (!(max_range > 0.0))
-      throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
+      throw std::invalid_argument("max_range = " + describe_number(max_range) + " m: must be > 0");
     if (!(field_of_view > 0.0 && field_of_view <= 6.2831853071795865))
-      throw std::invalid_argument("field_of_view = " + std::to_string(field_of_view) +
+      throw std::invalid_argument("field_of_view = " + describe_number(field_of_view) +
                                   " rad: must be in (0, 2 pi]");
   }
 };
@@ -107,7 +108,7 @@ class CarmenParser {
     if (i >= record.numbers.size()) fail(record, "expected the number of " + what + ", found the end");
     const double value = record.numbers[i];
     if (!(value >= 0.0 && value <= most && std::floor(value) == value))
-      fail(record, "expected the number of " + what + ", found " + std::to_string(value));
+      fail(record, "expected the number of " + what + ", found " + describe_number(value));
     return static_cast<std::size_t>(value);
   }
 

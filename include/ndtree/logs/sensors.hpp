@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
@@ -71,7 +72,7 @@ struct RingLidar {
 namespace detail {
 
 inline void require(bool holds, const char* name, double value, const char* expected) {
-  if (!holds) throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + expected);
+  if (!holds) throw std::invalid_argument(std::string(name) + " = " + describe_number(value) + expected);
 }
 
 inline void require(bool holds, const char* name, int value, const char* expected) {

@@ -12,6 +12,8 @@
 #include <string_view>
 #include <system_error>
 
+#include "ndtree/core/option.hpp"
+
 namespace ndtree::detail {
 
 /// The error of every text reader: "line 17: <what>".
@@ -19,10 +21,8 @@ namespace ndtree::detail {
   throw std::runtime_error("line " + std::to_string(line_number) + ": " + what);
 }
 
-/// A field as it is quoted in an error: at most 40 characters of it.
-inline std::string quoted(std::string_view field) {
-  return "'" + std::string(field.substr(0, 40)) + (field.size() > 40 ? "...'" : "'");
-}
+/// A field as it is quoted in an error.
+inline std::string quoted(std::string_view field) { return describe_text(field); }
 
 /// The number that is all of `field`, with an optional sign; "nan" and "inf" are numbers. A magnitude below
 /// the smallest double is 0, one above the largest is infinite.

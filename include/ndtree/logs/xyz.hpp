@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/logs/text.hpp"
 
@@ -134,7 +135,7 @@ std::optional<Scan<D>> XyzParser<D>::parse_line(std::string_view line) {
   const double flag = count == 2 * dim ? 1.0 : numbers[2 * dim];
   if (flag != 0.0 && flag != 1.0)
     detail::throw_at_line(line_number_, "expected 0 or 1 in column " + std::to_string(2 * dim + 1) +
-                                            ", found " + std::to_string(flag));
+                                            ", found " + describe_number(flag));
   const Eigen::Map<const Vector<D>> origin(numbers.data());
   std::optional<Scan<D>> ended;
   if (!returned_.empty() && origin != origin_) ended = finish();

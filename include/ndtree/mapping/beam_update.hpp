@@ -3,12 +3,16 @@
 /// One beam into the tree: Bayes update and counts leaf by leaf, splits on the way, merges on the way back.
 #pragma once
 
+#include <vector>
+
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
+#include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
 
@@ -45,11 +49,22 @@ class BeamUpdate : public BeamVisitor {
   }
 
   /// Integrates beam after beam. @pre the tree contains what the survey reaches.
-  void finish(Workers& /*workers*/) {
+  /// @param undo gets one log; null if none is to be kept.
+  void finish(Workers& /*workers*/, std::vector<UndoLog<Tree>>* undo = nullptr) {
+    if (undo != nullptr) undo->resize(1);
+    undo_ = undo == nullptr ? nullptr : undo->data();
     for (Eigen::Index i = 0; i < measurements_->scan().size; ++i) {
       const Beam<D> beam = measurements_->beam(i);
       if (beam.outcome != BeamOutcome::invalid) add(beam, measurements_->sigma(i, beam.range));
     }
+  }
+
+  template <class Ref>
+  bool passes_over(const Ref& parent) {
+    if (parent.node->note() == 0) return false;  // It was split by this scan, or has been here.
+    if (undo_ != nullptr) undo_->keep(tree_, *parent.node);
+    parent.node->set_note(0);  // Until the scan is done.
+    return false;
   }
 
   template <class Ref>
@@ -59,6 +74,7 @@ class BeamUpdate : public BeamVisitor {
 
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
+    pace_.spend();
     auto& cell = leaf.cell();
     if (t_exit < t_clearly_free_) {
       cell.update(sensor_.log_odds_free(), log_odds_min_, log_odds_max_);
@@ -93,7 +109,6 @@ class BeamUpdate : public BeamVisitor {
 
   template <class Ref>
   void leave(const Ref& parent) {
-    parent.node->set_note(0);  // Until the scan is done.
     if (!try_merge_) return;
     try_merge_ = false;  // A sibling that stays divided forbids the merge one level up, too.
     if (parent.index.level > coarsest_level_) return;
@@ -143,6 +158,9 @@ class BeamUpdate : public BeamVisitor {
   bool returned_ = false;
   bool hit_counted_ = false;
   bool try_merge_ = false;  // A child of the node being left could take part in a merge.
+
+  UndoLog<Tree>* undo_ = nullptr;
+  Pace pace_;
 };
 
 }  // namespace ndtree

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 
 namespace ndtree {
@@ -55,6 +56,7 @@ class Compression {
   using Ref = typename Tree::Ref;
   using Cell = typename Tree::Cell;
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+  static constexpr std::size_t kMergeSteps = 32;  // Of a Pace.
 
  public:
   /// @param other_bytes what the map holds beside its tree.
@@ -85,6 +87,7 @@ class Compression {
       if (small_enough && next.joined.loss > 0.0) break;
       if (budget.max_loss && report.loss + next.joined.loss > *budget.max_loss) break;
       candidates_.pop();
+      pace_.spend(kMergeSteps);
       InnerNode& node = inner_nodes_[next.node];
       tree_.merge(*node.node, next.joined.cell);
       report.loss += next.joined.loss;
@@ -136,6 +139,7 @@ class Compression {
       inner_nodes_.push_back({ref.node, parent, 0});
       if (parent != kNone) ++inner_nodes_[parent].divided_children;
     }
+    pace_.spend(kMergeSteps);
     Least least;
     std::vector<typename Tree::NodeType> merged;
     for (int j = 0; j < Tree::kNumChildren; ++j) {
@@ -167,6 +171,7 @@ class Compression {
   std::size_t leaves_ = 0;
   std::size_t least_leaves_ = 0;  // Observed ones that merging leaves at least, ...
   std::size_t most_merges_ = 0;   // ... and the merges until then.
+  Pace pace_;
 };
 
 }  // namespace detail

@@ -5,6 +5,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/lattice.hpp"
 
@@ -40,6 +41,7 @@ class Forgetting {
   /// @returns whether anything changed.
   bool descend(const Ref& ref) {
     if (ref.is_leaf() && is_blank(ref.cell())) return false;
+    pace_.spend();
     switch (fate_of_(tree_.box(ref.index), ref)) {
       case Fate::keep:
         return false;
@@ -74,6 +76,7 @@ class Forgetting {
   Tree& tree_;
   const IsSettled& is_settled_;
   const FateOf& fate_of_;
+  Pace pace_;
 };
 
 }  // namespace detail

@@ -4,6 +4,8 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
+#include <limits>
 #include <string_view>
 
 #include "ndtree/cell/evidence_merge.hpp"
@@ -11,6 +13,7 @@
 #include "ndtree/cell/merge_rule.hpp"
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/split_test.hpp"
+#include "ndtree/core/memory.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/mapping/coverage.hpp"
 
@@ -26,12 +29,16 @@ struct MapOptions : SensorOptions,
   double min_cell_size = 0.05;  ///< Leaves are never split below this edge length [m].
   /// No larger cell is ever updated [m]. The map uses the largest min_cell_size * N^k that is not above it.
   double max_cell_size = 1.6;
+  /// A scan with which the map would hold more is refused [bytes]; 0: three quarters of the machine's memory.
+  double max_memory = 0.0;
 
   /// Calls `visit(name, value, bounds)` for every option. @param options a MapOptions, const or not.
   template <class Options, class Visit>
   static void for_each_bounded(Options& options, Visit&& visit) {
     visit("min_cell_size", options.min_cell_size, OptionBounds{1e-9, 1e6, " m"});
     visit("max_cell_size", options.max_cell_size, OptionBounds{1e-9, 1e9, " m"});
+    visit("max_memory", options.max_memory,
+          OptionBounds{0.0, std::numeric_limits<double>::infinity(), " bytes"});
     SensorOptions::for_each_bounded(options, visit);
     SplitOptions::for_each_bounded(options, visit);
     MergeOptions::for_each_bounded(options, visit);
@@ -44,6 +51,12 @@ struct MapOptions : SensorOptions,
     for_each_bounded(*this, require_within);
     require_option(max_cell_size >= min_cell_size, "max_cell_size", max_cell_size,
                    "at least min_cell_size = " + describe_number(min_cell_size) + " m");
+  }
+
+  /// Bytes that the map may hold, see max_memory.
+  [[nodiscard]] std::size_t memory_limit() const {
+    if (max_memory == 0.0) return machine_memory() / 4 * 3;
+    return max_memory < 0x1p63 ? static_cast<std::size_t>(max_memory) : kUnlimitedMemory;
   }
 
   /// Levels between the smallest and the largest cell for N children per axis. Sizes are decimal numbers that
@@ -99,6 +112,7 @@ void for_each_option(Options& options, Visit&& visit) {
   visit("evidence_half_life", options.evidence_half_life);
   visit("covered_share", options.covered_share);
   visit("coverage_cells", options.coverage_cells);
+  visit("max_memory", options.max_memory);
 }
 
 }  // namespace ndtree

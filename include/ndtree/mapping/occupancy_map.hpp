@@ -18,6 +18,7 @@
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
@@ -28,6 +29,7 @@
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/nd_tree.hpp"
+#include "ndtree/tree/undo_log.hpp"
 #include "ndtree/tree/visit.hpp"
 
 namespace ndtree {
@@ -114,8 +116,12 @@ class OccupancyMap {
   /// @param threads that may work on a large scan; 0: as many as the machine has cores. The map is the same,
   ///   bit for bit, for every number. Beam by beam there is only one.
   /// @throws std::invalid_argument if max_range is not > 0, threads is negative, if the scan's one origin is
-  ///   not finite, a range_sigma outside kRangeSigmaBounds, or if a beam leaves what the lattice can address.
-  ///   The map is then unchanged.
+  ///   not finite, a range_sigma outside kRangeSigmaBounds, or if a beam leaves what the lattice can address
+  ///   or is longer than kLongestBeam of the smallest cells.
+  /// @throws MemoryLimitReached if the map would hold more than its max_memory, Cancelled (see CancelScope),
+  ///   std::bad_alloc, std::length_error. If a max_memory was given, or there is a CancelScope, the map is
+  ///   then as it was before the call; else it is valid, but some cells may have taken the scan in, and
+  ///   others not.
   InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0);
   InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange, int threads = 0) {
     return insert(scan.view(), max_range, threads);
@@ -127,12 +133,15 @@ class OccupancyMap {
 
   /// Joins siblings where that loses the least information, until the budget is met; later insertions go on
   /// from there, and divide again what beams contradict. O(nodes log nodes).
-  /// @throws std::invalid_argument if no limit is given, or one cannot be met; the map is then unchanged.
+  /// @throws std::invalid_argument if no limit is given, or one cannot be met, std::bad_alloc, Cancelled; the
+  ///   map is then unchanged.
   CompressReport compress(const CompressBudget& budget) {
-    detail::Compression compression(tree_, refinement_.merge_rule,
+    Tree compressed = tree_;
+    detail::Compression compression(compressed, refinement_.merge_rule,
                                     Refinement::coarsest_level(tree_.geometry().finest_level()),
                                     sizeof(*this) - sizeof(tree_));
     const CompressReport report = compression.run(budget);
+    tree_ = std::move(compressed);
     counters_.merges += report.merges;
     forget_summaries(tree_);
     summarise_unknown(tree_, *tree_.root().node, settled());
@@ -140,7 +149,8 @@ class OccupancyMap {
   }
 
   /// Forgets all cells but those that share a volume with a box. O(what goes, and what lies on its border).
-  /// @throws std::invalid_argument if the box has no volume; the map is then unchanged.
+  /// @throws std::invalid_argument if the box has no volume; the map is then unchanged. After std::bad_alloc
+  ///   and Cancelled, a part of what was to go is forgotten.
   void crop(const Box<D>& box) {
     check(box);
     forget([&](const Box<D>& cell, const auto& ref) {
@@ -164,7 +174,7 @@ class OccupancyMap {
   void keep_near(const Vector<D>& center, double radius) {
     if (!center.allFinite()) throw std::invalid_argument("center = " + describe(center) + ": must be finite");
     if (!(radius > 0.0) || !std::isfinite(radius))
-      throw std::invalid_argument("radius = " + std::to_string(radius) + " m: must be > 0 and finite");
+      throw std::invalid_argument("radius = " + describe_number(radius) + " m: must be > 0 and finite");
     forget([&](const Box<D>& cell, const auto& ref) {
       if (cell.squared_distance(center) > radius * radius) return Fate::forget;
       const double farthest =
@@ -233,8 +243,9 @@ class OccupancyMap {
     try {
       detail::Forgetting<Tree, decltype(is_settled), FateOf>(tree_, is_settled, fate_of).run();
       tree_.shrink_if_half_empty();
-    } catch (...) {  // Of lack of memory: what is there stays valid.
+    } catch (...) {  // Of lack of memory, or cancelled: what is there stays valid.
       forget_summaries(tree_);
+      summarise_unknown(tree_, *tree_.root().node, is_settled);
       throw;
     }
   }
@@ -254,7 +265,7 @@ class OccupancyMap {
 
   static void check(const ScanView<D>& scan, double max_range) {
     if (!(max_range > 0.0))
-      throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
+      throw std::invalid_argument("max_range = " + describe_number(max_range) + " m: must be > 0");
     if (!scan.origin_per_beam && scan.size > 0 && !scan.origin(0).allFinite())
       throw std::invalid_argument("origin = " + describe(scan.origin(0)) +
                                   " m: every component must be finite");
@@ -262,7 +273,7 @@ class OccupancyMap {
 
   static std::string describe(const Vector<D>& point) {
     std::string text = "(";
-    for (int a = 0; a < D; ++a) text += (a ? ", " : "") + std::to_string(point[a]);
+    for (int a = 0; a < D; ++a) text += (a ? ", " : "") + describe_number(point[a]);
     return text + ")";
   }
 
@@ -286,24 +297,36 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   Workers workers(std::min(static_cast<std::size_t>(threads), Update::most_workers(scan.size)));
   Update update(tree_, refinement_, sensor_, options_, counters_);
   const Measurements<D, Sensor> measurements(scan, max_range, sensor_);
-  // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, can
-  // still stop it half-way.
+  // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, or a
+  // wish from outside, can still stop it half-way.
   const ScanSurvey<D> survey = update.look_over(measurements, workers);
   for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
                                     BeamOutcome::beyond_max_range, BeamOutcome::invalid})
     report.count(outcome) = survey.num(outcome);
+  const bool is_undone = options_.max_memory > 0.0 || CancelScope::current() != nullptr;
+  const typename UndoLog<Tree>::Begin begin(tree_);
+  std::vector<UndoLog<Tree>> undo;
   try {
+    tree_.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
     if (survey.num_valid() > 0) {
       tree_.grow_to_contain(survey.reach.lower);
       tree_.grow_to_contain(survey.reach.upper);
     }
-    update.finish(workers);
+    update.finish(workers, is_undone ? &undo : nullptr);
     tree_.shrink_if_half_empty();
-    summarise_unknown(tree_, *tree_.root().node, settled());
-  } catch (...) {  // Of lack of memory: what is there stays valid.
-    forget_summaries(tree_);
+  } catch (...) {
+    tree_.limit_memory(kUnlimitedMemory);
+    if (is_undone) {
+      UndoLog<Tree>::undo(tree_, begin, undo);
+      counters_ = before;
+    } else {
+      forget_summaries(tree_);
+      summarise_unknown(tree_, *tree_.root().node, settled());
+    }
     throw;
   }
+  tree_.limit_memory(kUnlimitedMemory);
+  summarise_unknown(tree_, *tree_.root().node, settled());
   report.updates = counters_.updates - before.updates;
   report.splits = counters_.splits - before.splits;
   report.merges = counters_.merges - before.merges;

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -21,6 +22,7 @@
 #include "ndtree/mapping/scan/sample.hpp"
 #include "ndtree/mapping/scan/walk.hpp"
 #include "ndtree/mapping/update_counters.hpp"
+#include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
 
@@ -65,11 +67,15 @@ class ScanUpdate {
 
   /// @pre the tree contains what the survey reaches.
   /// The result is the same for every number of workers.
-  void finish(Workers& workers) {
+  /// @param undo grows to as many logs as are needed; null if none is to be kept.
+  void finish(Workers& workers, std::vector<UndoLog<Tree>>* undo = nullptr) {
     prepare(workers);
     if (beams_.size() == 0) return;
-    if (workers.count() <= 1) {
-      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, beams_);
+    checkpoint();
+    undo_ = undo;
+    if (undo_ != nullptr) undo_->resize(1 + workers.count());
+    if (workers.count() <= 1 || !lists_fit_in_memory()) {
+      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, beams_, log(0));
       walk.run();
       add(walk.counters());
     } else {
@@ -201,36 +207,59 @@ class ScanUpdate {
     return faces;
   }
 
+  /// Whether tasks, which all have their lists at the same time, take less than a gigabyte: a beam crosses at
+  /// most so many planes between cells of the coarsest level, and one cell more.
+  [[nodiscard]] bool lists_fit_in_memory() const {
+    constexpr double kMost = 0x1p26;
+    const auto& geometry = tree_.geometry();
+    const double planes_per_metre =
+        std::sqrt(D) / geometry.cell_size(Refinement::coarsest_level(geometry.finest_level()));
+    double crossings = 0.0;
+    for (std::size_t i = 0; i < beams_.size(); ++i)
+      crossings += 1.0 + D + static_cast<double>(beams_.reach()[i]) * planes_per_metre;
+    return crossings < kMost;
+  }
+
+  /// Arenas of threads, which the tree gets back whatever happens.
+  class Arenas {
+   public:
+    Arenas(Tree& tree, std::size_t count) : tree_(tree), arenas_(count) {
+      for (typename Tree::Arena& arena : arenas_) tree_.lend(arena);
+    }
+    Arenas(const Arenas&) = delete;
+    Arenas& operator=(const Arenas&) = delete;
+    ~Arenas() {
+      for (typename Tree::Arena& arena : arenas_) tree_.absorb(arena);
+    }
+    [[nodiscard]] std::vector<typename Tree::Arena>& all() { return arenas_; }
+
+   private:
+    Tree& tree_;
+    std::vector<typename Tree::Arena> arenas_;
+  };
+
   /// One thread walks down to the cells of the coarsest level, which are then shared out, the ones with the
   /// most beams first.
   void run_tasks(Workers& workers) {
     std::vector<typename Walk::Task> tasks;
-    Walk above(tree_, tree_.main_arena(), refinement_, sensor_, beams_);
+    Walk above(tree_, tree_.main_arena(), refinement_, sensor_, beams_, log(0));
     above.run(&tasks);
     add(above.counters());
     std::stable_sort(tasks.begin(), tasks.end(),
                      [](const auto& a, const auto& b) { return a.list.size > b.list.size; });
-    std::vector<typename Tree::Arena> arenas(std::min(workers.count(), tasks.size()));
+    Arenas arenas(tree_, std::min(workers.count(), tasks.size()));
     std::vector<Walk> walks;
-    walks.reserve(arenas.size());
-    for (typename Tree::Arena& arena : arenas) {
-      tree_.lend(arena);
-      walks.emplace_back(tree_, arena, refinement_, sensor_, beams_);
-    }
-    const auto put_together = [&] {
-      for (std::size_t i = 0; i < arenas.size(); ++i) {
-        tree_.absorb(arenas[i]);
-        add(walks[i].counters());
-      }
-    };
-    try {
-      workers.for_each_task(tasks.size(),
-                            [&](std::size_t worker, std::size_t task) { walks[worker].run(tasks[task]); });
-    } catch (...) {
-      put_together();
-      throw;
-    }
-    put_together();
+    walks.reserve(arenas.all().size());
+    for (typename Tree::Arena& arena : arenas.all())
+      walks.emplace_back(tree_, arena, refinement_, sensor_, beams_, log(1 + walks.size()));
+    workers.for_each_task(tasks.size(),
+                          [&](std::size_t worker, std::size_t task) { walks[worker].run(tasks[task]); });
+    for (const Walk& walk : walks) add(walk.counters());
+  }
+
+  /// One for what one thread does alone, then one for each.
+  [[nodiscard]] UndoLog<Tree>* log(std::size_t number) const {
+    return undo_ == nullptr ? nullptr : undo_->data() + number;
   }
 
   void add(const UpdateCounters& counters) {
@@ -248,6 +277,7 @@ class ScanUpdate {
   Box<D> reach_;
   ScanImage<D> image_;
   ScanBeams<D> beams_;
+  std::vector<UndoLog<Tree>>* undo_ = nullptr;
 };
 
 }  // namespace ndtree

@@ -9,6 +9,7 @@
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/region.hpp"
 
@@ -28,7 +29,9 @@ enum class UnknownSpace { free, occupied };
 template <class Map, class Visit>
 void for_each_leaf_of(const Map& map, const Box<Map::kDim>& region, const RegionStates& states,
                       const Visit& visit) {
+  Pace pace;
   detail::for_each_node_touching(map.tree(), map.tree().root(), region, [&](const auto& ref, bool) {
+    pace.spend();
     if (ref.is_leaf()) {
       if (contains(states, ref.cell().state())) visit(ref);
       return false;
@@ -44,7 +47,9 @@ void for_each_leaf_of(const Map& map, const Box<Map::kDim>& region, const Region
 template <class Map>
 [[nodiscard]] std::optional<Box<Map::kDim>> bounds(const Map& map) {
   std::optional<Box<Map::kDim>> result;
+  Pace pace;
   const auto descend = [&](const auto& self, const auto& ref) -> void {
+    pace.spend();
     const Box<Map::kDim> box = map.tree().box(ref.index);
     if (result && result->encloses(box)) return;  // It can add nothing.
     if (!ref.is_leaf()) {

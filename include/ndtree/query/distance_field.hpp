@@ -15,6 +15,8 @@
 #include <vector>
 
 #include "ndtree/core/box_tree.hpp"
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/tree/child_index.hpp"
@@ -150,7 +152,8 @@ class NearestBoxes {
     if (boxes_.empty()) return;
     Block all;
     all.last = field_.shape();
-    halve(all, {{0, kNotOne}}, wants, visit);
+    Pace pace;
+    halve(all, {{0, kNotOne}}, wants, visit, pace);
   }
 
  private:
@@ -192,8 +195,8 @@ class NearestBoxes {
   }
 
   template <class Wants, class Visit>
-  void halve(const Block& block, const std::vector<Candidate>& above, const Wants& wants,
-             const Visit& visit) const {
+  void halve(const Block& block, const std::vector<Candidate>& above, const Wants& wants, const Visit& visit,
+             Pace& pace) const {
     if (!wants(block.first, block.last)) return;
     const Box<D> points = box_of(block);
     std::size_t longest = 0;
@@ -209,6 +212,7 @@ class NearestBoxes {
     while (!open.empty()) {
       const Candidate candidate = open.back();
       open.pop_back();
+      pace.spend();
       const Box<D>& box = bounds(candidate);
       if (least(points, box) > nearest) continue;
       if (candidate.box != kNotOne || (box.upper - box.lower).maxCoeff() <= extent) {
@@ -232,15 +236,16 @@ class NearestBoxes {
                      candidates.end());
     if (candidates.empty()) return;
     if (is_small) {
+      pace.spend(candidates.size() * static_cast<std::size_t>(integer_power(kSide, D)));
       look_at_all(block, candidates, visit);
       return;
     }
     Block half = block;
     half.last[longest] = block.first[longest] + (block.last[longest] - block.first[longest]) / 2;
-    halve(half, candidates, wants, visit);
+    halve(half, candidates, wants, visit, pace);
     half.first[longest] = half.last[longest];
     half.last[longest] = block.last[longest];
-    halve(half, candidates, wants, visit);
+    halve(half, candidates, wants, visit, pace);
   }
 
   template <class Visit>
@@ -320,7 +325,7 @@ template <class Map>
   constexpr int D = Map::kDim;
   const auto require = [](bool holds, const char* name, double value, const char* what) {
     if (!holds)
-      throw std::invalid_argument(std::string(name) + " = " + std::to_string(value) + " m: " + what);
+      throw std::invalid_argument(std::string(name) + " = " + describe_number(value) + " m: " + what);
   };
   require(cell_size > 0.0 && std::isfinite(cell_size), "cell_size", cell_size, "must be > 0 and finite");
   require(max_distance > 0.0 && std::isfinite(max_distance), "max_distance", max_distance,

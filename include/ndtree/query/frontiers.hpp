@@ -15,6 +15,8 @@
 #include <vector>
 
 #include "ndtree/core/box_tree.hpp"
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
 
@@ -92,7 +94,8 @@ template <int D>
   const BoxTree<D> beyond(unknown);
   std::vector<Border> borders;
   std::vector<Box<D>> boxes;
-  for (std::size_t i = 0; i < free.size(); ++i) {
+  constexpr std::size_t kSteps = 32;  // Of a cell's surroundings.
+  for_each_paced(free.size(), kSteps, [&](std::size_t i) {
     Border border{i};
     beyond.for_each_touching(free[i], [&](std::uint32_t number) {
       const SharedFace<D> face(free[i], beyond.box(number));
@@ -101,14 +104,15 @@ template <int D>
       border.center += face.area * face.center;
       border.direction[face.axis] += face.is_upper ? face.area : -face.area;
     });
-    if (!(border.area > 0.0)) continue;
+    if (!(border.area > 0.0)) return;
     borders.push_back(border);
     boxes.push_back(free[i]);
-  }
+  });
   const BoxTree<D> places(boxes);
   DisjointSets sets(borders.size());
-  for (std::size_t i = 0; i < borders.size(); ++i)
+  for_each_paced(borders.size(), kSteps, [&](std::size_t i) {
     places.for_each_touching(boxes[i], [&](std::uint32_t number) { sets.join(i, places.index(number)); });
+  });
   std::vector<Frontier<D>> all(borders.size());
   for (std::size_t i = 0; i < borders.size(); ++i) {
     Frontier<D>& frontier = all[sets.find(i)];
@@ -145,7 +149,7 @@ template <class Map>
     const Map& map, const std::optional<Box<Map::kDim>>& box = std::nullopt, double min_cells = 8.0) {
   constexpr int D = Map::kDim;
   if (!(min_cells >= 0.0))
-    throw std::invalid_argument("min_cells = " + std::to_string(min_cells) + ": must be >= 0");
+    throw std::invalid_argument("min_cells = " + describe_number(min_cells) + ": must be >= 0");
   if (box && !(box->lower.array() <= box->upper.array()).all())
     throw std::invalid_argument("box: its lower corner must not lie above the upper one");
   const auto& tree = map.tree();

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/lattice.hpp"
 
@@ -107,7 +108,9 @@ void for_each_cell_at(const Map& map, const double* points, std::size_t n, Visit
   std::array<Lattice<D>, kSideBySide>
       offsets;                                 // From the root's lower corner, or, if N is not 2, the node's.
   std::array<std::size_t, kSideBySide> going;  // Those of which the leaf is not found yet.
+  Pace pace;
   for (std::size_t first = 0; first < n; first += kSideBySide) {
+    pace.spend(kSideBySide);
     const std::size_t count = std::min(kSideBySide, n - first);
     std::size_t num_going = 0;
     for (std::size_t i = 0; i < count; ++i) {

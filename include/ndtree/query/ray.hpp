@@ -60,7 +60,7 @@ inline void check_ray(bool finite, double length, double max_range) {
   if (!finite || !(length > 0.0))
     throw std::invalid_argument("ray: origin and direction must be finite, and the direction not zero");
   if (!(max_range > 0.0))
-    throw std::invalid_argument("max_range = " + std::to_string(max_range) + " m: must be > 0");
+    throw std::invalid_argument("max_range = " + describe_number(max_range) + " m: must be > 0");
 }
 
 }  // namespace detail

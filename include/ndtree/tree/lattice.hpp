@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/child_index.hpp"
@@ -39,7 +40,7 @@ class LatticeGeometry {
   LatticeGeometry(double unit, int num_levels)
       : unit_(unit), per_metre_(1.0 / unit), num_levels_(num_levels) {
     if (!(unit > 0.0) || !std::isfinite(per_metre_) || !std::isfinite(reach()))
-      throw std::invalid_argument("min_cell_size = " + std::to_string(unit) +
+      throw std::invalid_argument("min_cell_size = " + describe_number(unit) +
                                   " m: must be > 0, and 2^38 of it and 1 / it finite");
     if (num_levels < 0)
       throw std::invalid_argument("number of levels = " + std::to_string(num_levels) + ": must be >= 0");
@@ -49,7 +50,7 @@ class LatticeGeometry {
       edge *= N;
       if (edge > (std::int64_t{1} << 36))
         throw std::invalid_argument(
-            "cells of " + std::to_string(unit) + " m and " + std::to_string(num_levels) +
+            "cells of " + describe_number(unit) + " m and " + std::to_string(num_levels) +
             " levels above them: at most 2^36 of the smallest fit along max_cell_size");
       edges_.push_back(edge);
     }

@@ -6,11 +6,15 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <new>
 #include <optional>
 #include <stdexcept>
 #include <string>
 #include <type_traits>
+#include <utility>
 
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/lattice.hpp"
@@ -140,23 +144,57 @@ class NdTree {
     while (!geometry_.contains(root_index_, target)) grow_towards(target);
   }
 
+  /// Takes growth back: what it has added goes. @param root_index of a root that has grown to this one.
+  void shrink_to(const CellIndex<D>& root_index) {
+    while (root_index_.level > root_index.level) {
+      NodeType& root = *pool_.block(kRootBlock);
+      CellIndex<D> below{root_index_.lower, root_index_.level - 1};
+      const std::int64_t edge = geometry_.edge(below.level);
+      Offset<D> offset;
+      for (std::size_t a = 0; a < D; ++a) {
+        offset[a] = static_cast<int>((root_index.lower[a] - root_index_.lower[a]) / edge);
+        below.lower[a] += offset[a] * edge;
+      }
+      if (!root.is_leaf()) {
+        const int old_root = child_number<N, D>(offset);
+        for (int j = 0; j < kNumChildren; ++j)
+          if (j != old_root) cut(children(root)[j]);
+        const BlockId block = root.children();
+        root = pool_.block(block)[old_root];
+        pool_.free(block);
+      }
+      root_index_ = below;
+    }
+  }
+
+  /// Bytes that the tree may hold from now on, with so many others. Splitting and growing then throw
+  /// MemoryLimitReached.
+  void limit_memory(std::size_t bytes, std::size_t others = 0) {
+    pool_.limit_memory(bytes, sizeof(*this) + others);
+  }
+
   [[nodiscard]] std::size_t num_inner_nodes() const { return pool_.num_blocks() - 1; }
   [[nodiscard]] std::size_t num_nodes() const { return 1 + num_inner_nodes() * kNumChildren; }
   [[nodiscard]] std::size_t num_leaves() const { return num_nodes() - num_inner_nodes(); }
   /// Gives back the memory of blocks that merging has freed, and puts siblings' blocks in depth-first order.
-  /// Pointers to nodes do not hold. O(nodes).
+  /// Pointers to nodes do not hold. O(nodes). If there is not enough memory for both, nothing changes.
   void shrink_to_fit() {
-    Pool old;
-    old.swap(pool_);
-    pool_.reserve(old.num_blocks());
-    pool_.allocate();
-    copy_node(old, old.block(kRootBlock)[0], pool_.block(kRootBlock)[0]);
+    Pool fresh;
+    fresh.reserve(pool_.num_blocks());
+    fresh.allocate();
+    Pace pace;
+    copy_node(*pool_.block(kRootBlock), fresh, *fresh.block(kRootBlock), pace);
+    pool_.swap(fresh);
   }
   /// shrink_to_fit(), if less than half of the memory is used. So memory follows what the tree holds, at a
   /// cost of O(1) for each merge. Pointers to nodes may not hold.
   void shrink_if_half_empty() {
     constexpr std::size_t kSmall = 1024;  // Blocks that are not worth it.
-    if (pool_.capacity_in_blocks() > 2 * pool_.num_blocks() + kSmall) shrink_to_fit();
+    if (pool_.capacity_in_blocks() <= 2 * pool_.num_blocks() + kSmall) return;
+    try {
+      shrink_to_fit();
+    } catch (const std::bad_alloc&) {  // Then not now.
+    }
   }
   /// Bytes that a tree with so many inner nodes holds after shrink_to_fit().
   [[nodiscard]] static std::size_t memory_bytes_of(std::size_t num_inner_nodes) {
@@ -188,8 +226,9 @@ class NdTree {
     if (!reachable)
       throw std::invalid_argument("root of level " + std::to_string(root_index.level) +
                                   ": not one that a tree can grow to");
-    pool_ = {};
-    pool_.allocate();
+    Pool fresh;
+    fresh.allocate();
+    pool_.swap(fresh);
     root_index_ = root_index;
   }
 
@@ -197,16 +236,17 @@ class NdTree {
   using Pool = NodePool<NodeType, kNumChildren>;
   static constexpr BlockId kRootBlock = 0;  // Of this block only the first node is used.
 
-  void copy_node(const Pool& from, const NodeType& source, NodeType& target) {
+  void copy_node(const NodeType& source, Pool& pool, NodeType& target, Pace& pace) const {
     if (source.is_leaf()) {
       target.become_leaf(source.cell());
       return;
     }
-    const BlockId block = pool_.allocate();
+    pace.spend();
+    const BlockId block = pool.allocate();
     target.become_inner(block);
     target.set_note(source.note());
-    const NodeType* const sources = from.block(source.children());
-    for (int j = 0; j < kNumChildren; ++j) copy_node(from, sources[j], pool_.block(block)[j]);
+    const NodeType* const sources = children(source);
+    for (int j = 0; j < kNumChildren; ++j) copy_node(sources[j], pool, pool.block(block)[j], pace);
   }
 
   template <class R, class Tree>
@@ -278,9 +318,9 @@ class NdTree {
 
   [[nodiscard]] std::string out_of_reach(const Vector<D>& point) const {
     std::string text = "point (";
-    for (int a = 0; a < D; ++a) text += (a ? ", " : "") + std::to_string(point[a]);
-    return text + ") m: with cells of " + std::to_string(geometry_.unit()) +
-           " m every component must be within " + std::to_string(geometry_.reach()) + " m of 0";
+    for (int a = 0; a < D; ++a) text += (a ? ", " : "") + describe_number(point[a]);
+    return text + ") m: with cells of " + describe_number(geometry_.unit()) +
+           " m every component must be within " + describe_number(geometry_.reach()) + " m of 0";
   }
 
   LatticeGeometry<N, D> geometry_;

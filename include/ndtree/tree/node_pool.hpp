@@ -16,6 +16,8 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/memory.hpp"
+
 namespace ndtree {
 
 /// Id of a block of N^D siblings; below 2^31, so that one bit of a node's first word tells leaf from inner
@@ -106,7 +108,8 @@ class NodePool {
 
   NodePool() = default;
   NodePool(NodePool&& other) noexcept { swap(other); }
-  NodePool(const NodePool& other) : main_(other.main_) {
+  NodePool(const NodePool& other) : NodePool() {  // So that what fails below is destroyed.
+    main_ = other.main_;
     make_directory(other.num_chunks_);
     for (; num_chunks_ < other.num_chunks_; ++num_chunks_) {
       chunk(num_chunks_) = new std::byte[kChunkBytes];
@@ -131,7 +134,15 @@ class NodePool {
   /// The one that is used if no other is named.
   [[nodiscard]] Arena& main_arena() { return main_; }
 
-  /// A block of default nodes. @throws std::length_error beyond 2^31 blocks.
+  /// Bytes that it may hold from now on, with so many others; what it holds already stays. Neither copied nor
+  /// swapped.
+  void limit_memory(std::size_t bytes, std::size_t others = 0) {
+    limit_ = bytes;
+    others_ = others;
+  }
+
+  /// A block of default nodes. @throws std::length_error beyond 2^31 blocks, MemoryLimitReached,
+  ///   std::bad_alloc; the pool is then unchanged.
   BlockId allocate() { return allocate(main_); }
   BlockId allocate(Arena& arena) {
     if (arena.first_free_ == kNone && arena.next_unused_ == arena.end_of_chunk_) refill(arena);
@@ -238,7 +249,12 @@ class NodePool {
     }
     if ((num_chunks_ + 1) << kChunkBits > kMaxBlocks)
       throw std::length_error("the tree holds 2^31 blocks of nodes: it is full");
-    if (num_chunks_ == capacity_) make_directory(std::max<std::size_t>(2 * capacity_, 4));
+    const bool is_full = num_chunks_ == capacity_;
+    const std::size_t capacity = is_full ? std::max<std::size_t>(2 * capacity_, 4) : capacity_;
+    if (limit_ != kUnlimitedMemory &&
+        (num_chunks_ + 1) * kChunkBytes + capacity * sizeof(std::byte*) + others_ > limit_)
+      throw MemoryLimitReached(limit_);
+    if (is_full) make_directory(capacity);
     if (num_lent_ == 0) forget_old_directories();
     chunk(num_chunks_) = new std::byte[kChunkBytes];
     arena.next_unused_ = static_cast<BlockId>(num_chunks_ << kChunkBits);
@@ -250,7 +266,9 @@ class NodePool {
   std::atomic<std::byte**> directory_{nullptr};
   std::size_t num_chunks_ = 0;
   std::size_t capacity_ = 0;
-  int num_lent_ = 0;  // Arenas that threads work with.
+  std::size_t limit_ = kUnlimitedMemory;  // Bytes, of which ...
+  std::size_t others_ = 0;                // ... so many are not the pool's.
+  int num_lent_ = 0;                      // Arenas that threads work with.
   Arena main_;
   std::mutex mutex_;
 };

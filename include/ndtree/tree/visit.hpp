@@ -3,6 +3,7 @@
 /// Depth-first visits of a tree's nodes and leaves, all of them or those that touch a box.
 #pragma once
 
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
@@ -11,9 +12,11 @@ namespace ndtree {
 /// Calls `visit(ref)` for every node, parents before children, children by number.
 template <class Tree, class Visit>
 void for_each_node(Tree& tree, Visit&& visit) {
+  Pace pace;
   const auto descend = [&](const auto& self, const auto& ref) -> void {
     visit(ref);
     if (ref.is_leaf()) return;
+    pace.spend(Tree::kNumChildren);
     for (int j = 0; j < Tree::kNumChildren; ++j) self(self, tree.child(ref, j));
   };
   descend(descend, tree.root());
@@ -32,7 +35,9 @@ void for_each_leaf(Tree& tree, Visit&& visit) {
 /// @returns false if it was stopped.
 template <class Tree, class Visit>
 bool for_each_leaf_in(Tree& tree, const Box<Tree::kDim>& region, Visit&& visit) {
+  Pace pace;
   const auto descend = [&](const auto& self, const auto& ref) -> bool {
+    pace.spend();
     if (!region.touches(tree.box(ref.index))) return true;
     if (ref.is_leaf()) {
       if constexpr (std::is_same_v<decltype(visit(ref)), bool>) {

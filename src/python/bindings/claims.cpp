@@ -31,13 +31,13 @@ AnySeenSpace seen_space(const std::vector<BeamArrays>& scans, const py::object& 
                               ", as the scans");
       const auto& log = simulation.cast<const SimulatedLog<D>&>();
       const double farthest = max_range > log.range.max_range ? log.range.max_range : max_range;
-      const py::gil_scoped_release released;
+      const Released released;
       return {SeenSpace<D>(views, farthest, options, log.world)};
     }
   } else if (!simulation.is_none()) {
     throw py::value_error("simulation: must be None for scans with dim = " + std::to_string(D));
   }
-  const py::gil_scoped_release released;
+  const Released released;
   return {SeenSpace<D>(views, max_range, options)};
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <pybind11/pybind11.h>
 
+#include <atomic>
 #include <cctype>
 #include <cerrno>
 #include <cstdlib>
@@ -10,12 +11,15 @@
 #include <string>
 #include <string_view>
 
+#include "ndtree/core/memory.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "python_map.hpp"
 
 namespace ndtree::python {
 
 namespace {
+
+std::atomic<unsigned long> main_thread{0};  // Also of a process that is forked from this one.
 
 /// Numbers with more digits than any double has are said in the few that it has: 1e+300, not 301 digits.
 std::string with_short_numbers(std::string_view text) {
@@ -65,6 +69,10 @@ void translate(std::exception_ptr pointer) {
   namespace py = pybind11;
   try {
     if (pointer) std::rethrow_exception(pointer);
+  } catch (const Cancelled&) {  // By what a signal's handler has raised.
+    if (PyErr_Occurred() == nullptr) PyErr_SetNone(PyExc_KeyboardInterrupt);
+  } catch (const MemoryLimitReached& error) {
+    set_error(PyExc_MemoryError, error.what());
   } catch (const std::filesystem::filesystem_error& error) {
     set_os_error(error);
   } catch (const py::value_error& error) {
@@ -90,6 +98,14 @@ void translate(std::exception_ptr pointer) {
 
 }  // namespace
 
-void bind_errors(pybind11::module_&) { pybind11::register_exception_translator(translate); }
+bool Released::hears_signals() {
+  return PyThread_get_thread_ident() == main_thread.load(std::memory_order_relaxed);
+}
+
+void bind_errors(pybind11::module_&) {
+  main_thread =
+      pybind11::module_::import("threading").attr("main_thread")().attr("ident").cast<unsigned long>();
+  pybind11::register_exception_translator(translate);
+}
 
 }  // namespace ndtree::python

@@ -44,7 +44,7 @@ py::array grid_of(const PythonMap& map, const py::object& box, std::optional<dou
     throw py::value_error("values = '" + values + "': must be 'state', 'probability' or 'log_odds'");
   const double size = cell_size.value_or(map.constant().options().min_cell_size);
   if (!(size > 0.0) || !std::isfinite(size))
-    throw py::value_error("cell_size = " + std::to_string(size) + " m: must be > 0 and finite");
+    throw py::value_error("cell_size = " + number_text(size) + " m: must be > 0 and finite");
   const DoubleArray corners = as_corners(box, "box", dim);
   const double* const lower = corners.data();
   std::vector<py::ssize_t> shape;
@@ -52,8 +52,8 @@ py::array grid_of(const PythonMap& map, const py::object& box, std::optional<dou
   for (int a = 0; a < dim; ++a) {
     const double upper = corners.data()[dim + a];
     if (!std::isfinite(lower[a]) || !std::isfinite(upper) || !(lower[a] <= upper))
-      throw py::value_error("box: axis " + std::to_string(a) + " is from " + std::to_string(lower[a]) +
-                            " to " + std::to_string(upper) + " m, must be finite and from low to high");
+      throw py::value_error("box: axis " + std::to_string(a) + " is from " + number_text(lower[a]) + " to " +
+                            number_text(upper) + " m, must be finite and from low to high");
     shape.push_back(cells_between(lower[a], upper, size));
     cells *= static_cast<double>(shape.back());
   }
@@ -81,7 +81,7 @@ template <int D, class Make>
 py::object made(const std::string& refinement, const Make& make) {
   std::string bytes;
   {
-    const py::gil_scoped_release released;
+    const Released released;
     if (refinement == FixedRefinement::kName)
       bytes = to_bytes(make(static_cast<FixedMap<2, D>*>(nullptr)));
     else if (refinement == PaperRefinement::kName)
@@ -94,16 +94,24 @@ py::object made(const std::string& refinement, const Make& make) {
   }
   std::unique_ptr<MapInterface> map;
   {
-    const py::gil_scoped_release released;
+    const Released released;
     map = map_from_bytes(bytes);
   }
   return to_python(std::move(map));
 }
 
-py::object load_octomap_file(const std::filesystem::path& path, const std::string& refinement) {
+py::object load_octomap_file(const std::filesystem::path& path, const std::string& refinement,
+                             double max_memory) {
+  MapOptions options;
+  options.max_memory = max_memory;
+  options.validate();
   try {
-    return made<3>(refinement,
-                   [&](auto* type) { return load_octomap<std::remove_pointer_t<decltype(type)>>(path); });
+    return made<3>(refinement, [&](auto* type) {
+      return load_octomap<std::remove_pointer_t<decltype(type)>>(path, options);
+    });
+  } catch (const MemoryLimitReached& error) {
+    PyErr_SetString(PyExc_MemoryError, (path.string() + ": " + error.what()).c_str());
+    throw py::error_already_set();
   } catch (const std::filesystem::filesystem_error&) {
     throw;
   } catch (const std::runtime_error& error) {
@@ -386,7 +394,8 @@ OSError
              "state"_a,
              "A PLY file as OccupancyMap.save_ply() writes it, of any cells: their centres and more.");
   module.def("load_octomap", &load_octomap_file, "path"_a, py::kw_only(),
-             "refinement"_a = EvidenceRefinement::kName, R"(Read an OctoMap file, .bt or .ot, into a map.
+             "refinement"_a = EvidenceRefinement::kName, "max_memory"_a = 0.0,
+             R"(Read an OctoMap file, .bt or .ot, into a map.
 
 Cells have the borders and states of the file's leaves. Log-odds are the file's with refinement "paper" and
 "fixed". With "evidence" a cell gets the least evidence that gives its log-odds, which is met within 0.008 from
@@ -397,6 +406,8 @@ Parameters
 path : str or os.PathLike
 refinement : {"evidence", "paper", "fixed"}
     How the map goes on when scans are inserted. With "fixed" all cells are of the smallest size.
+max_memory : float
+    As of AdaptiveMap: a file that needs more is refused [bytes].
 
 Returns
 -------
@@ -409,6 +420,8 @@ OSError
     The file cannot be read.
 ValueError
     It is not an OctoMap file, or damaged: what was found, and where.
+MemoryError
+    The map would hold more than max_memory.
 )");
   module.def("from_grid", &map_from_grid, "states"_a, "lower"_a, "cell_size"_a, py::kw_only(),
              "refinement"_a = EvidenceRefinement::kName, R"(A map with the states of a dense array.

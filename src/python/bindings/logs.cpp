@@ -83,7 +83,7 @@ void bind_simulated(py::module_& module, const char* name) {
                                     std::to_string(log.size()));
             std::optional<Scan<D>> scan;
             {
-              const py::gil_scoped_release released;
+              const Released released;
               scan = log.scan(i);
             }
             return to_tuple(*scan);
@@ -98,7 +98,7 @@ void bind_simulated(py::module_& module, const char* name) {
             py::array_t<bool> out(n);
             bool* const results = out.mutable_data();
             const double* const data = points.data();
-            const py::gil_scoped_release released;
+            const Released released;
             for (py::ssize_t i = 0; i < n; ++i)
               results[i] = log.world.contains(Vector<D>(Point(data + i * D)));
             return out;
@@ -118,7 +118,7 @@ void bind_simulated(py::module_& module, const char* name) {
             for (py::ssize_t i = 0; i < n; ++i)
               if (!(Point(pd + i * D).norm() > 0.0))
                 throw py::value_error("directions[" + std::to_string(i) + "]: must not be zero or nan");
-            const py::gil_scoped_release released;
+            const Released released;
             for (py::ssize_t i = 0; i < n; ++i)
               results[i] = log.world
                                .distance(Vector<D>(Point(po + i * step)),

@@ -33,23 +33,27 @@ class QueryAdapter : public MapInterface {
   [[nodiscard]] int dim() const final { return D; }
 
   void probability(const double* points, std::size_t n, float* out) const override {
-    for (std::size_t i = 0; i < n; ++i)
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       out[i] = static_cast<float>(ndtree::probability(map_, Vector<D>(Point(points + i * D))));
+    });
   }
   void state(const double* points, std::size_t n, std::int8_t* out) const override {
-    for (std::size_t i = 0; i < n; ++i)
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       out[i] = static_cast<std::int8_t>(ndtree::state(map_, Vector<D>(Point(points + i * D))));
+    });
   }
   void occupied_within(const double* points, std::size_t n, double radius, bool* out) const final {
-    for (std::size_t i = 0; i < n; ++i)
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       out[i] = ndtree::occupied_within(map_, Vector<D>(Point(points + i * D)), radius);
+    });
   }
   void cast_rays(const double* origins, std::size_t origin_step, const double* directions, std::size_t n,
                  double max_range, double* out) const final {
-    for (std::size_t i = 0; i < n; ++i)
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       out[i] = ndtree::cast_ray(map_, Vector<D>(Point(origins + i * origin_step)),
                                 Vector<D>(Point(directions + i * D)), max_range)
                    .value_or(std::numeric_limits<double>::quiet_NaN());
+    });
   }
   void evaluate(const BeamArrays& beams, double max_range, HeldOutTruth& truth) const final {
     ndtree::evaluate(map_, beams.view<D>(), max_range, truth);
@@ -103,10 +107,10 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   void shrink_to_fit() override { map_.shrink_to_fit(); }
   void cell_size(const double* points, std::size_t n, double* out) const override {
     const auto& tree = map_.tree();
-    for (std::size_t i = 0; i < n; ++i) {
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       const auto leaf = tree.find_leaf(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
       out[i] = leaf ? tree.geometry().cell_size(leaf->index.level) : std::numeric_limits<double>::quiet_NaN();
-    }
+    });
   }
   [[nodiscard]] PythonStats stats() const override { return {map_.stats(), {}}; }
   [[nodiscard]] std::string to_bytes() const override { return ndtree::to_bytes(map_); }

@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/io/dense_grid.hpp"
 #include "ndtree/io/map_server.hpp"
 #include "ndtree/io/octomap_file.hpp"
@@ -20,6 +21,8 @@
 #include "ndtree/query/region.hpp"
 
 namespace ndtree::python {
+
+inline constexpr std::size_t kStepsOfQuery = 64;  // Of a Pace, for one of many points, rays, boxes or poses.
 
 /// A view of a map; it holds as long as the map. As in MapInterface, no call touches a Python object.
 class MapExports {
@@ -60,17 +63,18 @@ class MapExportsOf final : public MapExports {
         map_, grid(lower, shape, cell_size), [](const auto& cell) { return cell.log_odds(); }, out);
   }
   void states_in(const double* lower, const double* upper, std::size_t n, bool* out) const override {
-    for (std::size_t i = 0; i < n; ++i) {
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       const RegionStates states = ndtree::states_in(map_, Box<D>{Point(lower + i * D), Point(upper + i * D)});
       out[3 * i] = states.unknown;
       out[3 * i + 1] = states.free;
       out[3 * i + 2] = states.occupied;
-    }
+    });
   }
   void distance_to_occupied(const double* points, std::size_t n, double* out) const override {
-    for (std::size_t i = 0; i < n; ++i)
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       out[i] = ndtree::distance_to_occupied(map_, Vector<D>(Point(points + i * D)))
                    .value_or(std::numeric_limits<double>::quiet_NaN());
+    });
   }
   [[nodiscard]] std::string octomap_bytes(OctomapFormat format,
                                           std::optional<double> cell_size) const override {

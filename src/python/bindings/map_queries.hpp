@@ -14,6 +14,7 @@
 #include <variant>
 #include <vector>
 
+#include "map_exports.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/collision.hpp"
@@ -99,15 +100,15 @@ class MapQueriesOf final : public MapQueries {
   }
   void nearest_occupied(const double* points, std::size_t n, double max_distance, double* distance,
                         double* nearest) const override {
-    for (std::size_t i = 0; i < n; ++i) {
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       const auto found = ndtree::nearest_occupied(map_, Vector<D>(Point(points + i * D)), max_distance);
       distance[i] = found ? found->distance : std::numeric_limits<double>::infinity();
       Eigen::Map<Vector<D>>(nearest + i * D) = found ? found->point : nowhere();
-    }
+    });
   }
   void trace_rays(const double* origins, std::size_t origin_step, const double* directions, std::size_t n,
                   double max_range, bool stops_at_unknown, const RayEndArrays& out) const override {
-    for (std::size_t i = 0; i < n; ++i) {
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       const auto end = trace_ray(map_, Vector<D>(Point(origins + i * origin_step)),
                                  Vector<D>(Point(directions + i * D)), max_range, stops_at_unknown);
       const bool has_cell = end && end->cell;
@@ -116,7 +117,7 @@ class MapQueriesOf final : public MapQueries {
       Eigen::Map<Vector<D>>(out.cell_lower + i * D) = has_cell ? end->cell->lower : nowhere();
       out.cell_size[i] =
           has_cell ? end->cell->upper[0] - end->cell->lower[0] : std::numeric_limits<double>::quiet_NaN();
-    }
+    });
   }
   [[nodiscard]] AnyField distance_field(const AnyBox& box, double cell_size, double max_distance,
                                         UnknownSpace unknown) const override {
@@ -129,7 +130,9 @@ class MapQueriesOf final : public MapQueries {
                 UnknownSpace unknown, bool* out) const override {
     if constexpr (D <= 3) {
       const Body<D> shape = shape_of(body);
-      for (std::size_t i = 0; i < n; ++i) out[i] = ndtree::collides(map_, shape, pose_of(poses, i), unknown);
+      for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
+        out[i] = ndtree::collides(map_, shape, pose_of(poses, i), unknown);
+      });
     } else {
       throw_no_shapes();
     }
@@ -138,10 +141,13 @@ class MapQueriesOf final : public MapQueries {
                                            std::size_t n, UnknownSpace unknown) const override {
     if constexpr (D <= 3) {
       const Body<D> shape = shape_of(body);
-      for (std::size_t i = 0; i < n; ++i)
+      Pace pace;
+      for (std::size_t i = 0; i < n; ++i) {
+        pace.spend(kStepsOfQuery);
         if (i == 0 ? ndtree::collides(map_, shape, pose_of(poses, i), unknown)
                    : collides_between(map_, shape, pose_of(poses, i - 1), pose_of(poses, i), unknown))
           return static_cast<std::int64_t>(i);
+      }
       return -1;
     } else {
       throw_no_shapes();

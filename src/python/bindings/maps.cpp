@@ -117,6 +117,7 @@ HeldOutTruth evaluate(const PythonMap& map, const py::object& points, const py::
 /// Whether a map of this refinement has such an option; cell sizes of maps with one size are called
 /// otherwise.
 bool is_read(std::string_view option, std::string_view refinement) {
+  if (option == "max_memory") return refinement != kOctomap;
   const std::string_view only = only_reader(option);
   if (!only.empty()) return refinement == only;
   const bool of_probability = option.substr(0, 4) == "prob" || option.substr(0, 8) == "log_odds";
@@ -143,7 +144,7 @@ py::bytes to_bytes(const PythonMap& map) {
 }
 
 std::unique_ptr<MapInterface> from_bytes(std::string_view bytes) {
-  const py::gil_scoped_release released;
+  const Released released;
   return map_from_bytes(bytes);
 }
 
@@ -392,8 +393,12 @@ InsertReport
 Raises
 ------
 ValueError
-    A shape is wrong, an option out of bounds, the one origin not finite, or a point too far away for the
-    lattice of cells. The map is then unchanged.
+    A shape is wrong, an option out of bounds, the one origin not finite, a point too far away for the
+    lattice of cells, or a beam longer than 2**20 of the smallest cells. The map is then unchanged.
+MemoryError
+    The map would hold more than max_memory. If that was given, the map is then unchanged.
+KeyboardInterrupt
+    Ctrl-C, heard within a fraction of a second; the map is then unchanged. So with all long calls.
 )")
       .def(
           "compress",
@@ -646,6 +651,8 @@ significance : float
     Confidence of the chi-square test that splits a cell ("paper").
 merge_free_below, merge_occupied_above : float
     Siblings join if all are at most, or all at least, this probable ("paper").
+max_memory : float
+    A scan with which the map would hold more is refused [bytes]; 0: three quarters of the machine's memory.
 
 Raises
 ------
@@ -663,7 +670,7 @@ dim, branching : int
     As for AdaptiveMap.
 cell_size : float
     Edge length of every cell that a beam updates [m].
-range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_min, log_odds_max : float
+range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_min, log_odds_max, max_memory : float
     As for AdaptiveMap.
 )");
 
@@ -672,7 +679,7 @@ range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_m
       [](const std::filesystem::path& path) {
         std::unique_ptr<MapInterface> map;
         {
-          const py::gil_scoped_release released;
+          const Released released;
           const std::string bytes = read_file(path);
           try {
             map = map_from_bytes(bytes);

@@ -5,16 +5,46 @@
 
 #include <pybind11/pybind11.h>
 
+#include <chrono>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <shared_mutex>
 #include <string>
 #include <string_view>
 #include <utility>
 
 #include "map_interface.hpp"
+#include "ndtree/core/cancel.hpp"
 
 namespace ndtree::python {
+
+/// While one lives, the interpreter's lock is left to other threads, and, in the thread that hears signals,
+/// long calls stop as soon as a signal's handler raises, as that of Ctrl-C does: they throw Cancelled, and
+/// the handler's exception is set.
+class Released {
+ public:
+  Released() {
+    if (hears_signals()) scope_.emplace([this] { return was_raised(); });
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  static constexpr std::chrono::milliseconds kPause{100};  // Who asks has to wait for the interpreter.
+
+  [[nodiscard]] static bool hears_signals();
+  [[nodiscard]] bool was_raised() {
+    if (Clock::now() < next_) return false;
+    const pybind11::gil_scoped_acquire held;
+    const bool raised = PyErr_CheckSignals() != 0;
+    next_ = Clock::now() + kPause;
+    return raised;
+  }
+
+  Clock::time_point next_ = Clock::now() + kPause;
+  pybind11::gil_scoped_release released_;
+  std::optional<CancelScope> scope_;
+};
 
 /// Queries of several threads run at the same time, an insertion runs alone. Both leave the interpreter's
 /// lock to others, and take this one only after that: so they cannot wait for each other in a circle.
@@ -25,13 +55,13 @@ class PythonMap {
 
   template <class Function>
   auto read(Function&& function) const {
-    const pybind11::gil_scoped_release released;
+    const Released released;
     const std::shared_lock lock(mutex_);
     return function(std::as_const(*map_));
   }
   template <class Function>
   auto write(Function&& function) {
-    const pybind11::gil_scoped_release released;
+    const Released released;
     const std::unique_lock lock(mutex_);
     return function(*map_);
   }
@@ -64,7 +94,9 @@ std::string describe(const char* type, const PythonMap& map, bool adaptive);
 /// The one of AdaptiveMap and FixedMap that a map belongs to.
 pybind11::object to_python(std::unique_ptr<MapInterface> map);
 
-/// What the library throws becomes an exception of Python's in one readable line; and `ReplacedFile`.
+/// Remembers the thread that imports the module, in which Python calls the handlers of signals, unless
+/// another one is its main thread. What the library throws becomes an exception of Python's in one readable
+/// line; and `ReplacedFile`.
 void bind_errors(pybind11::module_& module);
 void bind_files(pybind11::module_& module);
 void bind_maps(pybind11::module_& module);

@@ -52,8 +52,8 @@ class BoxArgument {
     for (py::ssize_t a = 0; a < corners_.shape(1); ++a)
       if (!std::isfinite(region.lower[a]) || !std::isfinite(region.upper[a]) ||
           !(region.lower[a] < region.upper[a]))
-        throw py::value_error("box: from " + std::to_string(region.lower[a]) + " to " +
-                              std::to_string(region.upper[a]) + " m on axis " + std::to_string(a) +
+        throw py::value_error("box: from " + number_text(region.lower[a]) + " to " +
+                              number_text(region.upper[a]) + " m on axis " + std::to_string(a) +
                               ": must be finite, the lower corner first");
   }
   operator AnyBox() const { return {corners_.data(), corners_.data() + corners_.shape(1)}; }

@@ -48,6 +48,7 @@ MAP_OPTIONS = (
     MapOption("evidence_half_life", float, "A cell's evidence halves in so many scans; 0: never."),
     MapOption("covered_share", float, "A large cell is known once so much of it was seen; 0: once passed."),
     MapOption("coverage_cells", float, "Cells of more smallest ones than this split to show what was seen."),
+    MapOption("max_memory", float, "No map holds more [bytes]; 0: 3/4 of the machine's memory."),
     MapOption("significance", float, "Confidence of the split test."),
     MapOption("merge_free_below", float, "Siblings join if all are at most this."),
     MapOption("merge_occupied_above", float, "Siblings join if all are at least this."),

@@ -80,15 +80,26 @@ class ScanBeams {
       depth = std::max(depth, std::abs(way[a]));
     }
     // Too long for float, or too short, are only beams that are cut, or of cells far smaller than real ones.
-    const float range = square >= kLeastSquare && square <= kLargestSquare ? std::sqrt(square)
-                                                                           : static_cast<float>(beam.range);
+    constexpr auto kMost = static_cast<double>(std::numeric_limits<float>::max());
+    const float range = square >= kLeastSquare && square <= kLargestSquare
+                            ? std::sqrt(square)
+                            : static_cast<float>(std::min(beam.range, kMost));
+    float length = range;
+    if (!(square <= kLargestSquare)) {
+      length = 1.0f;
+      depth = 0.0f;
+      for (std::size_t a = 0; a < D; ++a) {
+        way[a] = static_cast<float>(beam.displacement[static_cast<int>(a)] / beam.range);
+        depth = std::max(depth, std::abs(way[a]));
+      }
+    }
     for (std::size_t a = 0; a < D; ++a) {
-      const float inverse = std::min(range / std::abs(way[a]), kSteepest);
+      const float inverse = std::min(length / std::abs(way[a]), kSteepest);
       column(kInverse + static_cast<int>(a))[number] = way[a] < 0.0f ? -inverse : inverse;
     }
     const double sigma = measurements.sigma(i, static_cast<double>(range));
     const float end = beam.t_free < 1.0 ? static_cast<float>(beam.t_free * beam.range) : range;
-    set_range(number, returned, end, depth / range, static_cast<float>(sigma),
+    set_range(number, returned, end, depth / length, static_cast<float>(sigma),
               returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
               returned ? static_cast<float>(static_cast<double>(end) + Sensor::kReachSigmas * sigma) : end);
     column(kChance)[number] = chance;

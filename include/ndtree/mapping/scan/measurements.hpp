@@ -19,6 +19,12 @@
 
 namespace ndtree {
 
+/// So many of the smallest cells a beam may pass, what noise leaves open behind it included. Distances along
+/// it have the 24 bits of a float: until here, where it crosses a border is known within a 16th of such a
+/// cell. At 5 cm that is 52 km, at 1 mm 1 km. More can only be a mistake, and would take minutes and
+/// gigabytes.
+inline constexpr double kLongestBeam = 0x1p20;
+
 /// Beams of a scan, from the first to before the last.
 struct BeamRange {
   Eigen::Index first = 0;
@@ -85,8 +91,8 @@ struct ScanSurvey {
 };
 
 /// Looks over every beam of a range, to the last bit.
-/// @throws std::invalid_argument naming the first beam that reaches beyond what the lattice can address, or
-///   whose noise is out of kRangeSigmaBounds.
+/// @throws std::invalid_argument naming the first beam that reaches beyond what the lattice can address, is
+///   longer than kLongestBeam, or whose noise is out of kRangeSigmaBounds.
 template <class Geometry, int D, class Sensor>
 ScanSurvey<D> survey_exactly(const Geometry& geometry, const Measurements<D, Sensor>& measurements,
                              const BeamRange& range) {
@@ -97,17 +103,24 @@ ScanSurvey<D> survey_exactly(const Geometry& geometry, const Measurements<D, Sen
     if (beam.outcome == BeamOutcome::invalid) continue;
     const double sigma = measurements.sigma(i, beam.range);
     require_within(("range_sigma of beam " + std::to_string(i)).c_str(), sigma, kRangeSigmaBounds);
-    for (const Vector<D>& point : {beam.origin, beam.point(Sensor::t_end(beam, sigma)), beam.free_end()}) {
+    const double t_end = Sensor::t_end(beam, sigma);
+    for (const Vector<D>& point : {beam.origin, beam.point(t_end), beam.free_end()}) {
       if (!geometry.in_reach(point)) {
         std::string text;
-        for (int a = 0; a < D; ++a) text += (a ? ", " : "") + std::to_string(point[a]);
+        for (int a = 0; a < D; ++a) text += (a ? ", " : "") + describe_number(point[a]);
         throw std::invalid_argument("beam " + std::to_string(i) + " reaches (" + text +
-                                    ") m: with cells of " + std::to_string(geometry.unit()) +
-                                    " m every component must be within " + std::to_string(geometry.reach()) +
+                                    ") m: with cells of " + describe_number(geometry.unit()) +
+                                    " m every component must be within " + describe_number(geometry.reach()) +
                                     " m of 0");
       }
       survey.include(point);
     }
+    if (!(t_end * beam.range <= kLongestBeam * geometry.unit()))
+      throw std::invalid_argument(
+          "beam " + std::to_string(i) + " passes " + describe_number(t_end * beam.range) +
+          " m of cells, to the end of its noise (range " + describe_number(beam.range) + " m, range_sigma " +
+          describe_number(sigma) + " m): with cells of " + describe_number(geometry.unit()) + " m at most " +
+          describe_number(kLongestBeam * geometry.unit()) + " m; set max_range, or a larger min_cell_size");
   }
   return survey;
 }

@@ -90,6 +90,7 @@ class alignas(64) ScanPart {
     }
     is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
     const double margin = Sensor::kReachSigmas * sigma + 1e-6 * reached;  // Above all rounding.
+    is_valid = is_valid && reached + margin <= kLongestBeam * geometry.unit();
     survey_.reach.lower.array() -= margin;
     survey_.reach.upper.array() += margin;
     if (!is_valid || !geometry.in_reach(survey_.reach.lower) || !geometry.in_reach(survey_.reach.upper))

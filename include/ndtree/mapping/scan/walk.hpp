@@ -16,6 +16,7 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/cell/evidence_summary.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/clip.hpp"
@@ -24,6 +25,7 @@
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/leaf.hpp"
 #include "ndtree/mapping/update_counters.hpp"
+#include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
 
@@ -44,11 +46,13 @@ class ScanWalk {
     bool takes_all;
   };
 
-  /// @param arena of the tree, for this thread alone.
+  /// @param arena of the tree, for this thread alone. @param undo where it remembers what it changes, or
+  /// null.
   ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
-           const ScanBeams<D>& beams)
+           const ScanBeams<D>& beams, UndoLog<Tree>* undo)
       : tree_(tree),
         arena_(arena),
+        undo_(undo),
         refinement_(refinement),
         beams_(beams),
         clip_(tree.geometry(), beams),
@@ -200,6 +204,7 @@ class ScanWalk {
   /// Hands a node's beams to its children, without those that no cell below takes.
   /// @param takes_all all_take_all() of the node.
   Lists hand_down(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
+    pace_.spend(list.size);
     Lists children = clip_.lists_for(node, list, stack_);
     if (takes_all || list.size <= kFewBeams)
       clip_(node, list, children);
@@ -238,6 +243,7 @@ class ScanWalk {
     }
     if (!ref.is_leaf()) {
       if (Summary(ref.node->note()).is_settled() && evidence_.all_pass(list)) return false;
+      if (undo_ != nullptr) undo_->keep(tree_, *ref.node);
     } else {
       tree_.split_node(*ref.node, {}, arena_);
     }
@@ -367,6 +373,7 @@ class ScanWalk {
   template <class Beams>
   NDTREE_AVX2 bool update_children_of_few(const Ref& ref, const Beams& beams, bool was_split,
                                           bool takes_all) {
+    pace_.spend(Few::kMost);
     Few few;
     clip_(ref.index, beams, few);
     typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
@@ -403,6 +410,7 @@ class ScanWalk {
     return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
   }
   bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
+    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
     return update_children_of_few(inner, beams, false, takes_all || all_take_all(inner.index, beams));
   }
   // What few beams rarely do:
@@ -537,6 +545,7 @@ class ScanWalk {
 
   Tree& tree_;
   typename Tree::Arena& arena_;
+  UndoLog<Tree>* undo_;
   const Refinement& refinement_;
   const ScanBeams<D>& beams_;
   const ChildClip<N, D> clip_;
@@ -548,6 +557,7 @@ class ScanWalk {
   const int coarsest_level_;
   const bool few_may_be_too_many_;  // That so few beams count in a leaf.
   UpdateCounters counters_;
+  Pace pace_;
   std::vector<Task>* tasks_ = nullptr;
   // Of the nodes on the path from the root, the deepest last:
   CrossingStack stack_;

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ndtree._core import OccupancyMap
+from ndtree._core import OccupancyMap, default_options
 from ndtree._progress import progress
 from ndtree.commands.logs import length_of
 from ndtree.readers import Log
@@ -59,6 +59,9 @@ def print_map(m: OccupancyMap) -> None:
 #: Frames of a bag that are printed.
 FRAME_LINES = 60
 
+
+#: So many of the smallest cells a beam may pass; maps refuse longer ones.
+LONGEST_BEAM = 2**20
 
 #: The median range of longer logs is that of every second, fourth, ... beam.
 RANGE_SAMPLE = 2_000_000
@@ -146,7 +149,12 @@ def print_log(figures: dict[str, Any]) -> None:
         print(f"  uses {figures['uses']}")
     print(f"  {counted(figures['beams'])}")
     if figures["range"]:
-        print(f"  ranges: median {figures['range']['median']:.2f} m, longest {figures['range']['max']:.2f} m")
+        median, longest = figures["range"]["median"], figures["range"]["max"]
+        print(f"  ranges: median {_metres(median)} m, longest {_metres(longest)} m")
+        if longest > LONGEST_BEAM * (cell := default_options()["min_cell_size"]):
+            print(
+                f"  beams of more than {LONGEST_BEAM * cell:,.0f} m can be no map's: give `map` a --max-range"
+            )
         print(
             f"  end points from {point(figures['bounds']['lower'])} to {point(figures['bounds']['upper'])} m"
         )
@@ -158,4 +166,8 @@ def counted(counts: dict[str, int]) -> str:
 
 
 def point(values: Sequence[float]) -> str:
-    return f"({', '.join(f'{value:.2f}' for value in values)})"
+    return f"({', '.join(_metres(value) for value in values)})"
+
+
+def _metres(value: float) -> str:
+    return f"{value:.2f}" if abs(value) < 1e9 else f"{value:.3g}"  # Not three hundred digits.

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ from ndtree.scan import Scan
 
 ZIP_MAGIC = b"PK\x03\x04"
 REQUIRED = ("origins", "points", "offsets")
+#: Bytes that the arrays of an archive may unpack to: three quarters of the machine's memory.
+MOST_BYTES = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 4 * 3
 
 
 class NpzLog(SizedLog):
@@ -76,13 +79,27 @@ def _load(path: str) -> dict[str, NDArray[Any]]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             found = archive.files
-            for name in (*REQUIRED, "no_return", "stamps"):
-                if name in found:
+            wanted = [name for name in (*REQUIRED, "no_return", "stamps") if name in found]
+            size = sum(
+                member.file_size for member in archive.zip.infolist() if member.filename[:-4] in wanted
+            )
+            if size <= MOST_BYTES:
+                for name in wanted:
                     arrays[name] = archive[name]
-    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, ValueError, RuntimeError) as error:
+    except (
+        OSError,
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        MemoryError,
+        ValueError,
+        RuntimeError,
+    ) as error:
         if isinstance(error, FileNotFoundError):
             raise
         raise ValueError(f"{path}: {name}: cannot be read as an array, expected a whole .npz") from None
+    if size > MOST_BYTES:
+        raise ValueError(f"{path}: its arrays unpack to {size:,} bytes, expected at most {MOST_BYTES:,} here")
     missing = [name for name in REQUIRED if name not in arrays]
     if missing:
         raise ValueError(

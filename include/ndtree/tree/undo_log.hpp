@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What nodes of a tree were before they changed, so that a change that fails can be taken back.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstring>
+#include <type_traits>
+#include <vector>
+
+#include "ndtree/tree/nd_tree.hpp"
+
+namespace ndtree {
+
+/// Blocks of siblings as they were. Of every inner node whose children may change, or be merged, the block of
+/// its children is kept first, once; then undo() can bring all of a tree back, without new memory.
+template <class Tree>
+class UndoLog {
+  using NodeType = typename Tree::NodeType;
+  static_assert(std::is_trivially_copyable_v<NodeType>);
+
+ public:
+  /// @param parent an inner node of the tree.
+  void keep(const Tree& tree, const NodeType& parent) {
+    Kept& kept = kept_.emplace_back();
+    kept.block = parent.children();
+    std::memcpy(kept.bytes, tree.children(parent), sizeof kept.bytes);
+  }
+
+  /// Where a tree stood when its logs were empty.
+  struct Begin {
+    CellIndex<Tree::kDim> root_index;
+    NodeType root;
+    explicit Begin(const Tree& tree) : root_index(tree.root().index), root(*tree.root().node) {}
+  };
+
+  /// Brings a tree back to where it began. Only splits, merges and growth may have happened since then, and
+  /// changes of cells and notes.
+  static void undo(Tree& tree, const Begin& begin, std::vector<UndoLog>& logs) {
+    tree.shrink_to(begin.root_index);
+    for (UndoLog& log : logs)
+      std::sort(log.kept_.begin(), log.kept_.end(),
+                [](const Kept& a, const Kept& b) { return a.block < b.block; });
+    // First all that is new goes; then there is room for all that was.
+    NodeType& root = *tree.root().node;
+    cut_new(tree, root, begin.root, logs);
+    restore(tree, root, begin.root, logs);
+  }
+
+ private:
+  struct Kept {
+    BlockId block;
+    alignas(NodeType) std::byte bytes[sizeof(NodeType) * Tree::kNumChildren];  // Not initialised.
+
+    Kept() {}  // NOLINT(modernize-use-equals-default): that would write zeros.
+    [[nodiscard]] NodeType node(int number) const {
+      NodeType node;
+      std::memcpy(static_cast<void*>(&node), bytes + sizeof(NodeType) * static_cast<std::size_t>(number),
+                  sizeof node);
+      return node;
+    }
+  };
+
+  /// The siblings that were in a block; null if they never changed.
+  [[nodiscard]] static const Kept* find(const std::vector<UndoLog>& logs, BlockId block) {
+    for (const UndoLog& log : logs) {
+      const auto at = std::lower_bound(log.kept_.begin(), log.kept_.end(), block,
+                                       [](const Kept& kept, BlockId id) { return kept.block < id; });
+      if (at != log.kept_.end() && at->block == block) return &*at;
+    }
+    return nullptr;
+  }
+
+  /// Cuts what was a leaf.
+  static void cut_new(Tree& tree, NodeType& node, const NodeType& before, const std::vector<UndoLog>& logs) {
+    if (before.is_leaf()) {
+      tree.cut(node);
+      node = before;
+    } else if (!node.is_leaf()) {
+      if (const Kept* const kept = find(logs, before.children()))
+        for (int j = 0; j < Tree::kNumChildren; ++j)
+          cut_new(tree, tree.children(node)[j], kept->node(j), logs);
+    }
+  }
+  /// Divides what was an inner node.
+  static void restore(Tree& tree, NodeType& node, const NodeType& before, const std::vector<UndoLog>& logs) {
+    if (before.is_leaf()) {
+      node = before;
+      return;
+    }
+    if (const Kept* const kept = find(logs, before.children())) {
+      if (node.is_leaf()) tree.split_node(node);
+      for (int j = 0; j < Tree::kNumChildren; ++j) restore(tree, tree.children(node)[j], kept->node(j), logs);
+    }
+    node.set_note(before.note());
+  }
+
+  std::vector<Kept> kept_;
+};
+
+}  // namespace ndtree

@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <functional>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/memory.hpp"
+#include "ndtree/core/parallel.hpp"
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "options.hpp"
+#include "random.hpp"
+
+namespace ndtree::test {
+namespace {
+
+/// A scan that goes all around, with ranges up to `reach` [m].
+template <int D>
+Scan<D> random_scan(Random& random, Eigen::Index beams, double reach, double offset = 0.0) {
+  Scan<D> scan;
+  scan.origins = Vector<D>::Constant(offset);
+  scan.endpoints.resize(D, beams);
+  scan.returned.resize(beams);
+  for (Eigen::Index i = 0; i < beams; ++i) {
+    for (int a = 0; a < D; ++a) scan.endpoints(a, i) = offset + random.uniform(-reach, reach);
+    scan.returned[i] = random.chance(0.8);
+  }
+  return scan;
+}
+
+/// What `call` throws of this kind; or what happened instead.
+template <class Error>
+std::string thrown_by(const std::function<void()>& call) {
+  try {
+    call();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "nothing was thrown";
+}
+
+template <class Map>
+class Limits : public testing::Test {};
+using Maps = testing::Types<AdaptiveMap<2, 3>, AdaptiveMap<2, 2>, AdaptiveMap<3, 3>, PaperMap<2, 3>,
+                            PaperMap<3, 2>, FixedMap<2, 3>, FixedMap<2, 2>>;
+TYPED_TEST_SUITE(Limits, Maps);
+
+TYPED_TEST(Limits, AScanThatWouldTakeTooMuchMemoryLeavesTheMapAsItWas) {
+  constexpr int D = TypeParam::kDim;
+  int refused = 0;
+  for (const int threads : {1, 3}) {
+    Random random(7);
+    MapOptions options = spelled_out_options(0.05, 0.8);
+    options.max_memory = 600e3;
+    options.split_probability = 0.5;
+    TypeParam map(options);
+    for (int i = 0; i < 25; ++i) {
+      SCOPED_TRACE(i);
+      const Scan<D> scan = random_scan<D>(random, 1000, D == 2 ? 2.0 * (1 + i) : 0.6 * (1 + i), 0.1 * i);
+      const std::string before = to_bytes(map);
+      bool was_refused = false;
+      try {
+        map.insert(scan, kUnlimitedRange, threads);
+      } catch (const MemoryLimitReached& error) {
+        was_refused = true;
+        EXPECT_NE(std::string(error.what()).find("max_memory = 600000"), std::string::npos) << error.what();
+      }
+      ASSERT_LE(map.memory_bytes(), 600000u);
+      ASSERT_NO_THROW(map.check_invariants());
+      refused += was_refused;
+      ASSERT_TRUE(!was_refused || to_bytes(map) == before);
+    }
+    // What it still takes is what it would without having refused anything.
+    const std::string bytes = to_bytes(map);
+    TypeParam again = from_bytes<TypeParam>(bytes);
+    const Scan<D> small = random_scan<D>(random, 5, 0.3);
+    map.insert(small, kUnlimitedRange, threads);
+    again.insert(small, kUnlimitedRange, 1);
+    EXPECT_TRUE(to_bytes(map) == to_bytes(again));
+  }
+  EXPECT_GT(refused, 10) << "else nothing was tried";
+}
+
+TYPED_TEST(Limits, AnInsertionThatIsCancelledLeavesTheMapAsItWas) {
+  constexpr int D = TypeParam::kDim;
+  int cancelled = 0;
+  int finished = 0;
+  for (const int threads : {1, 3}) {
+    Random random(8);
+    TypeParam map(spelled_out_options(0.02, 0.64));
+    for (int i = 0; i < 8; ++i) {
+      const Scan<D> scan = random_scan<D>(random, 2100, 4.0, 0.2 * i);
+      const std::string before = to_bytes(map);
+      int asked = 0;
+      try {
+        const auto deadline =
+            std::chrono::steady_clock::now() + std::chrono::milliseconds(random.integer(0, 30));
+        const CancelScope scope([&] {
+          ++asked;
+          return std::chrono::steady_clock::now() > deadline;
+        });
+        map.insert(scan, kUnlimitedRange, threads);
+        ++finished;
+      } catch (const Cancelled&) {
+        ++cancelled;
+        EXPECT_GE(asked, 1);
+        ASSERT_TRUE(to_bytes(map) == before);
+      }
+      ASSERT_NO_THROW(map.check_invariants());
+    }
+  }
+  EXPECT_GE(cancelled, 1);
+  EXPECT_EQ(cancelled + finished, 16);
+}
+
+TYPED_TEST(Limits, BeamsThatAreAbsurdBesideTheCellsAreRefused) {
+  constexpr int D = TypeParam::kDim;
+  TypeParam map(spelled_out_options(0.05, 0.8));
+  const std::string empty = to_bytes(map);
+  const double longest = 0x1p20 * 0.05;
+  for (const double length : {1.1 * longest, 1e9, 1e300}) {
+    Scan<D> scan;
+    scan.origins = Vector<D>::Zero();
+    scan.endpoints = Points<D>::Ones(D, 20);
+    scan.endpoints.col(11) = length * Vector<D>::Unit(0);
+    for (const int threads : {1, 2}) {
+      const std::string error =
+          thrown_by<std::invalid_argument>([&] { map.insert(scan, kUnlimitedRange, threads); });
+      EXPECT_EQ(error.find("beam 11 "), 0u) << error;
+      EXPECT_LT(error.size(), 300u) << error;
+    }
+    EXPECT_TRUE(to_bytes(map) == empty);
+    EXPECT_EQ(map.insert(scan, 30.0).beyond_max_range, 1u) << "cut, they are no longer";
+    map = TypeParam(map.options());
+  }
+  Scan<D> noisy;
+  noisy.origins = Vector<D>::Zero();
+  noisy.endpoints = Points<D>::Ones(D, 3);
+  noisy.range_sigma = Eigen::ArrayXd::Constant(3, 0.01);
+  for (const double sigma : {1e9, 1e6, 0.34 * longest}) {
+    noisy.range_sigma[1] = sigma;
+    const std::string error = thrown_by<std::invalid_argument>([&] { map.insert(noisy); });
+    EXPECT_NE(error.find("beam 1"), std::string::npos) << error;
+    EXPECT_NE(error.find("range_sigma"), std::string::npos) << error;
+  }
+  EXPECT_TRUE(to_bytes(map) == empty);
+  Scan<D> just;
+  just.origins = Vector<D>::Zero();
+  just.endpoints = 0.9999 * longest * Vector<D>::Unit(0);
+  if (TypeParam::RefinementType::kAdaptive) {
+    EXPECT_NO_THROW(map.insert(just));
+  }
+  map.check_invariants();
+}
+
+TEST(Limits, BeamsTooLongForFloatsAreCutLikeOthers) {
+  // In the same directions: however long beams are, what lies beyond max_range does not matter.
+  for (const double length : {1e17, 1e25, 1e160, 1e300}) {
+    AdaptiveMap<2, 3> one(spelled_out_options(0.05, 0.8));
+    AdaptiveMap<2, 3> other(one.options());
+    MapOptions seen = one.options();
+    seen.covered_share = 0.75;
+    AdaptiveMap<2, 3> third(seen);
+    Scan<3> scan;
+    scan.origins = Vector<3>(0.01, 0.02, 0.03);
+    scan.endpoints.resize(3, 24);
+    Random random(3);
+    Scan<3> shorter = scan;
+    for (int i = 0; i < 24; ++i) {
+      const Vector<3> way(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
+      scan.endpoints.col(i) = length * way;
+      shorter.endpoints.col(i) = 1e6 * way;
+    }
+    EXPECT_EQ(one.insert(scan, 4.0).beyond_max_range, 24u);
+    other.insert(shorter, 4.0);
+    third.insert(scan, 4.0);
+    one.check_invariants();
+    third.check_invariants();
+    const MapStats stats = one.stats();
+    EXPECT_GT(stats.observed_leaves, 20u);
+    EXPECT_NEAR(static_cast<double>(stats.observed_leaves),
+                static_cast<double>(other.stats().observed_leaves), 2.0)
+        << length;
+  }
+}
+
+TEST(Limits, NumbersInErrorsAreShort) {
+  AdaptiveMap<2, 2> map;
+  Scan<2> scan;
+  scan.origins = Vector<2>::Zero();
+  scan.endpoints = 1e300 * Vector<2>::Ones();
+  const std::string far = thrown_by<std::invalid_argument>([&] { map.insert(scan); });
+  EXPECT_LT(far.size(), 250u) << far;
+  const std::string radius = thrown_by<std::invalid_argument>([&] { map.keep_near({0, 0}, -1e300); });
+  EXPECT_LT(radius.size(), 100u) << radius;
+  const std::string box = thrown_by<std::invalid_argument>([&] {
+    map.crop({Vector<2>::Constant(1e300), Vector<2>::Zero()});
+  });
+  EXPECT_LT(box.size(), 150u) << box;
+}
+
+TEST(Limits, MemoryOfTheMachineIsTheDefault) {
+  MapOptions options;
+  EXPECT_EQ(options.memory_limit(), machine_memory() / 4 * 3);
+  EXPECT_GT(machine_memory(), std::size_t{1} << 26);
+  options.max_memory = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(options.memory_limit(), kUnlimitedMemory);
+  options.max_memory = 1e6;
+  EXPECT_EQ(options.memory_limit(), 1000000u);
+  options.max_memory = -1.0;
+  EXPECT_THROW(options.validate(), std::invalid_argument);
+}
+
+TEST(Limits, CompressionThatIsCancelledLeavesTheMapAsItWas) {
+  Random random(9);
+  AdaptiveMap<2, 3> map(spelled_out_options(0.05, 0.8));
+  for (int i = 0; i < 4; ++i) map.insert(random_scan<3>(random, 3000, 4.0));
+  const std::string before = to_bytes(map);
+  {
+    const CancelScope scope([] { return true; });
+    EXPECT_THROW(map.compress({1e9, {}, {}}), Cancelled);
+  }
+  EXPECT_TRUE(to_bytes(map) == before);
+  map.check_invariants();
+}
+
+TEST(CancelScopes, AreAskedFromTheInnermostToTheOutermost) {
+  std::atomic<bool> stop{false};
+  checkpoint();
+  {
+    const CancelScope outer([&] { return stop.load(); });
+    const CancelScope inner([] { return false; });
+    checkpoint();
+    stop = true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(30));
+    EXPECT_THROW(checkpoint(), Cancelled);
+    EXPECT_THROW(checkpoint(), Cancelled) << "for good";
+  }
+  EXPECT_NO_THROW(checkpoint());
+  const CancelScope failing([]() -> bool { throw std::domain_error("the hook's own"); });
+  EXPECT_THROW(checkpoint(), std::domain_error);
+}
+
+TEST(CancelScopes, StopAllThreadsOfACall) {
+  Workers workers(3);
+  std::atomic<int> running{0};
+  std::atomic<bool> stop{false};
+  const std::thread::id caller = std::this_thread::get_id();
+  const CancelScope scope([&] {
+    EXPECT_EQ(std::this_thread::get_id(), caller);
+    return stop.load();
+  });
+  // The caller's own task is short: it waits for the others, and asks meanwhile.
+  EXPECT_THROW(workers.for_each_task(3,
+                                     [&](std::size_t worker, std::size_t) {
+                                       ++running;
+                                       if (worker == 0) {
+                                         stop = true;
+                                         return;
+                                       }
+                                       Pace pace;
+                                       for (;;) pace.spend(1000);
+                                     }),
+               Cancelled);
+  EXPECT_GE(running.load(), 1);
+}
+
+}  // namespace
+}  // namespace ndtree::test

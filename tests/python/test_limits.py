@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What calls may cost: memory has a bound, and Ctrl-C is heard."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ndtree
+
+
+def scan(beams: int, reach: float, dim: int = 3, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-reach, reach, (beams, dim)), np.zeros(dim)
+
+
+@pytest.mark.parametrize("make", [ndtree.AdaptiveMap, ndtree.FixedMap])
+def test_max_memory_bounds_what_a_map_holds(make: type) -> None:
+    m = make(dim=3, max_memory=3e6)
+    assert m.options["max_memory"] == 3e6
+    m.insert(*scan(200, 2.0))
+    before = m.to_bytes()
+    with pytest.raises(MemoryError, match=r"max_memory = 3000000 bytes"):
+        m.insert(*scan(20_000, 300.0))
+    assert m.to_bytes() == before
+    assert m.stats().memory_bytes <= 3e6
+    assert m.insert(*scan(10, 1.0)).beams == 10
+
+
+@pytest.mark.parametrize("reach", [1e9, 1e10, 1e300])
+def test_absurd_beams_are_refused_in_one_line(reach: float) -> None:
+    m = ndtree.AdaptiveMap(dim=2)
+    points, origin = scan(10, 1.0, 2)
+    points[3] = reach, 0
+    before = m.to_bytes()
+    with pytest.raises(ValueError, match=r"^beam 3 .*") as caught:
+        m.insert(points, origin)
+    assert len(str(caught.value)) < 300
+    assert "\n" not in str(caught.value)
+    assert m.to_bytes() == before
+    assert m.insert(points, origin, max_range=10).beyond_max_range == 1
+
+
+def test_the_command_line_refuses_absurd_ranges_in_one_line(tmp_path: Path) -> None:
+    log = tmp_path / "far.xyz"
+    log.write_text("0 0 1 0\n0 0 1e9 0\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "ndtree.cli", "map", log, "-o", tmp_path / "far.ndt"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert "beam 1" in done.stderr
+    assert not (tmp_path / "far.ndt").exists()
+
+
+def test_a_small_octomap_file_of_too_many_cells_is_refused(tmp_path: Path) -> None:
+    """The root is one leaf: 2**48 cells."""
+    data = b"# Octomap OcTree file\nid OcTree\nsize 1\nres 0.1\ndata\n" + struct.pack("<fB", 1.0, 0)
+    path = tmp_path / "root.ot"
+    path.write_bytes(data)
+    started = time.monotonic()
+    with pytest.raises(MemoryError, match=r"root\.ot: .*max_memory"):
+        ndtree.load_octomap(path, refinement="fixed")
+    assert time.monotonic() - started < 1
+    assert ndtree.load_octomap(path).stats().observed_leaves == 8  # About 0, each an eighth.
+    # Leaves that are each small enough, but not together.
+    many = b"".join(struct.pack("<fB", 1.0, 0) for _ in range(8))
+    path.write_bytes(
+        b"# Octomap OcTree file\nid OcTree\nsize 9\nres 0.1\ndata\n" + struct.pack("<fB", 1.0, 255) + many
+    )
+    with pytest.raises(MemoryError, match="max_memory"):
+        ndtree.load_octomap(path, refinement="fixed", max_memory=1e12)
+
+
+def npz_bytes(**arrays: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, **{"origins": np.zeros((1, 2)), "offsets": np.array([0, 3]), **arrays})
+    return file.getvalue()
+
+
+def test_arrays_that_unpack_beyond_memory_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "log.npz"
+    log.write_bytes(npz_bytes(points=np.ones((3, 2))))
+    assert len(ndtree.read(log)) == 1
+    monkeypatch.setattr("ndtree.readers.npz.MOST_BYTES", 300)
+    with pytest.raises(
+        ValueError, match=r"log\.npz: its arrays unpack to [0-9,]+ bytes, expected at most 300"
+    ):
+        ndtree.read(log)
+
+
+def test_an_array_that_says_it_is_larger_than_it_is_is_refused(tmp_path: Path) -> None:
+    log = tmp_path / "log.npz"
+    with zipfile.ZipFile(log, "w") as archive:
+        for name, array in (
+            ("origins", np.zeros((1, 2))),
+            ("points", np.ones((3, 2))),
+            ("offsets", np.array([0, 3])),
+        ):
+            file = io.BytesIO()
+            np.save(file, array)
+            content = file.getvalue()
+            if name == "points":
+                content = content.replace(b"(3, 2), }" + b" " * 11, b"(900000000000, 2), }")
+            archive.writestr(f"{name}.npy", content)
+    with pytest.raises(ValueError, match=r"log\.npz: points: cannot be read as an array"):
+        ndtree.read(log)
+
+
+def big_map() -> ndtree.FixedMap:
+    m = ndtree.FixedMap(dim=3, cell_size=0.05)
+    for seed in range(2):
+        m.insert(*scan(4000, 9.0, seed=seed))
+    return m
+
+
+def interrupted(call, after: float = 0.3) -> float:
+    """Seconds from Ctrl-C until the call ended by it; -1 if it ended before."""
+    sent = 0.0
+
+    def interrupt() -> None:
+        nonlocal sent
+        sent = time.monotonic()
+        os.kill(os.getpid(), signal.SIGINT)
+
+    timer = threading.Timer(after, interrupt)
+    timer.start()
+    try:
+        call()
+    except KeyboardInterrupt:
+        return time.monotonic() - sent
+    finally:
+        timer.cancel()
+        timer.join()
+    return -1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("refinement", ["evidence", "paper", "fixed"])
+def test_ctrl_c_ends_an_insertion_and_leaves_the_map_as_it_was(refinement: str) -> None:
+    make = ndtree.FixedMap if refinement == "fixed" else ndtree.AdaptiveMap
+    m = make(dim=3, refinement=refinement)
+    m.insert(*scan(200, 2.0))
+    before = m.to_bytes()
+    heard = interrupted(lambda: m.insert(*scan(400_000, 60.0)))
+    assert 0 <= heard < 1.5
+    assert m.to_bytes() == before
+    assert m.insert(*scan(10, 1.0)).beams == 10
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_ends_long_questions(tmp_path: Path) -> None:
+    m = big_map()
+    before = m.to_bytes()
+    points, origin = scan(2_000_000, 9.0)
+    box = (np.full(3, -9.0), np.full(3, 9.0))
+    calls = {
+        "cast_rays": lambda: m.cast_rays(origin, points),
+        "details": lambda: m.cast_rays(origin, points, details=True, unknown="stop"),
+        "distance_field": lambda: m.distance_field(box, 0.05, max_distance=4.0),
+        "nearest_occupied": lambda: m.nearest_occupied(points),
+        "occupied_within": lambda: m.occupied_within(points, 2.0),
+        "evaluate": lambda: m.evaluate(points, origin),
+        "many leaves": lambda: [m.leaves() for _ in range(1000)],
+        "many frontiers": lambda: [m.frontiers() for _ in range(1000)],
+        "many saves": lambda: [m.save(tmp_path / "big.ndt") for _ in range(1000)],
+    }
+    for name, call in calls.items():
+        heard = interrupted(call)
+        assert 0 <= heard < 1.5, name
+    assert m.to_bytes() == before
