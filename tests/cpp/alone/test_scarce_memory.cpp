@@ -125,7 +125,7 @@ class ScarceMemory : public testing::Test {
     ASSERT_TRUE(to_bytes(from_bytes<Map>(bytes)) == bytes) << "allocation " << n;
   }
 };
-using Maps = testing::Types<AdaptiveMap<2, 3>, PaperMap<2, 2>, FixedMap<2, 3>>;
+using Maps = testing::Types<AdaptiveMap<2, 3>, PaperMap<2, 3>, FixedMap<2, 2>>;
 TYPED_TEST_SUITE(ScarceMemory, Maps);
 
 TYPED_TEST(ScarceMemory, AnyAllocationOfAnInsertionMayFail) {
