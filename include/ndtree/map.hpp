@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The map alone: options, scans, insertion, state and probability at points. Takes half as long to compile
-/// as all of ndtree.hpp.
+/// The map alone: options, scans, insertion, state and probability at points. Takes less time to
+/// compile than all of ndtree.hpp, with the library ndtree::prebuilt half of it.
 #pragma once
 
 #include "ndtree/core/scan.hpp"
