@@ -175,7 +175,7 @@ TEST(EvidenceMerge, TheLossDecidesAmongSiblingsOfOneState) {
     }
     const double loss = loss_of(cells, share);
     constexpr double kRounding = 1e-6;  // Of log-odds to float.
-    if (loss < 2.0 * kRounding) {  // One cell explains them better than many: nothing is lost.
+    if (loss < 2.0 * kRounding) {       // One cell explains them better than many: nothing is lost.
       ASSERT_TRUE(merged(0.0, cells, share).has_value() || loss > 0.0);
       continue;
     }
