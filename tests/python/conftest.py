@@ -2,10 +2,14 @@
 """What the Python tests share."""
 
 import os
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # So it is in the background of a shell.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SHAPES = [(2, 2), (3, 2), (4, 2), (2, 3), (3, 3), (4, 3), (2, 4)]  # branching, dim
 
