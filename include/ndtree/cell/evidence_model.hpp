@@ -192,8 +192,7 @@ class EvidenceModel {
   }
   /// Whether limit() may change what so many beams say, of any ways through a cell.
   [[nodiscard]] bool may_limit(std::uint32_t beams) const {
-    constexpr std::uint32_t kLongestWay =
-        8;  // In mean ones, see mean_chord_of_unit_cube(): less than 1 a dimension.
+    constexpr std::uint32_t kLongestWay = 8;  // In mean_chord_of_unit_cube(): up to eight dimensions.
     return beams > scan_beams_ / kLongestWay;
   }
   /// Whether more beams that say of nothing but free space would change nothing in what limit() leaves.

@@ -45,9 +45,9 @@ class MapBuilder {
     tree_.limit_memory(options_.memory_limit());
   }
 
-  /// @param cells of min_cell_size that are going to be filled, no two the same. @throws MemoryLimitReached
-  /// if
-  ///   they would surely take more than max_memory: of a map that cannot have larger ones.
+  /// @param cells of min_cell_size that are going to be filled, no two the same.
+  /// @throws MemoryLimitReached if they would surely take more than max_memory: of a map that cannot have
+  ///   larger ones.
   void expect_cells(double cells) const {
     if (coarsest_ != tree_.geometry().finest_level()) return;
     const std::size_t limit = options_.memory_limit();

@@ -39,12 +39,15 @@ struct Crossings {
   }
 };
 
+/// So few beams fit one vector, and are not worth telling apart by what cells below take.
+inline constexpr std::size_t kFewBeams = 8;
+
 #ifdef NDTREE_HAS_AVX2
 /// Where at most eight beams cross the children of a node: so few need no lists. Those that cross a child are
 /// a set of bits, of their places among the eight.
 template <int kCount>
 struct FewCrossings {
-  static constexpr std::size_t kMost = 8;
+  static constexpr std::size_t kMost = kFewBeams;
   alignas(32) std::array<std::uint32_t, kMost> beam;  ///< Their numbers, ascending.
   alignas(32) std::array<float, kMost> pass;          ///< See ScanBeams.
   alignas(32) std::array<std::array<float, kMost>, kCount> enter;

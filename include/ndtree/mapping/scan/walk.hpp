@@ -540,8 +540,7 @@ class ScanWalk {
   }
 
   static constexpr float kSlack = ScanFace<D>::kSlack;
-  static constexpr std::size_t kFewBeams = 8;  // To find those that leave costs more than it saves.
-  static constexpr std::size_t kMany = 1000;   // Beams: their lists are worth moving together.
+  static constexpr std::size_t kMany = 1000;  // Beams: their lists are worth moving together.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
