@@ -870,7 +870,8 @@ def _ceiling(cubes: Cells) -> float | None:
         return None
     rise = np.flatnonzero(upper[: peak + 1] < 0.3 * upper[peak])
     first = int(rise[-1]) + 1 if len(rise) else 0
-    return float((bottom + layers // 2 + first) * cubes.unit)
+    noise = 2 * int(small.size.min())  # Of the ceiling, below it.
+    return float((bottom + max(layers // 2 + first - noise, 1)) * cubes.unit)
 
 
 def _heights(cubes: Cells) -> tuple[float, float]:
