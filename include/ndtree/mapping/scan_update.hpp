@@ -19,6 +19,7 @@
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
+#include "ndtree/mapping/scan/order.hpp"
 #include "ndtree/mapping/scan/sample.hpp"
 #include "ndtree/mapping/scan/walk.hpp"
 #include "ndtree/mapping/update_counters.hpp"
@@ -94,19 +95,36 @@ class ScanUpdate {
                             geometry.cell_size(Refinement::coarsest_level(geometry.finest_level()))};
     workers.for_each_task(parts_.size(),
                           [&](std::size_t, std::size_t p) { parts_[p].keep(image_, numbers[p], sampling); });
-    std::vector<typename Part::Kept> kept;
-    for (const Part& part : parts_) kept.insert(kept.end(), part.kept().begin(), part.kept().end());
-    std::vector<ScanFace<D>> faces = number_faces(kept);
-    if (kept.empty()) return;
-    const ScanView<D>& scan = measurements_->scan();
+    std::size_t num_beams = 0;
+    std::uint32_t largest_chance = 0;
+    Eigen::Index any = 0;
+    for (const Part& part : parts_) {
+      num_beams += part.kept().size();
+      largest_chance = std::max(largest_chance, part.largest_chance());
+      if (!part.kept().empty()) any = static_cast<Eigen::Index>(part.kept().front().number);
+    }
+    if (num_beams == 0) return;
+    std::vector<ScanFace<D>> faces = number_faces(numbers);
+    BeamBuckets buckets(faces.size(), num_beams, largest_chance);
+    std::vector<std::vector<std::uint32_t>> places(parts_.size());
+    workers.for_each_task(
+        parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(buckets, numbers[p]); });
+    buckets.begin(places);
+    std::vector<KeptBeam> kept(num_beams);
+    workers.for_each_task(parts_.size(), [&](std::size_t, std::size_t p) {
+      parts_[p].put(buckets, numbers[p], places[p], kept);
+    });
     parts_.clear();
-    beams_.resize(kept.size(), std::move(faces), scan.origin_per_beam,
-                  geometry.coordinates(scan.origin(static_cast<Eigen::Index>(kept.front().number))),
+    const ScanView<D>& scan = measurements_->scan();
+    beams_.resize(num_beams, std::move(faces), scan.origin_per_beam, geometry.coordinates(scan.origin(any)),
                   ends_nearby());
     const bool by_eights = may_go_by_eights();
     const std::size_t tasks = workers.count();
     workers.for_each_task(tasks, [&](std::size_t, std::size_t task) {
-      set_beams(kept, kept.size() * task / tasks, kept.size() * (task + 1) / tasks, by_eights);
+      const std::size_t first = buckets.next_begin(num_beams * task / tasks);
+      const std::size_t last = buckets.next_begin(num_beams * (task + 1) / tasks);
+      buckets.sort(kept, first, last);
+      set_beams(kept, first, last, by_eights);
     });
     beams_.finish();
   }
@@ -127,7 +145,7 @@ class ScanUpdate {
 #endif
   }
   /// Sets beams by number, from the first to before the last.
-  void set_beams(const std::vector<typename Part::Kept>& kept, std::size_t first, std::size_t last,
+  void set_beams(const std::vector<KeptBeam>& kept, std::size_t first, std::size_t last,
                  [[maybe_unused]] bool by_eights) {
     const auto& geometry = tree_.geometry();
     const auto set = [&](std::size_t i) {
@@ -155,55 +173,30 @@ class ScanUpdate {
 #endif
     for (; i < last; ++i) set(i);
   }
-  /// Into buckets first, about as many as beams, if there are many beams and few faces.
-  static void sort_by_face_and_chance(std::vector<typename Part::Kept>& kept, std::size_t num_faces) {
-    const auto is_before = [](const auto& a, const auto& b) {
-      return a.face != b.face ? a.face < b.face : a.chance < b.chance;
-    };
-    constexpr std::size_t kMany = 500;
-    if (kept.size() < std::max(kMany, num_faces)) {
-      std::sort(kept.begin(), kept.end(), is_before);
-      return;
-    }
-    std::uint32_t largest = 0;  // Chance: of dense scans, only small ones are kept.
-    for (const auto& beam : kept) largest = std::max(largest, beam.chance);
-    int bits = 0;
-    while ((num_faces << (bits + 1)) <= kept.size()) ++bits;
-    int shift = 0;
-    while ((largest >> shift) >> bits != 0) ++shift;
-    const auto bucket_of = [bits, shift](const auto& beam) {
-      return (static_cast<std::size_t>(beam.face) << bits) + (beam.chance >> shift);
-    };
-    std::vector<std::uint32_t> place((num_faces << bits) + 1, 0);
-    for (const auto& beam : kept) ++place[bucket_of(beam) + 1];
-    for (std::size_t d = 1; d < place.size(); ++d) place[d] += place[d - 1];
-    std::vector<typename Part::Kept> sorted(kept.size());
-    for (const auto& beam : kept) sorted[place[bucket_of(beam)]++] = beam;
-    kept.swap(sorted);
-    std::uint32_t first = 0;
-    for (std::size_t d = 0; d + 1 < place.size(); first = place[d++])  // Each is at its end now.
-      if (place[d] - first > 1) std::sort(kept.begin() + first, kept.begin() + place[d], is_before);
-  }
-  /// Sorts beams by face and chance. @returns the faces by the numbers that they then have.
-  std::vector<ScanFace<D>> number_faces(std::vector<typename Part::Kept>& kept) const {
-    std::vector<ScanFace<D>> faces{ScanFace<D>(Vector<D>::Zero(), 0, false)};  // Of beams that are alone.
+  /// The faces of which some beams are kept; those of beams that are alone are one.
+  /// @param numbers of each part's faces, in the image; then, in the result.
+  std::vector<ScanFace<D>> number_faces(std::vector<std::vector<std::uint32_t>>& numbers) const {
+    std::vector<std::uint32_t> kept(image_.faces().size(), 0);
+    for (std::size_t p = 0; p < parts_.size(); ++p)
+      for (std::size_t f = 0; f < numbers[p].size(); ++f) kept[numbers[p][f]] += parts_[p].kept_of_faces()[f];
+    std::vector<ScanFace<D>> faces{ScanFace<D>(Vector<D>::Zero(), 0, false)};
     faces.front().num_beams = 1;
-    std::vector<std::uint32_t> number(image_.faces().size(), 0);
-    for (typename Part::Kept& beam : kept) {
-      const ScanFace<D>& face = image_.face(beam.face);
-      if (!face.is_lone() && number[beam.face] == 0) {
-        number[beam.face] = static_cast<std::uint32_t>(faces.size());
+    std::vector<std::uint32_t> number(kept.size(), 0);
+    for (std::size_t f = 0; f < kept.size(); ++f) {
+      const ScanFace<D>& face = image_.faces()[f];
+      if (kept[f] > 0 && !face.is_lone()) {
+        number[f] = static_cast<std::uint32_t>(faces.size());
         faces.push_back(face);
         for (const bool is_known : {false, true})
           faces.back().depth_of_all[is_known] =
               face.depth_for(static_cast<float>(refinement_.model.sample_beams(is_known)),
                              static_cast<float>(tree_.geometry().unit()));
       }
-      beam.face = number[beam.face];
-      ++faces[beam.face].end_of_beams;
+      faces[number[f]].end_of_beams += kept[f];
     }
     for (std::size_t f = 1; f < faces.size(); ++f) faces[f].end_of_beams += faces[f - 1].end_of_beams;
-    sort_by_face_and_chance(kept, faces.size());
+    for (auto& of_part : numbers)
+      for (std::uint32_t& face : of_part) face = number[face];
     return faces;
   }
 
@@ -238,8 +231,8 @@ class ScanUpdate {
     std::vector<typename Tree::Arena> arenas_;
   };
 
-  /// One thread walks down to the cells of the coarsest level, which are then shared out, the ones with the
-  /// most beams first.
+  /// One thread walks down to nodes with few of the beams, or to the cells of the coarsest level, which are
+  /// then shared out, the ones with the most beams first.
   void run_tasks(Workers& workers) {
     std::vector<typename Walk::Task> tasks;
     Walk above(tree_, tree_.main_arena(), refinement_, sensor_, beams_, log(0));

@@ -17,6 +17,7 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
+#include "ndtree/mapping/scan/order.hpp"
 
 namespace ndtree {
 
@@ -52,13 +53,6 @@ class alignas(64) ScanPart {
   static constexpr std::size_t kAxes = D - 1;
 
  public:
-  /// A beam that some cell may take.
-  struct Kept {
-    std::uint32_t face;
-    std::uint32_t chance;
-    std::uint32_t number;  ///< In the scan.
-  };
-
   /// Counts the beams and finds out where they point. @throws as survey_exactly().
   template <class Geometry>
   void look_over(const Measurements<D, Sensor>& measurements, const BeamRange& range, const Sensor& sensor,
@@ -110,6 +104,7 @@ class alignas(64) ScanPart {
     const auto farthest = static_cast<float>(
         std::min(measurements_->max_range(), static_cast<double>(std::numeric_limits<float>::max())));
     kept_.reserve(depth_.size() / 2);
+    kept_of_faces_.assign(numbers.size(), 0);
     std::size_t i = 0;
 #ifdef NDTREE_HAS_AVX2
     if (Simd::width() >= 8 && numbers.size() <= 2 * D)
@@ -121,9 +116,29 @@ class alignas(64) ScanPart {
                   image.face(numbers[face_[i]])
                       .expected_beams(std::min(depth_[i], farthest) * kSlack + behind, smallest) <
               beams)
-        add_kept(numbers[face_[i]], i);
+        add_kept(i);
   }
-  [[nodiscard]] const std::vector<Kept>& kept() const { return kept_; }
+  /// Those that some cell may take, their faces by the number that they have in this part ...
+  [[nodiscard]] const std::vector<KeptBeam>& kept() const { return kept_; }
+  /// ... how many there are of each face, and their largest chance.
+  [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
+  [[nodiscard]] std::uint32_t largest_chance() const { return largest_chance_; }
+
+  /// How many of them each bucket gets. @param numbers that this part's faces have there.
+  [[nodiscard]] std::vector<std::uint32_t> count(const BeamBuckets& buckets,
+                                                 const std::vector<std::uint32_t>& numbers) const {
+    std::vector<std::uint32_t> counts(buckets.count(), 0);
+    for (const KeptBeam& beam : kept_) ++counts[buckets.of(numbers[beam.face], beam.chance)];
+    return counts;
+  }
+  /// Puts them into their buckets. @param places where the next of each bucket belongs.
+  void put(const BeamBuckets& buckets, const std::vector<std::uint32_t>& numbers,
+           std::vector<std::uint32_t>& places, std::vector<KeptBeam>& beams) const {
+    for (const KeptBeam& beam : kept_) {
+      const std::uint32_t face = numbers[beam.face];
+      beams[places[buckets.of(face, beam.chance)]++] = {face, beam.chance, beam.number};
+    }
+  }
 
  private:
   static constexpr float kSlack = ScanFace<D>::kSlack;
@@ -192,9 +207,11 @@ class alignas(64) ScanPart {
     return in_reach ? BeamOutcome::returned : BeamOutcome::beyond_max_range;
   }
 
-  void add_kept(std::uint32_t face, std::size_t place) {
-    kept_.push_back(
-        {face, chance_[place], static_cast<std::uint32_t>(first_) + static_cast<std::uint32_t>(place)});
+  void add_kept(std::size_t place) {
+    kept_.push_back({face_[place], chance_[place],
+                     static_cast<std::uint32_t>(first_) + static_cast<std::uint32_t>(place)});
+    ++kept_of_faces_[face_[place]];
+    largest_chance_ = std::max(largest_chance_, chance_[place]);
   }
 
 #ifdef NDTREE_HAS_AVX2
@@ -233,7 +250,7 @@ class alignas(64) ScanPart {
           _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)))));
       for (; set != 0; set &= set - 1) {
         const std::size_t place = i + static_cast<std::size_t>(__builtin_ctz(set));
-        add_kept(numbers[face_[place]], place);
+        add_kept(place);
       }
     }
     return i;
@@ -393,7 +410,9 @@ class alignas(64) ScanPart {
   std::vector<float> depth_;
   std::vector<std::uint32_t> chance_;
   std::vector<std::uint32_t> face_;
-  std::vector<Kept> kept_;
+  std::vector<KeptBeam> kept_;
+  std::vector<std::uint32_t> kept_of_faces_;
+  std::uint32_t largest_chance_ = 0;
 };
 
 }  // namespace ndtree

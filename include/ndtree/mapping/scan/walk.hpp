@@ -66,8 +66,9 @@ class ScanWalk {
 
   [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
 
-  /// The whole update, or, if `tasks` are asked for, that of nodes above the coarsest level of cells, of
-  /// which none are merged; what is left to do is then in the tasks, whose lists live as long as this walk.
+  /// The whole update, or, if `tasks` are asked for, that of nodes with many beams above the coarsest level
+  /// of cells, of which none are merged; what is left to do is then in the tasks, whose lists live as long as
+  /// this walk.
   void run(std::vector<Task>* tasks = nullptr) {
     tasks_ = tasks;
     Crossings list = stack_.allocate(beams_.size() + Crossings::kSlack);
@@ -234,13 +235,11 @@ class ScanWalk {
   /// @param list not empty. @param takes_all whether all leaves in some node above take all of it.
   /// @returns whether a cell changed.
   bool descend(const Ref& ref, const Crossings& list, bool takes_all) {
-    if (ref.index.level <= coarsest_level_) {
-      if (tasks_ != nullptr) {
-        tasks_->push_back({ref, list, takes_all});
-        return false;
-      }
-      if (ref.is_leaf()) return update_leaf(ref, list, takes_all);
+    if (tasks_ != nullptr && (ref.index.level <= coarsest_level_ || list.size <= beams_.size() / kFewOfAll)) {
+      tasks_->push_back({ref, list, takes_all});
+      return false;
     }
+    if (ref.index.level <= coarsest_level_ && ref.is_leaf()) return update_leaf(ref, list, takes_all);
     if (!ref.is_leaf()) {
       if (Summary(ref.node->note()).is_settled() && evidence_.all_pass(list)) return false;
       if (undo_ != nullptr) undo_->keep(tree_, *ref.node);
@@ -540,7 +539,8 @@ class ScanWalk {
   }
 
   static constexpr float kSlack = ScanFace<D>::kSlack;
-  static constexpr std::size_t kMany = 1000;  // Beams: their lists are worth moving together.
+  static constexpr std::size_t kFewOfAll = 32;  // A node with so small a part of the beams is a task.
+  static constexpr std::size_t kMany = 1000;    // Beams: their lists are worth moving together.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
