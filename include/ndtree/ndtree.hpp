@@ -12,6 +12,7 @@
 #include "ndtree/io/ply.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/cells.hpp"
+#include "ndtree/query/changes.hpp"
 #include "ndtree/query/collision.hpp"
 #include "ndtree/query/distance_field.hpp"
 #include "ndtree/query/frontiers.hpp"

@@ -119,7 +119,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
                 wait_for(lambda: b"driven" in driven.read_bytes() or process.poll() is not None, "the robot")
                 assert process.poll() is None, driven.read_text()
                 wait_for(lambda: has_scans(active, unclosed), "scans in the bag")
-        # `rosbag` ends at once when it is interrupted; the recorder that it started closes the bag after that.
+        # `rosbag` ends at once when it is interrupted; the recorder that it has started closes the bag later.
         wait_for(bag.is_file, "the bag to be closed")
     return {"closed": bag, "unclosed": unclosed}
 

@@ -14,8 +14,10 @@
 #if defined(__GNUC__) || defined(__clang__)
 /// Of small functions on the way of every beam and cell, whose calls cost as much as what they do.
 #define NDTREE_ALWAYS_INLINE inline __attribute__((always_inline))
+#define NDTREE_NEVER_INLINE __attribute__((noinline))
 #else
 #define NDTREE_ALWAYS_INLINE inline
+#define NDTREE_NEVER_INLINE
 #endif
 
 #include <array>

@@ -34,8 +34,11 @@ struct NodeRef {
 };
 
 /// Tree of cells of any kind. It knows geometry and structure; what a cell means is its user's business.
-/// Invariants, tested by check_invariants(): an inner node has exactly N^D children, every block of the pool
-/// but the root's belongs to one inner node, children tile their parent, no node lies below the finest level.
+/// Copies share what neither of them has changed since: a copy takes O(nodes / hundreds), and what a part of
+/// the tree needs once more is allocated when it is first accessed to be changed, that is, through a tree
+/// that is not const. Invariants, tested by check_invariants(): an inner node has exactly N^D children, every
+/// block of the pool but the root's belongs to one inner node, children tile their parent, no node lies below
+/// the finest level.
 template <int N, int D, class CellType>
 class NdTree {
   static_assert(N >= 2 && D >= 1, "a node has N >= 2 children along each of D >= 1 axes");
@@ -77,6 +80,15 @@ class NdTree {
   [[nodiscard]] const NodeType* children(const NodeType& parent) const {
     return pool_.block(parent.children());
   }
+
+  /// Whether nothing can have changed below an inner node of this tree, and one of another whose children
+  /// have the same number: neither was accessed to be changed since one tree was copied from the other.
+  [[nodiscard]] bool shares_children(const NodeType& parent, const NdTree& other,
+                                     const NodeType& others_parent) const {
+    return parent.children() == others_parent.children() && pool_.shares(parent.children(), other.pool_);
+  }
+  /// Whether changes may need memory for what is shared with a copy.
+  [[nodiscard]] bool is_shared() { return pool_.is_shared(); }
 
   /// The leaf that contains a point, or none outside the root. O(depth).
   [[nodiscard]] std::optional<Ref> find_leaf(const Vector<D>& point) { return find<Ref>(*this, point); }

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "ndtree/core/memory.hpp"
+#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 
@@ -84,11 +85,16 @@ class Node<Cell, std::enable_if_t<Cell::kLeavesTopBitOfFirstWordClear>> {
   };
 };
 
-/// Blocks of `kBlockSize` nodes in chunks that never move: nodes keep their addresses while the pool grows.
-/// Freed blocks are used again, the last freed first. Copyable; a copy keeps all ids.
+/// Blocks of `kBlockSize` nodes in chunks that do not move while the pool grows. Freed blocks are used again,
+/// the last freed first.
+///
+/// A copy keeps all ids and shares the chunks, which takes O(chunks). Whoever asks for a block to write it
+/// gets a chunk of its own, copied the first time; copies may be read, written and destroyed by other threads
+/// then. A pool may be copied while others read it, but not while it is written.
 ///
 /// Threads may allocate and free at once, each through an arena of its own, while they read and write nodes
-/// that no other one touches; only the taking of new blocks, some dozens at a time, locks.
+/// that no other one touches; only the taking of new blocks, some dozens at a time, and the first writing of
+/// a chunk that is shared lock.
 template <class NodeType, int kBlockSize>
 class NodePool {
   static_assert(std::is_trivially_copyable_v<NodeType> && std::is_trivially_destructible_v<NodeType>);
@@ -112,24 +118,51 @@ class NodePool {
     main_ = other.main_;
     make_directory(other.num_chunks_);
     for (; num_chunks_ < other.num_chunks_; ++num_chunks_) {
-      chunk(num_chunks_) = new std::byte[kChunkBytes];
-      std::memcpy(chunk(num_chunks_), other.chunk(num_chunks_), kChunkBytes);
+      Chunk* const chunk = other.entry(num_chunks_).share();
+      chunk->owners.fetch_add(1, std::memory_order_relaxed);
+      entry(num_chunks_).set(chunk, true);
     }
+    may_share_.store(num_chunks_ > 0, std::memory_order_relaxed);
+    other.may_share_.store(num_chunks_ > 0, std::memory_order_relaxed);
   }
   NodePool& operator=(NodePool other) noexcept {
     swap(other);
     return *this;
   }
   ~NodePool() {
-    for (std::size_t i = 0; i < num_chunks_; ++i) delete[] chunk(i);
+    for (std::size_t i = 0; i < num_chunks_; ++i) release(entry(i).chunk());
   }
 
-  /// Siblings of a block, `kBlockSize` of them.
+  /// Siblings of a block, `kBlockSize` of them, to be written: they are shared with no other pool. Pointers
+  /// that were got for reading may then be of what was.
+  /// @throws std::bad_alloc if they are, and there is no memory for their own; the pool is then unchanged.
   [[nodiscard]] NodeType* block(BlockId id) {
-    return std::launder(reinterpret_cast<NodeType*>(chunk(id >> kChunkBits))) +
-           (id & kChunkMask) * kBlockSize;
+    const std::size_t number = id >> kChunkBits;
+    Chunk* const own = entry(number).chunk_if_own();
+    return in_chunk(own != nullptr ? own : make_own(number), id);
   }
-  [[nodiscard]] const NodeType* block(BlockId id) const { return const_cast<NodePool*>(this)->block(id); }
+  [[nodiscard]] const NodeType* block(BlockId id) const {
+    return in_chunk(entry(id >> kChunkBits).chunk(), id);
+  }
+  /// Whether a block is still the same memory as another pool's: nobody has asked for it, or for one beside
+  /// it, since one of the two was copied from the other.
+  [[nodiscard]] bool shares(BlockId id, const NodePool& other) const {
+    const std::size_t number = id >> kChunkBits;
+    return number < other.num_chunks_ && entry(number).chunk() == other.entry(number).chunk();
+  }
+  /// Whether some chunk is shared, so that to write it needs memory. O(chunks) after a copy was made, else
+  /// O(1).
+  [[nodiscard]] bool is_shared() {
+    bool is_shared = may_share_.load(std::memory_order_relaxed);
+    for (std::size_t i = 0; is_shared; ++i) {
+      if (i == num_chunks_)
+        is_shared = false;
+      else if (entry(i).is_shared() && entry(i).chunk()->owners.load(std::memory_order_acquire) > 1)
+        break;
+    }
+    may_share_.store(is_shared, std::memory_order_relaxed);
+    return is_shared;
+  }
 
   /// The one that is used if no other is named.
   [[nodiscard]] Arena& main_arena() { return main_; }
@@ -172,7 +205,7 @@ class NodePool {
     }
     main_.num_blocks_ += arena.num_blocks_;
     arena = Arena{};
-    if (--num_lent_ == 0) forget_old_directories();
+    if (--num_lent_ == 0) forget_what_was_replaced();
   }
 
   [[nodiscard]] std::size_t num_blocks() const { return static_cast<std::size_t>(main_.num_blocks_); }
@@ -181,20 +214,23 @@ class NodePool {
   /// Bytes that a pool with so many blocks holds if it was made for them.
   [[nodiscard]] static std::size_t memory_bytes_of(std::size_t num_blocks) {
     const std::size_t chunks = (num_blocks + kChunkMask) >> kChunkBits;
-    return chunks * (kChunkBytes + sizeof(std::byte*));
+    return chunks * (sizeof(Chunk) + sizeof(Entry));
   }
   /// Room for so many blocks in the directory; none is allocated.
   void reserve(std::size_t num_blocks) { make_directory((num_blocks + kChunkMask) >> kChunkBits); }
-  /// Bytes held, used or not.
+  /// Bytes held, used or not, shared with other pools or not.
   [[nodiscard]] std::size_t memory_bytes() const {
-    return num_chunks_ * kChunkBytes + capacity_ * sizeof(std::byte*);
+    return num_chunks_ * sizeof(Chunk) + capacity_ * sizeof(Entry);
   }
 
   void swap(NodePool& other) noexcept {
     std::swap(directories_, other.directories_);
-    std::byte** const directory = directory_.load(std::memory_order_relaxed);
+    Entry* const directory = directory_.load(std::memory_order_relaxed);
     directory_.store(other.directory_.load(std::memory_order_relaxed), std::memory_order_relaxed);
     other.directory_.store(directory, std::memory_order_relaxed);
+    const bool may_share = may_share_.load(std::memory_order_relaxed);
+    may_share_.store(other.may_share_.load(std::memory_order_relaxed), std::memory_order_relaxed);
+    other.may_share_.store(may_share, std::memory_order_relaxed);
     std::swap(num_chunks_, other.num_chunks_);
     std::swap(capacity_, other.capacity_);
     std::swap(main_, other.main_);
@@ -212,21 +248,78 @@ class NodePool {
   static constexpr BlockId kChunkMask = (BlockId{1} << kChunkBits) - 1;
   static constexpr std::size_t kChunkBytes = kBlockBytes << kChunkBits;
 
-  [[nodiscard]] std::byte*& chunk(std::size_t number) const {
+  struct Chunk {
+    alignas(std::max_align_t) std::byte bytes[kChunkBytes];  // Not initialised.
+    std::atomic<std::uint32_t> owners{1};
+
+    Chunk() {}  // NOLINT(modernize-use-equals-default): that would write zeros.
+  };
+  /// A chunk, and whether it may have other owners: then its address is odd.
+  class Entry {
+   public:
+    [[nodiscard]] Chunk* chunk() const { return reinterpret_cast<Chunk*>(word() & ~kShared); }
+    [[nodiscard]] bool is_shared() const { return (word() & kShared) != 0; }
+    [[nodiscard]] Chunk* chunk_if_own() const {
+      const std::uintptr_t word = this->word();
+      return (word & kShared) == 0 ? reinterpret_cast<Chunk*>(word) : nullptr;
+    }
+    void set(Chunk* chunk, bool is_shared) {
+      word_.store(reinterpret_cast<std::uintptr_t>(chunk) | (is_shared ? kShared : 0),
+                  std::memory_order_release);
+    }
+    void set(const Entry& other) { word_.store(other.word(), std::memory_order_relaxed); }
+    Chunk* share() const { return reinterpret_cast<Chunk*>(word_.fetch_or(kShared) & ~kShared); }
+
+   private:
+    static constexpr std::uintptr_t kShared = 1;
+    [[nodiscard]] std::uintptr_t word() const { return word_.load(std::memory_order_acquire); }
+    mutable std::atomic<std::uintptr_t> word_{0};
+  };
+
+  [[nodiscard]] Entry& entry(std::size_t number) const {
     return directory_.load(std::memory_order_acquire)[number];
+  }
+  [[nodiscard]] static NodeType* in_chunk(Chunk* chunk, BlockId id) {
+    return std::launder(reinterpret_cast<NodeType*>(chunk->bytes)) + (id & kChunkMask) * kBlockSize;
+  }
+  static void release(Chunk* chunk) {
+    if (chunk->owners.fetch_sub(1, std::memory_order_acq_rel) == 1) delete chunk;
+  }
+
+  /// Takes a chunk's place by a copy, unless all other owners are gone.
+  NDTREE_NEVER_INLINE Chunk* make_own(std::size_t number) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    Entry& shared = entry(number);
+    Chunk* const chunk = shared.chunk();
+    if (!shared.is_shared()) return chunk;  // Another thread was here.
+    if (chunk->owners.load(std::memory_order_acquire) == 1) {
+      shared.set(chunk, false);
+      return chunk;
+    }
+    replaced_.reserve(replaced_.size() + 1);
+    Chunk* const own = new Chunk;
+    std::memcpy(own->bytes, chunk->bytes, kChunkBytes);
+    shared.set(own, false);
+    if (num_lent_ == 0)
+      release(chunk);
+    else
+      replaced_.push_back(chunk);  // Another thread may still read it.
+    return own;
   }
 
   /// A larger directory with the same chunks. Who still reads the old one finds in it all that it knows of.
   void make_directory(std::size_t capacity) {
     if (capacity <= capacity_) return;
-    directories_.push_back(std::make_unique<std::byte*[]>(capacity));
-    for (std::size_t i = 0; i < num_chunks_; ++i) directories_.back()[i] = chunk(i);
+    directories_.push_back(std::make_unique<Entry[]>(capacity));
+    for (std::size_t i = 0; i < num_chunks_; ++i) directories_.back()[i].set(entry(i));
     directory_.store(directories_.back().get(), std::memory_order_release);
     capacity_ = capacity;
   }
 
-  void forget_old_directories() {
+  void forget_what_was_replaced() {
     if (directories_.size() > 1) directories_.erase(directories_.begin(), directories_.end() - 1);
+    for (Chunk* const chunk : replaced_) release(chunk);
+    replaced_.clear();
   }
 
   BlockId pop_free(Arena& arena) {
@@ -252,18 +345,20 @@ class NodePool {
     const bool is_full = num_chunks_ == capacity_;
     const std::size_t capacity = is_full ? std::max<std::size_t>(2 * capacity_, 4) : capacity_;
     if (limit_ != kUnlimitedMemory &&
-        (num_chunks_ + 1) * kChunkBytes + capacity * sizeof(std::byte*) + others_ > limit_)
+        (num_chunks_ + 1) * sizeof(Chunk) + capacity * sizeof(Entry) + others_ > limit_)
       throw MemoryLimitReached(limit_);
     if (is_full) make_directory(capacity);
-    if (num_lent_ == 0) forget_old_directories();
-    chunk(num_chunks_) = new std::byte[kChunkBytes];
+    if (num_lent_ == 0) forget_what_was_replaced();
+    entry(num_chunks_).set(new Chunk, false);
     arena.next_unused_ = static_cast<BlockId>(num_chunks_ << kChunkBits);
     arena.end_of_chunk_ = arena.next_unused_ + kChunkMask + 1;
     ++num_chunks_;
   }
 
-  std::vector<std::unique_ptr<std::byte*[]>> directories_;  // The last one is in use.
-  std::atomic<std::byte**> directory_{nullptr};
+  std::vector<std::unique_ptr<Entry[]>> directories_;  // The last one is in use.
+  std::atomic<Entry*> directory_{nullptr};
+  std::vector<Chunk*> replaced_;                // As long as arenas are lent.
+  mutable std::atomic<bool> may_share_{false};  // Some chunk, with another pool.
   std::size_t num_chunks_ = 0;
   std::size_t capacity_ = 0;
   std::size_t limit_ = kUnlimitedMemory;  // Bytes, of which ...

@@ -21,8 +21,8 @@ class UndoLog {
   static_assert(std::is_trivially_copyable_v<NodeType>);
 
  public:
-  /// @param parent an inner node of the tree.
-  void keep(const Tree& tree, const NodeType& parent) {
+  /// @param parent an inner node of the tree, whose children are asked for to be written.
+  void keep(Tree& tree, const NodeType& parent) {
     Kept& kept = kept_.emplace_back();
     kept.block = parent.children();
     std::memcpy(kept.bytes, tree.children(parent), sizeof kept.bytes);

@@ -1,0 +1,221 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Copies that share what has not changed, and what is different between them.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/changes.hpp"
+#include "ndtree/query/point.hpp"
+#include "random.hpp"
+
+namespace ndtree::test::test_snapshot {
+namespace {
+
+MapOptions some_options(int branching) {
+  MapOptions options;
+  options.min_cell_size = 0.25;
+  options.max_cell_size = 0.25 * branching * branching;
+  options.range_sigma = 0.05;
+  return options;
+}
+template <int D>
+Scan<D> random_scan(Random& random, double center, Eigen::Index beams = 40) {
+  Scan<D> scan;
+  scan.origins.resize(D, 1);
+  scan.endpoints.resize(D, beams);
+  for (int a = 0; a < D; ++a) {
+    scan.origins(a, 0) = center + random.uniform(-1.0, 1.0);
+    for (Eigen::Index i = 0; i < beams; ++i) scan.endpoints(a, i) = center + random.uniform(-2.0, 2.0);
+  }
+  return scan;
+}
+template <int D>
+Box<D> random_box(Random& random, double center) {
+  Box<D> box{Vector<D>::Constant(center), Vector<D>::Constant(center)};
+  for (int a = 0; a < D; ++a) {
+    box.lower[a] += random.uniform(-3.0, 0.0);
+    box.upper[a] += random.uniform(0.1, 3.0);
+  }
+  return box;
+}
+/// Does something to a map; the same to all maps for the same state of the generator.
+template <class Map>
+void change(Map& map, Random& random, int threads) {
+  constexpr int D = Map::kDim;
+  const double center = random.uniform(-12.0, 12.0);
+  switch (random.integer(0, 9)) {
+    case 0:
+      map.crop(random_box<D>(random, center));
+      break;
+    case 1:
+      map.clear(random_box<D>(random, center));
+      break;
+    case 2:
+      map.keep_near(Vector<D>::Constant(center), random.uniform(1.0, 10.0));
+      break;
+    case 3:
+      map.shrink_to_fit();
+      break;
+    default:
+      map.insert(random_scan<D>(random, center), kUnlimitedRange, threads);
+  }
+}
+
+/// The state of each smallest cell around all that two maps know, and of larger steps outside.
+template <class Map>
+void expect_changes(const Map& before, const Map& after) {
+  constexpr int D = Map::kDim;
+  const auto& geometry = after.tree().geometry();
+  const std::vector<Change<D>> found = changes(before, after);
+  std::size_t cells = 0;
+  for (const Change<D>& change : found) {
+    ASSERT_NE(change.before, change.after);
+    const std::int64_t edge = geometry.edge(change.index.level);
+    for (const std::int64_t at : {std::int64_t{0}, edge - 1, edge / 2}) {
+      Lattice<D> corner = change.index.lower;
+      for (std::int64_t& coordinate : corner) coordinate += at;
+      const auto state_in = [&](const Map& map) {
+        const auto leaf = map.tree().find_leaf(corner);
+        return leaf ? leaf->cell().state() : CellState::unknown;
+      };
+      ASSERT_EQ(state_in(before), change.before);
+      ASSERT_EQ(state_in(after), change.after);
+    }
+    std::size_t volume = 1;
+    for (int a = 0; a < D; ++a) volume *= static_cast<std::size_t>(edge);
+    cells += volume;
+  }
+  // As many smallest cells as differ. Each cell is of a leaf of one of the maps that is not unknown.
+  std::size_t differing = 0;
+  const auto count = [&](const Map& map, const Map& other, bool both_known) {
+    for_each_leaf(map.tree(), [&](const auto& leaf) {
+      if (leaf.cell().state() == CellState::unknown) return;
+      const std::int64_t edge = geometry.edge(leaf.index.level);
+      std::size_t volume = 1;
+      for (int a = 0; a < D; ++a) volume *= static_cast<std::size_t>(edge);
+      for (std::size_t i = 0; i < volume; ++i) {
+        Lattice<D> corner = leaf.index.lower;
+        std::size_t rest = i;
+        for (std::int64_t& coordinate : corner) {
+          coordinate += static_cast<std::int64_t>(rest % static_cast<std::size_t>(edge));
+          rest /= static_cast<std::size_t>(edge);
+        }
+        const auto at = other.tree().find_leaf(corner);
+        const CellState state = at ? at->cell().state() : CellState::unknown;
+        differing += state == CellState::unknown ? 1 : both_known && state != leaf.cell().state();
+      }
+    });
+  };
+  count(before, after, true);
+  count(after, before, false);
+  ASSERT_EQ(cells, differing);
+}
+
+template <class Map>
+class Snapshots : public testing::Test {};
+using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>,
+                            FixedMap<2, 2>, FixedMap<3, 3>>;
+TYPED_TEST_SUITE(Snapshots, Maps);
+
+TYPED_TEST(Snapshots, StayAsTheyAreAndChangeNothing) {
+  constexpr int N = TypeParam::kBranching;
+  Random random(3);
+  for (int round = 0; round < 6; ++round) {
+    TypeParam map(some_options(N));
+    TypeParam alone(some_options(N));
+    std::vector<std::pair<TypeParam, std::string>> snapshots;
+    for (int step = 0; step < 25; ++step) {
+      Random other = random;
+      change(map, random, 1 + round % 2);
+      change(alone, other, 1);
+      if (random.integer(0, 2) == 0) {
+        snapshots.emplace_back(map.snapshot(), to_bytes(map));
+        if (random.integer(0, 1) == 0)
+          snapshots.emplace_back(snapshots.front().first, snapshots.front().second);
+      }
+      if (snapshots.size() > 3) snapshots.erase(snapshots.begin() + random.integer(0, 3));
+      if (!snapshots.empty() && random.integer(0, 3) == 0) change(snapshots.back().first, random, 1);
+      if (!snapshots.empty()) snapshots.back().second = to_bytes(snapshots.back().first);
+    }
+    map.check_invariants();
+    ASSERT_EQ(to_bytes(map), to_bytes(alone));
+    for (const auto& [snapshot, bytes] : snapshots) {
+      snapshot.check_invariants();
+      ASSERT_EQ(to_bytes(snapshot), bytes);
+    }
+  }
+}
+
+TYPED_TEST(Snapshots, TellWhatHasChanged) {
+  constexpr int N = TypeParam::kBranching;
+  Random random(4);
+  for (int round = 0; round < 8; ++round) {
+    TypeParam map(some_options(N));
+    TypeParam before = map;
+    for (int step = 0; step < 8; ++step) {
+      change(map, random, 1);
+      ASSERT_NO_FATAL_FAILURE(expect_changes(before, map));
+      ASSERT_NO_FATAL_FAILURE(expect_changes(map, before));
+      if (random.integer(0, 1) == 0) before = map;
+    }
+    EXPECT_TRUE(changes(map, map.snapshot()).empty());
+  }
+}
+
+TYPED_TEST(Snapshots, CompareMapsThatHaveNothingInCommon) {
+  constexpr int N = TypeParam::kBranching;
+  constexpr int D = TypeParam::kDim;
+  Random random(5);
+  for (int round = 0; round < 8; ++round) {
+    TypeParam one(some_options(N));
+    TypeParam other(some_options(N));
+    one.insert(random_scan<D>(random, random.uniform(-9.0, 9.0)));
+    other.insert(random_scan<D>(random, random.uniform(-9.0, 9.0)));
+    ASSERT_NO_FATAL_FAILURE(expect_changes(one, other));
+  }
+  MapOptions finer = some_options(N);
+  finer.min_cell_size *= 0.5;
+  finer.max_cell_size *= 0.5;
+  try {
+    (void)changes(TypeParam(some_options(N)), TypeParam(finer));
+    FAIL();
+  } catch (const std::invalid_argument& error) {
+    EXPECT_NE(std::string(error.what()).find("smallest cells of 0.25 and 0.125 m"), std::string::npos)
+        << error.what();
+  }
+}
+
+TEST(SnapshotCost, IsThatOfWhatChangesAndNotOfTheMap) {
+  AdaptiveMap<2, 2> map(some_options(2));
+  Random random(6);
+  for (int i = 0; i < 400; ++i) map.insert(random_scan<2>(random, 5.0 * (i % 100), 200));
+  const AdaptiveMap<2, 2> before = map.snapshot();
+  const auto shared = [&] {
+    std::size_t same = 0;
+    std::size_t all = 0;
+    const auto descend = [&](const auto& self, const auto& old, const auto& now) -> void {
+      if (old.is_leaf() || now.is_leaf()) return;
+      ++all;
+      same += map.tree().shares_children(*now.node, before.tree(), *old.node);
+      for (int j = 0; j < 4; ++j) self(self, before.tree().child(old, j), map.tree().child(now, j));
+    };
+    descend(descend, before.tree().root(), map.tree().root());
+    EXPECT_GT(all, 2000u);
+    return static_cast<double>(same) / static_cast<double>(all);
+  };
+  EXPECT_EQ(shared(), 1.0);
+  map.insert(random_scan<2>(random, 50.0, 200));
+  EXPECT_GT(shared(), 0.8);  // The scan meets a hundredth of the map; chunks hold some more.
+  EXPECT_LT(shared(), 1.0);
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_snapshot
