@@ -20,4 +20,5 @@
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
 #include "ndtree/query/region.hpp"
+#include "ndtree/query/transform.hpp"
 #include "ndtree/version.hpp"

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/sensor_model.hpp"
@@ -268,6 +269,35 @@ class EvidenceModel {
     return child;
   }
 
+  /// The evidence of two cells of one place, of which neither is blank. Their streaks end.
+  /// @param parts if neither was observed, and the parts that were seen are still not enough.
+  [[nodiscard]] EvidenceCell joined(const EvidenceCell& one, const EvidenceCell& other,
+                                    const std::optional<std::uint32_t>& parts) const {
+    EvidenceCell both;
+    const std::int64_t free = one.free_evidence() + other.free_evidence();
+    if (parts) {
+      both.set_partly_seen(*parts, std::min(free, free_memory_));
+      return both;
+    }
+    assign(both, one.occupied_evidence() + other.occupied_evidence(), free);
+    set_counts(both, one.hits() + other.hits(), one.misses() + other.misses());
+    return both;
+  }
+  /// A child's part of a cell of which no more is known than of its siblings; the parent of equal ones, see
+  /// EvidenceMergeRule, is the cell again, but for rounding up.
+  [[nodiscard]] EvidenceCell part_of(const EvidenceCell& cell, int share_divisor, int cell_part) const {
+    EvidenceCell part;
+    const bool was_seen = cell.is_partly_seen() && (cell.seen_parts() >> cell_part & 1u) != 0;
+    if (!cell.observed() && !was_seen) return part;
+    const auto share = [share_divisor](std::int64_t whole) {
+      return (whole + share_divisor - 1) / share_divisor;
+    };
+    assign(part, share(cell.occupied_evidence()), share(cell.free_evidence()));
+    set_counts(part, static_cast<std::uint32_t>(share(cell.hits())),
+               static_cast<std::uint32_t>(share(cell.misses())));
+    return part;
+  }
+
   [[nodiscard]] double noise_sigmas() const { return options_.noise_sigmas; }
   /// Beams that a cell's evidence is worth, of those that end in it and of those that pass it.
   [[nodiscard]] double effective_hits(const EvidenceCell& cell) const {
@@ -292,16 +322,21 @@ class EvidenceModel {
       free = part(free, kept_);
     }
     assign(now, occupied + scan.occupied, free + scan.free);
-    const std::uint32_t misses = now.misses() + scan.misses;
-    if (now.occupied_evidence() > 0 || scan.hits > 0) {
-      now.set_counts(now.hits() + scan.hits, misses);
-    } else {  // No hit is left that could be contradicted.
-      now.set_counts(0, std::min(misses, free_memory_beams_));
-      now.end_streak();
-    }
+    if (now.occupied_evidence() == 0 && scan.hits == 0) now.end_streak();
+    set_counts(now, now.hits() + scan.hits, now.misses() + scan.misses, scan.hits > 0);
     const bool changed = now != cell;
     cell = now;
     return changed;
+  }
+
+  /// Counts of a cell that has its evidence: without any for occupied space, no hit is left that could be
+  /// contradicted, but for one of this scan.
+  NDTREE_ALWAYS_INLINE void set_counts(EvidenceCell& cell, std::uint32_t hits, std::uint32_t misses,
+                                       bool was_hit_now = false) const {
+    if (cell.occupied_evidence() > 0 || was_hit_now)
+      cell.set_counts(hits, misses);
+    else
+      cell.set_counts(0, std::min(misses, free_memory_beams_));
   }
 
   /// A cell that knows as much free space as a cell can remember, but for its log-odds.

@@ -50,7 +50,10 @@ class BeamUpdate : public BeamVisitor {
 
   /// Integrates beam after beam. @pre the tree contains what the survey reaches.
   /// @param undo gets one log; null if none is to be kept.
-  void finish(Workers& /*workers*/, std::vector<UndoLog<Tree>>* undo = nullptr) {
+  /// @param window of cells of the coarsest level, outside which nothing is to change; null: all may.
+  void finish(Workers& /*workers*/, std::vector<UndoLog<Tree>>* undo = nullptr,
+              const LatticeBox<D>* window = nullptr) {
+    window_ = window;
     if (undo != nullptr) undo->resize(1);
     undo_ = undo == nullptr ? nullptr : undo->data();
     for (Eigen::Index i = 0; i < measurements_->scan().size; ++i) {
@@ -61,6 +64,7 @@ class BeamUpdate : public BeamVisitor {
 
   template <class Ref>
   bool passes_over(const Ref& parent) {
+    if (is_outside(parent)) return false;        // Its leaves may yet hold the end of the beam.
     if (parent.node->note() == 0) return false;  // It was split by this scan, or has been here.
     if (undo_ != nullptr) undo_->keep(tree_, *parent.node);
     parent.node->set_note(0);  // Until the scan is done.
@@ -69,12 +73,13 @@ class BeamUpdate : public BeamVisitor {
 
   template <class Ref>
   void enter(const Ref& leaf) {
-    if (leaf.index.level > coarsest_level_) tree_.split(leaf);
+    if (leaf.index.level > coarsest_level_ && !is_outside(leaf)) tree_.split(leaf);
   }
 
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
     pace_.spend();
+    if (is_outside(leaf)) return pass_outside(leaf, t_exit);
     auto& cell = leaf.cell();
     if (t_exit < t_clearly_free_) {
       cell.update(sensor_.log_odds_free(), log_odds_min_, log_odds_max_);
@@ -111,7 +116,7 @@ class BeamUpdate : public BeamVisitor {
   void leave(const Ref& parent) {
     if (!try_merge_) return;
     try_merge_ = false;  // A sibling that stays divided forbids the merge one level up, too.
-    if (parent.index.level > coarsest_level_) return;
+    if (parent.index.level > coarsest_level_ || is_outside(parent)) return;
     const auto merged = refinement_.merged(tree_.children(*parent.node), Tree::kNumChildren);
     if (!merged) return;
     tree_.merge(*parent.node, *merged);
@@ -133,6 +138,18 @@ class BeamUpdate : public BeamVisitor {
     traverse_beam(tree_, beam.origin, beam.displacement, 0.0, Sensor::t_end(beam, sigma), *this);
   }
 
+  /// Whether nothing of a node is to change.
+  template <class Ref>
+  [[nodiscard]] bool is_outside(const Ref& ref) const {
+    return window_ != nullptr && !window_->overlaps(ref.index, tree_.geometry().edge(ref.index.level));
+  }
+  /// A leaf that only may take the hit, which others then do not.
+  template <class Ref>
+  bool pass_outside(const Ref& leaf, double t_exit) {
+    if (t_exit < t_clearly_free_) return true;
+    if (returned_) hit_counted_ = hit_counted_ || t_exit > 1.0 || (t_exit == 1.0 && holds_end(leaf));
+    return true;
+  }
   template <class Ref>
   [[nodiscard]] bool holds_end(const Ref& leaf) const {
     return tree_.geometry().contains(leaf.index, tree_.geometry().coordinates(free_end_));
@@ -160,6 +177,7 @@ class BeamUpdate : public BeamVisitor {
   bool try_merge_ = false;  // A child of the node being left could take part in a merge.
 
   UndoLog<Tree>* undo_ = nullptr;
+  const LatticeBox<D>* window_ = nullptr;
   Pace pace_;
 };
 

@@ -153,6 +153,11 @@ class CoverageModel {
   /// Whether cells have to be seen, and not only passed.
   [[nodiscard]] bool is_on() const { return share_ > 0.0; }
 
+  /// Whether so many parts of a cell are enough to know it. @param size as in judge().
+  template <int N, int D>
+  [[nodiscard]] bool are_enough(std::uint32_t parts, double size) const {
+    return share_of<N, D>(parts) >= enough<D>(size);
+  }
   /// @param seen_before parts of the cell, one bit each. @param size the cell's edge, in smallest cells.
   template <int N, int D>
   [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before,
@@ -172,21 +177,26 @@ class CoverageModel {
     }
     const bool is_missing = static_cast<double>(least) < missing_below;
     CoverageVerdict verdict{seen_before};
-    int seen_children = 0;
     for (int p = 0; p < Parts::kCount; ++p) {
       const int children = Parts::num_children(p);
       const bool is_seen =
           static_cast<double>(seen[static_cast<std::size_t>(p)]) >= kLeast * kRounding * kOne * children;
       verdict.parts |= static_cast<std::uint32_t>(is_seen) << p;
-      seen_children += (verdict.parts >> p & 1u) != 0 ? children : 0;
     }
     verdict.shows_more = is_missing && size > least_to_split_;
-    const double share = std::max(scan.of_cell(), static_cast<double>(seen_children) / Parts::kNumChildren);
+    const double share = std::max(scan.of_cell(), share_of<N, D>(verdict.parts));
     verdict.is_enough = !verdict.shows_more && share >= enough<D>(size);
     return verdict;
   }
 
  private:
+  template <int N, int D>
+  [[nodiscard]] static double share_of(std::uint32_t parts) {
+    using Parts = CellParts<N, D>;
+    int children = 0;
+    for (int p = 0; p < Parts::kCount; ++p) children += (parts >> p & 1u) != 0 ? Parts::num_children(p) : 0;
+    return static_cast<double>(children) / Parts::kNumChildren;
+  }
   template <int D>
   [[nodiscard]] double enough(double size) const {
     double share = share_;

@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -24,6 +25,7 @@
 #include "ndtree/core/scan.hpp"
 #include "ndtree/mapping/compress.hpp"
 #include "ndtree/mapping/forget.hpp"
+#include "ndtree/mapping/join.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/refinement.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
@@ -117,16 +119,21 @@ class OccupancyMap {
   /// @param max_range [m] beams that are longer say only that the space up to there is free.
   /// @param threads that may work on a large scan; 0: as many as the machine has cores. The map is the same,
   ///   bit for bit, for every number. Beam by beam there is only one.
-  /// @throws std::invalid_argument if max_range is not > 0, threads is negative, if the scan's one origin is
-  ///   not finite, a range_sigma outside kRangeSigmaBounds, or if a beam leaves what the lattice can address
-  ///   or is longer than kLongestBeam of the smallest cells.
+  /// @param window if given, only cells in it change, and become, bit for bit, what they would without it.
+  ///   In it are all cells of max_cell_size (of a fixed map: all cells) that share a volume with the box.
+  /// @throws std::invalid_argument if max_range is not > 0, threads is negative, the window has no volume,
+  /// the scan's
+  ///   one origin is not finite, a range_sigma outside kRangeSigmaBounds, or if a beam leaves what the
+  ///   lattice can address or is longer than kLongestBeam of the smallest cells.
   /// @throws MemoryLimitReached if the map would hold more than its max_memory, Cancelled (see CancelScope),
   ///   std::bad_alloc, std::length_error. If a max_memory was given, or there is a CancelScope, or a copy
   ///   that still shares cells, the map is then as it was before the call; else it is valid, but some cells
   ///   may have taken the scan in, and others not.
-  InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0);
-  InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange, int threads = 0) {
-    return insert(scan.view(), max_range, threads);
+  InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0,
+                      const std::optional<Box<D>>& window = std::nullopt);
+  InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange, int threads = 0,
+                      const std::optional<Box<D>>& window = std::nullopt) {
+    return insert(scan.view(), max_range, threads, window);
   }
 
   /// Gives the memory back that merging has freed, and puts what is near each other near each other in
@@ -183,6 +190,32 @@ class OccupancyMap {
           (cell.lower - center).cwiseAbs().cwiseMax((cell.upper - center).cwiseAbs()).squaredNorm();
       return ref.is_leaf() || farthest <= radius * radius ? Fate::keep : Fate::divide;
     });
+  }
+
+  /// Adds what another map of the same place knows, as if this one had seen it, too: evidence and counts of
+  /// cells add up (of paper and fixed maps the log-odds, clamped); where the cells of one are larger, each of
+  /// the other's gets its part. Siblings join as they do while mapping. What cells of both come to does not
+  /// depend on which is merged into which. O(nodes of both).
+  /// @throws std::invalid_argument if the sizes of cells differ, MemoryLimitReached, std::bad_alloc,
+  ///   Cancelled; the map is then unchanged.
+  void merge(const OccupancyMap& other) {
+    const auto& geometry = tree_.geometry();
+    if (geometry.unit() != other.tree_.geometry().unit() ||
+        geometry.finest_level() != other.tree_.geometry().finest_level())
+      throw std::invalid_argument(
+          "a map with cells from " + describe_number(other.options_.min_cell_size) + " to " +
+          describe_number(other.options_.max_cell_size) + " m cannot be merged into one with cells from " +
+          describe_number(options_.min_cell_size) + " to " + describe_number(options_.max_cell_size) + " m");
+    detail::Joining<Tree, Refinement> joining(options_, refinement_);
+    joining.grow_around(tree_, other.tree_);
+    joining.add(tree_);
+    joining.add(other.tree_);
+    counters_.merges += other.counters_.merges + joining.merge();
+    counters_.updates += other.counters_.updates;
+    counters_.splits += other.counters_.splits;
+    tree_ = std::move(joining.tree());
+    tree_.limit_memory(kUnlimitedMemory);
+    summarise_unknown(tree_, *tree_.root().node, settled());
   }
 
   /// The map as it is now, to be read by any thread while this one goes on. See changes().
@@ -287,10 +320,12 @@ class OccupancyMap {
 
 template <int N, int D, class Refinement, class Sensor>
 InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& scan, double max_range,
-                                                            int threads) {
+                                                            int threads,
+                                                            const std::optional<Box<D>>& window) {
   const auto start = std::chrono::steady_clock::now();
   threads = number_of_threads(threads);
   check(scan, max_range);
+  if (window) check(*window);
   InsertReport report;
   report.beams = static_cast<std::uint64_t>(scan.size);
   const UpdateCounters before = counters_;
@@ -313,7 +348,10 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
       tree_.grow_to_contain(survey.reach.lower);
       tree_.grow_to_contain(survey.reach.upper);
     }
-    update.finish(workers, is_undone ? &undo : nullptr);
+    LatticeBox<D> cells;
+    if (window)
+      cells = tree_.geometry().cells_in(*window, Refinement::coarsest_level(tree_.geometry().finest_level()));
+    update.finish(workers, is_undone ? &undo : nullptr, window ? &cells : nullptr);
     tree_.shrink_if_half_empty();
   } catch (...) {
     tree_.limit_memory(kUnlimitedMemory);

@@ -4,14 +4,19 @@
 /// longest. Who links it sees NDTREE_PREBUILT, for which occupancy_map.hpp includes this.
 #pragma once
 
+#include <optional>
+
 #include "ndtree/core/scan.hpp"
+#include "ndtree/core/types.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 
 /// What is compiled for one shape: here, or, with `extern` as the prefix, elsewhere.
-#define NDTREE_PREBUILT_MAPS(prefix, N, D)                                                 \
-  prefix template InsertReport AdaptiveMap<N, D>::insert(const ScanView<D>&, double, int); \
-  prefix template InsertReport PaperMap<N, D>::insert(const ScanView<D>&, double, int);    \
-  prefix template InsertReport FixedMap<N, D>::insert(const ScanView<D>&, double, int)
+#define NDTREE_PREBUILT_MAPS(prefix, N, D)                \
+  prefix template NDTREE_INSERT_OF(AdaptiveMap<N, D>, D); \
+  prefix template NDTREE_INSERT_OF(PaperMap<N, D>, D);    \
+  prefix template NDTREE_INSERT_OF(FixedMap<N, D>, D)
+#define NDTREE_INSERT_OF(Map, D) \
+  InsertReport Map::insert(const ScanView<D>&, double, int, const std::optional<Box<D>>&)
 
 namespace ndtree {
 

@@ -69,14 +69,17 @@ class ScanUpdate {
   /// @pre the tree contains what the survey reaches.
   /// The result is the same for every number of workers.
   /// @param undo grows to as many logs as are needed; null if none is to be kept.
-  void finish(Workers& workers, std::vector<UndoLog<Tree>>* undo = nullptr) {
+  /// @param window of cells of the coarsest level, outside which nothing is to change; null: all may.
+  void finish(Workers& workers, std::vector<UndoLog<Tree>>* undo = nullptr,
+              const LatticeBox<D>* window = nullptr) {
     prepare(workers);
     if (beams_.size() == 0) return;
     checkpoint();
+    window_ = window;
     undo_ = undo;
     if (undo_ != nullptr) undo_->resize(1 + workers.count());
     if (workers.count() <= 1 || !lists_fit_in_memory()) {
-      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, beams_, log(0));
+      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, beams_, log(0), window_);
       walk.run();
       add(walk.counters());
     } else {
@@ -235,7 +238,7 @@ class ScanUpdate {
   /// then shared out, the ones with the most beams first.
   void run_tasks(Workers& workers) {
     std::vector<typename Walk::Task> tasks;
-    Walk above(tree_, tree_.main_arena(), refinement_, sensor_, beams_, log(0));
+    Walk above(tree_, tree_.main_arena(), refinement_, sensor_, beams_, log(0), window_);
     above.run(&tasks);
     add(above.counters());
     std::stable_sort(tasks.begin(), tasks.end(),
@@ -244,7 +247,7 @@ class ScanUpdate {
     std::vector<Walk> walks;
     walks.reserve(arenas.all().size());
     for (typename Tree::Arena& arena : arenas.all())
-      walks.emplace_back(tree_, arena, refinement_, sensor_, beams_, log(1 + walks.size()));
+      walks.emplace_back(tree_, arena, refinement_, sensor_, beams_, log(1 + walks.size()), window_);
     workers.for_each_task(tasks.size(),
                           [&](std::size_t worker, std::size_t task) { walks[worker].run(tasks[task]); });
     for (const Walk& walk : walks) add(walk.counters());
@@ -271,6 +274,7 @@ class ScanUpdate {
   ScanImage<D> image_;
   ScanBeams<D> beams_;
   std::vector<UndoLog<Tree>>* undo_ = nullptr;
+  const LatticeBox<D>* window_ = nullptr;
 };
 
 }  // namespace ndtree

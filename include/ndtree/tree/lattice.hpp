@@ -29,6 +29,20 @@ struct CellIndex {
   friend bool operator!=(const CellIndex& a, const CellIndex& b) { return !(a == b); }
 };
 
+/// Cells from a lower corner to an upper one, half-open, in units of the smallest cell.
+template <int D>
+struct LatticeBox {
+  Lattice<D> lower{};
+  Lattice<D> upper{};
+
+  /// @param edge of the cell.
+  [[nodiscard]] bool overlaps(const CellIndex<D>& cell, std::int64_t edge) const {
+    for (std::size_t a = 0; a < D; ++a)
+      if (cell.lower[a] >= upper[a] || cell.lower[a] + edge <= lower[a]) return false;
+    return true;
+  }
+};
+
 /// The lattice whose unit is the smallest cell. The border at coordinate k is the double nearest to k * unit,
 /// whichever cell it is computed for; so neighbours of any two levels share their face to the last bit, and
 /// `coordinate(x) == k` exactly if `border(k) <= x < border(k + 1)`.
@@ -117,6 +131,19 @@ class LatticeGeometry {
       result.upper[a] = border(lower + edge(cell.level));
     }
     return result;
+  }
+  /// All cells of a level up to 0 that share a volume with a box, of which only what is in reach counts.
+  [[nodiscard]] LatticeBox<D> cells_in(const Box<D>& box, int level) const {
+    const std::int64_t edge = this->edge(level);
+    const auto floor = [edge](std::int64_t k) { return k - ((k % edge) + edge) % edge; };
+    LatticeBox<D> cells;
+    for (int a = 0; a < D; ++a) {
+      const auto axis = static_cast<std::size_t>(a);
+      const std::int64_t last = coordinate(std::clamp(box.upper[a], -reach(), reach()));
+      cells.lower[axis] = floor(coordinate(std::clamp(box.lower[a], -reach(), reach())));
+      cells.upper[axis] = floor(border(last) < box.upper[a] ? last : last - 1) + edge;
+    }
+    return cells;
   }
   [[nodiscard]] CellIndex<D> child(const CellIndex<D>& cell, const Offset<D>& offset) const {
     CellIndex<D> result{cell.lower, cell.level - 1};

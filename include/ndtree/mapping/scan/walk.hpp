@@ -47,12 +47,13 @@ class ScanWalk {
   };
 
   /// @param arena of the tree, for this thread alone. @param undo where it remembers what it changes, or
-  /// null.
+  /// null. @param window outside which no cell of the coarsest level changes; null: all may.
   ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
-           const ScanBeams<D>& beams, UndoLog<Tree>* undo)
+           const ScanBeams<D>& beams, UndoLog<Tree>* undo, const LatticeBox<D>* window = nullptr)
       : tree_(tree),
         arena_(arena),
         undo_(undo),
+        window_(window),
         refinement_(refinement),
         beams_(beams),
         clip_(tree.geometry(), beams),
@@ -235,6 +236,9 @@ class ScanWalk {
   /// @param list not empty. @param takes_all whether all leaves in some node above take all of it.
   /// @returns whether a cell changed.
   bool descend(const Ref& ref, const Crossings& list, bool takes_all) {
+    if (window_ != nullptr && ref.index.level >= coarsest_level_ &&
+        !window_->overlaps(ref.index, tree_.geometry().edge(ref.index.level)))
+      return false;
     if (tasks_ != nullptr && (ref.index.level <= coarsest_level_ || list.size <= beams_.size() / kFewOfAll)) {
       tasks_->push_back({ref, list, takes_all});
       return false;
@@ -545,6 +549,7 @@ class ScanWalk {
   Tree& tree_;
   typename Tree::Arena& arena_;
   UndoLog<Tree>* undo_;
+  const LatticeBox<D>* window_;
   const Refinement& refinement_;
   const ScanBeams<D>& beams_;
   const ChildClip<N, D> clip_;

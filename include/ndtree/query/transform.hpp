@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// A map moved by a rigid motion, as when two maps are to be put together.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <stdexcept>
+#include <type_traits>
+#include <utility>
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/core/body.hpp"
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/memory.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/query/cells.hpp"
+#include "ndtree/query/region.hpp"
+#include "ndtree/tree/lattice.hpp"
+
+namespace ndtree {
+
+namespace detail {
+
+/// Fills a new tree with what a map says of the places that its cells come from.
+template <class Map>
+class Transforming {
+  static constexpr int D = Map::kDim;
+  using Tree = typename Map::Tree;
+  using Cell = typename Map::Cell;
+  using Ref = typename Tree::Ref;
+  using Refinement = typename Map::RefinementType;
+
+ public:
+  Transforming(const Map& map, const Pose<D>& pose)
+      : map_(map),
+        back_{pose.rotation.transpose(), -(pose.rotation.transpose() * pose.translation)},
+        spread_(back_.rotation.cwiseAbs()),
+        refinement_(map.options()),
+        tree_(map.options().min_cell_size, map.options().num_levels(Map::kBranching)),
+        coarsest_(Refinement::coarsest_level(tree_.geometry().finest_level())) {
+    tree_.limit_memory(map.options().memory_limit());
+    if (const auto known = bounds(map)) {
+      const Vector<D> half = pose.rotation.cwiseAbs() * (0.5 * (known->upper - known->lower));
+      const Vector<D> centre = pose * Vector<D>(0.5 * (known->upper + known->lower));
+      tree_.grow_to_contain(Vector<D>(centre - half));
+      tree_.grow_to_contain(Vector<D>(centre + half));
+      fill(tree_.root());
+    }
+    tree_.limit_memory(kUnlimitedMemory);
+  }
+  [[nodiscard]] Tree& tree() { return tree_; }
+
+ private:
+  void fill(const Ref& ref) {
+    pace_.spend(kStepsOfCell);
+    const Box<D> box = tree_.box(ref.index);
+    const Vector<D> centre = back_ * Vector<D>(0.5 * (box.lower + box.upper));
+    const Vector<D> half = spread_ * Vector<D>(0.5 * (box.upper - box.lower));
+    const RegionStates states = states_in(map_, Box<D>{centre - half, centre + half});
+    if (!states.free && !states.occupied) return;
+    const bool is_finest = ref.index.level == tree_.geometry().finest_level();
+    if (ref.index.level <= coarsest_ && (is_finest || states.free + states.occupied + states.unknown == 1)) {
+      ref.cell() = resampled(box, tree_.geometry().edge(ref.index.level), is_finest ? 1 : kSamplesOfAxis);
+      return;
+    }
+    if (ref.is_leaf()) tree_.split(ref);
+    bool are_leaves = true;
+    for (int j = 0; j < Tree::kNumChildren; ++j) {
+      const Ref child = tree_.child(ref, j);
+      fill(child);
+      are_leaves = are_leaves && child.is_leaf();
+    }
+    if (!are_leaves || ref.index.level > coarsest_) return;
+    if (const auto cell = merged(tree_.children(*ref.node))) tree_.merge(*ref.node, *cell);
+  }
+
+  /// What the map says at places spread evenly over a box, on the average.
+  [[nodiscard]] Cell resampled(const Box<D>& box, std::int64_t edge, int samples_of_axis) const {
+    int samples = 1;
+    for (int a = 0; a < D; ++a) samples *= samples_of_axis;
+    Sum sum;
+    for (int i = 0; i < samples; ++i) {
+      Vector<D> at;
+      for (int a = 0, rest = i; a < D; ++a, rest /= samples_of_axis)
+        at[a] =
+            box.lower[a] + (box.upper[a] - box.lower[a]) * (rest % samples_of_axis + 0.5) / samples_of_axis;
+      if (const auto leaf = map_.tree().find_leaf(back_ * at); leaf && leaf->cell().observed())
+        sum.add(leaf->cell(),
+                std::pow(static_cast<double>(edge) /
+                             static_cast<double>(map_.tree().geometry().edge(leaf->index.level)),
+                         D - 1));
+    }
+    return 2 * sum.observed >= samples ? cell_of(sum, samples) : Cell{};
+  }
+  struct Sum {
+    int observed = 0;
+    double occupied = 0.0;  // Of evidence; of other maps, the log-odds.
+    double free = 0.0;
+    double hits = 0.0;
+    double misses = 0.0;
+
+    /// @param share of the beams through a cell of one size that a cell of another meets.
+    void add(const EvidenceCell& cell, double share) {
+      ++observed;
+      occupied += share * static_cast<double>(cell.occupied_evidence());
+      free += share * static_cast<double>(cell.free_evidence());
+      hits += share * cell.hits();
+      misses += share * cell.misses();
+    }
+    void add(const OccupancyCell& cell, double share) {
+      ++observed;
+      occupied += static_cast<double>(cell.log_odds());
+      hits += share * cell.hits();
+      misses += share * cell.misses();
+    }
+  };
+  [[nodiscard]] Cell cell_of(const Sum& sum, int samples) const {
+    const auto mean = [samples](double of_all) { return std::llround(of_all / samples); };
+    const auto count = [&](double of_all) {
+      return static_cast<std::uint32_t>(std::min<std::int64_t>(mean(of_all), 0xffffff));
+    };
+    Cell cell;
+    if constexpr (std::is_same_v<Cell, EvidenceCell>) {
+      refinement_.model.assign(cell, mean(sum.occupied), mean(sum.free));
+      cell.set_counts(cell.occupied_evidence() > 0 ? count(sum.hits) : 0, count(sum.misses));
+    } else {
+      cell.set_counts(count(sum.hits), count(sum.misses));
+      cell.set_log_odds(static_cast<float>(sum.occupied / samples));
+    }
+    return cell;
+  }
+  template <class NodeType>
+  [[nodiscard]] std::optional<Cell> merged(const NodeType* siblings) const {
+    if constexpr (std::is_same_v<Cell, EvidenceCell>)
+      return refinement_.merge_rule(siblings, Tree::kNumChildren, kShareDivisor<Tree>);
+    else
+      return refinement_.merged(siblings, Tree::kNumChildren);
+  }
+
+  static constexpr int kSamplesOfAxis = 3;
+  static constexpr std::uint32_t kStepsOfCell = 16;  // Of Pace.
+
+  const Map& map_;
+  const Pose<D> back_;
+  const Eigen::Matrix<double, D, D> spread_;
+  const Refinement refinement_;
+  Tree tree_;
+  int coarsest_;
+  Pace pace_;
+};
+
+}  // namespace detail
+
+/// The map as it would be in a frame in which every point x lies at `pose * x`. A smallest cell takes what
+/// the map says at the place from which its centre comes, so that borders and surfaces are moved by at most
+/// half its diagonal; nothing is blurred, and nothing that was unknown there becomes known. Larger cells
+/// stand where the map says the same all over the place that they come from. Evidence is that of cells of
+/// their size. What was seen but is not yet known (see CoverageModel) is left out.
+/// O(smallest cells along surfaces and borders, and cells elsewhere).
+/// @throws std::invalid_argument if the pose is not a finite rigid motion, or moves cells out of reach;
+///   MemoryLimitReached, std::bad_alloc, Cancelled.
+template <class Map>
+[[nodiscard]] Map transformed(const Map& map, const Pose<Map::kDim>& pose) {
+  using Matrix = Eigen::Matrix<double, Map::kDim, Map::kDim>;
+  if (!pose.rotation.allFinite() || !pose.translation.allFinite())
+    throw std::invalid_argument("pose: must be finite");
+  if (!((pose.rotation * pose.rotation.transpose() - Matrix::Identity()).cwiseAbs().maxCoeff() < 1e-6))
+    throw std::invalid_argument("pose: its rotation is not one");
+  detail::Transforming<Map> transforming(map, pose);
+  return Map(map.options(), std::move(transforming.tree()), typename Map::Counters{});
+}
+
+}  // namespace ndtree

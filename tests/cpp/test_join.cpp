@@ -1,0 +1,206 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Two maps of one place become one.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "random.hpp"
+
+namespace ndtree::test::test_join {
+namespace {
+
+MapOptions some_options(int branching) {
+  MapOptions options;
+  options.min_cell_size = 0.25;
+  options.max_cell_size = 0.25 * branching * branching;
+  options.range_sigma = 0.05;
+  return options;
+}
+template <class Map>
+Map random_map(Random& random, int scans) {
+  constexpr int D = Map::kDim;
+  Map map(some_options(Map::kBranching));
+  const double centre = random.uniform(-6.0, 6.0);
+  for (int i = 0; i < scans; ++i) {
+    Scan<D> scan;
+    scan.origins.resize(D, 1);
+    scan.endpoints.resize(D, 40);
+    for (int a = 0; a < D; ++a) {
+      scan.origins(a, 0) = centre + random.uniform(-1.0, 1.0);
+      for (Eigen::Index k = 0; k < 40; ++k) scan.endpoints(a, k) = centre + random.uniform(-3.0, 3.0);
+    }
+    map.insert(scan);
+  }
+  return map;
+}
+template <class Map>
+Map merged(Map one, const Map& other) {
+  one.merge(other);
+  one.check_invariants();
+  return one;
+}
+/// Calls `visit(cell of one, cell of other)` for each smallest cell that either knows.
+template <class Map, class Visit>
+void for_each_smallest(const Map& one, const Map& other, const Visit& visit) {
+  constexpr auto D = static_cast<std::size_t>(Map::kDim);
+  using Cell = typename Map::Cell;
+  const auto look = [&](const Map& map, const Map& beside, bool is_first) {
+    for_each_leaf(map.tree(), [&](const auto& leaf) {
+      if (leaf.index.level > 0) return;
+      const std::int64_t edge = map.tree().geometry().edge(leaf.index.level);
+      std::int64_t volume = 1;
+      for (std::size_t a = 0; a < D; ++a) volume *= edge;
+      for (std::int64_t i = 0; i < volume; ++i) {
+        Lattice<Map::kDim> at = leaf.index.lower;
+        std::int64_t rest = i;
+        for (std::int64_t& coordinate : at) {
+          coordinate += rest % edge;
+          rest /= edge;
+        }
+        const auto found = beside.tree().find_leaf(at);
+        const bool is_there = found && found->index.level <= 0;
+        if (is_first)
+          visit(leaf.cell(), is_there ? found->cell() : Cell{});
+        else if (!is_there)
+          visit(Cell{}, leaf.cell());
+      }
+    });
+  };
+  look(one, other, true);
+  look(other, one, false);
+}
+
+template <class Map>
+class Joined : public testing::Test {};
+using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>,
+                            FixedMap<2, 2>, FixedMap<3, 3>>;
+TYPED_TEST_SUITE(Joined, Maps);
+
+TYPED_TEST(Joined, DoesNotDependOnWhichIsMergedIntoWhich) {
+  Random random(8);
+  for (int round = 0; round < 10; ++round) {
+    const auto one = random_map<TypeParam>(random, random.integer(0, 4));
+    const auto other = random_map<TypeParam>(random, random.integer(0, 4));
+    const TypeParam both = merged(one, other);
+    ASSERT_EQ(to_bytes(both), to_bytes(merged(other, one)));
+    EXPECT_EQ(both.counters().updates, one.counters().updates + other.counters().updates);
+    TypeParam more = both;  // Mapping goes on.
+    more.merge(random_map<TypeParam>(random, 1));
+    more.check_invariants();
+  }
+}
+
+TYPED_TEST(Joined, KnowsNoMoreFromAMapThatKnowsNothing) {
+  Random random(9);
+  for (int round = 0; round < 5; ++round) {
+    const auto one = random_map<TypeParam>(random, 3);
+    const TypeParam same = merged(one, TypeParam(some_options(TypeParam::kBranching)));
+    for_each_smallest(one, same, [](const auto& before, const auto& after) { ASSERT_EQ(before, after); });
+    ASSERT_EQ(one.stats().observed_leaves, same.stats().observed_leaves);
+  }
+}
+
+TYPED_TEST(Joined, KnowsAllThatOneOfThemKnows) {
+  Random random(10);
+  std::size_t cells = 0;
+  for (int round = 0; round < 10; ++round) {
+    const auto one = random_map<TypeParam>(random, 3);
+    const TypeParam both = merged(one, random_map<TypeParam>(random, 3));
+    for_each_smallest(one, both, [&](const auto& before, const auto& after) {
+      cells += before.observed();
+      ASSERT_TRUE(after.observed() || !before.observed());
+    });
+  }
+  EXPECT_GT(cells, 1000u);
+}
+
+TEST(JoinedFixedMaps, AddUpCellByCell) {
+  using Map = FixedMap<2, 2>;
+  Random random(11);
+  const MapOptions options = some_options(2);
+  int both_known = 0;
+  for (int round = 0; round < 10; ++round) {
+    const Map one = random_map<Map>(random, 3);
+    Map other = random_map<Map>(random, 3);
+    other.merge(one);  // So that there is something in common.
+    const Map both = merged(one, other);
+    for_each_leaf(both.tree(), [&](const auto& leaf) {
+      const auto cell_of = [&](const Map& map) {
+        const auto found = map.tree().find_leaf(leaf.index.lower);
+        return found ? found->cell() : OccupancyCell{};
+      };
+      const OccupancyCell a = cell_of(one);
+      const OccupancyCell b = cell_of(other);
+      both_known += a.observed() && b.observed();
+      ASSERT_EQ(leaf.cell().hits(), a.hits() + b.hits());
+      ASSERT_EQ(leaf.cell().misses(), a.misses() + b.misses());
+      ASSERT_EQ(leaf.cell().log_odds(),
+                std::clamp(a.log_odds() + b.log_odds(), static_cast<float>(options.log_odds_min),
+                           static_cast<float>(options.log_odds_max)));
+    });
+  }
+  EXPECT_GT(both_known, 500);
+}
+
+TEST(JoinedAdaptiveMaps, AddUpWhereCellsAreAlike) {
+  using Map = AdaptiveMap<2, 2>;
+  Random random(12);
+  int both_known = 0;
+  for (int round = 0; round < 10; ++round) {
+    const Map one = random_map<Map>(random, 4);
+    const Map both = merged(one, one);
+    for_each_leaf(both.tree(), [&](const auto& leaf) {
+      const auto found = one.tree().find_leaf(leaf.index.lower);
+      if (!found || found->index != leaf.index || !leaf.cell().observed()) return;
+      ++both_known;  // Well below what cells can remember.
+      ASSERT_EQ(leaf.cell().occupied_evidence(), 2 * found->cell().occupied_evidence());
+      ASSERT_EQ(leaf.cell().free_evidence(), 2 * found->cell().free_evidence());
+      ASSERT_EQ(leaf.cell().hits(), 2 * found->cell().hits());
+      ASSERT_EQ(leaf.cell().state(), found->cell().state());
+    });
+  }
+  EXPECT_GT(both_known, 500);
+}
+
+TEST(JoinedAdaptiveMaps, AreNearlyAssociative) {
+  using Map = AdaptiveMap<2, 2>;
+  Random random(13);
+  std::size_t cells = 0;
+  std::size_t different = 0;
+  for (int round = 0; round < 30; ++round) {
+    const Map a = random_map<Map>(random, 3);
+    const Map b = random_map<Map>(random, 3);
+    const Map c = random_map<Map>(random, 3);
+    for_each_smallest(merged(merged(a, b), c), merged(a, merged(b, c)),
+                      [&](const EvidenceCell& one, const EvidenceCell& other) {
+                        ASSERT_EQ(one.observed(), other.observed());
+                        cells += one.observed();
+                        different += one.state() != other.state();
+                      });
+  }
+  EXPECT_GT(cells, 10000u);
+  EXPECT_LT(static_cast<double>(different), 0.002 * static_cast<double>(cells));
+}
+
+TEST(JoinedMaps, MustHaveCellsOfTheSameSizes) {
+  AdaptiveMap<2, 2> map(some_options(2));
+  MapOptions finer = some_options(2);
+  finer.min_cell_size = 0.125;
+  try {
+    map.merge(AdaptiveMap<2, 2>(finer));
+    FAIL();
+  } catch (const std::invalid_argument& error) {
+    EXPECT_EQ(std::string(error.what()),
+              "a map with cells from 0.125 to 1.0 m cannot be merged into one with cells from 0.25 to 1.0 m");
+  }
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_join

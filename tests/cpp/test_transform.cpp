@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstddef>
+#include <stdexcept>
+#include <string>
+
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/point.hpp"
+#include "ndtree/query/transform.hpp"
+#include "random.hpp"
+
+namespace ndtree::test::test_transform {
+namespace {
+
+constexpr double kCell = 0.25;
+
+template <class Map>
+Map random_map(Random& random) {
+  constexpr int D = Map::kDim;
+  MapOptions options;
+  options.min_cell_size = kCell;
+  options.max_cell_size = kCell * Map::kBranching * Map::kBranching;
+  options.range_sigma = 0.05;
+  Map map(options);
+  for (int i = 0; i < 4; ++i) {
+    Scan<D> scan;
+    scan.origins.resize(D, 1);
+    scan.endpoints.resize(D, 150);
+    for (int a = 0; a < D; ++a) scan.origins(a, 0) = random.uniform(-1.0, 1.0);
+    for (Eigen::Index k = 0; k < 150; ++k) {
+      for (int a = 0; a < D; ++a) scan.endpoints(a, k) = random.uniform(-1.0, 1.0);
+      scan.endpoints.col(k) *= 3.0 / scan.endpoints.col(k).cwiseAbs().maxCoeff();  // Walls of a room.
+    }
+    map.insert(scan);
+  }
+  return map;
+}
+template <int D>
+Pose<D> random_pose(Random& random) {
+  Pose<D> pose;
+  for (int a = 0; a < D; ++a) pose.translation[a] = random.uniform(-5.0, 5.0);
+  for (int a = 0; a + 1 < D; ++a) {  // A turn in each plane of neighbouring axes.
+    const double angle = random.uniform(-3.0, 3.0);
+    Eigen::Matrix<double, D, D> turn = Eigen::Matrix<double, D, D>::Identity();
+    turn(a, a) = turn(a + 1, a + 1) = std::cos(angle);
+    turn(a + 1, a) = std::sin(angle);
+    turn(a, a + 1) = -std::sin(angle);
+    pose.rotation = turn * pose.rotation;
+  }
+  return pose;
+}
+template <int D>
+Vector<D> random_point(Random& random) {
+  Vector<D> point;
+  for (int a = 0; a < D; ++a) point[a] = random.uniform(-4.0, 4.0);
+  return point;
+}
+
+template <class Map>
+class Transformed : public testing::Test {};
+using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>,
+                            FixedMap<2, 2>, FixedMap<2, 3>>;
+TYPED_TEST_SUITE(Transformed, Maps);
+
+TYPED_TEST(Transformed, ByWholeCellsAndRightAnglesIsTheSame) {
+  constexpr int D = TypeParam::kDim;
+  Random random(14);
+  for (int round = 0; round < 6; ++round) {
+    const auto map = random_map<TypeParam>(random);
+    Pose<D> pose;
+    for (int a = 0; a < D; ++a) pose.translation[a] = kCell * random.integer(-20, 20);
+    if (round % 2 == 1) {
+      pose.rotation(0, 0) = pose.rotation(1, 1) = 0.0;
+      pose.rotation(1, 0) = 1.0;
+      pose.rotation(0, 1) = -1.0;
+    }
+    const auto moved = transformed(map, pose);
+    moved.check_invariants();
+    int known = 0;
+    for (int i = 0; i < 2000; ++i) {
+      const Vector<D> point = random_point<D>(random);
+      ASSERT_EQ(state(moved, pose * point), state(map, point));
+      known += state(map, point) != CellState::unknown;
+    }
+    EXPECT_GT(known, 200);
+  }
+}
+
+TYPED_TEST(Transformed, MovesNothingByMoreThanHalfADiagonal) {
+  constexpr int D = TypeParam::kDim;
+  Random random(15);
+  for (int round = 0; round < 6; ++round) {
+    const auto map = random_map<TypeParam>(random);
+    const Pose<D> pose = random_pose<D>(random);
+    const auto moved = transformed(map, pose);
+    moved.check_invariants();
+    const double most = 0.5 * kCell * std::sqrt(D) * (1.0 + 1e-9);
+    int seen[3] = {0, 0, 0};
+    for (int i = 0; i < 2000; ++i) {
+      const Vector<D> point = random_point<D>(random);
+      const CellState now = state(moved, pose * point);
+      ++seen[static_cast<int>(now) + 1];
+      bool was = false;  // The state of a leaf that is so near.
+      detail::for_each_node_touching(
+          map.tree(), map.tree().root(), Box<D>{point.array() - most, point.array() + most},
+          [&](const auto& ref, bool) {
+            if (ref.is_leaf() && map.tree().box(ref.index).squared_distance(point) <= most * most)
+              was = was || ref.cell().state() == now;
+            return true;
+          });
+      was = was || (now == CellState::unknown && (point.cwiseAbs().array() > 3.0).any());
+      ASSERT_TRUE(was) << "state " << static_cast<int>(now);
+    }
+    EXPECT_GT(seen[0], 100);
+    EXPECT_GT(seen[1], 100);
+    EXPECT_GT(seen[2], 30);
+  }
+}
+
+TEST(TransformedAdaptiveMaps, KeepTheirEvidence) {
+  using Map = AdaptiveMap<2, 2>;
+  Random random(16);
+  // Beams through cells: the evidence of a square of cells is that of one cell, times its edge.
+  const auto evidence = [](const Map& map) {
+    double sum = 0.0;
+    for_each_leaf(map.tree(), [&](const auto& leaf) {
+      sum += static_cast<double>(leaf.cell().occupied_evidence() + leaf.cell().free_evidence()) *
+             map.tree().geometry().cell_size(leaf.index.level);
+    });
+    return sum;
+  };
+  for (int round = 0; round < 5; ++round) {
+    const Map map = random_map<Map>(random);
+    const double before = evidence(map);
+    EXPECT_NEAR(evidence(transformed(map, random_pose<2>(random))) / before, 1.0, 0.05);
+  }
+}
+
+TEST(Transformed, NeedsARigidMotion) {
+  const AdaptiveMap<2, 2> map;
+  Pose<2> pose;
+  pose.rotation *= 1.1;
+  EXPECT_THROW((void)transformed(map, pose), std::invalid_argument);
+  pose.rotation = Eigen::Matrix2d::Identity();
+  pose.translation[0] = std::nan("");
+  EXPECT_THROW((void)transformed(map, pose), std::invalid_argument);
+  EXPECT_EQ(transformed(map, Pose<2>{}).stats().leaves, 1u);
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_transform
