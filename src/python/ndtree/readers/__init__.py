@@ -17,7 +17,7 @@ from ndtree.readers.log import Log, SizedLog
 from ndtree.readers.npz import NPZ, ZIP_MAGIC
 from ndtree.readers.octomap_graph import OCTOMAP_GRAPH
 from ndtree.readers.point_clouds import POINT_CLOUDS
-from ndtree.readers.rosbag import ROSBAG
+from ndtree.readers.rosbag_format import ROSBAG
 from ndtree.readers.seven_scenes import SEVEN_SCENES
 from ndtree.readers.simulated import SimulatedLog, simulate
 from ndtree.readers.source import Format, ReaderOption, Source, WrongOption, source_of

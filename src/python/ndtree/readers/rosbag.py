@@ -3,56 +3,27 @@
 
 from __future__ import annotations
 
-import heapq
-import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE, check_stride
-from ndtree.readers.folder import TIME_OFFSET
+from ndtree.readers.depth_image import check_stride
 from ndtree.readers.log import SizedLog
-from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, Bag, Topic, open_bag
+from ndtree.readers.ros.bag import open_bag
 from ndtree.readers.ros.beams import IMAGES, SENSORS, stamp_of
-from ndtree.readers.ros.clock import Clock
 from ndtree.readers.ros.deskew import in_map
-from ndtree.readers.ros.head import head_of
-from ndtree.readers.ros.outline import outline
-from ndtree.readers.ros.placement import Asked, Placement, placed
+from ndtree.readers.ros.level import dimension_of
+from ndtree.readers.ros.merging import in_order
+from ndtree.readers.ros.placement import Asked, Placement
+from ndtree.readers.ros.placing import first_placed, placed_together, poses_topic
 from ndtree.readers.ros.sensors import SENSOR_NAMES, Sensor, Wanted, chosen, listed, readable
-from ndtree.readers.ros.storage import Raw
-from ndtree.readers.ros.survey import ODOMETRY as ODOMETRY_TYPE
-from ndtree.readers.ros.survey import POSE_NAMES, POSES, Survey
+from ndtree.readers.ros.survey import Survey
 from ndtree.readers.ros.sweep_choice import understood
-from ndtree.readers.source import Format, ReaderOption, Source, WrongOption
+from ndtree.readers.source import WrongOption
 from ndtree.readers.trajectory import NoPose
-from ndtree.readers.trajectory_files import TRAJECTORY
 from ndtree.readers.transforms import plain
 from ndtree.scan import Scan
 
-TOPIC = ReaderOption(
-    "topic", list[str], "Of a ROS bag: topic with scans, clouds or depth images; @SIGMA [m] may follow."
-)
-FIXED_FRAME = ReaderOption(
-    "fixed_frame", str, "Of a ROS bag: frame of the map; else map, odom, world or a root."
-)
-ODOMETRY = ReaderOption("odometry", str, "Of a ROS bag: topic with Odometry, for poses instead of /tf.")
-POSE_TOPIC = ReaderOption("poses", str, f"Of a ROS bag: topic with poses: {POSE_NAMES}.")
-STILL = ReaderOption("still", bool, "Of a ROS bag: the sensor stands still.")
-MOUNT = ReaderOption("mount", str, "Of a ROS bag: sensor on its base, X,Y,Z,ROLL,PITCH,YAW or X,Y,YAW.")
-SENSOR_FRAME = ReaderOption(
-    "sensor_frame", str, "Of a ROS bag: the sensor's frame, whatever its messages say."
-)
-BASE_FRAME = ReaderOption("base_frame", str, "Of a ROS bag: frame of the mount, or that the poses are of.")
-DESKEW = ReaderOption("deskew", bool, "Of a ROS bag: each beam from the pose of its own time (default).")
-
-#: A laser is planar if it tilts no more than this at half of the times, and than that at all but 5 % [rad],
-#: and keeps its height so well [m]. So many times are looked at.
-PLANAR_TILT, PLANAR_MOST_TILT, PLANAR_HEIGHT, PLANAR_LOOKS = 0.05, 0.09, 0.1, 5000
-#: Messages of several sensors are put into the order of their stamps if they come no later than this [s].
-LATEST = 1.0
 #: Stamps and poses that are further apart are of two clocks [s].
 TWO_CLOCKS = 1.0
 
@@ -122,7 +93,7 @@ class RosbagLog(SizedLog):
             if len(wanted) > 1 and (mount is not None or sensor_frame is not None):
                 what = "mount" if mount is not None else "sensor_frame"
                 raise WrongOption(f"{path}: {what}: is of one sensor, and there are {len(topics)}: {names}")
-            source = _poses_topic(bag, odometry, poses)
+            source = poses_topic(bag, odometry, poses)
             survey = Survey(bag, [one.name for one in topics], source)
             self.clock = survey.clock
             notes += [_begun_again(stamp) for stamp in self.clock.falls]
@@ -130,10 +101,10 @@ class RosbagLog(SizedLog):
                 seen.stamps = [stamp + self.time_offset for stamp in seen.stamps]
             asked = Asked(fixed_frame, source, trajectory, still, mount, sensor_frame, base_frame)
             if wanted:
-                self._places = _placed_together(bag, survey, topics, asked)
+                self._places = placed_together(bag, survey, topics, asked)
             else:
                 every = topics
-                topics, self._places = _first_placed(bag, survey, every, asked)
+                topics, self._places = first_placed(bag, survey, every, asked)
                 wanted = [Wanted(topics[0].name)]
                 left = [one for one in every if one not in topics]
                 if left:
@@ -153,7 +124,7 @@ class RosbagLog(SizedLog):
             + (", " if still else f", poses in {self.fixed_frame} from ")
             + first.origin
         )
-        super().__init__(path, dim=self._dimension(path, dim))
+        super().__init__(path, dim=dimension_of(path, self.sensors, self._places, dim))
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
         self.sweeps, said = understood(path, self.sensors, self._places, self.clock, self.time_offset, deskew)
@@ -178,34 +149,6 @@ class RosbagLog(SizedLog):
         """How the first sensor's poses are found."""
         return self._places[self.sensors[0].topic.name]
 
-    def _dimension(self, path: str, wanted: int | None) -> int:
-        """2 for lasers that stay in a level plane of their own, whichever side is up."""
-        for sensor in self.sensors:
-            if not sensor.is_planar:
-                if wanted == 2:
-                    raise ValueError(f"{path}: {sensor.topic.type} is 3-D, expected dim=3")
-                return 3
-        if wanted is not None:
-            return wanted
-        return 2 if all(self._is_level(self._places[one.topic.name]) for one in self.sensors) else 3
-
-    def _is_level(self, place: Placement) -> bool:
-        stamps = place.tree.stamps(place.fixed_frame, place.frame)
-        looked_at = stamps[:: len(stamps) // PLANAR_LOOKS + 1] if len(stamps) else [0.0]
-        tilts, heights = [], []
-        for stamp in looked_at:
-            try:
-                pose = place.tree.pose_at(place.fixed_frame, place.frame, stamp)
-            except NoPose:
-                continue
-            tilts.append(np.arccos(min(abs(pose.rotation[2, 2]), 1.0)))
-            heights.append(pose.position[2])
-        if not heights:
-            return True
-        usual, most = np.percentile(tilts, (50, 95))
-        low, high = np.percentile(heights, (2.5, 97.5))
-        return bool(usual <= PLANAR_TILT and most <= PLANAR_MOST_TILT and high - low <= PLANAR_HEIGHT)
-
     def _scans(self) -> Iterator[Scan]:
         by_name = {sensor.topic.name: sensor for sensor in self.sensors}
         del self.notes[self.fixed_note :]
@@ -215,7 +158,7 @@ class RosbagLog(SizedLog):
         with open_bag(self.path) as bag:
             messages = bag.messages(list(by_name), on_damage=lambda error: self._skip("damaged bags", error))
             if len(by_name) > 1:
-                messages = _in_order(messages, self.clock)
+                messages = in_order(messages, self.clock)
             numbers = dict.fromkeys(by_name, -1)
             for raw in messages:
                 name = raw.connection.topic
@@ -253,47 +196,6 @@ class RosbagLog(SizedLog):
             )
 
 
-def _placed_together(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked) -> dict[str, Placement]:
-    """Where the sensors are that were asked for, all of them in the frame of the first."""
-    others = {one.name: one.type.rpartition("/")[2] for one in bag.of_type(*POSES)}
-    places: dict[str, Placement] = {}
-    for topic in topics:
-        places[topic.name] = placed(bag.path, survey, topic.name, asked, others)
-        if asked.poses is None and asked.trajectory is None:
-            asked = replace(asked, fixed_frame=places[topic.name].fixed_frame)
-    return places
-
-
-def _first_placed(
-    bag: Bag, survey: Survey, topics: list[Topic], asked: Asked
-) -> tuple[list[Topic], dict[str, Placement]]:
-    """The first sensor of which it is known where it is; the error is that of the first of all."""
-    wrong: ValueError | None = None
-    for topic in topics:
-        try:
-            return [topic], _placed_together(bag, survey, [topic], asked)
-        except ValueError as error:
-            wrong = wrong or error
-    assert wrong is not None
-    raise wrong
-
-
-def _in_order(messages: Iterator[Raw], clock: Clock) -> Iterator[Raw]:
-    """Messages of several sensors in the order of their stamps, as far as they come soon enough."""
-    waiting: list[tuple[float, int, Raw]] = []
-    latest = -np.inf
-    for number, raw in enumerate(messages):
-        head = head_of(raw)
-        received = 1e-9 * raw.received
-        stamp = clock.time(raw.connection.topic, received, head[0] if head is not None else received)
-        latest = max(latest, stamp)
-        heapq.heappush(waiting, (stamp, number, raw))
-        while waiting[0][0] < latest - LATEST:
-            yield heapq.heappop(waiting)[2]
-    while waiting:
-        yield heapq.heappop(waiting)[2]
-
-
 def _begun_again(stamp: float) -> str:
     return f"the clock begins again at {stamp:.3f} s: what follows is mapped as if it came later"
 
@@ -310,49 +212,3 @@ def _clocks(sensor: Sensor, survey: Survey, spans: dict[str, tuple[float, float]
         "their stamps are of two clocks, which the times of recording bring together by "
         f"--time-offset {apart:.3f}"
     )
-
-
-def _poses_topic(bag: Bag, odometry: str | None, poses: str | None) -> str | None:
-    """The topic with poses that was asked for."""
-    wanted, types = (odometry, (ODOMETRY_TYPE,)) if odometry is not None else (poses, POSES)
-    if wanted is None:
-        return None
-    topic = bag.topic(wanted)
-    if topic is None or topic.type not in types or not topic.messages:
-        what = "Odometry" if odometry is not None else f"poses ({POSE_NAMES})"
-        raise ValueError(f"{bag.path}: no {what} in {wanted}, expected one of {listed(bag.of_type(*types))}")
-    return topic.name
-
-
-def _recognises(source: Source) -> bool:
-    if source.is_folder:
-        return METADATA in source.names or any(name.endswith(ENDINGS) for name in source.names)
-    return source.head.startswith((*MAGICS, METADATA_BEGINS))
-
-
-def _bag_of(source: Source) -> str:
-    """The path of the bag: of its metadata.yaml, the folder."""
-    return os.path.dirname(source.path) or "." if source.head.startswith(METADATA_BEGINS) else source.path
-
-
-def _open(source: Source, *, dim: int | None = None, **options: Any) -> RosbagLog:
-    return RosbagLog(_bag_of(source), dim=dim, **options)
-
-
-def _contents(source: Source) -> dict[str, Any]:
-    with open_bag(_bag_of(source)) as bag:
-        return outline(bag)
-
-
-ROSBAG = Format(
-    "rosbag",
-    "a ROS bag",
-    _recognises,
-    _open,
-    options=(
-        TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
-        TIME_OFFSET, DESKEW, CAMERA, PIXEL_STRIDE,
-    ),
-    stored_as="either",
-    contents=_contents,
-)  # fmt: skip
