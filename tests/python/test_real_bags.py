@@ -93,6 +93,24 @@ def test_what_is_missing_is_said_in_one_line(bags: Path, path: str, tmp_path: Pa
     assert err.count("\n") == 1 and SAID[path] in err
 
 
+#: Bag, and whether its sensor moves.
+MOVES = {
+    "jackal_mocap/test_2026-02-17-16-26-34.bag": True,
+    "ros1_multiecho_cartographer/b0-2014-07-21-12-42-53-short.bag": True,
+    "ros1_scan_ccny_2010_badindexlen/demo.bag": True,
+    "ros1_scan_tf_gmapping_replay_crash/test_replay_crash.bag": False,
+    "ros2_scan_only_db3/mydata": False,
+    "mcap_pointcloud2_pointcloudset/test.mcap": False,
+}
+
+
+@pytest.mark.parametrize("path", MOVES)
+def test_a_sensor_that_does_not_stand_is_told(bags: Path, path: str) -> None:
+    log = ndtree.read(bags / path, still=True)
+    assert sum(1 for _ in log) > 1
+    assert any("its scans show that it moves" in note for note in log.notes) == MOVES[path]
+
+
 @pytest.mark.parametrize("share", [0.35, 0.8])
 def test_what_is_left_of_a_real_bag_is_read(bags: Path, share: float, tmp_path: Path) -> None:
     whole = (bags / "ros1_scan_tf_turtlebot_kinect" / "test_turtlebot.bag").read_bytes()

@@ -17,6 +17,7 @@ from ndtree.readers.ros.merging import in_order
 from ndtree.readers.ros.placement import Asked, Placement
 from ndtree.readers.ros.placing import first_placed, placed_together, poses_topic
 from ndtree.readers.ros.sensors import SENSOR_NAMES, Sensor, Wanted, chosen, listed, readable
+from ndtree.readers.ros.standing import Standing
 from ndtree.readers.ros.survey import Survey
 from ndtree.readers.ros.sweep_choice import understood
 from ndtree.readers.source import WrongOption
@@ -154,7 +155,18 @@ class RosbagLog(SizedLog):
         del self.notes[self.fixed_note :]
         for damage in self._damage if self.strict else ():
             raise ValueError(f"{damage}, expected a whole bag")
-        endless = 0
+        self._endless = 0
+        watched = {
+            sensor.topic.name: Standing(sensor.is_planar)
+            for sensor in self.sensors
+            if self._stands(self._places[sensor.topic.name])
+        }
+        try:
+            yield from self._read(by_name, watched)
+        finally:
+            self._note_what_was_seen(watched)
+
+    def _read(self, by_name: dict[str, Sensor], watched: dict[str, Standing]) -> Iterator[Scan]:
         with open_bag(self.path) as bag:
             messages = bag.messages(list(by_name), on_damage=lambda error: self._skip("damaged bags", error))
             if len(by_name) > 1:
@@ -186,14 +198,26 @@ class RosbagLog(SizedLog):
                 except ValueError as error:
                     self._skip("messages in unknown frames", ValueError(f"{where}: {error}"))
                     continue
-                endless += beams.endless
+                self._endless += beams.endless
+                if name in watched:
+                    watched[name].add(beams)
                 sigma = None if sensor.sigma is None else np.full(len(ends), sensor.sigma)
                 yield Scan(ends[:, : self.dim], origins[..., : self.dim], beams.returned, stamp, sigma)
-        if endless:
+
+    def _stands(self, place: Placement) -> bool:
+        """Whether a sensor has one pose for all times, as somebody said."""
+        return place.tree.stands(place.fixed_frame, place.frame)
+
+    def _note_what_was_seen(self, watched: dict[str, Standing]) -> None:
+        if self._endless:
             self.notes.append(
-                f"{endless} beams met nothing, but range_max is infinite: they say nothing; with --max-range "
-                "they are free up to there"
+                f"{self._endless} beams met nothing, but range_max is infinite: they say nothing; with "
+                "--max-range they are free up to there"
             )
+        for name, standing in watched.items():
+            warning = standing.warning(name, self._places[name].origin)
+            if warning is not None:
+                self.notes.append(warning)
 
 
 def _begun_again(stamp: float) -> str:

@@ -14,6 +14,8 @@ from ndtree.readers.trajectory_files import read_trajectory
 from ndtree.readers.transforms import TransformTree, plain
 
 USUAL = ("map", "odom", "world")
+#: Where poses come from of a sensor that has but one.
+STILL = "standing still"
 _BASES = ("base_link", "base_footprint", "base")
 _TRAJECTORY_FRAME = "the trajectory's frame"
 _BODY = "the body"
@@ -98,7 +100,7 @@ def _still(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> P
     if asked.mount is not None:
         base = plain(asked.base_frame or _BODY)
         tree.add_fixed(base, _mounted(frame), mount_of(asked.mount))
-        return Placement(tree, base, _mounted(frame), False, "standing still")
+        return Placement(tree, base, _mounted(frame), False, STILL)
     connected = tree.connected(frame)
     wanted = asked.fixed_frame or asked.base_frame
     if wanted is not None and plain(wanted) not in connected:
@@ -107,7 +109,7 @@ def _still(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> P
         )
     roots = tree.roots(frame, fixed=True)
     fixed = plain(wanted) if wanted is not None else (roots[0] if roots else frame)
-    return Placement(tree, fixed, frame, False, "standing still")
+    return Placement(tree, fixed, frame, False, STILL)
 
 
 def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
