@@ -64,13 +64,14 @@ def test_a_recording_in_several_files_is_one(kind: str, tmp_path: Path) -> None:
         read(folder)
 
 
+@pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 @pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
-def test_packed_bags_of_ros2(mode: str, tmp_path: Path) -> None:
+def test_packed_bags_of_ros2(mode: str, storage: str, tmp_path: Path) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     make = Messages("sqlite3")
     whole = list(read(write_bag(tmp_path / "whole", make, drive_content(make))))
-    writer = Writer(tmp_path / "packed", version=9, storage_plugin=StoragePlugin.SQLITE3)
+    writer = Writer(tmp_path / "packed", version=9, storage_plugin=StoragePlugin[storage])
     writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
     with writer:
         connections = {}

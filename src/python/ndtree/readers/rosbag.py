@@ -101,11 +101,18 @@ class RosbagLog(SizedLog):
             for seen in survey.seen.values():
                 seen.stamps = [stamp + self.time_offset for stamp in seen.stamps]
             asked = Asked(fixed_frame, source, trajectory, still, mount, sensor_frame, base_frame)
-            if wanted:
-                self._places = placed_together(bag, survey, topics, asked)
-            else:
-                every = topics
-                topics, self._places = first_placed(bag, survey, every, asked)
+            self._damaged = survey.damaged
+            every = topics
+            try:
+                if wanted:
+                    self._places = placed_together(bag, survey, topics, asked)
+                else:
+                    topics, self._places = first_placed(bag, survey, every, asked)
+            except ValueError as error:
+                if wrong := [*survey.ends, *survey.damaged]:
+                    raise ValueError(f"{error}; but not all of it could be read: {wrong[0]}") from None
+                raise
+            if not wanted:
                 wanted = [Wanted(topics[0].name)]
                 left = [one for one in every if one not in topics]
                 if left:
@@ -155,6 +162,8 @@ class RosbagLog(SizedLog):
         del self.notes[self.fixed_note :]
         for damage in self._damage if self.strict else ():
             raise ValueError(f"{damage}, expected a whole bag")
+        for error in self._damaged:
+            self._skip("damaged messages", error)
         self._endless = 0
         watched = {
             sensor.topic.name: Standing(sensor.is_planar)

@@ -103,6 +103,10 @@ class Survey:
         CameraInfo with its stamps [s], by topic.
     clock : Clock
         Of sensors by topic, of poses by "poses".
+    damaged : list of ValueError
+        One for each message that was needed and is not whole.
+    ends : list of ValueError
+        Why what follows in a file could not be read.
     """
 
     def __init__(self, bag: Bag, sensors: Collection[str], poses: str | None = None) -> None:
@@ -110,6 +114,8 @@ class Survey:
         self.poses: list[PoseRow] = []
         self.lags: list[float] = []
         self.infos: dict[str, list[tuple[float, Any]]] = {}
+        self.damaged: list[ValueError] = []
+        self.ends: list[ValueError] = []
         self._fixed: list[tuple[str, str, str, Pose]] = []
         self._moving: dict[_Edge, list[_Row]] = {}
         heads: dict[str, list[tuple[float, float, str]]] = {name: [] for name in sensors}
@@ -118,18 +124,24 @@ class Survey:
         whole = {topic.name for topic in bag.of_type(*TF, CAMERA_INFO)}
         if poses is not None:
             whole.add(poses)
-        for raw in bag.messages(whole, heads=self.seen, on_damage=lambda error: None):
+        for raw in bag.messages(whole, heads=self.seen, on_damage=self.ends.append):
             topic, type, received = raw.connection.topic, raw.connection.type, 1e-9 * raw.received
             if topic in self.seen and topic not in whole:
                 head = head_of(raw)
                 if head is not None:
                     heads[topic].append((received, *head))
-            elif topic == poses:
-                pose_rows += [(received, row) for row in _poses_in(bag.named(raw), raw.received)]
+                continue
+            try:
+                message = bag.named(raw)
+            except ValueError as error:
+                self.damaged.append(error)
+                continue
+            if topic == poses:
+                pose_rows += [(received, row) for row in _poses_in(message, raw.received)]
             elif type in TF:
-                self._note_transforms(topic, bag.named(raw), raw.received)
+                self._note_transforms(topic, message, raw.received)
             elif type == CAMERA_INFO:
-                infos.append((topic, received, bag.named(raw)))
+                infos.append((topic, received, message))
         streams: dict[Hashable, list[tuple[float, float]]] = {
             name: [(received, stamp) for received, stamp, _ in ones] for name, ones in heads.items()
         }
