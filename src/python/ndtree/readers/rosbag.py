@@ -11,11 +11,10 @@ from ndtree.readers.depth_image import check_stride
 from ndtree.readers.log import SizedLog
 from ndtree.readers.ros.bag import open_bag
 from ndtree.readers.ros.beams import IMAGES, SENSORS, stamp_of
-from ndtree.readers.ros.deskew import in_map
 from ndtree.readers.ros.level import dimension_of
 from ndtree.readers.ros.merging import in_order
 from ndtree.readers.ros.placement import Asked, Placement
-from ndtree.readers.ros.placing import first_placed, placed_together, poses_topic
+from ndtree.readers.ros.placing import find_places, poses_topic
 from ndtree.readers.ros.sensors import SENSOR_NAMES, Sensor, Wanted, chosen, listed, readable
 from ndtree.readers.ros.standing import Standing
 from ndtree.readers.ros.survey import Survey
@@ -82,7 +81,6 @@ class RosbagLog(SizedLog):
         check_stride(pixel_stride)
         wanted = [Wanted.of(one) for one in ([topic] if isinstance(topic, str) else topic or [])]
         self.time_offset = float(time_offset)
-        notes: list[str] = []
         with open_bag(path) as bag:
             self._damage = bag.damage
             topics = chosen(bag, wanted) if wanted else readable(bag)
@@ -95,33 +93,24 @@ class RosbagLog(SizedLog):
                 what = "mount" if mount is not None else "sensor_frame"
                 raise WrongOption(f"{path}: {what}: is of one sensor, and there are {len(topics)}: {names}")
             source = poses_topic(bag, odometry, poses)
-            survey = Survey(bag, [one.name for one in topics], source)
-            self.clock = survey.clock
-            notes += [_begun_again(stamp) for stamp in self.clock.falls]
-            for seen in survey.seen.values():
-                seen.stamps = [stamp + self.time_offset for stamp in seen.stamps]
             asked = Asked(fixed_frame, source, trajectory, still, mount, sensor_frame, base_frame)
-            self._damaged = survey.damaged
-            every = topics
-            try:
-                if wanted:
-                    self._places = placed_together(bag, survey, topics, asked)
-                else:
-                    topics, self._places = first_placed(bag, survey, every, asked)
-            except ValueError as error:
-                if wrong := [*survey.ends, *survey.damaged]:
-                    raise ValueError(f"{error}; but not all of it could be read: {wrong[0]}") from None
-                raise
-            if not wanted:
-                wanted = [Wanted(topics[0].name)]
-                left = [one for one in every if one not in topics]
-                if left:
-                    notes.append(f"--topic would take another sensor than {topics[0].name}: {listed(left)}")
+
+            def surveyed(poses: str | None) -> Survey:
+                return Survey(bag, [one.name for one in topics], poses, self.time_offset)
+
+            found = find_places(bag, surveyed, topics, asked, choose=not wanted)
+            survey, self._places = found.survey, found.places
+            self.clock, self._damaged = survey.clock, survey.damaged
+            notes = [_begun_again(stamp) for stamp in self.clock.falls] + found.notes
+            wanted = wanted or [Wanted(one.name) for one in found.topics]
+            left = [one for one in topics if one not in found.topics]
+            if left:
+                notes.append(f"--topic would take another sensor than {found.topics[0].name}: {listed(left)}")
             self.sensors = [
                 Sensor(
                     bag, one, survey, sigma=want.sigma, camera=camera, pixel_stride=pixel_stride,
                 )
-                for one, want in zip(topics, wanted)
+                for one, want in zip(found.topics, wanted)
             ]  # fmt: skip
         first = self._places[self.sensors[0].topic.name]
         self.fixed_frame = first.fixed_frame
@@ -149,7 +138,7 @@ class RosbagLog(SizedLog):
         stamps = [stamp for sensor in self.sensors for stamp in sensor.seen.stamps]
         spans = {"scans": (min(stamps), max(stamps))} if stamps else {}
         place = self.place
-        first, last = place.tree.span(place.fixed_frame, place.frame)
+        first, last = place.tree.span(place.fixed_frame, place.observer or place.frame)
         return {**spans, "poses": (first, last)} if np.isfinite(first) else spans
 
     @property
@@ -198,9 +187,7 @@ class RosbagLog(SizedLog):
                 frame = plain(message.header.frame_id) if place.is_own else place.frame
                 stamp = self.clock.time(name, 1e-9 * raw.received, stamp)
                 try:
-                    ends, origins = in_map(
-                        place.tree, place.fixed_frame, frame, beams, stamp + self.time_offset
-                    )
+                    ends, origins = place.in_map(frame, beams, stamp + self.time_offset)
                 except NoPose as error:
                     self._leave_out_unposed(NoPose(f"{where}: {error}", error.where, error.seconds))
                     continue
@@ -215,7 +202,7 @@ class RosbagLog(SizedLog):
 
     def _stands(self, place: Placement) -> bool:
         """Whether a sensor has one pose for all times, as somebody said."""
-        return place.tree.stands(place.fixed_frame, place.frame)
+        return place.observer is None and place.tree.stands(place.fixed_frame, place.frame)
 
     def _note_what_was_seen(self, watched: dict[str, Standing]) -> None:
         if self._endless:

@@ -158,6 +158,19 @@ class TransformTree:
         """Sorted names of all frames."""
         return sorted({frame for edge in self._edges() for frame in edge})
 
+    def below(self, frame: str) -> list[str]:
+        """Children of a frame, their children, and so on; the uppermost first."""
+        edges = self._edges()
+        found: list[str] = []
+        waiting = deque([plain(frame)])
+        while waiting:
+            at = waiting.popleft()
+            for child in sorted(child for parent, child in edges if parent == at):
+                if child not in found and child != plain(frame):
+                    found.append(child)
+                    waiting.append(child)
+        return found
+
     def lines(self) -> list[str]:
         """The frames as trees, a line each, indented; moving ones say so."""
         children: dict[str, list[str]] = {}

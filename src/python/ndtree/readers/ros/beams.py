@@ -24,6 +24,8 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
+#: Say of each point where it is.
+CLOUDS = (POINT_CLOUD, *LIVOX)
 #: Measure in one plane.
 PLANAR = (LASER, MULTI_ECHO_LASER, RANGE)
 IMAGES = (IMAGE, COMPRESSED_IMAGE)

@@ -106,7 +106,7 @@ class Sensor:
     @property
     def description(self) -> str:
         """For reports."""
-        return f"{self.topic.name} ({short(self.topic.type)} in {self.seen.frame})"
+        return f"{self.topic.name} ({short(self.topic.type)} in {self.seen.frame or 'no frame'})"
 
     def beams(self, message: Any, stamp: float, no_return_range: float | None = None) -> Beams:
         """What a message measured; ValueError if it contradicts itself.

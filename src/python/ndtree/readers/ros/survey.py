@@ -90,6 +90,8 @@ class Survey:
         Topics of which stamps and frames are wanted.
     poses : str, optional
         Topic with poses, of one of `POSES`.
+    offset : float
+        Added to the stamps of the sensors [s].
 
     Attributes
     ----------
@@ -109,7 +111,9 @@ class Survey:
         Why what follows in a file could not be read.
     """
 
-    def __init__(self, bag: Bag, sensors: Collection[str], poses: str | None = None) -> None:
+    def __init__(
+        self, bag: Bag, sensors: Collection[str], poses: str | None = None, offset: float = 0.0
+    ) -> None:
         self.seen: dict[str, Seen] = {name: Seen() for name in sensors}
         self.poses: list[PoseRow] = []
         self.lags: list[float] = []
@@ -150,7 +154,7 @@ class Survey:
         self.clock = Clock(streams)
         for topic, ones in heads.items():
             for received, stamp, frame in ones:
-                self.seen[topic].stamps.append(self.clock.time(topic, received, stamp))
+                self.seen[topic].stamps.append(self.clock.time(topic, received, stamp) + offset)
                 self.seen[topic].lags.append(received - stamp)
                 self.seen[topic].frames[frame] = self.seen[topic].frames.get(frame, 0) + 1
         for received, row in pose_rows:
