@@ -140,3 +140,40 @@ def test_messages_that_name_no_frame_are_told_of(tmp_path: Path) -> None:
         log_of(tmp_path, moved("odom", "base_link"), scans(""))
     log = read(tmp_path / "bag", sensor_frame="base_link")
     assert len(list(log)) == len(STAMPS) and "(LaserScan in no frame)" in log.uses
+
+
+@pytest.mark.parametrize("way", ["still", "tf", "sensor_frame"])
+def test_of_two_sensors_in_one_topic_the_one_that_hangs_nowhere_is_left_out(way: str, tmp_path: Path) -> None:
+    """As where a simulator and a robot publish the same, by clocks of their own."""
+    other = [("/scan", START + t + 0.01, MAKE.laser(50 + t, "ghost", [9.0, 9.0])) for t in STAMPS[::2]]
+    transforms = [moved("odom", "base_link"), fixed("base_link", "laser")] if way != "still" else []
+    options = {"still": {"still": True}, "tf": {}, "sensor_frame": {"sensor_frame": "laser"}}[way]
+    log = log_of(tmp_path, *transforms, scans("laser"), other, **options)
+    if way == "sensor_frame":  # Whatever the messages say.
+        assert sum(len(scan) == 2 for scan in log) == 0 and len(log.skipped) == 1
+        return
+    found = list(log)
+    assert len(found) == len(STAMPS) and all(len(scan) == 3 for scan in found)
+    (left_out,) = log.skipped.values()
+    assert left_out.count == 10
+    assert left_out.summary == (
+        "10 of 30 messages of /scan are left out: they are in ghost, and nothing says where that is"
+    )
+    assert log.spans["scans"] == pytest.approx((START, START + STAMPS[-1]))
+    log.strict = True
+    with pytest.raises(ValueError, match="is in ghost, expected laser"):
+        list(log)
+
+
+def test_a_base_that_nothing_is_said_of_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="base_frame = base_link: nothing is said of it, expected a mount"):
+        log_of(
+            tmp_path,
+            moved("odom", "base_link"),
+            fixed("base_link", "laser"),
+            scans("laser"),
+            base_frame="base_link",
+        )
+    (tmp_path / "cloud").mkdir()
+    with pytest.raises(ValueError, match=r"base_frame = x: .*, or it as one of base_link$"):
+        log_of(tmp_path / "cloud", moved("odom", "base_link"), clouds("odom"), base_frame="x")

@@ -17,6 +17,7 @@ pytest.importorskip("scipy")
 from bags import KINDS, Messages, write_bag
 from drives import LEVEL, SCAN_TIMES, START, Drive, standing
 
+import ndtree
 from ndtree.readers import read
 
 
@@ -186,6 +187,57 @@ def test_what_cannot_be_chosen_is_listed(ros2: Messages, tmp_path: Path) -> None
     alone = read(tmp_path / "1")  # A laser comes before a cloud.
     assert alone.uses.startswith("/scan (LaserScan")
     assert alone.notes == ["--topic would take another sensor than /scan: /points (PointCloud2)"]
+
+
+def test_lasers_whose_beams_have_no_directions(ros2: Messages, tmp_path: Path) -> None:
+    for step in (0.0, np.nan):
+        laser = ros2.laser(START, "sensor", [1, 2], angle_increment=step)
+        with pytest.raises(ValueError, match=r"message 0: angle_increment = .* rad of 2 ranges: must be"):
+            standing(ros2, "/scan", [laser], tmp_path / str(step))
+    (alone,) = standing(ros2, "/scan", [ros2.laser(START, "sensor", [1], angle_increment=0.0)], tmp_path)
+    assert len(alone) == 1
+
+
+def test_cameras_that_nobody_calibrated(ros2: Messages, tmp_path: Path) -> None:
+    fixed = ros2.tf(ros2.transform(START, "map", "sensor", [0, 0, 0], LEVEL))
+    content = [("/tf_static", START, fixed)]
+    content.append(("/depth", START, ros2.image(START, "sensor", np.ones((2, 2)), "16UC1")))
+    content.append(("/camera_info", START, ros2.camera_info(START, "sensor", (2, 2), (0, 0, 0, 0))))
+    with pytest.raises(
+        ValueError, match=r"--camera fx,fy,cx,cy; found /camera_info; of /camera_info: fx = 0"
+    ):
+        read(write_bag(tmp_path / "bag", ros2, content))
+    assert len(list(read(tmp_path / "bag", camera="1,1,1,1"))) == 1
+
+
+def test_a_log_without_one_valid_beam_makes_no_map(ros2: Messages, tmp_path: Path) -> None:
+    pytest.importorskip("typer")
+    from typer.testing import CliRunner
+
+    from ndtree.commands import app
+
+    drive = Drive(planar=True)
+    for ranges, said in (([np.nan] * 3, "15 beams: 15 invalid"), ([], "0 beams")):
+        content = drive.transforms(ros2) + [("/scan", t, ros2.laser(t, "sensor", ranges)) for t in SCAN_TIMES]
+        path = write_bag(tmp_path / f"bag{len(ranges)}", ros2, sorted(content, key=lambda one: one[1]))
+        done = CliRunner().invoke(app, ["map", str(path), "-o", str(tmp_path / "a.ndt")])
+        assert done.exit_code == 1 and not (tmp_path / "a.ndt").exists()
+        assert done.stderr.startswith(f"ndtree: {path}: nothing to map in 5 scans, {said}\n")
+
+
+def test_a_planar_laser_may_make_a_map_of_space(ros2: Messages, tmp_path: Path) -> None:
+    """Though no surface can be seen in it by which to measure its noise."""
+    content = [("/tf_static", START, ros2.tf(ros2.transform(START, "map", "sensor", [0, 0, 0.5], LEVEL)))]
+    angles = np.radians(np.arange(0, 360, 2.0))
+    room = 3 / np.maximum(abs(np.cos(angles)), abs(np.sin(angles)))
+    for i in range(20):
+        laser = ros2.laser(
+            START + i, "sensor", room, angle_min=0.0, angle_increment=np.radians(2.0), range_max=9.0
+        )
+        content.append(("/scan", START + i, laser))
+    log = read(write_bag(tmp_path / "bag", ros2, content), dim=3)
+    look = ndtree.first_look(log)
+    assert look.dim == 3 and not look.is_measured
 
 
 @pytest.mark.parametrize(

@@ -170,7 +170,7 @@ def test_a_mount_that_was_said_only_once_holds(ros2: Messages, tmp_path: Path) -
 
 
 def test_a_sensor_that_stands_still(ros2: Messages, tmp_path: Path) -> None:
-    content = [("/scan", START + t, ros2.laser(START + t, f"laser{t}", [1.0] * (t + 2))) for t in range(4)]
+    content = [("/scan", START + t, ros2.laser(START + t, "laser", [1.0] * (t + 2))) for t in range(4)]
     path = write_bag(tmp_path / "bag", ros2, content)
     with pytest.raises(ValueError, match=r"there is no /tf, nor any other poses, expected .* --still"):
         read(path)

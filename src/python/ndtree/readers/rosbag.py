@@ -124,6 +124,7 @@ class RosbagLog(SizedLog):
         super().__init__(path, dim=dimension_of(path, self.sensors, self._places, dim))
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
+        self._elsewhere = {one.topic.name: self._unplaced(one, asked) for one in self.sensors}
         self.sweeps, said = understood(path, self.sensors, self._places, self.clock, self.time_offset, deskew)
         self.notes = [*notes, *first.notes, *self._damage, *said]
         self.hint = _clocks(self.sensors[0], survey, self.spans)
@@ -135,7 +136,7 @@ class RosbagLog(SizedLog):
     @property
     def spans(self) -> dict[str, tuple[float, float]]:
         """Of all scans, by the poses' clock, and of the first sensor's poses unless it stands."""
-        stamps = [stamp for sensor in self.sensors for stamp in sensor.seen.stamps]
+        stamps = [stamp for sensor in self.sensors for stamp in sensor.seen.own_stamps]
         spans = {"scans": (min(stamps), max(stamps))} if stamps else {}
         place = self.place
         first, last = place.tree.span(place.fixed_frame, place.observer or place.frame)
@@ -145,6 +146,22 @@ class RosbagLog(SizedLog):
     def place(self) -> Placement:
         """How the first sensor's poses are found."""
         return self._places[self.sensors[0].topic.name]
+
+    def _unplaced(self, sensor: Sensor, asked: Asked) -> list[str]:
+        """Frames of some of a topic's messages of which nobody says where they are."""
+        place, others = self._places[sensor.topic.name], sensor.seen.frames.keys() - {sensor.seen.frame}
+        if asked.sensor_frame is not None:  # Whatever the messages say.
+            return []
+        known = place.tree.connected(place.fixed_frame) if place.is_own else []
+        return sorted(others - set(known))
+
+    def _elsewhere_said(self, sensor: Sensor) -> str:
+        others = self._elsewhere[sensor.topic.name]
+        count = sum(sensor.seen.frames[frame] for frame in others)
+        return (
+            f"{count} of {sensor.topic.messages} messages of {sensor.topic.name} are left out: they are in "
+            f"{', '.join(others) or 'no frame'}, and nothing says where that is"
+        )
 
     def _scans(self) -> Iterator[Scan]:
         by_name = {sensor.topic.name: sensor for sensor in self.sensors}
@@ -184,15 +201,17 @@ class RosbagLog(SizedLog):
                 except ValueError as error:
                     self._skip("damaged messages", ValueError(f"{where}: {error}"))
                     continue
-                frame = plain(message.header.frame_id) if place.is_own else place.frame
+                own = plain(message.header.frame_id)
+                if own in self._elsewhere[name]:
+                    wrong = ValueError(f"{where}: is in {own}, expected {sensor.seen.frame}")
+                    self._leave_out("messages in other frames", wrong, self._elsewhere_said(sensor))
+                    continue
+                frame = own if place.is_own else place.frame
                 stamp = self.clock.time(name, 1e-9 * raw.received, stamp)
                 try:
                     ends, origins = place.in_map(frame, beams, stamp + self.time_offset)
                 except NoPose as error:
                     self._leave_out_unposed(NoPose(f"{where}: {error}", error.where, error.seconds))
-                    continue
-                except ValueError as error:
-                    self._skip("messages in unknown frames", ValueError(f"{where}: {error}"))
                     continue
                 self._endless += beams.endless
                 if name in watched:
@@ -211,7 +230,7 @@ class RosbagLog(SizedLog):
                 "--max-range they are free up to there"
             )
         for name, standing in watched.items():
-            warning = standing.warning(name, self._places[name].origin)
+            warning = standing.warning(name, self._places[name])
             if warning is not None:
                 self.notes.append(warning)
 

@@ -122,7 +122,7 @@ def _still(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> P
         )
     roots = tree.roots(frame, fixed=True)
     fixed = plain(wanted) if wanted is not None else (roots[0] if roots else frame)
-    return Placement(tree, fixed, frame, False, STILL)
+    return Placement(tree, fixed, frame, asked.sensor_frame is None, STILL)
 
 
 def _registered(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
@@ -217,9 +217,15 @@ def _by_transforms(
     connected = tree.connected(sensor)
     if len(connected) == 1:
         raise ValueError(unconnected(path, tree, topic, frame, others))
-    stamps = np.array(survey.seen[topic].stamps)
+    stamps = np.array(survey.seen[topic].own_stamps)
     notes: tuple[str, ...] = ()
     observer = observer_of(tree, frame, asked.base_frame) if may_be_registered else None
+    if asked.base_frame is not None and asked.mount is None and plain(asked.base_frame) != observer:
+        below = "" if observer is None else f", or it as one of {listed(tree.below(frame))}"
+        raise ValueError(
+            f"{path}: base_frame = {asked.base_frame}: nothing is said of it, expected a mount on it, or "
+            f"poses of it{below}"
+        )
     if observer is not None:
         fixed = _fixed_frame(path, tree, observer, asked.fixed_frame, stamps, others)
         return Placement(tree, fixed, frame, False, "/tf", (_said(topic, frame, observer),), observer)

@@ -177,17 +177,24 @@ def _cameras(
     frame = plain(first.header.frame_id)
     size = image.size_of(first)
     by_topic: dict[str, tuple[list[float], list[Camera]]] = {}
+    wrong = ""
     for name, infos in survey.infos.items():
         for stamp, message in infos:
             is_alike = (message.width, message.height) == size
             if is_alike and (image.is_beside(name, topic) or plain(message.header.frame_id) == frame):
+                try:
+                    camera = image.camera_of_info(message, scale)
+                except ValueError as error:  # As of cameras that nobody has calibrated.
+                    wrong = f"; of {name}: {error}"
+                    continue
                 stamps, cameras = by_topic.setdefault(name, ([], []))
                 stamps.append(stamp)
-                cameras.append(image.camera_of_info(message, scale))
+                cameras.append(camera)
     if not by_topic:
+        found = ", ".join(survey.infos) or "none"
         raise ValueError(
             f"{bag.path}: no CameraInfo of {size[0]} x {size[1]} pixels beside {topic} or in frame "
-            f"{frame}, expected one, or camera as fx,fy,cx,cy; found {', '.join(survey.infos) or 'none'}"
+            f"{frame}, expected one, or --camera fx,fy,cx,cy; found {found}{wrong}"
         )
     best = min(by_topic, key=lambda name: (not image.is_beside(name, topic), name))
     return best, (np.array(by_topic[best][0]), by_topic[best][1])

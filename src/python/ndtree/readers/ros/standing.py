@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.readers.ros.beams import Beams
-from ndtree.readers.ros.placement import STILL
+from ndtree.readers.ros.placement import STILL, Placement
 
 #: Scans that are held against each other, at most, and points of each.
 MOST_SCANS, MOST_POINTS = 120, 4000
@@ -72,15 +72,19 @@ class Standing:
         of_each = behind.sum(axis=1) / np.maximum(known.sum(axis=1), 1)
         return float(np.mean(of_each >= ELSEWHERE))
 
-    def warning(self, topic: str, origin: str) -> str | None:
-        """What to say if the sensor moves, though by the `origin` of its poses it stands; else None."""
+    def warning(self, topic: str, place: Placement) -> str | None:
+        """What to say if the sensor moves, though by its poses it stands; else None."""
         share = self.share_elsewhere()
         if share < MOVES:
             return None
-        said = "is taken for standing still" if origin == STILL else f"never moves by {origin}"
+        if place.origin == STILL:
+            said, ask = "is taken for standing still", "from --trajectory FILE"
+        else:
+            said = f"never moves in {place.fixed_frame} by {place.origin}"
+            ask = "in another --fixed-frame, or from --trajectory FILE"
         return (
             f"{topic}: {said}, but its scans show that it moves: {100 * share:.0f} % of them were taken "
-            "elsewhere than the others, and smear the map; it needs its poses, as from --trajectory FILE"
+            f"elsewhere than the others, and smear the map; it needs its poses, as {ask}"
         )
 
 

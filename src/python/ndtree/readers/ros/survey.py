@@ -48,11 +48,14 @@ class Seen:
         How long after its stamp each was recorded [s].
     frames : dict of str to int
         And in how many messages they are.
+    each : list of str
+        The frame of each message.
     """
 
     stamps: list[float] = field(default_factory=list)
     lags: list[float] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=dict)
+    each: list[str] = field(default_factory=list)
 
     @property
     def frame(self) -> str:
@@ -60,11 +63,16 @@ class Seen:
         return max(self.frames, key=lambda frame: self.frames[frame], default="")
 
     @property
+    def own_stamps(self) -> list[float]:
+        """Those of messages in the frame of most: of another sensor's in the topic the clock may differ."""
+        most = self.frame
+        return [stamp for stamp, frame in zip(self.stamps, self.each) if frame == most]
+
+    @property
     def interval(self) -> float:
         """The usual time from message to message [s]; 0 where there are not two."""
-        if len(self.stamps) < 2:
-            return 0.0
-        return float(np.median(np.abs(np.diff(self.stamps))))
+        stamps = self.own_stamps
+        return float(np.median(np.abs(np.diff(stamps)))) if len(stamps) > 1 else 0.0
 
 
 @dataclass(frozen=True)
@@ -157,6 +165,7 @@ class Survey:
                 self.seen[topic].stamps.append(self.clock.time(topic, received, stamp) + offset)
                 self.seen[topic].lags.append(received - stamp)
                 self.seen[topic].frames[frame] = self.seen[topic].frames.get(frame, 0) + 1
+                self.seen[topic].each.append(frame)
         for received, row in pose_rows:
             self.lags.append(received - row.stamp)
             self.poses.append(replace(row, stamp=self.clock.time(POSES_STREAM, received, row.stamp)))
