@@ -17,7 +17,6 @@ pytest.importorskip("scipy")
 from bags import KINDS, Messages, write_bag
 from drives import LEVEL, SCAN_TIMES, START, Drive, standing
 
-import ndtree
 from ndtree.readers import read
 
 
@@ -223,21 +222,6 @@ def test_a_log_without_one_valid_beam_makes_no_map(ros2: Messages, tmp_path: Pat
         done = CliRunner().invoke(app, ["map", str(path), "-o", str(tmp_path / "a.ndt")])
         assert done.exit_code == 1 and not (tmp_path / "a.ndt").exists()
         assert done.stderr.startswith(f"ndtree: {path}: nothing to map in 5 scans, {said}\n")
-
-
-def test_a_planar_laser_may_make_a_map_of_space(ros2: Messages, tmp_path: Path) -> None:
-    """Though no surface can be seen in it by which to measure its noise."""
-    content = [("/tf_static", START, ros2.tf(ros2.transform(START, "map", "sensor", [0, 0, 0.5], LEVEL)))]
-    angles = np.radians(np.arange(0, 360, 2.0))
-    room = 3 / np.maximum(abs(np.cos(angles)), abs(np.sin(angles)))
-    for i in range(20):
-        laser = ros2.laser(
-            START + i, "sensor", room, angle_min=0.0, angle_increment=np.radians(2.0), range_max=9.0
-        )
-        content.append(("/scan", START + i, laser))
-    log = read(write_bag(tmp_path / "bag", ros2, content), dim=3)
-    look = ndtree.first_look(log)
-    assert look.dim == 3 and not look.is_measured
 
 
 @pytest.mark.parametrize(

@@ -172,7 +172,7 @@ def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -
             f"the poses; say where the sensor is on it: {HOW_TO_MOUNT}; or give --sensor-frame or "
             f"--base-frame as one of {listed([one for one in tree.connected(fixed) if one != fixed])}"
         )
-    if body == frame and asked.poses is not None and asked.mount is None:
+    if body == frame != child and asked.poses is not None and asked.mount is None:
         notes.append(
             f"{origin} is taken for the poses of the sensor itself; where it is on its body: {HOW_TO_MOUNT}"
         )
