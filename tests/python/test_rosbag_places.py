@@ -90,6 +90,27 @@ def test_the_frame_that_a_registered_cloud_was_seen_from_may_be_said(tmp_path: P
         np.testing.assert_allclose(scan.endpoints, POINTS, atol=1e-6)
 
 
+def test_points_in_a_fixed_frame_were_moved_there_before(tmp_path: Path) -> None:
+    """Whatever times of their own they have, all of a cloud go into the map by the pose of its stamp."""
+    layout = np.dtype([("xyz", "f4", 3), ("time", "f4")])
+    table = np.zeros(len(POINTS), layout)
+    table["xyz"], table["time"] = POINTS, [0, 0.05, 0.1]
+    time = MAKE.of("sensor_msgs/msg/PointField", name="time", offset=12, datatype=7, count=1)
+    timed = clouds("odom")[:-2]
+    for _, _, cloud in timed:
+        object.__setattr__(cloud, "fields", [*cloud.fields, time])
+        object.__setattr__(cloud, "data", np.frombuffer(table.tobytes(), np.uint8))
+    drift = [
+        ("/tf", START + t, MAKE.tf(MAKE.transform(START + t, "map", "odom", [t, 0, 0], LEVEL)))
+        for t in STAMPS
+    ]
+    log = log_of(tmp_path, moved("odom", "base_link"), drift, timed)
+    assert "poses in map" in log.uses
+    for scan, t in zip(log, STAMPS):
+        np.testing.assert_allclose(scan.endpoints, POINTS + np.array([t, 0, 0]), atol=1e-5)
+        np.testing.assert_allclose(scan.origin, place(t) + np.array([t, 0, 0]), atol=1e-5)
+
+
 def test_a_sensor_comes_before_clouds_that_were_made_of_it(tmp_path: Path) -> None:
     parts = [moved("odom", "base_link"), fixed("base_link", "lidar")]
     registered = [clouds("odom", "/a_registered"), clouds("odom", "/a_map", every=5)]

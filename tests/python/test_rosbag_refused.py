@@ -16,6 +16,7 @@ pytest.importorskip("scipy")
 
 from bags import KINDS, Messages, write_bag
 from drives import LEVEL, SCAN_TIMES, START, Drive, standing
+from rosbags.typesys import get_types_from_msg
 
 from ndtree.readers import read
 
@@ -195,6 +196,20 @@ def test_lasers_whose_beams_have_no_directions(ros2: Messages, tmp_path: Path) -
             standing(ros2, "/scan", [laser], tmp_path / str(step))
     (alone,) = standing(ros2, "/scan", [ros2.laser(START, "sensor", [1], angle_increment=0.0)], tmp_path)
     assert len(alone) == 1
+
+
+def test_raw_packets_are_known_for_what_they_are(tmp_path: Path) -> None:
+    make = Messages("ros1")
+    store = make.store
+    text = "Header header\nvelodyne_msgs/VelodynePacket[] packets\n"
+    for name, definition in (("Packet", "time stamp\nuint8[1206] data\n"), ("Scan", text)):
+        store.register(get_types_from_msg(definition, f"velodyne_msgs/msg/Velodyne{name}"))
+    message = store.types["velodyne_msgs/msg/VelodyneScan"](make.header(START, "velodyne"), [])
+    path = write_bag(tmp_path / "bag", make, [("/velodyne_packets", START, message)])
+    with pytest.raises(
+        ValueError, match=r"found /velodyne_packets \(VelodyneScan\); /velodyne_packets has a lidar's"
+    ):
+        read(path)
 
 
 def test_cameras_that_nobody_calibrated(ros2: Messages, tmp_path: Path) -> None:

@@ -9,13 +9,14 @@ import numpy as np
 
 from ndtree.readers.depth_image import check_stride
 from ndtree.readers.log import SizedLog
+from ndtree.readers.ros.advice import without_sensors
 from ndtree.readers.ros.bag import open_bag
-from ndtree.readers.ros.beams import IMAGES, SENSORS, stamp_of
+from ndtree.readers.ros.beams import IMAGES, SENSOR_NAMES, SENSORS, stamp_of
 from ndtree.readers.ros.level import dimension_of
 from ndtree.readers.ros.merging import in_order
 from ndtree.readers.ros.placement import Asked, Placement
 from ndtree.readers.ros.placing import find_places, poses_topic
-from ndtree.readers.ros.sensors import SENSOR_NAMES, Sensor, Wanted, chosen, listed, readable
+from ndtree.readers.ros.sensors import Sensor, Wanted, chosen, listed, readable
 from ndtree.readers.ros.standing import Standing
 from ndtree.readers.ros.survey import Survey
 from ndtree.readers.ros.sweep_choice import understood
@@ -85,7 +86,7 @@ class RosbagLog(SizedLog):
             self._damage = bag.damage
             topics = chosen(bag, wanted) if wanted else readable(bag)
             if not topics:
-                raise ValueError(f"{bag.path}: no {SENSOR_NAMES} in it, found {listed(bag.topics)}")
+                raise ValueError(without_sensors(bag.path, bag.topics))
             names = ", ".join(one.name for one in topics)
             if camera is not None and not any(one.type in IMAGES for one in topics):
                 raise WrongOption(f"{path}: camera: {names} has no depth images")

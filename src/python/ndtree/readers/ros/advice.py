@@ -3,9 +3,21 @@
 
 from __future__ import annotations
 
+from ndtree.readers.ros.bag import Topic
+from ndtree.readers.ros.beams import SENSOR_NAMES, short
 from ndtree.readers.ros.registered import bases_in
 from ndtree.readers.transforms import TransformTree
 
+#: Types in which drivers record what lidars sent.
+PACKETS = (
+    "VelodyneScan",
+    "VelodynePacket",
+    "PacketMsg",
+    "PandarScan",
+    "HesaiScan",
+    "RslidarScan",
+    "RslidarPacket",
+)
 HOW_TO_MOUNT = (
     "--mount X,Y,Z,ROLL,PITCH,YAW (metres, and radians or degrees as in 90deg; "
     "ndtree calibrate --find-mount finds it)"
@@ -33,6 +45,20 @@ def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: 
         f"{path}: {what} {listed(frames)}; say where the sensor is: --base-frame {base} {HOW_TO_MOUNT}; "
         "or --sensor-frame as one of these frames, if the sensor is there"
     )
+
+
+def without_sensors(path: str, topics: list[Topic]) -> str:
+    """The error of a bag that has nothing to map."""
+    held = ", ".join(f"{one.name} ({short(one.type)})" for one in topics[:12]) + (
+        ", ..." if len(topics) > 12 else ""
+    )
+    packets = next((one.name for one in topics if one.messages and short(one.type) in PACKETS), None)
+    remedy = (
+        ""
+        if packets is None
+        else f"; {packets} has a lidar's raw packets: its driver makes PointCloud2 of them"
+    )
+    return f"{path}: no {SENSOR_NAMES} in it, found {held or 'none'}{remedy}"
 
 
 def standing(

@@ -31,6 +31,7 @@ PLANAR = (LASER, MULTI_ECHO_LASER, RANGE)
 IMAGES = (IMAGE, COMPRESSED_IMAGE)
 #: The best first: of several sensors in a bag one of an earlier type is read.
 SENSORS = (LASER, MULTI_ECHO_LASER, POINT_CLOUD, *LIVOX, IMAGE, COMPRESSED_IMAGE, RANGE)
+SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2, Livox CustomMsg, depth Image or Range"
 
 
 @dataclass(frozen=True)

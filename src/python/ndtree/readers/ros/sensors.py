@@ -19,6 +19,7 @@ from ndtree.readers.ros.beams import (
     PLANAR,
     POINT_CLOUD,
     RANGE,
+    SENSOR_NAMES,
     SENSORS,
     Beams,
     short,
@@ -28,8 +29,6 @@ from ndtree.readers.ros.laser import laser_beams, multi_echo_beams, range_beams
 from ndtree.readers.ros.survey import Survey
 from ndtree.readers.source import WrongOption
 from ndtree.readers.transforms import plain
-
-SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2, Livox CustomMsg, depth Image or Range"
 
 
 @dataclass(frozen=True)
