@@ -224,3 +224,15 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
     )
     assert again.yaw == pytest.approx(yaw, abs=0.01) and again.others[0] == 0.5
     assert again.time_offset == pytest.approx(offset, abs=0.01)
+
+
+def test_of_a_sensor_that_stands_it_does_not_matter_when_a_beam_was_measured(
+    ros2: Messages, tmp_path: Path
+) -> None:
+    """Even if its messages say what cannot be: that a scan lasts longer than the next one takes to come."""
+    content = [
+        ("/scan", START + t, ros2.laser(START + t, "laser", [2.0] * 90, time_increment=0.01))
+        for t in np.arange(0, 2, 0.1)
+    ]
+    log = read(write_bag(tmp_path / "bag", ros2, content), still=True)
+    assert len(list(log)) == 20 and log.notes == []

@@ -175,7 +175,7 @@ class RosbagLog(SizedLog):
         watched = {
             sensor.topic.name: Standing(sensor.is_planar)
             for sensor in self.sensors
-            if self._stands(self._places[sensor.topic.name])
+            if self._places[sensor.topic.name].stands
         }
         try:
             yield from self._read(by_name, watched)
@@ -219,10 +219,6 @@ class RosbagLog(SizedLog):
                     watched[name].add(beams)
                 sigma = None if sensor.sigma is None else np.full(len(ends), sensor.sigma)
                 yield Scan(ends[:, : self.dim], origins[..., : self.dim], beams.returned, stamp, sigma)
-
-    def _stands(self, place: Placement) -> bool:
-        """Whether a sensor has one pose for all times, as somebody said."""
-        return place.observer is None and place.tree.stands(place.fixed_frame, place.frame)
 
     def _note_what_was_seen(self, watched: dict[str, Standing]) -> None:
         if self._endless:

@@ -68,6 +68,11 @@ class Placement:
     notes: tuple[str, ...] = ()
     observer: str | None = None
 
+    @property
+    def stands(self) -> bool:
+        """Whether the sensor has one pose for all times."""
+        return self.observer is None and self.tree.stands(self.fixed_frame, self.frame)
+
     def in_map(self, frame: str, beams: Beams, stamp: float) -> tuple[Floats, Floats]:
         """As `ndtree.readers.ros.deskew.in_map`, of a message in a frame."""
         if self.observer is None:

@@ -33,8 +33,12 @@ def understood(
     lines: list[str] = []
     for sensor in sensors:
         name = sensor.topic.name
+        place = places[name]
         sweeps[name] = AS_SAID if deskew else OFF
         if not deskew or sensor.topic.type in IMAGES:
+            continue
+        if place.stands or place.observer is not None:  # It does not matter when a beam was measured.
+            sweeps[name] = OFF
             continue
         with open_bag(path) as bag:
             lasts, is_guess = _duration(bag, sensor)
@@ -49,7 +53,6 @@ def understood(
                     f"{sensor.seen.interval:.3f} s: their times are not used"
                 )
                 continue
-            place = places[name]
             stamps = np.array(sensor.seen.stamps)
             starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
             groups = _groups(bag, sensor, starts, clock, time_offset)
