@@ -48,8 +48,12 @@ def sweeps(
     beams: int = 180,
     said: bool = True,
     sweep: float = 0.1,
+    ghosts: bool = False,
 ) -> Path:
-    """A turning laser in a room whose beams are measured one after the other."""
+    """A turning laser in a room whose beams are measured one after the other.
+
+    With `ghosts` another sensor, of which nothing else is known, has the same topic.
+    """
     generator = np.random.default_rng(3)
 
     def where(t: float) -> tuple[float, float, float]:
@@ -77,6 +81,9 @@ def sweeps(
             time_increment=sweep / beams if said else 0.0, range_max=20.0,
         )  # fmt: skip
         content.append(("/scan", stamp, message))
+        if ghosts:
+            ghost = make.laser(begin, "ghost", generator.uniform(1, 8, 50), time_increment=0.02)
+            content += [("/scan", stamp + 0.001 * i, ghost) for i in (1, 2)][: 1 + int(begin > 5)]
     return write_bag(path, make, sorted(content, key=lambda one: one[1]))
 
 
@@ -104,6 +111,14 @@ def test_each_beam_has_the_pose_of_its_time_however_the_driver_means_it(
         reversed_ or at_end
     )
     assert off_walls(read(path, deskew=False)) > 0.05
+
+
+def test_another_sensor_in_the_topic_does_not_confuse_the_times(ros2: Messages, tmp_path: Path) -> None:
+    options: dict[str, Any] = {"reversed_": True, "at_end": True}
+    alone = read(sweeps(ros2, tmp_path / "alone", **options))
+    shared = read(sweeps(ros2, tmp_path / "shared", ghosts=True, **options))
+    assert off_walls(alone) < 0.012 and off_walls(shared) < 0.012
+    assert len(alone.notes) == 1 and "the stamp that of the end" in shared.notes[0]
 
 
 def test_a_fast_sensor_has_an_origin_for_each_beam(ros2: Messages, tmp_path: Path) -> None:

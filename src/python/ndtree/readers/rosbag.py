@@ -208,7 +208,7 @@ class RosbagLog(SizedLog):
                     self._leave_out("messages in other frames", wrong, self._elsewhere_said(sensor))
                     continue
                 frame = own if place.is_own else place.frame
-                stamp = self.clock.time(name, 1e-9 * raw.received, stamp)
+                stamp = self.clock.time((name, own), 1e-9 * raw.received, stamp)
                 try:
                     ends, origins = place.in_map(frame, beams, stamp + self.time_offset)
                 except NoPose as error:

@@ -23,7 +23,8 @@ def in_order(messages: Iterator[Raw], clock: Clock) -> Iterator[Raw]:
     for number, raw in enumerate(messages):
         head = head_of(raw)
         received = 1e-9 * raw.received
-        stamp = clock.time(raw.connection.topic, received, head[0] if head is not None else received)
+        stamp, frame = head if head is not None else (received, "")
+        stamp = clock.time((raw.connection.topic, frame), received, stamp)
         latest = max(latest, stamp)
         heapq.heappush(waiting, (stamp, number, raw))
         while waiting[0][0] < latest - LATEST:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +26,9 @@ from ndtree.readers.ros.beams import (
     short,
 )
 from ndtree.readers.ros.cloud import cloud_beams
+from ndtree.readers.ros.head import head_of
 from ndtree.readers.ros.laser import laser_beams, multi_echo_beams, range_beams
+from ndtree.readers.ros.storage import Raw
 from ndtree.readers.ros.survey import Survey
 from ndtree.readers.source import WrongOption
 from ndtree.readers.transforms import plain
@@ -106,6 +109,13 @@ class Sensor:
     def description(self) -> str:
         """For reports."""
         return f"{self.topic.name} ({short(self.topic.type)} in {self.seen.frame or 'no frame'})"
+
+    def own_messages(self, bag: Bag) -> Iterator[Raw]:
+        """Those that are not another sensor's in the same topic, up to where the bag is damaged."""
+        for raw in bag.messages([self.topic.name], on_damage=lambda error: None):
+            head = head_of(raw)
+            if head is not None and head[1] == self.seen.frame:
+                yield raw
 
     def beams(self, message: Any, stamp: float, no_return_range: float | None = None) -> Beams:
         """What a message measured; ValueError if it contradicts itself.

@@ -50,17 +50,20 @@ class Seen:
         And in how many messages they are.
     each : list of str
         The frame of each message.
+    placed : list of str
+        Frames that are connected with others by transforms.
     """
 
     stamps: list[float] = field(default_factory=list)
     lags: list[float] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=dict)
     each: list[str] = field(default_factory=list)
+    placed: list[str] = field(default_factory=list)
 
     @property
     def frame(self) -> str:
-        """The frame of most messages."""
-        return max(self.frames, key=lambda frame: self.frames[frame], default="")
+        """The frame of most messages; of those that hang in the tree of transforms, if some do."""
+        return max(self.placed or self.frames, key=lambda frame: self.frames[frame], default="")
 
     @property
     def own_stamps(self) -> list[float]:
@@ -112,7 +115,7 @@ class Survey:
     infos : dict of str to list of (float, message)
         CameraInfo with its stamps [s], by topic.
     clock : Clock
-        Of sensors by topic, of poses by "poses".
+        Of sensors by topic and frame, of poses by "poses".
     damaged : list of ValueError
         One for each message that was needed and is not whole.
     ends : list of ValueError
@@ -154,15 +157,16 @@ class Survey:
                 self._note_transforms(topic, message, raw.received)
             elif type == CAMERA_INFO:
                 infos.append((topic, received, message))
-        streams: dict[Hashable, list[tuple[float, float]]] = {
-            name: [(received, stamp) for received, stamp, _ in ones] for name, ones in heads.items()
-        }
+        streams: dict[Hashable, list[tuple[float, float]]] = {}
+        for name, ones in heads.items():
+            for received, stamp, frame in ones:
+                streams.setdefault((name, frame), []).append((received, stamp))
         streams.update({edge: [row[:2] for row in rows] for edge, rows in self._moving.items()})
         streams[POSES_STREAM] = [(received, row.stamp) for received, row in pose_rows]
         self.clock = Clock(streams)
         for topic, ones in heads.items():
             for received, stamp, frame in ones:
-                self.seen[topic].stamps.append(self.clock.time(topic, received, stamp) + offset)
+                self.seen[topic].stamps.append(self.clock.time((topic, frame), received, stamp) + offset)
                 self.seen[topic].lags.append(received - stamp)
                 self.seen[topic].frames[frame] = self.seen[topic].frames.get(frame, 0) + 1
                 self.seen[topic].each.append(frame)
@@ -175,6 +179,8 @@ class Survey:
             stamp = self.clock.time(topic, received, stamp_of(message, round(1e9 * received)))
             self.infos.setdefault(topic, []).append((stamp, message))
         self.tree = self._tree(None)
+        for seen in self.seen.values():
+            seen.placed = [frame for frame in seen.frames if len(self.tree.connected(frame)) > 1]
 
     def tree_of(self, topic: str, frame: str) -> TransformTree:
         """The transforms that concern a topic.

@@ -53,7 +53,7 @@ def understood(
                     f"{sensor.seen.interval:.3f} s: their times are not used"
                 )
                 continue
-            stamps = np.array(sensor.seen.stamps)
+            stamps = np.array(sensor.seen.own_stamps)
             starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
             groups = _groups(bag, sensor, starts, clock, time_offset)
         if groups:
@@ -87,7 +87,7 @@ def _groups(
         return []
     groups: dict[int, list[tuple[Beams, float]]] = {start: [] for start in starts}
     wanted = {start + i: start for start in starts for i in range(GROUP)}
-    for number, raw in enumerate(bag.messages([sensor.topic.name], on_damage=lambda error: None)):
+    for number, raw in enumerate(sensor.own_messages(bag)):
         if number > starts[-1] + GROUP:
             break
         if number in wanted:
@@ -97,6 +97,6 @@ def _groups(
                 beams = sensor.beams(message, stamp)
             except ValueError:
                 continue
-            at = clock.time(sensor.topic.name, 1e-9 * raw.received, stamp) + time_offset
+            at = clock.time((sensor.topic.name, sensor.seen.frame), 1e-9 * raw.received, stamp) + time_offset
             groups[wanted[number]].append((beams, at))
     return [group for group in groups.values() if len(group) > 1]
