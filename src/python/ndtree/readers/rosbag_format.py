@@ -28,7 +28,11 @@ MOUNT = ReaderOption("mount", str, "Of a ROS bag: sensor on its base, X,Y,Z,ROLL
 SENSOR_FRAME = ReaderOption(
     "sensor_frame", str, "Of a ROS bag: the sensor's frame, whatever its messages say."
 )
-BASE_FRAME = ReaderOption("base_frame", str, "Of a ROS bag: frame of the mount, or that the poses are of.")
+BASE_FRAME = ReaderOption(
+    "base_frame",
+    str,
+    "Of a ROS bag: frame of the mount, that the poses are of, or that a cloud was seen from.",
+)
 DESKEW = ReaderOption("deskew", bool, "Of a ROS bag: each beam from the pose of its own time (default).")
 
 
