@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.calibration import _fitted
+from ndtree.calibration import _fitted, range_noise
 
 
 def sigma_at(found: ndtree.Calibration, r: float) -> float:
@@ -313,3 +313,22 @@ def test_known_thickness_of_walls(
     for rate in (found.miss_given_occupied, found.hit_given_free):
         assert rate is None or 0.001 <= rate.value < 0.15
     assert found.hit_given_free is not None or found.dim == 3
+
+
+def test_of_a_laser_that_turns_in_its_plane_the_noise_in_space_is_not_known() -> None:
+    """Its points lie on lines, and no flat piece of surface is seen by several scans."""
+    generator = np.random.default_rng(3)
+    angles = np.radians(np.arange(0, 360, 2.0))
+    scans = []
+    for i in range(20):
+        place = np.array([0.05 * i, 0, 0])
+        ways = np.stack([np.cos(angles + 0.1 * i), np.sin(angles + 0.1 * i), np.zeros(len(angles))], axis=1)
+        with np.errstate(divide="ignore"):
+            walls = [(side - place[axis]) / ways[:, axis] for axis in (0, 1) for side in (-3, 3)]
+        ranges = np.where(np.array(walls) > 0, walls, np.inf).min(axis=0)
+        ranges += generator.normal(0, 0.01, len(ranges))
+        scans.append(ndtree.Scan(place + ways * ranges[:, None], place))
+    assert range_noise(scans) is None
+    flat = [ndtree.Scan(scan.endpoints[:, :2], scan.origin[:2]) for scan in scans]
+    found = range_noise(flat)
+    assert found is not None and found[0].value == pytest.approx(0.01, rel=0.3)

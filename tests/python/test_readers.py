@@ -303,7 +303,10 @@ def test_broken_files_are_named_with_place_and_expectation(case: str, tmp_path: 
 def test_missing_file_and_directory(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         read(tmp_path / "none.log")
-    with pytest.raises(IsADirectoryError, match="is a directory, expected a CARMEN log"):
+    with pytest.raises(IsADirectoryError, match="is an empty directory, expected a CARMEN log"):
+        read(tmp_path)
+    (tmp_path / "inside").mkdir()
+    with pytest.raises(IsADirectoryError, match="is a directory with inside, expected a CARMEN log"):
         read(tmp_path)
     with pytest.raises(IsADirectoryError, match="is a directory, expected text with one beam"):
         read(tmp_path, format="text")

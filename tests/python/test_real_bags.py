@@ -53,7 +53,9 @@ MAPPED = {
         "ros1_scan_tf_hrp_rplidar/mylaserdata3.bag", ("--mount", "0,0,180deg"), 25, 120, 1.5,
         "--no-return ignore",
     ),
-    "no poses": ("ros2_scan_only_db3/mydata", ("--still",), 2, 10, 0.4, "standing still"),
+    "no poses, and two sensors in one topic": (
+        "ros2_scan_only_db3/mydata", ("--still",), 2, 10, 0.4, "259 of 522 messages of /scan are left out",
+    ),
     "Stage": (
         "ros1_pointcloud2_embag/test.bag", ("--odometry", "/base_pose_ground_truth"), 15, 40, 0.1,
         "--no-return free",
@@ -91,6 +93,24 @@ def test_what_is_missing_is_said_in_one_line(bags: Path, path: str, tmp_path: Pa
     out, err, code = mapped(bags / path, tmp_path / "a.ndt")
     assert code == 1 and out == "" and not (tmp_path / "a.ndt").exists()
     assert err.count("\n") == 1 and SAID[path] in err
+
+
+#: Bag, and whether its sensor moves.
+MOVES = {
+    "jackal_mocap/test_2026-02-17-16-26-34.bag": True,
+    "ros1_multiecho_cartographer/b0-2014-07-21-12-42-53-short.bag": True,
+    "ros1_scan_ccny_2010_badindexlen/demo.bag": True,
+    "ros1_scan_tf_gmapping_replay_crash/test_replay_crash.bag": False,
+    "ros2_scan_only_db3/mydata": False,
+    "mcap_pointcloud2_pointcloudset/test.mcap": False,
+}
+
+
+@pytest.mark.parametrize("path", MOVES)
+def test_a_sensor_that_does_not_stand_is_told(bags: Path, path: str) -> None:
+    log = ndtree.read(bags / path, still=True)
+    assert sum(1 for _ in log) > 1
+    assert any("its scans show that it moves" in note for note in log.notes) == MOVES[path]
 
 
 @pytest.mark.parametrize("share", [0.35, 0.8])

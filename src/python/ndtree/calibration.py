@@ -476,7 +476,7 @@ def _noise(
 
 
 def _fitted_noise(residuals: _Residuals, generator: np.random.Generator) -> _Noise | None:
-    if len(residuals.middle) < LEAST_PIECES:
+    if len(residuals.middle) < LEAST_PIECES or not len(residuals.length):
         return None
     low, high = np.quantile(residuals.length, (0.005, 0.995))
     edges = np.geomspace(low, max(high, low * 1.0001), RANGE_BINS + 1)

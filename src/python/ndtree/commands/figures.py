@@ -162,7 +162,7 @@ def print_log(figures: dict[str, Any]) -> None:
 
 def counted(counts: dict[str, int]) -> str:
     parts = [f"{count} {key.replace('_', ' ')}" for key, count in counts.items() if key != "beams" and count]
-    return f"{counts['beams']} beams: {', '.join(parts)}"
+    return f"{counts['beams']} beams" + (f": {', '.join(parts)}" if parts else "")
 
 
 def point(values: Sequence[float]) -> str:

@@ -98,6 +98,8 @@ def map_(
             raise ValueError(f"{log}: no scans, expected at least one")
     if ignored:
         report = {**report, "beams": report["beams"] + ignored, "ignored": ignored}
+    if not any(report[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
+        raise ValueError(f"{log}: nothing to map in {scans} scans, {counted(report)}")
     if plot and picture:
         with replaced(picture) as path:
             draw(plot, target, path)

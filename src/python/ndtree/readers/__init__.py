@@ -17,7 +17,7 @@ from ndtree.readers.log import Log, SizedLog
 from ndtree.readers.npz import NPZ, ZIP_MAGIC
 from ndtree.readers.octomap_graph import OCTOMAP_GRAPH
 from ndtree.readers.point_clouds import POINT_CLOUDS
-from ndtree.readers.rosbag import ROSBAG
+from ndtree.readers.rosbag_format import ROSBAG
 from ndtree.readers.seven_scenes import SEVEN_SCENES
 from ndtree.readers.simulated import SimulatedLog, simulate
 from ndtree.readers.source import Format, ReaderOption, Source, WrongOption, source_of
@@ -162,7 +162,9 @@ def _recognised(source: Source) -> Format:
         if row.may_be(source) and row.recognises(source):
             return row
     if source.is_folder:
-        raise IsADirectoryError(errno.EISDIR, f"is a directory, expected {_KNOWN}", source.path)
+        some = ", ".join(source.names[:6]) + (", ..." if len(source.names) > 6 else "")
+        found = f"a directory with {some}" if source.names else "an empty directory"
+        raise IsADirectoryError(errno.EISDIR, f"is {found}, expected {_KNOWN}", source.path)
     if source.head.startswith(ZIP_MAGIC):
         raise ValueError(f"{source.path}: a zip archive without points.npy, expected {_KNOWN}")
     if source.head.startswith(MAP_MAGIC):

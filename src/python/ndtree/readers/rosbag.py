@@ -3,56 +3,28 @@
 
 from __future__ import annotations
 
-import heapq
-import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE, check_stride
-from ndtree.readers.folder import TIME_OFFSET
+from ndtree.readers.depth_image import check_stride
 from ndtree.readers.log import SizedLog
-from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, Bag, Topic, open_bag
-from ndtree.readers.ros.beams import IMAGES, SENSORS, stamp_of
-from ndtree.readers.ros.clock import Clock
-from ndtree.readers.ros.deskew import in_map
-from ndtree.readers.ros.head import head_of
-from ndtree.readers.ros.outline import outline
-from ndtree.readers.ros.placement import Asked, Placement, placed
-from ndtree.readers.ros.sensors import SENSOR_NAMES, Sensor, Wanted, chosen, listed, readable
-from ndtree.readers.ros.storage import Raw
-from ndtree.readers.ros.survey import ODOMETRY as ODOMETRY_TYPE
-from ndtree.readers.ros.survey import POSE_NAMES, POSES, Survey
+from ndtree.readers.ros.advice import without_sensors
+from ndtree.readers.ros.bag import open_bag
+from ndtree.readers.ros.beams import IMAGES, SENSOR_NAMES, SENSORS, stamp_of
+from ndtree.readers.ros.level import dimension_of
+from ndtree.readers.ros.merging import in_order
+from ndtree.readers.ros.placement import Asked, Placement
+from ndtree.readers.ros.placing import find_places, poses_topic
+from ndtree.readers.ros.sensors import Sensor, Wanted, chosen, listed, readable
+from ndtree.readers.ros.standing import Standing
+from ndtree.readers.ros.survey import Survey
 from ndtree.readers.ros.sweep_choice import understood
-from ndtree.readers.source import Format, ReaderOption, Source, WrongOption
+from ndtree.readers.source import WrongOption
 from ndtree.readers.trajectory import NoPose
-from ndtree.readers.trajectory_files import TRAJECTORY
 from ndtree.readers.transforms import plain
 from ndtree.scan import Scan
 
-TOPIC = ReaderOption(
-    "topic", list[str], "Of a ROS bag: topic with scans, clouds or depth images; @SIGMA [m] may follow."
-)
-FIXED_FRAME = ReaderOption(
-    "fixed_frame", str, "Of a ROS bag: frame of the map; else map, odom, world or a root."
-)
-ODOMETRY = ReaderOption("odometry", str, "Of a ROS bag: topic with Odometry, for poses instead of /tf.")
-POSE_TOPIC = ReaderOption("poses", str, f"Of a ROS bag: topic with poses: {POSE_NAMES}.")
-STILL = ReaderOption("still", bool, "Of a ROS bag: the sensor stands still.")
-MOUNT = ReaderOption("mount", str, "Of a ROS bag: sensor on its base, X,Y,Z,ROLL,PITCH,YAW or X,Y,YAW.")
-SENSOR_FRAME = ReaderOption(
-    "sensor_frame", str, "Of a ROS bag: the sensor's frame, whatever its messages say."
-)
-BASE_FRAME = ReaderOption("base_frame", str, "Of a ROS bag: frame of the mount, or that the poses are of.")
-DESKEW = ReaderOption("deskew", bool, "Of a ROS bag: each beam from the pose of its own time (default).")
-
-#: A laser is planar if it tilts no more than this at half of the times, and than that at all but 5 % [rad],
-#: and keeps its height so well [m]. So many times are looked at.
-PLANAR_TILT, PLANAR_MOST_TILT, PLANAR_HEIGHT, PLANAR_LOOKS = 0.05, 0.09, 0.1, 5000
-#: Messages of several sensors are put into the order of their stamps if they come no later than this [s].
-LATEST = 1.0
 #: Stamps and poses that are further apart are of two clocks [s].
 TWO_CLOCKS = 1.0
 
@@ -110,39 +82,36 @@ class RosbagLog(SizedLog):
         check_stride(pixel_stride)
         wanted = [Wanted.of(one) for one in ([topic] if isinstance(topic, str) else topic or [])]
         self.time_offset = float(time_offset)
-        notes: list[str] = []
         with open_bag(path) as bag:
             self._damage = bag.damage
             topics = chosen(bag, wanted) if wanted else readable(bag)
             if not topics:
-                raise ValueError(f"{bag.path}: no {SENSOR_NAMES} in it, found {listed(bag.topics)}")
+                raise ValueError(without_sensors(bag.path, bag.topics))
             names = ", ".join(one.name for one in topics)
             if camera is not None and not any(one.type in IMAGES for one in topics):
                 raise WrongOption(f"{path}: camera: {names} has no depth images")
             if len(wanted) > 1 and (mount is not None or sensor_frame is not None):
                 what = "mount" if mount is not None else "sensor_frame"
                 raise WrongOption(f"{path}: {what}: is of one sensor, and there are {len(topics)}: {names}")
-            source = _poses_topic(bag, odometry, poses)
-            survey = Survey(bag, [one.name for one in topics], source)
-            self.clock = survey.clock
-            notes += [_begun_again(stamp) for stamp in self.clock.falls]
-            for seen in survey.seen.values():
-                seen.stamps = [stamp + self.time_offset for stamp in seen.stamps]
+            source = poses_topic(bag, odometry, poses)
             asked = Asked(fixed_frame, source, trajectory, still, mount, sensor_frame, base_frame)
-            if wanted:
-                self._places = _placed_together(bag, survey, topics, asked)
-            else:
-                every = topics
-                topics, self._places = _first_placed(bag, survey, every, asked)
-                wanted = [Wanted(topics[0].name)]
-                left = [one for one in every if one not in topics]
-                if left:
-                    notes.append(f"--topic would take another sensor than {topics[0].name}: {listed(left)}")
+
+            def surveyed(poses: str | None) -> Survey:
+                return Survey(bag, [one.name for one in topics], poses, self.time_offset)
+
+            found = find_places(bag, surveyed, topics, asked, choose=not wanted)
+            survey, self._places = found.survey, found.places
+            self.clock, self._damaged = survey.clock, survey.damaged
+            notes = [_begun_again(stamp) for stamp in self.clock.falls] + found.notes
+            wanted = wanted or [Wanted(one.name) for one in found.topics]
+            left = [one for one in topics if one not in found.topics]
+            if left:
+                notes.append(f"--topic would take another sensor than {found.topics[0].name}: {listed(left)}")
             self.sensors = [
                 Sensor(
                     bag, one, survey, sigma=want.sigma, camera=camera, pixel_stride=pixel_stride,
                 )
-                for one, want in zip(topics, wanted)
+                for one, want in zip(found.topics, wanted)
             ]  # fmt: skip
         first = self._places[self.sensors[0].topic.name]
         self.fixed_frame = first.fixed_frame
@@ -153,9 +122,10 @@ class RosbagLog(SizedLog):
             + (", " if still else f", poses in {self.fixed_frame} from ")
             + first.origin
         )
-        super().__init__(path, dim=self._dimension(path, dim))
+        super().__init__(path, dim=dimension_of(path, self.sensors, self._places, dim))
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
+        self._elsewhere = {one.topic.name: self._unplaced(one, asked) for one in self.sensors}
         self.sweeps, said = understood(path, self.sensors, self._places, self.clock, self.time_offset, deskew)
         self.notes = [*notes, *first.notes, *self._damage, *said]
         self.hint = _clocks(self.sensors[0], survey, self.spans)
@@ -167,10 +137,10 @@ class RosbagLog(SizedLog):
     @property
     def spans(self) -> dict[str, tuple[float, float]]:
         """Of all scans, by the poses' clock, and of the first sensor's poses unless it stands."""
-        stamps = [stamp for sensor in self.sensors for stamp in sensor.seen.stamps]
+        stamps = [stamp for sensor in self.sensors for stamp in sensor.seen.own_stamps]
         spans = {"scans": (min(stamps), max(stamps))} if stamps else {}
         place = self.place
-        first, last = place.tree.span(place.fixed_frame, place.frame)
+        first, last = place.tree.span(place.fixed_frame, place.observer or place.frame)
         return {**spans, "poses": (first, last)} if np.isfinite(first) else spans
 
     @property
@@ -178,44 +148,45 @@ class RosbagLog(SizedLog):
         """How the first sensor's poses are found."""
         return self._places[self.sensors[0].topic.name]
 
-    def _dimension(self, path: str, wanted: int | None) -> int:
-        """2 for lasers that stay in a level plane of their own, whichever side is up."""
-        for sensor in self.sensors:
-            if not sensor.is_planar:
-                if wanted == 2:
-                    raise ValueError(f"{path}: {sensor.topic.type} is 3-D, expected dim=3")
-                return 3
-        if wanted is not None:
-            return wanted
-        return 2 if all(self._is_level(self._places[one.topic.name]) for one in self.sensors) else 3
+    def _unplaced(self, sensor: Sensor, asked: Asked) -> list[str]:
+        """Frames of some of a topic's messages of which nobody says where they are."""
+        place, others = self._places[sensor.topic.name], sensor.seen.frames.keys() - {sensor.seen.frame}
+        if asked.sensor_frame is not None:  # Whatever the messages say.
+            return []
+        known = place.tree.connected(place.fixed_frame) if place.is_own else []
+        return sorted(others - set(known))
 
-    def _is_level(self, place: Placement) -> bool:
-        stamps = place.tree.stamps(place.fixed_frame, place.frame)
-        looked_at = stamps[:: len(stamps) // PLANAR_LOOKS + 1] if len(stamps) else [0.0]
-        tilts, heights = [], []
-        for stamp in looked_at:
-            try:
-                pose = place.tree.pose_at(place.fixed_frame, place.frame, stamp)
-            except NoPose:
-                continue
-            tilts.append(np.arccos(min(abs(pose.rotation[2, 2]), 1.0)))
-            heights.append(pose.position[2])
-        if not heights:
-            return True
-        usual, most = np.percentile(tilts, (50, 95))
-        low, high = np.percentile(heights, (2.5, 97.5))
-        return bool(usual <= PLANAR_TILT and most <= PLANAR_MOST_TILT and high - low <= PLANAR_HEIGHT)
+    def _elsewhere_said(self, sensor: Sensor) -> str:
+        others = self._elsewhere[sensor.topic.name]
+        count = sum(sensor.seen.frames[frame] for frame in others)
+        return (
+            f"{count} of {sensor.topic.messages} messages of {sensor.topic.name} are left out: they are in "
+            f"{', '.join(others) or 'no frame'}, and nothing says where that is"
+        )
 
     def _scans(self) -> Iterator[Scan]:
         by_name = {sensor.topic.name: sensor for sensor in self.sensors}
         del self.notes[self.fixed_note :]
         for damage in self._damage if self.strict else ():
             raise ValueError(f"{damage}, expected a whole bag")
-        endless = 0
+        for error in self._damaged:
+            self._skip("damaged messages", error)
+        self._endless = 0
+        watched = {
+            sensor.topic.name: Standing(sensor.is_planar)
+            for sensor in self.sensors
+            if self._places[sensor.topic.name].stands
+        }
+        try:
+            yield from self._read(by_name, watched)
+        finally:
+            self._note_what_was_seen(watched)
+
+    def _read(self, by_name: dict[str, Sensor], watched: dict[str, Standing]) -> Iterator[Scan]:
         with open_bag(self.path) as bag:
             messages = bag.messages(list(by_name), on_damage=lambda error: self._skip("damaged bags", error))
             if len(by_name) > 1:
-                messages = _in_order(messages, self.clock)
+                messages = in_order(messages, self.clock)
             numbers = dict.fromkeys(by_name, -1)
             for raw in messages:
                 name = raw.connection.topic
@@ -231,67 +202,34 @@ class RosbagLog(SizedLog):
                 except ValueError as error:
                     self._skip("damaged messages", ValueError(f"{where}: {error}"))
                     continue
-                frame = plain(message.header.frame_id) if place.is_own else place.frame
-                stamp = self.clock.time(name, 1e-9 * raw.received, stamp)
+                own = plain(message.header.frame_id)
+                if own in self._elsewhere[name]:
+                    wrong = ValueError(f"{where}: is in {own}, expected {sensor.seen.frame}")
+                    self._leave_out("messages in other frames", wrong, self._elsewhere_said(sensor))
+                    continue
+                frame = own if place.is_own else place.frame
+                stamp = self.clock.time((name, own), 1e-9 * raw.received, stamp)
                 try:
-                    ends, origins = in_map(
-                        place.tree, place.fixed_frame, frame, beams, stamp + self.time_offset
-                    )
+                    ends, origins = place.in_map(frame, beams, stamp + self.time_offset)
                 except NoPose as error:
                     self._leave_out_unposed(NoPose(f"{where}: {error}", error.where, error.seconds))
                     continue
-                except ValueError as error:
-                    self._skip("messages in unknown frames", ValueError(f"{where}: {error}"))
-                    continue
-                endless += beams.endless
+                self._endless += beams.endless
+                if name in watched:
+                    watched[name].add(beams)
                 sigma = None if sensor.sigma is None else np.full(len(ends), sensor.sigma)
                 yield Scan(ends[:, : self.dim], origins[..., : self.dim], beams.returned, stamp, sigma)
-        if endless:
+
+    def _note_what_was_seen(self, watched: dict[str, Standing]) -> None:
+        if self._endless:
             self.notes.append(
-                f"{endless} beams met nothing, but range_max is infinite: they say nothing; with --max-range "
-                "they are free up to there"
+                f"{self._endless} beams met nothing, but range_max is infinite: they say nothing; with "
+                "--max-range they are free up to there"
             )
-
-
-def _placed_together(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked) -> dict[str, Placement]:
-    """Where the sensors are that were asked for, all of them in the frame of the first."""
-    others = {one.name: one.type.rpartition("/")[2] for one in bag.of_type(*POSES)}
-    places: dict[str, Placement] = {}
-    for topic in topics:
-        places[topic.name] = placed(bag.path, survey, topic.name, asked, others)
-        if asked.poses is None and asked.trajectory is None:
-            asked = replace(asked, fixed_frame=places[topic.name].fixed_frame)
-    return places
-
-
-def _first_placed(
-    bag: Bag, survey: Survey, topics: list[Topic], asked: Asked
-) -> tuple[list[Topic], dict[str, Placement]]:
-    """The first sensor of which it is known where it is; the error is that of the first of all."""
-    wrong: ValueError | None = None
-    for topic in topics:
-        try:
-            return [topic], _placed_together(bag, survey, [topic], asked)
-        except ValueError as error:
-            wrong = wrong or error
-    assert wrong is not None
-    raise wrong
-
-
-def _in_order(messages: Iterator[Raw], clock: Clock) -> Iterator[Raw]:
-    """Messages of several sensors in the order of their stamps, as far as they come soon enough."""
-    waiting: list[tuple[float, int, Raw]] = []
-    latest = -np.inf
-    for number, raw in enumerate(messages):
-        head = head_of(raw)
-        received = 1e-9 * raw.received
-        stamp = clock.time(raw.connection.topic, received, head[0] if head is not None else received)
-        latest = max(latest, stamp)
-        heapq.heappush(waiting, (stamp, number, raw))
-        while waiting[0][0] < latest - LATEST:
-            yield heapq.heappop(waiting)[2]
-    while waiting:
-        yield heapq.heappop(waiting)[2]
+        for name, standing in watched.items():
+            warning = standing.warning(name, self._places[name])
+            if warning is not None:
+                self.notes.append(warning)
 
 
 def _begun_again(stamp: float) -> str:
@@ -310,49 +248,3 @@ def _clocks(sensor: Sensor, survey: Survey, spans: dict[str, tuple[float, float]
         "their stamps are of two clocks, which the times of recording bring together by "
         f"--time-offset {apart:.3f}"
     )
-
-
-def _poses_topic(bag: Bag, odometry: str | None, poses: str | None) -> str | None:
-    """The topic with poses that was asked for."""
-    wanted, types = (odometry, (ODOMETRY_TYPE,)) if odometry is not None else (poses, POSES)
-    if wanted is None:
-        return None
-    topic = bag.topic(wanted)
-    if topic is None or topic.type not in types or not topic.messages:
-        what = "Odometry" if odometry is not None else f"poses ({POSE_NAMES})"
-        raise ValueError(f"{bag.path}: no {what} in {wanted}, expected one of {listed(bag.of_type(*types))}")
-    return topic.name
-
-
-def _recognises(source: Source) -> bool:
-    if source.is_folder:
-        return METADATA in source.names or any(name.endswith(ENDINGS) for name in source.names)
-    return source.head.startswith((*MAGICS, METADATA_BEGINS))
-
-
-def _bag_of(source: Source) -> str:
-    """The path of the bag: of its metadata.yaml, the folder."""
-    return os.path.dirname(source.path) or "." if source.head.startswith(METADATA_BEGINS) else source.path
-
-
-def _open(source: Source, *, dim: int | None = None, **options: Any) -> RosbagLog:
-    return RosbagLog(_bag_of(source), dim=dim, **options)
-
-
-def _contents(source: Source) -> dict[str, Any]:
-    with open_bag(_bag_of(source)) as bag:
-        return outline(bag)
-
-
-ROSBAG = Format(
-    "rosbag",
-    "a ROS bag",
-    _recognises,
-    _open,
-    options=(
-        TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
-        TIME_OFFSET, DESKEW, CAMERA, PIXEL_STRIDE,
-    ),
-    stored_as="either",
-    contents=_contents,
-)  # fmt: skip

@@ -117,6 +117,10 @@ class TransformTree:
         """Whether all transforms on the way between connected frames are fixed."""
         return all(edge in self._fixed for edge in self._way(target, source))
 
+    def stands(self, target: str, source: str) -> bool:
+        """Whether the pose between connected frames is the same at all times at which it is known."""
+        return all(edge in self._fixed or self._is_constant(edge) for edge in self._way(target, source))
+
     def span(self, target: str, source: str) -> tuple[float, float]:
         """First and last time [s] at which the pose between connected frames is known; may be infinite."""
         first, last = -np.inf, np.inf
@@ -130,11 +134,9 @@ class TransformTree:
         """Take transforms between frames that never changed for fixed; which, as "a to b"."""
         fixed = []
         for edge in self._way(target, source):
-            if edge in self._fixed or edge not in self._rows:
-                continue
-            values = np.array(self._rows[edge])[:, 1:]
-            if np.ptp(values, axis=0).max() <= SAME:
-                self._fixed[edge] = Pose.from_quaternion(values[0, :3], values[0, 3:])
+            if edge not in self._fixed and self._is_constant(edge):
+                poses = self._trajectory(edge)
+                self._fixed[edge] = Pose.from_quaternion(poses.positions[0], poses.quaternions[0])
                 fixed.append(f"{edge[0]} to {edge[1]}")
         return fixed
 
@@ -156,6 +158,19 @@ class TransformTree:
         """Sorted names of all frames."""
         return sorted({frame for edge in self._edges() for frame in edge})
 
+    def below(self, frame: str) -> list[str]:
+        """Children of a frame, their children, and so on; the uppermost first."""
+        edges = self._edges()
+        found: list[str] = []
+        waiting = deque([plain(frame)])
+        while waiting:
+            at = waiting.popleft()
+            for child in sorted(child for parent, child in edges if parent == at):
+                if child not in found and child != plain(frame):
+                    found.append(child)
+                    waiting.append(child)
+        return found
+
     def lines(self) -> list[str]:
         """The frames as trees, a line each, indented; moving ones say so."""
         children: dict[str, list[str]] = {}
@@ -165,7 +180,8 @@ class TransformTree:
         seen: set[str] = set()
 
         def walk(frame: str, parent: str | None, depth: int) -> None:
-            moves = parent is not None and (parent, frame) not in self._fixed
+            edge = (parent or "", frame)
+            moves = parent is not None and edge not in self._fixed and not self._is_constant(edge)
             lines.append("  " * depth + frame + (" (moves)" if moves else ""))
             if frame not in seen:
                 seen.add(frame)
@@ -179,6 +195,12 @@ class TransformTree:
             if frame not in seen:
                 walk(frame, None, 0)
         return lines
+
+    def _is_constant(self, edge: tuple[str, str]) -> bool:
+        poses = self._trajectory(edge)
+        return bool(
+            max(np.ptp(poses.positions, axis=0).max(), np.ptp(poses.quaternions, axis=0).max()) <= SAME
+        )
 
     def _edges(self) -> list[tuple[str, str]]:
         return list(dict.fromkeys((*self._fixed, *self._rows, *self._moving)))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import heapq
 import os
 import re
+import shutil
 import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
@@ -239,25 +240,44 @@ def _natural(name: str) -> list[Any]:
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
 
 
-def _opened(path: str, stack: ExitStack) -> Storage:
+def _opened(name: str, stack: ExitStack) -> Storage:
     """One file, by its first bytes; what is packed as a whole is unpacked into a temporary one."""
-    if not os.path.isfile(path):  # A pipe would wait for somebody to write.
-        raise ValueError(f"{path}: is no regular file, expected one of a ROS bag")
-    with open(path, "rb") as file:
-        head = file.read(16)
+    if not os.path.isfile(name):  # A pipe would wait for somebody to write.
+        raise ValueError(f"{name}: is no regular file, expected one of a ROS bag")
+    path, head = name, _head(name)
     if head.startswith(ZSTD_MAGIC):
-        path = _unpacked_file(path, stack)
-        with open(path, "rb") as file:
-            head = file.read(16)
+        path = _unpacked_file(name, stack)
+        head = _head(path)
+        if not head:
+            raise ValueError(f"{name}: cannot be unpacked (cut off), expected a whole file")
+    elif head.startswith(sqlite_file.MAGIC) and _has_content(name + sqlite_file.WAL):
+        path = _with_wal(name, stack)
     if head.startswith(ros1_file.MAGIC):
-        return ros1_file.Ros1File(path)
+        return ros1_file.Ros1File(path, name)
     if head.startswith(mcap_file.MAGIC):
-        return mcap_file.McapFile(path)
+        return mcap_file.McapFile(path, name)
     if head.startswith(sqlite_file.MAGIC):
-        return sqlite_file.SqliteFile(path)
-    raise ValueError(
-        f"{path}: begins with {head[:12]!r}, expected a ROS bag: a .bag of version 2.0, .mcap or .db3"
-    )
+        return sqlite_file.SqliteFile(path, name)
+    found = f"begins with {head[:12]!r}" if head else "is empty"
+    raise ValueError(f"{name}: {found}, expected a ROS bag: a .bag of version 2.0, .mcap or .db3")
+
+
+def _head(path: str) -> bytes:
+    with open(path, "rb") as file:
+        return file.read(16)
+
+
+def _has_content(path: str) -> bool:
+    return os.path.isfile(path) and os.path.getsize(path) > 0
+
+
+def _with_wal(path: str, stack: ExitStack) -> str:
+    """A copy of a database that was never closed: SQLite completes it from what was written beside it."""
+    folder = stack.enter_context(tempfile.TemporaryDirectory())
+    target = os.path.join(folder, os.path.basename(path))
+    for ending in ("", sqlite_file.WAL):
+        shutil.copyfile(path + ending, target + ending)
+    return target
 
 
 def _unpacked_file(path: str, stack: ExitStack) -> str:

@@ -24,11 +24,14 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 
+#: Say of each point where it is.
+CLOUDS = (POINT_CLOUD, *LIVOX)
 #: Measure in one plane.
 PLANAR = (LASER, MULTI_ECHO_LASER, RANGE)
 IMAGES = (IMAGE, COMPRESSED_IMAGE)
 #: The best first: of several sensors in a bag one of an earlier type is read.
 SENSORS = (LASER, MULTI_ECHO_LASER, POINT_CLOUD, *LIVOX, IMAGE, COMPRESSED_IMAGE, RANGE)
+SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2, Livox CustomMsg, depth Image or Range"
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,10 @@ def range_beams(message: Any, no_return_range: float | None = None) -> Beams:
 
 def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_range: float | None) -> Beams:
     n = len(ranges)
-    ways = _directions(float(message.angle_min), float(message.angle_increment), n)
+    step = float(message.angle_increment)
+    if n > 1 and not (math.isfinite(step) and step != 0):
+        raise ValueError(f"angle_increment = {step:g} rad of {n} ranges: must be finite and not 0")
+    ways = _directions(float(message.angle_min), step, n)
     limits = (float(message.range_min), float(message.range_max))
     beams = _measured(ranges, limits, ways, _times(message, n), no_return_range)
     return replace(beams, is_guess=beams.times is not None and float(message.time_increment) == 0)

@@ -22,7 +22,7 @@ class McapFile(FileStorage):
         If nothing in it can be read.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, name: str) -> None:
         try:
             from mcap import reader, records, stream_reader
         except ImportError as error:
@@ -30,11 +30,11 @@ class McapFile(FileStorage):
                 f"MCAP files need mcap ({error}); install it with: pip install 'ndtree-mapping[ros]'"
             ) from None
         self._reader, self._records, self._stream = reader, records, stream_reader
-        super().__init__(path)
+        super().__init__(path, name)
 
     def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
         wanted = self._wanted(ids, heads)
-        rows = self._in_order(wanted) if self.damage is None else self._as_found()
+        rows = self._in_order(wanted) if self._is_indexed else self._as_found()
         while True:
             try:
                 message = next(rows, None)
@@ -52,7 +52,10 @@ class McapFile(FileStorage):
             summary = self._reader.make_reader(self._file).get_summary()
         except Exception:  # As above.
             summary = None
+        self._is_indexed = False
         if summary is not None and summary.statistics is not None and summary.channels:
+            # Without chunks the library would sort all messages in memory: they are taken as they come.
+            self._is_indexed = bool(summary.chunk_indexes)
             for channel in summary.channels.values():
                 self._add(channel, summary.schemas.get(channel.schema_id))
             known = summary.statistics

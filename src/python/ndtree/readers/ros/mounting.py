@@ -175,7 +175,7 @@ def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:
     numbers: list[NDArray[np.int64]] = []
     known = 0
     with open_bag(log.path) as bag:
-        for number, raw in enumerate(bag.messages([sensor.topic.name], on_damage=lambda error: None)):
+        for number, raw in enumerate(sensor.own_messages(bag)):
             if number % step:
                 continue
             try:
@@ -188,7 +188,10 @@ def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:
             points.append(np.asarray(beams.points, dtype=np.float64)[::stride])
             times = np.zeros(len(points[-1])) if beams.times is None else beams.times[::stride]
             steps, which = np.unique(np.round(times / TIME_STEP), return_inverse=True)
-            begin = log.clock.time(sensor.topic.name, 1e-9 * raw.received, stamp) + log.time_offset
+            begin = (
+                log.clock.time((sensor.topic.name, sensor.seen.frame), 1e-9 * raw.received, stamp)
+                + log.time_offset
+            )
             stamps.append(begin + TIME_STEP * steps)
             numbers.append(known + which)
             known += len(steps)

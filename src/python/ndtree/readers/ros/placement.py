@@ -3,26 +3,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ndtree.readers.ros.advice import HOW_TO_MOUNT, listed, standing, unconnected
+from ndtree.readers.ros.bag import Topic
+from ndtree.readers.ros.beams import CLOUDS, Beams, Floats
+from ndtree.readers.ros.deskew import in_map
 from ndtree.readers.ros.mount import mount_of
+from ndtree.readers.ros.registered import USUAL, bases_in, observer_of
 from ndtree.readers.ros.survey import PoseRow, Survey, share_within
 from ndtree.readers.trajectory import STAMP_TOLERANCE
 from ndtree.readers.trajectory_files import read_trajectory
 from ndtree.readers.transforms import TransformTree, plain
 
-USUAL = ("map", "odom", "world")
-_BASES = ("base_link", "base_footprint", "base")
+#: Where poses come from of a sensor that has but one.
+STILL = "standing still"
 _TRAJECTORY_FRAME = "the trajectory's frame"
 _BODY = "the body"
 #: A frame that has poses for this share of the scans is good enough.
 ENOUGH = 0.5
-HOW_TO_MOUNT = (
-    "--mount X,Y,Z,ROLL,PITCH,YAW (metres, and radians or degrees as in 90deg; "
-    "ndtree calibrate --find-mount finds it)"
-)
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,8 @@ class Placement:
         Where the poses come from, for reports.
     notes : tuple of str
         What was taken for granted.
+    observer : str or None
+        The frame that beams come from, where `frame` is a fixed one into which points were moved already.
     """
 
     tree: TransformTree
@@ -63,9 +66,23 @@ class Placement:
     is_own: bool
     origin: str
     notes: tuple[str, ...] = ()
+    observer: str | None = None
+
+    @property
+    def stands(self) -> bool:
+        """Whether the sensor has one pose for all times."""
+        return self.observer is None and self.tree.stands(self.fixed_frame, self.frame)
+
+    def in_map(self, frame: str, beams: Beams, stamp: float) -> tuple[Floats, Floats]:
+        """As `ndtree.readers.ros.deskew.in_map`, of a message in a frame."""
+        if self.observer is None:
+            return in_map(self.tree, self.fixed_frame, frame, beams, stamp)
+        # Whoever moved the points into a fixed frame knew when each was measured.
+        ends, _ = in_map(self.tree, self.fixed_frame, frame, replace(beams, times=None), stamp)
+        return ends, self.tree.pose_at(self.fixed_frame, self.observer, stamp).position
 
 
-def placed(path: str, survey: Survey, topic: str, asked: Asked, others: dict[str, str]) -> Placement:
+def placed(path: str, survey: Survey, topic: Topic, asked: Asked, others: dict[str, str]) -> Placement:
     """Find the way from a topic's sensor to the map.
 
     Parameters
@@ -74,7 +91,7 @@ def placed(path: str, survey: Survey, topic: str, asked: Asked, others: dict[str
         The bag, for errors.
     survey : Survey
         With the stamps of the topic.
-    topic : str
+    topic : Topic
     asked : Asked
     others : dict of str to str
         Topics with poses that the bag has and their types, for errors.
@@ -84,13 +101,16 @@ def placed(path: str, survey: Survey, topic: str, asked: Asked, others: dict[str
     ValueError
         If there is none: which frames there are, and what to say.
     """
-    own = survey.seen[topic].frame
+    own = survey.seen[topic.name].frame
     frame = plain(asked.sensor_frame) if asked.sensor_frame is not None else own
     if asked.still:
-        return _still(path, survey, topic, frame, asked)
+        return _still(path, survey, topic.name, frame, asked)
+    may_be_registered = topic.type in CLOUDS and asked.mount is None and asked.sensor_frame is None
+    if may_be_registered and any(row.parent == frame != row.child for row in survey.poses[:1]):
+        return _registered(path, survey, topic.name, frame, asked)
     if asked.trajectory is not None or asked.poses is not None:
-        return _by_poses(path, survey, topic, frame, asked)
-    return _by_transforms(path, survey, topic, frame, asked, others)
+        return _by_poses(path, survey, topic.name, frame, asked)
+    return _by_transforms(path, survey, topic.name, frame, asked, others, may_be_registered)
 
 
 def _still(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
@@ -98,7 +118,7 @@ def _still(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> P
     if asked.mount is not None:
         base = plain(asked.base_frame or _BODY)
         tree.add_fixed(base, _mounted(frame), mount_of(asked.mount))
-        return Placement(tree, base, _mounted(frame), False, "standing still")
+        return Placement(tree, base, _mounted(frame), False, STILL)
     connected = tree.connected(frame)
     wanted = asked.fixed_frame or asked.base_frame
     if wanted is not None and plain(wanted) not in connected:
@@ -107,7 +127,23 @@ def _still(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> P
         )
     roots = tree.roots(frame, fixed=True)
     fixed = plain(wanted) if wanted is not None else (roots[0] if roots else frame)
-    return Placement(tree, fixed, frame, False, "standing still")
+    return Placement(tree, fixed, frame, asked.sensor_frame is None, STILL)
+
+
+def _registered(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
+    """Points that are in the frame in which the poses of a topic are."""
+    assert asked.poses is not None
+    tree = TransformTree()
+    body = survey.poses[0].child or _BODY
+    fixed = _add_poses(path, tree, survey.poses, body, asked.poses)
+    return Placement(tree, fixed, frame, False, asked.poses, (_said(topic, frame, body),), body)
+
+
+def _said(topic: str, frame: str, observer: str) -> str:
+    return (
+        f"the points of {topic} are in the fixed frame {frame}: their beams are taken to come from "
+        f"{observer}, as by --base-frame"
+    )
 
 
 def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -> Placement:
@@ -139,9 +175,9 @@ def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -
         raise ValueError(
             f"{path}: no transform between {frame}, the frame of {topic}, and {body}, of which {origin} has "
             f"the poses; say where the sensor is on it: {HOW_TO_MOUNT}; or give --sensor-frame or "
-            f"--base-frame as one of {_listed([one for one in tree.connected(fixed) if one != fixed])}"
+            f"--base-frame as one of {listed([one for one in tree.connected(fixed) if one != fixed])}"
         )
-    if body == frame and asked.poses is not None and asked.mount is None:
+    if body == frame != child and asked.poses is not None and asked.mount is None:
         notes.append(
             f"{origin} is taken for the poses of the sensor itself; where it is on its body: {HOW_TO_MOUNT}"
         )
@@ -170,7 +206,13 @@ def _add_poses(path: str, tree: TransformTree, rows: list[PoseRow], body: str, t
 
 
 def _by_transforms(
-    path: str, survey: Survey, topic: str, frame: str, asked: Asked, others: dict[str, str]
+    path: str,
+    survey: Survey,
+    topic: str,
+    frame: str,
+    asked: Asked,
+    others: dict[str, str],
+    may_be_registered: bool,
 ) -> Placement:
     tree, sensor = survey.tree_of(topic, frame), frame
     if asked.mount is not None and tree.frames():
@@ -179,18 +221,34 @@ def _by_transforms(
         tree.add_fixed(base, sensor, mount_of(asked.mount))
     connected = tree.connected(sensor)
     if len(connected) == 1:
-        raise ValueError(_unconnected(path, tree, topic, frame, others))
-    stamps = np.array(survey.seen[topic].stamps)
-    fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps)
+        raise ValueError(unconnected(path, tree, topic, frame, others))
+    stamps = np.array(survey.seen[topic].own_stamps)
     notes: tuple[str, ...] = ()
+    observer = observer_of(tree, frame, asked.base_frame) if may_be_registered else None
+    if asked.base_frame is not None and asked.mount is None and plain(asked.base_frame) != observer:
+        below = "" if observer is None else f", or it as one of {listed(tree.below(frame))}"
+        raise ValueError(
+            f"{path}: base_frame = {asked.base_frame}: nothing is said of it, expected a mount on it, or "
+            f"poses of it{below}"
+        )
+    if observer is not None:
+        fixed = _fixed_frame(path, tree, observer, asked.fixed_frame, stamps, others)
+        return Placement(tree, fixed, frame, False, "/tf", (_said(topic, frame, observer),), observer)
+    fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps, others)
     if _share_known(tree, fixed, sensor, stamps) < ENOUGH:
         # Transforms that were said only once in a while, though nothing moves in them.
         constant = tree.fix_constant(fixed, sensor)
         if constant:
             which = ", ".join(constant)
             notes = (f"/tf says little of {which}, but never changes it: it is taken for fixed",)
-            fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps)
+            fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps, others)
     is_own = asked.mount is None and asked.sensor_frame is None
+    if asked.fixed_frame is None and fixed in USUAL:
+        for better in USUAL[: USUAL.index(fixed)]:
+            if better in connected:
+                share = _share_known(tree, better, sensor, stamps)
+                say = f"{better} is known for {100 * share:.0f} % of the scans: --fixed-frame {better}"
+                notes = (*notes, f"{say} takes those alone, and {fixed} is taken, which drifts")
     return Placement(tree, fixed, sensor, is_own, "/tf", notes)
 
 
@@ -200,16 +258,22 @@ def _base(path: str, tree: TransformTree, asked: Asked) -> str:
     if asked.base_frame is not None:
         if plain(asked.base_frame) not in frames:
             raise ValueError(
-                f"{path}: base_frame = {asked.base_frame}: not in /tf, expected one of {_listed(frames)}"
+                f"{path}: base_frame = {asked.base_frame}: not in /tf, expected one of {listed(frames)}"
             )
         return plain(asked.base_frame)
-    for usual in _BASES:
-        if usual in frames:
-            return usual
-    raise ValueError(f"{path}: mount: on which frame? Expected --base-frame as one of {_listed(frames)}")
+    for base in bases_in(frames):
+        return base
+    raise ValueError(f"{path}: mount: on which frame? Expected --base-frame as one of {listed(frames)}")
 
 
-def _fixed_frame(path: str, tree: TransformTree, sensor: str, wanted: str | None, stamps: np.ndarray) -> str:
+def _fixed_frame(
+    path: str,
+    tree: TransformTree,
+    sensor: str,
+    wanted: str | None,
+    stamps: np.ndarray,
+    others: dict[str, str],
+) -> str:
     """The frame of the map: as asked for; else the first that has poses for half of the scans, or the most.
 
     Candidates are the usual ones, then the roots of the tree to which the sensor moves.
@@ -219,7 +283,7 @@ def _fixed_frame(path: str, tree: TransformTree, sensor: str, wanted: str | None
         if plain(wanted) not in connected:
             raise ValueError(
                 f"{path}: no transform between {sensor} and {wanted}, "
-                f"expected fixed_frame as one of {_listed(connected)}"
+                f"expected fixed_frame as one of {listed(connected)}"
             )
         return plain(wanted)
     candidates = [usual for usual in USUAL if usual in connected]
@@ -232,10 +296,7 @@ def _fixed_frame(path: str, tree: TransformTree, sensor: str, wanted: str | None
         if share > most:
             best, most = candidate, share
     if best is None:
-        raise ValueError(
-            f"{path}: {sensor} is connected with none of {', '.join(USUAL)} and with no frame that it moves "
-            f"in, expected fixed_frame as one of {_listed(connected)}, or --still"
-        )
+        raise ValueError(standing(path, sensor, connected, USUAL, others))
     return best
 
 
@@ -245,32 +306,6 @@ def _share_known(tree: TransformTree, fixed: str, sensor: str, stamps: np.ndarra
     return share_within(stamps, (first - STAMP_TOLERANCE, last + STAMP_TOLERANCE))
 
 
-def _unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
-    """The error of a sensor whose frame hangs nowhere: what there is, and what to say."""
-    frames = tree.frames()
-    say = [f"{'--odometry' if type == 'Odometry' else '--poses'} {name}" for name, type in others.items()]
-    if not frames:
-        begin = f"{path}: no transform to {frame}, the frame of {topic}: there is no /tf"
-        if not say:
-            return (
-                f"{begin}, nor any other poses, expected --trajectory FILE, or --still if the sensor stands"
-            )
-        return (
-            f"{begin}, expected poses from {' or '.join(say)}, with {HOW_TO_MOUNT} where the sensor is not "
-            "in their place; or --trajectory FILE, or --still if the sensor stands"
-        )
-    base = next((one for one in _BASES if one in frames), "FRAME")
-    return (
-        f"{path}: no transform to {frame}, the frame of {topic}, in /tf or /tf_static, whose frames are "
-        f"{_listed(frames)}; say where the sensor is: --base-frame {base} {HOW_TO_MOUNT}; or --sensor-frame "
-        "as one of these frames, if the sensor is there"
-    )
-
-
 def _mounted(frame: str) -> str:
     """A frame of its own for a sensor whose place was given by hand, whatever /tf says of it."""
     return f"{frame} as mounted"
-
-
-def _listed(frames: list[str]) -> str:
-    return ", ".join(frames[:24] + ["..."] * (len(frames) > 24))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,17 +20,18 @@ from ndtree.readers.ros.beams import (
     PLANAR,
     POINT_CLOUD,
     RANGE,
+    SENSOR_NAMES,
     SENSORS,
     Beams,
     short,
 )
 from ndtree.readers.ros.cloud import cloud_beams
+from ndtree.readers.ros.head import head_of
 from ndtree.readers.ros.laser import laser_beams, multi_echo_beams, range_beams
+from ndtree.readers.ros.storage import Raw
 from ndtree.readers.ros.survey import Survey
 from ndtree.readers.source import WrongOption
 from ndtree.readers.transforms import plain
-
-SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2, Livox CustomMsg, depth Image or Range"
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,14 @@ class Sensor:
     @property
     def description(self) -> str:
         """For reports."""
-        return f"{self.topic.name} ({short(self.topic.type)} in {self.seen.frame})"
+        return f"{self.topic.name} ({short(self.topic.type)} in {self.seen.frame or 'no frame'})"
+
+    def own_messages(self, bag: Bag) -> Iterator[Raw]:
+        """Those that are not another sensor's in the same topic, up to where the bag is damaged."""
+        for raw in bag.messages([self.topic.name], on_damage=lambda error: None):
+            head = head_of(raw)
+            if head is not None and head[1] == self.seen.frame:
+                yield raw
 
     def beams(self, message: Any, stamp: float, no_return_range: float | None = None) -> Beams:
         """What a message measured; ValueError if it contradicts itself.
@@ -177,17 +186,24 @@ def _cameras(
     frame = plain(first.header.frame_id)
     size = image.size_of(first)
     by_topic: dict[str, tuple[list[float], list[Camera]]] = {}
+    wrong = ""
     for name, infos in survey.infos.items():
         for stamp, message in infos:
             is_alike = (message.width, message.height) == size
             if is_alike and (image.is_beside(name, topic) or plain(message.header.frame_id) == frame):
+                try:
+                    camera = image.camera_of_info(message, scale)
+                except ValueError as error:  # As of cameras that nobody has calibrated.
+                    wrong = f"; of {name}: {error}"
+                    continue
                 stamps, cameras = by_topic.setdefault(name, ([], []))
                 stamps.append(stamp)
-                cameras.append(image.camera_of_info(message, scale))
+                cameras.append(camera)
     if not by_topic:
+        found = ", ".join(survey.infos) or "none"
         raise ValueError(
             f"{bag.path}: no CameraInfo of {size[0]} x {size[1]} pixels beside {topic} or in frame "
-            f"{frame}, expected one, or camera as fx,fy,cx,cy; found {', '.join(survey.infos) or 'none'}"
+            f"{frame}, expected one, or --camera fx,fy,cx,cy; found {found}{wrong}"
         )
     best = min(by_topic, key=lambda name: (not image.is_beside(name, topic), name))
     return best, (np.array(by_topic[best][0]), by_topic[best][1])

@@ -10,6 +10,8 @@ from urllib.parse import quote
 from ndtree.readers.ros.storage import HEAD_BYTES, Connection, OnDamage, Raw, Storage, line_of
 
 MAGIC = b"SQLite format 3\0"
+#: Ending of the file beside a database with what was written to it last.
+WAL = "-wal"
 #: Rows that damage has not emptied.
 _WHOLE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 
@@ -23,9 +25,10 @@ class SqliteFile(Storage):
         If the database has no messages and topics, or is too damaged to say which.
     """
 
-    def __init__(self, path: str) -> None:
-        super().__init__(path)
-        self._base = sqlite3.connect(f"file:{quote(path)}?immutable=1", uri=True)
+    def __init__(self, path: str, name: str) -> None:
+        super().__init__(name)
+        how = "mode=rw" if path != name else "immutable=1"  # A copy may be changed.
+        self._base = sqlite3.connect(f"file:{quote(path)}?{how}", uri=True)
         try:
             definitions = self._definitions()
             for id, topic, type, encoding in self._base.execute(

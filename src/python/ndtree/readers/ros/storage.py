@@ -57,6 +57,8 @@ class Storage(ABC):
 
     Attributes
     ----------
+    path : str
+        How errors call it: where a file that was unpacked came from.
     connections : list of Connection
     counts : dict of int to int
         Messages of each connection.
@@ -66,8 +68,8 @@ class Storage(ABC):
         Why the file was read without its index, and what is missing then.
     """
 
-    def __init__(self, path: str) -> None:
-        self.path = path
+    def __init__(self, name: str) -> None:
+        self.path = name
         self.connections: list[Connection] = []
         self.counts: dict[int, int] = {}
         self.span: tuple[int, int] | None = None
@@ -103,8 +105,8 @@ class Storage(ABC):
 class FileStorage(Storage):
     """One that is read through a file object, which `_open` finds at its beginning."""
 
-    def __init__(self, path: str) -> None:
-        super().__init__(path)
+    def __init__(self, path: str, name: str) -> None:
+        super().__init__(name)
         self._file: IO[bytes] = open(path, "rb")
         self._size = os.fstat(self._file.fileno()).st_size  # No record is longer.
         try:

@@ -48,23 +48,34 @@ class Seen:
         How long after its stamp each was recorded [s].
     frames : dict of str to int
         And in how many messages they are.
+    each : list of str
+        The frame of each message.
+    placed : list of str
+        Frames that are connected with others by transforms.
     """
 
     stamps: list[float] = field(default_factory=list)
     lags: list[float] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=dict)
+    each: list[str] = field(default_factory=list)
+    placed: list[str] = field(default_factory=list)
 
     @property
     def frame(self) -> str:
-        """The frame of most messages."""
-        return max(self.frames, key=lambda frame: self.frames[frame], default="")
+        """The frame of most messages; of those that hang in the tree of transforms, if some do."""
+        return max(self.placed or self.frames, key=lambda frame: self.frames[frame], default="")
+
+    @property
+    def own_stamps(self) -> list[float]:
+        """Those of messages in the frame of most: of another sensor's in the topic the clock may differ."""
+        most = self.frame
+        return [stamp for stamp, frame in zip(self.stamps, self.each) if frame == most]
 
     @property
     def interval(self) -> float:
         """The usual time from message to message [s]; 0 where there are not two."""
-        if len(self.stamps) < 2:
-            return 0.0
-        return float(np.median(np.abs(np.diff(self.stamps))))
+        stamps = self.own_stamps
+        return float(np.median(np.abs(np.diff(stamps)))) if len(stamps) > 1 else 0.0
 
 
 @dataclass(frozen=True)
@@ -90,6 +101,8 @@ class Survey:
         Topics of which stamps and frames are wanted.
     poses : str, optional
         Topic with poses, of one of `POSES`.
+    offset : float
+        Added to the stamps of the sensors [s].
 
     Attributes
     ----------
@@ -102,14 +115,22 @@ class Survey:
     infos : dict of str to list of (float, message)
         CameraInfo with its stamps [s], by topic.
     clock : Clock
-        Of sensors by topic, of poses by "poses".
+        Of sensors by topic and frame, of poses by "poses".
+    damaged : list of ValueError
+        One for each message that was needed and is not whole.
+    ends : list of ValueError
+        Why what follows in a file could not be read.
     """
 
-    def __init__(self, bag: Bag, sensors: Collection[str], poses: str | None = None) -> None:
+    def __init__(
+        self, bag: Bag, sensors: Collection[str], poses: str | None = None, offset: float = 0.0
+    ) -> None:
         self.seen: dict[str, Seen] = {name: Seen() for name in sensors}
         self.poses: list[PoseRow] = []
         self.lags: list[float] = []
         self.infos: dict[str, list[tuple[float, Any]]] = {}
+        self.damaged: list[ValueError] = []
+        self.ends: list[ValueError] = []
         self._fixed: list[tuple[str, str, str, Pose]] = []
         self._moving: dict[_Edge, list[_Row]] = {}
         heads: dict[str, list[tuple[float, float, str]]] = {name: [] for name in sensors}
@@ -118,29 +139,37 @@ class Survey:
         whole = {topic.name for topic in bag.of_type(*TF, CAMERA_INFO)}
         if poses is not None:
             whole.add(poses)
-        for raw in bag.messages(whole, heads=self.seen, on_damage=lambda error: None):
+        for raw in bag.messages(whole, heads=self.seen, on_damage=self.ends.append):
             topic, type, received = raw.connection.topic, raw.connection.type, 1e-9 * raw.received
             if topic in self.seen and topic not in whole:
                 head = head_of(raw)
                 if head is not None:
                     heads[topic].append((received, *head))
-            elif topic == poses:
-                pose_rows += [(received, row) for row in _poses_in(bag.named(raw), raw.received)]
+                continue
+            try:
+                message = bag.named(raw)
+            except ValueError as error:
+                self.damaged.append(error)
+                continue
+            if topic == poses:
+                pose_rows += [(received, row) for row in _poses_in(message, raw.received)]
             elif type in TF:
-                self._note_transforms(topic, bag.named(raw), raw.received)
+                self._note_transforms(topic, message, raw.received)
             elif type == CAMERA_INFO:
-                infos.append((topic, received, bag.named(raw)))
-        streams: dict[Hashable, list[tuple[float, float]]] = {
-            name: [(received, stamp) for received, stamp, _ in ones] for name, ones in heads.items()
-        }
+                infos.append((topic, received, message))
+        streams: dict[Hashable, list[tuple[float, float]]] = {}
+        for name, ones in heads.items():
+            for received, stamp, frame in ones:
+                streams.setdefault((name, frame), []).append((received, stamp))
         streams.update({edge: [row[:2] for row in rows] for edge, rows in self._moving.items()})
         streams[POSES_STREAM] = [(received, row.stamp) for received, row in pose_rows]
         self.clock = Clock(streams)
         for topic, ones in heads.items():
             for received, stamp, frame in ones:
-                self.seen[topic].stamps.append(self.clock.time(topic, received, stamp))
+                self.seen[topic].stamps.append(self.clock.time((topic, frame), received, stamp) + offset)
                 self.seen[topic].lags.append(received - stamp)
                 self.seen[topic].frames[frame] = self.seen[topic].frames.get(frame, 0) + 1
+                self.seen[topic].each.append(frame)
         for received, row in pose_rows:
             self.lags.append(received - row.stamp)
             self.poses.append(replace(row, stamp=self.clock.time(POSES_STREAM, received, row.stamp)))
@@ -150,6 +179,8 @@ class Survey:
             stamp = self.clock.time(topic, received, stamp_of(message, round(1e9 * received)))
             self.infos.setdefault(topic, []).append((stamp, message))
         self.tree = self._tree(None)
+        for seen in self.seen.values():
+            seen.placed = [frame for frame in seen.frames if len(self.tree.connected(frame)) > 1]
 
     def tree_of(self, topic: str, frame: str) -> TransformTree:
         """The transforms that concern a topic.

@@ -33,8 +33,12 @@ def understood(
     lines: list[str] = []
     for sensor in sensors:
         name = sensor.topic.name
+        place = places[name]
         sweeps[name] = AS_SAID if deskew else OFF
         if not deskew or sensor.topic.type in IMAGES:
+            continue
+        if place.stands or place.observer is not None:  # It does not matter when a beam was measured.
+            sweeps[name] = OFF
             continue
         with open_bag(path) as bag:
             lasts, is_guess = _duration(bag, sensor)
@@ -49,8 +53,7 @@ def understood(
                     f"{sensor.seen.interval:.3f} s: their times are not used"
                 )
                 continue
-            place = places[name]
-            stamps = np.array(sensor.seen.stamps)
+            stamps = np.array(sensor.seen.own_stamps)
             starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
             groups = _groups(bag, sensor, starts, clock, time_offset)
         if groups:
@@ -84,7 +87,7 @@ def _groups(
         return []
     groups: dict[int, list[tuple[Beams, float]]] = {start: [] for start in starts}
     wanted = {start + i: start for start in starts for i in range(GROUP)}
-    for number, raw in enumerate(bag.messages([sensor.topic.name], on_damage=lambda error: None)):
+    for number, raw in enumerate(sensor.own_messages(bag)):
         if number > starts[-1] + GROUP:
             break
         if number in wanted:
@@ -94,6 +97,6 @@ def _groups(
                 beams = sensor.beams(message, stamp)
             except ValueError:
                 continue
-            at = clock.time(sensor.topic.name, 1e-9 * raw.received, stamp) + time_offset
+            at = clock.time((sensor.topic.name, sensor.seen.frame), 1e-9 * raw.received, stamp) + time_offset
             groups[wanted[number]].append((beams, at))
     return [group for group in groups.values() if len(group) > 1]
