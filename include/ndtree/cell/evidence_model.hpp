@@ -292,7 +292,11 @@ class EvidenceModel {
     const auto share = [share_divisor](std::int64_t whole) {
       return (whole + share_divisor - 1) / share_divisor;
     };
-    assign(part, share(cell.occupied_evidence()), share(cell.free_evidence()));
+    std::int64_t occupied = share(cell.occupied_evidence());
+    std::int64_t free = share(cell.free_evidence());
+    if (occupied == free && cell.occupied_evidence() != cell.free_evidence())  // The state stays.
+      ++(cell.occupied_evidence() > cell.free_evidence() ? occupied : free);
+    assign(part, occupied, free);
     set_counts(part, static_cast<std::uint32_t>(share(cell.hits())),
                static_cast<std::uint32_t>(share(cell.misses())));
     return part;

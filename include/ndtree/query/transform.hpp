@@ -121,13 +121,18 @@ class Transforming {
     }
   };
   [[nodiscard]] Cell cell_of(const Sum& sum, int samples) const {
-    const auto mean = [samples](double of_all) { return std::llround(of_all / samples); };
+    const auto mean = [samples](double of_all) {  // Rounded up: what was seen is not forgotten.
+      return static_cast<std::int64_t>(std::ceil(of_all / samples - 1e-9));
+    };
     const auto count = [&](double of_all) {
       return static_cast<std::uint32_t>(std::min<std::int64_t>(mean(of_all), 0xffffff));
     };
     Cell cell;
     if constexpr (std::is_same_v<Cell, EvidenceCell>) {
-      refinement_.model.assign(cell, mean(sum.occupied), mean(sum.free));
+      std::int64_t occupied = mean(sum.occupied);
+      std::int64_t free = mean(sum.free);
+      if (occupied == free && sum.occupied != sum.free) ++(sum.occupied > sum.free ? occupied : free);
+      refinement_.model.assign(cell, occupied, free);
       cell.set_counts(cell.occupied_evidence() > 0 ? count(sum.hits) : 0, count(sum.misses));
     } else {
       cell.set_counts(count(sum.hits), count(sum.misses));
