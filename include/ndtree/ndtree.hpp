@@ -17,6 +17,7 @@
 #include "ndtree/query/distance_field.hpp"
 #include "ndtree/query/frontiers.hpp"
 #include "ndtree/query/nearest.hpp"
+#include "ndtree/query/nearest_boxes.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
 #include "ndtree/query/region.hpp"

@@ -54,8 +54,22 @@ class BoxTree {
     if (!empty()) descend(0, region, visit);
   }
 
+  /// Whether some box is at most so far from a region [m].
+  [[nodiscard]] bool any_within(const Box<D>& region, double distance) const {
+    return !empty() && any_within(0, region, distance * distance);
+  }
+
  private:
   static constexpr std::uint32_t kLeafSize = 4;
+
+  [[nodiscard]] bool any_within(std::uint32_t id, const Box<D>& region, double squared) const {
+    const Node& node = nodes_[id];
+    if (region.squared_distance(node.bounds) > squared) return false;
+    if (!node.is_leaf())
+      return any_within(id + 1, region, squared) || any_within(node.second, region, squared);
+    return std::any_of(boxes_.begin() + node.first, boxes_.begin() + node.last,
+                       [&](const Box<D>& box) { return region.squared_distance(box) <= squared; });
+  }
 
   template <class Visit>
   void descend(std::uint32_t id, const Box<D>& region, const Visit& visit) const {

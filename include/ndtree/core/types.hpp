@@ -42,6 +42,12 @@ struct Box {
   [[nodiscard]] bool encloses(const Box& other) const {
     return (other.lower.array() >= lower.array()).all() && (other.upper.array() <= upper.array()).all();
   }
+  /// The same, larger by so much on each side [m].
+  [[nodiscard]] Box inflated(double by) const { return {lower.array() - by, upper.array() + by}; }
+  /// Squared distance between the closed boxes [m²]; 0 if they share a point.
+  [[nodiscard]] double squared_distance(const Box& other) const {
+    return (other.lower - upper).cwiseMax(lower - other.upper).cwiseMax(0.0).squaredNorm();
+  }
   /// Squared distance from p to the closed box [m²]; 0 inside.
   [[nodiscard]] double squared_distance(const Vector<D>& p) const {
     return (p.array().max(lower.array()).min(upper.array()) - p.array()).square().sum();

@@ -11,12 +11,12 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 
 /// What is compiled for one shape: here, or, with `extern` as the prefix, elsewhere.
-#define NDTREE_PREBUILT_MAPS(prefix, N, D)                \
-  prefix template NDTREE_INSERT_OF(AdaptiveMap<N, D>, D); \
-  prefix template NDTREE_INSERT_OF(PaperMap<N, D>, D);    \
-  prefix template NDTREE_INSERT_OF(FixedMap<N, D>, D)
-#define NDTREE_INSERT_OF(Map, D) \
-  InsertReport Map::insert(const ScanView<D>&, double, int, const std::optional<Box<D>>&)
+#define NDTREE_PREBUILT_MAPS(prefix, N, D)             \
+  prefix template NDTREE_INSERT_OF(AdaptiveMap, N, D); \
+  prefix template NDTREE_INSERT_OF(PaperMap, N, D);    \
+  prefix template NDTREE_INSERT_OF(FixedMap, N, D)
+#define NDTREE_INSERT_OF(Map, N, D) \
+  InsertReport Map<N, D>::insert(const ScanView<D>&, double, int, const std::optional<Box<D>>&)
 
 namespace ndtree {
 

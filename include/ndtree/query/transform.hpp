@@ -3,6 +3,7 @@
 /// A map moved by a rigid motion, as when two maps are to be put together.
 #pragma once
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
@@ -175,7 +176,8 @@ template <class Map>
   using Matrix = Eigen::Matrix<double, Map::kDim, Map::kDim>;
   if (!pose.rotation.allFinite() || !pose.translation.allFinite())
     throw std::invalid_argument("pose: must be finite");
-  if (!((pose.rotation * pose.rotation.transpose() - Matrix::Identity()).cwiseAbs().maxCoeff() < 1e-6))
+  if (!((pose.rotation * pose.rotation.transpose() - Matrix::Identity()).cwiseAbs().maxCoeff() < 1e-4) ||
+      !(pose.rotation.determinant() > 0.0))
     throw std::invalid_argument("pose: its rotation is not one");
   detail::Transforming<Map> transforming(map, pose);
   return Map(map.options(), std::move(transforming.tree()), typename Map::Counters{});

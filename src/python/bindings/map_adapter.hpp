@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -15,9 +16,11 @@
 
 #include "map_interface.hpp"
 #include "ndtree/io/map_file.hpp"
+#include "ndtree/query/changes.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
+#include "ndtree/query/transform.hpp"
 #include "ndtree/tree/visit.hpp"
 
 namespace ndtree::python {
@@ -85,8 +88,37 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   [[nodiscard]] int branching() const override { return Map::kBranching; }
   [[nodiscard]] std::string refinement() const override { return Map::RefinementType::kName; }
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
-  InsertReport insert(const BeamArrays& beams, double max_range, int threads) override {
-    return map_.insert(beams.view<D>(), max_range, threads);
+  InsertReport insert(const BeamArrays& beams, double max_range, int threads,
+                      const std::optional<AnyBox>& window) override {
+    return map_.insert(beams.view<D>(), max_range, threads,
+                       window ? std::optional(box(window->lower, window->upper)) : std::nullopt);
+  }
+  [[nodiscard]] ChangeArrays changes(const MapInterface& before) const override {
+    const auto& geometry = map_.tree().geometry();
+    ChangeArrays arrays;
+    for_each_change(same_kind(before), map_, [&](const Change<D>& change) {
+      for (const std::int64_t coordinate : change.index.lower)
+        arrays.lower.push_back(geometry.border(coordinate));
+      arrays.size.push_back(geometry.cell_size(change.index.level));
+      arrays.before.push_back(static_cast<std::int8_t>(change.before));
+      arrays.after.push_back(static_cast<std::int8_t>(change.after));
+    });
+    return arrays;
+  }
+  void update_field(AnyField& field, const MapInterface& before) const override {
+    auto* const same = std::get_if<DistanceField<D>>(&field.field);
+    if (same == nullptr)
+      throw std::invalid_argument("a field with dim = " + std::to_string(field.dim()) +
+                                  " of a map with dim = " + std::to_string(D));
+    update(*same, map_, ndtree::changes(same_kind(before), map_));
+  }
+  void merge(const MapInterface& other) override { map_.merge(same_kind(other)); }
+  [[nodiscard]] std::unique_ptr<MapInterface> transformed(const double* pose) const override {
+    Pose<D> motion;
+    for (int row = 0; row < D; ++row)
+      for (int column = 0; column < D; ++column) motion.rotation(row, column) = pose[row * D + column];
+    motion.translation = Eigen::Map<const Vector<D>>(pose + D * D);
+    return std::make_unique<MapAdapter>(ndtree::transformed(map_, motion));
   }
   CompressReport compress(const CompressBudget& budget) override {
     if constexpr (std::is_same_v<typename Map::RefinementType, EvidenceRefinement>)
@@ -147,6 +179,18 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
  private:
   [[nodiscard]] static Box<D> box(const double* lower, const double* upper) {
     return {Eigen::Map<const Vector<D>>(lower), Eigen::Map<const Vector<D>>(upper)};
+  }
+  /// @throws std::invalid_argument if it is of another kind.
+  [[nodiscard]] const Map& same_kind(const MapInterface& other) const {
+    const auto* const same = dynamic_cast<const MapAdapter*>(&other);
+    if (same == nullptr)
+      throw std::invalid_argument("a map with " + kind_of(other) + " beside one with " + kind_of(*this) +
+                                  ": both must be of the same kind");
+    return same->map_;
+  }
+  [[nodiscard]] static std::string kind_of(const MapInterface& map) {
+    return "dim = " + std::to_string(map.dim()) + ", branching = " + std::to_string(map.branching()) +
+           ", refinement = '" + map.refinement() + "'";
   }
   void add(const typename Map::Tree::ConstRef& leaf, LeafArrays& arrays) const {
     const auto& geometry = map_.tree().geometry();

@@ -32,6 +32,14 @@ struct LeafArrays {
   std::vector<std::uint8_t> observed;
 };
 
+/// Regions whose state is another one.
+struct ChangeArrays {
+  std::vector<double> lower;  // dim a region
+  std::vector<double> size;
+  std::vector<std::int8_t> before;
+  std::vector<std::int8_t> after;
+};
+
 struct PythonStats : MapStats {
   std::optional<std::size_t> pruned_leaves;  ///< After OctoMap's prune(); none for our maps.
 };
@@ -54,7 +62,13 @@ class MapInterface {
   [[nodiscard]] virtual std::string refinement() const = 0;
   [[nodiscard]] virtual const MapOptions& options() const = 0;
 
-  virtual InsertReport insert(const BeamArrays& beams, double max_range, int threads) = 0;
+  /// Whether clone() shares what does not change, and takes next to no time.
+  [[nodiscard]] virtual bool clones_cheaply() const { return true; }
+
+  /// @param window none, or the box outside which nothing changes. @throws std::invalid_argument for a window
+  /// in a map that is not ours.
+  virtual InsertReport insert(const BeamArrays& beams, double max_range, int threads,
+                              const std::optional<AnyBox>& window) = 0;
   /// @throws std::invalid_argument where the refinement cannot, or the budget cannot be met.
   virtual CompressReport compress(const CompressBudget&) {
     throw std::invalid_argument("refinement = '" + refinement() +
@@ -97,6 +111,22 @@ class MapInterface {
   virtual void crop(const double* /*lower*/, const double* /*upper*/) { (void)queries(); }
   virtual void clear(const double* /*lower*/, const double* /*upper*/) { (void)queries(); }
   virtual void keep_near(const double* /*center*/, double /*radius*/) { (void)queries(); }
+  /// What is different from another map. @throws std::invalid_argument if that is of another kind, or has
+  /// other cells, or for maps that are not ours.
+  [[nodiscard]] virtual ChangeArrays changes(const MapInterface& /*before*/) const {
+    (void)queries();
+    return {};
+  }
+  /// Brings a field of this map, as it was, up to date. @throws as changes(), or if the field has not the
+  /// map's dimension.
+  virtual void update_field(AnyField& /*field*/, const MapInterface& /*before*/) const { (void)queries(); }
+  /// @throws as changes().
+  virtual void merge(const MapInterface& /*other*/) { (void)queries(); }
+  /// @param pose a rotation, row by row, and a translation.
+  [[nodiscard]] virtual std::unique_ptr<MapInterface> transformed(const double* /*pose*/) const {
+    (void)queries();
+    return nullptr;
+  }
   /// What save() writes.
   [[nodiscard]] virtual std::string file_bytes() const { return to_bytes(); }
 };

@@ -6,8 +6,10 @@
 #include <filesystem>
 #include <functional>
 #include <limits>
+#include <optional>
 #include <string>
 
+#include "arguments.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "python_map.hpp"
 
@@ -358,12 +360,16 @@ void bind_maps(py::module_& module) {
       .def(
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
-             const py::object& range_sigma, double max_range, int threads) {
+             const py::object& range_sigma, double max_range, int threads, const py::object& window) {
             const BeamArrays beams(points, origin, returned, map.constant().dim(), range_sigma);
-            return map.write([&](MapInterface& m) { return m.insert(beams, max_range, threads); });
+            std::optional<BoxArgument> box;
+            if (!window.is_none()) box.emplace(window, map.constant().dim(), "window");
+            return map.write([&, region = box ? std::optional<AnyBox>(*box) : std::nullopt](MapInterface& m) {
+              return m.insert(beams, max_range, threads, region);
+            });
           },
           "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "range_sigma"_a = py::none(),
-          "max_range"_a = kInfinity, "threads"_a = 0,
+          "max_range"_a = kInfinity, "threads"_a = 0, "window"_a = py::none(),
           R"(Integrate a scan.
 
 All beams together, so that their order does not matter; a fixed map, and one refined as the paper has it,
@@ -385,6 +391,9 @@ max_range : float
 threads : int
     That may work on a large scan; 0: as many as the machine has cores. The map is the same, bit for bit, for
     every number. Beam by beam there is only one.
+window : (2, dim) array of float, optional
+    Lower and upper corner [m]: only cells in this box change, and become, bit for bit, what they would
+    without it. In it are all cells of `max_cell_size` (of a fixed map: all cells) that share a volume with it.
 
 Returns
 -------

@@ -31,8 +31,11 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
   [[nodiscard]] int branching() const override { return 2; }
   [[nodiscard]] std::string refinement() const override { return kOctomap; }
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
-  InsertReport insert(const BeamArrays& beams, double max_range, int threads) override {
-    (void)number_of_threads(threads);  // OctoMap has one.
+  [[nodiscard]] bool clones_cheaply() const override { return false; }
+  InsertReport insert(const BeamArrays& beams, double max_range, int threads,
+                      const std::optional<AnyBox>& window) override {
+    (void)number_of_threads(threads);   // OctoMap has one.
+    if (window) (void)this->queries();  // Nor does it know windows.
     return map_.insert(beams.view<D>(), max_range);
   }
   [[nodiscard]] PythonStats stats() const override {

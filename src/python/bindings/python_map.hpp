@@ -6,6 +6,7 @@
 #include <pybind11/pybind11.h>
 
 #include <chrono>
+#include <exception>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -46,8 +47,13 @@ class Released {
   std::optional<CancelScope> scope_;
 };
 
-/// Queries of several threads run at the same time, an insertion runs alone. Both leave the interpreter's
-/// lock to others, and take this one only after that: so they cannot wait for each other in a circle.
+/// A map that threads share. One writes at a time. As long as nobody has had to wait, queries look at the map
+/// itself, several at the same time; from then on they look at a copy that every writer leaves behind when he
+/// is done, so that readers do not wait for him, nor he for them. When nobody has looked for a while, there
+/// are no more copies.
+///
+/// All leave the interpreter's lock to others, and take this one only after that: so they cannot wait for
+/// each other in a circle.
 class PythonMap {
  public:
   explicit PythonMap(std::unique_ptr<MapInterface> map) : map_(std::move(map)) {}
@@ -56,21 +62,74 @@ class PythonMap {
   template <class Function>
   auto read(Function&& function) const {
     const Released released;
-    const std::shared_lock lock(mutex_);
-    return function(std::as_const(*map_));
+    if (const auto copy = left_behind()) return function(*copy);
+    std::shared_lock lock(mutex_, std::try_to_lock);
+    if (!lock.owns_lock()) {
+      expect_company();
+      lock.lock();
+    }
+    if (!has_company()) return function(std::as_const(*map_));
+    const std::shared_ptr<const MapInterface> copy = map_->clone();
+    lock.unlock();
+    return function(*copy);
   }
   template <class Function>
   auto write(Function&& function) {
     const Released released;
-    const std::unique_lock lock(mutex_);
+    std::unique_lock lock(mutex_, std::try_to_lock);
+    if (!lock.owns_lock()) {
+      expect_company();
+      lock.lock();
+    }
+    const CopyInTheEnd copy(*this);
     return function(*map_);
   }
   /// What never changes: dimension, branching, options.
   [[nodiscard]] const MapInterface& constant() const { return *map_; }
 
  private:
+  static constexpr int kPatience = 100;  // Writers that leave copies at which nobody looks.
+
+  struct CopyInTheEnd {
+    explicit CopyInTheEnd(PythonMap& map) : map_(map) {}
+    CopyInTheEnd(const CopyInTheEnd&) = delete;
+    CopyInTheEnd& operator=(const CopyInTheEnd&) = delete;
+    ~CopyInTheEnd() { map_.leave_copy(); }
+
+   private:
+    PythonMap& map_;
+  };
+
+  void expect_company() const {
+    const std::lock_guard lock(copy_mutex_);
+    patience_ = map_->clones_cheaply() ? kPatience : 0;
+  }
+  [[nodiscard]] bool has_company() const {
+    const std::lock_guard lock(copy_mutex_);
+    return patience_ > 0;
+  }
+  [[nodiscard]] std::shared_ptr<const MapInterface> left_behind() const {
+    const std::lock_guard lock(copy_mutex_);
+    if (copy_) patience_ = kPatience;
+    return copy_;
+  }
+  void leave_copy() noexcept {
+    std::shared_ptr<const MapInterface> copy;  // What was there before goes after the lock.
+    try {
+      if (has_company()) copy = map_->clone();
+    } catch (const std::exception&) {  // No memory: then readers wait.
+    }
+    const std::lock_guard lock(copy_mutex_);
+    if (patience_ > 0) --patience_;
+    copy_.swap(copy);
+  }
+
   std::unique_ptr<MapInterface> map_;
   mutable std::shared_mutex mutex_;
+  // Of all below:
+  mutable std::mutex copy_mutex_;
+  mutable int patience_ = 0;                  // > 0: there may be several who look and write.
+  std::shared_ptr<const MapInterface> copy_;  // As the last writer left the map, or none.
 };
 
 struct PythonAdaptiveMap : PythonMap {
@@ -104,6 +163,8 @@ void bind_maps(pybind11::module_& module);
 void bind_exports(pybind11::module_& module);
 /// @pre as bind_exports().
 void bind_queries(pybind11::module_& module);
+/// @pre as bind_exports().
+void bind_changes(pybind11::module_& module);
 /// What rays end at: a RayEnds. @param origins, directions checked.
 pybind11::object trace_rays(const PythonMap& map, const DoubleArray& origins, const DoubleArray& directions,
                             double max_range, bool stops_at_unknown);

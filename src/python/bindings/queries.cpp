@@ -10,6 +10,7 @@
 #include <variant>
 #include <vector>
 
+#include "arguments.hpp"
 #include "map_queries.hpp"
 #include "python_map.hpp"
 
@@ -42,30 +43,10 @@ UnknownSpace unknown_from(const std::string& name) {
   throw py::value_error("unknown = '" + name + "': must be 'free' or 'occupied'");
 }
 
-/// The argument `box`, a (2, dim) array with a volume.
-class BoxArgument {
- public:
-  /// @throws ValueError that names what is wrong with it.
-  BoxArgument(const py::object& box, const PythonMap& map)
-      : corners_(as_corners(box, "box", map.constant().dim())) {
-    const AnyBox region = *this;
-    for (py::ssize_t a = 0; a < corners_.shape(1); ++a)
-      if (!std::isfinite(region.lower[a]) || !std::isfinite(region.upper[a]) ||
-          !(region.lower[a] < region.upper[a]))
-        throw py::value_error("box: from " + number_text(region.lower[a]) + " to " +
-                              number_text(region.upper[a]) + " m on axis " + std::to_string(a) +
-                              ": must be finite, the lower corner first");
-  }
-  operator AnyBox() const { return {corners_.data(), corners_.data() + corners_.shape(1)}; }
-
- private:
-  DoubleArray corners_;
-};
-
 /// A method that takes a box and hands it to that of the map.
 auto forgets_box(void (MapInterface::*forget)(const double*, const double*)) {
   return [forget](PythonMap& map, const py::object& box) {
-    const BoxArgument argument(box, map);
+    const BoxArgument argument(box, map.constant().dim());
     const AnyBox region = argument;
     map.write([&](MapInterface& m) { (m.*forget)(region.lower, region.upper); });
   };
@@ -111,49 +92,6 @@ void for_each_point(const AnyField& any, const DoubleArray& points, const Fill& 
           fill(field, Point(Eigen::Map<const Point>(data + i * points.shape(1))), i);
       },
       any.field);
-}
-
-/// Each a rotation, row by row, and a translation.
-struct Poses {
-  std::vector<double> numbers;
-  std::size_t count;
-};
-
-/// From (n, 3) of x, y, yaw, or from (n, dim + 1, dim + 1).
-Poses poses_from(const py::object& object, int dim) {
-  const DoubleArray poses = as_doubles(object, "poses");
-  const bool is_planar = dim == 2 && poses.ndim() == 2 && poses.shape(1) == 3;
-  const bool is_matrix = poses.ndim() == 3 && poses.shape(1) == dim + 1 && poses.shape(2) == dim + 1;
-  if (!is_planar && !is_matrix)
-    throw py::value_error("poses: shape " + shape_text(poses) + ", expected " +
-                          (dim == 2
-                               ? "(n, 3), x, y and yaw, or (n, 3, 3)"
-                               : "(n, " + std::to_string(dim + 1) + ", " + std::to_string(dim + 1) + ")"));
-  Poses result{{}, static_cast<std::size_t>(poses.shape(0))};
-  result.numbers.reserve(static_cast<std::size_t>(poses.shape(0) * (dim * dim + dim)));
-  for (py::ssize_t i = 0; i < poses.shape(0); ++i) {
-    const double* const from = poses.data() + i * (is_planar ? 3 : (dim + 1) * (dim + 1));
-    const py::ssize_t numbers = is_planar ? 3 : (dim + 1) * (dim + 1);
-    if (!std::all_of(from, from + numbers, [](double x) { return std::isfinite(x); }))
-      throw py::value_error("pose " + std::to_string(i) + ": must be finite");
-    if (is_planar) {
-      const double c = std::cos(from[2]);
-      const double s = std::sin(from[2]);
-      result.numbers.insert(result.numbers.end(), {c, -s, s, c, from[0], from[1]});
-      continue;
-    }
-    for (int row = 0; row < dim; ++row)
-      for (int other = 0; other < dim; ++other) {
-        double product = 0.0;
-        for (int k = 0; k < dim; ++k) product += from[row * (dim + 1) + k] * from[other * (dim + 1) + k];
-        if (std::abs(product - (row == other ? 1.0 : 0.0)) > 1e-4)
-          throw py::value_error("pose " + std::to_string(i) + ": its rotation is not one");
-      }
-    for (int row = 0; row < dim; ++row)
-      result.numbers.insert(result.numbers.end(), from + row * (dim + 1), from + row * (dim + 1) + dim);
-    for (int row = 0; row < dim; ++row) result.numbers.push_back(from[row * (dim + 1) + dim]);
-  }
-  return result;
 }
 
 std::vector<double> as_vector(const py::object& object, const char* name) {
@@ -442,7 +380,7 @@ NearestOccupied
           [](const PythonMap& map, const py::object& box, double cell_size, double max_distance,
              const std::string& unknown) {
             const UnknownSpace taken_for = unknown_from(unknown);
-            const BoxArgument region(box, map);
+            const BoxArgument region(box, map.constant().dim());
             return map.read([&](const MapInterface& m) {
               return m.queries()->distance_field(region, cell_size, max_distance, taken_for);
             });
@@ -476,7 +414,7 @@ ValueError
           "frontiers",
           [](const PythonMap& map, const py::object& box, double min_cells) {
             std::optional<BoxArgument> region;
-            if (!box.is_none()) region.emplace(box, map);
+            if (!box.is_none()) region.emplace(box, map.constant().dim());
             return to_python(
                 map.read([&](const MapInterface& m) { return m.queries()->frontiers(region, min_cells); }));
           },

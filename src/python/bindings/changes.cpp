@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Maps beside each other: snapshots, what has changed, and maps that are put together.
+#include <memory>
+#include <utility>
+
+#include "arguments.hpp"
+#include "python_map.hpp"
+
+namespace ndtree::python {
+
+using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
+
+namespace {
+
+struct Changes {
+  py::array lower, size, before, after;
+};
+
+/// A map that goes on by itself, at once.
+std::unique_ptr<MapInterface> clone_of(const PythonMap& map) {
+  return map.read([](const MapInterface& m) { return m.clone(); });
+}
+
+Changes changes(const PythonMap& map, const PythonMap& since) {
+  const auto before = clone_of(since);  // So that never two maps are locked at a time.
+  ChangeArrays arrays = map.read([&](const MapInterface& m) { return m.changes(*before); });
+  Changes result;
+  result.lower = take(std::move(arrays.lower), map.constant().dim());
+  result.size = take(std::move(arrays.size));
+  result.before = take(std::move(arrays.before));
+  result.after = take(std::move(arrays.after));
+  return result;
+}
+
+py::object transformed(const PythonMap& map, const py::object& pose) {
+  const DoubleArray one = as_doubles(pose, "pose");
+  const py::object batch = one.attr("__getitem__")(py::none());  // poses_from() takes several.
+  const Poses poses = poses_from(batch, map.constant().dim(), "pose");
+  return to_python(map.read([&](const MapInterface& m) { return m.transformed(poses.numbers.data()); }));
+}
+
+}  // namespace
+
+void bind_changes(py::module_& module) {
+  py::class_<Changes>(module, "Changes", "Regions whose state is another one, one entry each.")
+      .def_readonly("lower", &Changes::lower, "(n, dim) float64: lower corners [m].")
+      .def_readonly("size", &Changes::size, "(n,) float64: edge lengths [m].")
+      .def_readonly("before", &Changes::before, "(n,) int8: -1 unknown, 0 free, 1 occupied.")
+      .def_readonly("after", &Changes::after, "(n,) int8: the same, now.")
+      .def("__len__", [](const Changes& all) { return all.size.size(); })
+      .def("__repr__",
+           [](const Changes& all) { return "Changes(" + std::to_string(all.size.size()) + " regions)"; });
+
+  auto base = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
+  const auto snapshot = [](const PythonMap& map) {
+    return to_python(map.read([](const MapInterface& m) {
+      if (!m.clones_cheaply()) (void)m.queries();  // Which says that it is not ours.
+      return m.clone();
+    }));
+  };
+  constexpr const char* kSnapshot = R"(The map as it is now, which stays so while this one goes on.
+
+It shares all cells that do not change from now on, so that it is made in microseconds for each megabyte. Other
+threads may read it as long as they like, and nobody waits. It is a map as any other: what is inserted into it
+changes nothing here.
+
+Returns
+-------
+OccupancyMap
+    Of the same kind.
+
+Raises
+------
+ValueError
+    For OctoMap.
+)";
+  base.def("snapshot", snapshot, kSnapshot);
+  base.def_property_readonly(
+      "revision", snapshot, "What the map is now, to be asked for `changes(since=...)` later: a snapshot().");
+  base.def("changes", &changes, py::kw_only(), "since"_a,
+           R"(What is different from what the map, or another one of the same cells, was.
+
+Takes time in proportion to what was written since the snapshot was made, whatever the size of the map. Any number
+of listeners may each keep a snapshot of their own; one holds at most the memory that the map held then.
+
+Parameters
+----------
+since : OccupancyMap
+    An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
+
+Returns
+-------
+Changes
+    Regions whose state is another one, free of overlaps. Probabilities that change within a state do not count.
+
+Raises
+------
+ValueError
+    The maps are not of the same kind, or their cells not of the same sizes.
+)");
+  py::reinterpret_borrow<py::class_<AnyField>>(module.attr("DistanceField"))
+      .def(
+          "update",
+          [](AnyField& field, const PythonMap& map, const PythonMap& since) {
+            const auto before = clone_of(since);
+            map.read([&](const MapInterface& m) { m.update_field(field, *before); });
+          },
+          "map"_a, py::kw_only(), "since"_a,
+          R"(Follow the map: afterwards every value is what distance_field() would give now, bit for bit.
+
+Only points are looked at for which something that changed is no farther away than what was nearest.
+
+Parameters
+----------
+map : OccupancyMap
+    That the field was made of.
+since : OccupancyMap
+    A snapshot() of it from when the field was made, or last updated.
+
+Raises
+------
+ValueError
+    The maps are not of the same kind, or not of the field's dimension.
+)");
+  base.def(
+      "merge",
+      [](PythonMap& map, const PythonMap& other) {
+        const auto more = clone_of(other);
+        map.write([&](MapInterface& m) { m.merge(*more); });
+      },
+      "other"_a, R"(Add what another map of the same place knows.
+
+Evidence and counts of cells add up, as if this map had seen both (of paper and fixed maps the log-odds, clamped);
+where the cells of one are larger, each of the other's gets its part. What both come to does not depend on which is
+merged into which. To put maps of different frames together, move one first: see transformed().
+
+Parameters
+----------
+other : OccupancyMap
+    Of the same kind, with cells of the same sizes.
+
+Raises
+------
+ValueError
+    They are not. The map is then unchanged.
+MemoryError
+    The map would hold more than max_memory. It is then unchanged.
+)");
+  base.def("transformed", &transformed, "pose"_a, R"(The map in another frame: moved by a rigid motion.
+
+Borders and surfaces are moved to the nearest smallest cell, by at most half its diagonal more than the motion; nothing
+is blurred, and nothing unknown becomes known.
+
+Parameters
+----------
+pose : (dim + 1, dim + 1) array of float, or for dim = 2 (3,)
+    Every point x of this map is at `pose * x` in the other; x, y and yaw if (3,) [m, rad].
+
+Returns
+-------
+OccupancyMap
+    Of the same kind and options.
+
+Raises
+------
+ValueError
+    The pose is no rigid motion, or moves cells to where the lattice of cells does not reach.
+)");
+}
+
+}  // namespace ndtree::python

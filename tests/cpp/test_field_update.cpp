@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Distance fields that follow a map, against those made anew.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/changes.hpp"
+#include "ndtree/query/distance_field.hpp"
+#include "random.hpp"
+
+namespace ndtree::test::test_field_update {
+namespace {
+
+template <class Map>
+class FieldUpdate : public testing::Test {};
+using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>,
+                            FixedMap<2, 2>, FixedMap<2, 3>>;
+TYPED_TEST_SUITE(FieldUpdate, Maps);
+
+TYPED_TEST(FieldUpdate, GivesTheFieldThatIsMadeAnew) {
+  constexpr int D = TypeParam::kDim;
+  MapOptions options;
+  options.min_cell_size = 0.25;
+  options.max_cell_size = 0.25 * TypeParam::kBranching * TypeParam::kBranching;
+  options.range_sigma = 0.05;
+  Random random(17);
+  std::size_t changed = 0;
+  for (int round = 0; round < 6; ++round) {
+    TypeParam map(options);
+    const Box<D> box{Vector<D>::Constant(-3.0), Vector<D>::Constant(2.5)};
+    const UnknownSpace unknown = round % 2 == 0 ? UnknownSpace::free : UnknownSpace::occupied;
+    const double cell = round < 3 ? 0.25 : 0.17;
+    const double most = random.uniform(0.3, 3.0);
+    DistanceField<D> field = distance_field(map, box, cell, most, unknown);
+    for (int step = 0; step < 8; ++step) {
+      const TypeParam before = map.snapshot();
+      if (step == 5) {
+        map.clear({Vector<D>::Constant(-1.0), Vector<D>::Constant(1.0)});
+      } else {
+        Scan<D> scan;
+        scan.origins = Vector<D>::Constant(random.uniform(-1.0, 1.0));
+        scan.endpoints.resize(D, 5 + 20 * (step % 3));
+        for (Eigen::Index i = 0; i < scan.endpoints.cols(); ++i)
+          for (int a = 0; a < D; ++a) scan.endpoints(a, i) = random.uniform(-2.5, 2.5);
+        map.insert(scan);
+      }
+      update(field, map, changes(before, map));
+      const DistanceField<D> anew = distance_field(map, box, cell, most, unknown);
+      changed += static_cast<std::size_t>(std::count_if(
+          anew.values().begin(), anew.values().end(), [&](float v) { return v < static_cast<float>(most); }));
+      ASSERT_EQ(field.values(), anew.values()) << "round " << round << ", step " << step;
+    }
+  }
+  EXPECT_GT(changed, 10000u);
+}
+
+TEST(FieldUpdateOfOneChange, LooksAtWhatIsNearAlone) {
+  // A room whose walls are all far from the one cell that changes: values are those of before elsewhere, bit
+  // for bit, even if they are wrong.
+  MapOptions options;
+  options.min_cell_size = 0.25;
+  FixedMap<2, 2> map(options);
+  Scan<2> scan;
+  scan.origins = Vector<2>(0.1, 0.1);
+  scan.endpoints = Eigen::MatrixXd(2, 1);
+  scan.endpoints << 3.1, 0.1;
+  for (int i = 0; i < 5; ++i) map.insert(scan);
+  const Box<2> box{Vector<2>(-20.0, -20.0), Vector<2>(20.0, 20.0)};
+  DistanceField<2> field = distance_field(map, box, 0.25, 2.0);
+  std::fill(field.values().begin(), field.values().end(), 1.0f);
+  const FixedMap<2, 2> before = map.snapshot();
+  scan.endpoints << -3.1, 0.1;
+  for (int i = 0; i < 5; ++i) map.insert(scan);
+  update(field, map, changes(before, map));
+  const auto kept = std::count(field.values().begin(), field.values().end(), 1.0f);
+  EXPECT_GT(static_cast<double>(kept), 0.97 * static_cast<double>(field.values().size()));
+  EXPECT_LT(kept, static_cast<std::ptrdiff_t>(field.values().size()));
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_field_update

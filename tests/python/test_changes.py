@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Snapshots, what has changed since, windows, and maps that are put together or moved."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import room_scan
+
+import ndtree
+
+MAKERS: list[Any] = [
+    lambda **options: ndtree.AdaptiveMap(dim=2, **options),
+    lambda **options: ndtree.AdaptiveMap(dim=3, branching=3, min_cell_size=0.1, max_cell_size=0.9, **options),
+    lambda **options: ndtree.AdaptiveMap(dim=2, refinement="paper", **options),
+    lambda **options: ndtree.FixedMap(dim=2, cell_size=0.05, **options),
+]
+
+
+def grown(m: ndtree.OccupancyMap, seeds: range) -> ndtree.OccupancyMap:
+    for seed in seeds:
+        m.insert(*room_scan(m.dim, seed))
+    return m
+
+
+def points_around(dim: int, n: int = 3000) -> np.ndarray:
+    return np.random.default_rng(2).uniform(-4, 4, (n, dim))
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_a_snapshot_stays_and_tells_what_has_changed(make: Any) -> None:
+    m = grown(make(), range(3))
+    seen, bytes_then = m.snapshot(), m.to_bytes()
+    assert type(seen) is type(m) and seen.to_bytes() == bytes_then and len(m.changes(since=seen)) == 0
+    revision = m.revision
+    points = points_around(m.dim)
+    before = m.state(points)
+    grown(m, range(3, 6))
+    assert seen.to_bytes() == bytes_then == revision.to_bytes() != m.to_bytes()
+    changes = m.changes(since=seen)
+    assert len(changes) > 0 and repr(changes) == f"Changes({len(changes)} regions)"
+    assert changes.lower.shape == (len(changes), m.dim)
+    after = m.state(points)
+    # Each point whose state differs lies in one of the regions, and no other does.
+    inside = (
+        (points[:, None] >= changes.lower)
+        & (points[:, None] < changes.lower + changes.size[:, None, None].swapaxes(0, 1))
+    ).all(axis=2)
+    assert (inside.sum(axis=1) == (before != after)).all()
+    where = inside.argmax(axis=1)[before != after]
+    np.testing.assert_array_equal(changes.before[where], before[before != after])
+    np.testing.assert_array_equal(changes.after[where], after[before != after])
+    # The other way round, and a snapshot that goes on by itself.
+    np.testing.assert_array_equal(np.sort(seen.changes(since=m).size), np.sort(changes.size))
+    grown(seen, range(6, 7))
+    assert revision.to_bytes() == bytes_then
+
+
+def test_what_cannot_be_compared_is_told() -> None:
+    m = ndtree.AdaptiveMap(dim=2)
+    with pytest.raises(ValueError, match=r"refinement = 'fixed' beside one with dim = 2.*same kind"):
+        m.changes(since=ndtree.FixedMap(dim=2))
+    with pytest.raises(ValueError, match=r"smallest cells of 0\.1 and 0\.05 m"):
+        m.changes(since=ndtree.AdaptiveMap(dim=2, min_cell_size=0.1))
+    with pytest.raises(ValueError, match=r"cells from 0\.1 to 1\.6 m cannot be merged"):
+        m.merge(ndtree.AdaptiveMap(dim=2, min_cell_size=0.1))
+    with pytest.raises(TypeError):
+        m.changes(since=3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"pose: shape \(1, 2\)"):
+        m.transformed([1.0, 2.0])
+    with pytest.raises(ValueError, match="rotation is not one"):
+        m.transformed(np.diag([2.0, 1.0, 1.0]))
+    with pytest.raises(ValueError, match=r"window: from 1\.0 to 0\.0 m on axis 0"):
+        m.insert(np.ones((1, 2)), np.zeros(2), window=[[1, 0], [0, 1]])
+    assert len(m.leaves().size) == 1
+    if ndtree.has_octomap:
+        with pytest.raises(ValueError, match="must be a map of ndtree's own"):
+            ndtree.OctoMap(cell_size=0.1).snapshot()
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_a_window_changes_what_is_in_it(make: Any) -> None:
+    whole, part = grown(make(), range(2)), grown(make(), range(2))
+    before = part.snapshot()
+    size = whole.options.get("max_cell_size", 0.05) if whole.refinement != "fixed" else 0.05
+    window = np.array([[0.0] * whole.dim, [1.7] * whole.dim])
+    report = part.insert(*room_scan(part.dim, 9), window=window)
+    assert report.beams == whole.insert(*room_scan(whole.dim, 9)).beams
+    points = points_around(whole.dim)
+    cells = np.floor(points / size + 1e-9) * size
+    inside = ((cells < window[1]) & (cells + size > window[0])).all(axis=1)
+    np.testing.assert_array_equal(part.probability(points)[inside], whole.probability(points)[inside])
+    np.testing.assert_array_equal(part.probability(points)[~inside], before.probability(points)[~inside])
+    assert (part.probability(points) != before.probability(points)).any()
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_halves_of_a_log_become_one_map(make: Any) -> None:
+    first, second = grown(make(), range(4)), grown(make(), range(4, 8))
+    both = first.snapshot()
+    both.merge(second)
+    second.merge(first)
+    assert both.to_bytes() == second.to_bytes()
+    whole = grown(make(), range(8))
+    points = points_around(whole.dim)
+    alike = both.state(points) == whole.state(points)
+    assert alike.mean() > 0.97
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_a_map_moves(make: Any) -> None:
+    m = grown(make(), range(3))
+    angle, move = 0.7, np.linspace(3.0, 1.0, m.dim)
+    pose = np.eye(m.dim + 1)
+    pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    pose[:-1, -1] = move
+    moved = m.transformed(pose)
+    points = points_around(m.dim)
+    there = points @ pose[:-1, :-1].T + move
+    assert (moved.state(there) == m.state(points)).mean() > 0.9  # But at borders.
+    if m.dim == 2:
+        assert moved == m.transformed([*move, angle])
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_a_distance_field_follows_the_map(make: Any) -> None:
+    m = grown(make(), range(2))
+    box = np.array([[-2.5] * m.dim, [2.5] * m.dim])
+    field = m.distance_field(box, 0.1, max_distance=1.0)
+    first = field.values.copy()
+    for seed in range(2, 6):
+        seen = m.snapshot()
+        m.insert(*room_scan(m.dim, seed))
+        field.update(m, since=seen)
+    np.testing.assert_array_equal(field.values, m.distance_field(box, 0.1, max_distance=1.0).values)
+    assert (field.values != first).any()
+    with pytest.raises(ValueError, match="a field with dim"):
+        field.update(ndtree.AdaptiveMap(dim=5 - m.dim), since=ndtree.AdaptiveMap(dim=5 - m.dim))
+
+
+def test_readers_and_a_writer_do_not_wait_for_each_other() -> None:
+    m = ndtree.AdaptiveMap(dim=2)
+    finished = threading.Event()
+    asked = 0
+    longest = 0.0
+    points = points_around(2, 200_000)
+
+    def ask() -> None:
+        nonlocal asked, longest
+        while not finished.is_set():
+            start = time.perf_counter()
+            m.state(points[:2000])
+            longest = max(longest, time.perf_counter() - start)
+            m.nearest_occupied(points[:5000])
+            asked += 1
+
+    readers = [threading.Thread(target=ask) for _ in range(3)]
+    for reader in readers:
+        reader.start()
+    try:
+        for seed in range(60):
+            m.insert(*room_scan(2, seed % 40))
+    finally:
+        finished.set()
+        for reader in readers:
+            reader.join()
+    assert asked > 0
+    alone = ndtree.AdaptiveMap(dim=2)
+    for seed in range(60):
+        alone.insert(*room_scan(2, seed % 40))
+    assert m.to_bytes() == alone.to_bytes()
