@@ -301,9 +301,10 @@ class NdTree {
       offset[a] = downwards ? N - 1 : 0;
       above.lower[a] -= offset[a] * edge;
     }
+    NodeType& root = *pool_.block(kRootBlock);
     const BlockId block = pool_.allocate();
-    pool_.block(block)[child_number<N, D>(offset)] = *pool_.block(kRootBlock);
-    pool_.block(kRootBlock)->become_inner(block);
+    pool_.block(block)[child_number<N, D>(offset)] = root;
+    root.become_inner(block);
     root_index_ = above;
   }
 

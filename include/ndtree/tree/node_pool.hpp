@@ -179,8 +179,10 @@ class NodePool {
   BlockId allocate() { return allocate(main_); }
   BlockId allocate(Arena& arena) {
     if (arena.first_free_ == kNone && arena.next_unused_ == arena.end_of_chunk_) refill(arena);
-    const BlockId id = arena.first_free_ != kNone ? pop_free(arena) : arena.next_unused_++;
+    const bool is_free = arena.first_free_ != kNone;
+    const BlockId id = is_free ? pop_free(arena) : arena.next_unused_;
     std::uninitialized_fill_n(block(id), kBlockSize, NodeType{});
+    arena.next_unused_ += is_free ? 0 : 1;
     ++arena.num_blocks_;
     return id;
   }
@@ -288,7 +290,7 @@ class NodePool {
 
   /// Takes a chunk's place by a copy, unless all other owners are gone.
   NDTREE_NEVER_INLINE Chunk* make_own(std::size_t number) {
-    const std::lock_guard<std::mutex> lock(mutex_);
+    const std::lock_guard<std::mutex> lock(entries_mutex_);
     Entry& shared = entry(number);
     Chunk* const chunk = shared.chunk();
     if (!shared.is_shared()) return chunk;  // Another thread was here.
@@ -342,6 +344,7 @@ class NodePool {
     }
     if ((num_chunks_ + 1) << kChunkBits > kMaxBlocks)
       throw std::length_error("the tree holds 2^31 blocks of nodes: it is full");
+    const std::lock_guard<std::mutex> lock_entries(entries_mutex_);
     const bool is_full = num_chunks_ == capacity_;
     const std::size_t capacity = is_full ? std::max<std::size_t>(2 * capacity_, 4) : capacity_;
     if (limit_ != kUnlimitedMemory &&
@@ -365,7 +368,8 @@ class NodePool {
   std::size_t others_ = 0;                // ... so many are not the pool's.
   int num_lent_ = 0;                      // Arenas that threads work with.
   Arena main_;
-  std::mutex mutex_;
+  std::mutex mutex_;          // Of what arenas share; who has it may ask for the other one.
+  std::mutex entries_mutex_;  // Of chunks that take the place of others, and of directories.
 };
 
 }  // namespace ndtree

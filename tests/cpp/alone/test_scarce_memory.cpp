@@ -131,21 +131,25 @@ TYPED_TEST_SUITE(ScarceMemory, Maps);
 TYPED_TEST(ScarceMemory, AnyAllocationOfAnInsertionMayFail) {
   constexpr int D = TypeParam::kDim;
   for (const bool is_limited : {false, true}) {
-    for (const int threads : {1, 2}) {
-      if (threads > 1 && !std::is_same_v<typename TypeParam::RefinementType, EvidenceRefinement>) continue;
-      const TypeParam first = this->small_map(is_limited);
-      const std::string before = to_bytes(first);
-      const Scan<D> scan = scan_of<D>(3, threads > 1 ? 2050 : 120, threads > 1 ? 2.5 : 4.0, 6.0);
-      const int failed = with_each_failure(
-          [&] { return first; }, [&](TypeParam& map) { map.insert(scan, kUnlimitedRange, threads); },
-          [&](TypeParam& map, bool threw, long n) {
-            ASSERT_TRUE(!threw || !is_limited || to_bytes(map) == before) << "allocation " << n;
-            this->expect_usable(map, n);
-          });
-      EXPECT_GT(failed, 5);
-      testing::Test::RecordProperty("failed_" + std::to_string(threads) + (is_limited ? "_undone" : ""),
-                                    failed);
-    }
+    for (const bool is_shared : {false, true})
+      for (const int threads : {1, 2}) {  // With a snapshot.
+        if (threads > 1 && !std::is_same_v<typename TypeParam::RefinementType, EvidenceRefinement>) continue;
+        const TypeParam first = this->small_map(is_limited);
+        const std::string before = to_bytes(first);
+        const Scan<D> scan = scan_of<D>(3, threads > 1 ? 2050 : 120, threads > 1 ? 2.5 : 4.0, 6.0);
+        const int failed =
+            with_each_failure([&] { return is_shared ? first : from_bytes<TypeParam>(before); },
+                              [&](TypeParam& map) { map.insert(scan, kUnlimitedRange, threads); },
+                              [&](TypeParam& map, bool threw, long n) {
+                                ASSERT_TRUE(!threw || !(is_limited || is_shared) || to_bytes(map) == before)
+                                    << "allocation " << n;
+                                ASSERT_TRUE(to_bytes(first) == before) << "allocation " << n;
+                                this->expect_usable(map, n);
+                              });
+        EXPECT_GT(failed, 5);
+        testing::Test::RecordProperty("failed_" + std::to_string(threads) + (is_limited ? "_undone" : ""),
+                                      failed);
+      }
   }
 }
 
@@ -154,7 +158,11 @@ TYPED_TEST(ScarceMemory, AnyAllocationOfOtherChangesMayFail) {
   TypeParam first = this->small_map(false);
   const std::string before = to_bytes(first);
   const Box<D> box{Vector<D>::Constant(-0.33), Vector<D>::Constant(0.77)};
-  const auto usable = [&](TypeParam& map, bool, long n) { this->expect_usable(map, n); };
+  const auto usable = [&](TypeParam& map, bool threw, long n) {
+    ASSERT_TRUE(!threw || to_bytes(map) == before) << "allocation " << n;
+    this->expect_usable(map, n);
+    ASSERT_TRUE(to_bytes(first) == before) << "allocation " << n;
+  };
   const auto copied = [&] { return first; };
   with_each_failure(
       copied, [&](TypeParam& map) { map.crop(box); }, usable);
@@ -162,6 +170,11 @@ TYPED_TEST(ScarceMemory, AnyAllocationOfOtherChangesMayFail) {
       copied, [&](TypeParam& map) { map.clear(box); }, usable);
   with_each_failure(
       copied, [&](TypeParam& map) { map.keep_near(Vector<D>::Zero(), 0.9); }, usable);
+  TypeParam other = this->small_map(false);
+  other.insert(scan_of<D>(4, 40, 1.5, 2.0));
+  EXPECT_GT(with_each_failure(
+                copied, [&](TypeParam& map) { map.merge(other); }, usable),
+            3);
   EXPECT_GT(with_each_failure(
                 copied, [](TypeParam& map) { map.shrink_to_fit(); },
                 [&](TypeParam& map, bool, long n) {

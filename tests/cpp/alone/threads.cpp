@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What threads may do with maps at the same time, for ThreadSanitizer to watch: insertions that use several
-// threads, into different maps at once; questions of several threads to one map; insertions that are
-// cancelled, or run out of memory. Prints what went wrong; exit status 0 if nothing did.
+// threads, into different maps at once; questions of several threads to one map; snapshots that are read and
+// changed while the map goes on; insertions that are cancelled, or run out of memory. Prints what went wrong;
+// exit status 0 if nothing did.
 #include <atomic>
 #include <cstdio>
 #include <string>
@@ -30,7 +31,7 @@ Scan<3> scan_of(std::uint64_t seed, double reach) {
   return scan;
 }
 
-int failures = 0;
+std::atomic<int> failures{0};
 void expect(bool holds, const char* what) {
   if (holds) return;
   std::printf("threads: %s\n", what);
@@ -59,6 +60,28 @@ void insert_and_ask(std::uint64_t seed, std::string& bytes) {
   bytes = to_bytes(map);
 }
 
+/// One thread goes on, with helpers, while others read what was, make copies of it, and change those.
+void go_on_beside_snapshots() {
+  MapOptions options;
+  options.min_cell_size = 0.1;
+  Map map(options);
+  Map alone(options);
+  std::vector<std::thread> readers;
+  for (std::uint64_t i = 0; i < 6; ++i) {
+    readers.emplace_back([snapshot = map.snapshot(), expected = to_bytes(map), i]() mutable {
+      expect(to_bytes(snapshot) == expected, "a snapshot has changed");
+      Map copy = snapshot.snapshot();
+      copy.insert(scan_of(20 + i, 3.0), kUnlimitedRange, 2);
+      if (i % 2 == 0) snapshot.crop({Vector<3>::Constant(-1.0), Vector<3>::Constant(1.0)});
+      expect(i % 2 == 0 || to_bytes(snapshot) == expected, "a copy has changed what it was copied from");
+    });
+    map.insert(scan_of(i, 4.0), kUnlimitedRange, 3);
+    alone.insert(scan_of(i, 4.0), kUnlimitedRange, 1);
+  }
+  for (std::thread& reader : readers) reader.join();
+  expect(to_bytes(map) == to_bytes(alone), "a map with snapshots is not as one without");
+}
+
 }  // namespace
 
 int main() {
@@ -67,6 +90,8 @@ int main() {
   insert_and_ask(1, one);
   other.join();
   expect(one == two, "maps made at the same time differ");
+
+  go_on_beside_snapshots();
 
   MapOptions options;
   options.min_cell_size = 0.02;
