@@ -20,7 +20,7 @@ _POINTS: Axes = {"points": 1}
 _BEAMS: Axes = {"points": 1, "origin": 1, "returned": 0, "range_sigma": 0}
 _RAYS: Axes = {"directions": 1, "origins": 1}
 
-#: By the name of a method.
+#: By the name of a method, with that of its class where another has one of the name.
 TAKEN: dict[str, Axes] = {
     **dict.fromkeys(
         ("probability", "state", "occupied_within", "distance_to_occupied", "cell_size", "nearest_occupied"),
@@ -28,7 +28,7 @@ TAKEN: dict[str, Axes] = {
     ),
     **dict.fromkeys(("distance", "gradient", "contains"), _POINTS),
     **dict.fromkeys(("insert", "evaluate"), _BEAMS),
-    "cast_rays": _RAYS,
+    **dict.fromkeys(("cast_rays", "SimulatedLog2.distance", "SimulatedLog3.distance"), _RAYS),
     "states_in": {"lower": 1, "upper": 1},
     "collides": {"poses": 2},
 }

@@ -15,6 +15,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ndtree import _core, results
 from ndtree._arguments import TAKEN, flattened, refuse_masked, shaped
 from ndtree._calls import MISMATCH, said
@@ -63,7 +66,7 @@ def _wrapped(
     signature = signature_of(function.__doc__, options)
     names = tuple(signature.parameters)[is_method:] if signature is not None else ()
     short = name.rpartition(".")[2]
-    axes = TAKEN.get(short) if is_method else None
+    axes = TAKEN.get(name, TAKEN.get(short)) if is_method else None
 
     @functools.wraps(function)
     def call(*arguments: Any, **keywords: Any) -> Any:
@@ -161,6 +164,12 @@ def _field_text(self: _core.DistanceField) -> str:
     )
 
 
+def _field_centers(self: _core.DistanceField) -> NDArray[np.float64]:
+    """(nx, ny[, nz], dim) float64: where `values` are [m]."""
+    places = np.moveaxis(np.indices(self.values.shape), 0, -1)
+    return self.lower + (places + 0.5) * self.cell_size
+
+
 def _truth_text(self: _core.HeldOutTruth) -> str:
     return (
         f"HeldOutTruth(samples={self.samples}, free={self.free:.4g}, occupied={self.occupied:.4g}, "
@@ -185,5 +194,6 @@ _given(_core.OccupancyMap, "save", save)
 _given(_core.OccupancyMap, "_repr_html_", _html)
 _given(_core.OccupancyMap, "_repr_png_", _png)
 _given(_core.DistanceField, "__repr__", _field_text)
+_core.DistanceField.centers = property(_field_centers)  # type: ignore[assignment, method-assign]
 _given(_core.HeldOutTruth, "__repr__", _truth_text)
 _given(_core.SeenSpace, "__repr__", _space_text)

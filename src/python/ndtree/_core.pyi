@@ -151,6 +151,9 @@ class DistanceField:
     def lower(self) -> NDArray[np.float64]:
         """(dim,) float64: lower corner of the first cell [m]."""
     @property
+    def centers(self) -> NDArray[np.float64]:
+        """(nx, ny[, nz], dim) float64: where `values` are [m]."""
+    @property
     def cell_size(self) -> float:
         """[m]"""
     @property

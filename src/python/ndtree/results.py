@@ -96,6 +96,11 @@ class Leaves(Answers):
     observed: NDArray[np.bool_]
     state: NDArray[np.int8]
 
+    @property
+    def center(self) -> NDArray[np.float64]:
+        """(n, dim) float64 [m]."""
+        return self.lower + 0.5 * np.asarray(self.size)[..., None]
+
     def __repr__(self) -> str:
         if not self.shape:
             state = {-1: "unknown", 0: "free", 1: "occupied"}[int(self.state)]
@@ -212,6 +217,11 @@ class Frontier:
     area: float
     cells: NDArray[np.float64]
     size: NDArray[np.float64]
+
+    @property
+    def cell_centers(self) -> NDArray[np.float64]:
+        """(k, dim) float64: centres of the cells [m]."""
+        return self.cells + 0.5 * self.size[:, None]
 
     def __len__(self) -> int:
         """Number of cells."""
