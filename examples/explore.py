@@ -38,17 +38,18 @@ def shortest_way(start, ends, passable):
 
 def way_to_frontier(m, position, goals):
     """Points from here to the nearest frontier where the robot was not yet; None if none is in reach."""
-    lower, upper = np.array(m.bounds()) + np.array([[-GRID], [GRID]])
-    field = m.distance_field([lower, upper], GRID, max_distance=RADIUS + GRID)
-    here = np.linalg.norm(field.centers - position, axis=-1) < RADIUS + GRID  # Where it is, it may be.
-    free = (m.state(field.centers) == 0) & (here | (field.values > RADIUS))
+    box = np.array(m.bounds()) + np.array([[-GRID], [GRID]])
+    field = m.distance_field(box, GRID, max_distance=RADIUS + GRID)
+    centers, lower = field.centers, field.lower
+    here = np.linalg.norm(centers - position, axis=-1) < RADIUS + GRID  # Where it is, it may be.
+    free = (m.state(centers) == 0) & (here | (field.values > RADIUS))
     ends = np.zeros_like(free)
     for frontier in m.frontiers(min_cells=8):
         ends[tuple(((frontier.cell_centers - lower) // GRID).astype(int).T)] = True
     for goal in goals:  # There is nothing more to be seen from there.
-        ends &= np.linalg.norm(field.centers - goal, axis=-1) > 0.5
+        ends &= np.linalg.norm(centers - goal, axis=-1) > 0.5
     way = shortest_way(tuple(((position - lower) // GRID).astype(int)), ends, free)
-    return None if way is None else field.centers[tuple(way.T)]
+    return None if way is None else centers[tuple(way.T)]
 
 
 def explore(world, scans=500):
@@ -67,9 +68,7 @@ def explore(world, scans=500):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "picture", nargs="?", default="explore.png", help="file to draw the map and the way in"
-    )
+    parser.add_argument("picture", nargs="?", default="explore.png", help="file to draw in")
     parser.add_argument("--scans", type=int, default=500, help="that the robot may take at most")
     arguments = parser.parse_args()
     m, track, done = explore(ndtree.simulate("office"), arguments.scans)
