@@ -161,6 +161,7 @@ def test_leaves_are_indexed_as_their_arrays(dim: int) -> None:
 def answers() -> dict[str, Any]:
     m = mapped(2)
     points = RNG.uniform(-2.0, 2.0, (6, 2))
+    before = m.snapshot()
     report = m.insert(*room_scan(2, 9))
     scan = ndtree.simulate("office", scans=2)[0]
     space = ndtree.SeenSpace([scan], samples=100)
@@ -174,6 +175,8 @@ def answers() -> dict[str, Any]:
         "RayEnds": m.cast_rays([0.0, 0.0], points.reshape(2, 3, 2), details=True),
         "one of RayEnds": m.cast_rays([0.0, 0.0], points[0], details=True),
         "Frontier": m.frontiers(min_cells=0)[0],
+        "Changes": m.changes(since=before),
+        "one of Changes": m.changes(since=before)[0],
         "HeldOutTruth": m.evaluate(*room_scan(2, 10)),
         "Claims": m.claims(space),
         "CompressReport": m.compress(max_loss=10.0),

@@ -159,7 +159,23 @@ class DistanceField:
     @property
     def max_distance(self) -> float:
         """Farther away, values are this [m]."""
-    def update(self, map: OccupancyMap, *, since: OccupancyMap) -> None: ...
+    def update(self, map: OccupancyMap, *, since: OccupancyMap) -> None:
+        """Follow the map: afterwards every value is what distance_field() would give now, bit for bit.
+
+        Only points are looked at for which something that changed is no farther away than what was nearest.
+
+        Parameters
+        ----------
+        map : OccupancyMap
+            That the field was made of.
+        since : OccupancyMap
+            A snapshot() of it from when the field was made, or last updated.
+
+        Raises
+        ------
+        ValueError
+            The maps are not of the same kind, or not of the field's dimension.
+        """
     def distance(self, points: ArrayLike) -> NDArray[np.float64]:
         """Distance between the centres of cells, linear on each axis.
 
@@ -274,6 +290,9 @@ class OccupancyMap:
         threads : int
             That may work on a large scan; 0: as many as the machine has cores. The map is the same, bit for bit, for
             every number. Beam by beam there is only one.
+        window : (2, dim) array of float, optional
+            Lower and upper corner [m]: only cells in this box change, and become, bit for bit, what they would
+            without it. In it are all cells of `max_cell_size` (of a fixed map: all cells) that share a volume with it.
 
         Returns
         -------
@@ -736,12 +755,87 @@ class OccupancyMap:
         radius : float
             > 0 [m].
         """
-    def snapshot(self) -> Self: ...
+    def snapshot(self) -> Self:
+        """The map as it is now, which stays so while this one goes on.
+
+        It shares all cells that do not change from now on, so that it is made in microseconds for each megabyte. Other
+        threads may read it as long as they like, and nobody waits. It is a map as any other: what is inserted into it
+        changes nothing here.
+
+        Returns
+        -------
+        OccupancyMap
+            Of the same kind.
+
+        Raises
+        ------
+        ValueError
+            For OctoMap.
+        """
     @property
-    def revision(self) -> Self: ...
-    def changes(self, *, since: OccupancyMap) -> Changes: ...
-    def merge(self, other: OccupancyMap) -> None: ...
-    def transformed(self, pose: ArrayLike) -> Self: ...
+    def revision(self) -> Self:
+        """What the map is now, to be asked for `changes(since=...)` later: a snapshot()."""
+    def changes(self, *, since: OccupancyMap) -> Changes:
+        """What is different from what the map, or another one of the same cells, was.
+
+        Takes time in proportion to what was written since the snapshot was made, whatever the size of the map. Any number
+        of listeners may each keep a snapshot of their own; one holds at most the memory that the map held then.
+
+        Parameters
+        ----------
+        since : OccupancyMap
+            An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
+
+        Returns
+        -------
+        Changes
+            Regions whose state is another one, free of overlaps. Probabilities that change within a state do not count.
+
+        Raises
+        ------
+        ValueError
+            The maps are not of the same kind, or their cells not of the same sizes.
+        """
+    def merge(self, other: OccupancyMap) -> None:
+        """Add what another map of the same place knows.
+
+        Evidence and counts of cells add up, as if this map had seen both (of paper and fixed maps the log-odds, clamped);
+        where the cells of one are larger, each of the other's gets its part. What both come to does not depend on which is
+        merged into which. To put maps of different frames together, move one first: see transformed().
+
+        Parameters
+        ----------
+        other : OccupancyMap
+            Of the same kind, with cells of the same sizes.
+
+        Raises
+        ------
+        ValueError
+            They are not. The map is then unchanged.
+        MemoryError
+            The map would hold more than max_memory. It is then unchanged.
+        """
+    def transformed(self, pose: ArrayLike) -> Self:
+        """The map in another frame: moved by a rigid motion.
+
+        Borders and surfaces are moved to the nearest smallest cell, by at most half its diagonal more than the motion; nothing
+        is blurred, and nothing unknown becomes known.
+
+        Parameters
+        ----------
+        pose : (dim + 1, dim + 1) array of float, or for dim = 2 (3,)
+            Every point x of this map is at `pose * x` in the other; x, y and yaw if (3,) [m, rad].
+
+        Returns
+        -------
+        OccupancyMap
+            Of the same kind and options.
+
+        Raises
+        ------
+        ValueError
+            The pose is no rigid motion, or moves cells to where the lattice of cells does not reach.
+        """
     def __eq__(self, other: object) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
     def stats(self) -> MapStats:
