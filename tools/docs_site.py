@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -243,23 +243,23 @@ class CompiledModule(griffe.Extension):
         for name in obj.path[len(prefix) :].split("."):
             found = getattr(found, name, None)
         text = inspect.cleandoc(getattr(found, "__doc__", None) or "")
-        if obj.is_class:
-            text = text.split("\n__init__(")[0]
-        signature = re.match(r"(\w*\(.*\) -> .*)\n*", text)
-        if signature:
-            text = text[signature.end() :]
         if text.strip() and (obj.is_class or obj.name != "__init__"):
             obj.docstring = griffe.Docstring(_for_page(text), parent=obj, parser="numpy")
-        if obj.is_function:
-            self._fill_defaults(obj, signature[1] if signature else "")
+        if obj.is_function and (obj.name == "__init__" or not obj.name.startswith("_")):
+            self._fill_defaults(obj, inspect.signature(found).parameters)
 
-    def _fill_defaults(self, function: Any, signature: str) -> None:
+    def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
+        """Called by griffe when all is read: in a stub, what has overloads has nothing beside them."""
+        if pkg.name == "ndtree":
+            core = pkg["_core"]
+            for holder in (core, *core.classes.values()):
+                for name, overloads in holder.overloads.items():
+                    if overloads and name not in holder.members:
+                        holder.set_member(name, overloads[0])
+                        overloads[0].overloads = overloads[1:]
+
+    def _fill_defaults(self, function: Any, known: Mapping[str, inspect.Parameter]) -> None:
         for parameter in function.parameters:
-            if parameter.default != "...":
-                continue
-            found = re.search(rf"\b{parameter.name}: [^=]*= ([^,)]+)", signature)
-            if found:
-                parameter.default = found[1]
-            elif function.name == "__init__":
-                name = "min_cell_size" if parameter.name == "cell_size" else parameter.name
-                parameter.default = _number(ndtree.default_options()[name])
+            if parameter.default == "...":
+                value = known[parameter.name].default
+                parameter.default = _number(value) if isinstance(value, float) else repr(value)

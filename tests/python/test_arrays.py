@@ -44,7 +44,7 @@ def test_empty_scans_and_questions_are_fine():
 
 WRONG = [
     (lambda m: m.insert(np.zeros((3, 3)), ORIGIN), ValueError, "points has shape (3, 3): must be (n, 2)"),
-    (lambda m: m.insert(np.zeros(2), ORIGIN), ValueError, "points has shape (2,): must be (n, 2)"),
+    (lambda m: m.insert(np.zeros(3), ORIGIN), ValueError, "points has shape (3,): must be (n, 2)"),
     (
         lambda m: m.insert(POINTS, np.zeros(3)),
         ValueError,

@@ -170,7 +170,17 @@ def test_ctrl_c_ends_long_questions(tmp_path: Path) -> None:
     before = m.to_bytes()
     points, origin = scan(2_000_000, 9.0)
     box = (np.full(3, -9.0), np.full(3, 9.0))
+    field = m.distance_field(box, 0.5)
+    poses = np.tile(np.eye(4), (300_000, 1, 1))
+    poses[:, :3, 3] = points[:300_000]
+    body = ndtree.Box((3.0, 3.0, 3.0))
     calls = {
+        "collides": lambda: [m.collides(body, poses) for _ in range(1000)],
+        "field.distance": lambda: [field.distance(points) for _ in range(1000)],
+        "field.gradient": lambda: [field.gradient(points) for _ in range(1000)],
+        "states_in": lambda: m.states_in(points - 0.4, points + 0.4),
+        "to_grid": lambda: m.to_grid(box, 0.05),
+        "many bounds": lambda: [m.bounds() for _ in range(100_000)],
         "cast_rays": lambda: m.cast_rays(origin, points),
         "details": lambda: m.cast_rays(origin, points, details=True, unknown="stop"),
         "distance_field": lambda: m.distance_field(box, 0.05, max_distance=4.0),

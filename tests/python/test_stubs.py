@@ -3,19 +3,31 @@
 
 import ast
 import inspect
+import os
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import ndtree
-from ndtree import _core
+import ndtree.typing
+from ndtree import _core, results
+from ndtree._compiled import RESULTS
 
 PACKAGE = Path(inspect.getfile(ndtree)).parent
-STUB = ast.parse((PACKAGE / "_core.pyi").read_text())
+STUB_FILE = PACKAGE / "_core.pyi"
+STUB = ast.parse(STUB_FILE.read_text())
 CLASSES = {node.name: node for node in STUB.body if isinstance(node, ast.ClassDef)}
 FUNCTIONS = {node.name: node for node in STUB.body if isinstance(node, ast.FunctionDef)}
+TAKEN_OVER = {
+    name.asname
+    for node in STUB.body
+    if isinstance(node, ast.ImportFrom) and node.module == "ndtree.results"
+    for name in node.names
+}
 OPTIONAL = set() if _core.has_octomap else {"OctoMap"}
+USES = Path(__file__).parent / "typed" / "uses.py"
 
 
 def public(names):
@@ -26,20 +38,12 @@ def keywords(node: ast.FunctionDef) -> list[str]:
     return [a.arg for a in node.args.args + node.args.kwonlyargs if a.arg != "self"]
 
 
-def documented_keywords(function) -> list[str]:
-    """Argument names from the signature that pybind11 writes in the first line of a docstring."""
-    signature = function.__doc__.splitlines()[0]
-    inside = signature[signature.index("(") + 1 : signature.rindex(") ->")]
-    names = re.findall(r"(?:^|, )\*{0,2}(\w+)(?=:)", inside)
-    return [n for n in names if n not in ("self", "kwargs")]
-
-
 def test_the_package_is_marked_as_typed():
     assert (PACKAGE / "py.typed").exists()
 
 
 def test_names_are_those_of_the_module():
-    assert public(CLASSES) | set(FUNCTIONS) | {"has_octomap"} == public(dir(_core)) | OPTIONAL
+    assert public(CLASSES) | set(FUNCTIONS) | TAKEN_OVER | {"has_octomap"} == public(dir(_core)) | OPTIONAL
 
 
 @pytest.mark.parametrize("name", sorted(public(CLASSES) - OPTIONAL))
@@ -55,13 +59,23 @@ def test_keywords_are_those_of_the_methods(name):
     checked = 0
     for node in CLASSES[name].body:
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and not node.decorator_list:
-            assert keywords(node) == documented_keywords(getattr(getattr(_core, name), node.name)), node.name
+            shown = list(inspect.signature(getattr(getattr(_core, name), node.name)).parameters)
+            assert [one for one in shown if one != "self"] == keywords(node), node.name
             checked += 1
-    without = (
-        "Claims CompressReport Frontier HeldOutTruth InsertReport Leaves MapStats NearestOccupied RayEnds "
-        "SeenSpace Shape"
-    ).split()
-    assert checked or name in without or "Map" in name
+    assert checked or name in ("HeldOutTruth", "SeenSpace", "Shape") or "Map" in name
+
+
+@pytest.mark.parametrize("name", sorted(FUNCTIONS))
+def test_keywords_are_those_of_the_functions(name):
+    shown = list(inspect.signature(getattr(_core, name)).parameters)
+    written = keywords(FUNCTIONS[name])
+    assert [one for one in shown if one != "kwargs"] == written
+
+
+def test_results_have_what_the_compiled_ones_have():
+    assert {made.__name__ for made in RESULTS.values()} == TAKEN_OVER == set(results.__all__)
+    for raw, made in RESULTS.items():
+        assert public(vars(raw)) == set(made.__dataclass_fields__), made
 
 
 def test_options_of_the_maps_are_those_of_the_library():
@@ -91,6 +105,122 @@ def test_everything_public_is_documented(name):
     assert type_.__doc__
     for member in public(vars(type_)):
         documentation = getattr(type_, member).__doc__ or ""
-        assert len(documentation.splitlines()) > 1 or not documentation.startswith(member + "("), (
-            f"{name}.{member}"
-        )
+        assert documentation or name not in ndtree.__all__, f"{name}.{member}"
+        assert not documentation.startswith(member + "("), f"{name}.{member}: its signature is shown apart"
+
+
+def members(type_: type) -> dict[str, Any]:
+    """Public functions and methods of a class, inherited ones too but those of Python's own types."""
+    names = set(dir(type_)) - set(dir(dict))
+    return {n: getattr(type_, n) for n in names if not n.startswith("_") and callable(getattr(type_, n))}
+
+
+def test_every_public_call_has_a_signature():
+    checked = 0
+    for name in public(ndtree.__all__) - {"has_octomap"} - OPTIONAL:
+        held = getattr(ndtree, name)
+        calls = {name: held}  # But of those that nobody makes.
+        if isinstance(held, type):
+            calls.update({f"{name}.{member}": method for member, method in members(held).items()})
+        for called, function in calls.items():
+            if called in ("OccupancyMap", "Shape", "DistanceField", "Comparison", "MapComparison"):
+                continue
+            signature = inspect.signature(function)
+            kinds = {parameter.kind for parameter in signature.parameters.values()}
+            assert inspect.Parameter.VAR_POSITIONAL not in kinds, called
+            assert inspect.getdoc(function), called
+            checked += 1
+    assert checked > 100
+
+
+def test_signatures_say_what_is_taken():
+    insert = inspect.signature(ndtree.AdaptiveMap.insert)
+    assert str(insert.parameters["max_range"]) == "max_range: 'float' = inf"
+    assert insert.parameters["threads"].kind is inspect.Parameter.KEYWORD_ONLY
+    assert insert.return_annotation == "InsertReport"
+    assert str(inspect.signature(ndtree.Sphere)) == "(radius: 'float', center=None) -> 'Shape'"
+    for kind in (ndtree.AdaptiveMap, ndtree.FixedMap):
+        shown = inspect.signature(kind).parameters
+        used = {{"min_cell_size": "cell_size"}.get(n, n) if kind is ndtree.FixedMap else n: v
+                for n, v in kind().options.items()}  # fmt: skip
+        assert used == {name: shown[name].default for name in used}
+    bound = inspect.signature(ndtree.AdaptiveMap().state)
+    assert list(bound.parameters) == ["points"]
+
+
+def stub_with_docstrings() -> str:
+    """The stub, with the compiled module's docstrings in it, which editors show."""
+    lines = STUB_FILE.read_text().splitlines()
+
+    def put(node: ast.ClassDef | ast.FunctionDef, text: str) -> None:
+        first = node.body[0]
+        quote = 'r"""' if "\\" in text else '"""'
+        written = (quote + text + ('\n"""' if "\n" in text else '"""')).splitlines()
+        written = [" " * (node.col_offset + 4) + line if line else "" for line in written]
+        begin, end = first.lineno - 1, first.end_lineno
+        if ast.get_docstring(node) is None:
+            is_empty = isinstance(first, ast.Expr)
+            if not is_empty:  # Before the first member and what decorates it.
+                begin = end = (
+                    min([first.lineno, *(d.lineno for d in getattr(first, "decorator_list", []))]) - 1
+                )
+                written.append("")
+            elif not lines[begin][: first.col_offset].isspace():  # def f() -> None: ...
+                written.insert(0, lines[begin][: first.col_offset].rstrip())
+        lines[begin:end] = written
+
+    def documented(node: ast.ClassDef | ast.FunctionDef, held: Any) -> None:
+        if isinstance(node, ast.ClassDef):
+            for one in reversed(node.body):
+                if isinstance(one, ast.FunctionDef) and not one.name.startswith("_"):
+                    documented(one, getattr(held, one.name))
+        text = inspect.cleandoc(held.__doc__ or "")
+        if text:
+            put(node, text)
+
+    for node in reversed(STUB.body):  # From the bottom up, so that the lines above stay where they are.
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name not in OPTIONAL:
+            documented(node, getattr(_core, node.name))
+    return "\n".join(lines) + "\n"
+
+
+def test_docstrings_of_the_stub_are_those_of_the_module():
+    """With NDTREE_UPDATE_DOCS in the environment, the stub gets them."""
+    expected = stub_with_docstrings()
+    if "NDTREE_UPDATE_DOCS" in os.environ:
+        STUB_FILE.write_text(expected)
+    assert expected == STUB_FILE.read_text(), (
+        "NDTREE_UPDATE_DOCS=1 pytest tests/python/test_stubs.py mends it"
+    )
+
+
+def test_typed_options_are_those_of_the_maps():
+    kinds = {"MapOptions": set(ndtree.default_options())}
+    for kind in {"FixedMap", "OctoMap"} - OPTIONAL:
+        shown = set(inspect.signature(getattr(ndtree, kind)).parameters)
+        kinds[f"{kind}Options"] = shown - {"dim", "branching", "refinement", "insertion"}
+    for name, expected in kinds.items():
+        assert set(getattr(ndtree.typing, name).__annotations__) == expected, name
+    for option in ndtree.typing.SimulationOptions.__annotations__:
+        ndtree.simulate("office", scans=2, **{option: 0.0})
+
+
+def test_a_strict_checker_accepts_what_is_right_and_sees_what_is_wrong():
+    api = pytest.importorskip("mypy.api", reason="mypy is not installed")
+    pytest.importorskip("typing_extensions", reason="typing_extensions is not installed")
+    said, failed, _ = api.run(
+        ["--strict", "--cache-dir", os.devnull, "--no-error-summary", "--hide-error-context", str(USES)]
+    )
+    assert not failed, failed
+    found = {
+        (int(line), code)
+        for line, code in re.findall(r"uses\.py:(\d+): error: .*\[([\w-]+)\]$", said, re.MULTILINE)
+    }
+    assert len(found) == said.count(": error: "), said
+    expected = {
+        (number, line.partition("# wrong: ")[2])
+        for number, line in enumerate(USES.read_text().splitlines(), 1)
+        if "# wrong: " in line
+    }
+    assert len(expected) > 5
+    assert found == expected, said

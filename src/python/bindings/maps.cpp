@@ -338,10 +338,28 @@ void bind_maps(py::module_& module) {
       .def_property_readonly(
           "median_error", [](const HeldOutTruth& t) { return or_nan(t.median_cast_error()); },
           "Median distance [m] between cast and beam; inf where most casts find nothing.")
-      .def("__iadd__", [](HeldOutTruth& a, const HeldOutTruth& b) -> HeldOutTruth& {
-        a.add(b);
-        return a;
-      });
+      .def("__iadd__",
+           [](HeldOutTruth& a, const HeldOutTruth& b) -> HeldOutTruth& {
+             a.add(b);
+             return a;
+           })
+      .def(py::pickle(
+          [](const HeldOutTruth& t) {
+            return py::make_tuple(t.free, t.occupied, t.unknown, t.endpoints, t.endpoints_near,
+                                  t.casts_within, t.free_log_likelihood, t.endpoint_log_likelihood,
+                                  t.cast_errors);
+          },
+          [](const py::tuple& state) {
+            HeldOutTruth t;
+            std::uint64_t* const counts[] = {&t.free,      &t.occupied,       &t.unknown,
+                                             &t.endpoints, &t.endpoints_near, &t.casts_within};
+            std::size_t next = 0;
+            for (std::uint64_t* const count : counts) *count = state[next++].cast<std::uint64_t>();
+            t.free_log_likelihood = state[next++].cast<double>();
+            t.endpoint_log_likelihood = state[next++].cast<double>();
+            t.cast_errors = state[next].cast<std::vector<double>>();
+            return t;
+          }));
 
   py::class_<PythonMap>(module, "OccupancyMap",
                         "What all maps have in common. Make an AdaptiveMap or a FixedMap.")

@@ -4,6 +4,26 @@
 #include "ndtree/version.hpp"
 #include "python_map.hpp"
 
+namespace {
+
+/// What pybind11 calls for the place of an object whose `__init__` did not run, or threw: it would hand out
+/// memory that nobody has written to.
+void* refuse_unmade(std::size_t) {
+  throw pybind11::type_error("an object is used that was never made: its __init__() did not run, or failed");
+}
+
+void refuse_unmade_objects(const pybind11::module_& module) {
+  namespace py = pybind11;
+  for (const auto& [name, held] : module.attr("__dict__").cast<py::dict>()) {
+    if (!py::isinstance<py::type>(held)) continue;
+    py::detail::type_info* const info =
+        py::detail::get_type_info(reinterpret_cast<PyTypeObject*>(held.ptr()));
+    if (info != nullptr) info->operator_new = &refuse_unmade;
+  }
+}
+
+}  // namespace
+
 PYBIND11_MODULE(_core, module) {
   namespace py = pybind11;
   module.doc() = "Compiled part of ndtree.";
@@ -24,4 +44,5 @@ PYBIND11_MODULE(_core, module) {
 #else
   module.attr("has_octomap") = false;
 #endif
+  refuse_unmade_objects(module);
 }

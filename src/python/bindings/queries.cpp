@@ -21,6 +21,7 @@ using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "n
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr std::size_t kFieldWork = 8;  // Of looking up one point, for Pace.
 
 struct NearestArrays {
   py::array distance, point;
@@ -81,17 +82,54 @@ py::array_t<float> values_of(const AnyField& any) {
       any.field);
 }
 
-/// Calls `fill(field, point, i)` for each of (n, dim) points.
+/// Calls `fill(field, point, i)` for each of (n, dim) points, without the interpreter's lock.
 template <class Fill>
 void for_each_point(const AnyField& any, const DoubleArray& points, const Fill& fill) {
+  const double* const data = points.data();
+  const auto n = static_cast<std::size_t>(points.shape(0));
+  const Released released;
   std::visit(
       [&](const auto& field) {
         using Point = std::decay_t<decltype(field.lower())>;
-        const double* const data = points.data();
-        for (py::ssize_t i = 0; i < points.shape(0); ++i)
-          fill(field, Point(Eigen::Map<const Point>(data + i * points.shape(1))), i);
+        constexpr auto kDim = static_cast<std::size_t>(Point::RowsAtCompileTime);
+        for_each_paced(n, kFieldWork, [&](std::size_t i) {
+          fill(field, Point(Eigen::Map<const Point>(data + i * kDim)), i);
+        });
       },
       any.field);
+}
+
+py::tuple state_of_field(const AnyField& any) {
+  return std::visit(
+      [&](const auto& field) {
+        const py::array_t<double> lower(field.lower().size(), field.lower().data());
+        return py::make_tuple(lower, field.cell_size(), field.max_distance(), values_of(any));
+      },
+      any.field);
+}
+
+template <int D>
+AnyField field_from(const DoubleArray& lower, double cell_size, double max_distance,
+                    const py::array_t<float, py::array::c_style>& values) {
+  typename DistanceField<D>::Shape shape;
+  for (std::size_t a = 0; a < D; ++a)
+    shape[a] = static_cast<std::size_t>(values.shape(static_cast<py::ssize_t>(a)));
+  DistanceField<D> field(Eigen::Map<const Vector<D>>(lower.data()), cell_size, shape, max_distance);
+  std::copy_n(values.data(), values.size(), field.values().begin());
+  return {std::move(field)};
+}
+
+AnyField field_of_state(const py::tuple& state) {
+  const DoubleArray lower = as_doubles(state[0], "lower");
+  const auto values = state[3].cast<py::array_t<float, py::array::c_style>>();
+  const auto cell_size = state[1].cast<double>();
+  const auto max_distance = state[2].cast<double>();
+  if (lower.ndim() == 1 && lower.shape(0) == values.ndim()) {
+    if (values.ndim() == 2) return field_from<2>(lower, cell_size, max_distance, values);
+    if (values.ndim() == 3) return field_from<3>(lower, cell_size, max_distance, values);
+    if (values.ndim() == 4) return field_from<4>(lower, cell_size, max_distance, values);
+  }
+  throw py::value_error("DistanceField: is no state of one");
 }
 
 std::vector<double> as_vector(const py::object& object, const char* name) {
@@ -200,7 +238,24 @@ void bind_shapes(py::module_& module) {
   py::class_<PythonShape>(module, "Shape",
                           "A robot's body in its own frame: Sphere, Capsule, Box, or several by `a | b`.")
       .def("__or__", &joined, "other"_a, "The union of two.")
-      .def("__repr__", [](const PythonShape& shape) { return shape.text; });
+      .def("__repr__", [](const PythonShape& shape) { return shape.text; })
+      .def(py::pickle(
+          [](const PythonShape& shape) {
+            py::list parts;
+            for (const AnyShapePart& part : shape.parts)
+              parts.append(py::make_tuple(part.is_box, part.a, part.b, part.axes, part.radius));
+            return py::make_tuple(shape.text, parts);
+          },
+          [](const py::tuple& state) {
+            PythonShape shape{{}, state[0].cast<std::string>()};
+            for (const py::handle one : state[1]) {
+              const auto part = py::reinterpret_borrow<py::tuple>(one);
+              using Numbers = std::vector<double>;
+              shape.parts.push_back({part[0].cast<bool>(), part[1].cast<Numbers>(), part[2].cast<Numbers>(),
+                                     part[3].cast<Numbers>(), part[4].cast<double>()});
+            }
+            return shape;
+          }));
   module.def("Sphere", &sphere, "radius"_a, "center"_a = py::none(),
              R"(All points at most radius from a centre.
 
@@ -287,7 +342,7 @@ void bind_results(py::module_& module) {
             py::array_t<double> out(points.shape(0));
             double* const results = out.mutable_data();
             for_each_point(any, points,
-                           [&](const auto& f, const auto& p, py::ssize_t i) { results[i] = f.distance(p); });
+                           [&](const auto& f, const auto& p, std::size_t i) { results[i] = f.distance(p); });
             return out;
           },
           "points"_a, R"(Distance between the centres of cells, linear on each axis.
@@ -308,9 +363,10 @@ Returns
             const DoubleArray points = as_points(object, "points", any.dim());
             py::array_t<double> out({points.shape(0), points.shape(1)});
             double* const results = out.mutable_data();
-            for_each_point(any, points, [&](const auto& f, const auto& p, py::ssize_t i) {
+            for_each_point(any, points, [&](const auto& f, const auto& p, std::size_t i) {
               const auto gradient = f.gradient(p);
-              std::copy_n(gradient.data(), gradient.size(), results + i * gradient.size());
+              std::copy_n(gradient.data(), gradient.size(),
+                          results + static_cast<py::ssize_t>(i) * gradient.size());
             });
             return out;
           },
@@ -325,7 +381,8 @@ Returns
 -------
 (n, dim) float64
     Of length 1, or nearly, but where several obstacles are as near; nan outside the field.
-)");
+)")
+      .def(py::pickle(&state_of_field, &field_of_state));
 }
 
 }  // namespace

@@ -10,7 +10,7 @@ Lengths are in metres, arrays are (n, dim), everything is in the map frame.
 2
 """
 
-from . import _calls as _calls  # Before anybody takes a function of the compiled module.
+from . import _compiled as _compiled  # Before anybody takes a function of the compiled module.
 from ._core import (
     AdaptiveMap,
     Box,

@@ -3,17 +3,13 @@
 
 from __future__ import annotations
 
-import functools
 import re
-import types
 from collections.abc import Callable
 from typing import Any
 
-from ndtree import _core
+from ndtree._signatures import parameters_of
 
-_MISMATCH = re.compile(r"incompatible (?:function|constructor) arguments")
-_SIGNATURE = re.compile(r"\((.*)\)(?: -> .*)?$")
-_PARAMETER = re.compile(r"(\*{0,2}\w+|\*)(?:: (.*?))?(?: = (.*))?")
+MISMATCH = re.compile(r"incompatible (?:function|constructor) arguments")
 #: By what is in an annotation: a type that suits, and what it is called.
 _WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("SupportsFloat", lambda value: hasattr(value, "__float__") or hasattr(value, "__index__"), "a number"),
@@ -27,44 +23,11 @@ _WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
 _MOST_SHOWN = 60
 
 
-def explained(module: types.ModuleType) -> None:
-    """Have every function and method of a compiled module say so where a call does not fit."""
-    for name, held in list(vars(module).items()):
-        if isinstance(held, type):
-            for member, method in list(vars(held).items()):
-                is_own = member == "__init__" or not member.startswith("__")
-                if is_own and _is_compiled(method):
-                    setattr(held, member, _wrapped(method, f"{name}.{member}"))
-        elif _is_compiled(held) and not name.startswith("__"):
-            setattr(module, name, _wrapped(held, name))
-
-
-def _is_compiled(held: Any) -> bool:
-    return callable(held) and not isinstance(held, (type, types.FunctionType)) and bool(held.__doc__)
-
-
-def _wrapped(function: Any, name: str) -> Callable[..., Any]:
-    @functools.wraps(function)
-    def call(*arguments: Any, **keywords: Any) -> Any:
-        try:
-            return function(*arguments, **keywords)
-        except TypeError as error:
-            text = str(error)
-            if not _MISMATCH.search(text):
-                raise
-            said = _said(text, arguments, keywords)
-        raise TypeError(said)
-
-    call.__qualname__ = name  # pybind11's own is that of a class of its.
-    return call
-
-
-def _said(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
+def said(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
     """What is wrong with the call that pybind11 describes in several lines."""
     lines = text.splitlines()
-    found = _SIGNATURE.search(lines[1]) if len(lines) > 1 else None
-    parameters = [_PARAMETER.fullmatch(part) for part in _split(found[1])] if found else []
-    known = [(part[1], part[2] or "", part[3] is not None) for part in parameters if part]
+    found = parameters_of(lines[1]) if len(lines) > 1 else []
+    known = [(name, annotation, default is not None) for name, annotation, default in found if name != "/"]
     is_method = bool(known) and known[0][0] == "self"
     if is_method or text.startswith("__init__"):
         arguments = arguments[1:]
@@ -110,17 +73,6 @@ def _called(text: str) -> str:
     return name
 
 
-def _split(signature: str) -> list[str]:
-    """Parameters, at the commas that are in no brackets."""
-    parts, depth, start = [], 0, 0
-    for i, character in enumerate(signature):
-        depth += (character in "[(") - (character in "])")
-        if character == "," and depth == 0:
-            parts.append(signature[start:i].strip())
-            start = i + 1
-    return [part for part in [*parts, signature[start:].strip()] if part]
-
-
 def _shown(value: Any) -> str:
     """What a value is, in few words: that of an array would take many."""
     if hasattr(value, "shape") and hasattr(value, "dtype"):
@@ -129,6 +81,3 @@ def _shown(value: Any) -> str:
         return f"an integer of {value.bit_length()} bits"
     text = repr(value)
     return text if len(text) <= _MOST_SHOWN else text[: _MOST_SHOWN - 3] + "..."
-
-
-explained(_core)

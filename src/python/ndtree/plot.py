@@ -20,6 +20,7 @@ from ndtree._core import OccupancyMap
 from ndtree.comparison import Comparison
 from ndtree.files import replaced
 from ndtree.lattice import Cells, Floats, Integers, coarsened, covered_faces
+from ndtree.regions import ceiling, found_region
 
 try:
     from matplotlib.axes import Axes
@@ -495,7 +496,7 @@ def _draw_3d(
     every = [Cells.of(m) for m in maps.values()]
     region = tuple(region) if region is not None else found_region(every[0])
     if cut_above == "auto":
-        cut_above = _ceiling(every[0].where(every[0].occupied).inside(region))
+        cut_above = ceiling(every[0].where(every[0].occupied).inside(region))
     chosen = [_chosen_cubes(one, region, cut_above) for one in every]
     colors = coloring(chosen[0][0], color)
     at = plane[1]
@@ -657,32 +658,6 @@ def _panels(count: int, in_row: bool, shape: float, width: float) -> tuple[Figur
     return figure, axes
 
 
-def found_region(every: Cells) -> tuple[float, ...]:
-    """Bounds [m] of what was found: nearly all occupied cells, and some more; few strays are left out."""
-    hit = every.where(every.occupied & (every.hits > 0))
-    if not len(hit.size):
-        hit = every.where(every.occupied)
-    if not len(hit.size):
-        hit = every.where(every.observed)
-    weight = np.maximum(hit.hits, 1).astype(np.float64)
-    seen = every.where(every.observed)
-    bounds: list[float] = []
-    for a in range(every.lower.shape[1]):
-        # Half a cell is enough: what was hit is in it, and large cells reach far behind it.
-        middle = hit.lower[:, a] + hit.size // 2
-        low, high = (_quantile(middle, weight, share) for share in (0.002, 0.998))
-        margin = 0.03 * (high - low) + 2.0
-        bounds.append(max(low - margin, float(seen.lower[:, a].min())) * every.unit)
-        bounds.append(min(high + margin, float(seen.upper[:, a].max())) * every.unit)
-    return tuple(bounds)
-
-
-def _quantile(values: Integers, weights: Floats, share: float) -> float:
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, share * total[-1])])
-
-
 def _title(one: Cells, kind: str) -> str:
     """For example "adaptive, 0.05 to 1.6 m: 16,390 cells"."""
     low, high = (float(edge(one.size[one.observed])) * one.unit for edge in (np.min, np.max))
@@ -837,7 +812,7 @@ def _chosen_cubes(every: Cells, region: Region | None, cut_above: CutAbove) -> t
     bounds = list(region if region is not None else found_region(every))
     cubes = cubes.inside(bounds)
     if cut_above == "auto":
-        cut_above = _ceiling(cubes)
+        cut_above = ceiling(cubes)
     if isinstance(cut_above, str):
         raise ValueError(f"cut_above = {cut_above!r}: must be a height in metres, 'auto' or None")
     if cut_above is not None:
@@ -846,32 +821,6 @@ def _chosen_cubes(every: Cells, region: Region | None, cut_above: CutAbove) -> t
     if not len(cubes.size):
         raise ValueError(f"region = {tuple(bounds)}: no occupied cell is in it")
     return cubes, bounds
-
-
-def _ceiling(cubes: Cells) -> float | None:
-    """Height [m] just below a ceiling: a layer much wider than what is around it, with little above.
-
-    Only small cells are looked at: large ones stand for whole regions behind surfaces.
-    """
-    small = cubes.where(cubes.size <= 4 * cubes.size.min())
-    area = small.size.astype(np.float64) ** 2
-    bottom = int(_quantile(small.lower[:, 2], area, 0.001))
-    layers = int(_quantile(small.upper[:, 2], area, 0.999)) - bottom
-    if not 4 <= layers <= 1_000_000:
-        return None
-    begin = np.clip(small.lower[:, 2] - bottom, 0, layers)
-    end = np.clip(small.upper[:, 2] - bottom, 0, layers)
-    width = np.bincount(begin, area, layers + 1) - np.bincount(end, area, layers + 1)
-    lower, upper = np.split(np.cumsum(width)[:layers], [layers // 2])
-    peak = int(upper.argmax())
-    is_wide = upper[peak] >= 0.25 * lower.max() and upper[peak] >= 2.0 * np.median(upper)
-    is_top = upper[peak + 4 :].sum() <= 0.05 * (lower.sum() + upper.sum())
-    if not (is_wide and is_top):
-        return None
-    rise = np.flatnonzero(upper[: peak + 1] < 0.3 * upper[peak])
-    first = int(rise[-1]) + 1 if len(rise) else 0
-    noise = 2 * int(small.size.min())  # Of the ceiling, below it.
-    return float((bottom + max(layers // 2 + first - noise, 1)) * cubes.unit)
 
 
 def _heights(cubes: Cells) -> tuple[float, float]:

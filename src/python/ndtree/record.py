@@ -14,6 +14,7 @@ import numpy as np
 from ndtree import _core, plot
 from ndtree._core import OccupancyMap
 from ndtree.lattice import Cells, Floats
+from ndtree.regions import found_region
 
 if TYPE_CHECKING:
     from ndtree.scan import Scan
@@ -126,7 +127,7 @@ class Recorder:
         every = Cells.of(m)
         if not every.occupied.any():
             return
-        self._grow(np.asarray(plot.found_region(every)).reshape(-1, 2))
+        self._grow(np.asarray(found_region(every)).reshape(-1, 2))
         assert self._region is not None
         self._figure.clear()
         ax = self._figure.add_axes((0.0, 0.0, 1.0, 0.94))

@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ndtree._arguments import refuse_masked
 
 if TYPE_CHECKING:
     from ndtree._core import HeldOutTruth, InsertReport, OccupancyMap
@@ -44,6 +46,7 @@ class Scan:
     range_sigma: NDArray[np.floating[Any]] | None = None
 
     def __post_init__(self) -> None:
+        refuse_masked("Scan", {f.name: getattr(self, f.name) for f in fields(self)})
         endpoints = _floats(self.endpoints)
         origin = _floats(self.origin)
         if endpoints.ndim != 2 or endpoints.shape[1] < 1:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ndtree._core import OccupancyMap
 from ndtree.lattice import Cells, Floats, Pyramid, frontier, hidden
-from ndtree.plot import COLORS, Coloring, coloring, found_region
+from ndtree.plot import COLORS, Coloring, coloring
+from ndtree.regions import found_region
 
 if TYPE_CHECKING:
     from ndtree.scan import Scan

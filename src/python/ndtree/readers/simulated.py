@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from ndtree import _core
 from ndtree.readers.log import SizedLog
 from ndtree.scan import Scan
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from ndtree.typing import SimulationOptions, World
 
 
 class SimulatedLog(SizedLog):
@@ -105,7 +110,9 @@ class SimulatedLog(SizedLog):
         return _core.SeenSpace(scans, max_range=max_range, simulation=self._simulation, **options)
 
 
-def simulate(world: str, *, seed: int = 1, scans: int | None = None, **options: Any) -> SimulatedLog:
+def simulate(
+    world: World, *, seed: int = 1, scans: int | None = None, **options: Unpack[SimulationOptions]
+) -> SimulatedLog:
     """Simulate a drive through a world that is known exactly.
 
     Parameters
@@ -117,7 +124,7 @@ def simulate(world: str, *, seed: int = 1, scans: int | None = None, **options: 
     scans : int, optional
         Number of scans, spread evenly along the way. Left out: as many as the world suggests.
     **options
-        As in ``ndtree::SimulationOptions``: ``noise_scale``, ``outlier_rate``, ``no_return_rate``,
+        As in `ndtree.typing.SimulationOptions`: ``noise_scale``, ``outlier_rate``, ``no_return_rate``,
         ``position_sigma`` [m], ``heading_sigma`` [rad], ``yaw`` [rad].
 
     Returns
@@ -129,6 +136,4 @@ def simulate(world: str, *, seed: int = 1, scans: int | None = None, **options: 
     ValueError
         If there is no such world, or an option is out of its limits.
     """
-    if scans is not None:
-        options["scans"] = scans
-    return SimulatedLog(world, _core.simulate(world, seed=seed, **options))
+    return SimulatedLog(world, _core.simulate(world, seed=seed, scans=scans, **options))

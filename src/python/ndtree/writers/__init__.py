@@ -41,6 +41,8 @@ class MapFormat:
 
 
 def _save(m: OccupancyMap, path: Path) -> None:
+    if m.refinement == "octomap":
+        raise ValueError(f"{path}: an OctoMap cannot be written as a map of ndtree's, but as .ot")
     m.save(path)
 
 

@@ -92,11 +92,11 @@ def _mesh(m: OccupancyMap, states: Sequence[str], what: str) -> Any:
     as_float32(points, cells.unit, what)
     triangles = faces[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
     mesh = trimesh.Trimesh(vertices=points, faces=triangles, process=False)
-    mesh.visual.vertex_colors = _colors(points[:, 2])
+    mesh.visual.vertex_colors = height_colors(points[:, 2])
     return mesh
 
 
-def _colors(height: NDArray[np.float64]) -> NDArray[np.uint8]:
+def height_colors(height: NDArray[np.float64]) -> NDArray[np.uint8]:
     """(n, 4) red, green, blue and opaqueness."""
     low, high = float(height.min()), float(height.max())
     at = (height - low) / (high - low) if high > low else np.zeros_like(height)

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What makes Python of the compiled module.
+
+Its functions say what is wrong with a call, have a signature, and take and give arrays of any shape; its
+results are plain objects; maps save by a file's ending and draw themselves.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree import _core, results
+from ndtree._arguments import TAKEN, flattened, refuse_masked, shaped
+from ndtree._calls import MISMATCH, said
+from ndtree._signatures import signature_of, text_of
+
+#: By the compiled type of a result: the one that takes its place.
+RESULTS: dict[type, type] = {
+    getattr(_core, name): getattr(results, name) for name in results.__all__ if hasattr(_core, name)
+}
+
+
+def complete(module: types.ModuleType) -> None:
+    """Wrap every function and method, and put the results of Python's in the place of the compiled ones."""
+    for raw, made in RESULTS.items():
+        setattr(module, raw.__name__, made)
+    options = _constructor_options(module)
+    for name, held in list(vars(module).items()):
+        if isinstance(held, type) and held.__module__ == module.__name__:
+            for member, method in list(vars(held).items()):
+                is_own = member == "__init__" or not member.startswith("__")
+                if is_own and _is_compiled(method):
+                    keywords = options.get(name) if member == "__init__" else None
+                    setattr(held, member, _wrapped(method, f"{name}.{member}", keywords, is_method=True))
+        elif _is_compiled(held) and not name.startswith("__"):
+            setattr(module, name, _wrapped(held, name, None, is_method=False))
+
+
+def _constructor_options(module: Any) -> dict[str, dict[str, float]]:
+    """Keywords of the maps' constructors that pybind11 knows as ``**kwargs`` alone, with their defaults."""
+    defaults: dict[str, float] = module.default_options()
+    taken = {"AdaptiveMap": defaults}
+    for name in ("FixedMap", "OctoMap"):
+        if hasattr(module, name):
+            read = getattr(module, name)().options
+            taken[name] = {"cell_size": read.pop("min_cell_size"), **{key: defaults[key] for key in read}}
+    return taken
+
+
+def _is_compiled(held: Any) -> bool:
+    return callable(held) and not isinstance(held, (type, types.FunctionType)) and bool(held.__doc__)
+
+
+def _wrapped(
+    function: Any, name: str, options: Mapping[str, object] | None, *, is_method: bool
+) -> Callable[..., Any]:
+    signature = signature_of(function.__doc__, options)
+    names = tuple(signature.parameters)[is_method:] if signature is not None else ()
+    short = name.rpartition(".")[2]
+    axes = TAKEN.get(name, TAKEN.get(short)) if is_method else None
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **keywords: Any) -> Any:
+        given = {**dict(zip(names, arguments[is_method:])), **keywords}
+        refuse_masked(short, given)
+        leading = None
+        if axes is not None and arguments:
+            changed, leading = flattened(axes, given, lambda: _dim(arguments[0]))
+        try:
+            if leading is None:
+                return _plain(function(*arguments, **keywords))
+            return shaped(_plain(function(arguments[0], **changed)), leading)
+        except TypeError as error:
+            text = str(error)
+            if not MISMATCH.search(text):
+                raise
+            line = said(text, arguments, keywords)
+        raise TypeError(line)
+
+    call.__qualname__ = name  # pybind11's own is that of a class of its.
+    call.__doc__ = text_of(function.__doc__)
+    if signature is not None:
+        call.__signature__ = signature  # type: ignore[attr-defined]
+        del call.__wrapped__  # type: ignore[attr-defined]  # Of which nothing is known.
+    return call
+
+
+def _dim(held: Any) -> int:
+    return int(held.dim if hasattr(held, "dim") else len(held.lower))
+
+
+def _plain(result: Any) -> Any:
+    """A compiled result, or a list of them, as Python's."""
+    if type(result) is list:
+        return [_plain(one) for one in result]
+    made = RESULTS.get(type(result))
+    return result if made is None else made(**{f.name: getattr(result, f.name) for f in fields(made)})
+
+
+_save_own = _core.OccupancyMap.save
+
+
+def save(self: _core.OccupancyMap, path: str | os.PathLike[str]) -> None:
+    """Write the map's file, of the kind that the ending says; it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        .ndt, or no ending at all: a map of ours, which `load` reads. .bt and .ot: OctoMap's; an OctoMap
+        writes its own .ot. .yaml, .pgm and .png: an image for map_server. .ply, .npz and others: see
+        `ndtree.convert`, which takes options, too.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    ValueError
+        No format has this ending, or it cannot hold the map.
+    ImportError
+        The format needs a library that is not installed; it names the extra.
+    """
+    if not isinstance(path, (str, os.PathLike)):
+        raise TypeError(f"save(): path = {path!r}: must be a path")
+    target = Path(path)
+    suffix = target.suffix.lower()
+    own = ".ot" if self.refinement == "octomap" else ".ndt"
+    if suffix in ("", own):
+        _save_own(self, path)
+        return
+    from ndtree.writers import format_of  # Which know the maps.
+
+    format_of(target, None, {}).write(self, target)
+
+
+def _html(self: _core.OccupancyMap) -> str:
+    """What notebooks show: the map's numbers and a small picture."""
+    from ndtree.notebook import html  # Which knows the maps.
+
+    return html(self)
+
+
+def _png(self: _core.OccupancyMap) -> bytes | None:
+    """The small picture of `_repr_html_`, where nothing but pictures is shown."""
+    from ndtree.notebook import png
+
+    return png(self)
+
+
+def _field_text(self: _core.DistanceField) -> str:
+    values = self.values
+    shape = " x ".join(map(str, values.shape))
+    return (
+        f"DistanceField({shape} cells of {self.cell_size:g} m, {values.min():g} to {values.max():g} m, "
+        f"max_distance={self.max_distance:g})"
+    )
+
+
+def _field_centers(self: _core.DistanceField) -> NDArray[np.float64]:
+    """(nx, ny[, nz], dim) float64: where `values` are [m]."""
+    places = np.moveaxis(np.indices(self.values.shape), 0, -1)
+    return self.lower + (places + 0.5) * self.cell_size
+
+
+def _truth_text(self: _core.HeldOutTruth) -> str:
+    return (
+        f"HeldOutTruth(samples={self.samples}, free={self.free:.4g}, occupied={self.occupied:.4g}, "
+        f"unknown={self.unknown:.4g}, endpoints={self.endpoints}, endpoints_near={self.endpoints_near:.4g}, "
+        f"casts={self.casts}, casts_within={self.casts_within:.4g}, median_error={self.median_error:.4g})"
+    )
+
+
+def _space_text(self: _core.SeenSpace) -> str:
+    return f"SeenSpace({len(self.points)} points in {self.dim}-D, {int(self.seen.sum())} seen)"
+
+
+def _given(type_: type, name: str, function: Any) -> None:
+    """Add a method that is written here."""
+    function.__name__, function.__qualname__ = name, f"{type_.__name__}.{name}"
+    function.__module__ = type_.__module__
+    setattr(type_, name, function)
+
+
+complete(_core)
+_given(_core.OccupancyMap, "save", save)
+_given(_core.OccupancyMap, "_repr_html_", _html)
+_given(_core.OccupancyMap, "_repr_png_", _png)
+_given(_core.DistanceField, "__repr__", _field_text)
+_core.DistanceField.centers = property(_field_centers)  # type: ignore[assignment, method-assign]
+_given(_core.HeldOutTruth, "__repr__", _truth_text)
+_given(_core.SeenSpace, "__repr__", _space_text)

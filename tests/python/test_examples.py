@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The programs of examples/ run, and do what they say; the truth of their worlds is exact."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from snippets import ROOT
+
+import ndtree
+
+EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
+
+
+def run(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> dict[str, Any]:
+    """What is in the program when it has ended."""
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed: examples draw")
+    picture = folder / f"{name}.png"
+    monkeypatch.setattr(sys, "argv", [name, str(picture), *arguments])
+    left = runpy.run_path(str(ROOT / "examples" / f"{name}.py"), run_name="__main__")
+    assert picture.read_bytes().startswith(b"\x89PNG") and picture.stat().st_size > 10_000
+    return left
+
+
+def test_examples_are_short_and_shown() -> None:
+    assert EXAMPLES == ["explore", "follow", "localise", "plan"]
+    page = (ROOT / "docs" / "examples.md").read_text()
+    for name in EXAMPLES:
+        assert len((ROOT / "examples" / f"{name}.py").read_text().splitlines()) < 80, name
+        assert f"gallery/{name}.png" in page and f"examples/{name}.py" in page
+        assert (ROOT / "docs" / "gallery" / f"{name}.png").stat().st_size < 200_000
+
+
+def test_the_explorer_leaves_nothing_that_it_can_reach(tmp_path, monkeypatch, capsys) -> None:
+    ndimage = pytest.importorskip("scipy.ndimage")
+    left = run("explore", tmp_path, monkeypatch)
+    assert left["done"] and "nothing left to see" in capsys.readouterr().out
+    world, m, track = ndtree.simulate("office"), left["m"], left["track"]
+    assert not world.contains(track).any(), "it drove through something"
+    lower, upper = np.array(m.bounds()) + np.array([[-0.5], [0.5]])
+    axes = [np.arange(lower[a], upper[a], 0.05) for a in (0, 1)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    clearance = ndimage.distance_transform_edt(
+        ~world.contains(points.reshape(-1, 2)).reshape(points.shape[:2])
+    )
+    regions, _ = ndimage.label(0.05 * clearance > left["RADIUS"] + 0.1)  # Where even a shy robot gets to.
+    start = tuple(((track[0] - lower) / 0.05).astype(int))
+    reachable = points[regions == regions[start]]
+    assert len(reachable) * 0.05**2 > 100, "[m2]"
+    assert (m.state(reachable) == 0).mean() > 0.995
+    ends = [f.cell_centers for f in m.frontiers(min_cells=8)]
+    at = ((np.concatenate([np.zeros((0, 2)), *ends]) - lower) / 0.05).astype(int)
+    assert (regions[tuple(at.T)] == regions[start]).sum() < 20, "cells of frontiers in reach"
+
+
+def test_the_planned_way_touches_nothing_in_truth(tmp_path, monkeypatch) -> None:
+    left = run("plan", tmp_path, monkeypatch, "--scans", "360")
+    way, world, radius = left["way"], left["world"], left["RADIUS"]
+    np.testing.assert_array_equal(way[[0, -1]], [[2.0, 4.0], [22.0, 17.0]])
+    assert 23.8 < left["lengths"][1] < left["lengths"][0] < 60
+    lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    along = np.concatenate(([0.0], np.cumsum(lengths)))
+    steps = np.linspace(0.0, along[-1], 1 + int(along[-1] / 0.02))
+    places = np.column_stack([np.interp(steps, along, way[:, a]) for a in (0, 1)])
+    assert len(places) > 1000 and not world.contains(places).any()
+    angles = np.linspace(0, 2 * np.pi, 180, endpoint=False)
+    around = np.broadcast_to(np.stack((np.cos(angles), np.sin(angles)), axis=1), (len(places), 180, 2))
+    origins = np.broadcast_to(places[:, None], around.shape)
+    near = world.distance(origins, around, max_range=radius)
+    assert near.shape == around.shape[:2] and np.isnan(near).all(), f"as near as {np.nanmin(near):.3f} m"
+
+
+def test_the_filter_finds_where_the_robot_is(tmp_path, monkeypatch) -> None:
+    left = run("localise", tmp_path, monkeypatch, "--steps", "25")
+    assert len(left["errors"]) == 25 and left["errors"][-1] < 0.1
+    assert len(np.unique(left["clouds"][0] // 1.0, axis=0)) > 100, "at first it may be anywhere"
+
+
+def test_the_window_keeps_its_size(tmp_path, monkeypatch) -> None:
+    left = run("follow", tmp_path, monkeypatch, "--scans", "20")
+    memory, of_whole, m = left["memory"], left["of_whole"], left["m"]
+    assert left["far"][-1] > 90 and memory[10:].max() < 1.2 * memory[:10].max()
+    assert memory[-1] < 0.5 * of_whole[-1] and of_whole[-1] > 1.5 * of_whole[10]
+    here = left["scans"][-1].origin
+    leaves = m.leaves()
+    leaves = leaves[leaves.observed]
+    nearest = np.clip(here, leaves.lower, leaves.lower + leaves.size[:, None])
+    assert len(leaves) > 10_000
+    assert np.linalg.norm(nearest - here, axis=1).max() <= left["WINDOW"] + 1e-9
+    kept = np.linalg.norm(leaves.center - here, axis=1) < 5.0
+    assert kept.sum() > 1000
+    assert (left["whole"].state(leaves.center[kept]) == leaves.state[kept]).mean() > 0.97
