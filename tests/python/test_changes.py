@@ -108,7 +108,7 @@ def test_halves_of_a_log_become_one_map(make: Any) -> None:
     whole = grown(make(), range(8))
     points = points_around(whole.dim)
     alike = both.state(points) == whole.state(points)
-    assert alike.mean() > 0.97
+    assert alike.mean() > (0.8 if whole.refinement == "paper" else 0.97)  # Whose cells forget how often.
 
 
 @pytest.mark.parametrize("make", MAKERS)
