@@ -112,7 +112,8 @@ TEST(WindowOfAMap, MustHaveAVolume) {
     map.insert(scan, kUnlimitedRange, 1, Box<2>{Vector<2>(0.0, 0.0), Vector<2>(1.0, 0.0)});
     FAIL();
   } catch (const std::invalid_argument& error) {
-    EXPECT_EQ(std::string(error.what()), "box from (0.0, 0.0) to (1.0, 0.0): must be finite, and have a volume");
+    EXPECT_EQ(std::string(error.what()),
+              "box from (0.0, 0.0) to (1.0, 0.0): must be finite, and have a volume");
   }
   EXPECT_EQ(map.stats().observed_leaves, 0u);
 }
