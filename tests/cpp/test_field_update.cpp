@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/distance_field.hpp"
@@ -78,6 +79,64 @@ TEST(FieldUpdateOfOneChange, LooksAtWhatIsNearAlone) {
   const auto kept = std::count(field.values().begin(), field.values().end(), 1.0f);
   EXPECT_GT(static_cast<double>(kept), 0.97 * static_cast<double>(field.values().size()));
   EXPECT_LT(kept, static_cast<std::ptrdiff_t>(field.values().size()));
+}
+
+TEST(FieldUpdateOfOneChange, LeavesWhatIsFarAsItIs) {
+  // Obstacles that are farther from the change than anything that is looked at again.
+  MapOptions options;
+  options.min_cell_size = 0.25;
+  FixedMap<2, 2> map(options);
+  Scan<2> scan;
+  scan.origins = Vector<2>(0.1, 0.1);
+  scan.endpoints = Eigen::MatrixXd(2, 2);
+  scan.endpoints << 5.1, -3.1, 0.1, 0.1;
+  for (int i = 0; i < 5; ++i) map.insert(scan);
+  const Box<2> box{Vector<2>(-8.0, -8.0), Vector<2>(8.0, 8.0)};
+  for (const double most : {0.25, 1.0, 3.0}) {
+    FixedMap<2, 2> changed = map;
+    DistanceField<2> field = distance_field(map, box, 0.25, most);
+    changed.clear({Vector<2>(-4.0, -1.0), Vector<2>(-2.0, 1.0)});
+    update(field, changed, changes(map, changed));
+    EXPECT_EQ(field.values(), distance_field(changed, box, 0.25, most).values()) << most;
+    update(field, map, changes(changed, map));
+    EXPECT_EQ(field.values(), distance_field(map, box, 0.25, most).values()) << most;
+  }
+}
+
+TEST(FieldUpdateOfOneChange, IsWholeOrNotAtAll) {
+  MapOptions options;
+  options.min_cell_size = 0.05;
+  options.max_cell_size = 0.4;
+  AdaptiveMap<2, 2> map(options);
+  Random random(18);
+  Scan<2> scan;
+  scan.origins = Vector<2>(0.0, 0.0);
+  scan.endpoints.resize(2, 300);
+  for (Eigen::Index i = 0; i < 300; ++i)
+    scan.endpoints.col(i) << random.uniform(-4.0, 4.0), random.uniform(-4.0, 4.0);
+  const Box<2> box{Vector<2>(-5.0, -5.0), Vector<2>(5.0, 5.0)};
+  const AdaptiveMap<2, 2> before = map.snapshot();
+  const DistanceField<2> first = distance_field(map, box, 0.05, 2.0);
+  map.insert(scan);
+  const auto what = changes(before, map);
+  int stopped = 0;
+  for (int questions = 0;; ++questions) {
+    DistanceField<2> field = first;
+    int left = questions;
+    bool is_done = false;
+    try {
+      const CancelScope scope([&] { return left-- == 0; });
+      update(field, map, what);
+      is_done = true;
+    } catch (const Cancelled&) {
+      ++stopped;
+      ASSERT_EQ(field.values(), first.values()) << questions;
+    }
+    if (!is_done) continue;
+    EXPECT_EQ(field.values(), distance_field(map, box, 0.05, 2.0).values());
+    break;
+  }
+  EXPECT_GT(stopped, 0);
 }
 
 }  // namespace

@@ -11,6 +11,8 @@
 
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/point.hpp"
+#include "ndtree/query/transform.hpp"
 #include "random.hpp"
 
 namespace ndtree::test::test_join {
@@ -187,6 +189,56 @@ TEST(JoinedAdaptiveMaps, AreNearlyAssociative) {
   }
   EXPECT_GT(cells, 10000u);
   EXPECT_LT(static_cast<double>(different), 0.002 * static_cast<double>(cells));
+}
+
+template <class Map>
+void expect_within_own_bounds(Random& random) {
+  MapOptions wide = some_options(2);
+  wide.log_odds_min = -20.0;
+  wide.log_odds_max = 20.0;
+  wide.probability_max = 0.99;
+  if (Map::RefinementType::kName == EvidenceRefinement::kName) {
+    wide.evidence_memory = 255.0;
+    wide.free_memory = 255.0;
+    wide.evidence_prior = 0.01;
+  }
+  Map other(wide);
+  Scan<2> scan;
+  scan.origins = Vector<2>(0.0, 0.0);
+  scan.endpoints.resize(2, 40);
+  for (Eigen::Index i = 0; i < 40; ++i)
+    scan.endpoints.col(i) << random.uniform(-3.0, 3.0), random.uniform(-3.0, 3.0);
+  for (int i = 0; i < 60; ++i) other.insert(scan);
+  const Map both = merged(Map(some_options(2)), other);  // Which checks the invariants.
+  EXPECT_EQ(to_bytes(from_bytes<Map>(to_bytes(both))), to_bytes(both));
+}
+TEST(JoinedMaps, KeepToTheirOwnOptions) {
+  Random random(14);
+  expect_within_own_bounds<AdaptiveMap<2, 2>>(random);
+  expect_within_own_bounds<PaperMap<2, 2>>(random);
+  expect_within_own_bounds<FixedMap<2, 2>>(random);
+}
+
+TEST(JoinedMaps, ReachAsFarAsTheLattice) {
+  MapOptions options = some_options(3);  // Whose largest cells go beyond it.
+  options.covered_share = 0.0;
+  AdaptiveMap<3, 2> map(options);
+  const double reach = map.tree().geometry().reach();
+  Scan<2> scan;
+  scan.origins = Vector<2>(reach - 5.0, 0.1);
+  scan.endpoints = Vector<2>(reach - 1.0, 0.1);
+  map.insert(scan);
+  AdaptiveMap<3, 2> other(options);
+  other.merge(map);
+  EXPECT_EQ(other.stats().observed_leaves, map.stats().observed_leaves);
+  const AdaptiveMap<3, 2> same = transformed(map, Pose<2>{});
+  for (double x = reach - 6.0; x < reach; x += 0.1) {
+    const Vector<2> point(x, 0.1);
+    EXPECT_EQ(state(same, point), state(map, point)) << x - reach;
+  }
+  Pose<2> beyond;
+  beyond.translation[0] = 100.0;
+  EXPECT_THROW((void)transformed(map, beyond), std::invalid_argument);
 }
 
 TEST(JoinedMaps, MustHaveCellsOfTheSameSizes) {

@@ -283,6 +283,14 @@ class EvidenceModel {
     set_counts(both, one.hits() + other.hits(), one.misses() + other.misses());
     return both;
   }
+  /// A cell of a model with other options, as far as this one can remember; of the same options, the same.
+  [[nodiscard]] EvidenceCell adopted(EvidenceCell cell) const {
+    if (cell.observed())
+      assign(cell, cell.occupied_evidence(), cell.free_evidence());
+    else if (cell.is_partly_seen())
+      cell.set_partly_seen(cell.seen_parts(), std::min(cell.free_evidence(), free_memory_));
+    return cell;
+  }
   /// A child's part of a cell of which no more is known than of its siblings; the parent of equal ones, see
   /// EvidenceMergeRule, is the cell again, but for rounding up.
   [[nodiscard]] EvidenceCell part_of(const EvidenceCell& cell, int share_divisor, int cell_part) const {

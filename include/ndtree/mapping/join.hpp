@@ -73,8 +73,9 @@ class Joining {
     Vector<D> first;
     Vector<D> last;
     for (int a = 0; a < D; ++a) {
-      first[a] = tree_.geometry().border(box->lower[static_cast<std::size_t>(a)]);
-      last[a] = tree_.geometry().border(box->upper[static_cast<std::size_t>(a)] - 1);
+      const double reach = tree_.geometry().reach();  // A large cell may go beyond it.
+      first[a] = std::max(-reach, tree_.geometry().border(box->lower[static_cast<std::size_t>(a)]));
+      last[a] = std::min(reach, tree_.geometry().border(box->upper[static_cast<std::size_t>(a)] - 1));
     }
     tree_.grow_to_contain(first);
     tree_.grow_to_contain(last);
@@ -113,7 +114,7 @@ class Joining {
   }
   void add_node(const Ref& target, const Tree& other, const NodeType& node) {
     if (node.is_leaf()) {
-      add_cell(target, node.cell());
+      add_cell(target, adopted(node.cell()));
       return;
     }
     pace_.spend();
@@ -175,6 +176,14 @@ class Joining {
     const bool is_enough = is_observed || refinement_.coverage.template are_enough<Tree::kBranching, D>(
                                               parts, static_cast<double>(edge));
     return refinement_.model.joined(one, other, is_enough ? std::nullopt : std::optional(parts));
+  }
+  /// A cell of a map of other options, within the bounds of these.
+  [[nodiscard]] OccupancyCell adopted(OccupancyCell cell) const {
+    if (cell.observed()) cell.set_log_odds(std::clamp(cell.log_odds(), log_odds_min_, log_odds_max_));
+    return cell;
+  }
+  [[nodiscard]] EvidenceCell adopted(const EvidenceCell& cell) const {
+    return refinement_.model.adopted(cell);
   }
   /// What a child knows if nobody knows more of it than of the others.
   [[nodiscard]] static OccupancyCell part_of(const OccupancyCell& whole, int /*child*/) { return whole; }

@@ -114,6 +114,13 @@ class OccupancyMap {
     summarise_unknown(tree_, *tree_.root().node, settled());
   }
 
+  OccupancyMap(const OccupancyMap&) = default;
+  OccupancyMap(OccupancyMap&&) = default;
+  /// Lack of memory changes nothing.
+  OccupancyMap& operator=(const OccupancyMap& other) { return *this = OccupancyMap(other); }
+  OccupancyMap& operator=(OccupancyMap&&) = default;
+  ~OccupancyMap() = default;
+
   /// Integrates a scan, as the refinement has it: beam by beam in their order, with merging after each
   /// (paper, fixed; Sec. III), or all beams at once.
   /// @param max_range [m] beams that are longer say only that the space up to there is free.
@@ -340,6 +347,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
                                     BeamOutcome::beyond_max_range, BeamOutcome::invalid})
     report.count(outcome) = survey.num(outcome);
   const bool is_undone = options_.max_memory > 0.0 || CancelScope::current() != nullptr || tree_.is_shared();
+  if (is_undone) (void)tree_.root();  // So that to undo needs no memory for it.
   const typename UndoLog<Tree>::Begin begin(tree_);
   std::vector<UndoLog<Tree>> undo;
   try {

@@ -10,6 +10,7 @@
 #include <limits>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "ndtree/core/box_tree.hpp"
@@ -125,13 +126,14 @@ struct ObstaclesOf {
   }
 };
 
-/// Fills in all values of the points that are asked for, and maybe some others.
-/// @param obstacles, others boxes of what is one and what is not, as far as max_distance around the points;
+/// Gives all values of the points that are asked for, and maybe of some others of a block.
+/// @param obstacles, others boxes of what is one and what is not, as far as max_distance around the block;
 ///   `others()` is asked only if a point lies in an obstacle. @param wants as in NearestBoxes::run().
-template <int D, class Others, class Wants>
-void fill(DistanceField<D>& field, const std::vector<Box<D>>& obstacles, const Others& others,
-          const Wants& wants) {
-  std::vector<float>& values = field.values();
+/// @param set(index, value) sets one.
+template <int D, class Others, class Wants, class Set>
+void fill(const DistanceField<D>& field, const GridBlock<D>& block, const std::vector<Box<D>>& obstacles,
+          const Others& others, const Wants& wants, const Set& set) {
+  const std::vector<float>& values = field.values();
   const auto most = static_cast<float>(field.max_distance());
   const auto value_of = [most](double squared) {
     return squared < std::numeric_limits<double>::infinity() ? static_cast<float>(std::sqrt(squared)) : most;
@@ -140,9 +142,9 @@ void fill(DistanceField<D>& field, const std::vector<Box<D>>& obstacles, const O
   bool any_inside = false;
   NearestBoxes<D>(field.grid(), BoxTree<D>(obstacles), field.max_distance())
       .run(
-          wants,
+          block, wants,
           [&](std::size_t i, double squared) {
-            values[i] = value_of(squared);
+            set(i, value_of(squared));
             any_inside = any_inside || values[i] == 0.0f;
           },
           [&](const Box<D>& points) {
@@ -152,11 +154,13 @@ void fill(DistanceField<D>& field, const std::vector<Box<D>>& obstacles, const O
   if (with_inside.empty()) return;
   const BoxTree<D> inside(with_inside);
   NearestBoxes<D>(field.grid(), BoxTree<D>(others()), field.max_distance())
-      .run([&](const auto&, const auto&, const Box<D>& points) { return inside.any_within(points, 0.0); },
-           [&](std::size_t i, double squared) {
-             if (values[i] == 0.0f) values[i] = -value_of(squared);
-           },
-           [](const Box<D>&) {});
+      .run(
+          block,
+          [&](const auto&, const auto&, const Box<D>& points) { return inside.any_within(points, 0.0); },
+          [&](std::size_t i, double squared) {
+            if (values[i] == 0.0f) set(i, -value_of(squared));
+          },
+          [](const Box<D>&) {});
 }
 
 }  // namespace detail
@@ -193,14 +197,17 @@ template <class Map>
   const detail::ObstaclesOf<D> states(unknown);
   const Box<D> around = field.grid().box().inflated(max_distance);
   detail::fill(
-      field, boxes_of(map, around, states.obstacles), [&] { return boxes_of(map, around, states.others); },
-      [](const auto&, const auto&, const auto&) { return true; });
+      field, GridBlock<D>{{}, field.shape()}, boxes_of(map, around, states.obstacles),
+      [&] { return boxes_of(map, around, states.others); },
+      [](const auto&, const auto&, const auto&) { return true; },
+      [&](std::size_t i, float value) { field.values()[i] = value; });
   return field;
 }
 
 /// Brings a field up to date after a map has changed: as distance_field() would fill it in now. What is
 /// looked at again are points for which something that changed is no farther than what was nearest.
 /// @param changes of the map since the field was made or updated, see changes().
+/// @throws std::bad_alloc, Cancelled; the field is then as it was.
 template <class Map>
 void update(DistanceField<Map::kDim>& field, const Map& map, const std::vector<Change<Map::kDim>>& changes) {
   constexpr int D = Map::kDim;
@@ -217,7 +224,13 @@ void update(DistanceField<Map::kDim>& field, const Map& map, const std::vector<C
   for (const Box<D>& box : changed)
     around = {around.lower.cwiseMin(box.lower), around.upper.cwiseMax(box.upper)};
   // Points as far as max_distance from a change, and all that is so near to them.
-  around = around.inflated(2.0 * field.max_distance());
+  around = around.inflated(field.max_distance());
+  GridBlock<D> block;
+  for (std::size_t a = 0; a < D; ++a) {
+    block.first[a] = field.grid().first_not_below(a, around.lower[static_cast<int>(a)]);
+    block.last[a] = field.grid().first_not_below(a, around.upper[static_cast<int>(a)]);
+  }
+  around = around.inflated(field.max_distance());
   around = {around.lower.cwiseMax(reach.lower), around.upper.cwiseMin(reach.upper)};
   const BoxTree<D> tree(changed);
   const auto wants = [&](const auto& first, const auto& last, const Box<D>& points) {
@@ -236,9 +249,19 @@ void update(DistanceField<Map::kDim>& field, const Map& map, const std::vector<C
     }
     return tree.any_within(points, farthest);
   };
-  detail::fill(
-      field, boxes_of(map, around, states.obstacles), [&] { return boxes_of(map, around, states.others); },
-      wants);
+  std::vector<std::pair<std::size_t, float>> before;
+  try {
+    detail::fill(
+        field, block, boxes_of(map, around, states.obstacles),
+        [&] { return boxes_of(map, around, states.others); }, wants,
+        [&](std::size_t i, float value) {
+          before.emplace_back(i, field.values()[i]);
+          field.values()[i] = value;
+        });
+  } catch (...) {
+    for (; !before.empty(); before.pop_back()) field.values()[before.back().first] = before.back().second;
+    throw;
+  }
 }
 
 }  // namespace ndtree

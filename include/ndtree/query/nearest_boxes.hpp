@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -48,6 +49,13 @@ class FieldGrid {
   [[nodiscard]] double center(std::size_t axis, std::size_t i) const {
     return lower_[static_cast<int>(axis)] + (static_cast<double>(i) + 0.5) * cell_size_;
   }
+  /// Along an axis, the first cell whose centre is not below a coordinate; one more than there are for none.
+  [[nodiscard]] std::size_t first_not_below(std::size_t axis, double coordinate) const {
+    const double place = (coordinate - lower_[static_cast<int>(axis)]) / cell_size_ - 0.5;
+    auto i = static_cast<std::size_t>(std::clamp(std::floor(place), 0.0, static_cast<double>(shape_[axis])));
+    while (i < shape_[axis] && center(axis, i) < coordinate) ++i;
+    return i;
+  }
   /// Where a cell is in the order of a C array: the last axis varies fastest.
   [[nodiscard]] std::size_t index(const Shape& cell) const {
     std::size_t at = 0;
@@ -59,6 +67,19 @@ class FieldGrid {
   Vector<D> lower_;
   double cell_size_;
   Shape shape_;
+};
+
+/// Points of a grid, from the first to before the last on each axis.
+template <int D>
+struct GridBlock {
+  typename FieldGrid<D>::Shape first{};
+  typename FieldGrid<D>::Shape last{};
+
+  [[nodiscard]] bool empty() const {
+    for (std::size_t a = 0; a < D; ++a)
+      if (first[a] >= last[a]) return true;
+    return false;
+  }
 };
 
 namespace detail {
@@ -90,13 +111,13 @@ class NearestBoxes {
 
   /// Calls `visit(index, squared_distance)` for each point that is asked for, and some beside it; with
   /// infinity where nothing is at most max_distance away.
-  /// @param wants says of a block, by its first point and the one after its last on each axis, and of the box
+  /// @param all the points that may be asked for. @param wants says of a block, by its first point and the
+  /// one after its last on each axis, and of the box
   ///   around its points, whether any of them is asked for. @param done(box) when a small block has been
   ///   visited.
   template <class Wants, class Visit, class Done>
-  void run(const Wants& wants, const Visit& visit, const Done& done) const {
-    Block all;
-    all.last = grid_.shape();
+  void run(const GridBlock<D>& all, const Wants& wants, const Visit& visit, const Done& done) const {
+    if (all.empty()) return;
     Pace pace;
     std::vector<Candidate> candidates;
     if (!boxes_.empty()) candidates.push_back({0, kNotOne});
@@ -107,10 +128,7 @@ class NearestBoxes {
   static constexpr std::uint32_t kNotOne = 0xffffffffu;
   static constexpr std::size_t kSide = D == 2 ? 8 : 4;  // Of the smallest blocks, in points.
 
-  struct Block {
-    Shape first{};
-    Shape last{};
-  };
+  using Block = GridBlock<D>;
   /// A node of the tree of boxes, or one box.
   struct Candidate {
     std::uint32_t node;

@@ -49,8 +49,8 @@ class Transforming {
     if (const auto known = bounds(map)) {
       const Vector<D> half = pose.rotation.cwiseAbs() * (0.5 * (known->upper - known->lower));
       const Vector<D> centre = pose * Vector<D>(0.5 * (known->upper + known->lower));
-      tree_.grow_to_contain(Vector<D>(centre - half));
-      tree_.grow_to_contain(Vector<D>(centre + half));
+      tree_.grow_to_contain(within_reach(centre - half));
+      tree_.grow_to_contain(within_reach(centre + half));
       fill(tree_.root());
     }
     tree_.limit_memory(kUnlimitedMemory);
@@ -58,6 +58,14 @@ class Transforming {
   [[nodiscard]] Tree& tree() { return tree_; }
 
  private:
+  /// A large cell may go beyond what is in reach: by less than its edge.
+  [[nodiscard]] Vector<D> within_reach(Vector<D> point) const {
+    const auto& geometry = tree_.geometry();
+    for (int a = 0; a < D; ++a)
+      if (std::abs(point[a]) < geometry.reach() + geometry.cell_size(0))
+        point[a] = std::clamp(point[a], -geometry.reach(), geometry.reach());
+    return point;
+  }
   void fill(const Ref& ref) {
     pace_.spend(kStepsOfCell);
     const Box<D> box = tree_.box(ref.index);
@@ -123,7 +131,8 @@ class Transforming {
   };
   [[nodiscard]] Cell cell_of(const Sum& sum, int samples) const {
     const auto mean = [samples](double of_all) {  // Rounded up: what was seen is not forgotten.
-      return static_cast<std::int64_t>(std::ceil(of_all / samples - 1e-9));
+      constexpr double kMost = 1e9;               // More than any cell can remember.
+      return static_cast<std::int64_t>(std::ceil(std::min(of_all / samples, kMost) - 1e-9));
     };
     const auto count = [&](double of_all) {
       return static_cast<std::uint32_t>(std::min<std::int64_t>(mean(of_all), 0xffffff));

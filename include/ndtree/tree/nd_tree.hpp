@@ -58,6 +58,12 @@ class NdTree {
   /// @param min_cell_size edge of the smallest cell [m]. @param num_levels levels from it up to level 0.
   NdTree(double min_cell_size, int num_levels) : geometry_(min_cell_size, num_levels) { pool_.allocate(); }
 
+  NdTree(const NdTree&) = default;
+  NdTree(NdTree&&) = default;
+  NdTree& operator=(const NdTree& other) { return *this = NdTree(other); }  // Lack of memory changes nothing.
+  NdTree& operator=(NdTree&&) = default;
+  ~NdTree() = default;
+
   [[nodiscard]] const LatticeGeometry<N, D>& geometry() const { return geometry_; }
   [[nodiscard]] Box<D> box(const CellIndex<D>& index) const { return geometry_.box(index); }
 

@@ -298,7 +298,8 @@ class NodePool {
       shared.set(chunk, false);
       return chunk;
     }
-    replaced_.reserve(replaced_.size() + 1);
+    if (replaced_.size() == replaced_.capacity())
+      replaced_.reserve(std::max<std::size_t>(16, 2 * replaced_.size()));
     Chunk* const own = new Chunk;
     std::memcpy(own->bytes, chunk->bytes, kChunkBytes);
     shared.set(own, false);

@@ -23,9 +23,10 @@ class UndoLog {
  public:
   /// @param parent an inner node of the tree, whose children are asked for to be written.
   void keep(Tree& tree, const NodeType& parent) {
+    const NodeType* const children = tree.children(parent);  // Which may lack memory.
     Kept& kept = kept_.emplace_back();
     kept.block = parent.children();
-    std::memcpy(kept.bytes, tree.children(parent), sizeof kept.bytes);
+    std::memcpy(kept.bytes, children, sizeof kept.bytes);
   }
 
   /// Where a tree stood when its logs were empty.

@@ -108,7 +108,8 @@ ValueError
           "map"_a, py::kw_only(), "since"_a,
           R"(Follow the map: afterwards every value is what distance_field() would give now, bit for bit.
 
-Only points are looked at for which something that changed is no farther away than what was nearest.
+Only points are looked at for which something that changed is no farther away than what was nearest. No other thread may
+ask the field meanwhile.
 
 Parameters
 ----------

@@ -103,18 +103,19 @@ py::tuple state_of_field(const AnyField& any) {
   return std::visit(
       [&](const auto& field) {
         const py::array_t<double> lower(field.lower().size(), field.lower().data());
-        return py::make_tuple(lower, field.cell_size(), field.max_distance(), values_of(any));
+        return py::make_tuple(lower, field.cell_size(), field.max_distance(), values_of(any),
+                              field.unknown() == UnknownSpace::occupied);
       },
       any.field);
 }
 
 template <int D>
 AnyField field_from(const DoubleArray& lower, double cell_size, double max_distance,
-                    const py::array_t<float, py::array::c_style>& values) {
+                    const py::array_t<float, py::array::c_style>& values, UnknownSpace unknown) {
   typename DistanceField<D>::Shape shape;
   for (std::size_t a = 0; a < D; ++a)
     shape[a] = static_cast<std::size_t>(values.shape(static_cast<py::ssize_t>(a)));
-  DistanceField<D> field(Eigen::Map<const Vector<D>>(lower.data()), cell_size, shape, max_distance);
+  DistanceField<D> field(Eigen::Map<const Vector<D>>(lower.data()), cell_size, shape, max_distance, unknown);
   std::copy_n(values.data(), values.size(), field.values().begin());
   return {std::move(field)};
 }
@@ -124,10 +125,11 @@ AnyField field_of_state(const py::tuple& state) {
   const auto values = state[3].cast<py::array_t<float, py::array::c_style>>();
   const auto cell_size = state[1].cast<double>();
   const auto max_distance = state[2].cast<double>();
+  const auto unknown = state[4].cast<bool>() ? UnknownSpace::occupied : UnknownSpace::free;
   if (lower.ndim() == 1 && lower.shape(0) == values.ndim()) {
-    if (values.ndim() == 2) return field_from<2>(lower, cell_size, max_distance, values);
-    if (values.ndim() == 3) return field_from<3>(lower, cell_size, max_distance, values);
-    if (values.ndim() == 4) return field_from<4>(lower, cell_size, max_distance, values);
+    if (values.ndim() == 2) return field_from<2>(lower, cell_size, max_distance, values, unknown);
+    if (values.ndim() == 3) return field_from<3>(lower, cell_size, max_distance, values, unknown);
+    if (values.ndim() == 4) return field_from<4>(lower, cell_size, max_distance, values, unknown);
   }
   throw py::value_error("DistanceField: is no state of one");
 }

@@ -162,7 +162,8 @@ class DistanceField:
     def update(self, map: OccupancyMap, *, since: OccupancyMap) -> None:
         """Follow the map: afterwards every value is what distance_field() would give now, bit for bit.
 
-        Only points are looked at for which something that changed is no farther away than what was nearest.
+        Only points are looked at for which something that changed is no farther away than what was nearest. No other thread may
+        ask the field meanwhile.
 
         Parameters
         ----------
