@@ -95,6 +95,17 @@ def status_of(child: int) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
+def status_when_interrupted(child: int) -> int:
+    """Asks again after a while: Python drops an interrupt that comes where nothing can be raised."""
+    while True:
+        os.kill(child, signal.SIGINT)
+        for _ in range(500):
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                return os.waitstatus_to_exitcode(status)
+            time.sleep(0.01)
+
+
 # --- What is there already --------------------------------------------------------------------------
 
 
@@ -366,8 +377,7 @@ def test_an_interrupt_leaves_nothing_behind(ending: str, tmp_path: Path) -> None
 
         child = in_child(run)
         time.sleep(0.02 + random.uniform(0, 0.05))
-        os.kill(child, signal.SIGINT)
-        assert status_of(child) == 0
+        assert status_when_interrupted(child) == 0
         assert contents(tmp_path) in possible
 
 
