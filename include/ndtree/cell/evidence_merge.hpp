@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <type_traits>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
@@ -175,5 +176,15 @@ class EvidenceMergeRule {
   double max_loss_;
   EvidenceModel model_;
 };
+
+/// What siblings become together by a refinement's rule; none if they stay.
+template <class Tree, class Refinement>
+[[nodiscard]] std::optional<typename Tree::Cell> merged_siblings(const Refinement& refinement,
+                                                                 const typename Tree::NodeType* siblings) {
+  if constexpr (std::is_same_v<typename Tree::Cell, EvidenceCell>)
+    return refinement.merge_rule(siblings, Tree::kNumChildren, kShareDivisor<Tree>);
+  else
+    return refinement.merged(siblings, Tree::kNumChildren);
+}
 
 }  // namespace ndtree

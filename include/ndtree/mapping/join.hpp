@@ -7,10 +7,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
-#include <type_traits>
 
 #include "ndtree/cell/evidence_cell.hpp"
-#include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/cell/evidence_merge.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
@@ -146,18 +145,12 @@ class Joining {
       are_leaves = are_leaves && child.is_leaf();
     }
     if (!are_leaves || ref.index.level > coarsest_) return;
-    if (const auto cell = merged(tree_.children(*ref.node))) {
+    if (const auto cell = merged_siblings<Tree>(refinement_, tree_.children(*ref.node))) {
       tree_.merge(*ref.node, *cell);
       ++merges_;
     }
   }
 
-  [[nodiscard]] std::optional<Cell> merged(const NodeType* siblings) const {
-    if constexpr (std::is_same_v<Cell, EvidenceCell>)
-      return refinement_.merge_rule(siblings, Tree::kNumChildren, kShareDivisor<Tree>);
-    else
-      return refinement_.merged(siblings, Tree::kNumChildren);
-  }
   [[nodiscard]] OccupancyCell joined(const OccupancyCell& one, const OccupancyCell& other,
                                      std::int64_t /*edge*/) const {
     if (!one.observed()) return other;

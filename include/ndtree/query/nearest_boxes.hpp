@@ -147,10 +147,6 @@ class NearestBoxes {
   [[nodiscard]] const Box<D>& bounds(const Candidate& candidate) const {
     return candidate.box == kNotOne ? boxes_.nodes()[candidate.node].bounds : boxes_.box(candidate.box);
   }
-  /// No point of one is nearer to a point of the other.
-  [[nodiscard]] static double least(const Box<D>& points, const Box<D>& box) {
-    return (box.lower - points.upper).cwiseMax(points.lower - box.upper).cwiseMax(0.0).squaredNorm();
-  }
   /// From each point something of the candidate is at most so far away.
   [[nodiscard]] double most(const Box<D>& points, const Candidate& candidate) const {
     const Box<D>& box = bounds(candidate);
@@ -179,7 +175,7 @@ class NearestBoxes {
       open.pop_back();
       pace.spend();
       const Box<D>& box = bounds(candidate);
-      if (least(points, box) > nearest) continue;
+      if (points.squared_distance(box) > nearest) continue;
       if (candidate.box != kNotOne || (box.upper - box.lower).maxCoeff() <= extent) {
         candidates.push_back(candidate);
         continue;
@@ -196,9 +192,10 @@ class NearestBoxes {
         add({node.second, kNotOne});
       }
     }
-    candidates.erase(std::remove_if(candidates.begin(), candidates.end(),
-                                    [&](const Candidate& c) { return least(points, bounds(c)) > nearest; }),
-                     candidates.end());
+    candidates.erase(
+        std::remove_if(candidates.begin(), candidates.end(),
+                       [&](const Candidate& c) { return points.squared_distance(bounds(c)) > nearest; }),
+        candidates.end());
     if (candidates.empty() && !is_small) {
       any_place(block.first, block.last, [&](const Shape& at) {
         visit(grid_.index(at), std::numeric_limits<double>::infinity());

@@ -14,7 +14,7 @@
 #include <utility>
 
 #include "ndtree/cell/evidence_cell.hpp"
-#include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/cell/evidence_merge.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/cancel.hpp"
@@ -86,7 +86,8 @@ class Transforming {
       are_leaves = are_leaves && child.is_leaf();
     }
     if (!are_leaves || ref.index.level > coarsest_) return;
-    if (const auto cell = merged(tree_.children(*ref.node))) tree_.merge(*ref.node, *cell);
+    if (const auto cell = merged_siblings<Tree>(refinement_, tree_.children(*ref.node)))
+      tree_.merge(*ref.node, *cell);
   }
 
   /// What the map says at places spread evenly over a box, on the average.
@@ -149,13 +150,6 @@ class Transforming {
       cell.set_log_odds(static_cast<float>(sum.occupied / samples));
     }
     return cell;
-  }
-  template <class NodeType>
-  [[nodiscard]] std::optional<Cell> merged(const NodeType* siblings) const {
-    if constexpr (std::is_same_v<Cell, EvidenceCell>)
-      return refinement_.merge_rule(siblings, Tree::kNumChildren, kShareDivisor<Tree>);
-    else
-      return refinement_.merged(siblings, Tree::kNumChildren);
   }
 
   static constexpr int kSamplesOfAxis = 3;
