@@ -22,7 +22,8 @@ ALLOWED = {
     "cell": {"core"},
     "mapping": {"core", "tree", "cell"},
     "query": {"core", "tree", "cell"},
-    "io": {"core", "tree", "cell"},
+    "layers": {"core", "tree", "cell"},
+    "io": {"core", "tree", "cell", "layers"},
     "logs": {"core"},
     "evaluation": {"core", "cell", "query"},
 }

@@ -12,6 +12,7 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
@@ -33,10 +34,13 @@ struct MapFileHeader {
 // counters, i32 level and D i64 lower corner of the root, the nodes depth first, u32 CRC-32 of all before it.
 // A text is u16 length and bytes. A node is the u32 0x80000000 if it has children, which follow; 0 for a leaf
 // that no beam has passed; else the cell's words, each u32: first its counts, then its log-odds as f32.
+// Only where there are layers is the version 4; after the nodes stand then u32 number of layers, of each text
+// name, text rule, u64 number of bytes, and these: root and nodes as those of the map.
 namespace detail {
 
 inline constexpr std::string_view kMapFileMagic{"\x89NDT\r\n\x1a\n", 8};
-inline constexpr std::uint32_t kMapFileVersion = 3;
+inline constexpr std::uint32_t kMapFileVersion = 4;        // There are layers.
+inline constexpr std::uint32_t kMapFileVersionOfMap = 3;   // There are none.
 inline constexpr std::uint32_t kOldestMapFileVersion = 2;  // No cell was partly seen.
 inline constexpr std::uint32_t kInnerNode = 0x80000000u;
 inline constexpr std::size_t kMapFilePreamble = 20;
@@ -53,6 +57,16 @@ void write_nodes(const Tree& tree, const typename Tree::NodeType& node, ByteWrit
     const auto words = node.cell().words();
     for (std::size_t i = 0; i < words.size() && (i == 0 || words[0] != 0); ++i) out.put(words[i]);
   }
+}
+
+/// The root's place, and all nodes.
+template <class Tree>
+void write_tree(const Tree& tree, ByteWriter& out) {
+  const auto root = tree.root();
+  out.put(static_cast<std::int32_t>(root.index.level));
+  for (const std::int64_t coordinate : root.index.lower) out.put(coordinate);
+  Pace pace;
+  write_nodes(tree, *root.node, out, pace);
 }
 
 template <class Tree>
@@ -76,6 +90,17 @@ void read_nodes(Tree& tree, typename Tree::NodeType& node, int level, ByteReader
     throw std::runtime_error("a cell with counts that no map writes, at byte " +
                              std::to_string(in.position()));
   node.become_leaf(cell);
+}
+
+/// Into a tree of the same lattice.
+template <class Tree>
+void read_tree(Tree& tree, ByteReader& in) {
+  CellIndex<Tree::kDim> root;
+  root.level = in.get<std::int32_t>();
+  for (auto& coordinate : root.lower) coordinate = in.get<std::int64_t>();
+  tree.reset(root);
+  Pace pace;
+  read_nodes(tree, *tree.root().node, root.level, in, pace);
 }
 
 /// Checks magic, version, length and checksum. @returns what lies between preamble and checksum.
@@ -107,9 +132,17 @@ inline void read_header(ByteReader& in, MapFileHeader& header) {
 
 }  // namespace detail
 
+/// A layer in a map file.
+struct StoredLayer {
+  std::string name;
+  std::string rule;   ///< As the value's rule().
+  std::string bytes;  ///< See layer_file.hpp.
+};
+
 /// A map as the bytes of its file. The same map gives the same bytes, however it came about.
+/// @param layers that the map carries; their names are different.
 template <class Map>
-[[nodiscard]] std::string to_bytes(const Map& map) {
+[[nodiscard]] std::string to_bytes(const Map& map, const std::vector<StoredLayer>& layers = {}) {
   ByteWriter payload;
   payload.put(static_cast<std::uint32_t>(Map::kBranching));
   payload.put(static_cast<std::uint32_t>(Map::kDim));
@@ -124,20 +157,42 @@ template <class Map>
   payload.put(map.counters().updates);
   payload.put(map.counters().splits);
   payload.put(map.counters().merges);
-  const auto root = map.tree().root();
-  payload.put(static_cast<std::int32_t>(root.index.level));
-  for (const std::int64_t coordinate : root.index.lower) payload.put(coordinate);
-  Pace pace;
-  detail::write_nodes(map.tree(), *root.node, payload, pace);
+  detail::write_tree(map.tree(), payload);
+  if (!layers.empty()) payload.put(static_cast<std::uint32_t>(layers.size()));
+  for (const StoredLayer& layer : layers) {
+    payload.put_text(layer.name);
+    payload.put_text(layer.rule);
+    payload.put(static_cast<std::uint64_t>(layer.bytes.size()));
+    payload.bytes().append(layer.bytes);
+  }
 
   ByteWriter file;
   file.bytes().append(detail::kMapFileMagic);
-  file.put(detail::kMapFileVersion);
+  file.put(layers.empty() ? detail::kMapFileVersionOfMap : detail::kMapFileVersion);
   file.put(static_cast<std::uint64_t>(payload.bytes().size()));
   file.bytes().append(payload.bytes());
   file.put(crc32(file.bytes()));
   return std::move(file.bytes());
 }
+
+namespace detail {
+
+inline std::vector<StoredLayer> read_layers(ByteReader& in) {
+  std::vector<StoredLayer> layers;
+  for (auto remaining = in.get<std::uint32_t>(); remaining > 0; --remaining) {
+    StoredLayer layer;
+    layer.name = in.get_text();
+    layer.rule = in.get_text();
+    layer.bytes = std::string(in.take(in.get<std::uint64_t>()));
+    for (const StoredLayer& other : layers)
+      if (other.name == layer.name)
+        throw std::runtime_error("two layers are called " + describe_text(layer.name));
+    layers.push_back(std::move(layer));
+  }
+  return layers;
+}
+
+}  // namespace detail
 
 /// Which kind of map these bytes hold. @throws std::runtime_error if they are not a whole, undamaged map
 /// file.
@@ -149,9 +204,10 @@ template <class Map>
 }
 
 /// The map that to_bytes() wrote.
+/// @param layers if given, takes what the map carries; else that is left out.
 /// @throws std::runtime_error if the bytes are damaged, or hold a map of another type than `Map`.
 template <class Map>
-[[nodiscard]] Map from_bytes(std::string_view bytes) {
+[[nodiscard]] Map from_bytes(std::string_view bytes, std::vector<StoredLayer>* layers = nullptr) {
   using Tree = typename Map::Tree;
   MapFileHeader header;
   ByteReader in(detail::checked_payload(bytes, header));
@@ -184,16 +240,14 @@ template <class Map>
   try {
     options.validate();
     Tree tree(options.min_cell_size, options.num_levels(Map::kBranching));
-    CellIndex<Map::kDim> root;
-    root.level = in.get<std::int32_t>();
-    for (auto& coordinate : root.lower) coordinate = in.get<std::int64_t>();
-    tree.reset(root);
-    Pace pace;
-    detail::read_nodes(tree, *tree.root().node, root.level, in, pace);
+    detail::read_tree(tree, in);
+    std::vector<StoredLayer> stored;
+    if (header.version >= detail::kMapFileVersion) stored = detail::read_layers(in);
     if (!in.at_end())
       throw std::runtime_error("nodes end at byte " + std::to_string(in.position()) + " too early");
     Map map(options, std::move(tree), counters);
     map.check_invariants();
+    if (layers != nullptr) *layers = std::move(stored);
     return map;
   } catch (const std::logic_error& error) {  // Options or invariants that no map writes.
     throw std::runtime_error(std::string("damaged: ") + error.what());

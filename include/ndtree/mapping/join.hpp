@@ -94,11 +94,7 @@ class Joining {
       if (is_blank_below(other, *ref.node)) return;
       while (target.index.level > 0) {
         if (target.is_leaf()) tree_.split(target);
-        const std::int64_t edge = tree_.geometry().edge(target.index.level - 1);
-        Offset<D> offset;
-        for (std::size_t a = 0; a < D; ++a)
-          offset[a] = static_cast<int>(Tree::child_place(ref.index.lower[a] - target.index.lower[a], edge));
-        target = tree_.child(target, offset);
+        target = tree_.child_towards(target, ref.index.lower);
       }
       add_node(target, other, *ref.node);
     } else if (!ref.is_leaf()) {

@@ -40,13 +40,7 @@ class TreeRegion {
       is_around_root_ = tree.geometry().contains(index, root.index.lower);
     } else if (tree.geometry().contains(root.index, index.lower)) {
       auto at = root;
-      while (at.index.level > index.level && !at.is_leaf()) {
-        const std::int64_t edge = tree.geometry().edge(at.index.level - 1);
-        Offset<D> offset;
-        for (std::size_t a = 0; a < D; ++a)
-          offset[a] = static_cast<int>(Tree::child_place(index.lower[a] - at.index.lower[a], edge));
-        at = tree.child(at, offset);
-      }
+      while (at.index.level > index.level && !at.is_leaf()) at = tree.child_towards(at, index.lower);
       node_ = at.node;
       is_own_ = at.index.level == index.level;
     }

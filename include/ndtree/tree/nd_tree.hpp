@@ -81,6 +81,13 @@ class NdTree {
   [[nodiscard]] ConstRef child(const ConstRef& parent, const Offset<D>& offset) const {
     return child(parent, child_number<N, D>(offset));
   }
+  /// The child of an inner node that contains a smallest cell, which the node contains.
+  [[nodiscard]] Ref child_towards(const Ref& parent, const Lattice<D>& coordinates) {
+    return child_towards<Ref>(*this, parent, coordinates);
+  }
+  [[nodiscard]] ConstRef child_towards(const ConstRef& parent, const Lattice<D>& coordinates) const {
+    return child_towards<ConstRef>(*this, parent, coordinates);
+  }
   /// First of the N^D siblings below an inner node.
   [[nodiscard]] NodeType* children(const NodeType& parent) { return pool_.block(parent.children()); }
   [[nodiscard]] const NodeType* children(const NodeType& parent) const {
@@ -274,6 +281,20 @@ class NdTree {
   }
 
   template <class R, class Tree>
+  static R child_towards(Tree& tree, const R& parent, const Lattice<D>& coordinates) {
+    R ref{nullptr, {parent.index.lower, parent.index.level - 1}};
+    const std::int64_t edge = tree.geometry_.edge(ref.index.level);
+    int number = 0;
+    for (std::size_t a = D; a-- > 0;) {
+      const std::int64_t i = child_place(coordinates[a] - ref.index.lower[a], edge);
+      ref.index.lower[a] += i * edge;
+      number = number * N + static_cast<int>(i);
+    }
+    ref.node = tree.children(*parent.node) + number;
+    return ref;
+  }
+
+  template <class R, class Tree>
   static std::optional<R> find(Tree& tree, const Vector<D>& point) {
     if (!tree.geometry_.in_reach(point)) return std::nullopt;
     return find_at<R>(tree, tree.geometry_.coordinates(point));
@@ -282,16 +303,7 @@ class NdTree {
   static std::optional<R> find_at(Tree& tree, const Lattice<D>& coordinates) {
     R ref = tree.root();
     if (!tree.geometry_.contains(ref.index, coordinates)) return std::nullopt;
-    while (!ref.is_leaf()) {
-      const std::int64_t edge = tree.geometry_.edge(--ref.index.level);
-      int number = 0;
-      for (std::size_t a = D; a-- > 0;) {
-        const std::int64_t i = child_place(coordinates[a] - ref.index.lower[a], edge);
-        ref.index.lower[a] += i * edge;
-        number = number * N + static_cast<int>(i);
-      }
-      ref.node = tree.children(*ref.node) + number;
-    }
+    while (!ref.is_leaf()) ref = child_towards<R>(tree, ref, coordinates);
     return ref;
   }
 

@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Values beside a map's cells: a tree of its own, of which a map that has none knows nothing.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/tree/lattice.hpp"
+#include "ndtree/tree/nd_tree.hpp"
+
+namespace ndtree {
+
+/// A value for each cell in which beams end, such as a colour, a label, or a time. Values follow the cells of
+/// a map: where that has split a cell, its parts have what the rule of the value makes of it, and where it
+/// has merged some, they are joined by the rule. That is done when a cell is next asked for or added to, so
+/// that splitting and merging cost a map nothing.
+/// @tparam Value what a cell carries, see values.hpp.
+template <int N, int D, class Value>
+class Layer {
+ public:
+  static constexpr int kBranching = N;
+  static constexpr int kDim = D;
+  using Geometry = LatticeGeometry<N, D>;
+  /// A node's value, of a leaf.
+  struct Cell {
+    static constexpr int kNumWords = Value::kNumWords;
+    Value value;
+
+    [[nodiscard]] auto words() const { return value.words(); }
+    [[nodiscard]] static Cell from_words(const std::array<std::uint32_t, kNumWords>& words) {
+      return {Value::from_words(words)};
+    }
+  };
+  using ValueType = Value;
+  using Measurement = typename Value::Measurement;
+  using Tree = NdTree<N, D, Cell>;
+
+  /// Without any value. @param geometry of the map.
+  explicit Layer(const Geometry& geometry) : tree_(geometry.unit(), -geometry.finest_level()) {}
+
+  /// A cell's value; empty if it has none. O(depth, and values in it).
+  /// @param cell a leaf of the map, of level 0 or below.
+  [[nodiscard]] Value of(const CellIndex<D>& cell) const {
+    typename Tree::ConstRef ref = tree_.root();
+    if (!tree_.geometry().contains(ref.index, cell.lower)) return {};
+    while (!ref.is_leaf() && ref.index.level > cell.level) ref = tree_.child_towards(ref, cell.lower);
+    if (!ref.is_leaf()) return joined(*ref.node);
+    Value value = ref.cell().value;
+    for (int level = ref.index.level; level > cell.level; --level) value = value.part(Tree::kNumChildren);
+    return value;
+  }
+
+  /// Adds what a beam says to a cell.
+  /// @param point in the cell [m]. @pre the measurement is one that Value::check() accepts.
+  void add(const CellIndex<D>& cell, const Vector<D>& point, const Measurement& measurement) {
+    reach(cell, point).value.add(measurement);
+  }
+  /// Adds another value to a cell. @param point as in add().
+  void join(const CellIndex<D>& cell, const Vector<D>& point, const Value& value) {
+    reach(cell, point).value.join(value);
+  }
+  /// Adds what another layer knows to the cells of a map. @param map_tree of the map.
+  template <class MapTree>
+  void join(const Layer& other, const MapTree& map_tree) {
+    other.for_each([&](const CellIndex<D>& cell, const Vector<D>& centre, const Value& value) {
+      join_below(cell, centre, value, map_tree);
+    });
+  }
+
+  /// Forgets the values of what is unknown in a map. O(nodes of the layer).
+  template <class MapTree>
+  void keep_known(const MapTree& map_tree) {
+    Pace pace;
+    keep_known(tree_.root(), map_tree, pace);
+    tree_.shrink_if_half_empty();
+  }
+
+  /// Calls `visit(cell, centre, value)` for each value, which is of a cell of the map or of a part of one, or
+  /// of what was one.
+  template <class Visit>
+  void for_each(const Visit& visit) const {
+    Pace pace;
+    for_each_below(tree_.root(), visit, pace);
+  }
+
+  [[nodiscard]] const Tree& tree() const { return tree_; }
+  [[nodiscard]] Tree& tree() { return tree_; }
+  [[nodiscard]] std::size_t memory_bytes() const { return tree_.memory_bytes(); }
+  /// Bytes that it may hold from now on; else MemoryLimitReached is thrown.
+  void limit_memory(std::size_t bytes) { tree_.limit_memory(bytes); }
+
+ private:
+  using Ref = typename Tree::Ref;
+  using ConstRef = typename Tree::ConstRef;
+  using NodeType = typename Tree::NodeType;
+
+  /// The cell's own place in the tree.
+  [[nodiscard]] Cell& reach(const CellIndex<D>& cell, const Vector<D>& point) {
+    tree_.grow_to_contain(point);
+    Ref ref = tree_.root();
+    while (ref.index.level > cell.level) {
+      if (ref.is_leaf()) {
+        const Cell part{ref.cell().value.is_empty() ? Value{} : ref.cell().value.part(Tree::kNumChildren)};
+        tree_.split(ref, part);
+      }
+      ref = tree_.child_towards(ref, cell.lower);
+    }
+    if (!ref.is_leaf()) tree_.cut(*ref.node, Cell{joined(*ref.node)});
+    return ref.cell();
+  }
+  [[nodiscard]] Value joined(const NodeType& node) const {
+    if (node.is_leaf()) return node.cell().value;
+    Value value;
+    const NodeType* const children = tree_.children(node);
+    for (int j = 0; j < Tree::kNumChildren; ++j) value.join(joined(children[j]));
+    return value;
+  }
+  template <class MapTree>
+  void join_below(const CellIndex<D>& cell, const Vector<D>& centre, const Value& value,
+                  const MapTree& map_tree) {
+    const auto leaf = map_tree.find_leaf(centre);
+    if (!leaf) return;
+    if (leaf->index.level >= cell.level) {
+      if (leaf->cell().observed()) join(leaf->index, centre, value);
+      return;
+    }
+    const Value part = value.part(Tree::kNumChildren);
+    if (part.is_empty()) return;
+    for (int j = 0; j < Tree::kNumChildren; ++j) {
+      const CellIndex<D> child = tree_.geometry().child(cell, child_offset<N, D>(j));
+      join_below(child, centre_of(child), part, map_tree);
+    }
+  }
+  template <class MapTree>
+  void keep_known(const Ref& ref, const MapTree& map_tree, Pace& pace) {
+    if (ref.is_leaf() && ref.cell().value.is_empty()) return;
+    pace.spend();
+    if (ref.index.level <= 0) {
+      const Knowledge known = knowledge(ref.index, map_tree);
+      if (known == Knowledge::none) tree_.cut(*ref.node);
+      if (known != Knowledge::some) return;
+      if (ref.is_leaf()) {
+        const Cell part{ref.cell().value.part(Tree::kNumChildren)};
+        tree_.split(ref, part);
+      }
+    }
+    bool all_empty = true;
+    for (int j = 0; j < Tree::kNumChildren; ++j) {
+      const Ref child = tree_.child(ref, j);
+      keep_known(child, map_tree, pace);
+      all_empty = all_empty && child.is_leaf() && child.cell().value.is_empty();
+    }
+    if (all_empty) tree_.cut(*ref.node);
+  }
+  enum class Knowledge { none, some, all };
+  /// How much of a cell a map knows.
+  template <class MapTree>
+  [[nodiscard]] static Knowledge knowledge(const CellIndex<D>& cell, const MapTree& map_tree) {
+    typename MapTree::ConstRef ref = map_tree.root();
+    if (!map_tree.geometry().contains(ref.index, cell.lower)) return Knowledge::none;
+    while (!ref.is_leaf() && ref.index.level > cell.level) ref = map_tree.child_towards(ref, cell.lower);
+    return knowledge(ref, map_tree);
+  }
+  template <class MapRef, class MapTree>
+  [[nodiscard]] static Knowledge knowledge(const MapRef& ref, const MapTree& map_tree) {
+    if (ref.is_leaf()) return ref.cell().observed() ? Knowledge::all : Knowledge::none;
+    const Knowledge first = knowledge(map_tree.child(ref, 0), map_tree);
+    for (int j = 1; first != Knowledge::some && j < MapTree::kNumChildren; ++j)
+      if (knowledge(map_tree.child(ref, j), map_tree) != first) return Knowledge::some;
+    return first;
+  }
+  template <class Visit>
+  void for_each_below(const ConstRef& ref, const Visit& visit, Pace& pace) const {
+    pace.spend();
+    if (!ref.is_leaf()) {
+      for (int j = 0; j < Tree::kNumChildren; ++j) for_each_below(tree_.child(ref, j), visit, pace);
+    } else if (!ref.cell().value.is_empty()) {
+      visit(ref.index, centre_of(ref.index), ref.cell().value);
+    }
+  }
+  [[nodiscard]] Vector<D> centre_of(const CellIndex<D>& cell) const {
+    const Box<D> box = tree_.box(cell);
+    return 0.5 * (box.lower + box.upper);
+  }
+
+  Tree tree_;
+};
+
+}  // namespace ndtree
