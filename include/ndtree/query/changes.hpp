@@ -117,6 +117,40 @@ void for_each_pair(const Tree& a, const Tree& b, const Visit& visit) {
   });
 }
 
+/// @throws std::invalid_argument if their smallest cells or numbers of levels differ.
+template <class Map>
+void check_same_cells(const Map& before, const Map& after) {
+  const auto& geometry = after.tree().geometry();
+  if (before.tree().geometry().unit() != geometry.unit() ||
+      before.tree().geometry().finest_level() != geometry.finest_level())
+    throw std::invalid_argument(
+        "maps with smallest cells of " + describe_number(before.tree().geometry().unit()) + " and " +
+        describe_number(geometry.unit()) + " m, largest of " +
+        describe_number(before.tree().geometry().cell_size(0)) + " and " +
+        describe_number(geometry.cell_size(0)) + " m: changes are those between maps of the same cell sizes");
+}
+
+/// Calls `visit(index)` for regions that hold all leaves of two maps that are not the same, by place, size or
+/// state. O(what was written since).
+template <class Map, class Visit>
+void for_each_difference(const Map& before, const Map& after, const Visit& visit) {
+  using Tree = typename Map::Tree;
+  using Region = TreeRegion<Tree>;
+  check_same_cells(before, after);
+  Pace pace;
+  const auto descend = [&](const auto& self, const Region& old, const Region& now) -> void {
+    pace.spend();
+    if (old.is_leaf() || now.is_leaf()) {
+      if (old.is_leaf() != now.is_leaf() || old.state() != now.state()) visit(now.index());
+      return;
+    }
+    if (old.shares_all(now)) return;
+    for (int j = 0; j < Tree::kNumChildren; ++j) self(self, old.child(j), now.child(j));
+  };
+  for_each_pair(before.tree(), after.tree(),
+                [&](const Region& old, const Region& now) { descend(descend, old, now); });
+}
+
 }  // namespace detail
 
 /// Calls `visit(change)` for each region whose state differs between two maps, depth first. Nothing that is
@@ -126,14 +160,7 @@ template <class Map, class Visit>
 void for_each_change(const Map& before, const Map& after, const Visit& visit) {
   using Tree = typename Map::Tree;
   using Region = detail::TreeRegion<Tree>;
-  const auto& geometry = after.tree().geometry();
-  if (before.tree().geometry().unit() != geometry.unit() ||
-      before.tree().geometry().finest_level() != geometry.finest_level())
-    throw std::invalid_argument(
-        "maps with smallest cells of " + describe_number(before.tree().geometry().unit()) + " and " +
-        describe_number(geometry.unit()) + " m, largest of " +
-        describe_number(before.tree().geometry().cell_size(0)) + " and " +
-        describe_number(geometry.cell_size(0)) + " m: changes are those between maps of the same cell sizes");
+  detail::check_same_cells(before, after);
   Pace pace;
   const auto descend = [&](const auto& self, const Region& old, const Region& now) -> void {
     pace.spend();

@@ -54,4 +54,60 @@ Poses poses_from(const py::object& object, int dim, const char* name) {
   return result;
 }
 
+namespace {
+
+/// @throws TypeError if it is no dict with str as keys.
+py::dict as_layers(const py::object& object, const char* of_values) {
+  const std::string expected = std::string("must be a dict of str and ") + of_values;
+  if (!py::isinstance<py::dict>(object))
+    throw py::type_error("layers = " + py::repr(object).cast<std::string>() + ": " + expected);
+  const auto dict = py::reinterpret_borrow<py::dict>(object);
+  for (const auto& [key, value] : dict)
+    if (!py::isinstance<py::str>(key))
+      throw py::type_error("layers: " + py::repr(key).cast<std::string>() + ": " + expected);
+  return dict;
+}
+
+}  // namespace
+
+std::vector<LayerKind> layer_kinds(const py::object& object) {
+  std::vector<LayerKind> kinds;
+  if (object.is_none()) return kinds;
+  for (const auto& [key, value] : as_layers(object, "str")) {
+    const auto name = key.cast<std::string>();
+    const auto is_letter = [](char c) {
+      return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_';
+    };
+    const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
+    if (name.empty() || name.size() > 64 || is_digit(name[0]) ||
+        !std::all_of(name.begin(), name.end(), [&](char c) { return is_letter(c) || is_digit(c); }))
+      throw py::value_error("layers: " + describe_text(name) +
+                            ": a name must be letters, digits and _, at most 64, no digit first");
+    if (!py::isinstance<py::str>(value))
+      throw py::type_error("layers: " + describe_text(name) + ": " + py::repr(value).cast<std::string>() +
+                           ": must be 'mean', 'mean3', 'majority' or 'latest'");
+    kinds.push_back({name, value.cast<std::string>()});
+  }
+  return kinds;
+}
+
+LayerArguments::LayerArguments(const py::object& object, py::ssize_t n) {
+  if (object.is_none()) return;
+  for (const auto& [key, value] : as_layers(object, "arrays")) {
+    const auto name = key.cast<std::string>();
+    const std::string argument = "layers['" + name + "']";
+    if (py::hasattr(value, "mask"))
+      throw py::type_error(argument +
+                           " is a masked array: must be a plain one, with what is not masked alone");
+    const DoubleArray array = as_doubles(py::reinterpret_borrow<py::object>(value), argument.c_str());
+    const py::ssize_t last = array.ndim() > 0 ? array.shape(array.ndim() - 1) : 1;
+    const py::ssize_t width = array.size() == n && n > 0 ? 1 : last;  // Beams may be a grid, too.
+    if (array.ndim() == 0 || array.size() != n * width || (width > 1 && array.ndim() == 1 && n != 1))
+      throw py::value_error(argument + " has shape " + shape_text(array) +
+                            ": must have one entry for each of " + std::to_string(n) + " points");
+    arrays_.push_back(array);
+    all_.push_back({name, array.data(), static_cast<std::size_t>(n > 0 || array.ndim() > 1 ? width : 1)});
+  }
+}
+
 }  // namespace ndtree::python

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "map_layers.hpp"
 #include "map_queries.hpp"
 #include "numpy.hpp"
 
@@ -31,5 +32,21 @@ struct Poses {
 /// From (n, 3) of x, y, yaw, or from (n, dim + 1, dim + 1). @throws ValueError naming the first that is
 /// wrong.
 Poses poses_from(const py::object& object, int dim, const char* name = "poses");
+
+/// The layers that a map is to have, from a dict of names and rules, or None. @throws ValueError or
+/// TypeError.
+std::vector<LayerKind> layer_kinds(const py::object& object);
+
+/// What beams say to layers, from a dict of names and arrays, or None.
+class LayerArguments {
+ public:
+  /// @param n number of beams: an array has a number, or some, for each. @throws ValueError or TypeError.
+  LayerArguments(const py::object& object, py::ssize_t n);
+  [[nodiscard]] const std::vector<LayerMeasurements>& all() const { return all_; }
+
+ private:
+  std::vector<DoubleArray> arrays_;
+  std::vector<LayerMeasurements> all_;
+};
 
 }  // namespace ndtree::python

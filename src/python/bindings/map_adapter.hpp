@@ -15,6 +15,7 @@
 #include <variant>
 
 #include "map_interface.hpp"
+#include "map_layers.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/nearest.hpp"
@@ -77,21 +78,40 @@ class QueryAdapter : public MapInterface {
 template <class Map>
 class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   static constexpr int D = Map::kDim;
+  using Layers = MapLayers<Map::kBranching, D>;
   using QueryAdapter<Map, Map::kDim>::map_;
 
  public:
-  using QueryAdapter<Map, Map::kDim>::QueryAdapter;
+  explicit MapAdapter(Map map, Layers layers = {})
+      : QueryAdapter<Map, D>(std::move(map)), layers_(std::move(layers)) {}
 
   [[nodiscard]] std::unique_ptr<MapInterface> clone() const override {
-    return std::make_unique<MapAdapter>(map_);
+    return std::make_unique<MapAdapter>(map_, layers_);
   }
   [[nodiscard]] int branching() const override { return Map::kBranching; }
   [[nodiscard]] std::string refinement() const override { return Map::RefinementType::kName; }
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
   InsertReport insert(const BeamArrays& beams, double max_range, int threads,
-                      const std::optional<AnyBox>& window) override {
-    return map_.insert(beams.view<D>(), max_range, threads,
-                       window ? std::optional(box(window->lower, window->upper)) : std::nullopt);
+                      const std::optional<AnyBox>& window,
+                      const std::vector<LayerMeasurements>& measurements) override {
+    const ScanView<D> scan = beams.view<D>();
+    const std::optional<Box<D>> region =
+        window ? std::optional(box(window->lower, window->upper)) : std::nullopt;
+    layers_.check(scan, measurements);
+    if (measurements.empty()) return map_.insert(scan, max_range, threads, region);
+    return change([&](Map& map, Layers& layers) {
+      const InsertReport report = map.insert(scan, max_range, threads, region);
+      layers.add_scan(map, scan, measurements, max_range, region);
+      return report;
+    });
+  }
+  void add_layer(const LayerKind& kind) override { layers_.add(kind, map_.tree().geometry()); }
+  [[nodiscard]] std::vector<LayerKind> layers() const override { return layers_.kinds(); }
+  [[nodiscard]] std::vector<double> layer(const std::string& name, const double* points,
+                                          std::size_t n) const override {
+    std::vector<double> numbers;
+    layers_.values_at(map_, name, points, n, numbers);
+    return numbers;
   }
   [[nodiscard]] ChangeArrays changes(const MapInterface& before) const override {
     const auto& geometry = map_.tree().geometry();
@@ -112,13 +132,23 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
                                   " of a map with dim = " + std::to_string(D));
     update(*same, map_, ndtree::changes(same_kind(before), map_));
   }
-  void merge(const MapInterface& other) override { map_.merge(same_kind(other)); }
+  void merge(const MapInterface& other) override {
+    const Map& beside = same_kind(other);
+    const Layers& layers_beside = static_cast<const MapAdapter&>(other).layers_;
+    change([&](Map& map, Layers& layers) {
+      map.merge(beside);
+      layers.join(layers_beside, map.tree());
+      return 0;
+    });
+  }
   [[nodiscard]] std::unique_ptr<MapInterface> transformed(const double* pose) const override {
     Pose<D> motion;
     for (int row = 0; row < D; ++row)
       for (int column = 0; column < D; ++column) motion.rotation(row, column) = pose[row * D + column];
     motion.translation = Eigen::Map<const Vector<D>>(pose + D * D);
-    return std::make_unique<MapAdapter>(ndtree::transformed(map_, motion));
+    Map moved = ndtree::transformed(map_, motion);
+    Layers layers = layers_.transformed(moved, motion);
+    return std::make_unique<MapAdapter>(std::move(moved), std::move(layers));
   }
   CompressReport compress(const CompressBudget& budget) override {
     if constexpr (std::is_same_v<typename Map::RefinementType, EvidenceRefinement>)
@@ -136,7 +166,10 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
       out[i] = static_cast<std::int8_t>(cell.state());
     });
   }
-  void shrink_to_fit() override { map_.shrink_to_fit(); }
+  void shrink_to_fit() override {
+    map_.shrink_to_fit();
+    layers_.shrink_to_fit();
+  }
   void cell_size(const double* points, std::size_t n, double* out) const override {
     const auto& tree = map_.tree();
     for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
@@ -144,18 +177,26 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
       out[i] = leaf ? tree.geometry().cell_size(leaf->index.level) : std::numeric_limits<double>::quiet_NaN();
     });
   }
-  [[nodiscard]] PythonStats stats() const override { return {map_.stats(), {}}; }
-  [[nodiscard]] std::string to_bytes() const override { return ndtree::to_bytes(map_); }
+  [[nodiscard]] PythonStats stats() const override {
+    PythonStats stats{map_.stats(), {}};
+    stats.memory_bytes += layers_.memory_bytes();
+    return stats;
+  }
+  [[nodiscard]] std::string to_bytes() const override { return ndtree::to_bytes(map_, layers_.stored()); }
   [[nodiscard]] std::unique_ptr<MapExports> exports() const override {
-    return std::make_unique<MapExportsOf<Map>>(map_);
+    return std::make_unique<MapExportsOf<Map>>(map_, layers_);
   }
   [[nodiscard]] std::unique_ptr<MapQueries> queries() const override {
     return std::make_unique<MapQueriesOf<Map>>(map_);
   }
-  void crop(const double* lower, const double* upper) override { map_.crop(box(lower, upper)); }
-  void clear(const double* lower, const double* upper) override { map_.clear(box(lower, upper)); }
+  void crop(const double* lower, const double* upper) override {
+    forget([&](Map& map) { map.crop(box(lower, upper)); });
+  }
+  void clear(const double* lower, const double* upper) override {
+    forget([&](Map& map) { map.clear(box(lower, upper)); });
+  }
   void keep_near(const double* center, double radius) override {
-    map_.keep_near(Vector<D>(Eigen::Map<const Vector<D>>(center)), radius);
+    forget([&](Map& map) { map.keep_near(Vector<D>(Eigen::Map<const Vector<D>>(center)), radius); });
   }
   [[nodiscard]] LeafArrays leaves() const override {
     const std::size_t n = map_.tree().num_leaves();
@@ -177,6 +218,30 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   }
 
  private:
+  /// Changes map and layers, or neither.
+  template <class Change>
+  auto change(const Change& change) {
+    if (layers_.empty()) {
+      Layers none;
+      const auto result = change(map_, none);
+      layers_ = std::move(none);
+      return result;
+    }
+    Map map = map_;
+    Layers layers = layers_;
+    const auto result = change(map, layers);
+    map_ = std::move(map);
+    layers_ = std::move(layers);
+    return result;
+  }
+  template <class Forget>
+  void forget(const Forget& forget) {
+    change([&](Map& map, Layers& layers) {
+      forget(map);
+      layers.keep_known(map.tree());
+      return 0;
+    });
+  }
   [[nodiscard]] static Box<D> box(const double* lower, const double* upper) {
     return {Eigen::Map<const Vector<D>>(lower), Eigen::Map<const Vector<D>>(upper)};
   }
@@ -202,6 +267,8 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     arrays.misses.push_back(leaf.cell().misses());
     arrays.observed.push_back(leaf.cell().observed());
   }
+
+  Layers layers_;
 };
 
 template <class T>
@@ -214,8 +281,7 @@ struct TypeOf {
 template <int N, int D, class Make>
 std::unique_ptr<MapInterface> with_refinement(std::string_view refinement, const Make& make) {
   const auto adapted = [&](auto type) {
-    using Map = typename decltype(type)::type;
-    return std::make_unique<MapAdapter<Map>>(make(type));
+    return std::make_unique<MapAdapter<typename decltype(type)::type>>(make(type));
   };
   if (refinement == FixedRefinement::kName) return adapted(TypeOf<FixedMap<N, D>>{});
   if (refinement == PaperRefinement::kName) return adapted(TypeOf<PaperMap<N, D>>{});
@@ -229,8 +295,14 @@ std::unique_ptr<MapInterface> make_map(std::string_view refinement, const MapOpt
 
 template <int N, int D>
 std::unique_ptr<MapInterface> map_from_bytes(std::string_view bytes, const std::string& refinement) {
-  return with_refinement<N, D>(refinement,
-                               [&](auto type) { return from_bytes<typename decltype(type)::type>(bytes); });
+  return with_refinement<N, D>(refinement, [&](auto type) {
+    using Map = typename decltype(type)::type;
+    std::vector<StoredLayer> stored;
+    Map map = from_bytes<Map>(bytes, &stored);
+    MapLayers<N, D> layers;
+    layers.restore(stored, map.tree().geometry());
+    return MapAdapter<Map>(std::move(map), std::move(layers));
+  });
 }
 
 #define NDTREE_PYTHON_MAP(prefix, N, D)                                                              \

@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "map_layers.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/io/dense_grid.hpp"
 #include "ndtree/io/map_server.hpp"
@@ -49,7 +50,7 @@ class MapExportsOf final : public MapExports {
   using Point = Eigen::Map<const Vector<D>>;
 
  public:
-  explicit MapExportsOf(const Map& map) : map_(map) {}
+  MapExportsOf(const Map& map, const MapLayers<Map::kBranching, D>& layers) : map_(map), layers_(layers) {}
 
   void grid_states(const double* lower, const std::size_t* shape, double cell_size,
                    std::int8_t* out) const override {
@@ -91,9 +92,13 @@ class MapExportsOf final : public MapExports {
   }
   [[nodiscard]] std::string ply_bytes(const bool* chosen) const override {
     if constexpr (D <= 3)
-      return ndtree::ply_bytes(map_, [&](const auto& leaf) {
-        return chosen != nullptr ? *chosen++ : leaf.cell().state() == CellState::occupied;
-      });
+      return ndtree::ply_bytes(
+          map_,
+          [&](const auto& leaf) {
+            return chosen != nullptr ? *chosen++ : leaf.cell().state() == CellState::occupied;
+          },
+          layers_.ply_properties(),
+          [&](const CellIndex<D>& leaf, double* numbers) { layers_.ply_numbers(leaf, numbers); });
     else
       throw std::invalid_argument("a map with dim = 4: PLY has three dimensions");
   }
@@ -108,6 +113,7 @@ class MapExportsOf final : public MapExports {
   }
 
   const Map& map_;
+  const MapLayers<Map::kBranching, D>& layers_;
 };
 
 }  // namespace ndtree::python

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "map_exports.hpp"
+#include "map_layers.hpp"
 #include "map_queries.hpp"
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
@@ -65,10 +66,21 @@ class MapInterface {
   /// Whether clone() shares what does not change, and takes next to no time.
   [[nodiscard]] virtual bool clones_cheaply() const { return true; }
 
-  /// @param window none, or the box outside which nothing changes. @throws std::invalid_argument for a window
-  /// in a map that is not ours.
+  /// @param window none, or the box outside which nothing changes. @param layers what beams say to layers.
+  /// @throws std::invalid_argument for a window or layers in a map that is not ours.
   virtual InsertReport insert(const BeamArrays& beams, double max_range, int threads,
-                              const std::optional<AnyBox>& window) = 0;
+                              const std::optional<AnyBox>& window,
+                              const std::vector<LayerMeasurements>& layers) = 0;
+  /// What cells carry. @throws std::invalid_argument for a rule that there is not.
+  virtual void add_layer(const LayerKind& /*kind*/) { (void)queries(); }
+  [[nodiscard]] virtual std::vector<LayerKind> layers() const { return {}; }
+  /// Values of the cells around points, nan where there is none. @returns numbers, as many a point.
+  /// @throws std::invalid_argument if there is no such layer.
+  [[nodiscard]] virtual std::vector<double> layer(const std::string& /*name*/, const double* /*points*/,
+                                                  std::size_t /*n*/) const {
+    (void)queries();
+    return {};
+  }
   /// @throws std::invalid_argument where the refinement cannot, or the budget cannot be met.
   virtual CompressReport compress(const CompressBudget&) {
     throw std::invalid_argument("refinement = '" + refinement() +

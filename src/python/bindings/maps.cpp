@@ -154,16 +154,20 @@ template <class Type>
 void bind_own_map(py::module_& module, const char* name, bool adaptive, const char* doc) {
   py::class_<Type, PythonMap>(module, name, doc)
       .def(py::init([name, adaptive](int dim, int branching, const std::string& refinement,
-                                     const py::kwargs& options) {
+                                     const py::object& layers, const py::kwargs& options) {
              if (adaptive && refinement != EvidenceRefinement::kName && refinement != PaperRefinement::kName)
                throw py::value_error("refinement = '" + refinement + "': must be 'evidence' or 'paper'");
              if (!adaptive && refinement != FixedRefinement::kName)
                throw py::value_error("refinement = '" + refinement + "': must be 'fixed'");
-             return Type(
-                 make_map(refinement, branching, dim, options_from_keywords(options, refinement, name)));
+             const std::vector<LayerKind> kinds = layer_kinds(layers);
+             auto map =
+                 make_map(refinement, branching, dim, options_from_keywords(options, refinement, name));
+             for (const LayerKind& kind : kinds) map->add_layer(kind);
+             return Type(std::move(map));
            }),
            py::kw_only(), "dim"_a = 2, "branching"_a = 2,
-           "refinement"_a = adaptive ? EvidenceRefinement::kName : FixedRefinement::kName)
+           "refinement"_a = adaptive ? EvidenceRefinement::kName : FixedRefinement::kName,
+           "layers"_a = py::none())
       .def(
           "cell_size",
           [](const Type& map, const py::object& points) {
@@ -378,16 +382,18 @@ void bind_maps(py::module_& module) {
       .def(
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
-             const py::object& range_sigma, double max_range, int threads, const py::object& window) {
+             const py::object& range_sigma, double max_range, int threads, const py::object& window,
+             const py::object& layers) {
             const BeamArrays beams(points, origin, returned, map.constant().dim(), range_sigma);
+            const LayerArguments of_layers(layers, beams.endpoints.shape(0));
             std::optional<BoxArgument> box;
             if (!window.is_none()) box.emplace(window, map.constant().dim(), "window");
             return map.write([&, region = box ? std::optional<AnyBox>(*box) : std::nullopt](MapInterface& m) {
-              return m.insert(beams, max_range, threads, region);
+              return m.insert(beams, max_range, threads, region, of_layers.all());
             });
           },
           "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "range_sigma"_a = py::none(),
-          "max_range"_a = kInfinity, "threads"_a = 0, "window"_a = py::none(),
+          "max_range"_a = kInfinity, "threads"_a = 0, "window"_a = py::none(), "layers"_a = py::none(),
           R"(Integrate a scan.
 
 All beams together, so that their order does not matter; a fixed map, and one refined as the paper has it,
@@ -412,6 +418,9 @@ threads : int
 window : (2, dim) array of float, optional
     Lower and upper corner [m]: only cells in this box change, and become, bit for bit, what they would
     without it. In it are all cells of `max_cell_size` (of a fixed map: all cells) that share a volume with it.
+layers : dict of str and array, optional
+    By the name of a layer of the map, what each beam says to the cell in which it ends: (n,), or (n, 3) for
+    "mean3". What is said of beams that did not return does not count. See `layer`.
 
 Returns
 -------
@@ -458,6 +467,58 @@ Raises
 ValueError
     No limit is given, one is out of bounds or cannot be met, or the map has another refinement. The map is then
     unchanged.
+)")
+      .def_property_readonly(
+          "layers",
+          [](const PythonMap& map) {
+            py::dict dict;
+            for (const LayerKind& kind : map.read([](const MapInterface& m) { return m.layers(); }))
+              dict[py::str(kind.name)] = kind.rule;
+            return dict;
+          },
+          "dict of str: what cells carry, name and rule.")
+      .def(
+          "layer",
+          [](const PythonMap& map, const std::string& name, const py::object& object) -> py::object {
+            const DoubleArray points = as_points(object, "points", map.constant().dim());
+            const auto n = static_cast<std::size_t>(points.shape(0));
+            std::string rule;
+            std::vector<double> numbers = map.read([&, data = points.data()](const MapInterface& m) {
+              for (const LayerKind& kind : m.layers())
+                if (kind.name == name) rule = kind.rule;
+              return m.layer(name, data, n);
+            });
+            if (rule == "majority") {
+              std::vector<std::int64_t> labels(n, -1);
+              for (std::size_t i = 0; i < n; ++i)
+                if (!std::isnan(numbers[i])) labels[i] = static_cast<std::int64_t>(numbers[i]);
+              return take(std::move(labels));
+            }
+            if (rule == "mean3") return take(std::move(numbers), 3);
+            return take(std::move(numbers));
+          },
+          "name"_a, "points"_a, R"(What the cells around points carry.
+
+A cell of which beams were told something (see `insert`) has the mean of it, the label that most gave, or the
+latest time. Where it splits, its parts have the same; where cells merge, the rule joins theirs. So
+``m.layer("color", m.leaves().center)`` is what the leaves carry.
+
+Parameters
+----------
+name : str
+    Of the layer.
+points : (n, dim) array of float
+    Map frame [m].
+
+Returns
+-------
+(n,) float64 of "mean" and "latest", (n, 3) float64 of "mean3", (n,) int64 of "majority"
+    nan, or -1, where the cell carries nothing: unknown, or no beam ended in it.
+
+Raises
+------
+ValueError
+    The map has no such layer; those that it has are named.
 )")
       .def(
           "shrink_to_fit", [](PythonMap& map) { map.write([](MapInterface& m) { m.shrink_to_fit(); }); },
@@ -631,6 +692,9 @@ refinement : str
     "evidence": cells split where a beam ends behind a free way through them or hits and misses contradict each
     other, keep what their parents knew, and join where next to no information is lost. "paper": the rules of
     Einhorn, Schroeter and Gross (ICRA 2011), as published.
+layers : dict of str, optional
+    What cells carry beside their occupancy, by a name: "mean" of a number a beam, "mean3" of three, as of a
+    colour, "majority" of labels, whole numbers in [0, 65535], or "latest" of times [s]. See `insert`, `layer`.
 min_cell_size : float
     Cells are never split below this edge length [m].
 max_cell_size : float
@@ -693,7 +757,7 @@ TypeError
 
 Parameters
 ----------
-dim, branching : int
+dim, branching, layers
     As for AdaptiveMap.
 cell_size : float
     Edge length of every cell that a beam updates [m].

@@ -33,9 +33,10 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
   [[nodiscard]] bool clones_cheaply() const override { return false; }
   InsertReport insert(const BeamArrays& beams, double max_range, int threads,
-                      const std::optional<AnyBox>& window) override {
-    (void)number_of_threads(threads);   // OctoMap has one.
-    if (window) (void)this->queries();  // Nor does it know windows.
+                      const std::optional<AnyBox>& window,
+                      const std::vector<LayerMeasurements>& layers) override {
+    (void)number_of_threads(threads);                      // OctoMap has one.
+    if (window || !layers.empty()) (void)this->queries();  // Nor does it know windows and layers.
     return map_.insert(beams.view<D>(), max_range);
   }
   [[nodiscard]] PythonStats stats() const override {

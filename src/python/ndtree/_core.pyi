@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Final, Literal, overload
 
 import numpy as np
@@ -269,6 +269,7 @@ class OccupancyMap:
         max_range: float = ...,
         threads: int = 0,
         window: ArrayLike | None = None,
+        layers: Mapping[str, ArrayLike] | None = None,
     ) -> InsertReport:
         """Integrate a scan.
 
@@ -309,6 +310,11 @@ class OccupancyMap:
         KeyboardInterrupt
             Ctrl-C, heard within a fraction of a second; the map is then unchanged. So with all long calls.
         """
+    @property
+    def layers(self) -> dict[str, str]:
+        """dict of str: what cells carry, name and rule."""
+    def layer(self, name: str, points: ArrayLike) -> NDArray[Any]:
+        """X"""
     def compress(
         self,
         *,
@@ -1008,6 +1014,7 @@ class AdaptiveMap(OccupancyMap):
         dim: int = 2,
         branching: int = 2,
         refinement: Refinement = "evidence",
+        layers: Mapping[str, str] | None = None,
         min_cell_size: float = ...,
         max_cell_size: float = ...,
         range_sigma: float = ...,
@@ -1072,6 +1079,7 @@ class FixedMap(OccupancyMap):
         dim: int = 2,
         branching: int = 2,
         refinement: Literal["fixed"] = "fixed",
+        layers: Mapping[str, str] | None = None,
         cell_size: float = ...,
         range_sigma: float = ...,
         range_sigma_quadratic: float = ...,

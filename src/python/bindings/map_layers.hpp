@@ -1,0 +1,298 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The layers of a Python map: named, of rules that are chosen when the map is made, and numbers in and out.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "ndtree/core/memory.hpp"
+#include "ndtree/core/option.hpp"
+#include "ndtree/io/layer_file.hpp"
+#include "ndtree/io/ply.hpp"
+#include "ndtree/layers/layered_map.hpp"
+#include "ndtree/query/transform.hpp"
+
+namespace ndtree::python {
+
+/// A layer's name, and its values' rule.
+struct LayerKind {
+  std::string name;
+  std::string rule;
+};
+/// What a scan's beams say to a layer: `width` numbers each.
+struct LayerMeasurements {
+  std::string name;
+  const double* numbers = nullptr;
+  std::size_t width = 1;
+};
+
+/// How a value is given and taken as numbers: nan where there is none.
+template <class Value>
+struct ValueNumbers;
+template <int K>
+struct ValueNumbers<MeanValue<K>> {
+  static constexpr std::size_t kWidth = K;
+  static typename MeanValue<K>::Measurement from(const double* numbers) {
+    typename MeanValue<K>::Measurement measurement;
+    for (std::size_t i = 0; i < K; ++i) measurement[i] = static_cast<float>(numbers[i]);
+    return measurement;
+  }
+  static void to(const MeanValue<K>& value, double* numbers) {
+    for (std::size_t i = 0; i < K; ++i) numbers[i] = static_cast<double>(value.mean()[i]);
+  }
+};
+template <>
+struct ValueNumbers<MajorityLabel> {
+  static constexpr std::size_t kWidth = 1;
+  static std::int64_t from(const double* number) {
+    if (std::nearbyint(*number) != *number || !(std::abs(*number) < 1e15))
+      throw std::invalid_argument(describe_number(*number) + ": must be a whole number in [0, " +
+                                  std::to_string(MajorityLabel::kMaxLabel) + "]");
+    return static_cast<std::int64_t>(*number);
+  }
+  static void to(const MajorityLabel& value, double* number) { *number = value.label(); }
+};
+template <>
+struct ValueNumbers<LatestStamp> {
+  static constexpr std::size_t kWidth = 1;
+  static double from(const double* number) { return *number; }
+  static void to(const LatestStamp& value, double* number) { *number = value.stamp(); }
+};
+
+/// All layers of a map with cells of N^D children.
+template <int N, int D>
+class MapLayers {
+  using AnyLayer = std::variant<Layer<N, D, MeanValue<1>>, Layer<N, D, MeanValue<3>>,
+                                Layer<N, D, MajorityLabel>, Layer<N, D, LatestStamp>>;
+  struct Named {
+    std::string name;
+    AnyLayer layer;
+  };
+  template <class LayerType>
+  using ValueOf = typename std::decay_t<LayerType>::ValueType;
+
+ public:
+  [[nodiscard]] bool empty() const { return layers_.empty(); }
+  [[nodiscard]] std::vector<LayerKind> kinds() const {
+    std::vector<LayerKind> kinds;
+    for (const Named& one : layers_)
+      std::visit(
+          [&](const auto& layer) {
+            kinds.push_back({one.name, ValueOf<decltype(layer)>::rule()});
+          },
+          one.layer);
+    return kinds;
+  }
+  /// @throws std::invalid_argument for a rule that there is not.
+  void add(const LayerKind& kind, const LatticeGeometry<N, D>& geometry) {
+    AnyLayer layer{Layer<N, D, LatestStamp>(geometry)};
+    if (!choose<MeanValue<1>, MeanValue<3>, MajorityLabel, LatestStamp>(kind.rule, geometry, layer))
+      throw std::invalid_argument("layers: " + describe_text(kind.name) + ": " + describe_text(kind.rule) +
+                                  ": must be 'mean', 'mean3', 'majority' or 'latest'");
+    layers_.push_back({kind.name, std::move(layer)});
+  }
+
+  /// @throws std::invalid_argument naming the layer, and what of it is wrong.
+  void check(const ScanView<D>& scan, const std::vector<LayerMeasurements>& all) const {
+    for (const LayerMeasurements& one : all)
+      std::visit(
+          [&](const auto& layer) {
+            using Value = ValueOf<decltype(layer)>;
+            try {
+              if (one.width != ValueNumbers<Value>::kWidth)
+                throw std::invalid_argument(std::to_string(one.width) + " numbers a beam: must be " +
+                                            std::to_string(ValueNumbers<Value>::kWidth));
+              check_measurements<Value>(scan, measurements<Value>(scan, one).data());
+            } catch (const std::invalid_argument& error) {
+              throw std::invalid_argument("layers: " + describe_text(one.name) + ": " + error.what());
+            }
+          },
+          find(one.name).layer);
+  }
+  /// After a map has taken a scan. @pre check() has passed.
+  template <class Map>
+  void add_scan(const Map& map, const ScanView<D>& scan, const std::vector<LayerMeasurements>& all,
+                double max_range, const std::optional<Box<D>>& window) {
+    for (const LayerMeasurements& one : all)
+      std::visit(
+          [&](auto& layer) {
+            using Value = ValueOf<decltype(layer)>;
+            const std::size_t limit = map.options().memory_limit();
+            const std::size_t others = map.memory_bytes() + memory_bytes() - layer.memory_bytes();
+            layer = with_scan<Map, Value>(
+                layer, map, scan, measurements<Value>(scan, one).data(), max_range, window,
+                limit == kUnlimitedMemory ? limit : limit - std::min(limit, others));
+          },
+          find(one.name).layer);
+  }
+  /// Of the cells around points, `width` numbers each: nan where there are none.
+  template <class Map>
+  void values_at(const Map& map, const std::string& name, const double* points, std::size_t n,
+                 std::vector<double>& numbers) const {
+    std::visit(
+        [&](const auto& layer) {
+          using Value = ValueOf<decltype(layer)>;
+          constexpr std::size_t kWidth = ValueNumbers<Value>::kWidth;
+          numbers.assign(n * kWidth, std::numeric_limits<double>::quiet_NaN());
+          for_each_paced(n, 16, [&](std::size_t i) {
+            const Value value = value_at(map, layer, Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
+            if (!value.is_empty()) ValueNumbers<Value>::to(value, numbers.data() + i * kWidth);
+          });
+        },
+        find(name).layer);
+  }
+  template <class MapTree>
+  void keep_known(const MapTree& tree) {
+    for (Named& one : layers_) std::visit([&](auto& layer) { layer.keep_known(tree); }, one.layer);
+  }
+  /// Adds those of another map, of which some may be new. @throws std::invalid_argument if rules differ.
+  template <class MapTree>
+  void join(const MapLayers& others, const MapTree& tree) {
+    for (const LayerKind& kind : others.kinds()) {
+      const Named* const own = find_or_null(kind.name);
+      if (own == nullptr) add(kind, tree.geometry());
+      std::visit(
+          [&](const auto& other) {
+            auto* const layer = std::get_if<std::decay_t<decltype(other)>>(&find(kind.name).layer);
+            if (layer == nullptr)
+              throw std::invalid_argument("layers: " + describe_text(kind.name) + ": follows the rule " +
+                                          describe_text(kind.rule) + " in the other map: must be the same");
+            layer->join(other, tree);
+          },
+          others.find(kind.name).layer);
+    }
+  }
+  /// The values at their new places in a map that was moved.
+  template <class Map>
+  [[nodiscard]] MapLayers transformed(const Map& moved, const Pose<D>& pose) const {
+    MapLayers result;
+    for (const LayerKind& kind : kinds()) {
+      result.add(kind, moved.tree().geometry());
+      std::visit(
+          [&](const auto& layer) {
+            auto& target = std::get<std::decay_t<decltype(layer)>>(result.find(kind.name).layer);
+            layer.for_each([&](const auto&, const Vector<D>& centre, const auto& value) {
+              const Vector<D> point = pose * centre;
+              const auto leaf = moved.tree().find_leaf(point);
+              if (leaf && leaf->cell().observed()) target.join(leaf->index, point, value);
+            });
+          },
+          find(kind.name).layer);
+    }
+    return result;
+  }
+  void shrink_to_fit() {
+    for (Named& one : layers_) std::visit([](auto& layer) { layer.tree().shrink_to_fit(); }, one.layer);
+  }
+  [[nodiscard]] std::size_t memory_bytes() const {
+    std::size_t bytes = 0;
+    for (const Named& one : layers_)
+      bytes += std::visit([](const auto& layer) { return layer.memory_bytes(); }, one.layer);
+    return bytes;
+  }
+
+  [[nodiscard]] std::vector<StoredLayer> stored() const {
+    std::vector<StoredLayer> all;
+    for (const Named& one : layers_)
+      all.push_back(
+          std::visit([&](const auto& layer) { return ndtree::stored(layer, one.name); }, one.layer));
+    return all;
+  }
+  /// @throws std::runtime_error for one that is damaged, or of a rule that there is not.
+  void restore(const std::vector<StoredLayer>& all, const LatticeGeometry<N, D>& geometry) {
+    for (const StoredLayer& one : all) {
+      try {
+        add({one.name, one.rule}, geometry);
+      } catch (const std::invalid_argument& error) {
+        throw std::runtime_error(error.what());
+      }
+      std::visit([&](auto& layer) { layer = restored<std::decay_t<decltype(layer)>>(one, geometry); },
+                 layers_.back().layer);
+    }
+  }
+
+  /// Columns of a PLY file: three numbers called colour or color as red, green and blue.
+  [[nodiscard]] std::vector<PlyProperty> ply_properties() const {
+    using Type = PlyProperty::Type;
+    std::vector<PlyProperty> all;
+    for (const LayerKind& kind : kinds()) {
+      if (kind.rule != MeanValue<3>::rule()) {
+        all.push_back({kind.name, kind.rule == MajorityLabel::rule() ? Type::int_
+                                  : kind.rule == LatestStamp::rule() ? Type::double_
+                                                                     : Type::float_});
+      } else if (kind.name == "color" || kind.name == "colour") {
+        for (const char* const name : {"red", "green", "blue"}) all.push_back({name, Type::uchar});
+      } else {
+        for (const char* const suffix : {"_0", "_1", "_2"}) all.push_back({kind.name + suffix, Type::float_});
+      }
+    }
+    return all;
+  }
+  void ply_numbers(const CellIndex<D>& leaf, double* numbers) const {
+    for (const Named& one : layers_)
+      std::visit(
+          [&](const auto& layer) {
+            using Value = ValueOf<decltype(layer)>;
+            using Numbers = ValueNumbers<Value>;
+            const Value value = leaf.level <= 0 ? layer.of(leaf) : Value{};
+            std::fill_n(
+                numbers, Numbers::kWidth,
+                std::is_same_v<Value, MajorityLabel> ? -1.0 : std::numeric_limits<double>::quiet_NaN());
+            if (!value.is_empty()) Numbers::to(value, numbers);
+            numbers += Numbers::kWidth;
+          },
+          one.layer);
+  }
+
+ private:
+  template <class... Values>
+  static bool choose(const std::string& rule, const LatticeGeometry<N, D>& geometry, AnyLayer& layer) {
+    return (... || (rule == Values::rule() && (layer = Layer<N, D, Values>(geometry), true)));
+  }
+  template <class Value>
+  /// @throws std::invalid_argument naming the beam.
+  static std::vector<typename Value::Measurement> measurements(const ScanView<D>& scan,
+                                                               const LayerMeasurements& given) {
+    std::vector<typename Value::Measurement> all(static_cast<std::size_t>(scan.size));
+    for (std::size_t i = 0; i < all.size(); ++i) {
+      if (!scan.is_returned(static_cast<Eigen::Index>(i))) continue;
+      try {
+        all[i] = ValueNumbers<Value>::from(given.numbers + i * given.width);
+      } catch (const std::invalid_argument& error) {
+        throw std::invalid_argument("'" + Value::rule() + "' of beam " + std::to_string(i) + " = " +
+                                    error.what());
+      }
+    }
+    return all;
+  }
+  [[nodiscard]] const Named* find_or_null(const std::string& name) const {
+    for (const Named& one : layers_)
+      if (one.name == name) return &one;
+    return nullptr;
+  }
+  [[nodiscard]] const Named& find(const std::string& name) const {
+    if (const Named* const one = find_or_null(name)) return *one;
+    std::string all;
+    for (const Named& one : layers_) all += (all.empty() ? "" : ", ") + describe_text(one.name);
+    throw std::invalid_argument("layers: " + describe_text(name) + ": the map has " +
+                                (all.empty() ? "none" : all));
+  }
+  [[nodiscard]] Named& find(const std::string& name) {
+    return const_cast<Named&>(std::as_const(*this).find(name));
+  }
+
+  std::vector<Named> layers_;
+};
+
+}  // namespace ndtree::python

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What cells carry beside their occupancy: colours, labels, times."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ndtree
+
+LAYERS = {"color": "mean3", "height": "mean", "label": "majority", "stamp": "latest"}
+
+
+def told(points: np.ndarray, stamp: float) -> dict[str, np.ndarray]:
+    """What beams say to LAYERS: red to the left, and blue to the right."""
+    left = points[:, 1] < 0
+    return {
+        "color": np.where(left[:, None], [200.0, 0, 10], [0, 0, 250]),
+        "height": points[:, -1],
+        "label": np.where(left, 3, 7),
+        "stamp": np.full(len(points), stamp),
+    }
+
+
+def walls(dim: int, n: int = 400, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-2, 2, (n, dim))
+    points[:, 0] = 2.0
+    return points
+
+
+def mapped(dim: int = 3, **options: float) -> ndtree.AdaptiveMap:
+    m = ndtree.AdaptiveMap(dim=dim, layers=LAYERS, min_cell_size=0.1, max_cell_size=0.8, **options)
+    for i in range(8):
+        points = walls(dim, seed=i)
+        m.insert(points, np.zeros(dim), layers=told(points, 10.0 + i))
+    return m
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_leaves_carry_what_was_measured_in_them(dim: int) -> None:
+    m = mapped(dim)
+    assert m.layers == LAYERS
+    leaves = m.leaves(states=["occupied"])
+    sides = np.abs(leaves.center[:, 1]) > leaves.size
+    assert sides.sum() > 10
+    left = leaves.center[:, 1] < 0
+    labels = m.layer("label", leaves.center)
+    assert labels.dtype == np.int64
+    np.testing.assert_array_equal(labels[sides], np.where(left, 3, 7)[sides])
+    color = m.layer("color", leaves.center)
+    assert color.shape == (len(leaves), 3)
+    np.testing.assert_allclose(color[sides & left], np.broadcast_to([200.0, 0, 10], (int((sides & left).sum()), 3)))
+    height = m.layer("height", leaves.center)
+    assert np.all(np.abs(height - leaves.center[:, -1]) <= leaves.size)
+    stamp = m.layer("stamp", leaves.center)
+    assert np.all((stamp >= 10) & (stamp <= 17)) and stamp.max() == 17
+
+
+def test_where_nothing_ended_there_is_nothing() -> None:
+    m = mapped()
+    nowhere = [[0.5, 0, 0], [50.0, 0, 0]]
+    assert np.isnan(m.layer("color", nowhere)).all()
+    assert np.isnan(m.layer("stamp", nowhere)).all()
+    np.testing.assert_array_equal(m.layer("label", nowhere), [-1, -1])
+
+
+def test_occupancy_does_not_depend_on_layers() -> None:
+    plain = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, max_cell_size=0.8)
+    for i in range(8):
+        plain.insert(walls(3, seed=i), np.zeros(3))
+    one, other = plain.leaves(), mapped().leaves()
+    for name in ("lower", "size", "log_odds", "hits", "misses"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_beams_without_return_say_nothing() -> None:
+    m = ndtree.FixedMap(dim=2, cell_size=0.1, layers={"label": "majority"})
+    m.insert(
+        [[1.05, 0.05], [1.05, 0.05], [0.05, 1.05]],
+        [0, 0],
+        returned=[True, True, False],
+        layers={"label": [4, 4, -9]},
+    )
+    np.testing.assert_array_equal(m.layer("label", [[1.05, 0.05], [0.05, 1.05]]), [4, -1])
+
+
+def test_one_point_and_a_grid() -> None:
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, layers={"color": "mean3", "label": "majority"})
+    m.insert([1.0, 0.5], [0, 0], layers={"color": [1, 2, 3], "label": [5]})
+    np.testing.assert_array_equal(m.layer("color", [1.0, 0.5]), [1, 2, 3])
+    assert m.layer("label", [1.0, 0.5]) == 5
+    grid = np.stack(np.meshgrid([1.0, 1.5], [0.5, 1.0], indexing="ij"), axis=-1)
+    m.insert(grid, [0, 0], layers={"color": np.ones((2, 2, 3)), "label": np.full((2, 2), 5)})
+    assert m.layer("color", grid).shape == (2, 2, 3)
+    assert m.layer("label", grid).shape == (2, 2)
+
+
+def test_files_snapshots_and_copies_carry_them(tmp_path: Path) -> None:
+    m = mapped()
+    points = m.leaves(states=["occupied"]).center
+    m.save(tmp_path / "m.ndt")
+    for other in (
+        ndtree.load(tmp_path / "m.ndt"),
+        pickle.loads(pickle.dumps(m)),
+        ndtree.from_bytes(m.to_bytes()),
+        m.snapshot(),
+    ):
+        assert other.layers == LAYERS
+        assert other.to_bytes() == m.to_bytes()
+        np.testing.assert_array_equal(other.layer("color", points), m.layer("color", points))
+    snapshot = m.snapshot()
+    m.insert(walls(3), np.zeros(3), layers=told(walls(3), 99.0))
+    assert np.nanmax(snapshot.layer("stamp", points)) == 17
+
+
+def test_merging_and_moving_take_them_along() -> None:
+    one, other = mapped(), ndtree.AdaptiveMap(dim=3, layers={"stamp": "latest"}, min_cell_size=0.1, max_cell_size=0.8)
+    points = walls(3, seed=30)
+    other.insert(points, np.zeros(3), layers={"stamp": np.full(len(points), 50.0)})
+    at = points[::7]
+    one.merge(other)
+    assert set(one.layer("stamp", at)) <= {10.0 + i for i in range(8)} | {50.0}
+    assert np.mean(one.layer("stamp", at) == 50) > 0.9
+    pose = np.eye(4)
+    pose[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    pose[:3, 3] = [10, 0, 0]
+    moved = one.transformed(pose)
+    leaves = one.leaves(states=["occupied"])
+    labels = moved.layer("label", leaves.center @ pose[:3, :3].T + pose[:3, 3])
+    clear = np.abs(leaves.center[:, 1]) > leaves.size
+    assert np.mean(labels[clear] == one.layer("label", leaves.center)[clear]) > 0.9
+
+
+def test_what_is_forgotten_carries_nothing() -> None:
+    m = mapped()
+    m.clear([[0, -5, -5], [5, 0, 5]])
+    m.insert(walls(3), np.zeros(3))  # Seen anew, without a word.
+    leaves = m.leaves(states=["occupied"])
+    left = leaves.center[:, 1] + leaves.size < 0
+    assert left.any() and np.all(m.layer("label", leaves.center)[left] == -1)
+    assert np.all(m.layer("label", leaves.center)[leaves.center[:, 1] > leaves.size] == 7)
+
+
+def test_a_ply_file_has_them(tmp_path: Path) -> None:
+    m = mapped()
+    m.save_ply(tmp_path / "m.ply")
+    head, _, body = (tmp_path / "m.ply").read_bytes().partition(b"end_header\n")
+    names = [line.split()[-1].decode() for line in head.splitlines() if line.startswith(b"property")]
+    assert names[6:] == ["red", "green", "blue", "height", "label", "stamp"]
+    leaves = m.leaves(states=["occupied"])
+    row = np.dtype(
+        [("xyz", "<f8", 3), ("size", "<f4"), ("p", "<f4"), ("state", "<i4"), ("rgb", "u1", 3)]
+        + [("height", "<f4"), ("label", "<i4"), ("stamp", "<f8")]
+    )
+    cells = np.frombuffer(body, row)
+    np.testing.assert_array_equal(cells["xyz"], leaves.center)
+    np.testing.assert_array_equal(cells["label"], m.layer("label", leaves.center))
+    np.testing.assert_array_equal(cells["stamp"], m.layer("stamp", leaves.center))
+    np.testing.assert_allclose(cells["rgb"], m.layer("color", leaves.center), atol=0.51)
+
+
+def test_memory_counts_them() -> None:
+    plain = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, max_cell_size=0.8)
+    for i in range(8):
+        plain.insert(walls(3, seed=i), np.zeros(3))
+    assert mapped().stats().memory_bytes > 1.2 * plain.stats().memory_bytes
+    with pytest.raises(MemoryError):
+        mapped(max_memory=200_000)
+
+
+@pytest.mark.parametrize(
+    ("layers", "message"),
+    [
+        ({"color": "mean4"}, "layers: 'color': 'mean4': must be 'mean', 'mean3', 'majority' or 'latest'"),
+        ({"a b": "mean"}, "layers: 'a b': a name must be letters, digits and _, at most 64, no digit first"),
+        ({"": "mean"}, "layers: '': a name must be letters, digits and _, at most 64, no digit first"),
+        ({"a": 3}, "layers: 'a': 3: must be 'mean', 'mean3', 'majority' or 'latest'"),
+        (["a"], "layers = ['a']: must be a dict of str and str"),
+    ],
+)
+def test_layers_that_there_are_not(layers: object, message: str) -> None:
+    with pytest.raises((ValueError, TypeError)) as error:
+        ndtree.AdaptiveMap(layers=layers)  # type: ignore[arg-type]
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize(
+    ("layers", "message"),
+    [
+        ({"colour": [[1, 2, 3]] * 2}, "layers: 'colour': the map has 'color', 'height', 'label', 'stamp'"),
+        ({"color": [1, 2]}, "layers: 'color': 1 numbers a beam: must be 3"),
+        ({"height": [[1, 2, 3]] * 2}, "layers: 'height': 3 numbers a beam: must be 1"),
+        ({"label": [1.5, 2]}, "layers: 'label': 'majority' of beam 0 = 1.5: must be a whole number in [0, 65535]"),
+        ({"label": [1, 70000]}, "layers: 'label': 'majority' of beam 1 = 70000: must be a whole number in [0, 65535]"),
+        ({"stamp": [1, np.inf]}, "layers: 'stamp': 'latest' of beam 1 = inf: must be finite"),
+        ({"stamp": [1, 2, 3]}, "layers['stamp'] has shape (3,): must have one entry for each of 2 points"),
+        ({"stamp": 1}, "layers['stamp'] has shape (): must have one entry for each of 2 points"),
+    ],
+)
+def test_a_refused_call_changes_nothing(layers: dict[str, object], message: str) -> None:
+    m = mapped()
+    before = m.to_bytes()
+    with pytest.raises(ValueError) as error:
+        m.insert(walls(3)[:2], np.zeros(3), layers=layers)
+    assert str(error.value) == message
+    assert m.to_bytes() == before
+
+
+def test_masked_arrays_are_refused() -> None:
+    m = mapped()
+    with pytest.raises(TypeError, match=r"layers\['stamp'\] is a masked array"):
+        m.insert(walls(3)[:2], np.zeros(3), layers={"stamp": np.ma.masked_array([1.0, 2], [True, False])})
+
+
+def test_rules_of_one_name_must_agree() -> None:
+    m = mapped()
+    before = m.to_bytes()
+    other = ndtree.AdaptiveMap(dim=3, layers={"color": "mean"}, min_cell_size=0.1, max_cell_size=0.8)
+    with pytest.raises(ValueError, match="layers: 'color': follows the rule 'mean' in the other map"):
+        m.merge(other)
+    assert m.to_bytes() == before
+
+
+def test_damaged_layers_are_refused() -> None:
+    m = mapped(2)
+    good = m.to_bytes()
+    plain = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, max_cell_size=0.8)
+    assert plain.layers == {}
+    for cut in (4, 40, 400):
+        with pytest.raises(ValueError):
+            ndtree.from_bytes(good[:-cut])
