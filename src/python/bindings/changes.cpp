@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Maps beside each other: snapshots, what has changed, and maps that are put together.
 #include <memory>
+#include <mutex>
+#include <optional>
 #include <utility>
 
 #include "arguments.hpp"
@@ -38,6 +40,11 @@ py::object transformed(const PythonMap& map, const py::object& pose) {
   const Poses poses = poses_from(batch, map.constant().dim(), "pose");
   return to_python(map.read([&](const MapInterface& m) { return m.transformed(poses.numbers.data()); }));
 }
+
+struct PythonFrontierSearch {
+  std::unique_ptr<AnyFrontierSearch> search;
+  mutable std::mutex mutex;
+};
 
 }  // namespace
 
@@ -166,6 +173,77 @@ Raises
 ------
 ValueError
     The pose is no rigid motion, or moves cells to where the lattice of cells does not reach.
+)");
+  py::class_<PythonFrontierSearch>(module, "FrontierSearch",
+                                   R"(Frontiers that follow a map.
+
+What has not changed since the last update() is not looked at again. Threads may share it.
+
+Parameters
+----------
+map : OccupancyMap
+    One of ndtree's own.
+box : (2, dim) array of float, optional
+    Lower and upper corner [m]: free cells that touch it count. Default: everywhere.
+
+Raises
+------
+ValueError
+    The map is an OctoMap, or the box has a wrong shape.
+)")
+      .def(py::init([](const PythonMap& map, const py::object& box) {
+             std::optional<BoxArgument> region;
+             if (!box.is_none()) region.emplace(box, map.constant().dim());
+             auto search = std::make_unique<PythonFrontierSearch>();
+             search->search =
+                 map.read([&](const MapInterface& m) { return m.queries()->frontier_search(region); });
+             return search;
+           }),
+           "map"_a, "box"_a = py::none())
+      .def(
+          "update",
+          [](PythonFrontierSearch& search, const PythonMap& map) {
+            map.read([&](const MapInterface& m) {
+              const std::lock_guard lock(search.mutex);
+              search.search->update(*m.queries());
+            });
+          },
+          "map"_a, R"(Follow the map: afterwards the frontiers are those of the map as it is now.
+
+Parameters
+----------
+map : OccupancyMap
+    That the search was made of, or a copy of it that has changed.
+
+Raises
+------
+ValueError
+    The map is of another kind, or its cells of other sizes.
+KeyboardInterrupt
+    Ctrl-C: there are no frontiers then until the next update.
+)")
+      .def(
+          "frontiers",
+          [](const PythonFrontierSearch& search, double min_cells) {
+            AnyFrontiers all;
+            {
+              const Released released;
+              const std::lock_guard lock(search.mutex);
+              all = search.search->frontiers(min_cells);
+            }
+            return to_python(std::move(all));
+          },
+          py::kw_only(), "min_cells"_a = 8.0, R"(As OccupancyMap.frontiers() of the map at the last update.
+
+Parameters
+----------
+min_cells : float
+    Frontiers with a border smaller than so many faces of smallest cells are left out.
+
+Returns
+-------
+list of Frontier
+    The largest border first.
 )");
 }
 

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -59,6 +60,17 @@ struct RayEndArrays {
   double* cell_size;
 };
 
+class MapQueries;
+
+/// Frontiers that follow a map of any kind.
+class AnyFrontierSearch {
+ public:
+  virtual ~AnyFrontierSearch() = default;
+  /// @throws std::invalid_argument if the map is of another kind than the first.
+  virtual void update(const MapQueries& map) = 0;
+  [[nodiscard]] virtual AnyFrontiers frontiers(double min_cells) const = 0;
+};
+
 /// A view of a map; it holds as long as the map. As in MapInterface, no call touches a Python object.
 class MapQueries {
  public:
@@ -74,6 +86,8 @@ class MapQueries {
   [[nodiscard]] virtual AnyField distance_field(const AnyBox& box, double cell_size, double max_distance,
                                                 UnknownSpace unknown) const = 0;
   [[nodiscard]] virtual AnyFrontiers frontiers(const std::optional<AnyBox>& box, double min_cells) const = 0;
+  [[nodiscard]] virtual std::unique_ptr<AnyFrontierSearch> frontier_search(
+      const std::optional<AnyBox>& box) const = 0;
   /// @param poses n of them, each a rotation, row by row, and a translation.
   virtual void collides(const std::vector<AnyShapePart>& body, const double* poses, std::size_t n,
                         UnknownSpace unknown, bool* out) const = 0;
@@ -126,6 +140,10 @@ class MapQueriesOf final : public MapQueries {
   [[nodiscard]] AnyFrontiers frontiers(const std::optional<AnyBox>& box, double min_cells) const override {
     return ndtree::frontiers(map_, box ? std::optional<Box<D>>(box_of(*box)) : std::nullopt, min_cells);
   }
+  [[nodiscard]] std::unique_ptr<AnyFrontierSearch> frontier_search(
+      const std::optional<AnyBox>& box) const override {
+    return std::make_unique<Search>(map_, box ? std::optional<Box<D>>(box_of(*box)) : std::nullopt);
+  }
   void collides(const std::vector<AnyShapePart>& body, const double* poses, std::size_t n,
                 UnknownSpace unknown, bool* out) const override {
     if constexpr (D <= 3) {
@@ -159,6 +177,22 @@ class MapQueriesOf final : public MapQueries {
     return Vector<D>::Constant(std::numeric_limits<double>::quiet_NaN());
   }
   [[nodiscard]] static Box<D> box_of(const AnyBox& box) { return {Point(box.lower), Point(box.upper)}; }
+  class Search final : public AnyFrontierSearch {
+   public:
+    Search(const Map& map, const std::optional<Box<D>>& box) : search_(map, box) {}
+    void update(const MapQueries& map) override {
+      const auto* const same = dynamic_cast<const MapQueriesOf*>(&map);
+      if (same == nullptr)
+        throw std::invalid_argument("a map of another kind: must be of the kind that the search was made of");
+      search_.update(same->map_);
+    }
+    [[nodiscard]] AnyFrontiers frontiers(double min_cells) const override {
+      return search_.frontiers(min_cells);
+    }
+
+   private:
+    FrontierSearch<Map> search_;
+  };
   [[noreturn]] static void throw_no_shapes() {
     throw std::invalid_argument("a map with dim = 4: shapes are of maps with dim = 2 or 3");
   }

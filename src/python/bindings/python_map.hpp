@@ -168,6 +168,8 @@ void bind_changes(pybind11::module_& module);
 /// What rays end at: a RayEnds. @param origins, directions checked.
 pybind11::object trace_rays(const PythonMap& map, const DoubleArray& origins, const DoubleArray& directions,
                             double max_range, bool stops_at_unknown);
+/// A list of Frontier.
+pybind11::object to_python(AnyFrontiers&& frontiers);
 /// @pre as bind_exports().
 void bind_claims(pybind11::module_& module);
 void bind_logs(pybind11::module_& module);

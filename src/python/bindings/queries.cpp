@@ -214,28 +214,6 @@ PythonShape joined(const PythonShape& a, const PythonShape& b) {
   return both;
 }
 
-std::vector<PythonFrontier> to_python(AnyFrontiers&& any) {
-  return std::visit(
-      [](const auto& all) {
-        std::vector<PythonFrontier> result;
-        for (const auto& frontier : all) {
-          const auto dim = static_cast<py::ssize_t>(frontier.center.size());
-          std::vector<double> cells;
-          std::vector<double> sizes;
-          for (const auto& cell : frontier.cells) {
-            cells.insert(cells.end(), cell.lower.data(), cell.lower.data() + dim);
-            sizes.push_back(cell.upper[0] - cell.lower[0]);
-          }
-          result.push_back({py::array_t<double>(dim, frontier.center.data()),
-                            py::array_t<double>(dim, frontier.direction.data()),
-                            take(std::move(cells), static_cast<int>(dim)), take(std::move(sizes)),
-                            frontier.area});
-        }
-        return result;
-      },
-      std::move(any));
-}
-
 void bind_shapes(py::module_& module) {
   py::class_<PythonShape>(module, "Shape",
                           "A robot's body in its own frame: Sphere, Capsule, Box, or several by `a | b`.")
@@ -404,6 +382,28 @@ py::object trace_rays(const PythonMap& map, const DoubleArray& origins, const Do
     m.queries()->trace_rays(o, step, d, n, max_range, stops_at_unknown, out);
   });
   return py::cast(RayEnds{distance, state, lower, size});
+}
+
+py::object to_python(AnyFrontiers&& any) {
+  return std::visit(
+      [](const auto& all) -> py::object {
+        std::vector<PythonFrontier> result;
+        for (const auto& frontier : all) {
+          const auto dim = static_cast<py::ssize_t>(frontier.center.size());
+          std::vector<double> cells;
+          std::vector<double> sizes;
+          for (const auto& cell : frontier.cells) {
+            cells.insert(cells.end(), cell.lower.data(), cell.lower.data() + dim);
+            sizes.push_back(cell.upper[0] - cell.lower[0]);
+          }
+          result.push_back({py::array_t<double>(dim, frontier.center.data()),
+                            py::array_t<double>(dim, frontier.direction.data()),
+                            take(std::move(cells), static_cast<int>(dim)), take(std::move(sizes)),
+                            frontier.area});
+        }
+        return py::cast(std::move(result));
+      },
+      std::move(any));
 }
 
 void bind_queries(py::module_& module) {

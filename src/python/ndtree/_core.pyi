@@ -937,6 +937,15 @@ class OccupancyMap:
             The file cannot be written.
         """
 
+class FrontierSearch:
+    """X"""
+
+    def __init__(self, map: OccupancyMap, box: ArrayLike | None = None) -> None: ...
+    def update(self, map: OccupancyMap) -> None:
+        """X"""
+    def frontiers(self, *, min_cells: float = 8.0) -> list[Frontier]:
+        """X"""
+
 class AdaptiveMap(OccupancyMap):
     """Occupancy map whose cells find their size while mapping.
 
