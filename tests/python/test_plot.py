@@ -17,9 +17,12 @@ import ndtree
 pytest.importorskip("matplotlib")
 
 from conftest import room_scan
+from matplotlib import colormaps
 from matplotlib.collections import LineCollection, PolyCollection
 
 from ndtree import plot
+from ndtree.lattice import Cells
+from ndtree.plot.images import MAX_IMAGE_CELLS
 
 
 def inserted(m: Any, scans: int = 8) -> Any:
@@ -81,7 +84,7 @@ def test_vast_maps_become_images_of_bounded_size() -> None:
     m = ndtree.AdaptiveMap(dim=2, refinement="paper", min_cell_size=0.01, max_cell_size=5.12)
     m.insert(np.array([[3000.0, 2000.0]]), np.zeros(2))
     image, _ = shown_image(plot.occupancy(m, region=(0, 3000, 0, 2000)))
-    assert image.size <= 2 * plot.MAX_IMAGE_CELLS
+    assert image.size <= 2 * MAX_IMAGE_CELLS
     assert (image > 0.5).any()
 
 
@@ -218,7 +221,7 @@ def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevatio
         met = np.flatnonzero(enter < leave - 1e-9)
         nearest = met[leave[met].argmax()]
         level = np.clip((lower[nearest, 2] + 0.5 * size[nearest] + 2.0) / 4.0, 0, 1)
-        expected = np.array(plot._colormap("turbo")(0.05 + 0.9 * level)[:3])
+        expected = np.array(colormaps["turbo"](0.05 + 0.9 * level)[:3])
 
         point = np.array([inside @ right, inside @ up])
         edges = np.roll(quads, -1, axis=1) - quads
@@ -236,7 +239,7 @@ def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevatio
 
 @pytest.mark.parametrize("color", plot.COLORS)
 def test_colors_say_what_they_should(solid: Any, color: str) -> None:
-    some = plot.Cells.of(solid)
+    some = Cells.of(solid)
     some = some.where(some.occupied)
     colors = plot.coloring(some, color)
     values = {

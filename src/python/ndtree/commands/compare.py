@@ -7,10 +7,10 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from ndtree._flags import map_options, reading_options
 from ndtree._options import KINDS
 from ndtree.commands.app import app, examples, reports_errors
 from ndtree.commands.comparing import compared
+from ndtree.commands.flags import map_options, reading_options
 from ndtree.commands.logs import open_log, warn_of_skipped
 from ndtree.commands.options import (
     Dim,

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 import ndtree
-from ndtree._flags import map_options, reading_options
 from ndtree.commands.app import app, examples, reports_errors
 from ndtree.commands.comparing import compared
+from ndtree.commands.flags import map_options, reading_options
 from ndtree.commands.logs import open_log, warn_of_skipped
 from ndtree.commands.options import (
     Dim,

@@ -7,14 +7,14 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from ndtree._flags import map_options, reading_options
-from ndtree._progress import mapping_progress
 from ndtree.commands.app import app, examples, reports_errors
 from ndtree.commands.figures import counted, map_figures, print_map
+from ndtree.commands.flags import map_options, reading_options
 from ndtree.commands.logs import limit_of, made, new_map, settled, skipped, timed, warn_of_skipped
 from ndtree.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption, Port
 from ndtree.commands.output import check_picture, check_target, is_stdout, write_json
 from ndtree.commands.pictures import draw, observers_of, plotting, stay
+from ndtree.commands.progress import mapping_progress
 from ndtree.exit_status import WrongCall
 from ndtree.files import replaced
 from ndtree.settings import BEYOND_MEMORY

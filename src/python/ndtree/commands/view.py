@@ -8,13 +8,13 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from ndtree._flags import reading_options
-from ndtree._progress import progress
 from ndtree.commands.app import app, examples, reports_errors
+from ndtree.commands.flags import reading_options
 from ndtree.commands.logs import length_of, load_map
 from ndtree.commands.options import CellColor, Port
 from ndtree.commands.output import check_picture
 from ndtree.commands.pictures import draw, parsed_slice, plotting, suited
+from ndtree.commands.progress import progress
 from ndtree.exit_status import WrongCall
 
 

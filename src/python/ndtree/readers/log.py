@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ndtree.readers.failures import readable
 from ndtree.readers.plain_file import DamagedStream, open_plain
+from ndtree.readers.selection import Selection
 from ndtree.scan import Scan
 
 if TYPE_CHECKING:
@@ -159,18 +160,8 @@ class Log(ABC):
         ValueError
             If a value is out of its limits, or does not fit the log's ``dim``.
         """
-        from ndtree.readers.selection import SelectedLog
-
-        return SelectedLog(
-            self,
-            every=every,
-            start=start,
-            stop=stop,
-            min_range=min_range,
-            stride=stride,
-            box=box,
-            origin=origin,
-        )
+        parts = {"every": every, "start": start, "stop": stop, "min_range": min_range, "stride": stride}
+        return SelectedLog(self, Selection(self.dim, **parts, box=box, origin=origin))
 
     @abstractmethod
     def _scans(self) -> Iterator[Scan]:
@@ -262,3 +253,34 @@ class SizedLog(Log):
 
     def __repr__(self) -> str:
         return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D, {len(self)} scans>"
+
+
+class SelectedLog(Log):
+    """The part of a log that `Log.select` chose; it is read as lazily as the log."""
+
+    def __init__(self, log: Log, selection: Selection) -> None:
+        super().__init__(log.path, log.dim)
+        self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
+        self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
+        self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
+        self.skipped = log.skipped
+        self._log = log
+        self._selection = selection
+
+    @property
+    def name(self) -> str:
+        """How reports call the log: as the whole one."""
+        return self._log.name
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """As of the whole log."""
+        return self._log.spans
+
+    @property
+    def share_read(self) -> float | None:
+        """As of the whole log."""
+        return self._log.share_read
+
+    def _scans(self) -> Iterator[Scan]:
+        return self._selection.of(self._log, self.name)
