@@ -19,7 +19,7 @@ from ndtree.exit_status import WrongCall
 
 @app.command(
     epilog=examples(
-        "ndtree calibrate intel.log.gz --max-range 20 --no-return ignore",
+        "ndtree calibrate office.npz --max-range 20 --no-return ignore",
         "ndtree calibrate room.npz --json room.json",
     )
 )

@@ -27,7 +27,7 @@ from ndtree.commands.output import check_target, is_stdout, write_json
 from ndtree.commands.pictures import draw_side_by_side, plotting
 
 
-@app.command(epilog=examples("ndtree demo", "ndtree demo intel.log.gz --output pictures"))
+@app.command(epilog=examples("ndtree demo", "ndtree demo drive.bag --output pictures"))
 @reports_errors
 @reading_options
 @map_options

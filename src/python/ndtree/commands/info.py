@@ -18,7 +18,7 @@ from ndtree.prospect import prospect_of
 
 
 @app.command(
-    epilog=examples("ndtree info intel.log.gz", "ndtree info drive.bag", "ndtree info intel.ndt --json -")
+    epilog=examples("ndtree info office.npz", "ndtree info drive.bag", "ndtree info office.ndt --json -")
 )
 @reports_errors
 @reading_options

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from ndtree.readers.archive import save_archive
 from ndtree.readers.failures import readable
 from ndtree.readers.plain_file import DamagedStream, open_plain
 from ndtree.readers.selection import Selection
@@ -162,6 +163,43 @@ class Log(ABC):
         """
         parts = {"every": every, "start": start, "stop": stop, "min_range": min_range, "stride": stride}
         return SelectedLog(self, Selection(self.dim, **parts, box=box, origin=origin))
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> int:
+        """Write all scans to one .npz file, which `read` reads.
+
+        Parameters
+        ----------
+        path : str or path
+            Its name ends in .npz; it appears whole or not at all.
+        progress : callable, optional
+            Called as ``progress(what, done, total)`` with numbers of scans.
+
+        Returns
+        -------
+        int
+            Number of scans.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        ValueError
+            If the log is damaged or empty, or its beams have origins or noise of their own, for which the
+            file has no place.
+        """
+        return save_archive(self._watched(progress), path, self.name)
+
+    def _watched(self, progress: Callable[[str, int, int], None] | None) -> Iterator[Scan]:
+        total = len(self) if isinstance(self, SizedLog) else 0
+        for done, scan in enumerate(self, start=1):
+            yield scan
+            if progress is not None:
+                progress("writing", done, total)
 
     @abstractmethod
     def _scans(self) -> Iterator[Scan]:
