@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
 from ndtree.lattice import Cells, Floats
-from ndtree.plot.figures import SIZE_COLORS, UNKNOWN, colormap_of
+from ndtree.plot.figures import UNKNOWN, colormap_of
 
 
 class Coloring:
@@ -37,6 +37,9 @@ class Coloring:
         return ScalarMappable(self.norm, ListedColormap(self._map(np.linspace(*self._ends, 256))))
 
 
+#: Even for the eye: equal steps of a value look equally different, also printed in grey.
+HEIGHT_COLORS = "viridis"
+CUBE_SIZE_COLORS = "magma_r"
 COLORS = ("height", "size", "probability")
 
 
@@ -50,11 +53,11 @@ def coloring(
     if by not in COLORS:
         raise ValueError(f"color = {by!r}: must be one of {', '.join(COLORS)}")
     if by == "height":
-        return Coloring(by, "height [m]", Normalize(*(heights or _heights(shown))), colormap or "turbo")
+        return Coloring(by, "height [m]", Normalize(*(heights or _heights(shown))), colormap or HEIGHT_COLORS)
     if by == "size":
         sizes = np.unique(shown.size) * shown.unit
         norm = LogNorm(float(sizes[0]), max(float(sizes[-1]), 1.001 * float(sizes[0])))
-        return Coloring(by, "cell size [m]", norm, colormap or SIZE_COLORS, sizes)
+        return Coloring(by, "cell size [m]", norm, colormap or CUBE_SIZE_COLORS, sizes)
     low = 0.0 if shown.free.any() else UNKNOWN
     return Coloring(by, "probability", Normalize(low, 1.0), colormap or "plasma_r")
 

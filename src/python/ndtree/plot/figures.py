@@ -28,6 +28,15 @@ SIZE_COLORS = "viridis_r"
 WITHOUT_BAR = 0.9  # Share of a picture's width that is left beside a bar of colors.
 
 
+#: What users call maps by the names of their refinements; others are called by these.
+_KINDS = {"evidence": "adaptive", "paper": "adaptive, by the paper's rules", "octomap": "OctoMap"}
+
+
+def kind_of(refinement: str) -> str:
+    """What a map is called in pictures and on pages."""
+    return _KINDS.get(refinement, refinement)
+
+
 def require_dim(m: OccupancyMap, dim: int) -> None:
     if m.dim != dim:
         raise ValueError(f"the map is {m.dim}-D: this picture needs a {dim}-D map")

@@ -24,6 +24,7 @@ from ndtree.plot.figures import (
     require_dim,
 )
 from ndtree.plot.images import PooledImage, draw_borders, draw_occupancy, image_of, smallest_of
+from ndtree.plot.legends import name_axes
 from ndtree.regions import found_region
 
 
@@ -55,7 +56,7 @@ def cells(
     matplotlib.axes.Axes
     """
     require_dim(m, 2)
-    return draw_borders(Cells.of(m), axes_or_new(ax), region, color, linewidth)
+    return _named(draw_borders(Cells.of(m), axes_or_new(ax), region, color, linewidth), ax)
 
 
 def occupancy(
@@ -81,11 +82,11 @@ def occupancy(
     matplotlib.axes.Axes
     """
     require_dim(m, 2)
-    every, ax = Cells.of(m), axes_or_new(ax)
-    ax = draw_occupancy(every, ax, region)
+    every = Cells.of(m)
+    drawn = draw_occupancy(every, axes_or_new(ax), region)
     if borders:
-        draw_borders(every, ax, (*ax.get_xlim(), *ax.get_ylim()))
-    return ax
+        draw_borders(every, drawn, (*drawn.get_xlim(), *drawn.get_ylim()))
+    return _named(drawn, ax)
 
 
 def cell_sizes(
@@ -110,7 +111,7 @@ def cell_sizes(
         With a bar beside it that says which color is which size.
     """
     require_dim(m, 2)
-    every, ax = Cells.of(m), axes_or_new(ax)
+    every, given, ax = Cells.of(m), ax, axes_or_new(ax)
     region = tuple(region) if region is not None else found_region(every)
     shown = every.where(every.observed).inside(region)
     largest = float(every.size[every.observed].max()) * every.unit
@@ -124,7 +125,7 @@ def cell_sizes(
     drawn.set_data(sizes)
     ax.add_image(drawn)
     add_bar(drawn, [ax], "cell size [m]", np.unique(every.size[every.observed]) * every.unit)
-    return framed(ax, region)
+    return _named(framed(ax, region), given)
 
 
 def slice(
@@ -168,6 +169,12 @@ def slice(
         shown = (*ax.get_xlim(), *ax.get_ylim())
         span = max(shown[1] - shown[0], shown[3] - shown[2])
         draw_borders(flat.where(flat.size * flat.unit > span / 400), ax, shown)
-    ax.set_xlabel(f"{'xyz'[others[0]]} [m]")
-    ax.set_ylabel(f"{'xyz'[others[1]]} [m]")
+    name_axes(ax, "".join("xyz"[a] for a in others))
+    return ax
+
+
+def _named(ax: Axes, given: Axes | None) -> Axes:
+    """Axes of a figure of ours have names; others are their owner's."""
+    if given is None:
+        name_axes(ax)
     return ax

@@ -19,6 +19,7 @@ from ndtree.plot.figures import (
     add_bar,
     axis_number,
     framed,
+    kind_of,
     panels,
     require_dim,
     title_of,
@@ -26,6 +27,7 @@ from ndtree.plot.figures import (
 )
 from ndtree.plot.flat import cell_sizes, occupancy, slice
 from ndtree.plot.images import draw_borders, draw_occupancy
+from ndtree.plot.legends import explain_states, name_axes, scale_bar
 from ndtree.regions import ceiling, found_region
 
 
@@ -72,6 +74,7 @@ def side_by_side(
     draw_occupancy(fine, axes[1], shown)
     draw_occupancy(even, axes[2], shown)
     axes[0].set_title(title_of(fine, "adaptive"))
+    scale_bar(axes[0])
     axes[1].set_title("the same map: occupied white, free black, unknown grey")
     axes[2].set_title(title_of(even, "fixed"))
     return written(figure, path, dpi)
@@ -118,7 +121,11 @@ def overview(
     figure = Figure(figsize=(width, axes_width * shape + 0.6), layout="constrained")
     FigureCanvasAgg(figure)
     ax = draw(m, figure.add_subplot(), region=shown)
-    ax.set_title(title_of(every, m.refinement))
+    ax.set_title(title_of(every, kind_of(m.refinement)), loc="left")
+    name_axes(ax)
+    scale_bar(ax)
+    if color == "probability":
+        explain_states(ax)
     return written(figure, path, dpi)
 
 
@@ -196,7 +203,7 @@ def overview_3d(
     """
     view = (azimuth, elevation)
     return _draw_3d(
-        {m.refinement: m}, view, cut_above, region, color, (slice_axis, slice_at), path, width, dpi
+        {kind_of(m.refinement): m}, view, cut_above, region, color, (slice_axis, slice_at), path, width, dpi
     )
 
 
@@ -240,8 +247,9 @@ def _draw_3d(
         above, below = axes[:, column]
         framed(draw_cubes(*one, above, *view, colors, pixel), corners)
         above.set_title(title_of(whole, kind))
+        scale_bar(above)
         slice(m, held, at, below, region=flat_region, borders=kind != "fixed")
-        meaning = ": occupied white, free black, unknown grey" if len(maps) == 1 else ""
-        below.set_title(f"slice at {'xyz'[held]} = {at:.2f} m{meaning}")
+        below.set_title(f"slice at {'xyz'[held]} = {at:.2f} m", loc="left")
+        explain_states(below)
     add_bar(colors.legend(), list(axes[0]), colors.label, colors.ticks, shrink=0.7)
     return written(figure, path, dpi)
