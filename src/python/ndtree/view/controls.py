@@ -29,6 +29,7 @@ class Controls:
                 ("free", "Free"),
                 ("unknown", "Unknown by free"),
                 ("track", "Trajectory"),
+                ("grid", "Grid and scale"),
             )
         }
         inputs = [self._color, *self._checks.values()]

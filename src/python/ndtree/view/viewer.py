@@ -136,7 +136,7 @@ class Viewer:
     def _take(self, m: OccupancyMap) -> None:
         snapshot = Snapshot(m)
         if self.look is None:
-            self.look = Look.of(m.dim)
+            self.look = Look.below_ceiling(m)
         self.look.validate(m.dim)
         if self.snapshot is not None:  # The frame stays where the page's cameras know it.
             snapshot.origin = self.snapshot.origin

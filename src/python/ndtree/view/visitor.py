@@ -13,11 +13,15 @@ import numpy as np
 import viser
 
 from ndtree.lattice import Floats
+from ndtree.plot.figures import kind_of
 from ndtree.snapshot import IN_PLANE, KINDS, Layer, Look, Snapshot, Track, numbers_of, shown_kinds
 from ndtree.view.boxes import drawn_boxes, edges_of
 from ndtree.view.controls import Controls
+from ndtree.view.frame import draw_frame
+from ndtree.view.tiles import Tiles
 
 MAX_CLEAR_BOXES = 30_000  # And of those that are seen through, which the page has to sort.
+TILE_CELLS = 64  # Smallest cells along the edge of a tile, in which all is sent anew if something changes.
 _TRACK_COLOR = (200, 30, 120)
 _CLEAR = {"free": 0.12, "unknown": 0.3, "plane_free": 0.5}  # Opacity.
 _SETTLED = 0.25  # Seconds without motion after which the page is drawn anew for the camera.
@@ -134,9 +138,10 @@ class Visitor:
                 drawn, there = count, int(np.count_nonzero(snapshot.cells.occupied))
                 controls.explain(layer.coloring)
         self._draw_track(snapshot, look)
+        self._draw_frame(snapshot, look)
         boxes = f"  \n{drawn:,} boxes for {there:,} occupied cells" if there else ""
         seen = int(np.count_nonzero(snapshot.cells.observed))
-        controls.say(f"{snapshot.refinement} map, {seen:,} cells{boxes}")
+        controls.say(f"{kind_of(snapshot.refinement)} map, {seen:,} cells{boxes}")
 
     def _draw_boxes(self, kind: str, layer: Layer, look: Look, snapshot: Snapshot) -> int:
         budget = MAX_CLEAR_BOXES if kind in _CLEAR and snapshot.dim == 3 else self._viewer.max_boxes
@@ -154,11 +159,12 @@ class Visitor:
         flat_axis = look.axis if kind in IN_PLANE else 2 if snapshot.dim == 2 else None
         boxes = drawn_boxes(layer.pyramid, chosen, flat_axis, lift=0.01 if kind == "occupied" else 0.0)
         is_clear = kind in _CLEAR and snapshot.dim == 3
-        with self._client.atomic():
-            self._remove(kind)
-            handle = self._client.scene.add_batched_meshes_simple(
+        tiles = before[-1] if before is not None else None
+        if tiles is None:
+            tiles = Tiles(
+                self._client,
                 f"/{kind}",
-                **boxes,
+                TILE_CELLS * snapshot.cells.unit,
                 lod="off",
                 opacity=_CLEAR[kind] if is_clear else None,
                 flat_shading=True,
@@ -166,8 +172,8 @@ class Visitor:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-        self._drawn[kind] = (layer, chosen, eye, handle)
-        self._viewer.bytes_sent += sum(array.nbytes for array in boxes.values())
+        self._drawn[kind] = (layer, chosen, eye, tiles)
+        self._viewer.bytes_sent += tiles.show(boxes)
         return len(chosen)
 
     def _remove(self, kind: str) -> None:
@@ -208,6 +214,17 @@ class Visitor:
             thickness_units="screen",
         )
         self._drawn["track"] = (len(points), None, handle)
+
+    def _draw_frame(self, snapshot: Snapshot, look: Look) -> None:
+        bounds = (snapshot.region.T - snapshot.origin).tolist()
+        before = self._drawn.get("frame")
+        if look.grid and before is not None and before[0] == bounds:
+            return
+        for handle in self._drawn.pop("frame", (None, []))[1]:
+            handle.remove()
+        if look.grid:
+            handles = draw_frame(self._client.scene, *(np.array(corner) for corner in bounds))
+            self._drawn["frame"] = (bounds, handles)
 
     def _pick(self, event: Any) -> None:
         snapshot, controls = self._viewer.snapshot, self._controls
