@@ -26,7 +26,7 @@ _PROCESSES = multiprocessing.get_context("spawn")
 def run(study: Study, *, processes: int | None = None, progress: Progress | None = None) -> StudyTable:
     """Map each log with each set of parameters, but for those that are done already, and write the results.
 
-    In a script it is called below ``if __name__ == "__main__":``, as each job's process reads the script, too.
+    A script calls it below ``if __name__ == "__main__":``, as each job's process reads the script, too.
 
     Parameters
     ----------
