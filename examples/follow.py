@@ -4,9 +4,9 @@
 import argparse
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import ndtree
-from ndtree import plot
 
 WINDOW, REACH = 20.0, 30.0  # What is kept around the car, and what a scan may change [m].
 
@@ -36,7 +36,7 @@ if __name__ == "__main__":
     whole, _, of_whole = follow(scans, window=1e6)
     print(f"after {far[-1]:.0f} m: {memory[-1] / 1e6:.1f} MB, at most {memory.max() / 1e6:.1f} MB; ", end="")
     print(f"the whole street has {of_whole[-1] / 1e6:.1f} MB")
-    figure = plot.Figure(figsize=(10.0, 4.0), layout="constrained")
+    figure = Figure(figsize=(10.0, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
     for one, color in ((whole, "0.8"), (m, "tab:red")):
         walls = one.leaves(states=["occupied"])

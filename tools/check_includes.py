@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: BSD-3-Clause
-"""Check that no header includes against the architecture's arrows.
+"""Check that no header includes, and no Python module imports, against the architecture's arrows.
 
-usage: check_includes.py [ROOT]     (ROOT: the repository, by default the one that this file is in)
+usage: check_includes.py [--draw] [ROOT]     (ROOT: the repository, by default the one that this file is in)
 
-Prints one line for each violation. Exit status: 0 none, 1 some, 2 no headers at ROOT.
+Prints one line for each violation; with --draw, the rooms of the Python package and their arrows instead.
+Exit status: 0 none, 1 some, 2 no headers at ROOT.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+
+import check_imports
 
 # What a header in each folder of include/ndtree may include, besides its own folder and version.hpp.
 ALLOWED = {
@@ -95,11 +98,16 @@ def violations(root: Path) -> Iterator[str]:
 
 
 def main(arguments: list[str]) -> int:
-    root = Path(arguments[0]) if arguments else Path(__file__).resolve().parents[1]
+    draw = "--draw" in arguments
+    roots = [argument for argument in arguments if argument != "--draw"]
+    root = Path(roots[0]) if roots else Path(__file__).resolve().parents[1]
     if not any((root / "include" / "ndtree").rglob("*.hpp")):
         print(f"{root}: no headers in include/ndtree", file=sys.stderr)
         return 2
-    found = list(violations(root))
+    if draw:
+        print(check_imports.drawing(root))
+        return 0
+    found = [*violations(root), *check_imports.violations(root)]
     print("\n".join(found), end="\n" if found else "")
     return 1 if found else 0
 

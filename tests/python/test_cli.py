@@ -458,7 +458,7 @@ def test_without_matplotlib_maps_are_made_and_pictures_refused(log: Path, tmp_pa
 
 def test_a_terminal_sees_how_far_the_map_is(log: Path, tmp_path: Path) -> None:
     pty = pytest.importorskip("pty")
-    code = "import ndtree._progress; ndtree._progress.REFRESH = 0\n"
+    code = "import ndtree.commands.progress; ndtree.commands.progress.REFRESH = 0\n"
     program = f"{code}from ndtree.cli import main; main()"
     near, far = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The include check passes on this repository and fails on each kind of violation."""
+"""The check of includes and imports passes on this repository and fails on each kind of violation."""
 
 import subprocess
 import sys
@@ -48,6 +48,26 @@ FORBIDDEN = [
     ("tests/cpp/test_a.cpp", "#include <octomap/octomap.h>"),
 ]
 
+#: Of Python: a module, a line in it, and what is said of it (nothing where it may stand).
+IMPORTS = [
+    ("readers/log.py", "from ndtree.scan import Scan", None),
+    ("readers/log.py", "from ..scan import Scan", None),
+    ("readers/log.py", "import numpy", None),
+    ("plot/flat.py", "from ndtree.lattice.cells import Cells", None),
+    ("commands/app.py", "import ndtree", None),
+    ("scan.py", "from ndtree import _core", None),
+    ("scan.py", "from ndtree.readers.log import Log", "core may import no other room"),
+    ("scan.py", "def f():\n    from ndtree.readers import log", "core may import no other room"),
+    ("scan.py", "from .readers.log import Log", "core may import no other room"),
+    ("scan.py", "import ndtree.readers.log", "core may import no other room"),
+    ("scan.py", "import ndtree", "core may import no other room"),
+    ("plot/flat.py", "from ndtree.commands import app", "pictures may import cells, core, writers"),
+    ("lattice/cells.py", "from ndtree.plot.flat import cells", "cells may import core"),
+    ("lattice/cells.py", "from ..plot import flat", "cells may import core"),
+    ("readers/__init__.py", "from ndtree.readers import log\nfrom ndtree.readers.log import A", None),
+    ("stray.py", "", "is in no room"),
+]
+
 
 def check(root):
     command = [sys.executable, str(ROOT / "tools" / "check_includes.py"), str(root)]
@@ -80,6 +100,44 @@ def test_forbidden_include_is_named_with_its_line(tmp_path, file, line):
     assert result.returncode == 1
     assert len(result.stdout.splitlines()) == 1
     assert result.stdout.startswith(f"{file}:2: ")
+
+
+def package(root, **more):
+    """A package with a file or two in each room that the imports name."""
+    write(root, "include/ndtree/core/a.hpp", "")
+    files = {
+        "__init__.py": "",
+        "scan.py": "",
+        "_core.pyi": "",
+        "readers/__init__.py": "",
+        "readers/log.py": "",
+    }
+    files |= {"lattice/__init__.py": "from ndtree.lattice.cells import Cells", "lattice/cells.py": ""}
+    files |= {"plot/__init__.py": "", "plot/flat.py": "", "commands/__init__.py": "", "commands/app.py": ""}
+    for name, text in {**files, **more}.items():
+        path = root / "src" / "python" / "ndtree" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize(("file", "text", "said"), IMPORTS)
+def test_imports_run_one_way(tmp_path, file, text, said):
+    package(tmp_path, **{file: text})
+    result = check(tmp_path)
+    if said is None:
+        assert (result.returncode, result.stdout) == (0, "")
+    else:
+        assert result.returncode == 1
+        assert len(result.stdout.splitlines()) == 1
+        assert result.stdout.startswith(f"src/python/ndtree/{file}:") and said in result.stdout
+
+
+def test_modules_that_import_each_other_are_named(tmp_path):
+    there, back = "def f():\n    from ndtree.readers import text", "from ndtree.readers.log import Log"
+    package(tmp_path, **{"readers/log.py": there, "readers/text.py": back})
+    result = check(tmp_path)
+    assert result.returncode == 1
+    assert "imports itself: readers.log -> readers.text -> readers.log" in result.stdout
 
 
 def test_an_empty_folder_is_not_a_pass(tmp_path):

@@ -17,9 +17,15 @@ import ndtree
 pytest.importorskip("matplotlib")
 
 from conftest import room_scan
+from matplotlib import colormaps
 from matplotlib.collections import LineCollection, PolyCollection
 
 from ndtree import plot
+from ndtree.lattice import Cells
+from ndtree.plot.colors import CUBE_SIZE_COLORS, HEIGHT_COLORS
+from ndtree.plot.figures import SIZE_COLORS
+from ndtree.plot.images import MAX_IMAGE_CELLS
+from ndtree.plot.legends import round_length
 
 
 def inserted(m: Any, scans: int = 8) -> Any:
@@ -81,7 +87,7 @@ def test_vast_maps_become_images_of_bounded_size() -> None:
     m = ndtree.AdaptiveMap(dim=2, refinement="paper", min_cell_size=0.01, max_cell_size=5.12)
     m.insert(np.array([[3000.0, 2000.0]]), np.zeros(2))
     image, _ = shown_image(plot.occupancy(m, region=(0, 3000, 0, 2000)))
-    assert image.size <= 2 * plot.MAX_IMAGE_CELLS
+    assert image.size <= 2 * MAX_IMAGE_CELLS
     assert (image > 0.5).any()
 
 
@@ -218,7 +224,7 @@ def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevatio
         met = np.flatnonzero(enter < leave - 1e-9)
         nearest = met[leave[met].argmax()]
         level = np.clip((lower[nearest, 2] + 0.5 * size[nearest] + 2.0) / 4.0, 0, 1)
-        expected = np.array(plot._colormap("turbo")(0.05 + 0.9 * level)[:3])
+        expected = np.array(colormaps["viridis"](level)[:3])
 
         point = np.array([inside @ right, inside @ up])
         edges = np.roll(quads, -1, axis=1) - quads
@@ -236,7 +242,7 @@ def test_what_is_in_front_is_drawn_last(branching: int, azimuth: float, elevatio
 
 @pytest.mark.parametrize("color", plot.COLORS)
 def test_colors_say_what_they_should(solid: Any, color: str) -> None:
-    some = plot.Cells.of(solid)
+    some = Cells.of(solid)
     some = some.where(some.occupied)
     colors = plot.coloring(some, color)
     values = {
@@ -376,3 +382,50 @@ def test_a_million_leaves_are_drawn_in_seconds(tmp_path: Path) -> None:
     plot.occupancy(m).figure.savefig(tmp_path / "a.png")
     plot.cells(m).figure.savefig(tmp_path / "b.png")
     assert time.perf_counter() - start < 40
+
+
+def test_a_scale_bar_is_as_long_as_it_says(flat: Any, solid: Any) -> None:
+    for figure in (plot.overview(flat), plot.overview_3d(solid), plot.side_by_side(flat, flat)):
+        ax = figure.axes[0]
+        (bar,) = (line for line in ax.lines if line.get_label() == "_scale")
+        (said,) = (text.get_text() for text in ax.texts)
+        begin, end = bar.get_xdata()
+        assert said == f"{end - begin:g} m"
+        wide = np.ptp(ax.get_xlim())
+        assert 0.08 * wide < end - begin <= 0.25 * wide
+
+
+@pytest.mark.parametrize("most", [1e-3, 0.0199, 0.02, 1.0, 4.999, 5.0, 7.3, 99.0, 12345.0])
+def test_round_lengths_are_the_largest_that_fit(most: float) -> None:
+    length = round_length(most)
+    rounds = [step * 10.0**power for power in range(-5, 6) for step in (1, 2, 5)]
+    assert length == pytest.approx(max(one for one in rounds if one <= most * (1 + 1e-9)), rel=1e-12)
+
+
+def test_overviews_say_what_axes_and_greys_mean(flat: Any, solid: Any) -> None:
+    for ax, names in ((plot.overview(flat).axes[0], "xy"), (plot.overview_3d(solid).axes[1], "xy")):
+        assert (ax.get_xlabel(), ax.get_ylabel()) == tuple(f"{name} [m]" for name in names)
+        legend = ax.get_legend()
+        shown = {
+            text.get_text(): patch.get_facecolor()[0]
+            for text, patch in zip(legend.get_texts(), legend.get_patches())
+        }
+        assert shown == {"occupied": 1.0, "free": 0.0, "unknown": 0.5}
+    assert plot.overview(flat).axes[0].get_title("left").startswith("adaptive, ")
+
+
+def test_heights_and_sizes_are_even_for_the_eye() -> None:
+    """Equal steps of the value are about equal steps of lightness, one way only."""
+    for name in (HEIGHT_COLORS, CUBE_SIZE_COLORS, SIZE_COLORS):
+        red, green, blue = (colormaps[name](np.linspace(0, 1, 33))[:, :3] ** 2.2).T
+        lightness = np.cbrt(0.2126 * red + 0.7152 * green + 0.0722 * blue)
+        steps = np.diff(lightness)
+        assert (np.sign(steps) == np.sign(steps[0])).all()
+        assert np.abs(steps).max() < 2.5 * np.abs(steps).mean()
+
+
+def test_pages_for_print_are_whole_pdf_files(flat: Any, tmp_path: Path) -> None:
+    target = tmp_path / "map.pdf"
+    plot.overview(flat, target)
+    content = target.read_bytes()
+    assert content.startswith(b"%PDF-") and content.rstrip().endswith(b"%%EOF")

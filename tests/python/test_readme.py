@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What README.md shows is run: the Python lines, the C++ lines, and the files that it names."""
 
-import gzip
 import os
 import re
 import subprocess
 import sys
 
-import numpy as np
 from snippets import ROOT, blocks, links, run_cpp
 
 README = (ROOT / "README.md").read_text()
@@ -34,25 +32,20 @@ def test_cpp_compiles_and_runs(tmp_path):
 
 
 def test_programs_run(tmp_path):
-    """On a log of a square room; all but the page, which has tests of its own."""
-    angles = np.deg2rad(np.arange(180) - 90.0)
-    ranges = 3.0 / np.maximum(np.abs(np.cos(angles)), np.abs(np.sin(angles)))
-    readings = " ".join(f"{r:.3f}" for r in ranges)
-    with gzip.open(tmp_path / "intel.log.gz", "wt") as log:
-        for k in range(12):
-            log.write(f"FLASER 180 {readings} 0 0 {0.5 * k} 0 0 0 {k} host {k}\n")
+    """All but the page, which has tests of its own."""
     commands = [line.split("#")[0].split() for line in blocks(README, "sh")[1].splitlines()]
     assert [command[:2] for command in commands] == [
-        ["ndtree", name] for name in ("map", "view", "convert", "compare")
+        ["ndtree", name] for name in ("simulate", "map", "view", "convert", "compare")
     ]
     for command in commands:
         if command[1] == "view":
             continue
-        call = [sys.executable, "-m", "ndtree.cli", *command[1:]]
+        more = ["--scans", "40"] if command[1] == "simulate" else []
+        call = [sys.executable, "-m", "ndtree.cli", *command[1:], *more]
         done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, (command, done.stderr)
         if command[1] == "convert":  # What is compared next is another's map.
-            for made, other in (("intel.yaml", "other.yaml"), ("intel.pgm", "other.pgm")):
+            for made, other in (("office.yaml", "other.yaml"), ("office.pgm", "other.pgm")):
                 (tmp_path / other).write_bytes((tmp_path / made).read_bytes())
     assert "100" in done.stdout
 
@@ -67,6 +60,29 @@ def test_commands_and_links_exist():
 
 
 def test_figures_were_measured():
-    for name in re.findall(r"<!-- figures: (\w+) -->", README):
-        content = re.search(rf"<!-- figures: {name} -->\n(.*?)<!-- end -->", README, re.DOTALL)[1]
-        assert len(content.strip()) > 40, name
+    pages = {"README.md": ["summary", "machine"], "docs/benchmarks.md": ["comparison", "machine"]}
+    for page, expected in pages.items():
+        text = (ROOT / page).read_text()
+        names = re.findall(r"<!-- figures: (\w+) -->", text)
+        assert names == expected
+        for name in names:
+            content = re.search(rf"<!-- figures: {name} -->\n(.*?)<!-- end -->", text, re.DOTALL)[1]
+            assert len(content.strip()) > 40, (page, name)
+
+
+def test_the_summary_s_figures_are_those_of_the_whole_table():
+    """Each number of a row of the small table stands in the row of the same log and map of the large one."""
+
+    def rows(page):
+        log, found = "", {}
+        for line in (ROOT / page).read_text().splitlines():
+            cells = [cell.strip() for cell in line.strip("|").split("|")]
+            if len(cells) >= 8 and cells[1] in ("adaptive", "fixed", "OctoMap"):
+                log = cells[0].partition(": ")[2] or cells[0] or log
+                found[log, cells[1]] = cells[2:]
+        return found
+
+    small, large = rows("README.md"), rows("docs/benchmarks.md")
+    assert len(small) == 6 and len(large) == 24
+    for key, cells in small.items():
+        assert all(cell in large[key] for cell in cells), key

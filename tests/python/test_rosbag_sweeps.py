@@ -178,8 +178,8 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
     pytest.importorskip("typer")
     from typer.testing import CliRunner
 
+    from ndtree.calibration.mount import find_mount
     from ndtree.commands import app
-    from ndtree.readers.ros.mounting import find_mount
     from ndtree.readers.rosbag import RosbagLog
 
     generator = np.random.default_rng(7)

@@ -237,6 +237,41 @@ class TestOnePage:
         page.click_label("Occupied")
         page.until(lambda b: np.count_nonzero(coloured(b.picture())) > 0.9 * before)
 
+    def test_a_grid_and_a_scale_bar_say_how_large_it_is(self, page: Browser) -> None:
+        def greys(b: Browser) -> int:
+            shown = b.picture()[200:, :930].astype(int)
+            return int(np.count_nonzero((np.ptp(shown, axis=2) < 4) & (shown[..., 0] < 250)))
+
+        with_grid = greys(page)
+        page.click_label("Grid and scale")
+        page.until(lambda b: greys(b) < 0.7 * with_grid)
+        page.click_label("Grid and scale")
+        page.until(lambda b: greys(b) > 0.9 * with_grid)
+        assert page.errors == []
+
+
+def test_rooms_are_cut_below_their_ceiling() -> None:
+    m = ndtree.AdaptiveMap(dim=3, max_cell_size=0.4)
+    generator = np.random.default_rng(3)
+    for _ in range(30):  # A room of 6 x 4 x 2.5 m.
+        way = generator.normal(size=(3000, 3))
+        way /= np.linalg.norm(way, axis=1)[:, None]
+        origin = np.array([*generator.uniform(-1, 1, 2), 1.2])
+        with np.errstate(divide="ignore"):
+            to = np.where(way > 0, [3, 2, 2.5] - origin, [-3, -2, 0] - origin) / way
+        m.insert(origin + way * to.min(axis=1)[:, None], origin)
+    look = Look.below_ceiling(m)
+    assert look.axis == 2 and look.cut and not look.plane
+    assert 2.1 < look.slice_at < 2.5
+    shown = Snapshot(m).layer("occupied", look).pyramid
+    assert shown.upper[:, 2].max() + Snapshot(m).origin[2] <= look.slice_at + 1e-6
+    chosen = Look.below_ceiling(m, axis=0, slice_at=0.5)
+    assert (chosen.axis, chosen.slice_at) == (0, 0.5)
+    open_ = ndtree.AdaptiveMap(dim=3)
+    points, origin = room_scan(3, 0)
+    open_.insert(points[points[:, 2] < points[:, 2].mean()], origin)
+    assert Look.below_ceiling(open_).slice_at is None
+
 
 def test_a_growing_map_grows_on_the_page(flat: Any) -> None:
     with view.Viewer(port=0) as viewer, Browser(viewer.url) as browser:

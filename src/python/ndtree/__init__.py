@@ -11,6 +11,7 @@ Lengths are in metres, arrays are (n, dim), everything is in the map frame.
 """
 
 from . import _compiled as _compiled  # Before anybody takes a function of the compiled module.
+from . import _methods as _methods
 from ._core import (
     AdaptiveMap,
     Box,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ndtree._core import OccupancyMap
 from ndtree.lattice import Cells, Floats, Pyramid, frontier, hidden
 from ndtree.plot import COLORS, Coloring, coloring
-from ndtree.regions import found_region
+from ndtree.regions import ceiling, found_region
 
 if TYPE_CHECKING:
     from ndtree.scan import Scan
@@ -39,8 +39,9 @@ class Look:
     ----------
     color : {"height", "size", "probability"}
         What the colors of occupied cells say. A 2-D map has no heights.
-    occupied, free, unknown, track : bool
-        What is drawn: occupied cells, free cells, unknown cells beside free ones, where the sensor was.
+    occupied, free, unknown, track, grid : bool
+        What is drawn: occupied cells, free cells, unknown cells beside free ones, where the sensor was, and a
+        grid with axes and a scale bar.
     axis : {0, 1, 2}
         Of the slice.
     slice_at : float, optional
@@ -56,6 +57,7 @@ class Look:
     free: bool = False
     unknown: bool = False
     track: bool = True
+    grid: bool = True
     axis: int = 2
     slice_at: float | None = None
     cut: bool = True
@@ -66,6 +68,16 @@ class Look:
         """What suits maps of a dimension: flat ones show free cells, too, and no heights."""
         usual: dict[str, Any] = {"color": "probability", "free": True} if dim == 2 else {}
         return cls(**{**usual, **{name: value for name, value in more.items() if value is not None}})
+
+    @classmethod
+    def below_ceiling(cls, m: OccupancyMap, **more: Any) -> Look:
+        """As `of`, but rooms are cut just below their ceiling, so that one sees into them."""
+        if m.dim == 3 and more.get("slice_at") is None and np.any(m.leaves().state == 1):
+            some = Cells.of(m)
+            top = ceiling(some.where(some.occupied))
+            if top is not None:
+                more = {**more, "axis": 2, "slice_at": top, "cut": True, "plane": False}
+        return cls.of(m.dim, **more)
 
     def validate(self, dim: int) -> None:
         """@raises ValueError if a map of this dimension cannot be shown so."""

@@ -21,7 +21,6 @@ app = typer.Typer(
     help="Occupancy maps whose cells adapt to what is measured.",
     epilog="Exit status: 0 done, 1 the input is bad, 2 the call is wrong.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -36,19 +35,24 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
         try:
             with np.errstate(all="ignore"):  # Absurd numbers in a log are counted, or refused by name.
                 command(**arguments)
-        except BrokenPipeError:
+        except (BrokenPipeError, typer.Exit):
             raise
-        except WrongCall as error:
+        except (WrongCall, ImportError) as error:
             _end(str(error), WRONG_CALL)
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            _end(f"{where}{error.strerror or error}", BAD_INPUT)
-        except ImportError as error:
-            _end(str(error), WRONG_CALL)
-        except (ValueError, MemoryError, RuntimeError) as error:
-            _end(str(error) or "not enough memory", BAD_INPUT)
+        except (OSError, ValueError, MemoryError, RuntimeError) as error:
+            _end(reason_of(error), BAD_INPUT)
 
     return guarded
+
+
+def reason_of(error: BaseException) -> str:
+    """What is wrong with the input, in one line."""
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        text = f"{where}{error.strerror or error}"
+    else:
+        text = str(error) or "not enough memory"
+    return " ".join(text.split())
 
 
 def _end(message: str, status: int) -> None:

@@ -8,18 +8,18 @@ from typing import Annotated, Any, Optional
 import typer
 
 import ndtree
-from ndtree._flags import Reading, reading_options
-from ndtree._progress import progress
 from ndtree.commands.app import app, examples, reports_errors
+from ndtree.commands.flags import Reading, reading_options
 from ndtree.commands.logs import limit_of, print_settings, settled, warn_of_skipped
 from ndtree.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption
 from ndtree.commands.output import check_target, is_stdout, write, write_json
+from ndtree.commands.progress import progress
 from ndtree.exit_status import WrongCall
 
 
 @app.command(
     epilog=examples(
-        "ndtree calibrate intel.log.gz --max-range 20 --no-return ignore",
+        "ndtree calibrate office.npz --max-range 20 --no-return ignore",
         "ndtree calibrate room.npz --json room.json",
     )
 )
@@ -68,7 +68,7 @@ def calibrate(
 
 def _find_mount(path: Path, dim: Optional[int], reading: Reading, json_file: Optional[Path]) -> None:
     """Where the sensor of a bag sits, from where its map is sharpest."""
-    from ndtree.readers.ros.mounting import find_mount
+    from ndtree.calibration.mount import find_mount
     from ndtree.readers.rosbag import RosbagLog
 
     check_target(json_file)

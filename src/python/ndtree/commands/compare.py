@@ -7,10 +7,10 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from ndtree._flags import map_options, reading_options
 from ndtree._options import KINDS
 from ndtree.commands.app import app, examples, reports_errors
 from ndtree.commands.comparing import compared
+from ndtree.commands.flags import map_options, reading_options
 from ndtree.commands.logs import open_log, warn_of_skipped
 from ndtree.commands.options import (
     Dim,
@@ -34,7 +34,7 @@ from ndtree.maps import is_map
 @app.command(
     "compare",
     epilog=examples(
-        "ndtree compare intel.log.gz --max-range 20 --no-return ignore --json intel.json",
+        "ndtree compare office.npz --max-range 20 --no-return ignore --json office.json",
         "ndtree compare --world apartment --maps adaptive,fixed,fixed@0.1,octomap --picture rooms.png",
         "ndtree compare hall.ndt hall.bt --picture differences.png",
     ),
@@ -76,7 +76,7 @@ def compare_(
     ] = None,
     picture: Annotated[
         Optional[Path],
-        typer.Option(metavar="PNG", help="Draw the first two maps side by side, or how A and B differ."),
+        typer.Option(metavar="FILE", help="Draw the first two maps side by side, or how A and B differ."),
     ] = None,
     options: Any = None,
     reading: Any = None,

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Optional
 
 from ndtree._options import make_map
-from ndtree._progress import progress
 from ndtree.commands.logs import limit_of, made, print_settings, settled
 from ndtree.commands.output import is_stdout
+from ndtree.commands.progress import progress
 from ndtree.comparison import DEFAULT_MAPS, Comparison, compare
 from ndtree.exit_status import WrongCall
 from ndtree.readers import Log

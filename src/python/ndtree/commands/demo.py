@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 import ndtree
-from ndtree._flags import map_options, reading_options
 from ndtree.commands.app import app, examples, reports_errors
 from ndtree.commands.comparing import compared
+from ndtree.commands.flags import map_options, reading_options
 from ndtree.commands.logs import open_log, warn_of_skipped
 from ndtree.commands.options import (
     Dim,
@@ -27,7 +27,7 @@ from ndtree.commands.output import check_target, is_stdout, write_json
 from ndtree.commands.pictures import draw_side_by_side, plotting
 
 
-@app.command(epilog=examples("ndtree demo", "ndtree demo intel.log.gz --output pictures"))
+@app.command(epilog=examples("ndtree demo", "ndtree demo drive.bag --output pictures"))
 @reports_errors
 @reading_options
 @map_options

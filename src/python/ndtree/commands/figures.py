@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ndtree._core import OccupancyMap, default_options
-from ndtree._progress import progress
 from ndtree.commands.logs import length_of
+from ndtree.commands.progress import progress
 from ndtree.readers import Log
 
 

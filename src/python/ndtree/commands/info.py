@@ -6,19 +6,19 @@ from typing import Annotated, Any
 
 import typer
 
-from ndtree._flags import reading_options
-from ndtree._progress import progress
 from ndtree.commands.app import app, examples, reports_errors
 from ndtree.commands.figures import log_figures, map_figures, print_contents, print_log, print_map
+from ndtree.commands.flags import reading_options
 from ndtree.commands.logs import load_map, skipped, warn_of_skipped
 from ndtree.commands.options import Dim, Json
 from ndtree.commands.output import check_target, is_stdout, write_json
+from ndtree.commands.progress import progress
 from ndtree.maps import is_map
 from ndtree.prospect import prospect_of
 
 
 @app.command(
-    epilog=examples("ndtree info intel.log.gz", "ndtree info drive.bag", "ndtree info intel.ndt --json -")
+    epilog=examples("ndtree info office.npz", "ndtree info drive.bag", "ndtree info office.ndt --json -")
 )
 @reports_errors
 @reading_options

@@ -10,9 +10,9 @@ from typing import Any, Callable, Optional
 
 import ndtree
 from ndtree._core import OccupancyMap
-from ndtree._flags import Reading
-from ndtree._progress import progress
+from ndtree.commands.flags import Reading
 from ndtree.commands.options import World
+from ndtree.commands.progress import progress
 from ndtree.exit_status import WrongCall
 from ndtree.maps import open_map
 from ndtree.readers import Log, simulate

@@ -1,47 +1,57 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``ndtree map``: a log becomes a map."""
+"""``ndtree map``: a log becomes a map, and so do several: one each, or one of all."""
 
+import sys
 import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Optional
 
 import typer
 
-from ndtree._flags import map_options, reading_options
-from ndtree._progress import mapping_progress
-from ndtree.commands.app import app, examples, reports_errors
-from ndtree.commands.figures import counted, map_figures, print_map
-from ndtree.commands.logs import limit_of, made, new_map, settled, skipped, timed, warn_of_skipped
-from ndtree.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption, Port
+from ndtree.commands.app import app, examples, reason_of, reports_errors
+from ndtree.commands.flags import Reading, map_options, reading_options
+from ndtree.commands.logs import limit_of, warn_of_skipped
+from ndtree.commands.mapping import Mapped, mapped, written
+from ndtree.commands.options import Dim, GivenLogs, Json, MaxRange, NoReturnKind, NoReturnOption, Port
 from ndtree.commands.output import check_picture, check_target, is_stdout, write_json
-from ndtree.commands.pictures import draw, observers_of, plotting, stay
-from ndtree.exit_status import WrongCall
-from ndtree.files import replaced
-from ndtree.settings import BEYOND_MEMORY
+from ndtree.commands.pictures import observers_of, plotting, stay
+from ndtree.exit_status import BAD_INPUT, WrongCall
+from ndtree.readers import JoinedLog, Log
 
 
 @app.command(
     "map",
     epilog=examples(
         "ndtree map drive.bag",
-        "ndtree map intel.log.gz -o intel.ndt --picture intel.png",
+        "ndtree map office.npz -o office.ndt --picture office.png",
         "ndtree map room.npz -o room.ndt --min-cell-size 0.025 --range-sigma-quadratic 0.0015",
         "ndtree map drive.bag -o drive.ndt --topic /scan --fixed-frame map --from 10 --keep-going",
+        "ndtree map monday.bag tuesday.bag -o maps/",
+        "ndtree map monday.bag tuesday.bag --merge -o both.ndt",
     ),
 )
 @reports_errors
 @reading_options
 @map_options
 def map_(
-    log: GivenLog,
+    logs: GivenLogs,
     output: Annotated[
         Optional[Path],
         typer.Option(
-            "--output", "-o", metavar="MAP", help="Where the map is written; else LOG's name with .ndt, here."
+            "--output",
+            "-o",
+            metavar="MAP",
+            help="Where the map is written, or the folder for several; else LOG's name with .ndt, here.",
         ),
     ] = None,
+    merge: Annotated[
+        bool,
+        typer.Option("--merge", help="One map of all logs, in the order given: they are in one frame."),
+    ] = False,
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
-    picture: Annotated[Optional[Path], typer.Option(metavar="PNG", help="Draw the map, too.")] = None,
+    picture: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Draw the map, too.")] = None,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
     port: Port = None,
     record: Annotated[
@@ -58,90 +68,126 @@ def map_(
     options: Any = None,
     reading: Any = None,
 ) -> None:
-    """Build a map from a log, and write it to a file."""
+    """Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one."""
+    wanted = _Wanted(fixed, options, dim, max_range, limit_of(max_range), no_return.value, reading)
+    if len(logs) > 1 and not merge:
+        alone = {"--picture": picture, "--record": record, "--watch": watch or None}
+        for flag, value in alone.items():
+            if value is not None:
+                raise WrongCall(f"{flag}: is for one map, expected one LOG, or --merge")
+        _map_each(logs, _maps_in(output, logs), wanted, json_file)
+        return
+    output = _named_as(logs[0]) if output is None else output
     begin = time.perf_counter()
-    output = _named_as(log) if output is None else output
-    limit = limit_of(max_range)
-    opened = reading.open(log, dim, max_range)
+    opened = wanted.open(logs)
     read_seconds = time.perf_counter() - begin
     plot = plotting() if picture else None
     for path in (output, json_file, record):
         check_target(path)
     check_picture(plot, picture)
-    made(lambda: new_map(opened.dim, fixed, options))
-    settings = settled(opened, options, limit, no_return.value, with_sigma=True)
-    target = new_map(opened.dim, fixed, settings.options)
-    report = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
-    seconds, scans, ignored = 0.0, 0, 0
-    looking_on = observers_of(watch, port, record, record_every)
-    with looking_on as observers, mapping_progress(opened, target) as advance:
-        for number, (scan, took) in enumerate(timed(opened)):
-            read_seconds += took
-            if settings.no_return == "ignore":
-                beams = len(scan)
-                scan = scan.returned_only()
-                ignored += beams - len(scan)
-            try:
-                one = scan.insert_into(target, max_range=settings.max_range)
-            except ValueError as error:
-                opened._skip("scans that cannot be mapped", ValueError(f"{log}: scan {number}: {error}"))
-                continue
-            except MemoryError:
-                raise ValueError(f"{log}: scan {number}: {BEYOND_MEMORY}") from None
-            report = {key: count + getattr(one, key) for key, count in report.items()}
-            seconds += one.seconds
-            scans += 1
-            for observer in observers:
-                observer.update(target, scan)
-            advance(scans, report["beams"])
-        if not scans:
-            raise ValueError(f"{log}: no scans, expected at least one")
-    if ignored:
-        report = {**report, "beams": report["beams"] + ignored, "ignored": ignored}
-    if not any(report[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
-        raise ValueError(f"{log}: nothing to map in {scans} scans, {counted(report)}")
-    if plot and picture:
-        with replaced(picture) as path:
-            draw(plot, target, path)
-    target.save(output)
-    figures = {
-        "log": str(log),
-        "format": opened.format,
-        "uses": opened.uses,
-        "chosen": None if settings.look is None else settings.look.figures(),
-        "scans": scans,
-        "beams": report,
-        "seconds": seconds,
-        "read_seconds": read_seconds,
-        "skipped": skipped(opened),
-        **map_figures(target),
-    }
+    with observers_of(watch, port, record, record_every) as observers:
+        done = wanted.map(opened, read_seconds, observers)
+    written(done, output, plot, picture)
+    figures = done.figures()
     if not is_stdout(json_file):
-        print(f"{log}: {scans} scans, {counted(report)}")
-        for line in ([f"uses {opened.uses}"] if opened.uses else []) + settings.lines():
-            print(f"  {line}")
-        print_map(target)
-        written = " and ".join(str(path) for path in (output, picture, record) if path)
-        print(f"read in {read_seconds:.3f} s, inserted in {seconds:.3f} s; wrote {written}")
+        done.print(output, picture, record)
         print(f"look at it: ndtree view {output} --open")
     write_json(figures, json_file)
     warn_of_skipped(opened)
     if watch:
-        stay(observers[0], target, json_file)
+        stay(observers[0], done.target, json_file)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """How logs are mapped."""
+
+    fixed: bool
+    options: dict[str, Any]
+    dim: Optional[int]
+    max_range: Optional[float]  # As it was given.
+    limit: float
+    no_return: str
+    reading: Reading
+
+    def open(self, logs: Sequence[Path]) -> Log:
+        opened = [self.reading.open(log, self.dim, self.max_range) for log in logs]
+        return opened[0] if len(opened) == 1 else JoinedLog(opened)
+
+    def map(self, log: Log, read_seconds: float, observers: Sequence[Any] = ()) -> Mapped:
+        return mapped(
+            log,
+            self.fixed,
+            self.options,
+            max_range=self.limit,
+            no_return=self.no_return,
+            read_seconds=read_seconds,
+            observers=observers,
+        )
+
+
+def _map_each(
+    logs: Sequence[Path], outputs: Sequence[Path], wanted: _Wanted, json_file: Optional[Path]
+) -> None:
+    """A map of each log; one that cannot be mapped does not stop the others."""
+    for path in (*outputs, json_file):
+        check_target(path)
+    figures: list[dict[str, Any]] = []
+    failed = 0
+    for log, output in zip(logs, outputs):
+        begin = time.perf_counter()
+        try:
+            opened = wanted.open([log])
+            done = wanted.map(opened, time.perf_counter() - begin)
+            written(done, output)
+        except (OSError, ValueError, MemoryError, RuntimeError) as error:
+            failed += 1
+            figures.append({"log": str(log), "error": reason_of(error)})
+            print(f"ndtree: {reason_of(error)}", file=sys.stderr)
+            continue
+        figures.append({**done.figures(), "map": str(output)})
+        if not is_stdout(json_file):
+            done.print(output)
+        warn_of_skipped(opened)
+    write_json({"maps": figures}, json_file)
+    if failed:
+        raise typer.Exit(BAD_INPUT)
 
 
 #: Endings that stand behind another one.
 _OUTER = (".gz", ".zst", ".zstd", ".active")
 
 
-def _named_as(log: Path) -> Path:
-    """A map in this folder with a log's name, if there is none yet: nothing is replaced that nobody named."""
+def _map_name(log: Path) -> str:
+    """A log's name with the ending of maps."""
     path = log.resolve()
     name = Path(path.name)
     if not path.is_dir():
         name = Path(name.stem) if name.suffix in _OUTER else name
         name = Path(name.stem)
-    target = Path(f"{name}.ndt")
+    return f"{name}.ndt"
+
+
+def _named_as(log: Path) -> Path:
+    """A map in this folder with a log's name, if there is none yet: nothing is replaced that nobody named."""
+    target = Path(_map_name(log))
     if target.exists():
         raise WrongCall(f"{target}: is there already, expected -o MAP, which may be the same")
     return target
+
+
+def _maps_in(folder: Optional[Path], logs: Sequence[Path]) -> list[Path]:
+    """A map for each log, in a folder that was named, or in this one."""
+    names: dict[str, Path] = {}
+    for log in logs:
+        name = _map_name(log)
+        if name in names:
+            raise WrongCall(f"{names[name]} and {log}: would both be {name}, expected different names")
+        names[name] = log
+    if folder is None:
+        return [_named_as(log) for log in logs]
+    if not folder.is_dir():
+        if folder.exists() or folder.suffix:
+            raise WrongCall(f"-o {folder}: expected a folder for {len(logs)} maps, or --merge for one")
+        folder.mkdir(parents=True)
+    return [folder / name for name in names]

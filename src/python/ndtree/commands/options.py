@@ -40,6 +40,11 @@ LogArgument = Annotated[
 ]
 
 
+GivenLogs = Annotated[
+    list[Path], typer.Argument(metavar="LOG...", help=f"Files or folders: {', '.join(FORMATS)}.")
+]
+
+
 GivenLog = Annotated[Path, typer.Argument(metavar="LOG", help=f"File or folder: {', '.join(FORMATS)}.")]
 
 

@@ -8,13 +8,13 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from ndtree._flags import reading_options
-from ndtree._progress import progress
 from ndtree.commands.app import app, examples, reports_errors
+from ndtree.commands.flags import reading_options
 from ndtree.commands.logs import length_of, load_map
 from ndtree.commands.options import CellColor, Port
 from ndtree.commands.output import check_picture
 from ndtree.commands.pictures import draw, parsed_slice, plotting, suited
+from ndtree.commands.progress import progress
 from ndtree.exit_status import WrongCall
 
 
@@ -54,7 +54,10 @@ def view(
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     reading: Any = None,
 ) -> None:
-    """Show a map on an interactive page of this computer until Ctrl-C, or draw it into a file."""
+    """Show a map on an interactive page of this computer until Ctrl-C, or draw it into a file.
+
+    Rooms are cut below their ceiling, unless --slice says where; the page's switch "Slice" brings it back.
+    """
     axis, at = parsed_slice(slice_)
     if log is None:
         reading.require_none("a map alone")
@@ -74,7 +77,8 @@ def view(
     from ndtree.view import PORT, Viewer
 
     m = suited(load_map(map_file), color, axis)
-    look = Look.of(m.dim, color=color and color.value, free=free, unknown=unknown, axis=axis, slice_at=at)
+    shown = {"color": color and color.value, "free": free, "unknown": unknown}
+    look = Look.below_ceiling(m, **shown, axis=axis, slice_at=at)
     opened = reading.open(log, None) if log is not None else None
     with Viewer(m, port=PORT if port is None else port, look=look) as page:
         if opened is not None:

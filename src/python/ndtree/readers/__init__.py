@@ -12,6 +12,7 @@ from ndtree.readers.bundler import BUNDLER
 from ndtree.readers.carmen import CARMEN
 from ndtree.readers.colmap import COLMAP
 from ndtree.readers.failures import readable
+from ndtree.readers.joined import JoinedLog
 from ndtree.readers.kitti import KITTI
 from ndtree.readers.log import Log, SizedLog
 from ndtree.readers.npz import NPZ, ZIP_MAGIC
@@ -28,6 +29,7 @@ __all__ = [
     "FORMATS",
     "MAP_MAGIC",
     "READER_OPTIONS",
+    "JoinedLog",
     "Log",
     "SimulatedLog",
     "SizedLog",

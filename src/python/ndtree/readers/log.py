@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from ndtree.readers.archive import save_archive
 from ndtree.readers.failures import readable
 from ndtree.readers.plain_file import DamagedStream, open_plain
+from ndtree.readers.selection import Selection
 from ndtree.scan import Scan
 
 if TYPE_CHECKING:
@@ -159,18 +161,45 @@ class Log(ABC):
         ValueError
             If a value is out of its limits, or does not fit the log's ``dim``.
         """
-        from ndtree.readers.selection import SelectedLog
+        parts = {"every": every, "start": start, "stop": stop, "min_range": min_range, "stride": stride}
+        return SelectedLog(self, Selection(self.dim, **parts, box=box, origin=origin))
 
-        return SelectedLog(
-            self,
-            every=every,
-            start=start,
-            stop=stop,
-            min_range=min_range,
-            stride=stride,
-            box=box,
-            origin=origin,
-        )
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> int:
+        """Write all scans to one .npz file, which `read` reads.
+
+        Parameters
+        ----------
+        path : str or path
+            Its name ends in .npz; it appears whole or not at all.
+        progress : callable, optional
+            Called as ``progress(what, done, total)`` with numbers of scans.
+
+        Returns
+        -------
+        int
+            Number of scans.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        ValueError
+            If the log is damaged or empty, or its beams have origins or noise of their own, for which the
+            file has no place.
+        """
+        return save_archive(self._watched(progress), path, self.name)
+
+    def _watched(self, progress: Callable[[str, int, int], None] | None) -> Iterator[Scan]:
+        total = len(self) if isinstance(self, SizedLog) else 0
+        for done, scan in enumerate(self, start=1):
+            yield scan
+            if progress is not None:
+                progress("writing", done, total)
 
     @abstractmethod
     def _scans(self) -> Iterator[Scan]:
@@ -262,3 +291,34 @@ class SizedLog(Log):
 
     def __repr__(self) -> str:
         return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D, {len(self)} scans>"
+
+
+class SelectedLog(Log):
+    """The part of a log that `Log.select` chose; it is read as lazily as the log."""
+
+    def __init__(self, log: Log, selection: Selection) -> None:
+        super().__init__(log.path, log.dim)
+        self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
+        self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
+        self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
+        self.skipped = log.skipped
+        self._log = log
+        self._selection = selection
+
+    @property
+    def name(self) -> str:
+        """How reports call the log: as the whole one."""
+        return self._log.name
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """As of the whole log."""
+        return self._log.spans
+
+    @property
+    def share_read(self) -> float | None:
+        """As of the whole log."""
+        return self._log.share_read
+
+    def _scans(self) -> Iterator[Scan]:
+        return self._selection.of(self._log, self.name)

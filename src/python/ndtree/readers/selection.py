@@ -4,24 +4,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree.readers.log import Log
 from ndtree.scan import Scan
 
 Floats = NDArray[np.float64]
 
 
-class SelectedLog(Log):
-    """The part of a log that `Log.select` chose; it is read as lazily as the log."""
+class Selection:
+    """Which scans of a log, and what of them; see `Log.select` for the parameters."""
 
     def __init__(
         self,
-        log: Log,
+        dim: int,
         *,
         every: int = 1,
         start: float | None = None,
@@ -31,12 +30,6 @@ class SelectedLog(Log):
         box: tuple[ArrayLike, ArrayLike] | None = None,
         origin: ArrayLike | None = None,
     ) -> None:
-        super().__init__(log.path, log.dim)
-        self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
-        self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
-        self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
-        self.skipped = log.skipped
-        self._log = log
         for name, value in (("every", every), ("stride", stride)):
             if value != int(value) or value < 1:
                 raise ValueError(f"{name} = {value}: must be a whole number >= 1")
@@ -49,38 +42,22 @@ class SelectedLog(Log):
         self._stop = math.inf if stop is None else float(stop)
         if not 0 <= self._start < self._stop:
             raise ValueError(f"start = {self._start:g} s, stop = {self._stop:g} s: must be 0 <= start < stop")
-        self._box = None if box is None else _box(box, log.dim)
-        self._origin = None if origin is None else _point("origin", origin, log.dim)
+        self._box = None if box is None else _box(box, dim)
+        self._origin = None if origin is None else _point("origin", origin, dim)
 
-    @property
-    def name(self) -> str:
-        """How reports call the log: as the whole one."""
-        return self._log.name
-
-    @property
-    def spans(self) -> dict[str, tuple[float, float]]:
-        """As of the whole log."""
-        return self._log.spans
-
-    @property
-    def share_read(self) -> float | None:
-        """As of the whole log."""
-        return self._log.share_read
-
-    def _scans(self) -> Iterator[Scan]:
-        number = 0
-        for scan in self._in_time():
+    def of(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
+        """The part of some scans, read as they are asked for; `name` is how errors call their log."""
+        for number, scan in enumerate(self._in_time(scans, name)):
             if number % self._every == 0:
                 yield self._cut(scan)
-            number += 1
 
-    def _in_time(self) -> Iterator[Scan]:
+    def _in_time(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
         first = math.nan
-        for i, scan in enumerate(self._log):
+        for i, scan in enumerate(scans):
             if i == 0:
                 first = scan.stamp
             elif i == 1 and self._is_timed and first == scan.stamp == 0.0:
-                raise ValueError(f"{self.name}: its scans have no times, expected neither start nor stop")
+                raise ValueError(f"{name}: its scans have no times, expected neither start nor stop")
             if scan.stamp - first >= self._stop:
                 return
             if scan.stamp - first >= self._start:

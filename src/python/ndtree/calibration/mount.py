@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from ndtree.readers.ros.bag import open_bag
 from ndtree.readers.ros.beams import stamp_of
 from ndtree.readers.ros.sweep import entropy, thinned
-
-if TYPE_CHECKING:
-    from ndtree.readers.rosbag import RosbagLog
+from ndtree.readers.rosbag import RosbagLog
 
 Floats = NDArray[np.float64]
 

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pictures of maps in the paper's style (Figs. 4 to 6): leaves, occupancy, slices, occupied cells in 3-D.
+
+What draws into one ``Axes`` takes it as ``ax``, makes a figure if it is left out, and returns it. What draws
+several panels returns its ``Figure``, and writes it if there is a path, in the format of its ending.
+"""
+
+from __future__ import annotations
+
+try:
+    import matplotlib as _matplotlib  # noqa: F401
+except ImportError as error:
+    raise ImportError(
+        f"ndtree.plot needs matplotlib ({error}); install it with: pip install 'ndtree-mapping[plot]'"
+    ) from None
+
+from ndtree.plot.colors import COLORS, Coloring, coloring
+from ndtree.plot.cubes import occupied, projected
+from ndtree.plot.figures import FORMATS
+from ndtree.plot.flat import cell_sizes, cells, occupancy, slice
+from ndtree.plot.pages import overview, overview_3d, side_by_side, side_by_side_3d
+from ndtree.plot.truth import truth_against_cells, truth_by_cell_size
+
+__all__ = [
+    "COLORS",
+    "FORMATS",
+    "Coloring",
+    "cell_sizes",
+    "cells",
+    "coloring",
+    "occupancy",
+    "occupied",
+    "overview",
+    "overview_3d",
+    "projected",
+    "side_by_side",
+    "side_by_side_3d",
+    "slice",
+    "truth_against_cells",
+    "truth_by_cell_size",
+]

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The occupied cells of a 3-D map as shaded cubes, those in front before those behind."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from numpy.typing import ArrayLike
+
+from ndtree._core import OccupancyMap
+from ndtree.lattice import Cells, Floats, Integers, coarsened, covered_faces
+from ndtree.plot.colors import Coloring, coloring
+from ndtree.plot.figures import CutAbove, Region, axes_or_new, framed, require_dim
+from ndtree.regions import ceiling, found_region
+
+MAX_VECTOR_FACES = 20_000  # More are an image in PDF and SVG files, too.
+
+
+def occupied(
+    m: OccupancyMap,
+    ax: Axes | None = None,
+    *,
+    azimuth: float = -60.0,
+    elevation: float = 50.0,
+    cut_above: CutAbove = "auto",
+    region: Region | None = None,
+    color: str = "height",
+    colormap: str | None = None,
+    heights: tuple[float, float] | None = None,
+    finest: float = 0.0,
+) -> Axes:
+    """Draw the occupied leaves of a 3-D map as shaded cubes, as in the paper's Figs. 5 and 6.
+
+    The projection is orthographic. What is in front hides what is behind, exactly: the cubes are drawn in the
+    order of the tree, far children first.
+
+    Parameters
+    ----------
+    m : AdaptiveMap, FixedMap or OctoMap
+        With ``dim`` 3.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; a new figure if left out.
+    azimuth : float
+        Where the viewer stands, counter-clockwise from x, seen from above [degrees].
+    elevation : float
+        How high, from -90 below to 90 above [degrees].
+    cut_above : float, "auto" or None
+        What is above this height is left out [m]. "auto" finds a ceiling, if there is one.
+    region : (x_min, x_max, y_min, y_max, z_min, z_max), optional
+        What to show [m]; left out, where something was found.
+    color : {"height", "size", "probability"}
+        What the colors say: height of a cell's middle, its edge length, or its probability.
+    colormap : str, optional
+        Of matplotlib; left out, one for each `color`.
+    heights : (float, float), optional
+        Where the colors of heights begin and end [m]; left out, where the cells do.
+    finest : float
+        Cells smaller than this, such as a pixel, are drawn as one [m].
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Without frame; its coordinates are metres in the plane of the picture.
+    """
+    require_dim(m, 3)
+    chosen, bounds = chosen_cubes(Cells.of(m), region, cut_above)
+    colors = coloring(chosen, color, colormap, heights)
+    return draw_cubes(chosen, bounds, axes_or_new(ax), azimuth, elevation, colors, finest)
+
+
+def projected(points: ArrayLike, *, azimuth: float = -60.0, elevation: float = 50.0) -> Floats:
+    """Where points (n, 3) [m] lie in a picture of `occupied` with the same view: (n, 2) [m]."""
+    return np.asarray(points, dtype=np.float64).reshape(-1, 3) @ _screen(azimuth, elevation)[1]
+
+
+def chosen_cubes(every: Cells, region: Region | None, cut_above: CutAbove) -> tuple[Cells, Region]:
+    """Occupied leaves to be shown, and the bounds [m] to which they are cut."""
+    cubes = every.where(every.occupied)
+    if not len(cubes.size):
+        raise ValueError("the map has no occupied cells that could be drawn")
+    bounds = list(region if region is not None else found_region(every))
+    cubes = cubes.inside(bounds)
+    if cut_above == "auto":
+        cut_above = ceiling(cubes)
+    if isinstance(cut_above, str):
+        raise ValueError(f"cut_above = {cut_above!r}: must be a height in metres, 'auto' or None")
+    if cut_above is not None:
+        bounds[5] = min(bounds[5], cut_above)
+        cubes = cubes.inside(bounds)
+    if not len(cubes.size):
+        raise ValueError(f"region = {tuple(bounds)}: no occupied cell is in it")
+    return cubes, bounds
+
+
+def _screen(azimuth: float, elevation: float) -> tuple[Floats, Floats]:
+    """The direction to the viewer, and the picture's right and up as columns."""
+    a, e = math.radians(azimuth), math.radians(elevation)
+    to_viewer = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+    right = np.array([-math.sin(a), math.cos(a), 0.0])
+    return to_viewer, np.stack([right, np.cross(to_viewer, right)], axis=1)
+
+
+def _clipped(cubes: Cells, bounds: Region) -> tuple[Floats, Floats]:
+    lower = np.maximum(cubes.lower * cubes.unit, np.asarray(bounds[0::2], dtype=np.float64))
+    upper = np.minimum(cubes.upper * cubes.unit, np.asarray(bounds[1::2], dtype=np.float64))
+    return lower, upper
+
+
+def bounds_on_screen(cubes: Cells, bounds: Region, azimuth: float, elevation: float) -> tuple[float, ...]:
+    """What the cubes take up in the picture [m], and a little more."""
+    _, screen = _screen(azimuth, elevation)
+    lower, upper = _clipped(cubes, bounds)
+    middle, half = 0.5 * (lower + upper) @ screen, 0.5 * (upper - lower) @ np.abs(screen)
+    low, high = (middle - half).min(axis=0), (middle + half).max(axis=0)
+    margin = 0.01 * float(np.max(high - low))
+    return (low[0] - margin, high[0] + margin, low[1] - margin, high[1] + margin)
+
+
+def draw_cubes(
+    cubes: Cells,
+    bounds: Region,
+    ax: Axes,
+    azimuth: float,
+    elevation: float,
+    colors: Coloring,
+    finest: float,
+) -> Axes:
+    """Cells that are smaller than `finest` [m] are drawn as large, in their mean color."""
+    frame = bounds_on_screen(cubes, bounds, azimuth, elevation)
+    to_viewer, screen = _screen(azimuth, elevation)
+    fills = colors(cubes)
+    if finest >= cubes.unit:
+        steps = int(math.log(finest / cubes.unit * 1.000001, cubes.branching))
+        joined, number = coarsened(cubes, cubes.branching**steps)
+        count = np.bincount(number)[:, None]
+        fills = np.stack([np.bincount(number, fills[:, k]) for k in range(3)], axis=1) / count
+        cubes = joined
+    order = _far_to_near(cubes, to_viewer)
+    cubes, fills = cubes.where(order), fills[order]
+    side = np.where(to_viewer >= 0, 1, -1)
+    shades = 0.62 + 0.38 * np.array([0.15, 0.5, 1.0])
+    covered = covered_faces(cubes)
+    lower, upper = _clipped(cubes, bounds)
+    faces, face_colors, order = [], [], []
+    for axis in range(3):
+        if abs(to_viewer[axis]) < 1e-9:
+            continue
+        open_ = np.flatnonzero(~covered[:, axis, int(side[axis] > 0)])
+        low, high = lower[open_], upper[open_]
+        quad = np.repeat(low[:, None, :], 4, axis=1)
+        if side[axis] > 0:
+            quad[:, :, axis] = high[:, None, axis]
+        one, two = (b for b in range(3) if b != axis)
+        quad[:, 1:3, one] = high[:, None, one]
+        quad[:, 2:4, two] = high[:, None, two]
+        faces.append(quad @ screen)
+        face_colors.append(fills[open_] * shades[axis])
+        order.append(open_)
+    # A cube's own faces do not hide each other, so that only the order of the cubes counts.
+    sequence = np.argsort(np.concatenate(order), kind="stable")
+    quads = np.concatenate(faces)[sequence]
+    fill = np.concatenate(face_colors)[sequence]
+    polygons = PolyCollection(quads, facecolors=fill, edgecolors=0.8 * fill, linewidths=0.25)
+    polygons.set_rasterized(len(quads) > MAX_VECTOR_FACES)
+    ax.add_collection(polygons, autolim=False)
+    framed(ax, frame)
+    ax.set_axis_off()
+    return ax
+
+
+def _far_to_near(cubes: Cells, to_viewer: Floats) -> Integers:
+    """Order in which cubes of a tree hide only cubes before them.
+
+    Mirrored so that the viewer is on the upper side of every axis, a child hides only siblings that are not
+    above it on any axis. Comparing the offsets level by level, the coarsest first, is such an order.
+    """
+    sizes = np.unique(cubes.size)
+    largest = int(sizes[-1])
+    mirrored = np.where(to_viewer >= 0, cubes.lower, -cubes.upper)
+    keys = [mirrored[:, a] // largest for a in range(3)]
+    for coarse, fine in zip(sizes[:0:-1], sizes[-2::-1]):
+        keys += [(mirrored[:, a] % coarse) // fine for a in range(3)]
+    return np.lexsort(keys[::-1])

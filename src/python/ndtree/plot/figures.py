@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What all pictures have in common: figures, axes, titles, bars of colors, and files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any, Union
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ndtree._core import OccupancyMap
+from ndtree.files import replaced
+from ndtree.lattice import Cells, Floats
+
+Region = Sequence[float]
+Path = Union[str, "os.PathLike[str]"]
+CutAbove = Union[float, str, None]
+#: Endings of picture files.
+FORMATS = tuple(f".{ending}" for ending in sorted(FigureCanvasBase.get_supported_filetypes()))
+UNKNOWN = 0.5
+BORDER_COLOR = "#2b5c8a"
+SIZE_COLORS = "viridis_r"
+WITHOUT_BAR = 0.9  # Share of a picture's width that is left beside a bar of colors.
+
+
+#: What users call maps by the names of their refinements; others are called by these.
+_KINDS = {"evidence": "adaptive", "paper": "adaptive, by the paper's rules", "octomap": "OctoMap"}
+
+
+def kind_of(refinement: str) -> str:
+    """What a map is called in pictures and on pages."""
+    return _KINDS.get(refinement, refinement)
+
+
+def require_dim(m: OccupancyMap, dim: int) -> None:
+    if m.dim != dim:
+        raise ValueError(f"the map is {m.dim}-D: this picture needs a {dim}-D map")
+
+
+def axis_number(axis: str | int) -> int:
+    held = "xyz".index(axis) if axis in ("x", "y", "z") else axis
+    if held not in (0, 1, 2):
+        raise ValueError(f"axis = {axis!r}: must be x, y, z, 0, 1 or 2")
+    return int(held)
+
+
+def add_bar(
+    drawn: Any, axes: list[Axes], label: str, ticks: Floats | None = None, shrink: float = 1.0
+) -> None:
+    """Says beside the axes what their colors mean."""
+    bar = axes[0].figure.colorbar(drawn, ax=axes, label=label, ticks=ticks, shrink=shrink, pad=0.01)
+    if ticks is not None:
+        bar.ax.set_yticklabels([f"{tick:g}" for tick in ticks])
+        bar.ax.minorticks_off()
+
+
+def written(figure: Figure, path: Path | None, dpi: float) -> Figure:
+    """The same figure, in a file if there is a path: whole or not at all."""
+    figure.set_dpi(dpi)
+    if path is not None:
+        with replaced(path) as part:
+            figure.draw_without_rendering()  # Labels have their place only after the axes have theirs.
+            figure.savefig(part, dpi=dpi)
+    return figure
+
+
+def axes_or_new(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
+    figure = Figure(figsize=(10, 8))
+    FigureCanvasAgg(figure)
+    figure.subplots_adjust(left=0.08, right=0.98, bottom=0.08, top=0.95)
+    return figure.add_subplot()
+
+
+def panels(count: int, in_row: bool, shape: float, width: float) -> tuple[Figure, list[Axes]]:
+    """A figure of as many panels with room for titles; `shape` is a panel's height by its width."""
+    gap, title = 0.1, 0.35  # [inches]
+    rows, columns = (1, count) if in_row else (count, 1)
+    panel_width = (width - (columns + 1) * gap) / columns
+    panel_height = panel_width * shape
+    height = rows * (panel_height + title) + gap
+    figure = Figure(figsize=(width, height))
+    FigureCanvasAgg(figure)
+    axes = []
+    for i in range(count):
+        left = gap + (i % columns) * (panel_width + gap)
+        bottom = height - (i // columns + 1) * (panel_height + title)
+        place = (left / width, bottom / height, panel_width / width, panel_height / height)
+        ax = figure.add_axes(place)
+        ax.set_xticks([])
+        ax.set_yticks([])
+        axes.append(ax)
+    return figure, axes
+
+
+def title_of(one: Cells, kind: str) -> str:
+    """For example "adaptive, 0.05 to 1.6 m: 16,390 cells"."""
+    low, high = (float(edge(one.size[one.observed])) * one.unit for edge in (np.min, np.max))
+    sizes = f"{low:g} m" if low == high else f"{low:g} to {high:g} m"
+    return f"{kind}, {sizes}: {np.count_nonzero(one.observed):,} cells"
+
+
+def framed(ax: Axes, region: Region) -> Axes:
+    ax.set_aspect("equal")
+    ax.set_xlim(region[0], region[1])
+    ax.set_ylim(region[2], region[3])
+    return ax
+
+
+def colormap_of(name: str) -> Any:
+    from matplotlib import colormaps
+
+    return colormaps[name]

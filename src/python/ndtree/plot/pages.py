@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Whole pictures: a map, or two beside each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ndtree._core import OccupancyMap
+from ndtree.lattice import Cells
+from ndtree.plot.colors import coloring
+from ndtree.plot.cubes import bounds_on_screen, chosen_cubes, draw_cubes
+from ndtree.plot.figures import (
+    WITHOUT_BAR,
+    CutAbove,
+    Path,
+    Region,
+    add_bar,
+    axis_number,
+    framed,
+    kind_of,
+    panels,
+    require_dim,
+    title_of,
+    written,
+)
+from ndtree.plot.flat import cell_sizes, occupancy, slice
+from ndtree.plot.images import draw_borders, draw_occupancy
+from ndtree.plot.legends import explain_states, name_axes, scale_bar
+from ndtree.regions import ceiling, found_region
+
+
+def side_by_side(
+    adaptive: OccupancyMap,
+    fixed: OccupancyMap,
+    path: Path | None = None,
+    *,
+    region: Region | None = None,
+    row: bool | None = None,
+    width: float = 16.0,
+    dpi: float = 200.0,
+) -> Figure:
+    """Draw an adaptive map's leaves and occupancy, and a fixed map's occupancy, side by side (Fig. 4).
+
+    Parameters
+    ----------
+    adaptive, fixed : AdaptiveMap, FixedMap or OctoMap
+        With ``dim`` 2, of the same log.
+    path : str or path, optional
+        The picture to write; its ending chooses the format.
+    region : (x_min, x_max, y_min, y_max), optional
+        What to show [m]; left out, where something was found.
+    row : bool, optional
+        The panels in a row, or one below the other. Left out, as suits the region's shape.
+    width : float
+        Of the picture [inches].
+    dpi : float
+        Pixels an inch.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With three axes.
+    """
+    for m in (adaptive, fixed):
+        require_dim(m, 2)
+    fine, even = Cells.of(adaptive), Cells.of(fixed)
+    shown = tuple(region) if region is not None else found_region(fine)
+    shape = (shown[3] - shown[2]) / (shown[1] - shown[0])
+    in_row = shape > 0.4 if row is None else row
+    figure, axes = panels(3, in_row, shape, width)
+    draw_borders(fine, axes[0], shown)
+    draw_occupancy(fine, axes[1], shown)
+    draw_occupancy(even, axes[2], shown)
+    axes[0].set_title(title_of(fine, "adaptive"))
+    scale_bar(axes[0])
+    axes[1].set_title("the same map: occupied white, free black, unknown grey")
+    axes[2].set_title(title_of(even, "fixed"))
+    return written(figure, path, dpi)
+
+
+def overview(
+    m: OccupancyMap,
+    path: Path | None = None,
+    *,
+    region: Region | None = None,
+    color: str = "probability",
+    width: float = 12.0,
+    dpi: float = 150.0,
+) -> Figure:
+    """Draw a 2-D map: its occupancy, or its cells in the color of their size.
+
+    Parameters
+    ----------
+    m : AdaptiveMap, FixedMap or OctoMap
+        With ``dim`` 2.
+    path : str or path, optional
+        The picture to write; its ending chooses the format.
+    region : (x_min, x_max, y_min, y_max), optional
+        What to show [m]; left out, where something was found.
+    color : {"probability", "size"}
+        What the colors say.
+    width : float
+        Of the picture [inches].
+    dpi : float
+        Pixels an inch.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    require_dim(m, 2)
+    draw = {"probability": occupancy, "size": cell_sizes}.get(color)
+    if draw is None:
+        raise ValueError(f"color = {color!r}: must be probability or size where the map is 2-D")
+    every = Cells.of(m)
+    shown = tuple(region) if region is not None else found_region(every)
+    shape = (shown[3] - shown[2]) / (shown[1] - shown[0])
+    axes_width = width * (WITHOUT_BAR if color == "size" else 1.0)
+    figure = Figure(figsize=(width, axes_width * shape + 0.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = draw(m, figure.add_subplot(), region=shown)
+    ax.set_title(title_of(every, kind_of(m.refinement)), loc="left")
+    name_axes(ax)
+    scale_bar(ax)
+    if color == "probability":
+        explain_states(ax)
+    return written(figure, path, dpi)
+
+
+def side_by_side_3d(
+    adaptive: OccupancyMap,
+    fixed: OccupancyMap,
+    path: Path | None = None,
+    *,
+    azimuth: float = -60.0,
+    elevation: float = 50.0,
+    cut_above: CutAbove = "auto",
+    region: Region | None = None,
+    color: str = "height",
+    slice_axis: str | int = "z",
+    slice_at: float | None = None,
+    width: float = 16.0,
+    dpi: float = 200.0,
+) -> Figure:
+    """Draw an adaptive and a fixed 3-D map side by side: occupied cells, seen alike, and a slice of each.
+
+    Parameters
+    ----------
+    adaptive, fixed : AdaptiveMap, FixedMap or OctoMap
+        With ``dim`` 3, of the same log.
+    path : str or path, optional
+        The picture to write; its ending chooses the format.
+    azimuth, elevation, cut_above, region, color
+        As for `occupied`.
+    slice_axis : {"x", "y", "z", 0, 1, 2}
+        The coordinate that is held in the slices.
+    slice_at : float, optional
+        Its value [m]; left out, half-way through what the cubes show.
+    width : float
+        Of the picture [inches].
+    dpi : float
+        Pixels an inch.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With four axes, and a bar that says what the colors mean.
+    """
+    maps = {"adaptive": adaptive, "fixed": fixed}
+    view = (azimuth, elevation)
+    return _draw_3d(maps, view, cut_above, region, color, (slice_axis, slice_at), path, width, dpi)
+
+
+def overview_3d(
+    m: OccupancyMap,
+    path: Path | None = None,
+    *,
+    azimuth: float = -60.0,
+    elevation: float = 50.0,
+    cut_above: CutAbove = "auto",
+    region: Region | None = None,
+    color: str = "height",
+    slice_axis: str | int = "z",
+    slice_at: float | None = None,
+    width: float = 12.0,
+    dpi: float = 150.0,
+) -> Figure:
+    """Draw a 3-D map: its occupied cells above, a slice with the leaves below.
+
+    Parameters
+    ----------
+    m : AdaptiveMap, FixedMap or OctoMap
+        With ``dim`` 3.
+    path, azimuth, elevation, cut_above, region, color, slice_axis, slice_at, width, dpi
+        As for `side_by_side_3d`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With two axes, and a bar that says what the colors mean.
+    """
+    view = (azimuth, elevation)
+    return _draw_3d(
+        {kind_of(m.refinement): m}, view, cut_above, region, color, (slice_axis, slice_at), path, width, dpi
+    )
+
+
+def _draw_3d(
+    maps: dict[str, OccupancyMap],
+    view: tuple[float, float],
+    cut_above: CutAbove,
+    region: Region | None,
+    color: str,
+    plane: tuple[str | int, float | None],
+    path: Path | None,
+    width: float,
+    dpi: float,
+) -> Figure:
+    """A column for each map: its cubes, and below them its slice; the first map chooses what is shown."""
+    for m in maps.values():
+        require_dim(m, 3)
+    held = axis_number(plane[0])
+    every = [Cells.of(m) for m in maps.values()]
+    region = tuple(region) if region is not None else found_region(every[0])
+    if cut_above == "auto":
+        cut_above = ceiling(every[0].where(every[0].occupied).inside(region))
+    chosen = [chosen_cubes(one, region, cut_above) for one in every]
+    colors = coloring(chosen[0][0], color)
+    at = plane[1]
+    if at is None:
+        middle = (chosen[0][0].lower[:, held] + 0.5 * chosen[0][0].size) * every[0].unit
+        at = float(np.mean(np.percentile(middle, (1, 99))))
+    flat_region = [edge for a in range(3) if a != held for edge in region[2 * a : 2 * a + 2]]
+    corners = bounds_on_screen(*chosen[0], *view)
+    shapes = (
+        (corners[3] - corners[2]) / (corners[1] - corners[0]),
+        (flat_region[3] - flat_region[2]) / (flat_region[1] - flat_region[0]),
+    )
+    column_width = WITHOUT_BAR * width / len(maps)
+    pixel = (corners[1] - corners[0]) / (column_width * dpi)
+    figure = Figure(figsize=(width, column_width * sum(shapes) + 1.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, len(maps), squeeze=False, height_ratios=shapes)
+    for column, (kind, m, one, whole) in enumerate(zip(maps, maps.values(), chosen, every)):
+        above, below = axes[:, column]
+        framed(draw_cubes(*one, above, *view, colors, pixel), corners)
+        above.set_title(title_of(whole, kind))
+        scale_bar(above)
+        slice(m, held, at, below, region=flat_region, borders=kind != "fixed")
+        below.set_title(f"slice at {'xyz'[held]} = {at:.2f} m", loc="left")
+        explain_states(below)
+    add_bar(colors.legend(), list(axes[0]), colors.label, colors.ticks, shrink=0.7)
+    return written(figure, path, dpi)

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Answers of counts and numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class MapStats:
+    """The size of a map, and what happened to it since it was made.
+
+    Attributes
+    ----------
+    leaves : int
+        All leaves, unknown space included.
+    observed_leaves : int
+        Leaves that at least one beam updated: the cells that results count.
+    nodes : int
+        Leaves and inner nodes.
+    updates, splits, merges : int
+        As in `InsertReport`, over the map's life.
+    memory_bytes : int
+        Bytes that the map holds, used or not.
+    pruned_leaves : int or None
+        Leaves after OctoMap's prune(); None for our own maps.
+    """
+
+    leaves: int
+    observed_leaves: int
+    nodes: int
+    updates: int
+    splits: int
+    merges: int
+    memory_bytes: int
+    pruned_leaves: int | None
+
+
+@dataclass(frozen=True)
+class InsertReport:
+    """What one call of insert() did.
+
+    Attributes
+    ----------
+    beams : int
+        All beams of the call: the sum of the next four.
+    returned : int
+        Beams with a surface at the end point.
+    not_returned : int
+        Beams that found free space only.
+    beyond_max_range : int
+        Beams that returned from beyond max_range: free space up to there.
+    invalid : int
+        Beams not finite or of zero length: skipped.
+    updates : int
+        (beam, leaf) pairs whose occupancy was updated.
+    splits : int
+        Leaves that were split.
+    merges : int
+        Parents that took the place of their children.
+    seconds : float
+        Wall time of the insertion itself [s].
+    """
+
+    beams: int
+    returned: int
+    not_returned: int
+    beyond_max_range: int
+    invalid: int
+    updates: int
+    splits: int
+    merges: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class CompressReport:
+    """What compress() did.
+
+    Attributes
+    ----------
+    leaves_before, leaves : int
+        Observed leaves before and after.
+    bytes_before, bytes : int
+        Bytes that the map held before and after.
+    merges : int
+        Parents that took the place of their children.
+    loss : float
+        Information lost [bits].
+    """
+
+    leaves_before: int
+    leaves: int
+    bytes_before: int
+    bytes: int
+    merges: int
+    loss: float
+
+
+@dataclass(frozen=True)
+class Claims:
+    """What a map says about space of which is known whether somebody saw it.
+
+    Counts of points that were drawn uniformly, so that shares of them are shares of volume.
+
+    Attributes
+    ----------
+    points : int
+        All.
+    seen : int
+        Points that some scan saw.
+    free : int
+        Points that the map calls free.
+    free_and_unseen : int
+        Points that the map calls free, but no scan saw.
+    unknown_and_seen : int
+        Points that a scan saw, but the map calls unknown.
+    free_unseen : float
+        Of the space called free, the share in [0, 1] that was not seen; nan of none.
+    seen_unknown : float
+        Of the space seen, the share in [0, 1] that is called unknown; nan of none.
+    wrong_volume : float
+        Both volumes over the volume seen; may exceed 1; nan if nothing was seen.
+    """
+
+    points: int
+    seen: int
+    free: int
+    free_and_unseen: int
+    unknown_and_seen: int
+    free_unseen: float
+    seen_unknown: float
+    wrong_volume: float

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Values of a TOML file, each taken once and checked; errors name file, key, value and what was expected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a value must be: a function that returns it, or raises ValueError, and the same in words."""
+
+    take: Callable[[Any], Any]
+    expected: str
+
+    def __call__(self, value: Any) -> Any:
+        return self.take(value)
+
+
+def _checked(
+    is_right: Callable[[Any], bool], expected: str, made: Callable[[Any], Any] = lambda v: v
+) -> Check:
+    def take(value: Any) -> Any:
+        if not is_right(value):
+            raise ValueError
+        return made(value)
+
+    return Check(take, expected)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def integer(least: float) -> Check:
+    """A whole number of at least so much."""
+    words = "a whole number" + (f" >= {least}" if math.isfinite(least) else "")
+    return _checked(lambda v: isinstance(v, int) and not isinstance(v, bool) and v >= least, words)
+
+
+def number(least: float, *, above: bool = False) -> Check:
+    """A finite number of at least so much, or of more."""
+    words = "a number" + (f" {'>' if above else '>='} {least:g}" if math.isfinite(least) else "")
+    return _checked(lambda v: _is_number(v) and (v > least if above else v >= least), words, float)
+
+
+def one_of(*known: Any) -> Check:
+    """One of some values."""
+    words = f"one of {', '.join(map(str, known))}"
+    return _checked(lambda v: not isinstance(v, bool) and v in known, words)
+
+
+text = _checked(lambda v: isinstance(v, str) and bool(v), "a text")
+true_or_false = _checked(lambda v: isinstance(v, bool), "true or false")
+numbers = _checked(
+    lambda v: isinstance(v, list) and bool(v) and all(map(_is_number, v)),
+    "a list of numbers",
+    lambda v: [float(one) for one in v],
+)
+
+
+class Table:
+    """A table of the file; what nobody takes is refused in the end."""
+
+    def __init__(self, file: Path, name: str, values: dict[str, Any]) -> None:
+        self._file, self._name = file, name
+        self._left = dict(values)
+
+    def take(self, key: str, check: Check, default: Any) -> Any:
+        """A value; the default where there is none."""
+        if key not in self._left:
+            return default
+        value = self._left.pop(key)
+        try:
+            return check(value)
+        except ValueError:
+            raise self.wrong(key, value, check.expected) from None
+
+    def take_all(self, checks: Mapping[str, Check]) -> dict[str, Any]:
+        """Those of some values that are there."""
+        return {key: self.take(key, check, None) for key, check in checks.items() if key in self._left}
+
+    def tables(self, key: str) -> Iterator[tuple[str, Table]]:
+        """The tables in a table, of which there must be one."""
+        found = self._left.pop(key, None)
+        if not isinstance(found, dict) or not found:
+            raise ValueError(f"{self._file}: {key}: expected at least one table [{key}.NAME]")
+        for name, values in found.items():
+            if not isinstance(values, dict):
+                raise self.wrong(f"{key}.{name}", values, f"a table [{key}.{name}]")
+            yield name, Table(self._file, f"{key}.{name}", values)
+
+    def finish(self, *known: str) -> None:
+        """Refuse what was not taken."""
+        for key, value in self._left.items():
+            raise self.wrong(key, value, f"no such key{', but ' + ', '.join(known) if known else ''}")
+
+    def wrong(self, key: str, value: Any, expected: str) -> ValueError:
+        where = f"{self._name}.{key}" if self._name else key
+        said = repr(value)
+        said = said if len(said) <= 80 else said[:77] + "..."
+        return ValueError(f"{self._file}: {where} = {said}: expected {expected}")

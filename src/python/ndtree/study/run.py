@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A study's jobs, each in a process of its own; what is done stays, whatever becomes of the rest."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+
+from ndtree import _core
+from ndtree.comparison import Progress, no_progress
+from ndtree.files import replaced
+from ndtree.study.config import Study
+from ndtree.study.jobs import Job, jobs_of
+from ndtree.study.table import StudyTable
+
+#: Neither threads nor open files of this process go into those of the jobs.
+_PROCESSES = multiprocessing.get_context("spawn")
+
+
+def run(study: Study, *, processes: int | None = None, progress: Progress | None = None) -> StudyTable:
+    """Map each log with each set of parameters, but for those that are done already, and write the results.
+
+    A script calls it below ``if __name__ == "__main__":``, as each job's process reads the script, too.
+
+    Parameters
+    ----------
+    study : Study
+        From `load`.
+    processes : int, optional
+        So many jobs at once. Left out: one for each processor. Times are best with 1.
+    progress : callable, optional
+        Called as ``progress(what, done, total)`` with numbers of jobs.
+
+    Returns
+    -------
+    StudyTable
+        A row for each job. In the study's folder there is ``results/HASH.json`` for each that went well, the
+        rows as ``table.csv``, ``table.json`` and ``table.md``, and ``truth.png``. The hash is of the log's
+        content, the parameters and the version of ndtree: the same study once more maps nothing.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written.
+    ValueError
+        If `processes` is less than 1.
+    ImportError
+        If the study wants pictures, and matplotlib is not installed; it names the extra.
+    """
+    if processes is not None and processes < 1:
+        raise ValueError(f"processes = {processes}: must be >= 1")
+    if study.pictures:
+        from ndtree.plot import truth_against_cells  # It names the extra where matplotlib is missing.
+    progress = progress or no_progress
+    folder = study.output / "results"
+    folder.mkdir(parents=True, exist_ok=True)
+    jobs = jobs_of(study)
+    rows: dict[int, dict[str, Any]] = {}
+    open_: list[tuple[int, Job, Path]] = []
+    for i, job in enumerate(jobs):
+        progress("looking for what is done", i, len(jobs))
+        try:
+            file = folder / f"{job.key()}.json"
+        except OSError as error:
+            rows[i] = _failed(f"{error.filename}: {error.strerror}")
+            continue
+        done = _read(file)
+        if done is None:
+            open_.append((i, job, file))
+        else:
+            rows[i] = done
+    most = processes or os.cpu_count() or 1
+    for i, row in _finished(open_, most):
+        rows[i] = row
+        progress(jobs[i].name, len(rows), len(jobs))
+    table = StudyTable(
+        study.file,
+        [{"log": job.log.name, "map": job.parameters.name, **rows[i]} for i, job in enumerate(jobs)],
+    )
+    table.write(study.output)
+    for ending in study.pictures if table.done else ():
+        truth_against_cells(table.done, study.output / f"truth.{ending}")
+    return table
+
+
+def _read(file: Path) -> dict[str, Any] | None:
+    """What a job has written; None if it has not, or what is there is no such thing."""
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+        return found["figures"] if isinstance(found["figures"]["cells"], int) else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _failed(reason: str) -> dict[str, Any]:
+    return {"error": " ".join(reason.split())}
+
+
+def _finished(jobs: list[tuple[int, Job, Path]], most: int) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Number and row of each job, as they end."""
+    waiting = iter(jobs)
+    running: dict[int, tuple[Any, Connection, int, Path]] = {}
+    try:
+        while True:
+            while len(running) < most and (one := next(waiting, None)) is not None:
+                number, job, file = one
+                here, there = _PROCESSES.Pipe(duplex=False)
+                process = _PROCESSES.Process(target=_work, args=(job, file, there), daemon=True)
+                process.start()
+                there.close()
+                running[process.sentinel] = (process, here, number, file)
+            if not running:
+                return
+            for sentinel in wait(list(running)):
+                process, said, number, file = running.pop(sentinel)  # type: ignore[call-overload]
+                process.join()
+                yield number, _outcome(process.exitcode, said, file)
+    finally:
+        for process, *_ in running.values():
+            process.terminate()
+            process.join()
+
+
+def _outcome(status: int, said: Connection, file: Path) -> dict[str, Any]:
+    if status == 0 and said.poll():
+        error = said.recv()
+        row = _read(file) if error is None else None
+        return row if row is not None else _failed(error or "its results are not to be read")
+    if status < 0:
+        return _failed(f"its process was ended by {signal.Signals(-status).name}")
+    return _failed(f"its process ended with status {status}")
+
+
+def _work(job: Job, file: Path, says: Connection) -> None:
+    """One job in its own process: the results go into a file, which appears whole or not at all."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent ends this one.
+    try:
+        content = {"version": _core.__version__, "job": job.described(), "figures": job.figures()}
+        with replaced(file) as part:
+            part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        says.send(None)
+    except OSError as error:
+        says.send(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except MemoryError as error:
+        says.send(str(error) or "not enough memory")
+    except (ValueError, TypeError, RuntimeError, ImportError) as error:
+        says.send(str(error) or type(error).__name__)
