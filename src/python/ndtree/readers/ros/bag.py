@@ -14,7 +14,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from ndtree.readers.plain_file import FREE_BYTES, MOST_PACKED
 from ndtree.readers.ros import livox, mcap_file, multi_echo, ros1_file, sqlite_file
+from ndtree.readers.ros.chunks import Damaged, unpacked_message
 from ndtree.readers.ros.storage import Connection, OnDamage, Raw, Storage, line_of
 from ndtree.readers.transforms import plain
 
@@ -284,9 +286,17 @@ def _unpacked_file(path: str, stack: ExitStack) -> str:
     zstandard = _zstandard(path)
     folder = stack.enter_context(tempfile.TemporaryDirectory())
     target = os.path.join(folder, os.path.basename(path).removesuffix(".zstd"))
+    left = FREE_BYTES + MOST_PACKED * os.path.getsize(path)
     try:
         with open(path, "rb") as packed, open(target, "wb") as file:
-            zstandard.ZstdDecompressor().copy_stream(packed, file)
+            for part in zstandard.ZstdDecompressor().read_to_iter(packed):
+                left -= len(part)
+                if left < 0:
+                    raise ValueError(
+                        f"{path}: {os.path.getsize(path)} bytes unpack to more than {file.tell() >> 20} MiB, "
+                        f"expected at most {MOST_PACKED} for one"
+                    )
+                file.write(part)
     except zstandard.ZstdError as error:
         raise ValueError(f"{path}: cannot be unpacked ({line_of(error)}), expected a whole file") from None
     return target
@@ -294,12 +304,11 @@ def _unpacked_file(path: str, stack: ExitStack) -> str:
 
 def _unpacked(raw: Raw) -> Raw:
     """A message that was packed by itself; as it is where that fails, and so it is no whole message."""
-    zstandard = _zstandard(raw.connection.topic)
+    _zstandard(raw.connection.topic)
     try:
-        data = zstandard.ZstdDecompressor().decompressobj().decompress(raw.data)
-    except zstandard.ZstdError:
+        return Raw(raw.connection, raw.received, unpacked_message(raw.data))
+    except Damaged:
         return raw
-    return Raw(raw.connection, raw.received, data)
 
 
 def _zstandard(what: str) -> Any:
