@@ -170,9 +170,33 @@ def _store_of(definitions: tuple[tuple[str, str], ...], is_ros1: bool) -> Any:
             every.update(typesys.get_types_from_msg(text, type_))
         except Exception:  # A definition that nobody can read: ROS's own has to do.
             continue
+    _give_up_unknown(every, known.fielddefs)
     store = typesys.get_typestore(typesys.Stores.EMPTY)
     store.register(every)
     return store
+
+
+def _give_up_unknown(every: dict[str, Any], known: Any) -> None:
+    """Take ROS's own definitions, or none, for those that name types that there are not."""
+    while True:
+        unknown = [
+            name for name, (_, fields) in every.items() if any(not _is_known(of, every) for _, of in fields)
+        ]
+        if not unknown:
+            return
+        for name in unknown:
+            if name in known and every[name] is not known[name]:
+                every[name] = known[name]
+            else:
+                del every[name]
+
+
+def _is_known(field: Any, types: dict[str, Any]) -> bool:
+    """Whether a field's type, or that of its elements, is there."""
+    kind, of = field
+    if kind.name in ("ARRAY", "SEQUENCE"):
+        return _is_known(of[0], types)
+    return kind.name != "NAME" or of in types
 
 
 @contextmanager
@@ -326,4 +350,7 @@ def _raised(error: ValueError) -> None:
     raise error
 
 
-__all__ = ["ENDINGS", "MAGICS", "METADATA", "METADATA_BEGINS", "Bag", "Connection", "Topic", "open_bag"]
+__all__ = [
+    "ENDINGS", "MAGICS", "METADATA", "METADATA_BEGINS", "ZSTD_MAGIC",
+    "Bag", "Connection", "Topic", "open_bag",
+]  # fmt: skip
