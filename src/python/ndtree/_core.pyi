@@ -1239,7 +1239,7 @@ def simulate(
     """
 
 def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
-    """Read a map that save() wrote.
+    """Read a map that save() wrote, or an OctoMap file, .bt or .ot; the content says what it is.
 
     Parameters
     ----------
@@ -1248,13 +1248,14 @@ def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
     Returns
     -------
     AdaptiveMap or FixedMap
+        Of an OctoMap file as load_octomap() gives it, which takes options, too.
 
     Raises
     ------
     OSError
         The file cannot be read.
     ValueError
-        It is not a map file, truncated, damaged, or of another version.
+        It is no such file, truncated, damaged, or of another version.
     """
 
 def write_ply(
