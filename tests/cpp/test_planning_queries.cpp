@@ -552,6 +552,13 @@ void forgetting_takes_what_it_says(Random& random) {
   }
   Map map = random_map<Map>(random);
   const std::size_t full = map.memory_bytes();
+  const Map whole = map;
+  for (const double everything : {1e10, 1e200, std::numeric_limits<double>::infinity()}) {
+    map.keep_near(Vector<D>::Constant(1000.0), everything);
+    EXPECT_TRUE(changes(whole, map).empty()) << everything;
+    EXPECT_EQ(map.stats().leaves, whole.stats().leaves) << everything;
+  }
+  EXPECT_THROW(map.keep_near(Vector<D>::Zero(), std::nan("")), std::invalid_argument);
   map.keep_near(Vector<D>::Constant(1000.0), 1.0);
   EXPECT_EQ(map.stats().leaves, 1u);
   EXPECT_LE(map.memory_bytes(), full);

@@ -1,207 +1,41 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Maps made from bytes: by scans that nobody would measure, and from files that no map has written.
-#include <Eigen/Core>
-#include <type_traits>
+// Maps of all kinds that Python offers, made from bytes.
+#include "maps.hpp"
+
+#include <algorithm>
+#include <string>
 #include <vector>
 
-#include "flat_map.hpp"
-#include "ndtree/io/map_file.hpp"
 #include "ndtree/io/octomap_file.hpp"
-#include "ndtree/mapping/occupancy_map.hpp"
-#include "ndtree/query/point.hpp"
-#include "ndtree/query/ray.hpp"
-#include "options.hpp"
-#include "target.hpp"
 
 namespace ndtree::fuzz {
 
+template <>
+std::array<MapKind, 3> map_kinds<2, 2>();
+template <>
+std::array<MapKind, 3> map_kinds<3, 2>();
+template <>
+std::array<MapKind, 3> map_kinds<4, 2>();
+template <>
+std::array<MapKind, 3> map_kinds<2, 3>();
+template <>
+std::array<MapKind, 3> map_kinds<3, 3>();
+template <>
+std::array<MapKind, 3> map_kinds<4, 3>();
+template <>
+std::array<MapKind, 3> map_kinds<2, 4>();
+
 namespace {
 
-constexpr double kMostMemory = 6e4;
-
-/// An option at one of its ends, somewhere between, or as it is.
-MapOptions options_from(Bytes& bytes) {
-  MapOptions options;
-  options.min_cell_size = 0.05;
-  options.max_cell_size = 0.8;
-  for (std::size_t changes = bytes.below(4); changes > 0; --changes) {
-    std::size_t number = 0;
-    const std::size_t chosen = bytes.below(28);
-    const std::size_t how = bytes.below(4);
-    const double share = static_cast<double>(bytes.byte()) / 255.0;
-    MapOptions::for_each_bounded(options, [&](const char*, auto& value, const OptionBounds& bounds) {
-      using Value = std::decay_t<decltype(value)>;
-      if (number++ != chosen) return;
-      const double between = bounds.least + share * share * share * (bounds.most - bounds.least);
-      value = static_cast<Value>(how == 0 ? bounds.least : how == 1 ? bounds.most : between);
-    });
-  }
-  options.max_memory = kMostMemory;
-  return options;
-}
-
-template <int D>
-Scan<D> scan_from(Bytes& bytes, double unit) {
-  Scan<D> scan;
-  const std::uint8_t flags = bytes.byte();
-  const auto beams = static_cast<Eigen::Index>(bytes.below(20));
-  const bool own_origins = (flags & 1u) != 0;
-  scan.origins.resize(D, own_origins ? beams : 1);
-  scan.endpoints.resize(D, beams);
-  if ((flags & 2u) != 0) scan.returned.resize(beams);
-  if ((flags & 4u) != 0) scan.range_sigma.resize(beams);
-  for (Eigen::Index c = 0; c < scan.origins.cols(); ++c)
-    for (int a = 0; a < D; ++a) scan.origins(a, c) = bytes.length(unit);
-  for (Eigen::Index i = 0; i < beams; ++i) {
-    for (int a = 0; a < D; ++a) scan.endpoints(a, i) = bytes.length(unit);
-    if (scan.returned.size() != 0) scan.returned[i] = bytes.flag();
-    if (scan.range_sigma.size() != 0) scan.range_sigma[i] = std::abs(bytes.length(0.1 * unit));
-  }
-  if ((flags & 0xfcu) != 0xa8u || beams == 0) return scan;
-  // So many that threads share them: the same, turned a little.
-  constexpr Eigen::Index kMany = 2100;
-  Scan<D> many = scan;
-  many.endpoints.resize(D, kMany);
-  if (own_origins) many.origins.resize(D, kMany);
-  if (many.returned.size() != 0) many.returned.resize(kMany);
-  if (many.range_sigma.size() != 0) many.range_sigma.resize(kMany);
-  for (Eigen::Index i = 0; i < kMany; ++i) {
-    many.endpoints.col(i) = scan.endpoints.col(i % beams);
-    many.endpoints(static_cast<int>(i) % D, i) += static_cast<double>(i / beams) * 0.37 * unit;
-    if (own_origins) many.origins.col(i) = scan.origins.col(i % beams);
-    if (many.returned.size() != 0) many.returned[i] = scan.returned[i % beams];
-    if (many.range_sigma.size() != 0) many.range_sigma[i] = scan.range_sigma[i % beams];
-  }
-  return many;
-}
-
-template <class Map>
-void query(const Map& map, Bytes& bytes) {
-  constexpr int D = Map::kDim;
-  for (int i = 0; i < 3; ++i) {
-    Vector<D> point, direction;
-    for (int a = 0; a < D; ++a) {
-      point[a] = bytes.length(map.options().min_cell_size);
-      direction[a] = bytes.length(1.0);
-    }
-    const double p = probability(map, point);
-    require(p >= 0.0 && p <= 1.0, "probabilities lie between 0 and 1");
-    accepted([&] {
-      const auto hit = cast_ray(map, point, direction, 1e3);
-      require(!hit || (*hit >= 0.0 && *hit <= 1e3 * (1.0 + 1e-9)), "rays end within their range");
-    });
-  }
-}
-
-template <class Map>
-void save_and_go_on(Map& map, const Scan<Map::kDim>& scan) {
-  const std::string bytes = to_bytes(map);
-  Map again = from_bytes<Map>(bytes);
-  require(to_bytes(again) == bytes, "what is saved and read is the same");
-  const bool taken = accepted([&] { map.insert(scan, kUnlimitedRange, 1); });
-  // How full its memory was is not in a file.
-  if (taken && accepted([&] { again.insert(scan, kUnlimitedRange, 1); }))
-    require(to_bytes(again) == to_bytes(map), "what was saved goes on as what was not");
-}
-
-template <class Map>
-void insert_scans(Bytes& bytes) {
-  constexpr int D = Map::kDim;
-  const MapOptions options = options_from(bytes);
-  accepted([&] {
-    Map map(options);
-    Map other = map;
-    Scan<D> scan;
-    const auto threads = static_cast<int>(1 + bytes.below(4));
-    bool is_full = false;
-    for (std::size_t scans = 1 + bytes.below(3); scans > 0 && !is_full; --scans) {
-      scan = scan_from<D>(bytes, options.min_cell_size);
-      const double max_range = bytes.below(3) == 0 ? bytes.length(options.min_cell_size) : kUnlimitedRange;
-      const std::string before = to_bytes(map);
-      const bool taken = accepted([&] {
-        const InsertReport report = map.insert(scan, max_range, threads);
-        require(report.beams == static_cast<std::uint64_t>(scan.size()) &&
-                    report.beams ==
-                        report.returned + report.not_returned + report.beyond_max_range + report.invalid,
-                "every beam is counted once");
-      });
-      require(map.memory_bytes() <= static_cast<std::size_t>(kMostMemory) || before == to_bytes(map),
-              "no map holds more than max_memory");
-      require(taken || before == to_bytes(map), "a scan that is refused leaves the map as it was");
-      map.check_invariants();
-      if (threads == 1) continue;
-      const bool other_taken = accepted([&] { other.insert(scan, max_range, 1); });
-      is_full = taken != other_taken;  // Arenas of threads hold some more.
-      require(is_full || to_bytes(map) == to_bytes(other), "maps are the same for any number of threads");
-    }
-    query(map, bytes);
-    if constexpr (std::is_same_v<typename Map::RefinementType, EvidenceRefinement>) {
-      if (bytes.flag()) {
-        accepted([&] { map.compress({bytes.raw_double(), {}, {}}); });
-        map.check_invariants();
-      }
-    }
-    accepted([&] {
-      Vector<D> lower, upper;
-      for (int a = 0; a < D; ++a) {
-        lower[a] = bytes.length(options.min_cell_size);
-        upper[a] = bytes.length(options.min_cell_size);
-      }
-      bytes.flag() ? map.crop({lower, upper}) : map.clear({lower, upper});
-    });
-    map.check_invariants();
-    save_and_go_on(map, scan);
-  });
-}
-
-template <class Map>
-void read_map(std::string_view bytes, Bytes& more) {
-  accepted([&] {
-    Map map = from_bytes<Map>(bytes);
-    map.check_invariants();
-    query(map, more);
-    require(to_bytes(from_bytes<Map>(to_bytes(map))) == to_bytes(map), "what is saved and read is the same");
-    const Scan<Map::kDim> scan = scan_from<Map::kDim>(more, map.options().min_cell_size);
-    MapOptions options = map.options();
-    options.max_memory = kMostMemory;
-    Map bounded(options, map.tree(), map.counters());
-    accepted([&] { bounded.insert(scan, kUnlimitedRange, 1); });
-    bounded.check_invariants();
-  });
-}
-
-/// The paper's map, beside a list of cells of which each is clipped against each beam.
-void compare_with_list(Bytes& bytes) {
-  const MapOptions options = test::spelled_out_options(0.05, 0.8);
-  PaperMap<2, 2> map(options);
-  test::FlatMap<2, 2> list(options, options.num_levels(2), true, -2, 2);
-  Scan<2> scan;
-  const auto beams = static_cast<Eigen::Index>(1 + bytes.below(12));
-  scan.origins.resize(2, beams);
-  scan.endpoints.resize(2, beams);
-  scan.returned.resize(beams);
-  const auto place = [&] { return static_cast<double>(static_cast<std::int8_t>(bytes.byte())) * 0.01; };
-  for (Eigen::Index i = 0; i < beams; ++i) {
-    scan.origins.col(i) << place(), place();
-    scan.endpoints.col(i) << place(), place();
-    scan.returned[i] = bytes.flag();
-    list.insert(scan.origins.col(i), scan.endpoints.col(i), scan.returned[i], kUnlimitedRange);
-  }
-  map.insert(scan);
-  map.check_invariants();
-  std::size_t observed = 0;
-  for_each_leaf(map.tree(), [&](const auto& leaf) {
-    const OccupancyCell& cell = leaf.cell();
-    if (!cell.observed()) return;
-    ++observed;
-    const auto found = list.cells.find(leaf.index);
-    require(found != list.cells.end() && found->second.observed, "leaves are those of the list");
-    require(found->second.hits == cell.hits() && found->second.misses == cell.misses(),
-            "so are their counts");
-    require(std::abs(found->second.log_odds - cell.log_odds()) < 1e-3f, "and their log-odds");
-  });
-  for (const auto& [index, cell] : list.cells) observed -= cell.observed;
-  require(observed == 0, "there are as many cells as in the list");
+const std::vector<MapKind>& all_kinds() {
+  static const std::vector<MapKind> all = [] {
+    std::vector<MapKind> kinds;
+    for (const auto& some : {map_kinds<2, 2>(), map_kinds<3, 2>(), map_kinds<4, 2>(), map_kinds<2, 3>(),
+                             map_kinds<3, 3>(), map_kinds<4, 3>(), map_kinds<2, 4>()})
+      kinds.insert(kinds.end(), some.begin(), some.end());
+    return kinds;
+  }();
+  return all;
 }
 
 /// A map's file around a payload, with the checksum that belongs there.
@@ -217,19 +51,12 @@ std::string mended(std::string_view payload) {
 
 }  // namespace
 
+/// The first byte: the kind of map, and whether it stands beside a list.
 void insertion(Bytes bytes) {
-  switch (bytes.below(5)) {
-    case 0:
-      return insert_scans<AdaptiveMap<2, 3>>(bytes);
-    case 1:
-      return insert_scans<AdaptiveMap<3, 2>>(bytes);
-    case 2:
-      return insert_scans<PaperMap<2, 2>>(bytes);
-    case 3:
-      return compare_with_list(bytes);
-    default:
-      return insert_scans<FixedMap<2, 3>>(bytes);
-  }
+  const std::vector<MapKind>& kinds = all_kinds();
+  const std::size_t chosen = bytes.below(2 * kinds.size());
+  const MapKind& kind = kinds[chosen % kinds.size()];
+  chosen < kinds.size() ? kind.insert_scans(bytes) : kind.compare_with_list(bytes);
 }
 
 /// The first byte: whether the rest is a payload; the second, how much of the end is a scan.
@@ -242,12 +69,10 @@ void map_file(Bytes bytes) {
   const std::string file = is_payload ? mended(payload) : std::string(payload);
   MapFileHeader header;
   if (!accepted([&] { header = map_file_header(file); })) return;
-  if (header.refinement == EvidenceRefinement::kName)
-    header.dim == 3 ? read_map<AdaptiveMap<2, 3>>(file, more) : read_map<AdaptiveMap<3, 2>>(file, more);
-  else if (header.refinement == PaperRefinement::kName)
-    read_map<PaperMap<2, 2>>(file, more);
-  else
-    read_map<FixedMap<2, 3>>(file, more);
+  for (const MapKind& kind : all_kinds())  // A file says which of them it is.
+    if (header.dim == kind.dim && header.branching == kind.branching && header.refinement == kind.refinement)
+      return kind.read_map(file, more);
+  accepted([&] { (void)from_bytes<AdaptiveMap<2, 2>>(file); });
 }
 
 void octomap_file(Bytes bytes) {

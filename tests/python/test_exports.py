@@ -101,6 +101,9 @@ def test_octomap_files_are_read_back(tmp_path: Path, branching: int, suffix: str
     m.save_octomap(tmp_path / f"room{suffix}")
     assert [file.name for file in tmp_path.iterdir()] == [f"room{suffix}"]
     again = ndtree.load_octomap(tmp_path / f"room{suffix}")
+    (tmp_path / f"room{suffix}").rename(tmp_path / "room.map")  # Content decides.
+    assert ndtree.load(tmp_path / "room.map") == again
+    (tmp_path / "room.map").rename(tmp_path / f"room{suffix}")
     assert (again.dim, again.branching, again.refinement) == (3, 2, "evidence")
     assert again.options["min_cell_size"] == 0.1
     box = [[-2.5] * 3, [2.5] * 3]

@@ -221,6 +221,11 @@ def test_what_is_forgotten_is_unknown(any_room):
     assert m.bounds() is None and m.stats().leaves == 1
     with pytest.raises(ValueError, match="radius"):
         m.keep_near(np.zeros(dim), 0.0)
+    m = copy.copy(any_room)
+    m.keep_near(np.zeros(dim), np.inf)
+    assert m == any_room
+    with pytest.raises(ValueError, match="radius = nan"):
+        m.keep_near(np.zeros(dim), np.nan)
 
 
 def test_equal_maps_are_equal(any_room):

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -183,3 +185,46 @@ def test_a_transform_that_is_damaged_is_named_or_passed_over(tmp_path: Path) -> 
     )
     with pytest.raises(ValueError, match=r"there is no /tf.*; but not all of it could be read: .*no whole"):
         read(only)
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite3"])
+@pytest.mark.parametrize(
+    "rubbish", [b"float32 \xff\xfe\x00le_min", b"float33 angle_min", b"\n[}=(float32 a[n]"]
+)
+def test_a_definition_that_nobody_can_read_is_ros_s_own(kind: str, rubbish: bytes, tmp_path: Path) -> None:
+    make = Messages(kind)
+    written = write_bag(
+        tmp_path / "bag",
+        make,
+        [("/scan", START + i, make.laser(START + i, "laser", [1.0, 2.0])) for i in range(3)],
+    )
+    path = written if written.is_file() else next(one for one in written.iterdir() if one.suffix != ".yaml")
+    whole = list(read(path, still=True))
+    data, known = path.read_bytes(), b"float32 angle_min"
+    assert len(whole) == 3 and known in data and len(rubbish) == len(known)
+    path.write_bytes(data.replace(known, rubbish))
+    assert same(list(read(path, still=True)), whole)
+
+
+def test_a_database_that_must_be_copied_to_a_full_disk_is_an_error_in_one_line(
+    database: Path, tmp_path: Path
+) -> None:
+    """One that was never closed, or is packed: SQLite wants it as a file of its own."""
+    pytest.importorskip("resource")
+    zstandard = pytest.importorskip("zstandard")
+    open_one, packed = tmp_path / "open.db3", tmp_path / "packed.db3.zstd"
+    shutil.copyfile(database, open_one)
+    (tmp_path / "open.db3-wal").write_bytes(b"\0" * 100)
+    packed.write_bytes(zstandard.ZstdCompressor().compress(database.read_bytes()))
+    assert same(list(read(packed)), list(read(database)))
+    for path in (open_one, packed):
+        script = (
+            "import resource, signal, ndtree\n"
+            "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+            "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, resource.RLIM_INFINITY))\n"
+            f"try: list(ndtree.read({str(path)!r}))\n"
+            "except OSError as error: print(type(error).__name__, error)\n"
+        )
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+        assert done.stdout.startswith("OSError") and done.stdout.count("\n") == 1, done.stdout
+        assert path.name.split(".")[0] in done.stdout

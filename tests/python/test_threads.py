@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -113,3 +114,44 @@ def test_threads_that_save_to_one_name_leave_one_whole_file(tmp_path: Path) -> N
     together(*[lambda m=m: [m.save(path) for _ in range(20)] and None for m in maps])
     assert path.read_bytes() in [m.to_bytes() for m in maps]
     assert [one.name for one in tmp_path.iterdir()] == ["a.ndt"]
+
+
+def test_a_distance_field_is_asked_while_it_is_updated() -> None:
+    """Every answer is of before or after, and never of both."""
+    m = ndtree.AdaptiveMap(dim=2)
+    for scan, origin in SCANS[:1]:
+        m.insert(scan, origin)
+    box = [[-4.0, -4.0], [4.0, 4.0]]
+    field = m.distance_field(box, 0.02)
+    seen = m.snapshot()
+    for scan, origin in SCANS[1:]:
+        m.insert(scan, origin)
+    after = m.distance_field(box, 0.02)
+    points = np.random.default_rng(3).uniform(-4, 4, (20_000, 2))
+    known = [
+        {"values": one.values.tobytes(), "distance": one.distance(points).tobytes()} for one in (field, after)
+    ]
+    assert known[0]["values"] != known[1]["values"] and known[0]["distance"] != known[1]["distance"]
+    finished = threading.Event()
+    asked = {"values": 0, "distance": 0, "pickle": 0}
+
+    def update() -> None:
+        try:
+            for since, now in [(seen, m), (m, seen)] * 5 + [(seen, m)]:
+                field.update(now, since=since)
+        finally:
+            finished.set()
+
+    def ask(name: str, answer: Callable[[], bytes]) -> None:
+        while not finished.is_set() or not asked[name]:
+            assert answer() in [one["values" if name == "pickle" else name] for one in known]
+            asked[name] += 1
+
+    together(
+        update,
+        lambda: ask("values", lambda: field.values.tobytes()),
+        lambda: ask("distance", lambda: field.distance(points).tobytes()),
+        lambda: ask("pickle", lambda: pickle.loads(pickle.dumps(field)).values.tobytes()),
+    )
+    assert min(asked.values()) > 0
+    assert field.values.tobytes() == known[1]["values"]

@@ -428,6 +428,12 @@ template <class Map>
   }
 }
 
+/// Whether bytes begin as those of an OctoMap file do.
+[[nodiscard]] inline bool is_octomap_file(std::string_view bytes) {
+  const auto begins_with = [&](std::string_view text) { return bytes.substr(0, text.size()) == text; };
+  return begins_with(detail::kOctomapFullMagic) || begins_with(detail::kOctomapBinaryMagic);
+}
+
 /// Reads an OctoMap file, .bt or .ot, whatever its name.
 /// @throws std::filesystem::filesystem_error if it cannot be read, std::runtime_error naming it if it is
 ///   damaged.

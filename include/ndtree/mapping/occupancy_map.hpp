@@ -184,13 +184,13 @@ class OccupancyMap {
       return is_smallest || box.encloses(cell) ? Fate::forget : Fate::divide;
     });
   }
-  /// Forgets all cells that are farther than `radius` > 0 [m] from a point: a window that moves with a robot.
-  /// O(what goes, and what lies on its border). @throws std::invalid_argument if either is not finite, and as
-  /// crop().
+  /// Forgets all cells that are farther than `radius` > 0 [m] from a point: a window that moves with a robot;
+  /// infinity keeps everything. O(what goes, and what lies on its border). @throws std::invalid_argument if
+  /// the centre is not finite, and as crop().
   void keep_near(const Vector<D>& center, double radius) {
     if (!center.allFinite()) throw std::invalid_argument("center = " + describe(center) + ": must be finite");
-    if (!(radius > 0.0) || !std::isfinite(radius))
-      throw std::invalid_argument("radius = " + describe_number(radius) + " m: must be > 0 and finite");
+    if (!(radius > 0.0))
+      throw std::invalid_argument("radius = " + describe_number(radius) + " m: must be > 0");
     forget([&](const Box<D>& cell, const auto& ref) {
       if (cell.squared_distance(center) > radius * radius) return Fate::forget;
       const double farthest =

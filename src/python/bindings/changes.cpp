@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "arguments.hpp"
+#include "python_field.hpp"
 #include "python_map.hpp"
 
 namespace ndtree::python {
@@ -105,18 +106,19 @@ Raises
 ValueError
     The maps are not of the same kind, or their cells not of the same sizes.
 )");
-  py::reinterpret_borrow<py::class_<AnyField>>(module.attr("DistanceField"))
+  py::reinterpret_borrow<py::class_<PythonField>>(module.attr("DistanceField"))
       .def(
           "update",
-          [](AnyField& field, const PythonMap& map, const PythonMap& since) {
-            const auto before = clone_of(since);
-            map.read([&](const MapInterface& m) { m.update_field(field, *before); });
+          [](PythonField& field, const PythonMap& map, const PythonMap& since) {
+            const auto before = clone_of(since);  // So that no map is locked while the field is.
+            const auto now = clone_of(map);
+            field.write([&](AnyField& any) { now->update_field(any, *before); });
           },
           "map"_a, py::kw_only(), "since"_a,
           R"(Follow the map: afterwards every value is what distance_field() would give now, bit for bit.
 
-Only points are looked at for which something that changed is no farther away than what was nearest. No other thread may
-ask the field meanwhile.
+Only points are looked at for which something that changed is no farther away than what was nearest. Other threads that
+ask the field meanwhile wait, and get answers of before or after.
 
 Parameters
 ----------

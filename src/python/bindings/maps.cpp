@@ -766,48 +766,6 @@ range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_m
 )");
 
   module.def(
-      "load",
-      [](const std::filesystem::path& path) {
-        std::unique_ptr<MapInterface> map;
-        {
-          const Released released;
-          const std::string bytes = read_file(path);
-          try {
-            map = map_from_bytes(bytes);
-          } catch (const std::runtime_error& error) {
-            throw std::invalid_argument(path.string() + ": " + error.what());
-          }
-        }
-        return to_python(std::move(map));
-      },
-      "path"_a, R"(Read a map that save() wrote.
-
-Parameters
-----------
-path : str or os.PathLike
-
-Returns
--------
-AdaptiveMap or FixedMap
-
-Raises
-------
-OSError
-    The file cannot be read.
-ValueError
-    It is not a map file, truncated, damaged, or of another version.
-)");
-  module.def(
-      "from_bytes",
-      [](const py::bytes& bytes) {
-        try {
-          return to_python(from_bytes(std::string_view(bytes)));
-        } catch (const std::runtime_error& error) {
-          throw std::invalid_argument(error.what());
-        }
-      },
-      "bytes"_a, "The map that to_bytes() wrote; ValueError as load().");
-  module.def(
       "default_options",
       [] {
         py::dict dict;

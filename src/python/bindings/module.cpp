@@ -32,6 +32,7 @@ PYBIND11_MODULE(_core, module) {
   ndtree::python::bind_errors(module);
   ndtree::python::bind_files(module);
   ndtree::python::bind_maps(module);
+  ndtree::python::bind_loading(module);
   ndtree::python::bind_exports(module);
   ndtree::python::bind_queries(module);
   ndtree::python::bind_changes(module);

@@ -5,47 +5,18 @@
 
 #include <pybind11/pybind11.h>
 
-#include <chrono>
 #include <exception>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <shared_mutex>
 #include <string>
 #include <string_view>
 #include <utility>
 
 #include "map_interface.hpp"
-#include "ndtree/core/cancel.hpp"
+#include "released.hpp"
 
 namespace ndtree::python {
-
-/// While one lives, the interpreter's lock is left to other threads, and, in the thread that hears signals,
-/// long calls stop as soon as a signal's handler raises, as that of Ctrl-C does: they throw Cancelled, and
-/// the handler's exception is set.
-class Released {
- public:
-  Released() {
-    if (hears_signals()) scope_.emplace([this] { return was_raised(); });
-  }
-
- private:
-  using Clock = std::chrono::steady_clock;
-  static constexpr std::chrono::milliseconds kPause{100};  // Who asks has to wait for the interpreter.
-
-  [[nodiscard]] static bool hears_signals();
-  [[nodiscard]] bool was_raised() {
-    if (Clock::now() < next_) return false;
-    const pybind11::gil_scoped_acquire held;
-    const bool raised = PyErr_CheckSignals() != 0;
-    next_ = Clock::now() + kPause;
-    return raised;
-  }
-
-  Clock::time_point next_ = Clock::now() + kPause;
-  pybind11::gil_scoped_release released_;
-  std::optional<CancelScope> scope_;
-};
 
 /// A map that threads share. One writes at a time. As long as nobody has had to wait, queries look at the map
 /// itself, several at the same time; from then on they look at a copy that every writer leaves behind when he
@@ -53,7 +24,7 @@ class Released {
 /// are no more copies.
 ///
 /// All leave the interpreter's lock to others, and take this one only after that: so they cannot wait for
-/// each other in a circle.
+/// each other in a circle. Whoever waits for it hears signals meanwhile, see wait_for().
 class PythonMap {
  public:
   explicit PythonMap(std::unique_ptr<MapInterface> map) : map_(std::move(map)) {}
@@ -66,7 +37,7 @@ class PythonMap {
     std::shared_lock lock(mutex_, std::try_to_lock);
     if (!lock.owns_lock()) {
       expect_company();
-      lock.lock();
+      wait_for(lock);
     }
     if (!has_company()) return function(std::as_const(*map_));
     const std::shared_ptr<const MapInterface> copy = map_->clone();
@@ -79,7 +50,7 @@ class PythonMap {
     std::unique_lock lock(mutex_, std::try_to_lock);
     if (!lock.owns_lock()) {
       expect_company();
-      lock.lock();
+      wait_for(lock);
     }
     const CopyInTheEnd copy(*this);
     return function(*map_);
@@ -125,7 +96,7 @@ class PythonMap {
   }
 
   std::unique_ptr<MapInterface> map_;
-  mutable std::shared_mutex mutex_;
+  mutable SharedMutex mutex_;
   // Of all below:
   mutable std::mutex copy_mutex_;
   mutable int patience_ = 0;                  // > 0: there may be several who look and write.
@@ -159,6 +130,8 @@ pybind11::object to_python(std::unique_ptr<MapInterface> map);
 void bind_errors(pybind11::module_& module);
 void bind_files(pybind11::module_& module);
 void bind_maps(pybind11::module_& module);
+/// Maps from files, bytes and grids. @pre as bind_exports().
+void bind_loading(pybind11::module_& module);
 /// @pre bind_maps() has run: it adds methods to its classes.
 void bind_exports(pybind11::module_& module);
 /// @pre as bind_exports().

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <string>
 #include <utility>
 #include <variant>
@@ -12,6 +13,7 @@
 
 #include "arguments.hpp"
 #include "map_queries.hpp"
+#include "python_field.hpp"
 #include "python_map.hpp"
 
 namespace ndtree::python {
@@ -73,54 +75,69 @@ py::object bounds(const PythonMap& map) {
   return py::make_tuple(both[py::int_(0)], both[py::int_(1)]);
 }
 
-py::array_t<float> values_of(const AnyField& any) {
-  return std::visit(
-      [](const auto& field) {
-        std::vector<py::ssize_t> shape(field.shape().begin(), field.shape().end());
-        return py::array_t<float>(shape, field.values().data());
-      },
-      any.field);
+/// Calls `ask` with the field itself, whatever its dimension, beside other threads that do.
+template <class Ask>
+auto asked(const PythonField& shared, const Ask& ask) {
+  return shared.read([&](const AnyField& any) { return std::visit(ask, any.field); });
+}
+/// The same of what never changes: no lock is needed.
+template <class Ask>
+auto constant(const PythonField& shared, const Ask& ask) {
+  return std::visit(ask, shared.constant().field);
+}
+
+py::array_t<float> values_of(const PythonField& shared) {
+  py::array_t<float> values(constant(shared, [](const auto& field) {
+    return std::vector<py::ssize_t>(field.shape().begin(), field.shape().end());
+  }));
+  asked(shared, [out = values.mutable_data()](const auto& field) {
+    std::copy(field.values().begin(), field.values().end(), out);
+  });
+  return values;
 }
 
 /// Calls `fill(field, point, i)` for each of (n, dim) points, without the interpreter's lock.
 template <class Fill>
-void for_each_point(const AnyField& any, const DoubleArray& points, const Fill& fill) {
-  const double* const data = points.data();
-  const auto n = static_cast<std::size_t>(points.shape(0));
-  const Released released;
-  std::visit(
-      [&](const auto& field) {
-        using Point = std::decay_t<decltype(field.lower())>;
-        constexpr auto kDim = static_cast<std::size_t>(Point::RowsAtCompileTime);
-        for_each_paced(n, kFieldWork, [&](std::size_t i) {
-          fill(field, Point(Eigen::Map<const Point>(data + i * kDim)), i);
-        });
-      },
-      any.field);
+void for_each_point(const PythonField& shared, const DoubleArray& points, const Fill& fill) {
+  asked(shared, [&, data = points.data(), n = static_cast<std::size_t>(points.shape(0))](const auto& field) {
+    using Point = std::decay_t<decltype(field.lower())>;
+    constexpr auto kDim = static_cast<std::size_t>(Point::RowsAtCompileTime);
+    for_each_paced(n, kFieldWork,
+                   [&](std::size_t i) { fill(field, Point(Eigen::Map<const Point>(data + i * kDim)), i); });
+  });
 }
 
-py::tuple state_of_field(const AnyField& any) {
-  return std::visit(
-      [&](const auto& field) {
-        const py::array_t<double> lower(field.lower().size(), field.lower().data());
-        return py::make_tuple(lower, field.cell_size(), field.max_distance(), values_of(any),
-                              field.unknown() == UnknownSpace::occupied);
-      },
-      any.field);
+py::array_t<double> lower_of(const PythonField& shared) {
+  return constant(shared,
+                  [](const auto& f) { return py::array_t<double>(f.lower().size(), f.lower().data()); });
+}
+double cell_size_of(const PythonField& shared) {
+  return constant(shared, [](const auto& field) { return field.cell_size(); });
+}
+double max_distance_of(const PythonField& shared) {
+  return constant(shared, [](const auto& field) { return field.max_distance(); });
+}
+
+py::tuple state_of_field(const PythonField& shared) {
+  const bool unknown_is_occupied =
+      constant(shared, [](const auto& field) { return field.unknown() == UnknownSpace::occupied; });
+  return py::make_tuple(lower_of(shared), cell_size_of(shared), max_distance_of(shared), values_of(shared),
+                        unknown_is_occupied);
 }
 
 template <int D>
-AnyField field_from(const DoubleArray& lower, double cell_size, double max_distance,
-                    const py::array_t<float, py::array::c_style>& values, UnknownSpace unknown) {
+std::unique_ptr<PythonField> field_from(const DoubleArray& lower, double cell_size, double max_distance,
+                                        const py::array_t<float, py::array::c_style>& values,
+                                        UnknownSpace unknown) {
   typename DistanceField<D>::Shape shape;
   for (std::size_t a = 0; a < D; ++a)
     shape[a] = static_cast<std::size_t>(values.shape(static_cast<py::ssize_t>(a)));
   DistanceField<D> field(Eigen::Map<const Vector<D>>(lower.data()), cell_size, shape, max_distance, unknown);
   std::copy_n(values.data(), values.size(), field.values().begin());
-  return {std::move(field)};
+  return std::make_unique<PythonField>(AnyField{std::move(field)});
 }
 
-AnyField field_of_state(const py::tuple& state) {
+std::unique_ptr<PythonField> field_of_state(const py::tuple& state) {
   const DoubleArray lower = as_doubles(state[0], "lower");
   const auto values = state[3].cast<py::array_t<float, py::array::c_style>>();
   const auto cell_size = state[1].cast<double>();
@@ -291,37 +308,20 @@ void bind_results(py::module_& module) {
         return "Frontier(center=" + py::str(f.center).cast<std::string>() + ", area=" + number_text(f.area) +
                ", cells=" + std::to_string(f.size.shape(0)) + ")";
       });
-  py::class_<AnyField>(module, "DistanceField",
-                       "Signed distances to obstacles at the centres of equal cells that fill a box.")
+  py::class_<PythonField>(module, "DistanceField",
+                          "Signed distances to obstacles at the centres of equal cells that fill a box.")
       .def_property_readonly("values", &values_of,
                              "(nx, ny[, nz]) float32 [m]: positive outside obstacles, negative inside.")
-      .def_property_readonly(
-          "lower",
-          [](const AnyField& any) {
-            return std::visit(
-                [](const auto& f) { return py::array_t<double>(f.lower().size(), f.lower().data()); },
-                any.field);
-          },
-          "(dim,) float64: lower corner of the first cell [m].")
-      .def_property_readonly(
-          "cell_size",
-          [](const AnyField& any) {
-            return std::visit([](const auto& f) { return f.cell_size(); }, any.field);
-          },
-          "[m]")
-      .def_property_readonly(
-          "max_distance",
-          [](const AnyField& any) {
-            return std::visit([](const auto& f) { return f.max_distance(); }, any.field);
-          },
-          "Farther away, values are this [m].")
+      .def_property_readonly("lower", &lower_of, "(dim,) float64: lower corner of the first cell [m].")
+      .def_property_readonly("cell_size", &cell_size_of, "[m]")
+      .def_property_readonly("max_distance", &max_distance_of, "Farther away, values are this [m].")
       .def(
           "distance",
-          [](const AnyField& any, const py::object& object) {
-            const DoubleArray points = as_points(object, "points", any.dim());
+          [](const PythonField& field, const py::object& object) {
+            const DoubleArray points = as_points(object, "points", field.constant().dim());
             py::array_t<double> out(points.shape(0));
             double* const results = out.mutable_data();
-            for_each_point(any, points,
+            for_each_point(field, points,
                            [&](const auto& f, const auto& p, std::size_t i) { results[i] = f.distance(p); });
             return out;
           },
@@ -339,11 +339,11 @@ Returns
 )")
       .def(
           "gradient",
-          [](const AnyField& any, const py::object& object) {
-            const DoubleArray points = as_points(object, "points", any.dim());
+          [](const PythonField& field, const py::object& object) {
+            const DoubleArray points = as_points(object, "points", field.constant().dim());
             py::array_t<double> out({points.shape(0), points.shape(1)});
             double* const results = out.mutable_data();
-            for_each_point(any, points, [&](const auto& f, const auto& p, std::size_t i) {
+            for_each_point(field, points, [&](const auto& f, const auto& p, std::size_t i) {
               const auto gradient = f.gradient(p);
               std::copy_n(gradient.data(), gradient.size(),
                           results + static_cast<py::ssize_t>(i) * gradient.size());
@@ -440,9 +440,9 @@ NearestOccupied
              const std::string& unknown) {
             const UnknownSpace taken_for = unknown_from(unknown);
             const BoxArgument region(box, map.constant().dim());
-            return map.read([&](const MapInterface& m) {
+            return std::make_unique<PythonField>(map.read([&](const MapInterface& m) {
               return m.queries()->distance_field(region, cell_size, max_distance, taken_for);
-            });
+            }));
           },
           "box"_a, "cell_size"_a, py::kw_only(), "max_distance"_a = 2.0, "unknown"_a = "free",
           R"(Signed Euclidean distance to the nearest obstacle, on a grid; exact for cells of any size.
@@ -586,7 +586,7 @@ Parameters
 center : (dim,) array of float
     [m]
 radius : float
-    > 0 [m].
+    > 0 [m]; inf keeps everything.
 )")
       .def(
           "__eq__",

@@ -162,8 +162,8 @@ class DistanceField:
     def update(self, map: OccupancyMap, *, since: OccupancyMap) -> None:
         """Follow the map: afterwards every value is what distance_field() would give now, bit for bit.
 
-        Only points are looked at for which something that changed is no farther away than what was nearest. No other thread may
-        ask the field meanwhile.
+        Only points are looked at for which something that changed is no farther away than what was nearest. Other threads that
+        ask the field meanwhile wait, and get answers of before or after.
 
         Parameters
         ----------
@@ -760,7 +760,7 @@ class OccupancyMap:
         center : (dim,) array of float
             [m]
         radius : float
-            > 0 [m].
+            > 0 [m]; inf keeps everything.
         """
     def snapshot(self) -> Self:
         """The map as it is now, which stays so while this one goes on.
@@ -1248,7 +1248,7 @@ def simulate(
     """
 
 def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
-    """Read a map that save() wrote.
+    """Read a map that save() wrote, or an OctoMap file, .bt or .ot; the content says what it is.
 
     Parameters
     ----------
@@ -1257,13 +1257,14 @@ def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
     Returns
     -------
     AdaptiveMap or FixedMap
+        Of an OctoMap file as load_octomap() gives it, which takes options, too.
 
     Raises
     ------
     OSError
         The file cannot be read.
     ValueError
-        It is not a map file, truncated, damaged, or of another version.
+        It is no such file, truncated, damaged, or of another version.
     """
 
 def write_ply(

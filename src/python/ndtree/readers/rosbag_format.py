@@ -8,7 +8,7 @@ from typing import Any
 
 from ndtree.readers.depth_image import CAMERA, PIXEL_STRIDE
 from ndtree.readers.folder import TIME_OFFSET
-from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, open_bag
+from ndtree.readers.ros.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, ZSTD_MAGIC, open_bag
 from ndtree.readers.ros.outline import outline
 from ndtree.readers.ros.survey import POSE_NAMES
 from ndtree.readers.rosbag import RosbagLog
@@ -39,6 +39,8 @@ DESKEW = ReaderOption("deskew", bool, "Of a ROS bag: each beam from the pose of 
 def _recognises(source: Source) -> bool:
     if source.is_folder:
         return METADATA in source.names or any(name.endswith(ENDINGS) for name in source.names)
+    if source.head.startswith(ZSTD_MAGIC):  # What is in it, its name says.
+        return source.path.endswith(ENDINGS)
     return source.head.startswith((*MAGICS, METADATA_BEGINS))
 
 

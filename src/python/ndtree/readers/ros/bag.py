@@ -14,7 +14,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+from ndtree.readers.plain_file import FREE_BYTES, MOST_PACKED
 from ndtree.readers.ros import livox, mcap_file, multi_echo, ros1_file, sqlite_file
+from ndtree.readers.ros.chunks import Damaged, unpacked_message
 from ndtree.readers.ros.storage import Connection, OnDamage, Raw, Storage, line_of
 from ndtree.readers.transforms import plain
 
@@ -168,9 +170,33 @@ def _store_of(definitions: tuple[tuple[str, str], ...], is_ros1: bool) -> Any:
             every.update(typesys.get_types_from_msg(text, type_))
         except Exception:  # A definition that nobody can read: ROS's own has to do.
             continue
+    _give_up_unknown(every, known.fielddefs)
     store = typesys.get_typestore(typesys.Stores.EMPTY)
     store.register(every)
     return store
+
+
+def _give_up_unknown(every: dict[str, Any], known: Any) -> None:
+    """Take ROS's own definitions, or none, for those that name types that there are not."""
+    while True:
+        unknown = [
+            name for name, (_, fields) in every.items() if any(not _is_known(of, every) for _, of in fields)
+        ]
+        if not unknown:
+            return
+        for name in unknown:
+            if name in known and every[name] is not known[name]:
+                every[name] = known[name]
+            else:
+                del every[name]
+
+
+def _is_known(field: Any, types: dict[str, Any]) -> bool:
+    """Whether a field's type, or that of its elements, is there."""
+    kind, of = field
+    if kind.name in ("ARRAY", "SEQUENCE"):
+        return _is_known(of[0], types)
+    return kind.name != "NAME" or of in types
 
 
 @contextmanager
@@ -284,9 +310,17 @@ def _unpacked_file(path: str, stack: ExitStack) -> str:
     zstandard = _zstandard(path)
     folder = stack.enter_context(tempfile.TemporaryDirectory())
     target = os.path.join(folder, os.path.basename(path).removesuffix(".zstd"))
+    left = FREE_BYTES + MOST_PACKED * os.path.getsize(path)
     try:
         with open(path, "rb") as packed, open(target, "wb") as file:
-            zstandard.ZstdDecompressor().copy_stream(packed, file)
+            for part in zstandard.ZstdDecompressor().read_to_iter(packed):
+                left -= len(part)
+                if left < 0:
+                    raise ValueError(
+                        f"{path}: {os.path.getsize(path)} bytes unpack to more than {file.tell() >> 20} MiB, "
+                        f"expected at most {MOST_PACKED} for one"
+                    )
+                file.write(part)
     except zstandard.ZstdError as error:
         raise ValueError(f"{path}: cannot be unpacked ({line_of(error)}), expected a whole file") from None
     return target
@@ -294,12 +328,11 @@ def _unpacked_file(path: str, stack: ExitStack) -> str:
 
 def _unpacked(raw: Raw) -> Raw:
     """A message that was packed by itself; as it is where that fails, and so it is no whole message."""
-    zstandard = _zstandard(raw.connection.topic)
+    _zstandard(raw.connection.topic)
     try:
-        data = zstandard.ZstdDecompressor().decompressobj().decompress(raw.data)
-    except zstandard.ZstdError:
+        return Raw(raw.connection, raw.received, unpacked_message(raw.data))
+    except Damaged:
         return raw
-    return Raw(raw.connection, raw.received, data)
 
 
 def _zstandard(what: str) -> Any:
@@ -317,4 +350,7 @@ def _raised(error: ValueError) -> None:
     raise error
 
 
-__all__ = ["ENDINGS", "MAGICS", "METADATA", "METADATA_BEGINS", "Bag", "Connection", "Topic", "open_bag"]
+__all__ = [
+    "ENDINGS", "MAGICS", "METADATA", "METADATA_BEGINS", "ZSTD_MAGIC",
+    "Bag", "Connection", "Topic", "open_bag",
+]  # fmt: skip

@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-import bz2
-import heapq
 import re
 import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
+from ndtree.readers.ros.chunks import Damaged, in_order, unpacked
 from ndtree.readers.ros.storage import Connection, FileStorage, OnDamage, Raw, line_of, ros2_type
 
 MAGIC = b"#ROS"
@@ -48,28 +47,19 @@ class Ros1File(FileStorage):
 
     def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
         wanted = self._wanted(ids, heads)
-        chunks = sorted(
-            (chunk for chunk in self._chunks if not wanted.keys().isdisjoint(chunk.counts)),
-            key=lambda chunk: chunk.first,
-        )
-        waiting: list[tuple[int, int, Raw]] = []  # Of chunks that overlap in time.
-        number = 0
-        for chunk in chunks:
-            while waiting and waiting[0][0] < chunk.first:
-                yield heapq.heappop(waiting)[2]
+        chunks = [chunk for chunk in self._chunks if not wanted.keys().isdisjoint(chunk.counts)]
+
+        def messages_of(chunk: _Chunk) -> Iterator[Raw]:
             try:
                 for header, data in _records_in(self._data_of(chunk)):
                     connection = wanted.get(_id(header)) if _op(header) == _MESSAGE else None
                     if connection is not None:
-                        received = _time(header, b"time")
-                        heapq.heappush(waiting, (received, number, Raw(connection, received, data)))
-                        number += 1
+                        yield Raw(connection, _time(header, b"time"), data)
             except _DAMAGES as error:
-                if self.damage and chunk is chunks[-1]:
-                    break  # Known: here the file was cut off.
-                on_damage(self._unreadable(line_of(error), f"the chunk at byte {chunk.position} "))
-        while waiting:
-            yield heapq.heappop(waiting)[2]
+                if not (self.damage and chunk is self._chunks[-1]):  # Known: there the file was cut off.
+                    on_damage(self._unreadable(line_of(error), f"the chunk at byte {chunk.position} "))
+
+        return in_order(chunks, messages_of)
 
     def _open(self) -> None:
         line = self._file.readline(64)
@@ -128,7 +118,7 @@ class Ros1File(FileStorage):
                     chunk.first, chunk.last = _time(header, b"start_time"), _time(header, b"end_time")
                     self._chunks.append(chunk)
         if connections > 0 or chunks > 0:
-            raise _Damaged("not all of the index is there")
+            raise Damaged("not all of the index is there")
         if self._chunks:
             self.span = (min(one.first for one in self._chunks), max(one.last for one in self._chunks))
 
@@ -189,23 +179,19 @@ class Ros1File(FileStorage):
             return None
         length = _U32.unpack(start)[0]
         if length > _LONGEST_HEADER:
-            raise _Damaged(f"a record's header of {length} bytes")
+            raise Damaged(f"a record's header of {length} bytes")
         header = _fields(self._whole(length))
         return header, self._whole(_U32.unpack(self._whole(4))[0])
 
     def _whole(self, size: int) -> bytes:
         missing = size - (self._size - self._file.tell())
         if missing > 0:  # No room is made for what is not there.
-            raise _Damaged(f"the file ends {missing} bytes too early")
+            raise Damaged(f"the file ends {missing} bytes too early")
         return self._file.read(size)
 
 
-class _Damaged(Exception):
-    """Bytes that are no records."""
-
-
 #: What reading records of damaged bytes runs into.
-_DAMAGES = (_Damaged, struct.error, KeyError, OSError, EOFError, RuntimeError, UnicodeError)
+_DAMAGES = (Damaged, struct.error, KeyError, OSError, EOFError, RuntimeError, UnicodeError)
 
 
 def _fields(data: bytes) -> Header:
@@ -215,7 +201,7 @@ def _fields(data: bytes) -> Header:
         size = _U32.unpack_from(data, at)[0]
         name, equals, value = data[at + 4 : at + 4 + size].partition(b"=")
         if not equals or at + 4 + size > len(data):
-            raise _Damaged("a header without names")
+            raise Damaged("a header without names")
         fields[name] = value
         at += 4 + size
     return fields
@@ -230,7 +216,7 @@ def _records_in(data: bytes) -> Iterator[tuple[Header, bytes]]:
         at += 4 + size
         size = _U32.unpack_from(data, at)[0]
         if at + 4 + size > len(data):
-            raise _Damaged("a record that ends behind its chunk")
+            raise Damaged("a record that ends behind its chunk")
         yield header, data[at + 4 : at + 4 + size]
         at += 4 + size
 
@@ -238,18 +224,7 @@ def _records_in(data: bytes) -> Iterator[tuple[Header, bytes]]:
 def _unpacked(header: Header, data: bytes) -> bytes:
     """What is in a chunk."""
     packing = header[b"compression"].decode("utf-8", "replace")
-    if packing == "none":
-        return data
-    try:
-        if packing == "bz2":
-            return bz2.decompress(data)
-        if packing == "lz4":
-            from lz4 import frame
-
-            return frame.decompress(data)
-    except ValueError as error:
-        raise _Damaged(line_of(error)) from None
-    raise _Damaged(f"compression {packing!r}, expected none, bz2 or lz4")
+    return unpacked(packing, data, _U32.unpack(header[b"size"])[0])
 
 
 def _op(header: Header) -> int:

@@ -1,0 +1,542 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The map refined by evidence without a tree: a list of cells, each clipped against each beam of a scan.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <map>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "trees.hpp"
+
+namespace ndtree::test {
+
+/// Slow and plain. What a cell makes of its evidence, and when siblings join, is taken from their models,
+/// which have their own tests.
+template <int N, int D>
+class FlatScanMap {
+ public:
+  LeafMap<D, EvidenceCell> cells;
+  std::uint64_t updates = 0;
+  std::uint64_t splits = 0;
+  std::uint64_t merges = 0;
+  std::uint64_t whole_again = 0;   ///< Splits undone by the same scan, which count as neither.
+  std::uint64_t for_coverage = 0;  ///< Splits of cells of which only a part was seen ...
+  std::uint64_t partly_seen = 0;   ///< ... and updates of those that did not split.
+  std::uint64_t sampled = 0;       ///< Pairs of a cell and a beam that was in no sample.
+
+  /// Level-0 cells of [first, last) on each axis; beams must not leave them.
+  FlatScanMap(const MapOptions& options, int first, int last)
+      : options_(options),
+        num_levels_(options.num_levels(N)),
+        sensor_(options),
+        model_(options, options),
+        merge_rule_(options, model_),
+        partial_occupancy_(options) {
+    for (const auto& cell : cells_within(CellIndex<D>{}, edge(0), first, last)) cells[cell] = {};
+  }
+
+  void insert(const Scan<D>& scan, double max_range) {
+    beams_.clear();
+    for (Eigen::Index i = 0; i < scan.size(); ++i)
+      add(scan.origins.col(scan.origins.cols() == 1 ? 0 : i), scan.endpoints.col(i),
+          scan.returned.size() == 0 || scan.returned[i],
+          scan.range_sigma.size() == 0 ? -1.0 : scan.range_sigma[i], max_range);
+    measure_faces();
+    std::vector<CellIndex<D>> waiting;
+    for (const auto& [index, cell] : cells) waiting.push_back(index);
+    std::set<CellIndex<D>, IndexLess> split_now;
+    std::set<CellIndex<D>, IndexLess> changed;  // Cells that changed, and all that contain them.
+    const auto mark = [&](CellIndex<D> cell) {
+      for (changed.insert(cell); cell.level < 0; changed.insert(cell)) cell = parent_of(cell);
+    };
+    while (!waiting.empty()) {
+      const CellIndex<D> next = waiting.back();
+      waiting.pop_back();
+      EvidenceCell& cell = cells[next];
+      const double sample_beams = sample_beams_of(next, cell);
+      const ScanEvidence scan_evidence = evidence(next, sample_beams);
+      sampled += num_beams(next, false, next, 1e9) - num_beams(next, false, next, sample_beams);
+      const Coverage coverage = coverage_of(next, cell, scan_evidence, sample_beams);
+      if (!coverage.enough && !coverage.splits) {
+        const EvidenceCell before = cell;
+        cell.set_partly_seen(
+            coverage.parts, std::min<std::int64_t>(cell.free_evidence() + scan_evidence.free,
+                                                   std::llround(256.0 * std::min(options_.free_memory,
+                                                                                 options_.evidence_memory))));
+        ++partly_seen;
+        if (cell == before) continue;
+        mark(next);
+        updates += scan_evidence.beams;
+      } else if (next.level > -num_levels_ && (coverage.splits || splits_now(cell, scan_evidence))) {
+        for_coverage += coverage.splits;
+        const EvidenceCell parent = cell;
+        cells.erase(next);
+        for (const auto& child : children_of<N, D>(next, edge(next.level - 1))) {
+          cells[child] = model_.inherited(parent, kShare, num_beams(child, true, next, sample_beams),
+                                          num_beams(next, false, next, sample_beams), part_of(child, next));
+          waiting.push_back(child);
+        }
+        split_now.insert(next);
+        mark(next);
+        ++splits;
+      } else if (scan_evidence.beams > 0) {
+        const EvidenceCell before = cell;
+        model_.update(cell, scan_evidence);
+        if (cell == before) continue;
+        mark(next);
+        updates += scan_evidence.beams;
+      }
+    }
+    // Parents of which a cell changed, the finest first.
+    for (int level = -num_levels_; level < 0; ++level) {
+      std::set<CellIndex<D>, IndexLess> parents;
+      for (const auto& [index, cell] : cells)
+        if (index.level == level) parents.insert(parent_of(index));
+      for (const auto& parent : parents) {
+        if (changed.count(parent) == 0 || !merge(parent)) continue;
+        if (split_now.count(parent) != 0) {
+          --splits;
+          ++whole_again;
+        } else {
+          ++merges;
+        }
+      }
+    }
+  }
+
+  /// What the beams of the last scan say about a cell, of each face's a sample.
+  [[nodiscard]] ScanEvidence evidence(const CellIndex<D>& index, double sample_beams) const {
+    const float size = size_of(index);
+    const bool finest = index.level == -num_levels_;
+    const auto noise_sigmas = static_cast<float>(options_.noise_sigmas);
+    ScanEvidence sum;
+    for (const FlatBeam& beam : beams_) {
+      float enter = 0.0f;
+      float exit = 0.0f;
+      if (!clip(beam, index, enter, exit) || !is_in_sample(beam, index, sample_beams)) continue;
+      const auto child_size =
+          static_cast<float>(static_cast<double>(edge(index.level) / N) * options_.min_cell_size);
+      const bool resolvable = !finest && child_size >= noise_sigmas * beam.sigma;
+      // Of the way of a beam in the mean, a miss is worth one.
+      constexpr double kMeanChords[] = {1.0, 0.78539816339744831, 2.0 / 3.0, 0.58904862254808623};
+      const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
+      const auto units_per_metre = static_cast<float>(
+          miss / (kMeanChords[D - 1] * (static_cast<double>(edge(index.level)) * options_.min_cell_size)));
+      const std::int64_t way = std::max(1L, std::lrint((exit - enter) * units_per_metre));
+      const auto count_miss = [&] {
+        sum.free += way;
+        ++sum.misses;
+        sum.resolvable_misses += resolvable;
+        ++sum.beams;
+      };
+      if (!beam.returned) {
+        if (exit < beam.range || !contains(index, beam.free_end)) count_miss();
+        continue;
+      }
+      // A surface is never thinner than 5/3 of the noise, or the cells that are small would say less than it.
+      const bool small = finest || size <= 2.0f * beam.sigma;
+      if (small) exit = std::max(exit, enter + beam.surface);
+      if (exit < beam.clear) {
+        count_miss();
+        continue;
+      }
+      const float per_sigma = 1.0f / beam.sigma;
+      const float nats =
+          sensor_.tabulated_log_odds((enter - beam.range) * per_sigma, (exit - beam.range) * per_sigma);
+      const bool hit = contains(index, cell_of_hit(beam));
+      const bool behind = !hit && enter >= beam.range;
+      if (behind && !small) continue;
+      if (nats > 0.0f)
+        sum.occupied +=
+            std::lrint(EvidenceModel::probability_inside_table()(std::min(beam.sigma * (1.0f / size), 0.6f)) *
+                       nats * 256.0f);
+      else
+        sum.free += std::lrint(-nats * 256.0f);
+      if (hit) {
+        ++sum.hits;
+        sum.resolvable_hits += resolvable;
+        sum.deep_hits += resolvable && ((beam.range - enter) * per_sigma > 3.0f || size > 3.0f * beam.sigma);
+      } else if (!behind) {
+        ++sum.misses;
+      }
+      ++sum.beams;
+    }
+    model_.limit(sum);
+    return sum;
+  }
+
+ private:
+  struct FlatBeam;
+  /// The smallest cell that counts the hit: that of the end point, or the next if the beam only touches that
+  /// one.
+  [[nodiscard]] CellIndex<D> cell_of_hit(const FlatBeam& beam) const {
+    const auto cell_at = [&](const Vector<D>& point) {
+      CellIndex<D> cell;
+      cell.level = -num_levels_;
+      for (std::size_t a = 0; a < D; ++a)
+        cell.lower[a] =
+            static_cast<std::int64_t>(std::floor(point[static_cast<int>(a)] / options_.min_cell_size));
+      return cell;
+    };
+    const CellIndex<D> cell = cell_at(beam.endpoint);
+    return is_crossed(beam, cell) ? cell : cell_at(beam.endpoint + 1e-9 * (beam.endpoint - beam.origin));
+  }
+
+  struct FlatBeam {
+    Vector<D> origin;
+    Vector<D> path;
+    Vector<D> endpoint;
+    Vector<D> free_end;
+    std::array<float, D> inverse;  ///< Metres of the beam for one along an axis.
+    float range;                   ///< Distances from the origin [m].
+    float sigma;
+    float reach;
+    float clear;
+    float surface;
+    float slant;  ///< Depth over range.
+    bool returned;
+    std::array<double, D + 2> face;  ///< Where it comes from, and the axis and sense in which it mainly goes.
+    std::uint32_t chance;
+  };
+  /// All beams through one side of a cube around one origin.
+  struct Face {
+    std::array<float, D> lower, upper;
+    int beams = 0;
+    float density = 0.0f;  ///< Places of one beam in a row of length 1.
+    std::array<float, D> places;
+  };
+  static constexpr int kShare = static_cast<int>(integer_power(N, D)) / N;
+
+  static float log_odds_of(double p) { return static_cast<float>(std::log(p / (1.0 - p))); }
+  [[nodiscard]] float size_of(const CellIndex<D>& index) const {
+    return static_cast<float>(static_cast<double>(edge(index.level)) * options_.min_cell_size);
+  }
+
+  void add(const Vector<D>& origin, const Vector<D>& endpoint, bool returned, double range_sigma,
+           double max_range) {
+    const Vector<D> path = endpoint - origin;
+    const double range = path.norm();
+    if (!std::isfinite(range) || range == 0.0) return;
+    const bool cut = range > max_range;
+    const double t_free = cut ? max_range / range : 1.0;
+    returned = returned && !cut;
+    int axis = 0;
+    for (int a = 1; a < D; ++a)  // The first of the longest, as floats.
+      if (std::abs(static_cast<float>(path[a])) > std::abs(static_cast<float>(path[axis]))) axis = a;
+    std::array<double, D + 2> face{};
+    for (int a = 0; a < D; ++a) face[static_cast<std::size_t>(a)] = origin[a];
+    face[D] = axis;
+    face[D + 1] = std::copysign(1.0, path[axis]);
+    std::array<float, D> displacement;
+    std::array<float, D> inverse;
+    float depth = 0.0f;
+    float square = 0.0f;
+    for (std::size_t a = 0; a < D; ++a) {
+      displacement[a] = static_cast<float>(path[static_cast<int>(a)]);
+      depth = std::max(depth, std::abs(displacement[a]));
+      square += displacement[a] * displacement[a];
+    }
+    const float length = std::sqrt(square);
+    for (std::size_t a = 0; a < D; ++a)
+      inverse[a] =
+          std::min(length / std::abs(displacement[a]), 1e12f) * (displacement[a] < 0.0f ? -1.0f : 1.0f);
+    FlatBeam beam;
+    beam.origin = origin;
+    beam.path = path;
+    beam.endpoint = endpoint;
+    beam.free_end = cut ? Vector<D>(origin + t_free * path) : endpoint;
+    beam.inverse = inverse;
+    beam.range = cut ? static_cast<float>(t_free * range) : length;
+    const auto metres = static_cast<double>(beam.range);
+    const double noise = range_sigma >= 0.0
+                             ? range_sigma
+                             : options_.range_sigma + options_.range_sigma_quadratic * metres * metres;
+    beam.sigma = static_cast<float>(noise);
+    beam.reach = returned ? static_cast<float>(metres + 3.0 * noise) : beam.range;
+    beam.clear = returned ? static_cast<float>(sensor_.clearly_free_until(metres, noise)) : beam.range;
+    beam.surface = returned ? static_cast<float>(5.0 / 3.0) * beam.sigma : 0.0f;
+    beam.slant = depth / length;
+    beam.returned = returned;
+    beam.face = face;
+    beam.chance = chance_of<D>(displacement);
+    beams_.push_back(beam);
+  }
+
+  /// The bins of a face are squares of one beam each in the mean, over the part of it that beams go through.
+  void measure_faces() {
+    faces_.clear();
+    for (const FlatBeam& beam : beams_) {
+      const auto [found, is_new] = faces_.emplace(beam.face, Face{});
+      Face& face = found->second;
+      ++face.beams;
+      for (std::size_t a = 0; a < D; ++a) {
+        const float place = static_cast<float>(beam.path[static_cast<int>(a)]) /
+                            static_cast<float>(beam.path.cwiseAbs().maxCoeff());
+        face.lower[a] = is_new ? place : std::min(face.lower[a], place);
+        face.upper[a] = is_new ? place : std::max(face.upper[a], place);
+      }
+    }
+    for (auto& [key, face] : faces_) {
+      double area = 1.0;
+      double widest = 0.0;
+      int axes = 0;
+      for (std::size_t a = 0; a < D; ++a) {
+        const double extent = static_cast<double>(face.upper[a]) - static_cast<double>(face.lower[a]);
+        if (a == static_cast<std::size_t>(key[D])) continue;
+        widest = std::max(widest, extent);
+        if (extent <= 1e-6) continue;
+        area *= extent;
+        ++axes;
+      }
+      const double least = axes == 0 ? 1.0 : std::max(1e-6, std::pow(area / face.beams, 1.0 / axes));
+      const double width = std::max(least, widest / face.beams);
+      face.density = static_cast<float>(1.0 / width);
+      for (std::size_t a = 0; a < D; ++a)
+        face.places[a] = static_cast<float>(
+            1.0 +
+            std::floor((static_cast<double>(face.upper[a]) - static_cast<double>(face.lower[a])) / width));
+    }
+  }
+  /// Places of the beam's face that a cube at the cell's centre covers.
+  [[nodiscard]] float places_of(const FlatBeam& beam, const CellIndex<D>& index, float size) const {
+    const Face& face = faces_.at(beam.face);
+    const auto axis = static_cast<std::size_t>(beam.face[D]);
+    const double lower = border(index.lower[axis]);
+    const double upper = border(index.lower[axis] + edge(index.level));
+    const double centre = 0.5 * (lower + upper) - beam.origin[static_cast<int>(axis)];
+    const auto depth = static_cast<float>(std::max(0.5 * (upper - lower), std::abs(centre)));
+    float places = 1.0f;
+    for (std::size_t a = 0; a < D; ++a)
+      if (a != axis) places *= std::min(size * face.density / depth, face.places[a]);
+    return places;
+  }
+  /// Of the beams of the beam's face, those that count; of one that is alone there, all.
+  [[nodiscard]] float share_of(const FlatBeam& beam, const CellIndex<D>& index, double sample_beams) const {
+    if (faces_.at(beam.face).beams == 1) return 1.0f;
+    return static_cast<float>(sample_beams) / places_of(beam, index, static_cast<float>(smallest()));
+  }
+  [[nodiscard]] bool is_in_sample(const FlatBeam& beam, const CellIndex<D>& index,
+                                  double sample_beams) const {
+    const float share = share_of(beam, index, sample_beams);
+    return share >= 1.0f || static_cast<float>(beam.chance) / 16777216.0f < share;
+  }
+  [[nodiscard]] double smallest() const {
+    return static_cast<double>(edge(-num_levels_)) * options_.min_cell_size;
+  }
+  /// Cells that know much take fewer beams, unless they know of free space only and too many end there.
+  [[nodiscard]] double sample_beams_of(const CellIndex<D>& index, const EvidenceCell& cell) const {
+    const bool is_known = static_cast<double>(cell.occupied_evidence() + cell.free_evidence()) >=
+                          std::floor(options_.known_evidence * 256.0 + 0.5);
+    const double learning = 4.0 * options_.sample_beams;
+    std::map<std::array<double, D + 2>, std::pair<int, float>>
+        ends;  // Of each face, and beams expected there.
+    for (const FlatBeam& beam : beams_) {
+      float enter = 0.0f;
+      float exit = 0.0f;
+      if (!beam.returned || !clip(beam, index, enter, exit) || !contains(index, cell_of_hit(beam)) ||
+          !is_in_sample(beam, index, learning))
+        continue;
+      auto& [count, expected] = ends[beam.face];
+      ++count;
+      expected = faces_.at(beam.face).beams == 1
+                     ? 1.0f
+                     : std::max(1.0f, std::min(1.0f, share_of(beam, index, learning)) *
+                                          places_of(beam, index, size_of(index)));
+    }
+    double blocked = 0.0;
+    for (const auto& [face, of_face] : ends) blocked += of_face.first / static_cast<double>(of_face.second);
+    const bool contradicted = model_.is_settled(cell) && blocked > options_.hit_given_free;
+    return (is_known && !contradicted ? 1.0 : 4.0) * options_.sample_beams;
+  }
+
+  struct Coverage {
+    bool enough = true;
+    bool splits = false;
+    std::uint32_t parts = 0;
+  };
+  /// Which of the 2^D parts of a cell, up to 16 of them, a child lies in.
+  [[nodiscard]] int part_of(const CellIndex<D>& child, const CellIndex<D>& parent) const {
+    int part = 0;
+    for (std::size_t a = 0; a < static_cast<std::size_t>(std::min(D, 4)); ++a)
+      if (2 * (child.lower[a] - parent.lower[a]) >= edge(parent.level)) part += 1 << a;
+    return part;
+  }
+  /// What was seen of a cell that was not seen enough of before.
+  [[nodiscard]] Coverage coverage_of(const CellIndex<D>& index, const EvidenceCell& cell,
+                                     const ScanEvidence& scan, double sample_beams) const {
+    Coverage result;
+    if (options_.covered_share == 0.0 || cell.observed() || index.level == -num_levels_ || scan.beams == 0 ||
+        scan.hits > 0 || scan.occupied > 0)
+      return result;
+    const double size = static_cast<double>(edge(index.level)) * options_.min_cell_size;
+    const auto children = children_of<N, D>(index, edge(index.level - 1));
+    const float per_child = 1.0f / size_of(children.front());
+    constexpr float kUnits = 1 << 20;
+    const auto across = [](float width) {
+      float area = 1.0f;
+      for (int a = 1; a < D; ++a) area *= width;
+      return area;
+    };
+    std::vector<double> seen(children.size(), 0.0);  // In kUnits.
+    double all = 0.0;
+    double wide = 0.0;
+    double way = 0.0;
+    for (const FlatBeam& beam : beams_) {
+      float enter = 0.0f;
+      float exit = 0.0f;
+      if (!clip(beam, index, enter, exit) || !is_in_sample(beam, index, sample_beams)) continue;
+      const Face& face = faces_.at(beam.face);
+      const float share = std::min(1.0f, share_of(beam, index, sample_beams));
+      const float widening = D < 2    ? 1.0f
+                             : D == 2 ? 1.0f / share
+                             : D == 3 ? 1.0f / std::sqrt(share)
+                                      : std::pow(share, -1.0f / static_cast<float>(D - 1));
+      for (std::size_t j = 0; j < children.size(); ++j) {
+        if (!clip(beam, children[j], enter, exit) || enter >= beam.range) continue;
+        exit = std::min(exit, beam.range);
+        const float width = face.beams == 1
+                                ? static_cast<float>(smallest()) * per_child
+                                : 0.5f * (enter + exit) * beam.slant *
+                                      (std::min(0.1f, 1.0f / face.density) * widening * per_child);
+        const float chord = (exit - enter) * beam.slant * per_child * kUnits;
+        seen[j] += static_cast<double>(std::nearbyint(chord * across(std::min(1.0f, width))));
+        wide += static_cast<double>(std::nearbyint(chord * across(std::min(static_cast<float>(N), width))));
+        way += static_cast<double>(std::nearbyint(chord));
+      }
+    }
+    for (const double child : seen) all += child;
+    const double least = std::min(0.25, 1.0 - std::sqrt(2.0 / (all > 0.0 ? way / all : 0.0)));
+    const double smallest_cells = size / smallest();
+    if (cell.is_partly_seen()) result.parts = cell.seen_parts();
+    const auto seen_before = [before = result.parts](int part) { return (before & 1u << part) != 0; };
+    std::map<int, std::pair<double, int>> parts;
+    for (std::size_t j = 0; j < children.size(); ++j) {
+      auto& [of_part, count] = parts[part_of(children[j], index)];
+      of_part += std::min(1.0, seen[j] / static_cast<double>(kUnits));
+      ++count;
+      if (seen[j] / static_cast<double>(kUnits) < least && !seen_before(part_of(children[j], index)) &&
+          smallest_cells > options_.coverage_cells * (1.0 + 1e-9))
+        result.splits = true;
+    }
+    int seen_children = 0;
+    for (const auto& [part, of_part] : parts) {
+      if (of_part.first >= (1.0 - 1e-4) * 0.25 * of_part.second) result.parts |= 1u << part;
+      if ((result.parts & 1u << part) != 0) seen_children += of_part.second;
+    }
+    double enough = (1.0 - 1e-4) * options_.covered_share;
+    for (int a = 0; a < D; ++a) enough *= 1.0 - 1.0 / smallest_cells;
+    const auto count = static_cast<double>(children.size());
+    result.enough = !result.splits &&
+                    std::max(wide / static_cast<double>(kUnits) / count, seen_children / count) >= enough;
+    return result;
+  }
+
+  [[nodiscard]] bool splits_now(const EvidenceCell& cell, const ScanEvidence& scan) const {
+    if (cell.log_odds() < 0.0f) return scan.resolvable_hits > 0;
+    if (cell.log_odds() == 0.0f) return scan.deep_hits > 0;
+    return (scan.resolvable_misses > 0 || scan.deep_hits > 0) &&
+           partial_occupancy_(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits).partial >
+               options_.split_probability;
+  }
+
+  [[nodiscard]] std::int64_t edge(int level) const { return edge_above<N>(-num_levels_, level); }
+  [[nodiscard]] double border(std::int64_t k) const {
+    return static_cast<double>(k) * options_.min_cell_size;
+  }
+  [[nodiscard]] bool contains(const CellIndex<D>& cell, const CellIndex<D>& smaller) const {
+    for (std::size_t a = 0; a < D; ++a)
+      if (smaller.lower[a] < cell.lower[a] || smaller.lower[a] >= cell.lower[a] + edge(cell.level))
+        return false;
+    return true;
+  }
+  [[nodiscard]] bool contains(const CellIndex<D>& cell, const Vector<D>& point) const {
+    for (int a = 0; a < D; ++a) {
+      const std::int64_t lower = cell.lower[static_cast<std::size_t>(a)];
+      if (point[a] < border(lower) || point[a] >= border(lower + edge(cell.level))) return false;
+    }
+    return true;
+  }
+  /// @returns whether the beam crosses the cell over more than a point of (0, reach), as floats have it.
+  [[nodiscard]] bool clip(const FlatBeam& beam, const CellIndex<D>& index, float& enter, float& exit) const {
+    enter = 0.0f;
+    exit = beam.reach;
+    for (std::size_t a = 0; a < D; ++a) {
+      const double origin = beam.origin[static_cast<int>(a)];
+      const float lower = static_cast<float>(border(index.lower[a]) - origin) * beam.inverse[a];
+      const float upper =
+          static_cast<float>(border(index.lower[a] + edge(index.level)) - origin) * beam.inverse[a];
+      enter = std::max(enter, std::min(lower, upper));
+      exit = std::min(exit, std::max(lower, upper));
+    }
+    return enter < exit;
+  }
+  /// The same in double.
+  [[nodiscard]] bool is_crossed(const FlatBeam& beam, const CellIndex<D>& index) const {
+    double enter = 0.0;
+    double exit = HUGE_VAL;
+    for (int a = 0; a < D; ++a) {
+      const std::int64_t lower = index.lower[static_cast<std::size_t>(a)];
+      const double to_lower = border(lower) - beam.origin[a];
+      const double to_upper = border(lower + edge(index.level)) - beam.origin[a];
+      if (beam.path[a] == 0.0) {
+        if (to_lower > 0.0 || to_upper <= 0.0) return false;
+        continue;
+      }
+      enter = std::max(enter, std::min(to_lower / beam.path[a], to_upper / beam.path[a]));
+      exit = std::min(exit, std::max(to_lower / beam.path[a], to_upper / beam.path[a]));
+    }
+    return enter < exit;
+  }
+  /// Beams of a parent's sample that cross a cell; only those that passed it, which it is clearly before the
+  /// end of, or all.
+  [[nodiscard]] std::size_t num_beams(const CellIndex<D>& index, bool passed, const CellIndex<D>& parent,
+                                      double sample_beams) const {
+    std::size_t n = 0;
+    for (const FlatBeam& beam : beams_) {
+      float enter = 0.0f;
+      float exit = 0.0f;
+      if (!clip(beam, index, enter, exit) || !is_in_sample(beam, parent, sample_beams)) continue;
+      n += !passed || !beam.returned || exit < beam.clear;
+    }
+    return n;
+  }
+  [[nodiscard]] CellIndex<D> parent_of(CellIndex<D> cell) const {
+    const std::int64_t size = edge(++cell.level);
+    for (auto& lower : cell.lower) lower -= ((lower % size) + size) % size;
+    return cell;
+  }
+  bool merge(const CellIndex<D>& parent) {
+    const auto children = children_of<N, D>(parent, edge(parent.level - 1));
+    std::vector<Node<EvidenceCell>> nodes(children.size());
+    for (std::size_t j = 0; j < children.size(); ++j) {
+      const auto found = cells.find(children[j]);
+      if (found == cells.end())
+        nodes[j].become_inner(1);
+      else
+        nodes[j].become_leaf(found->second);
+    }
+    const auto merged = merge_rule_(nodes.data(), static_cast<int>(nodes.size()), kShare);
+    if (!merged) return false;
+    for (const auto& child : children) cells.erase(child);
+    cells[parent] = *merged;
+    return true;
+  }
+
+  MapOptions options_;
+  int num_levels_;
+  BeamSensorModel sensor_;
+  EvidenceModel model_;
+  EvidenceMergeRule merge_rule_;
+  PartialOccupancyModel partial_occupancy_;
+  std::vector<FlatBeam> beams_;
+  std::map<std::array<double, D + 2>, Face> faces_;
+};
+
+}  // namespace ndtree::test
