@@ -42,17 +42,26 @@ inline constexpr std::uint32_t kInnerNode = 0x80000000u;
 inline constexpr std::size_t kMapFilePreamble = 20;
 inline constexpr std::size_t kStepsOfNode = 4;  // Of a Pace.
 
+/// @param coarsest level of cells that are ever updated: above it, what is unknown is one leaf, whether or not
+/// beams have passed by. @returns whether the node is written as a leaf of which nothing is known.
 template <class Tree>
-void write_nodes(const Tree& tree, const typename Tree::NodeType& node, ByteWriter& out, Pace& pace) {
-  if (!node.is_leaf()) {
-    pace.spend(kStepsOfNode * Tree::kNumChildren);
-    out.put(kInnerNode);
-    const auto* children = tree.children(node);
-    for (int j = 0; j < Tree::kNumChildren; ++j) write_nodes(tree, children[j], out, pace);
-  } else {
+bool write_nodes(const Tree& tree, const typename Tree::NodeType& node, int level, int coarsest,
+                 ByteWriter& out, Pace& pace) {
+  if (node.is_leaf()) {
     const auto words = node.cell().words();
     for (std::size_t i = 0; i < words.size() && (i == 0 || words[0] != 0); ++i) out.put(words[i]);
+    return words[0] == 0;
   }
+  pace.spend(kStepsOfNode * Tree::kNumChildren);
+  const std::size_t begin = out.bytes().size();
+  out.put(kInnerNode);
+  bool is_unknown = level > coarsest;
+  for (int j = 0; j < Tree::kNumChildren; ++j)
+    is_unknown = write_nodes(tree, tree.children(node)[j], level - 1, coarsest, out, pace) && is_unknown;
+  if (!is_unknown) return false;
+  out.bytes().resize(begin);
+  out.put(std::uint32_t{0});
+  return true;
 }
 
 template <class Tree>
@@ -128,7 +137,8 @@ template <class Map>
   payload.put(static_cast<std::int32_t>(root.index.level));
   for (const std::int64_t coordinate : root.index.lower) payload.put(coordinate);
   Pace pace;
-  detail::write_nodes(map.tree(), *root.node, payload, pace);
+  const int coarsest = Map::RefinementType::coarsest_level(map.tree().geometry().finest_level());
+  detail::write_nodes(map.tree(), *root.node, root.index.level, coarsest, payload, pace);
 
   ByteWriter file;
   file.bytes().append(detail::kMapFileMagic);

@@ -113,6 +113,10 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     update(*same, map_, ndtree::changes(same_kind(before), map_));
   }
   void merge(const MapInterface& other) override { map_.merge(same_kind(other)); }
+  void adopt(const MapInterface& other, const std::optional<AnyBox>& box) override {
+    map_.adopt(same_kind(other),
+               box ? std::optional(MapAdapter::box(box->lower, box->upper)) : std::nullopt);
+  }
   [[nodiscard]] std::unique_ptr<MapInterface> transformed(const double* pose) const override {
     Pose<D> motion;
     for (int row = 0; row < D; ++row)
