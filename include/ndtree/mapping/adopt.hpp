@@ -21,7 +21,8 @@ namespace ndtree::detail {
 
 /// Calls `visit(ref)` for each node of level 0, on a tree's lattice the cell of max_cell_size, of which it
 /// holds more than one blank leaf.
-/// @param window outside which none is visited; null: all are. Cost: nodes of level 0 and above in the window.
+/// @param window outside which none is visited; null: all are. Cost: nodes of level 0 and above in the
+/// window.
 template <class Tree, class Visit>
 void for_each_cube(const Tree& tree, const LatticeBox<Tree::kDim>* window, const Visit& visit) {
   Pace pace;
@@ -95,7 +96,8 @@ class Adopting {
     for_each_cube(other, window, [&](const auto& cube) {
       const auto target =
           cube_at(tree_, cube.index.lower, [](const auto& above) { above.node->set_note(0); });
-      if (!target.is_leaf() || !is_blank(target.cell())) throw std::invalid_argument(held_by_both(cube.index));
+      if (!target.is_leaf() || !is_blank(target.cell()))
+        throw std::invalid_argument(held_by_both(cube.index));
       copy(other, *cube.node, *target.node);
     });
   }
@@ -112,8 +114,8 @@ class Adopting {
       copy(other, other.children(source)[j], tree_.children(target)[j]);
   }
   [[nodiscard]] std::string held_by_both(const CellIndex<Tree::kDim>& cube) const {
-    std::string text = "both maps hold cells in the cube of " +
-                       describe_number(tree_.geometry().cell_size(0)) + " m from (";
+    std::string text =
+        "both maps hold cells in the cube of " + describe_number(tree_.geometry().cell_size(0)) + " m from (";
     for (std::size_t a = 0; a < D; ++a)
       text += (a > 0 ? ", " : "") + describe_number(tree_.geometry().border(cube.lower[a]));
     return text + ") m: must be one of them";

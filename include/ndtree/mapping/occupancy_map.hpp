@@ -302,10 +302,10 @@ class OccupancyMap {
     const auto& geometry = tree_.geometry();
     if (geometry.unit() != other.tree_.geometry().unit() ||
         geometry.finest_level() != other.tree_.geometry().finest_level())
-      throw std::invalid_argument(
-          "a map with cells from " + describe_number(other.options_.min_cell_size) + " to " +
-          describe_number(other.options_.max_cell_size) + " m cannot be " + how + " one with cells from " +
-          describe_number(options_.min_cell_size) + " to " + describe_number(options_.max_cell_size) + " m");
+      throw std::invalid_argument("a map with cells from " + describe_number(other.options_.min_cell_size) +
+                                  " to " + describe_number(other.options_.max_cell_size) + " m cannot be " +
+                                  how + " one with cells from " + describe_number(options_.min_cell_size) +
+                                  " to " + describe_number(options_.max_cell_size) + " m");
   }
 
   /// @param fate_of(box, ref) of a node, see detail::Forgetting.

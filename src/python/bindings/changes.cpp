@@ -158,7 +158,8 @@ MemoryError
           m.adopt(*more, region);
         });
       },
-      "other"_a, "box"_a = py::none(), R"(Take over what another map holds of places of which this one holds nothing.
+      "other"_a, "box"_a = py::none(),
+      R"(Take over what another map holds of places of which this one holds nothing.
 
 Every cell stays what it is, bit for bit: parts of space that were mapped apart, see insert(window=), become the map that
 one would have made. To add up what two maps know of the same place, see merge().

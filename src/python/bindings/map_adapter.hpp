@@ -114,8 +114,7 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   }
   void merge(const MapInterface& other) override { map_.merge(same_kind(other)); }
   void adopt(const MapInterface& other, const std::optional<AnyBox>& box) override {
-    map_.adopt(same_kind(other),
-               box ? std::optional(MapAdapter::box(box->lower, box->upper)) : std::nullopt);
+    map_.adopt(same_kind(other), box ? std::optional(MapAdapter::box(box->lower, box->upper)) : std::nullopt);
   }
   [[nodiscard]] std::unique_ptr<MapInterface> transformed(const double* pose) const override {
     Pose<D> motion;

@@ -46,6 +46,7 @@ from .first_look import FirstLook, first_look
 from .map_comparison import MapComparison, compare_maps
 from .readers import Log, read, simulate
 from .scan import Scan
+from .tiles import TiledMap, TileMapper, open_tiles
 
 if has_octomap:
     from ._core import OctoMap
@@ -86,6 +87,8 @@ __all__ = [
     "SeenSpace",
     "Shape",
     "Sphere",
+    "TileMapper",
+    "TiledMap",
     "__version__",
     "calibrate",
     "compare",
@@ -98,6 +101,7 @@ __all__ = [
     "has_octomap",
     "load",
     "load_octomap",
+    "open_tiles",
     "read",
     "simulate",
 ]
