@@ -5,8 +5,8 @@ Imports run one way: app, options, output ← logs ← figures, pictures, compar
 """
 
 # isort: off
-from ndtree.commands import demo, map_log, compare, calibrate, view, convert, info
+from ndtree.commands import demo, map_log, fleet, compare, calibrate, view, convert, info
 from ndtree.commands.app import app
 # isort: on
 
-__all__ = ["app", "calibrate", "compare", "convert", "demo", "info", "map_log", "view"]
+__all__ = ["app", "calibrate", "compare", "convert", "demo", "fleet", "info", "map_log", "view"]

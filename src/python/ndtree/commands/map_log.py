@@ -12,6 +12,7 @@ from ndtree._progress import mapping_progress
 from ndtree.commands.app import app, examples, reports_errors
 from ndtree.commands.figures import counted, map_figures, print_map
 from ndtree.commands.logs import limit_of, made, new_map, settled, skipped, timed, warn_of_skipped
+from ndtree.commands.map_tiles import is_tiled, map_into_tiles
 from ndtree.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption, Port
 from ndtree.commands.output import check_picture, check_target, is_stdout, write_json
 from ndtree.commands.pictures import draw, observers_of, plotting, stay
@@ -27,6 +28,7 @@ from ndtree.settings import BEYOND_MEMORY
         "ndtree map intel.log.gz -o intel.ndt --picture intel.png",
         "ndtree map room.npz -o room.ndt --min-cell-size 0.025 --range-sigma-quadratic 0.0015",
         "ndtree map drive.bag -o drive.ndt --topic /scan --fixed-frame map --from 10 --keep-going",
+        "ndtree map city.bag -o city.tiles --max-resident 500MB",
     ),
 )
 @reports_errors
@@ -37,7 +39,10 @@ def map_(
     output: Annotated[
         Optional[Path],
         typer.Option(
-            "--output", "-o", metavar="MAP", help="Where the map is written; else LOG's name with .ndt, here."
+            "--output",
+            "-o",
+            metavar="MAP",
+            help="Where the map is written; else LOG's name with .ndt, here. .tiles: a folder of tiles.",
         ),
     ] = None,
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
@@ -51,6 +56,20 @@ def map_(
         Optional[int],
         typer.Option(min=1, help="Scans from picture to picture of the film; else 10.", show_default=False),
     ] = None,
+    max_resident: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="SIZE",
+            help="Memory of the cells of a .tiles map, as 500MB; else 2GiB.",
+            show_default=False,
+        ),
+    ] = None,
+    tile_size: Annotated[
+        Optional[float],
+        typer.Option(
+            help="Least edge of its tiles \\[m]; else that of 16 largest cells.", show_default=False
+        ),
+    ] = None,
     dim: Dim = None,
     max_range: MaxRange = None,
     no_return: NoReturnOption = NoReturnKind.auto,
@@ -58,18 +77,47 @@ def map_(
     options: Any = None,
     reading: Any = None,
 ) -> None:
-    """Build a map from a log, and write it to a file."""
+    """Build a map from a log, and write it to a file.
+
+    A map in tiles may be larger than memory, and one that was killed goes on where it was.
+    """
     begin = time.perf_counter()
     output = _named_as(log) if output is None else output
     limit = limit_of(max_range)
     opened = reading.open(log, dim, max_range)
     read_seconds = time.perf_counter() - begin
     plot = plotting() if picture else None
-    for path in (output, json_file, record):
+    tiled = is_tiled(output)
+    _refuse_others(
+        output,
+        {"--max-resident": max_resident, "--tile-size": tile_size}
+        if not tiled
+        else {"--picture": picture, "--watch": watch or None, "--record": record},
+        tiled,
+    )
+    for path in (None if tiled else output, json_file, record):
         check_target(path)
     check_picture(plot, picture)
     made(lambda: new_map(opened.dim, fixed, options))
     settings = settled(opened, options, limit, no_return.value, with_sigma=True)
+    if tiled:
+        found = map_into_tiles(opened, output, settings, fixed, tile_size, max_resident)
+        figures = {"format": opened.format, "uses": opened.uses, "skipped": skipped(opened), **found}
+        if not is_stdout(json_file):
+            known = f", {found['known_scans']} of them known already" if found["known_scans"] else ""
+            print(f"{log}: {found['scans']} scans{known}, {counted(found['beams'])}")
+            for line in settings.lines():
+                print(f"  {line}")
+            print(
+                f"  {found['observed_leaves']:,} cells in {found['tiles']} tiles of {found['tile_size']:g} m"
+                f", {found['bytes'] / 1e6:.1f} MB"
+            )
+            print(
+                f"read in {found['read_seconds']:.3f} s, inserted in {found['seconds']:.3f} s; wrote {output}"
+            )
+        write_json(figures, json_file)
+        warn_of_skipped(opened)
+        return
     target = new_map(opened.dim, fixed, settings.options)
     report = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds, scans, ignored = 0.0, 0, 0
@@ -128,6 +176,12 @@ def map_(
     warn_of_skipped(opened)
     if watch:
         stay(observers[0], target, json_file)
+
+
+def _refuse_others(output: Path, given: dict[str, Any], tiled: bool) -> None:
+    for flag, value in given.items():
+        if value is not None:
+            raise WrongCall(f"{flag}: is {'not ' if tiled else ''}for a map in tiles, -o {output}")
 
 
 #: Endings that stand behind another one.
