@@ -53,7 +53,9 @@ def test_leaves_carry_what_was_measured_in_them(dim: int) -> None:
     np.testing.assert_array_equal(labels[sides], np.where(left, 3, 7)[sides])
     color = m.layer("color", leaves.center)
     assert color.shape == (len(leaves), 3)
-    np.testing.assert_allclose(color[sides & left], np.broadcast_to([200.0, 0, 10], (int((sides & left).sum()), 3)))
+    np.testing.assert_allclose(
+        color[sides & left], np.broadcast_to([200.0, 0, 10], (int((sides & left).sum()), 3))
+    )
     height = m.layer("height", leaves.center)
     assert np.all(np.abs(height - leaves.center[:, -1]) <= leaves.size)
     stamp = m.layer("stamp", leaves.center)
@@ -118,7 +120,10 @@ def test_files_snapshots_and_copies_carry_them(tmp_path: Path) -> None:
 
 
 def test_merging_and_moving_take_them_along() -> None:
-    one, other = mapped(), ndtree.AdaptiveMap(dim=3, layers={"stamp": "latest"}, min_cell_size=0.1, max_cell_size=0.8)
+    one, other = (
+        mapped(),
+        ndtree.AdaptiveMap(dim=3, layers={"stamp": "latest"}, min_cell_size=0.1, max_cell_size=0.8),
+    )
     points = walls(3, seed=30)
     other.insert(points, np.zeros(3), layers={"stamp": np.full(len(points), 50.0)})
     at = points[::7]
@@ -194,8 +199,14 @@ def test_layers_that_there_are_not(layers: object, message: str) -> None:
         ({"colour": [[1, 2, 3]] * 2}, "layers: 'colour': the map has 'color', 'height', 'label', 'stamp'"),
         ({"color": [1, 2]}, "layers: 'color': 1 numbers a beam: must be 3"),
         ({"height": [[1, 2, 3]] * 2}, "layers: 'height': 3 numbers a beam: must be 1"),
-        ({"label": [1.5, 2]}, "layers: 'label': 'majority' of beam 0 = 1.5: must be a whole number in [0, 65535]"),
-        ({"label": [1, 70000]}, "layers: 'label': 'majority' of beam 1 = 70000: must be a whole number in [0, 65535]"),
+        (
+            {"label": [1.5, 2]},
+            "layers: 'label': 'majority' of beam 0 = 1.5: must be a whole number in [0, 65535]",
+        ),
+        (
+            {"label": [1, 70000]},
+            "layers: 'label': 'majority' of beam 1 = 70000: must be a whole number in [0, 65535]",
+        ),
         ({"stamp": [1, np.inf]}, "layers: 'stamp': 'latest' of beam 1 = inf: must be finite"),
         ({"stamp": [1, 2, 3]}, "layers['stamp'] has shape (3,): must have one entry for each of 2 points"),
         ({"stamp": 1}, "layers['stamp'] has shape (): must have one entry for each of 2 points"),

@@ -1,108 +1,350 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a page holds in tiles is always the whole snapshot, and only tiles that changed are sent."""
+"""Maps in tiles, against the map that is made of the same scans without them."""
 
-from __future__ import annotations
-
-import contextlib
-from collections.abc import Iterator
-from typing import Any
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
 
-pytest.importorskip("viser")
-
 import ndtree
-from ndtree.snapshot import Look, Snapshot
-from ndtree.view.boxes import drawn_boxes
-from ndtree.view.tiles import Tiles
+from ndtree.tiles import MANIFEST, TileGrid, TileMapper, in_order, open_tiles, storage_of
 
-EACH = ("batched_positions", "batched_scales", "batched_colors")
-
-
-class Page:
-    """Keeps what a page would: the meshes that were added and not removed, by their names."""
-
-    def __init__(self) -> None:
-        self.scene = self
-        self.meshes: dict[str, dict[str, Any]] = {}
-        self.added = 0
-
-    @contextlib.contextmanager
-    def atomic(self) -> Iterator[None]:
-        yield
-
-    def add_batched_meshes_simple(self, name: str, **mesh: Any) -> Any:
-        assert name not in self.meshes
-        self.meshes[name] = mesh
-        self.added += 1
-        page = self
-
-        class Handle:
-            def remove(self) -> None:
-                del page.meshes[name]
-
-        return Handle()
-
-    def rows(self) -> np.ndarray:
-        return rows(*(np.concatenate([mesh[key] for mesh in self.meshes.values()]) for key in EACH))
+KINDS = {
+    "evidence": lambda dim: ndtree.AdaptiveMap(
+        dim=dim, min_cell_size=0.1, max_cell_size=0.8, range_sigma=0.02
+    ),
+    "paper": lambda dim: ndtree.AdaptiveMap(
+        dim=dim, min_cell_size=0.1, max_cell_size=0.9, branching=3, refinement="paper"
+    ),
+    "fixed": lambda dim: ndtree.FixedMap(dim=dim, cell_size=0.2),
+}
 
 
-def rows(*arrays: np.ndarray) -> np.ndarray:
-    """All boxes as sorted rows of numbers."""
-    table = np.concatenate([array.astype(np.float64) for array in arrays], axis=1)
-    return table[np.lexsort(table.T)]
+def office(scans: int = 40, seed: int = 1) -> list[ndtree.Scan]:
+    return list(ndtree.simulate("office", seed=seed, scans=scans))
 
 
-@pytest.mark.parametrize(("world", "edge"), [("office", 3.2), ("apartment", 1.6)])
-def test_the_page_holds_the_whole_snapshot_at_each_step(world: str, edge: float) -> None:
-    log = ndtree.simulate(world, scans=40)
-    m = ndtree.AdaptiveMap(dim=log.dim, min_cell_size=0.1)
-    page = Page()
-    tiles = Tiles(page, "/occupied", edge, side="front")  # type: ignore[arg-type]
-    origin, sent, whole, resent, steps = None, 0, 0, 0, 0
-    before: dict[str, Any] = {}
-    look = Look.of(log.dim, color="size")
-    for scan in log:
-        scan.insert_into(m)
-        snapshot = Snapshot(m)
-        origin = snapshot.origin if origin is None else origin
-        snapshot.origin = origin
-        layer = snapshot.layer("occupied", look)
-        chosen = layer.pyramid.chosen(None, 3000)
-        boxes = drawn_boxes(layer.pyramid, chosen, 2 if log.dim == 2 else None, 0.0)
-        count = page.added
-        sent += tiles.show(boxes)
-        whole += sum(array.nbytes for array in boxes.values())
-        np.testing.assert_array_equal(page.rows(), rows(*(boxes[key] for key in EACH)))
-        changed = {name for name, mesh in page.meshes.items() if before.get(name) is not mesh}
-        assert len(changed) == page.added - count
-        for name in changed & before.keys():  # None of them was sent as it was.
-            old, new = (rows(*(held[name][key] for key in EACH)) for held in (before, page.meshes))
-            assert old.shape != new.shape or not np.array_equal(old, new)
-            resent += 1
-        before = dict(page.meshes)
-        steps += 1
-    assert steps == 40 and resent > 20
-    assert sent < 0.6 * whole
-    tiles.remove()
-    assert page.meshes == {}
+def drive(scans: int, dim: int, seed: int = 5) -> list[ndtree.Scan]:
+    """From one place to the other, so that the root grows to several sides."""
+    random = np.random.default_rng(seed)
+    found = []
+    for i in range(scans):
+        origin = random.uniform(-8.0, 8.0, dim)
+        ends = origin + random.normal(0.0, 3.0, (400, dim))
+        found.append(ndtree.Scan(ends, origin, random.random(400) < 0.8, stamp=float(i)))
+    return found
 
 
-def test_the_order_of_boxes_does_not_matter() -> None:
-    generator = np.random.default_rng(4)
-    n = 500
-    boxes = {
-        "vertices": np.zeros((4, 3), dtype=np.float32),
-        "batched_wxyzs": np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (n, 1)),
-        "batched_positions": generator.uniform(-5, 5, (n, 3)).astype(np.float32),
-        "batched_scales": np.full((n, 3), 0.1, dtype=np.float32),
-        "batched_colors": generator.integers(0, 255, (n, 3)).astype(np.uint8),
-    }
-    page = Page()
-    tiles = Tiles(page, "/free", 2.0)  # type: ignore[arg-type]
-    assert tiles.show(boxes) > 0
-    mixed = generator.permutation(n)
-    shuffled = {key: array if key == "vertices" else array[mixed] for key, array in boxes.items()}
-    assert tiles.show(shuffled) == 0
-    assert 27 <= len(page.meshes) <= 216
+def serial(m, scans, max_range=math.inf):
+    for scan in scans:
+        scan.insert_into(m, max_range=max_range)
+    return m
+
+
+def tiled(folder, m, scans, *, max_range=math.inf, **options) -> ndtree.TiledMap:
+    mapper = TileMapper(storage_of(folder), m, **options)
+    for scan in scans:
+        mapper.insert(scan, max_range=max_range)
+    mapper.write(complete=True)
+    return open_tiles(folder)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_tiles_are_the_serial_map_to_the_byte(tmp_path, kind, dim):
+    scans = drive(12, dim)
+    whole = serial(KINDS[kind](dim), scans, max_range=6.0)
+    tiles = tiled(
+        tmp_path / "a.tiles", KINDS[kind](dim), scans, max_range=6.0, tile_size=3.0, max_resident=1 << 20
+    )
+    assert len(tiles.manifest.tiles) > 10
+    assert tiles.to_map().to_bytes() == whole.to_bytes()
+    assert tiles.observed_leaves == whole.stats().observed_leaves
+    np.testing.assert_array_equal(tiles.bounds(), whole.bounds())
+
+
+def test_what_rests_is_written_and_forgotten(tmp_path):
+    random = np.random.default_rng(4)
+    scans = [  # Far away from where it began, a robot needs nothing of that.
+        ndtree.Scan(origin + random.normal(0.0, 1.0, (300, 2)), origin)
+        for origin in np.column_stack((np.linspace(0.0, 120.0, 120), np.zeros(120)))
+    ]
+
+    def make():
+        return ndtree.AdaptiveMap(dim=2, min_cell_size=0.01, max_cell_size=0.64, range_sigma=0.003)
+
+    whole = serial(make(), scans)
+    mapper = TileMapper(
+        storage_of(tmp_path / "a"), make(), tile_size=2.0, max_resident=1 << 21, checkpoint_seconds=math.inf
+    )
+    most = 0
+    for scan in scans:
+        mapper.insert(scan)
+        most = max(most, mapper.map.stats().memory_bytes)
+    assert len(list((tmp_path / "a" / "tiles").iterdir())) > 10  # Before any state was written.
+    mapper.write(complete=True)
+    assert most < 1 << 21 < whole.stats().memory_bytes / 1.5
+    assert open_tiles(tmp_path / "a").to_map() == whole
+
+
+def test_a_mapper_made_anew_goes_on_and_a_finished_map_is_replaced(tmp_path):
+    scans = drive(12, 2)
+    whole = serial(KINDS["evidence"](2), scans)
+    for stop in (1, 5, 11):
+        folder = tmp_path / f"stopped-{stop}"
+        first = TileMapper(storage_of(folder), KINDS["evidence"](2), tile_size=4.0)
+        for scan in scans[:stop]:
+            first.insert(scan)
+        first.write()
+        for scan in scans[stop : stop + 1]:  # Which no state has.
+            first.insert(scan)
+        second = TileMapper(storage_of(folder), KINDS["evidence"](2), tile_size=4.0)
+        assert second.done == stop
+        assert [second.insert(scan) is None for scan in scans] == [i < stop for i in range(len(scans))]
+        second.write(complete=True)
+        assert open_tiles(folder).to_map() == whole
+        assert second.counts["beams"] == sum(map(len, scans))
+        assert tiled(folder, KINDS["evidence"](2), scans[:3], tile_size=2.0).to_map() == serial(
+            KINDS["evidence"](2), scans[:3]
+        )
+        held = {f"tiles/{path.name}" for path in (folder / "tiles").iterdir()}
+        assert held == open_tiles(folder).manifest.files()
+
+
+def test_going_on_with_something_else_is_refused(tmp_path):
+    scans = drive(4, 2)
+    begun = TileMapper(
+        storage_of(tmp_path / "a"), KINDS["evidence"](2), tile_size=4.0, made_from={"log": "x"}
+    )
+    for scan in scans[:2]:
+        begun.insert(scan)
+    begun.write()
+    before = (tmp_path / "a" / MANIFEST).read_bytes()
+    with pytest.raises(ValueError, match=r"unfinished map with another map: branching = 2, now 3"):
+        TileMapper(storage_of(tmp_path / "a"), KINDS["paper"](2), tile_size=4.0, made_from={"log": "x"})
+    with pytest.raises(ValueError, match=r"another grid: cubes = 8, now 16"):
+        TileMapper(storage_of(tmp_path / "a"), KINDS["evidence"](2), tile_size=8.0, made_from={"log": "x"})
+    with pytest.raises(ValueError, match=r"another source: log = x, now y"):
+        TileMapper(storage_of(tmp_path / "a"), KINDS["evidence"](2), tile_size=4.0, made_from={"log": "y"})
+    again = TileMapper(
+        storage_of(tmp_path / "a"), KINDS["evidence"](2), tile_size=4.0, made_from={"log": "x"}
+    )
+    again.insert(scans[0])
+    with pytest.raises(ValueError, match="was begun with other scans: the first 2 are not those"):
+        again.insert(scans[2])
+    assert (tmp_path / "a" / MANIFEST).read_bytes() == before
+
+
+CHILD = """
+import sys, time
+import ndtree
+from ndtree.tiles import TileMapper, storage_of
+m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=0.8, range_sigma=0.02)
+mapper = TileMapper(storage_of(sys.argv[1]), m, tile_size=3.0, max_resident=1 << 20, checkpoint_seconds=0.02)
+for scan in ndtree.simulate("office", scans=60):
+    mapper.insert(scan)
+mapper.write(complete=True)
+"""
+
+
+def test_runs_killed_at_any_time_end_in_the_same_map(tmp_path):
+    whole = serial(
+        ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=0.8, range_sigma=0.02), office(60)
+    )
+    random = np.random.default_rng(3)
+    print("seed 3")
+    kills = known = 0
+    while True:
+        child = subprocess.Popen([sys.executable, "-c", CHILD, str(tmp_path / "a")])
+        if kills < 4:
+            manifest = tmp_path / "a" / MANIFEST
+            before = manifest.stat().st_mtime_ns if manifest.exists() else None
+            for _ in range(1000):  # Until it works; then at any time.
+                time.sleep(0.01)
+                if child.poll() is not None:
+                    break
+                if manifest.exists() and manifest.stat().st_mtime_ns != before:
+                    break
+            time.sleep(random.uniform(0.0, 0.1))
+            if child.poll() is None:
+                os.kill(child.pid, signal.SIGKILL)
+                kills += 1
+        if child.wait() == 0:
+            break
+        state = open_tiles(tmp_path / "a")  # What was there is whole, whenever it was killed.
+        known = max(known, state.manifest.made_from["progress"]["scans"])
+        state.to_map().stats()
+    assert kills >= 1 and known >= 1
+    assert open_tiles(tmp_path / "a").to_map() == whole
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """A map, and the same in tiles, of which the cache holds few."""
+    scans = drive(15, 3)
+    whole = serial(KINDS["evidence"](3), scans)
+    folder = tmp_path_factory.mktemp("both") / "a.tiles"
+    tiled(folder, KINDS["evidence"](3), scans, tile_size=3.0)
+    return whole, folder
+
+
+@pytest.mark.parametrize("parts", [4, 1])
+def test_answers_are_those_of_the_whole_map(both, parts):
+    whole, folder = both
+    size = sum(entry.bytes for entry in open_tiles(folder).manifest.tiles.values())
+    tiles = open_tiles(folder, cache_bytes=1 << 30 if parts == 1 else size // parts)
+    random = np.random.default_rng(1)
+    points = random.uniform(-14.0, 14.0, (300, 3))
+    points[::7] = np.round(points[::7] / 3.2) * 3.2  # On borders of tiles.
+    points[5] = np.nan
+    for name in ("state", "probability"):
+        np.testing.assert_array_equal(getattr(tiles, name)(points), getattr(whole, name)(points))
+    good = points[np.isfinite(points).all(axis=1)]
+    np.testing.assert_array_equal(tiles.occupied_within(good, 0.7), whole.occupied_within(good, 0.7))
+    np.testing.assert_array_equal(
+        tiles.states_in(good - 0.6, good + 0.6), whole.states_in(good - 0.6, good + 0.6)
+    )
+    for limit in (math.inf, 1.5):
+        own, other = (m.nearest_occupied(good[:100], max_distance=limit).distance for m in (tiles, whole))
+        np.testing.assert_array_equal(own, other)
+    ways = random.normal(size=(len(good), 3))
+    for unknown in ("pass", "stop"):
+        for limit in (math.inf, 4.0):
+            one = tiles.cast_rays(good, ways, max_range=limit, unknown=unknown)
+            np.testing.assert_array_equal(one, whole.cast_rays(good, ways, max_range=limit, unknown=unknown))
+    assert np.isfinite(one).sum() > 30
+    ends = tiles.cast_rays(good[0], ways, details=True)
+    of_whole = whole.cast_rays(good[0], ways, details=True)
+    for name in ("distance", "state", "lower", "size"):
+        np.testing.assert_array_equal(getattr(ends, name), getattr(of_whole, name))
+    if parts > 1:
+        assert tiles.loads > 2 * len(tiles.manifest.tiles) and tiles.resident_bytes < 8 * size
+    else:
+        assert tiles.loads == len(tiles.manifest.tiles)
+    assert tiles.loads > 10 and tiles.hits > 0
+
+
+def test_answers_about_boxes_and_bodies_are_those_of_the_whole_map(both):
+    whole, folder = both
+    tiles = open_tiles(folder)
+    box = [[-4.0, -5.0, -3.0], [5.0, 2.0, 3.2]]
+    for states in (["occupied"], ["free", "occupied"]):
+        for region in (None, box):
+            own, other = (m.leaves(region, states=states) for m in (tiles, whole))
+            for name in ("lower", "size", "log_odds", "hits", "misses"):
+                np.testing.assert_array_equal(getattr(own, name), getattr(other, name))
+    np.testing.assert_array_equal(tiles.to_grid(box, 0.3), whole.to_grid(box, 0.3))
+    own, other = (m.distance_field(box, 0.4, max_distance=1.0, unknown="occupied") for m in (tiles, whole))
+    np.testing.assert_array_equal(own.values, other.values)
+    poses = np.tile(np.eye(4), (200, 1, 1))
+    poses[:, :3, 3] = np.random.default_rng(2).uniform(-9.0, 9.0, (200, 3))
+    robot = ndtree.Sphere(0.4) | ndtree.Box((0.5, 0.3, 0.2))
+    own, other = (m.collides(robot, poses) for m in (tiles, whole))
+    np.testing.assert_array_equal(own, other)
+    assert 0 < own.sum() < len(own)
+    assert tiles.path_collides(robot, poses[:5]) == whole.path_collides(robot, poses[:5])
+    own, other = ([f.center for f in m.frontiers(box, min_cells=20)] for m in (tiles, whole))
+    np.testing.assert_array_equal(own, other)
+    assert tiles.state([0.0, 0.0, 0.0]) == whole.state([0.0, 0.0, 0.0])
+    assert tiles.nearest_occupied(np.zeros((2, 3, 3))).distance.shape == (2, 3)
+    for wrong in ([[0.0, 1.0]], "abc"):
+        with pytest.raises((ValueError, TypeError)) as own:
+            tiles.state(wrong)
+        with pytest.raises((ValueError, TypeError)) as other:
+            whole.state(wrong)
+        assert str(own.value) == str(other.value)
+
+
+def test_tiles_that_a_scan_crosses_are_all_that_it_changes():
+    """Whatever the scan does, cells outside of the tiles that it is said to cross stay as they are."""
+    random = np.random.default_rng(7)
+    compared = 0
+    for round_ in range(40):
+        dim = 2 + round_ % 2
+        m = KINDS["evidence"](dim)
+        grid = TileGrid.of(m, random.choice([0.8, 1.6, 6.4]))
+        origin = random.uniform(-3.0, 3.0, dim)
+        if round_ % 3 == 0:
+            origin = np.round(origin / 1.6) * 1.6
+        ends = origin + random.normal(0.0, 4.0, (50, dim))
+        ends[::5] = np.round(ends[::5] / 0.8) * 0.8
+        scan = ndtree.Scan(ends, np.tile(origin, (50, 1)) if round_ % 4 == 0 else origin)
+        crossed = grid.crossed(scan, m.options, 5.0)
+        scan.insert_into(m, max_range=5.0)
+        leaves = m.leaves(states=["free", "occupied"])
+        for tile in {tuple(tile) for tile in grid.tiles_at(leaves.center).tolist()}:
+            assert tile in crossed
+            compared += 1
+    assert compared > 400
+
+
+def test_damage_is_named(tmp_path):
+    tiled(tmp_path / "a", KINDS["evidence"](2), drive(3, 2), tile_size=4.0)
+    file = tmp_path / "a" / sorted(open_tiles(tmp_path / "a").manifest.files())[0]
+    content = file.read_bytes()
+    file.write_bytes(content[:-1] + b"x")
+    with pytest.raises(ValueError, match=f"{file.name}: damaged: SHA-256 is not that of the manifest"):
+        open_tiles(tmp_path / "a").to_map()
+    file.unlink()
+    with pytest.raises(ValueError, match=f"{file.name}: is not there, but the manifest counts on it"):
+        open_tiles(tmp_path / "a").to_map()
+    file.write_bytes(content)
+    manifest = json.loads((tmp_path / "a" / MANIFEST).read_text())
+    for change, said in (
+        ({"version": 9}, "format version 9: this ndtree reads version 1"),
+        ({"format": "x"}, "no manifest of a tiled map"),
+        ({"lattice": {"unit": 0.1, "cube": 8, "cubes": 5}}, "damaged: the lattice is not that of"),
+        ({"tiles": [{"at": [0, 0], "file": "../x"}]}, "must be a name inside the folder"),
+        ({"frame": {}}, "damaged: no 'file'"),
+    ):
+        (tmp_path / "a" / MANIFEST).write_text(json.dumps({**manifest, **change}))
+        with pytest.raises(ValueError, match=said) as error:
+            open_tiles(tmp_path / "a")
+        assert str(tmp_path / "a" / MANIFEST) in str(error.value)
+    with pytest.raises(FileNotFoundError):
+        open_tiles(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize("place", ["memory://fleet-test", "file"])
+def test_other_places_hold_the_same_files(tmp_path, place):
+    if place == "file":
+        place = (tmp_path / "remote place").as_uri()
+    else:
+        pytest.importorskip("fsspec", reason="fsspec is not installed: local folders alone")
+    scans = drive(5, 2)
+    local = tiled(tmp_path / "a", KINDS["evidence"](2), scans, tile_size=4.0)
+    remote = tiled(place, KINDS["evidence"](2), scans, tile_size=4.0)
+    assert remote.manifest.as_bytes() == local.manifest.as_bytes()
+    assert remote.to_map() == local.to_map()
+    storage = storage_of(place)
+    assert storage.names("tiles") == remote.manifest.files()
+    storage.remove_folder("tiles")
+    assert storage.names("tiles") == set() and storage.has(MANIFEST)
+
+
+def test_logs_are_in_the_order_of_time_then_of_names():
+    def at(*stamps):
+        return [ndtree.Scan(np.ones((1, 2)), np.zeros(2), stamp=float(stamp)) for stamp in stamps]
+
+    found = [(place.log, place.number) for place, _ in in_order({"b": at(0, 1, 5), "a": at(1, 0, 3)})]
+    # The clock of a went back: its second scan does not come before its first.
+    assert found == [("b", 0), ("a", 0), ("a", 1), ("b", 1), ("a", 2), ("b", 2)]
+
+
+def test_tiles_have_the_size_that_was_asked_for():
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=1.6)
+    assert TileGrid.of(m).size == pytest.approx(25.6)
+    assert TileGrid.of(m, 1.0).size == pytest.approx(1.6)
+    assert TileGrid.of(m, 30.0).size == pytest.approx(51.2)
+    for size in (0.0, -1.0, math.nan, math.inf, 1e30):
+        with pytest.raises(ValueError, match="tile_size"):
+            TileGrid.of(m, size)
+    if ndtree.has_octomap:
+        with pytest.raises(ValueError, match="an OctoMap has no tiles"):
+            TileGrid.of(ndtree.OctoMap())

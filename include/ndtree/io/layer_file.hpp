@@ -26,7 +26,7 @@ namespace ndtree {
 template <int N, int D, class Value>
 [[nodiscard]] StoredLayer stored(const Layer<N, D, Value>& layer, const std::string& name) {
   ByteWriter out;
-  detail::write_tree(layer.tree(), out);
+  detail::write_tree(layer.tree(), 0, out);  // No value stands above level 0.
   return {name, Value::rule(), std::move(out.bytes())};
 }
 

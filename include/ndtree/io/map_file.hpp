@@ -46,27 +46,36 @@ inline constexpr std::uint32_t kInnerNode = 0x80000000u;
 inline constexpr std::size_t kMapFilePreamble = 20;
 inline constexpr std::size_t kStepsOfNode = 4;  // Of a Pace.
 
+/// @param coarsest level of cells that are ever updated: above it, what is unknown is one leaf, whether or
+/// not beams have passed by. @returns whether the node is written as a leaf of which nothing is known.
 template <class Tree>
-void write_nodes(const Tree& tree, const typename Tree::NodeType& node, ByteWriter& out, Pace& pace) {
-  if (!node.is_leaf()) {
-    pace.spend(kStepsOfNode * Tree::kNumChildren);
-    out.put(kInnerNode);
-    const auto* children = tree.children(node);
-    for (int j = 0; j < Tree::kNumChildren; ++j) write_nodes(tree, children[j], out, pace);
-  } else {
+bool write_nodes(const Tree& tree, const typename Tree::NodeType& node, int level, int coarsest,
+                 ByteWriter& out, Pace& pace) {
+  if (node.is_leaf()) {
     const auto words = node.cell().words();
     for (std::size_t i = 0; i < words.size() && (i == 0 || words[0] != 0); ++i) out.put(words[i]);
+    return words[0] == 0;
   }
+  pace.spend(kStepsOfNode * Tree::kNumChildren);
+  const std::size_t begin = out.bytes().size();
+  out.put(kInnerNode);
+  bool is_unknown = level > coarsest;
+  for (int j = 0; j < Tree::kNumChildren; ++j)
+    is_unknown = write_nodes(tree, tree.children(node)[j], level - 1, coarsest, out, pace) && is_unknown;
+  if (!is_unknown) return false;
+  out.bytes().resize(begin);
+  out.put(std::uint32_t{0});
+  return true;
 }
 
-/// The root's place, and all nodes.
+/// The root's place, and all nodes. @param coarsest as in write_nodes().
 template <class Tree>
-void write_tree(const Tree& tree, ByteWriter& out) {
+void write_tree(const Tree& tree, int coarsest, ByteWriter& out) {
   const auto root = tree.root();
   out.put(static_cast<std::int32_t>(root.index.level));
   for (const std::int64_t coordinate : root.index.lower) out.put(coordinate);
   Pace pace;
-  write_nodes(tree, *root.node, out, pace);
+  write_nodes(tree, *root.node, root.index.level, coarsest, out, pace);
 }
 
 template <class Tree>
@@ -157,7 +166,8 @@ template <class Map>
   payload.put(map.counters().updates);
   payload.put(map.counters().splits);
   payload.put(map.counters().merges);
-  detail::write_tree(map.tree(), payload);
+  detail::write_tree(map.tree(), Map::RefinementType::coarsest_level(map.tree().geometry().finest_level()),
+                     payload);
   if (!layers.empty()) payload.put(static_cast<std::uint32_t>(layers.size()));
   for (const StoredLayer& layer : layers) {
     payload.put_text(layer.name);

@@ -13,6 +13,7 @@
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/mapping/adopt.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/forget.hpp"
 #include "ndtree/mapping/map_options.hpp"
@@ -68,16 +69,7 @@ class Joining {
         box->upper[a] = std::max(box->upper[a], more->upper[a]);
       }
     }
-    if (!box) return;
-    Vector<D> first;
-    Vector<D> last;
-    for (int a = 0; a < D; ++a) {
-      const double reach = tree_.geometry().reach();  // A large cell may go beyond it.
-      first[a] = std::max(-reach, tree_.geometry().border(box->lower[static_cast<std::size_t>(a)]));
-      last[a] = std::min(reach, tree_.geometry().border(box->upper[static_cast<std::size_t>(a)] - 1));
-    }
-    tree_.grow_to_contain(first);
-    tree_.grow_to_contain(last);
+    if (box) detail::grow_around(tree_, *box);
   }
   void add(const Tree& other) { add_below(other, other.root()); }
   /// Siblings that now say the same become one. @returns how often.
@@ -90,12 +82,8 @@ class Joining {
  private:
   void add_below(const Tree& other, const typename Tree::ConstRef& ref) {
     if (ref.index.level == 0) {
-      Ref target = tree_.root();
       if (is_blank_below(other, *ref.node)) return;
-      while (target.index.level > 0) {
-        if (target.is_leaf()) tree_.split(target);
-        target = tree_.child_towards(target, ref.index.lower);
-      }
+      const Ref target = cube_at(tree_, ref.index.lower, [](const Ref&) {});
       add_node(target, other, *ref.node);
     } else if (!ref.is_leaf()) {
       for (int j = 0; j < Tree::kNumChildren; ++j) add_below(other, other.child(ref, j));

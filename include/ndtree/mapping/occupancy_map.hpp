@@ -23,6 +23,7 @@
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
+#include "ndtree/mapping/adopt.hpp"
 #include "ndtree/mapping/compress.hpp"
 #include "ndtree/mapping/forget.hpp"
 #include "ndtree/mapping/join.hpp"
@@ -206,13 +207,7 @@ class OccupancyMap {
   /// @throws std::invalid_argument if the sizes of cells differ, MemoryLimitReached, std::bad_alloc,
   ///   Cancelled; the map is then unchanged.
   void merge(const OccupancyMap& other) {
-    const auto& geometry = tree_.geometry();
-    if (geometry.unit() != other.tree_.geometry().unit() ||
-        geometry.finest_level() != other.tree_.geometry().finest_level())
-      throw std::invalid_argument(
-          "a map with cells from " + describe_number(other.options_.min_cell_size) + " to " +
-          describe_number(other.options_.max_cell_size) + " m cannot be merged into one with cells from " +
-          describe_number(options_.min_cell_size) + " to " + describe_number(options_.max_cell_size) + " m");
+    require_same_sizes(other, "merged into");
     detail::Joining<Tree, Refinement> joining(options_, refinement_);
     joining.grow_around(tree_, other.tree_);
     joining.add(tree_);
@@ -223,6 +218,28 @@ class OccupancyMap {
     tree_ = std::move(joining.tree());
     tree_.limit_memory(kUnlimitedMemory);
     summarise_unknown(tree_, *tree_.root().node, settled());
+  }
+
+  /// Takes over what another map holds of places of which this one holds nothing: every cell stays what it
+  /// is, bit for bit, so that parts of space that were mapped apart become the map that one would have made.
+  /// @param box if given, only of the cubes of max_cell_size that share a volume with it, and counters stay
+  ///   this map's; else counters add up. O(what is taken over, and nodes of both above it).
+  /// @throws std::invalid_argument if the sizes of cells differ, both hold cells in one cube, or the box has
+  ///   no volume, MemoryLimitReached, std::bad_alloc, Cancelled; the map is then unchanged.
+  void adopt(const OccupancyMap& other, const std::optional<Box<D>>& box = std::nullopt) {
+    require_same_sizes(other, "adopted by");
+    if (box) check(*box);
+    const auto window = box ? std::optional(tree_.geometry().cells_in(*box, 0)) : std::nullopt;
+    Tree changed = tree_;
+    changed.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
+    detail::Adopting<Tree>(changed).run(other.tree_, window ? &*window : nullptr);
+    changed.limit_memory(kUnlimitedMemory);
+    summarise_unknown(changed, *changed.root().node, settled());
+    tree_ = std::move(changed);
+    if (box) return;
+    counters_.updates += other.counters_.updates;
+    counters_.splits += other.counters_.splits;
+    counters_.merges += other.counters_.merges;
   }
 
   /// The map as it is now, to be read by any thread while this one goes on. See changes().
@@ -279,6 +296,16 @@ class OccupancyMap {
   /// Whether a cell is settled.
   [[nodiscard]] auto settled() const {
     return [this](const Cell& cell) { return refinement_.is_settled(cell); };
+  }
+
+  void require_same_sizes(const OccupancyMap& other, const char* how) const {
+    const auto& geometry = tree_.geometry();
+    if (geometry.unit() != other.tree_.geometry().unit() ||
+        geometry.finest_level() != other.tree_.geometry().finest_level())
+      throw std::invalid_argument("a map with cells from " + describe_number(other.options_.min_cell_size) +
+                                  " to " + describe_number(other.options_.max_cell_size) + " m cannot be " +
+                                  how + " one with cells from " + describe_number(options_.min_cell_size) +
+                                  " to " + describe_number(options_.max_cell_size) + " m");
   }
 
   /// @param fate_of(box, ref) of a node, see detail::Forgetting.

@@ -141,6 +141,19 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
       return 0;
     });
   }
+  void adopt(const MapInterface& other, const std::optional<AnyBox>& box) override {
+    const Map& beside = same_kind(other);
+    const Layers& layers_beside = static_cast<const MapAdapter&>(other).layers_;
+    const auto region = box ? std::optional(MapAdapter::box(box->lower, box->upper)) : std::nullopt;
+    change([&](Map& map, Layers& layers) {
+      map.adopt(beside, region);
+      if (layers_beside.empty()) return 0;
+      Map adopted(map.options());  // What lies in the box, alone.
+      adopted.adopt(beside, region);
+      layers.join(layers_beside, adopted.tree());
+      return 0;
+    });
+  }
   [[nodiscard]] std::unique_ptr<MapInterface> transformed(const double* pose) const override {
     Pose<D> motion;
     for (int row = 0; row < D; ++row)

@@ -134,6 +134,8 @@ class MapInterface {
   virtual void update_field(AnyField& /*field*/, const MapInterface& /*before*/) const { (void)queries(); }
   /// @throws as changes().
   virtual void merge(const MapInterface& /*other*/) { (void)queries(); }
+  /// @param box none, or what is taken over. @throws as changes(), or if both hold cells there.
+  virtual void adopt(const MapInterface& /*other*/, const std::optional<AnyBox>& /*box*/) { (void)queries(); }
   /// @param pose a rotation, row by row, and a translation.
   [[nodiscard]] virtual std::unique_ptr<MapInterface> transformed(const double* /*pose*/) const {
     (void)queries();

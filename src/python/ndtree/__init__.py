@@ -48,6 +48,7 @@ from .first_look import FirstLook, first_look
 from .map_comparison import MapComparison, compare_maps
 from .readers import Log, read, simulate
 from .scan import Scan
+from .tiles import TiledMap, TileMapper, open_tiles
 
 if has_octomap:
     from ._core import OctoMap
@@ -89,6 +90,8 @@ __all__ = [
     "SeenSpace",
     "Shape",
     "Sphere",
+    "TileMapper",
+    "TiledMap",
     "__version__",
     "calibrate",
     "compare",
@@ -101,6 +104,7 @@ __all__ = [
     "has_octomap",
     "load",
     "load_octomap",
+    "open_tiles",
     "read",
     "simulate",
 ]

@@ -23,7 +23,15 @@ _RAYS: Axes = {"directions": 1, "origins": 1}
 #: By the name of a method, with that of its class where another has one of the name.
 TAKEN: dict[str, Axes] = {
     **dict.fromkeys(
-        ("probability", "state", "occupied_within", "distance_to_occupied", "cell_size", "nearest_occupied", "layer"),
+        (
+            "probability",
+            "state",
+            "occupied_within",
+            "distance_to_occupied",
+            "cell_size",
+            "nearest_occupied",
+            "layer",
+        ),
         _POINTS,
     ),
     **dict.fromkeys(("distance", "gradient", "contains"), _POINTS),

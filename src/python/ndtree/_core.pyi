@@ -822,6 +822,28 @@ class OccupancyMap:
         MemoryError
             The map would hold more than max_memory. It is then unchanged.
         """
+    def adopt(self, other: OccupancyMap, box: ArrayLike | None = None) -> None:
+        """Take over what another map holds of places of which this one holds nothing.
+
+        Every cell stays what it is, bit for bit: parts of space that were mapped apart, see insert(window=), become the map that
+        one would have made. To add up what two maps know of the same place, see merge().
+
+        Parameters
+        ----------
+        other : OccupancyMap
+            Of the same kind, with cells of the same sizes.
+        box : (2, dim) array of float, optional
+            Lower and upper corner [m]: only cells in it are taken over, that is, in all cubes of `max_cell_size` that share a
+            volume with it, and the counts of `stats` stay this map's. Default: all, and the counts add up.
+
+        Raises
+        ------
+        ValueError
+            The maps are not of the same kind, their cells not of the same sizes, the box has no volume, or both maps hold cells
+            in a cube of `max_cell_size`; it is named. The map is then unchanged.
+        MemoryError
+            The map would hold more than max_memory. It is then unchanged.
+        """
     def transformed(self, pose: ArrayLike) -> Self:
         """The map in another frame: moved by a rigid motion.
 

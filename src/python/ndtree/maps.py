@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,10 +18,13 @@ from ndtree.map_images import states_of_image
 from ndtree.readers import MAP_MAGIC
 from ndtree.readers.failures import readable
 from ndtree.readers.plain_file import open_regular
+from ndtree.tiles import MANIFEST, open_tiles
 
 OCTOMAP_MAGIC = b"# Octomap OcTree"
 YAML_SUFFIXES = (".yaml", ".yml")
 _KNOWN = "a map of ndtree's, OctoMap's (.bt, .ot) or map_server's (.yaml)"
+TILES_MAGIC = b'"ndtree tiles"'
+_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/{1,2}(?=[^/]|$)")  # A Path takes one slash away.
 _ON_LATTICE = 1e-6  # [cells]
 
 
@@ -86,6 +90,8 @@ def is_map(path: str | os.PathLike[str]) -> bool:
     OSError
         If it cannot be read.
     """
+    if tiles_url(path) is not None:
+        return True
     if os.path.isdir(path):  # Some logs are folders.
         return False
     with open_regular(path) as file:
@@ -93,8 +99,23 @@ def is_map(path: str | os.PathLike[str]) -> bool:
     return head.startswith((MAP_MAGIC, OCTOMAP_MAGIC)) or Path(path).suffix.lower() in YAML_SUFFIXES
 
 
+def tiles_url(path: str | os.PathLike[str]) -> str | None:
+    """Where a map in tiles is, for a folder that has its manifest, and for what has a URL; else None."""
+    text = os.fspath(path)
+    scheme = _URL.match(text)
+    if scheme is not None:
+        return f"{scheme[1]}://{text[scheme.end() :]}"
+    manifest = os.path.join(text, MANIFEST)
+    if not os.path.isfile(manifest):
+        return None
+    with open_regular(manifest) as file:  # Other folders have a file of this name, too.
+        return text if TILES_MAGIC in file.read(100) else None
+
+
 def open_map(path: str | os.PathLike[str]) -> PlacedMap:
-    """Open a map of any kind: `load`, `load_octomap`, or an image that map_server and nav2 read.
+    """Open a map of any kind: `load`, `load_octomap`, tiles, or an image that map_server and nav2 read.
+
+    Of a map in tiles, all are read into one.
 
     A pixel of an image becomes a free, an occupied or an unknown cell by the YAML file's thresholds and
     mode, as map_server has it; transparent ones are unknown.
@@ -110,6 +131,10 @@ def open_map(path: str | os.PathLike[str]) -> PlacedMap:
     """
     name = os.fspath(path)
     with readable(name, "cannot be read as a map"):
+        url = tiles_url(name)
+        if url is not None:
+            whole = open_tiles(url).to_map()
+            return PlacedMap(whole, np.zeros(whole.dim), name)
         with open_regular(name) as file:
             head = file.read(len(OCTOMAP_MAGIC))
         if Path(name).suffix.lower() in YAML_SUFFIXES:

@@ -5,8 +5,20 @@ Imports run one way: app, options, output ← logs ← figures, pictures, compar
 """
 
 # isort: off
-from ndtree.commands import demo, simulate, map_log, compare, study, calibrate, view, convert, info
+from ndtree.commands import demo, simulate, map_log, fleet, compare, study, calibrate, view, convert, info
 from ndtree.commands.app import app
 # isort: on
 
-__all__ = ["app", "calibrate", "compare", "convert", "demo", "info", "map_log", "simulate", "study", "view"]
+__all__ = [
+    "app",
+    "calibrate",
+    "compare",
+    "convert",
+    "demo",
+    "fleet",
+    "info",
+    "map_log",
+    "simulate",
+    "study",
+    "view",
+]

@@ -12,13 +12,15 @@ import typer
 
 from ndtree.commands.app import app, examples, reason_of, reports_errors
 from ndtree.commands.flags import Reading, map_options, reading_options
-from ndtree.commands.logs import limit_of, warn_of_skipped
+from ndtree.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
+from ndtree.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.commands.mapping import Mapped, mapped, written
 from ndtree.commands.options import Dim, GivenLogs, Json, MaxRange, NoReturnKind, NoReturnOption, Port
 from ndtree.commands.output import check_picture, check_target, is_stdout, write_json
 from ndtree.commands.pictures import observers_of, plotting, stay
 from ndtree.exit_status import BAD_INPUT, WrongCall
 from ndtree.readers import JoinedLog, Log
+from ndtree.settings import Settings
 
 
 @app.command(
@@ -30,6 +32,7 @@ from ndtree.readers import JoinedLog, Log
         "ndtree map drive.bag -o drive.ndt --topic /scan --fixed-frame map --from 10 --keep-going",
         "ndtree map monday.bag tuesday.bag -o maps/",
         "ndtree map monday.bag tuesday.bag --merge -o both.ndt",
+        "ndtree map city.bag -o city.tiles --max-resident 500MB",
     ),
 )
 @reports_errors
@@ -43,7 +46,8 @@ def map_(
             "--output",
             "-o",
             metavar="MAP",
-            help="Where the map is written, or the folder for several; else LOG's name with .ndt, here.",
+            help="Where the map is written, or the folder for several; else LOG's name with .ndt, here. "
+            ".tiles: a folder of tiles.",
         ),
     ] = None,
     merge: Annotated[
@@ -61,6 +65,20 @@ def map_(
         Optional[int],
         typer.Option(min=1, help="Scans from picture to picture of the film; else 10.", show_default=False),
     ] = None,
+    max_resident: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="SIZE",
+            help="Memory of the cells of a .tiles map, as 500MB; else 2GiB.",
+            show_default=False,
+        ),
+    ] = None,
+    tile_size: Annotated[
+        Optional[float],
+        typer.Option(
+            help="Least edge of its tiles \\[m]; else that of 16 largest cells.", show_default=False
+        ),
+    ] = None,
     dim: Dim = None,
     max_range: MaxRange = None,
     no_return: NoReturnOption = NoReturnKind.auto,
@@ -68,13 +86,19 @@ def map_(
     options: Any = None,
     reading: Any = None,
 ) -> None:
-    """Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one."""
+    """Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.
+
+    A map in tiles may be larger than memory, and one that was killed goes on where it was.
+    """
     wanted = _Wanted(fixed, options, dim, max_range, limit_of(max_range), no_return.value, reading)
     if len(logs) > 1 and not merge:
         alone = {"--picture": picture, "--record": record, "--watch": watch or None}
         for flag, value in alone.items():
             if value is not None:
                 raise WrongCall(f"{flag}: is for one map, expected one LOG, or --merge")
+        if output is not None and is_tiled(output):
+            raise WrongCall(f"{output}: is a map in tiles, expected one LOG, or --merge")
+        _refuse_others(output, {"--max-resident": max_resident, "--tile-size": tile_size}, False)
         _map_each(logs, _maps_in(output, logs), wanted, json_file)
         return
     output = _named_as(logs[0]) if output is None else output
@@ -82,9 +106,30 @@ def map_(
     opened = wanted.open(logs)
     read_seconds = time.perf_counter() - begin
     plot = plotting() if picture else None
-    for path in (output, json_file, record):
+    tiled = is_tiled(output)
+    _refuse_others(
+        output,
+        {"--max-resident": max_resident, "--tile-size": tile_size}
+        if not tiled
+        else {"--picture": picture, "--watch": watch or None, "--record": record},
+        tiled,
+    )
+    for path in (None if tiled else output, json_file, record):
         check_target(path)
     check_picture(plot, picture)
+    if tiled:
+        settings = wanted.settings(opened)
+        figures = {
+            "format": opened.format,
+            "uses": opened.uses,
+            "skipped": skipped(opened),
+            **map_into_tiles(opened, output, settings, fixed, tile_size, max_resident),
+        }
+        if not is_stdout(json_file):
+            print_tiled(figures, settings, output)
+        write_json(figures, json_file)
+        warn_of_skipped(opened)
+        return
     with observers_of(watch, port, record, record_every) as observers:
         done = wanted.map(opened, read_seconds, observers)
     written(done, output, plot, picture)
@@ -113,6 +158,11 @@ class _Wanted:
     def open(self, logs: Sequence[Path]) -> Log:
         opened = [self.reading.open(log, self.dim, self.max_range) for log in logs]
         return opened[0] if len(opened) == 1 else JoinedLog(opened)
+
+    def settings(self, log: Log) -> Settings:
+        """What is chosen for a log."""
+        made(lambda: new_map(log.dim, self.fixed, self.options))
+        return settled(log, self.options, self.limit, self.no_return, with_sigma=True)
 
     def map(self, log: Log, read_seconds: float, observers: Sequence[Any] = ()) -> Mapped:
         return mapped(
@@ -152,6 +202,12 @@ def _map_each(
     write_json({"maps": figures}, json_file)
     if failed:
         raise typer.Exit(BAD_INPUT)
+
+
+def _refuse_others(output: Optional[Path], given: dict[str, Any], tiled: bool) -> None:
+    for flag, value in given.items():
+        if value is not None:
+            raise WrongCall(f"{flag}: is {'not ' if tiled else ''}for a map in tiles, -o {output or 'MAP'}")
 
 
 #: Endings that stand behind another one.

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Space divided into tiles: cubes of a power of N of the coarsest cells, counted from the map's origin."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ndtree._core import OccupancyMap
+from ndtree.scan import Scan
+from ndtree.tiles.kind import MapKind
+
+#: Place of a tile on the grid: it covers [place * size, (place + 1) * size) on each axis.
+Tile = tuple[int, ...]
+Floats = NDArray[np.float64]
+
+#: A tile has at least so many of the coarsest cells along an edge, unless somebody says how large it is.
+CUBES = 16
+_REACH_SIGMAS = 3.0  # Beams say something up to so many standard deviations behind their end points.
+_STEP = 0.25  # Of a tile: how far apart beams are looked at.
+_GRAIN = 0.125  # Of a tile: ends that are nearer than this are taken for one.
+
+
+@dataclass(frozen=True)
+class TileGrid:
+    """Where tiles are.
+
+    Attributes
+    ----------
+    dim : int
+    unit : float
+        Edge of the smallest cell [m].
+    cube : int
+        Edge of the coarsest cells that are updated, in smallest cells.
+    cubes : int
+        Edge of a tile, in coarsest cells: a power of the map's branching.
+    """
+
+    dim: int
+    unit: float
+    cube: int
+    cubes: int
+
+    @classmethod
+    def of(cls, m: OccupancyMap, tile_size: float | None = None) -> TileGrid:
+        """The grid for maps of this kind, with the smallest tiles that are at least so large.
+
+        Parameters
+        ----------
+        m : OccupancyMap
+            Any with the options that all tiles will have.
+        tile_size : float, optional
+            [m]; left out, that of 16 coarsest cells, or of more where the branching has no such power.
+
+        Raises
+        ------
+        ValueError
+            If the size is not > 0 and finite, or too large.
+        """
+        unit = float(m.options["min_cell_size"])
+        empty = MapKind.of(m).new()
+        edge = float(empty.cell_size(np.zeros(m.dim)))
+        cube = round(edge / unit)
+        least = CUBES * edge if tile_size is None else float(tile_size)
+        if not (least > 0 and math.isfinite(least)):
+            raise ValueError(f"tile_size = {tile_size} m: must be > 0 and finite")
+        cubes = 1
+        while cubes * edge < least * (1 - 1e-9):
+            cubes *= m.branching
+        if cubes * cube > 1 << 36:
+            raise ValueError(f"tile_size = {least:g} m: must be at most 2^36 cells of {unit:g} m")
+        return cls(m.dim, unit, cube, cubes)
+
+    @property
+    def size(self) -> float:
+        """Edge of a tile [m]."""
+        return self.cubes * self.cube * self.unit
+
+    def box(self, tile: Tile) -> Floats:
+        """(2, dim) float64: corners [m], the very doubles at which cells begin and end."""
+        edge = self.cubes * self.cube
+        return (
+            np.array([[place * edge for place in tile], [(place + 1) * edge for place in tile]]) * self.unit
+        )
+
+    def tiles_at(self, points: ArrayLike) -> NDArray[np.int64]:
+        """(n, dim) int64: the tiles that contain points (n, dim), which must be finite."""
+        points = np.asarray(points, dtype=np.float64)
+        places = np.floor(points / self.size).astype(np.int64)
+        edge = self.cubes * self.cube
+        places -= places * edge * self.unit > points  # The quotient may round to the wrong side of a border.
+        places += (places + 1) * edge * self.unit <= points
+        return places
+
+    def tiles_in(self, lower: ArrayLike, upper: ArrayLike) -> set[Tile]:
+        """All tiles that share a point with a closed box."""
+        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+        first = self.tiles_at(lower)
+        first -= self.box(tuple(first.tolist()))[0] == lower  # The neighbour ends where the box begins.
+        return set(itertools.product(*(range(a, b + 1) for a, b in zip(first, self.tiles_at(upper)))))
+
+    def nearby(self, tiles: Iterable[Tile], lower: ArrayLike, upper: ArrayLike) -> set[Tile]:
+        """Those of some tiles that share a point with a closed box."""
+        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+        found = set()
+        for tile in tiles:
+            box = self.box(tile)
+            if (box[0] <= upper).all() and (box[1] >= lower).all():
+                found.add(tile)
+        return found
+
+    def crossed(self, scan: Scan, options: dict[str, float], max_range: float = math.inf) -> set[Tile]:
+        """Tiles in which a scan may change something, and perhaps some beside them.
+
+        Parameters
+        ----------
+        scan : Scan
+        options : dict
+            The map's: they say how far behind its end point a beam reaches.
+        max_range : float
+            As for insert() [m].
+        """
+        starts, ends = beams_of(scan, options, max_range)
+        return self.crossed_by(starts, ends)
+
+    def crossed_by(self, starts: Floats, ends: Floats) -> set[Tile]:
+        """The same for segments: (n, dim) ends, and as many starts or, if all have the same, (dim,)."""
+        if len(ends) == 0:
+            return set()
+        grain = _GRAIN * self.size
+        if starts.ndim == 1:
+            ends = _thinned(ends, grain)
+            starts = np.broadcast_to(starts, ends.shape)
+        else:
+            both = _thinned(np.hstack((starts, ends)), grain)
+            starts, ends = both[:, : self.dim], both[:, self.dim :]
+        way = ends - starts
+        length = np.linalg.norm(way, axis=1)
+        counts = np.ceil(length / (_STEP * self.size)).astype(np.int64) + 1
+        which = np.repeat(np.arange(len(counts)), counts)
+        number = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+        share = number / np.maximum(counts - 1, 1)[which]
+        points = starts[which] + share[:, None] * way[which]
+        # Between two points there is at most half a step to one of them, and ends moved by half a grain.
+        margin = (0.5 * _STEP + 0.5 * _GRAIN) * self.size * (1 + 1e-6) + self.unit
+        corners = np.stack((points - margin, points + margin))
+        if 2 * margin >= self.size:  # Tiles of hardly more than a cell: there may be some in between.
+            return set().union(*(self.tiles_in(a, b) for a, b in np.unique(corners, axis=1).swapaxes(0, 1)))
+        first, last = np.floor(corners / self.size).astype(np.int64)
+        found: set[Tile] = set()
+        for row in _unique(2 * first + (last > first)).tolist():  # Two tiles on an axis, or one.
+            found.update(itertools.product(*((at >> 1, (at >> 1) + (at & 1)) for at in row)))
+        return found
+
+
+def beams_of(scan: Scan, options: dict[str, float], max_range: float) -> tuple[Floats, Floats]:
+    """Where the beams of a scan start, and up to where at most they say anything; without invalid ones."""
+    origin = np.asarray(scan.origin, dtype=np.float64)
+    endpoints = np.asarray(scan.endpoints, dtype=np.float64)
+    way = endpoints - origin
+    with np.errstate(all="ignore"):
+        length = np.linalg.norm(way, axis=1)
+        good = np.isfinite(length) & (length > 0)
+        sigma = scan.range_sigma
+        if sigma is None:
+            sigma = options.get("range_sigma", 0.0) + options.get("range_sigma_quadratic", 0.0) * length**2
+        reach = np.minimum(length, max_range) + _REACH_SIGMAS * sigma + options["min_cell_size"]
+        good &= np.isfinite(reach)
+        ends = origin + way * (reach / length)[:, None]
+    return (origin if origin.ndim == 1 else origin[good]), ends[good]
+
+
+def reach_of(starts: Floats, ends: Floats) -> tuple[Floats, Floats] | None:
+    """A box around segments; None if there are none."""
+    if len(ends) == 0:
+        return None
+    return (
+        np.minimum(starts.min(axis=0) if starts.ndim > 1 else starts, ends.min(axis=0)),
+        np.maximum(starts.max(axis=0) if starts.ndim > 1 else starts, ends.max(axis=0)),
+    )
+
+
+def nowhere(m: OccupancyMap) -> Floats:
+    """(2, dim) float64: where no beam gets: a scan inserted into this box alone makes the root grow."""
+    edge = float(m.options["min_cell_size"])
+    return np.array([[0.9 * 2**38 * edge] * m.dim, [(0.9 * 2**38 + 1024) * edge] * m.dim])
+
+
+def _thinned(points: Floats, grain: float) -> Floats:
+    """Centres of the cells of a grid that hold points."""
+    return (_unique(np.floor(points / grain).astype(np.int64)) + 0.5) * grain
+
+
+def _unique(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Different rows. Where they fit into one number each, which is the rule, these are sorted instead."""
+    lower = rows.min(axis=0)
+    spans = [int(span) for span in rows.max(axis=0) - lower + 1]
+    if math.prod(spans) >= 1 << 62:
+        return np.unique(rows, axis=0)
+    keys = np.zeros(len(rows), dtype=np.int64)
+    for axis, span in enumerate(spans):
+        keys = keys * span + (rows[:, axis] - lower[axis])
+    keys = np.unique(keys)
+    found = np.empty((len(keys), len(spans)), dtype=np.int64)
+    for axis in reversed(range(len(spans))):
+        keys, found[:, axis] = np.divmod(keys, spans[axis])
+    return found + lower

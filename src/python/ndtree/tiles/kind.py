@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which maps the tiles are, and their bytes."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass, field
+from typing import Any
+
+from ndtree import _core
+from ndtree._core import OccupancyMap
+
+_PREAMBLE = struct.Struct("<8sIQ")  # Magic, version, length; see io/map_file.hpp.
+
+
+@dataclass(frozen=True)
+class MapKind:
+    """What all tiles have in common: enough to make an empty map.
+
+    Attributes
+    ----------
+    dim, branching : int
+    refinement : str
+    options : dict of float
+        All that the refinement reads.
+    """
+
+    dim: int
+    branching: int
+    refinement: str
+    options: dict[str, float] = field(hash=False)
+
+    @classmethod
+    def of(cls, m: OccupancyMap) -> MapKind:
+        """That of a map.
+
+        Raises
+        ------
+        ValueError
+            For an OctoMap, of which there are no tiles.
+        """
+        if m.refinement == "octomap":
+            raise ValueError("an OctoMap has no tiles: must be a map of ndtree's own")
+        return cls(m.dim, m.branching, m.refinement, dict(m.options))
+
+    def new(self) -> OccupancyMap:
+        """An empty map."""
+        options = dict(self.options)
+        if self.refinement == "fixed":
+            options["cell_size"] = options.pop("min_cell_size")
+            return _core.FixedMap(dim=self.dim, branching=self.branching, **options)
+        return _core.AdaptiveMap(
+            dim=self.dim, branching=self.branching, refinement=self.refinement, **options
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers and texts."""
+        return {
+            "dim": self.dim,
+            "branching": self.branching,
+            "refinement": self.refinement,
+            "options": self.options,
+        }
+
+
+def with_counters(map_file: bytes, updates: int, splits: int, merges: int) -> bytes:
+    """A map file that says of another number of updates, splits and merges; its cells stay as they are."""
+    at = _PREAMBLE.size + 8
+    at += 2 + struct.unpack_from("<H", map_file, at)[0]
+    options, at = struct.unpack_from("<I", map_file, at)[0], at + 4
+    for _ in range(options):
+        at += 2 + struct.unpack_from("<H", map_file, at)[0] + 8
+    counted = map_file[:at] + struct.pack("<3Q", updates, splits, merges) + map_file[at + 24 : -4]
+    return counted + struct.pack("<I", zlib.crc32(counted))

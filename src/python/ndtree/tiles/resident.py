@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The part of a tiled map that is in memory: one map, into which tiles come and from which they go."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+
+from ndtree._core import OccupancyMap
+from ndtree.tiles.grid import Tile, TileGrid
+
+
+class Resident:
+    """A map that holds some tiles of a larger one, each of them whole.
+
+    Parameters
+    ----------
+    m : OccupancyMap
+        The frame: no cells, and the root of the whole map.
+    grid : TileGrid
+    load : callable
+        The map of a tile; None if nobody has ever seen anything there.
+    limit : float
+        Of the tiles' bytes in memory: beyond it those go that were not asked for longest, but for the ones
+        that are being asked for.
+
+    Attributes
+    ----------
+    map : OccupancyMap
+        What is in memory. What is not is unknown to it.
+    loads, hits : int
+        How often a tile was read, and how often it was there already.
+    """
+
+    def __init__(
+        self,
+        m: OccupancyMap,
+        grid: TileGrid,
+        load: Callable[[Tile], OccupancyMap | None],
+        limit: float = math.inf,
+    ) -> None:
+        self.map = m
+        self.loads = self.hits = 0
+        self._grid = grid
+        self._load = load
+        self._limit = limit
+        self._held: OrderedDict[Tile, int] = OrderedDict()  # With what they take in memory.
+        self._bytes = 0
+
+    def __contains__(self, tile: Tile) -> bool:
+        return tile in self._held
+
+    @property
+    def tiles(self) -> list[Tile]:
+        """Tiles in memory; those that were not asked for longest come first."""
+        return list(self._held)
+
+    @property
+    def bytes(self) -> int:
+        """Memory of the tiles that were read."""
+        return self._bytes
+
+    def hold(self, tiles: Iterable[Tile]) -> None:
+        """Have these tiles in memory."""
+        needed = set(tiles)
+        missing = []
+        for tile in sorted(needed):
+            if tile in self._held:
+                self._held.move_to_end(tile)
+                self.hits += 1
+            else:
+                missing.append(tile)
+        for tile in missing:
+            loaded = self._load(tile)
+            size = 0
+            if loaded is not None:
+                size = loaded.stats().memory_bytes
+                self._make_room(size, needed)
+                self.map.adopt(loaded, self._grid.box(tile))
+                self.loads += 1
+            self._held[tile] = size
+            self._bytes += size
+
+    def _make_room(self, size: int, spared: set[Tile]) -> None:
+        oldest = iter([tile for tile in self._held if tile not in spared])
+        while self._bytes + size > self._limit:
+            tile = next(oldest, None)
+            if tile is None:
+                return
+            self.let_go([tile])
+
+    def cut_out(self, tile: Tile, into: OccupancyMap) -> OccupancyMap:
+        """A tile's cells, taken over by an empty map, which is returned."""
+        into.adopt(self.map, self._grid.box(tile))
+        return into
+
+    def let_go(self, tiles: Iterable[Tile]) -> None:
+        """Forget tiles."""
+        for tile in tiles:
+            if tile in self._held:
+                self._bytes -= self._held.pop(tile)
+                self.map.clear(self._grid.box(tile))

@@ -1,0 +1,438 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A map in tiles, asked as one that is in memory: tiles are read as answers need them."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ndtree._arguments import TAKEN, flattened, refuse_masked, shaped
+from ndtree._core import DistanceField, OccupancyMap, Shape
+from ndtree.results import Frontier, Leaves, NearestOccupied, RayEnds
+from ndtree.tiles.grid import Floats, Tile, TileGrid
+from ndtree.tiles.manifest import Manifest, open_manifest, read_map
+from ndtree.tiles.resident import Resident
+from ndtree.tiles.storage import Storage, storage_of
+
+#: Memory that tiles take, where nobody says how much.
+CACHE_BYTES = 1 << 30
+
+
+def _bulk(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Takes arrays as the maps' own methods do, and answers in their shape."""
+    axes = TAKEN[method.__name__]
+
+    @functools.wraps(method)
+    def call(self: TiledMap, first: ArrayLike, *arguments: Any, **keywords: Any) -> Any:
+        names = method.__code__.co_varnames[1:]
+        given = dict(zip(names, (first, *arguments)))
+        refuse_masked(method.__name__, {**given, **keywords})
+        order = [name for name in axes if name in given]
+        changed, leading = flattened(
+            axes, {**{name: given[name] for name in order}, **given}, lambda: self.dim
+        )
+        with self._lock:
+            result = method(self, **{**given, **changed}, **keywords)
+        return result if leading is None else shaped(result, leading)
+
+    return call
+
+
+class TiledMap:
+    """A map whose tiles lie in a folder; it answers as the whole one would, see `OccupancyMap`.
+
+    What one answer needs is in memory together. Beyond that, the tiles that were asked for last stay there,
+    as far as `cache_bytes` goes. Threads may share it, and wait for each other.
+
+    Parameters
+    ----------
+    storage : Storage
+    manifest : Manifest
+    cache_bytes : int
+        Memory of tiles that are kept.
+
+    Attributes
+    ----------
+    manifest : Manifest
+        Which tiles there are.
+    """
+
+    def __init__(self, storage: Storage, manifest: Manifest, cache_bytes: int = CACHE_BYTES) -> None:
+        if cache_bytes < 0:
+            raise ValueError(f"cache_bytes = {cache_bytes}: must be >= 0")
+        self.manifest = manifest
+        self._storage = storage
+        self._cache_bytes = cache_bytes
+        self._lock = threading.RLock()
+        self._frame = read_map(storage, manifest.frame)
+        self._resident = Resident(self._frame.snapshot(), manifest.grid, self._load, cache_bytes)
+
+    @property
+    def url(self) -> str:
+        """Where it is, as it was given."""
+        return self._storage.url
+
+    @property
+    def dim(self) -> int:
+        """Dimension of space."""
+        return self.manifest.kind.dim
+
+    @property
+    def branching(self) -> int:
+        """Children of a node along each axis."""
+        return self.manifest.kind.branching
+
+    @property
+    def refinement(self) -> str:
+        """Name of the rule that decides on cell sizes."""
+        return self.manifest.kind.refinement
+
+    @property
+    def options(self) -> dict[str, float]:
+        """The options that the map reads."""
+        return dict(self.manifest.kind.options)
+
+    @property
+    def grid(self) -> TileGrid:
+        """Where tiles are."""
+        return self.manifest.grid
+
+    @property
+    def loads(self) -> int:
+        """How many tiles were read so far."""
+        return self._resident.loads
+
+    @property
+    def hits(self) -> int:
+        """How many times a tile was in memory already."""
+        return self._resident.hits
+
+    @property
+    def resident_bytes(self) -> int:
+        """Memory that tiles take now."""
+        return self._resident.bytes
+
+    def __repr__(self) -> str:
+        kind = self.manifest.kind
+        return (
+            f"TiledMap({self.url}: dim={kind.dim}, branching={kind.branching}, "
+            f"refinement={kind.refinement!r}, {len(self.manifest.tiles)} tiles of {self.grid.size:g} m, "
+            f"revision={self.manifest.revision})"
+        )
+
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """As of `OccupancyMap`; no tile is read."""
+        return self.manifest.bounds
+
+    @property
+    def observed_leaves(self) -> int:
+        """Leaves that at least one beam updated; no tile is read."""
+        return sum(entry.observed_leaves for entry in self.manifest.tiles.values())
+
+    def to_map(self) -> OccupancyMap:
+        """One map of all tiles: byte for byte the one that would have been made without them.
+
+        Raises
+        ------
+        MemoryError
+            If it would hold more than its max_memory.
+        """
+        whole = self._frame.snapshot()
+        for tile in sorted(self.manifest.tiles):
+            loaded = self._load(tile)
+            if loaded is not None:
+                whole.adopt(loaded, self.grid.box(tile))
+        return whole
+
+    def region(self, box: ArrayLike) -> OccupancyMap:
+        """A map of the tiles that share a point with a box: all that the whole one knows there.
+
+        Parameters
+        ----------
+        box : (2, dim) array of float
+            Lower and upper corner [m].
+
+        Returns
+        -------
+        OccupancyMap
+            A snapshot: what is done to it changes nothing here.
+        """
+        corners = np.asarray(box, dtype=np.float64)
+        if corners.shape != (2, self.dim):
+            raise ValueError(f"box has shape {corners.shape}: must be (2, {self.dim})")
+        with self._lock:
+            self._resident.hold(self.grid.nearby(self.manifest.tiles, corners[0], corners[1]))
+            return self._resident.map.snapshot()
+
+    def leaves(self, box: ArrayLike | None = None, *, states: Sequence[Any] | None = None) -> Leaves:
+        """As of `OccupancyMap`, but for unknown space that is larger than `max_cell_size`.
+
+        How that is divided is kept nowhere; it may be missing here, or come in larger pieces.
+        """
+        bounds = self.bounds()
+        if box is None:
+            if bounds is None:
+                return self._frame.leaves(states=states)
+            return self.region(np.array(bounds)).leaves(states=states)
+        return self.region(box).leaves(box, states=states)
+
+    def frontiers(self, box: ArrayLike | None = None, *, min_cells: float = 8.0) -> list[Frontier]:
+        """As of `OccupancyMap`."""
+        bounds = self.bounds()
+        if bounds is None:
+            return []
+        around = np.array(bounds) if box is None else np.asarray(box, dtype=np.float64)
+        return self.region(self._widened(around, self.grid.size)).frontiers(box, min_cells=min_cells)
+
+    def distance_field(
+        self, box: ArrayLike, cell_size: float, *, max_distance: float = 2.0, unknown: Any = "free"
+    ) -> DistanceField:
+        """As of `OccupancyMap`."""
+        around = self._widened(np.asarray(box, dtype=np.float64), max_distance + cell_size)
+        return self.region(around).distance_field(box, cell_size, max_distance=max_distance, unknown=unknown)
+
+    def to_grid(
+        self, box: ArrayLike, cell_size: float | None = None, *, values: Any = "state"
+    ) -> NDArray[Any]:
+        """As of `OccupancyMap`."""
+        step = self.options["min_cell_size"] if cell_size is None else cell_size
+        around = self._widened(np.asarray(box, dtype=np.float64), step)
+        return self.region(around).to_grid(box, cell_size, values=values)
+
+    @_bulk
+    def probability(self, points: ArrayLike) -> NDArray[np.float32]:
+        """As of `OccupancyMap`."""
+        return self._at(points, 0.0, lambda m, some: m.probability(some))
+
+    @_bulk
+    def state(self, points: ArrayLike) -> NDArray[np.int8]:
+        """As of `OccupancyMap`."""
+        return self._at(points, 0.0, lambda m, some: m.state(some))
+
+    @_bulk
+    def occupied_within(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
+        """As of `OccupancyMap`."""
+        return self._at(points, radius, lambda m, some: m.occupied_within(some, radius))
+
+    @_bulk
+    def states_in(self, lower: ArrayLike, upper: ArrayLike) -> NDArray[np.bool_]:
+        """As of `OccupancyMap`."""
+        low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+
+        return self._asked(
+            len(low),
+            lambda which: self._touching(low[which], high[which]),
+            lambda m, which: m.states_in(low[which], high[which]),
+            _order(low),
+        )
+
+    @_bulk
+    def nearest_occupied(self, points: ArrayLike, *, max_distance: float = math.inf) -> NearestOccupied:
+        """As of `OccupancyMap`; of points as near as each other, it may be another one."""
+        points = np.asarray(points, dtype=np.float64)
+        bounds = self.bounds()
+        found = self._frame.nearest_occupied(points, max_distance=max_distance)  # Of the right shape, empty.
+        if bounds is None:
+            return found
+        distance, point = found.distance.copy(), found.point.copy()
+        left = np.flatnonzero(np.isfinite(points).all(axis=1))
+        radius = min(0.25 * self.grid.size, max_distance)
+        while left.size:
+            one = self._at(
+                points[left], radius, functools.partial(_nearest, radius=radius), columns=1 + self.dim
+            )
+            distance[left], point[left] = one[:, 0], one[:, 1:]
+            if radius >= max_distance:
+                break
+            farthest = np.maximum(np.abs(points[left] - bounds[0]), np.abs(points[left] - bounds[1]))
+            left = left[(one[:, 0] > radius) & (np.linalg.norm(farthest, axis=1) > radius)]
+            radius = min(2.0 * radius, max_distance)
+        return NearestOccupied(distance, point)
+
+    def distance_to_occupied(self, points: ArrayLike) -> NDArray[np.float64]:
+        """As of `OccupancyMap`."""
+        distance = np.asarray(self.nearest_occupied(points).distance)
+        return np.where(np.isfinite(distance), distance, np.nan)[()]
+
+    def cast_rays(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        max_range: float = math.inf,
+        unknown: Literal["pass", "stop"] = "pass",
+        details: bool = False,
+    ) -> NDArray[np.float64] | RayEnds:
+        """As of `OccupancyMap`; in its details, unknown space that ends a ray may be larger."""
+        given, leading = flattened(
+            TAKEN["cast_rays"], {"directions": directions, "origins": origins}, lambda: self.dim
+        )
+        way = np.asarray(given["directions"], dtype=np.float64)
+        start = np.asarray(given["origins"], dtype=np.float64)
+        keywords: dict[str, Any] = {"max_range": max_range, "unknown": unknown, "details": details}
+        if way.ndim != 2 or way.shape[1] != self.dim or start.shape not in ((self.dim,), way.shape):
+            return self._frame.cast_rays(start, way, **keywords)  # Which says what is wrong.
+        self._frame.cast_rays(start, way, **{**keywords, "details": False})  # So with what is not finite.
+        bounds = self.bounds()
+        limit = 0.0
+        if bounds is not None and way.size:
+            far = np.maximum(np.abs(start - bounds[0]), np.abs(start - bounds[1]))
+            limit = min(max_range, float(np.linalg.norm(far, axis=-1).max()))
+        with np.errstate(over="ignore"):
+            ends = start + way * (limit / np.linalg.norm(way, axis=1))[:, None]
+
+        def needed(which: Any) -> set[Tile]:
+            crossed = self.grid.crossed_by(start if start.ndim == 1 else start[which], ends[which])
+            return crossed & self.manifest.tiles.keys()
+
+        def ask(m: OccupancyMap, which: Any) -> Any:
+            return m.cast_rays(start if start.ndim == 1 else start[which], way[which], **keywords)
+
+        with self._lock:
+            result = self._asked(len(way), needed, ask, _order(ends if start.ndim == 1 else start))
+        return result if leading is None else shaped(result, leading)
+
+    def collides(self, shape: Shape, poses: ArrayLike, *, unknown: Any = "free") -> NDArray[np.bool_]:
+        """As of `OccupancyMap`."""
+        return self._about(poses).collides(shape, poses, unknown=unknown)
+
+    def path_collides(self, shape: Shape, poses: ArrayLike, *, unknown: Any = "free") -> int:
+        """As of `OccupancyMap`."""
+        return self._about(poses).path_collides(shape, poses, unknown=unknown)
+
+    def _about(self, poses: ArrayLike) -> OccupancyMap:
+        """Tiles around poses, for bodies of up to a tile's edge from their origin."""
+        array = np.asarray(poses, dtype=np.float64)
+        planar = array.ndim < 3 and array.shape[-1:] == (3,)
+        places = array[..., :2] if planar else array[..., : self.dim, -1]
+        places = places.reshape(-1, places.shape[-1] if places.ndim else 1)
+        if places.shape[1] != self.dim or not np.isfinite(places).all() or not len(places):
+            return self._frame  # Which says what is wrong.
+        box = np.stack((places.min(axis=0), places.max(axis=0)))
+        return self.region(self._widened(box, self.grid.size))
+
+    def _load(self, tile: Tile) -> OccupancyMap | None:
+        entry = self.manifest.tiles.get(tile)
+        return None if entry is None else read_map(self._storage, entry)
+
+    @staticmethod
+    def _widened(box: Floats, margin: float) -> Floats:
+        return box + np.array([[-margin], [margin]]) if box.shape[:1] == (2,) else box
+
+    def _touching(self, lower: Floats, upper: Floats) -> set[Tile]:
+        """Tiles with something in them that share a point with one of some boxes."""
+        good = np.isfinite(lower).all(axis=1) & np.isfinite(upper).all(axis=1)
+        lower, upper = lower[good], upper[good]
+        if not len(lower):
+            return set()
+        near = self.grid.nearby(self.manifest.tiles, lower.min(axis=0), upper.max(axis=0))
+        if len(near) < 2:
+            return near
+        kept = set()
+        for tile in near:
+            corners = self.grid.box(tile)
+            if ((upper >= corners[0]) & (lower <= corners[1])).all(axis=1).any():
+                kept.add(tile)
+        return kept
+
+    def _at(
+        self,
+        points: ArrayLike,
+        radius: float,
+        ask: Callable[[OccupancyMap, NDArray[np.float64]], Any],
+        columns: int = 0,
+    ) -> Any:
+        """What each of some points is told, for which what is within a radius is all that counts."""
+        array = np.asarray(points)
+        if array.ndim != 2 or array.shape[1] != self.dim or array.dtype.kind not in "fiu":
+            return ask(self._frame, points)  # type: ignore[arg-type]  # Which says what is wrong.
+        array = array.astype(np.float64, copy=False)
+        return self._asked(
+            len(array),
+            lambda which: self._touching(array[which] - radius, array[which] + radius),
+            lambda m, which: ask(m, array[which]),
+            _order(array),
+        )
+
+    def _asked(
+        self,
+        count: int,
+        needed: Callable[[Any], set[Tile]],
+        ask: Callable[[OccupancyMap, Any], Any],
+        order: NDArray[np.int64],
+    ) -> Any:
+        """Answers to many questions, in so many goes that tiles fit into memory.
+
+        Parameters
+        ----------
+        needed, ask : callable
+            Which tiles the questions with some numbers need, and what a map says to them.
+        order : (count,) int
+            In which the numbers are near each other.
+        """
+        answers = []
+
+        def go(which: Any) -> None:
+            tiles = needed(which)
+            size = sum(self.manifest.tiles[tile].bytes for tile in tiles)
+            if size > self._cache_bytes and len(which) > 1:
+                half = len(which) // 2
+                go(which[:half])
+                go(which[half:])
+                return
+            self._resident.hold(tiles)
+            answers.append(ask(self._resident.map, which))
+
+        if not count:
+            return ask(self._frame, np.arange(0))
+        go(order)
+        back = np.argsort(order)
+        if isinstance(answers[0], RayEnds):
+            parts = {
+                name: np.concatenate([getattr(one, name) for one in answers])[back]
+                for name in ("distance", "state", "lower", "size")
+            }
+            return RayEnds(**parts)
+        return np.concatenate(answers)[back]
+
+
+def _nearest(m: OccupancyMap, points: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    found = m.nearest_occupied(points, max_distance=radius)
+    return np.column_stack((found.distance, found.point))
+
+
+def _order(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Numbers of points, by their place."""
+    return np.lexsort(points.T[::-1])
+
+
+def open_tiles(url: str | os.PathLike[str], *, cache_bytes: int = CACHE_BYTES) -> TiledMap:
+    """Open a map in tiles.
+
+    Parameters
+    ----------
+    url : str or path
+        A folder, or what fsspec (extra ``fleet``) knows: s3://, gs://, memory:// and others.
+    cache_bytes : int
+        Memory of tiles that are kept; one answer may need more.
+
+    Returns
+    -------
+    TiledMap
+
+    Raises
+    ------
+    OSError
+        If there is none, or it cannot be read.
+    ValueError
+        If it is damaged; the file is named.
+    """
+    storage = storage_of(url)
+    return TiledMap(storage, open_manifest(storage), cache_bytes)

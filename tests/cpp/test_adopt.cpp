@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Space that is mapped in parts, each apart from the others, against the map that one makes of all of it.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstddef>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "random.hpp"
+
+namespace ndtree::test::test_adopt {
+namespace {
+
+template <int N>
+MapOptions some_options() {
+  MapOptions options;
+  options.min_cell_size = 0.25;
+  options.max_cell_size = 0.25 * N * N;
+  options.range_sigma = 0.1;
+  return options;
+}
+/// From somewhere, as a robot that moves on: so that the root grows, now here, now there.
+template <int D>
+Scan<D> random_scan(Random& random) {
+  Scan<D> scan;
+  const Eigen::Index beams = random.chance(0.3) ? 2000 : 30;
+  scan.origins.resize(D, 1);
+  scan.endpoints.resize(D, beams);
+  scan.returned.resize(static_cast<std::size_t>(beams));
+  for (int a = 0; a < D; ++a) scan.origins(a, 0) = random.uniform(-9.0, 9.0);
+  for (Eigen::Index i = 0; i < beams; ++i) {
+    for (int a = 0; a < D; ++a) scan.endpoints(a, i) = scan.origins(a, 0) + random.uniform(-5.0, 5.0);
+    scan.returned[static_cast<std::size_t>(i)] = random.chance(0.8);
+  }
+  return scan;
+}
+/// Boxes of so many cubes' edges that tile all that random_scan() can reach.
+template <int D>
+std::vector<Box<D>> tiles(double edge) {
+  const double reach = 16.0;
+  const int first = static_cast<int>(std::floor(-reach / edge));
+  const int last = static_cast<int>(std::ceil(reach / edge));
+  std::vector<Box<D>> result{Box<D>{Vector<D>::Zero(), Vector<D>::Zero()}};
+  for (int a = 0; a < D; ++a) {
+    std::vector<Box<D>> more;
+    for (const Box<D>& box : result)
+      for (int i = first; i < last; ++i) {
+        more.push_back(box);
+        more.back().lower[a] = i * edge;
+        more.back().upper[a] = (i + 1) * edge;
+      }
+    result = more;
+  }
+  return result;
+}
+/// Where no beam gets.
+template <int D>
+Box<D> nowhere() {
+  return {Vector<D>::Constant(900.0), Vector<D>::Constant(901.0)};
+}
+
+template <class Map>
+class Adopted : public testing::Test {};
+using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, AdaptiveMap<2, 3>, PaperMap<2, 2>,
+                            PaperMap<3, 3>, FixedMap<2, 2>, FixedMap<2, 3>>;
+TYPED_TEST_SUITE(Adopted, Maps);
+
+TYPED_TEST(Adopted, PartsAreTheMapThatOneMakes) {
+  constexpr int N = TypeParam::kBranching;
+  constexpr int D = TypeParam::kDim;
+  const MapOptions options = some_options<N>();
+  Random random(21);
+  std::size_t taken = 0;
+  for (int round = 0; round < (D == 2 ? 6 : 2); ++round) {
+    std::vector<Scan<D>> scans;
+    for (int i = D == 2 ? random.integer(1, 5) : 2; i > 0; --i) scans.push_back(random_scan<D>(random));
+    TypeParam serial(options);
+    TypeParam joined(options);
+    for (const Scan<D>& scan : scans) {
+      serial.insert(scan);
+      const InsertReport report = joined.insert(scan, kUnlimitedRange, 1, nowhere<D>());
+      ASSERT_EQ(report.updates, 0u);
+    }
+    for (const Box<D>& tile : tiles<D>(options.max_cell_size * (D == 2 && round % 2 == 0 ? 2 : 5))) {
+      TypeParam part(options);
+      for (const Scan<D>& scan : scans) part.insert(scan, kUnlimitedRange, 1, tile);
+      TypeParam kept(options);  // As a file would have it: with a root around what is known.
+      kept.adopt(part, tile);
+      EXPECT_EQ(kept.counters().updates, 0u);
+      taken += kept.stats().observed_leaves;
+      joined.adopt(round % 3 == 0 ? from_bytes<TypeParam>(to_bytes(part)) : part);
+      joined.check_invariants();
+      TypeParam again(options);
+      again.adopt(serial, tile);
+      again.check_invariants();
+      ASSERT_EQ(to_bytes(kept), to_bytes(again));
+    }
+    ASSERT_EQ(to_bytes(serial), to_bytes(joined)) << "round " << round;
+    ASSERT_EQ(serial.stats().observed_leaves, joined.stats().observed_leaves);
+  }
+  EXPECT_GT(taken, 1000u);
+}
+
+TYPED_TEST(Adopted, WhatIsPutAsideComesBackAndMappingGoesOn) {
+  constexpr int N = TypeParam::kBranching;
+  constexpr int D = TypeParam::kDim;
+  const MapOptions options = some_options<N>();
+  Random random(22);
+  for (int round = 0; round < 2; ++round) {
+    TypeParam serial(options);
+    TypeParam moving(options);
+    const auto all = tiles<D>(options.max_cell_size * 4);
+    for (int i = 0; i < 6; ++i) {
+      const Scan<D> scan = random_scan<D>(random);
+      serial.insert(scan);
+      moving.insert(scan);
+      const Box<D>& tile = all[static_cast<std::size_t>(random.integer(0, static_cast<int>(all.size()) - 1))];
+      TypeParam aside(options);
+      aside.adopt(moving, tile);
+      moving.clear(tile);
+      moving.adopt(aside);
+      moving.check_invariants();
+    }
+    ASSERT_EQ(to_bytes(serial), to_bytes(moving));
+  }
+}
+
+TEST(AdoptedCells, AreOfOneMapAlone) {
+  using Map = AdaptiveMap<2, 2>;
+  Random random(23);
+  const MapOptions options = some_options<2>();
+  Map map(options);
+  map.insert(random_scan<2>(random));
+  const std::string before = to_bytes(map);
+  const auto refusal = [&](const Map& other, const std::optional<Box<2>>& box) {
+    try {
+      map.adopt(other, box);
+    } catch (const std::invalid_argument& error) {
+      EXPECT_EQ(to_bytes(map), before);
+      return std::string(error.what());
+    }
+    return std::string("none");
+  };
+  const std::string both = refusal(map.snapshot(), std::nullopt);
+  EXPECT_EQ(both.find("both maps hold cells in the cube of 1.0 m from ("), 0u) << both;
+  MapOptions coarser = options;
+  coarser.min_cell_size = 0.5;
+  EXPECT_EQ(refusal(Map(coarser), std::nullopt),
+            "a map with cells from 0.5 to 1.0 m cannot be adopted by one with cells from 0.25 to 1.0 m");
+  EXPECT_EQ(refusal(Map(options), Box<2>{Vector<2>(0.0, 0.0), Vector<2>(1.0, 0.0)}),
+            "box from (0.0, 0.0) to (1.0, 0.0): must be finite, and have a volume");
+  EXPECT_EQ(refusal(map.snapshot(), Box<2>{Vector<2>(50.0, 50.0), Vector<2>(51.0, 51.0)}), "none");
+  MapOptions scarce = options;
+  scarce.max_memory = 4000.0;
+  Map small(scarce);
+  const std::string empty = to_bytes(small);
+  EXPECT_THROW(small.adopt(map), MemoryLimitReached);
+  EXPECT_EQ(to_bytes(small), empty);
+}
+
+TEST(BytesOfAMap, DoNotTellWhichUnknownSpaceWasDivided) {
+  using Map = AdaptiveMap<2, 2>;
+  Random random(24);
+  Map map(some_options<2>());
+  for (int i = 0; i < 5; ++i) map.insert(random_scan<2>(random));
+  Map forgotten = map;
+  forgotten.crop(Box<2>{Vector<2>(-40.0, -40.0), Vector<2>(40.0, 40.0)});
+  EXPECT_EQ(to_bytes(map), to_bytes(forgotten));
+  const Map loaded = from_bytes<Map>(to_bytes(map));
+  EXPECT_EQ(to_bytes(map), to_bytes(loaded));
+  EXPECT_EQ(map.stats().observed_leaves, loaded.stats().observed_leaves);
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_adopt

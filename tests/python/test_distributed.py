@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Logs of a fleet mapped by tasks, against one map that takes all scans in, in their order."""
+
+import functools
+import importlib.util
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree import distributed
+from ndtree.distributed.engines import Engine, LocalEngine
+from ndtree.tiles import MANIFEST, in_order, open_tiles
+
+SEEDS = {"ann": 1, "bob": 2, "eve": 3}
+
+
+def make_map():
+    return ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, max_cell_size=0.8, range_sigma=0.02)
+
+
+def robot(seed: int, scans: int = 24, late: float = 0.0) -> list[ndtree.Scan]:
+    """One that drives through the office; its clock is that of the others."""
+    return [
+        ndtree.Scan(scan.endpoints, scan.origin, scan.returned, scan.stamp + late)
+        for scan in ndtree.simulate("office", seed=seed, scans=scans)
+    ]
+
+
+def fleet(scans: int = 24):
+    return {name: functools.partial(robot, seed, scans) for name, seed in SEEDS.items()}
+
+
+def serial(logs, m=None, max_range=math.inf, no_return="free"):
+    m = make_map() if m is None else m
+    for _, scan in in_order({name: source() for name, source in logs.items()}):
+        scan = scan.returned_only() if no_return == "ignore" else scan
+        scan.insert_into(m, max_range=max_range)
+    return m
+
+
+class Unreliable(Engine):
+    """One task at a time; some are done twice, some are lost half-way and done again."""
+
+    workers = 3
+
+    def __init__(self, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+        self._results: dict[int, object] = {}
+        self.twice = 0
+
+    def submit(self, function, *arguments):
+        result = function(*arguments)
+        if self._random.random() < 0.4:
+            self.twice += 1
+            result = function(*arguments)
+        self._results[len(self._results)] = result
+        return len(self._results) - 1
+
+    def done_of(self, handles):
+        return {self._random.choice(sorted(handles))}
+
+    def result(self, handle):
+        return self._results[handle]
+
+    def close(self):
+        pass
+
+
+OPTIONS = {"tile_size": 5.0, "block": 1, "batch_beams": 2_000, "range_beams": 3_000}
+
+
+@pytest.mark.parametrize("no_return", ["free", "ignore"])
+@pytest.mark.parametrize(("workers", "block"), [(1, 1), (4, 1), (2, 3)])
+def test_the_map_is_the_serial_one(tmp_path, workers, block, no_return):
+    url = tmp_path / "a"
+    report = distributed.map(
+        fleet(),
+        url,
+        engine="local",
+        workers=workers,
+        like=make_map(),
+        max_range=8.0,
+        no_return=no_return,
+        **{**OPTIONS, "block": block},
+    )
+    whole = serial(fleet(), max_range=8.0, no_return=no_return)
+    tiles = open_tiles(url)
+    assert tiles.to_map().to_bytes() == whole.to_bytes()
+    assert report.scans == 72 and report.tiles > 10 and report.tasks > report.blocks
+    assert report.blocks >= report.tiles if block == 1 else report.blocks < report.tiles
+    assert report.task_beams > report.beams and report.bytes_read > report.scan_bytes
+    assert 0.0 <= report.idle < 1.0 and len(report.records) == report.tasks
+    assert not (url / "run-000001" / "work").exists()
+
+
+def test_tasks_that_run_twice_and_in_any_order_change_nothing(tmp_path):
+    one = distributed.map(fleet(), tmp_path / "a", engine="local", like=make_map(), **OPTIONS)
+    engine = Unreliable(4)
+    distributed.map(fleet(), tmp_path / "b", engine=engine, like=make_map(), **OPTIONS)
+    assert engine.twice > one.tasks / 4
+    for name in sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*.ndt")):
+        assert (tmp_path / "b" / name).read_bytes() == (tmp_path / "a" / name).read_bytes()
+    assert (tmp_path / "b" / MANIFEST).read_bytes() == (tmp_path / "a" / MANIFEST).read_bytes()
+
+
+class Dying(LocalEngine):
+    """Raises after so many results."""
+
+    def __init__(self, left: int) -> None:
+        super().__init__(2)
+        self.left = left
+
+    def result(self, handle):
+        self.left -= 1
+        if self.left < 0:
+            raise KeyboardInterrupt
+        return super().result(handle)
+
+
+def test_a_run_that_was_stopped_goes_on(tmp_path):
+    whole = serial(fleet(12))
+    for left in (0, 2, 3, 10, 30):
+        url = tmp_path / str(left)
+        with pytest.raises(KeyboardInterrupt):
+            distributed.map(fleet(12), url, engine=Dying(left), like=make_map(), **OPTIONS)
+        assert not (url / MANIFEST).exists()
+        counting = Dying(10_000)
+        distributed.map(fleet(12), url, engine=counting, like=make_map(), **OPTIONS)
+        assert open_tiles(url).to_map() == whole
+        if left == 30:  # What was done is not done again.
+            assert 10_000 - counting.left <= distributed_tasks(url) + len(SEEDS) - left + 10
+    # Another run at the same place begins anew.
+    distributed.map(fleet(5), url, engine="local", like=make_map(), **OPTIONS)
+    assert open_tiles(url).to_map() == serial(fleet(5))
+    assert {path.name for path in url.iterdir()} == {MANIFEST, "tiles", "run-000002"}
+
+
+def distributed_tasks(url) -> int:
+    report = distributed.map(fleet(12), url.parent / "counted", engine="local", like=make_map(), **OPTIONS)
+    return report.tasks
+
+
+def turned(angle: float, x: float, y: float) -> np.ndarray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, x], [s, c, y], [0.0, 0.0, 1.0]])
+
+
+def test_new_poses_map_what_they_touch_anew(tmp_path):
+    url = tmp_path / "a"
+    first = distributed.map(fleet(), url, engine="local", like=make_map(), **OPTIONS)
+    untouched = open_tiles(url).manifest.tiles
+    poses = {"bob": {3: turned(0.01, 0.05, -0.1), 4: turned(0.02, 0.1, -0.1)}}
+    for more in ({}, {"ann": {0: turned(0.5, -30.0, 40.0)}}, {"bob": {3: np.eye(3)}}):
+        poses = {log: {**poses.get(log, {}), **more.get(log, {})} for log in {**poses, **more}}
+        report = distributed.remap(url, poses, engine="local")
+        logs = {
+            name: functools.partial(
+                lambda seed, of: [
+                    distributed.moved(scan, of[i]) if i in of else scan for i, scan in enumerate(robot(seed))
+                ],
+                seed,
+                poses.get(name, {}),
+            )
+            for name, seed in SEEDS.items()
+        }
+        assert open_tiles(url).to_map().to_bytes() == serial(logs).to_bytes()
+        assert 0 < report.tiles < first.tiles or "ann" in more
+    kept = [tile for tile, entry in open_tiles(url).manifest.tiles.items() if untouched.get(tile) == entry]
+    assert kept
+    assert distributed.remap(url, poses, engine="local").tasks == 0
+    for wrong, said in (
+        ({"joe": {}}, "log 'joe': must be one of ann, bob, eve"),
+        ({"bob": {24: np.eye(3)}}, "log 'bob': scan 24: there are 24"),
+        ({"bob": {1: np.eye(4)}}, r"pose has shape \(4, 4\): must be \(3, 3\)"),
+        ({"bob": {1: 2 * np.eye(3)}}, "scan 1: the pose is no rigid motion"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            distributed.remap(url, wrong, engine="local")
+
+
+def test_sessions_of_other_days_follow_each_other(tmp_path):
+    logs = {
+        "monday": functools.partial(robot, 1, 15),
+        "tuesday": functools.partial(robot, 1, 15, 86_400.0),
+        "a late one": functools.partial(robot, 2, 15, 2 * 86_400.0),
+    }
+    distributed.map(logs, tmp_path / "a", engine="local", like=make_map(), **OPTIONS)
+    m = make_map()
+    for name in ("monday", "tuesday", "a late one"):
+        for scan in logs[name]():
+            scan.insert_into(m)
+    assert open_tiles(tmp_path / "a").to_map() == m
+
+
+def test_scans_that_no_map_takes_are_left_out(tmp_path):
+    scans = robot(1, 10)
+    far = ndtree.Scan(np.array([[1e9, 0.0]]), np.zeros(2))
+    logs = {"a": lambda: [*scans[:5], far, *scans[5:]]}
+    report = distributed.map(logs, tmp_path / "a", engine="local", like=make_map(), **OPTIONS)
+    assert report.refused == 1 and report.scans == 10
+    assert open_tiles(tmp_path / "a").to_map() == serial({"a": lambda: scans})
+
+
+def test_wrong_calls_are_refused_in_one_line(tmp_path):
+    def refusal(logs=None, url=tmp_path / "a", **options):
+        with pytest.raises((ValueError, OSError, ImportError)) as error:
+            distributed.map(fleet() if logs is None else logs, url, **{"engine": "local", **options})
+        assert "\n" not in str(error.value)
+        return str(error.value)
+
+    assert refusal({}) == "no logs: must be at least one"
+    assert refusal(engine="spark") == "engine = 'spark': must be one of local, ray, dask"
+    assert refusal(workers=0) == "workers = 0: must be >= 1"
+    assert refusal(range_beams=0) == "range_beams = 0: must be >= 1"
+    assert refusal(no_return="auto") == "no_return = 'auto': must be 'free' or 'ignore'"
+    assert refusal(["x/a.log", "y/a.log"]).startswith("y/a.log: another log is called a.log")
+    assert "no scans, expected at least one" in refusal({"a": lambda: iter(())}, like=make_map())
+    assert "2-D, and the map 3-D" in refusal(like=ndtree.AdaptiveMap(dim=3))
+
+
+needs_ray = pytest.mark.skipif(
+    importlib.util.find_spec("ray") is None, reason="Ray is not installed: pip install 'ndtree-mapping[ray]'"
+)
+needs_dask = pytest.mark.skipif(
+    importlib.util.find_spec("distributed") is None,
+    reason="Dask is not installed: pip install 'ndtree-mapping[dask]'",
+)
+
+CHILD = """
+import sys
+sys.path.insert(0, sys.argv[4])
+from ndtree import distributed
+from test_distributed import OPTIONS, fleet, make_map
+workers = int(sys.argv[3])
+distributed.map(fleet(), sys.argv[1], engine=sys.argv[2], workers=workers, like=make_map(), **OPTIONS)
+"""
+
+
+def run_child(url, engine: str, workers: int) -> subprocess.Popen:
+    here = os.path.dirname(__file__)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([here, os.environ.get("PYTHONPATH", "")])}
+    return subprocess.Popen(
+        [sys.executable, "-c", CHILD, str(url), engine, str(workers), here], env=environment
+    )
+
+
+@pytest.mark.parametrize(
+    "engine", [pytest.param("ray", marks=needs_ray), pytest.param("dask", marks=needs_dask)]
+)
+def test_engines_make_the_serial_map(tmp_path, engine):
+    for workers in (1, 2):
+        url = tmp_path / str(workers)
+        assert run_child(url, engine, workers).wait(timeout=300) == 0
+        assert open_tiles(url).to_map() == serial(fleet())
+
+
+def test_a_process_killed_at_any_time_goes_on(tmp_path):
+    random = np.random.default_rng(6)
+    print("seed 6")
+    kills = 0
+    while True:
+        child = run_child(tmp_path / "a", "local", 2)
+        begun = time.monotonic()
+        while kills < 3 and child.poll() is None:
+            work = list((tmp_path / "a").rglob("work/*.json"))
+            if len(work) > 8 * kills or time.monotonic() - begun > 60:
+                time.sleep(random.uniform(0.0, 0.05))
+                break
+            time.sleep(0.005)
+        if kills < 3 and child.poll() is None:
+            os.kill(child.pid, signal.SIGKILL)
+            kills += 1
+        if child.wait() == 0:
+            break
+    assert kills
+    assert open_tiles(tmp_path / "a").to_map() == serial(fleet())
