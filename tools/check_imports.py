@@ -21,7 +21,9 @@ ROOMS: Mapping[str, tuple[set[str], set[str]]] = {
     ),
     "cells": ({"lattice", "regions"}, {"core"}),
     "readers": ({"readers"}, {"core"}),
-    "maps": ({"maps", "map_images", "_options"}, {"core", "readers"}),
+    "tiles": ({"tiles"}, {"core", "readers"}),
+    "fleet": ({"distributed"}, {"core", "readers", "tiles"}),
+    "maps": ({"maps", "map_images", "_options"}, {"core", "readers", "tiles"}),
     "writers": ({"writers", "conversion"}, {"core", "cells", "maps"}),
     "pictures": ({"plot", "notebook", "record"}, {"core", "cells", "writers"}),
     "pages": ({"snapshot", "view", "page_guard"}, {"core", "cells", "pictures"}),
@@ -32,11 +34,23 @@ ROOMS: Mapping[str, tuple[set[str], set[str]]] = {
     ),
     "package": (
         {"__init__", "_methods"},
-        {"core", "cells", "readers", "maps", "writers", "pictures", "studies"},
+        {"core", "cells", "readers", "tiles", "maps", "writers", "pictures", "studies"},
     ),
     "commands": (
         {"cli", "commands"},
-        {"core", "cells", "readers", "maps", "writers", "pictures", "pages", "studies", "package"},
+        {
+            "core",
+            "cells",
+            "readers",
+            "tiles",
+            "fleet",
+            "maps",
+            "writers",
+            "pictures",
+            "pages",
+            "studies",
+            "package",
+        },
     ),
 }
 ROOM_OF = {module: room for room, (modules, _) in ROOMS.items() for module in modules}

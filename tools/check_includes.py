@@ -95,7 +95,8 @@ def violations(root: Path) -> Iterator[str]:
             path = file.relative_to(root).as_posix()
             for number, name, _ in includes(file):
                 if name.startswith("octomap/") and top != "include" and path not in OCTOMAP_INCLUDERS:
-                    yield f"{path}:{number}: includes {name}: only the OctoMap baseline, its reader and a benchmark may"
+                    few = "the OctoMap baseline, its reader and a benchmark"
+                    yield f"{path}:{number}: includes {name}: only {few} may"
 
 
 def main(arguments: list[str]) -> int:

@@ -158,8 +158,16 @@ def test_a_ply_file_has_them(tmp_path: Path) -> None:
     assert names[6:] == ["red", "green", "blue", "height", "label", "stamp"]
     leaves = m.leaves(states=["occupied"])
     row = np.dtype(
-        [("xyz", "<f8", 3), ("size", "<f4"), ("p", "<f4"), ("state", "<i4"), ("rgb", "u1", 3)]
-        + [("height", "<f4"), ("label", "<i4"), ("stamp", "<f8")]
+        [
+            ("xyz", "<f8", 3),
+            ("size", "<f4"),
+            ("p", "<f4"),
+            ("state", "<i4"),
+            ("rgb", "u1", 3),
+            ("height", "<f4"),
+            ("label", "<i4"),
+            ("stamp", "<f8"),
+        ]
     )
     cells = np.frombuffer(body, row)
     np.testing.assert_array_equal(cells["xyz"], leaves.center)
