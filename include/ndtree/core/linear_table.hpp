@@ -53,7 +53,7 @@ class LinearTable {
  private:
   float lower_;
   float steps_per_unit_;
-  std::array<float, Steps + 2> values_;  // The last twice.
+  std::array<float, std::size_t{Steps + 2}> values_;  // The last twice.
 };
 
 /// normal_cdf() within 1e-6.

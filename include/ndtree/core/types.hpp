@@ -19,7 +19,7 @@ using Points = Eigen::Matrix<double, D, Eigen::Dynamic>;
 
 /// Integer coordinates on the lattice whose unit is the smallest cell of a tree.
 template <int D>
-using Lattice = std::array<std::int64_t, D>;
+using Lattice = std::array<std::int64_t, std::size_t{D}>;
 
 /// Axis-aligned, half-open box [lower, upper).
 template <int D>

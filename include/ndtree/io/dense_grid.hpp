@@ -26,9 +26,9 @@ namespace ndtree {
 /// Arrays have an axis for each of space, x first, and are stored with the last axis running fastest.
 template <int D>
 struct GridGeometry {
-  Vector<D> lower = Vector<D>::Zero();  ///< [m]
-  double cell_size = 0.05;              ///< [m]
-  std::array<std::size_t, D> shape{};   ///< Cells along each axis.
+  Vector<D> lower = Vector<D>::Zero();              ///< [m]
+  double cell_size = 0.05;                          ///< [m]
+  std::array<std::size_t, std::size_t{D}> shape{};  ///< Cells along each axis.
 
   /// @throws std::invalid_argument naming the first value that is out of bounds.
   void validate() const {
@@ -65,7 +65,7 @@ void to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf&
   std::fill(out, out + size, value_of(typename Map::Cell{}));
   if (size == 0) return;
   Box<D> region;
-  std::array<std::vector<double>, D> centres;
+  std::array<std::vector<double>, std::size_t{D}> centres;
   for (int a = 0; a < D; ++a) {
     const auto axis = static_cast<std::size_t>(a);
     for (std::size_t i = 0; i < grid.shape[axis]; ++i) centres[axis].push_back(grid.centre(a, i));
@@ -74,7 +74,7 @@ void to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf&
   }
   for_each_leaf_in(map.tree(), region, [&](const auto& leaf) {
     const Box<D> box = map.tree().box(leaf.index);
-    std::array<std::size_t, D> first, last, at;
+    std::array<std::size_t, std::size_t{D}> first, last, at;
     for (int a = 0; a < D; ++a) {
       const auto axis = static_cast<std::size_t>(a);
       const auto& all = centres[axis];

@@ -46,8 +46,8 @@ struct CellParts {
 
  private:
   struct Tables {
-    std::array<std::uint8_t, kNumChildren> of_child{};
-    std::array<std::uint16_t, kCount> num_children{};
+    std::array<std::uint8_t, std::size_t{kNumChildren}> of_child{};
+    std::array<std::uint16_t, std::size_t{kCount}> num_children{};
   };
   static constexpr Tables tables() {
     Tables result;
@@ -120,7 +120,7 @@ class ScanCoverage {
     return area;
   }
 
-  std::array<std::int64_t, kNumChildren> of_child_{};
+  std::array<std::int64_t, std::size_t{kNumChildren}> of_child_{};
   std::int64_t of_cell_ = 0;
   std::int64_t way_ = 0;
 };

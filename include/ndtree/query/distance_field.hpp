@@ -69,9 +69,9 @@ class DistanceField {
 
  private:
   struct Corners {
-    std::array<std::size_t, D> first;
-    std::array<std::size_t, D> second;  // The same at the border.
-    std::array<double, D> share;        // Of the second.
+    std::array<std::size_t, std::size_t{D}> first;
+    std::array<std::size_t, std::size_t{D}> second;  // The same at the border.
+    std::array<double, std::size_t{D}> share;        // Of the second.
   };
 
   [[nodiscard]] bool find(const Vector<D>& point, Corners& corners) const {

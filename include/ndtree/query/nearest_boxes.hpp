@@ -23,7 +23,7 @@ namespace ndtree {
 template <int D>
 class FieldGrid {
  public:
-  using Shape = std::array<std::size_t, D>;
+  using Shape = std::array<std::size_t, std::size_t{D}>;
 
   /// @param lower corner of the grid. @param shape cells on each axis.
   FieldGrid(const Vector<D>& lower, double cell_size, const Shape& shape)
@@ -224,7 +224,7 @@ class NearestBoxes {
     squared.fill(std::numeric_limits<double>::infinity());
     for (const Candidate& candidate : candidates) {
       const Box<D>& box = boxes_.box(candidate.box);
-      std::array<std::array<double, kSide>, D> across{};  // Squared distance on each axis alone.
+      std::array<std::array<double, kSide>, std::size_t{D}> across{};  // Squared distance on each axis alone.
       for (std::size_t a = 0; a < D; ++a)
         for (std::size_t i = 0; i < block.last[a] - block.first[a]; ++i) {
           const double at = grid_.center(a, block.first[a] + i);

@@ -63,7 +63,7 @@ class NodesByPlace {
     const std::size_t size = size_ * N;
     std::vector<const NodeType*> nodes;
     nodes.reserve(nodes_.size() * static_cast<std::size_t>(Tree::kNumChildren));
-    std::array<std::size_t, D> at{};
+    std::array<std::size_t, std::size_t{D}> at{};
     for (std::size_t axis = 0; axis < D;) {
       std::size_t parent = 0;
       std::size_t child = 0;

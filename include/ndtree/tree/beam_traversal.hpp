@@ -74,8 +74,8 @@ class BeamStepper {
   bool for_each_child(const CellIndex<D>& parent, double t_enter, double t_exit, Visit&& visit) const {
     const int level = parent.level - 1;
     const std::int64_t edge = geometry_->edge(level);
-    std::array<std::int64_t, D> i;  // Offset of the current child.
-    std::array<double, D> t_next;   // Where the beam leaves it on each axis.
+    std::array<std::int64_t, std::size_t{D}> i;  // Offset of the current child.
+    std::array<double, std::size_t{D}> t_next;   // Where the beam leaves it on each axis.
     for (std::size_t a = 0; a < D; ++a) {
       const double d = direction_[static_cast<int>(a)];
       const std::int64_t first = parent.lower[a];

@@ -13,7 +13,7 @@ namespace ndtree {
 
 /// Euclidean index of a child among its siblings, each component in [0, N).
 template <int D>
-using Offset = std::array<int, D>;
+using Offset = std::array<int, std::size_t{D}>;
 
 /// N to the power of `exponent` >= 0.
 [[nodiscard]] constexpr std::int64_t integer_power(std::int64_t base, int exponent) {

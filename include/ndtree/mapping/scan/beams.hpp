@@ -73,7 +73,7 @@ class ScanBeams {
     const bool returned = beam.outcome == BeamOutcome::returned;
     float square = 0.0f;
     float depth = 0.0f;
-    std::array<float, D> way;
+    std::array<float, std::size_t{D}> way;
     for (std::size_t a = 0; a < D; ++a) {
       way[a] = static_cast<float>(beam.displacement[static_cast<int>(a)]);
       square += way[a] * way[a];
@@ -126,7 +126,7 @@ class ScanBeams {
     const __m128i high_numbers =
         _mm_mullo_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers.data() + 4)), stride);
     const __m256 sign = _mm256_set1_ps(-0.0f);
-    __m256 way[D];
+    __m256 way[std::size_t{D}];
     __m256 square = _mm256_setzero_ps();
     __m256 depth = square;
     __m256d on_border = _mm256_setzero_pd();

@@ -70,7 +70,7 @@ class ChildClip {
   template <class Visit>
   void for_each_crossing(const CellIndex<D>& node, const Crossings& list, const Visit& visit) const {
     if (beams_.has_own_origins()) {
-      std::array<std::array<double, kPlanes>, D> borders;
+      std::array<std::array<double, kPlanes>, std::size_t{D}> borders;
       for (std::size_t a = 0; a < D; ++a)
         for (std::size_t i = 0; i < kPlanes; ++i) borders[a][i] = border(node, a, i);
       for (std::size_t i = 0; i < list.size; ++i) {
@@ -89,7 +89,7 @@ class ChildClip {
   }
   static constexpr std::size_t kPlanes = N - 1;
   static constexpr int kMostAtOnce = 32;  ///< Children; among more, a beam finds its way faster alone.
-  using Planes = std::array<std::array<float, kPlanes>, D>;
+  using Planes = std::array<std::array<float, kPlanes>, std::size_t{D}>;
 
   /// Whether eight_beams() may do.
   [[nodiscard]] bool goes_by_eights() const {
@@ -141,8 +141,8 @@ class ChildClip {
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a) {
       const __m256 inv = _mm256_i32gather_ps(beams_.inverse(static_cast<int>(a)), beam, 4);
-      __m256 from[N];
-      __m256 to[N];
+      __m256 from[std::size_t{N}];
+      __m256 to[std::size_t{N}];
       from[0] = t0;
       to[N - 1] = t1;
       // Slab s lies between the planes s - 1 and s: a beam upwards enters it by the first.
@@ -206,8 +206,8 @@ class ChildClip {
                                                   __m256 t0, __m256 t1, __m256 live, Few& few) const {
     _mm256_store_si256(reinterpret_cast<__m256i*>(few.beam.data()), beam);
     _mm256_store_ps(few.pass.data(), pass);
-    __m256 enter[kNumChildren];
-    __m256 exit[kNumChildren];
+    __m256 enter[std::size_t{kNumChildren}];
+    __m256 exit[std::size_t{kNumChildren}];
     eight_beams(planes_of(node), beam, t0, _mm256_blendv_ps(t0, t1, live), enter, exit);
 #pragma GCC unroll 32
     for (std::size_t c = 0; c < kNumChildren; ++c) {
@@ -226,8 +226,8 @@ class ChildClip {
       const __m256i beam = detail::load_live(list.beam + i, live);
       const __m256 t0 = _mm256_loadu_ps(list.enter() + i);
       const __m256 t1 = _mm256_blendv_ps(t0, _mm256_loadu_ps(list.exit() + i), _mm256_castsi256_ps(live));
-      __m256 enter[kNumChildren];
-      __m256 exit[kNumChildren];
+      __m256 enter[std::size_t{kNumChildren}];
+      __m256 exit[std::size_t{kNumChildren}];
       eight_beams(plane, beam, t0, t1, enter, exit);
 #pragma GCC unroll 32
       for (std::size_t c = 0; c < kNumChildren; ++c) {

@@ -66,7 +66,7 @@ class LeafCoverage {
 #ifdef NDTREE_HAS_AVX2
   NDTREE_AVX2 void add_by_eights(const typename Clip::Planes& planes, const Crossings& list, float per_child,
                                  const BeamWidths& widths, Sum& sum) const {
-    __m256i child[kNumChildren];
+    __m256i child[std::size_t{kNumChildren}];
 #pragma GCC unroll 32
     for (int c = 0; c < kNumChildren; ++c) child[c] = _mm256_setzero_si256();
     __m256i cell = _mm256_setzero_si256();
@@ -82,8 +82,8 @@ class LeafCoverage {
           _mm256_min_ps(_mm256_loadu_ps(list.exit() + i), _mm256_i32gather_ps(beams_.range(), beam, 4));
       const __m256 t1 = _mm256_blendv_ps(t0, seen, _mm256_castsi256_ps(live));
       const __m256 along = _mm256_i32gather_ps(beams_.slant(), beam, 4);
-      __m256 enter[kNumChildren];
-      __m256 exit[kNumChildren];
+      __m256 enter[std::size_t{kNumChildren}];
+      __m256 exit[std::size_t{kNumChildren}];
       clip_.eight_beams(planes, beam, t0, t1, enter, exit);
 #pragma GCC unroll 32
       for (int c = 0; c < kNumChildren; ++c) {

@@ -50,10 +50,10 @@ struct FewCrossings {
   static constexpr std::size_t kMost = kFewBeams;
   alignas(32) std::array<std::uint32_t, kMost> beam;  ///< Their numbers, ascending.
   alignas(32) std::array<float, kMost> pass;          ///< See ScanBeams.
-  alignas(32) std::array<std::array<float, kMost>, kCount> enter;
-  alignas(32) std::array<std::array<float, kMost>, kCount> exit;
-  std::array<std::uint32_t, kCount> set;      ///< Those that cross each child, and of these
-  std::array<std::uint32_t, kCount> passing;  ///< those that clearly pass it.
+  alignas(32) std::array<std::array<float, kMost>, std::size_t{kCount}> enter;
+  alignas(32) std::array<std::array<float, kMost>, std::size_t{kCount}> exit;
+  std::array<std::uint32_t, std::size_t{kCount}> set;      ///< Those that cross each child, and of these
+  std::array<std::uint32_t, std::size_t{kCount}> passing;  ///< those that clearly pass it.
 
   /// @pre the set of beams is not empty.
   [[nodiscard]] std::uint32_t first_of(std::uint32_t beams) const {
@@ -80,9 +80,10 @@ struct FewOfChild {
 /// The lists of a node's children, in one piece of memory.
 template <int kCount>
 struct SiblingLists {
-  Crossings memory;                       ///< Of all; its size does not count.
-  std::array<std::size_t, kCount> first;  ///< Where the list of each child begins there, and ends.
-  std::array<std::size_t, kCount> last;
+  Crossings memory;  ///< Of all; its size does not count.
+  std::array<std::size_t, std::size_t{kCount}>
+      first;  ///< Where the list of each child begins there, and ends.
+  std::array<std::size_t, std::size_t{kCount}> last;
 
   [[nodiscard]] Crossings of(int child) const {
     const auto c = static_cast<std::size_t>(child);

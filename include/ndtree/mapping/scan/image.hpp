@@ -118,7 +118,7 @@ class ScanImage {
 
   [[nodiscard]] std::size_t cube_of(const Vector<D>& origin) {
     if (cubes_.empty() || origin != last_origin_) {
-      std::array<double, D> key;
+      std::array<double, std::size_t{D}> key;
       for (int a = 0; a < D; ++a) key[static_cast<std::size_t>(a)] = origin[a];
       const auto [found, is_new] = cubes_.emplace(key, cubes_.size());
       if (is_new) number_.resize(number_.size() + 2 * D, kNoFace);
@@ -157,8 +157,8 @@ class ScanImage {
   }
 
  private:
-  std::map<std::array<double, D>, std::size_t> cubes_;  // By origin.
-  std::vector<std::uint32_t> number_;                   // 2 D of each.
+  std::map<std::array<double, std::size_t{D}>, std::size_t> cubes_;  // By origin.
+  std::vector<std::uint32_t> number_;                                // 2 D of each.
   std::vector<ScanFace<D>> faces_;
   Vector<D> last_origin_ = Vector<D>::Zero();
   std::size_t last_cube_ = 0;

@@ -39,7 +39,8 @@ class LeafEvidence {
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
   struct Size;
 #ifdef NDTREE_HAS_AVX2
-  using Place = std::array<std::int32_t, D>;  // Lower corner of a leaf, from the base of the end cells.
+  using Place =
+      std::array<std::int32_t, std::size_t{D}>;  // Lower corner of a leaf, from the base of the end cells.
   /// What counts of eight beams near their end points.
   struct NearEnd {
     Place place;  // Of the node.
@@ -47,7 +48,7 @@ class LeafEvidence {
     __m256 surface;
     __m256 range;
     __m256 clear;
-    __m256i end[D];
+    __m256i end[std::size_t{D}];
   };
 #endif
 

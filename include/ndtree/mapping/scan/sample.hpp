@@ -25,7 +25,7 @@ namespace ndtree {
 /// same beams are in a sample, in whatever order they come. A cell that takes a share of a scan's beams takes
 /// those whose number is below so much of 2^24.
 template <int D>
-[[nodiscard]] std::uint32_t chance_of(const std::array<float, D>& displacement) {
+[[nodiscard]] std::uint32_t chance_of(const std::array<float, std::size_t{D}>& displacement) {
   std::uint32_t hash = 0;
   for (const float component : displacement) {
     std::uint32_t bits = 0;
@@ -165,7 +165,7 @@ class alignas(64) ScanPart {
         if (!(way.cwiseAbs().maxCoeff() <= static_cast<double>(kLongest))) way = Vector<D>::Unit(0);
       }
     }
-    std::array<float, D> d;
+    std::array<float, std::size_t{D}> d;
     std::size_t axis = 0;
     for (std::size_t a = 0; a < D; ++a) {
       d[a] = static_cast<float>(way[static_cast<int>(a)]);
@@ -269,17 +269,17 @@ class alignas(64) ScanPart {
     struct Extent {
       __m256 lower, upper;
     };
-    std::array<std::array<Extent, kAxes>, 2 * D> extents;
+    std::array<std::array<Extent, kAxes>, std::size_t{2 * D}> extents;
     for (auto& of_side : extents) of_side.fill({infinity, _mm256_sub_ps(_mm256_setzero_ps(), infinity)});
-    std::array<std::uint32_t, 2 * D> count{};
-    std::array<Extent, D> reach;
+    std::array<std::uint32_t, std::size_t{2 * D}> count{};
+    std::array<Extent, std::size_t{D}> reach;
     reach.fill({_mm256_setzero_ps(), _mm256_setzero_ps()});
     __m256 deepest = _mm256_setzero_ps();
     const __m128i stride = _mm_setr_epi32(0, D, 2 * D, 3 * D);
     Eigen::Index i = range.first;
     std::uint64_t valid = 0;
     for (; i + 8 <= range.last; i += 8) {
-      __m256 d[D];
+      __m256 d[std::size_t{D}];
       __m256 depth = _mm256_setzero_ps();
       __m256i axis = _mm256_setzero_si256();
       __m256 finite = _mm256_castsi256_ps(_mm256_set1_epi32(-1));
@@ -370,7 +370,8 @@ class alignas(64) ScanPart {
   }
   /// Adds the beams of each side to its face, which has the same number.
   template <class Extents>
-  NDTREE_AVX2 void join_sides(const std::array<std::uint32_t, 2 * D>& count, const Extents& extents) {
+  NDTREE_AVX2 void join_sides(const std::array<std::uint32_t, std::size_t{2 * D}>& count,
+                              const Extents& extents) {
     for (std::size_t side = 0; side < 2 * D; ++side) {
       if (count[side] == 0) continue;
       ScanFace<D>& face = image_.faces()[side];
