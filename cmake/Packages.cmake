@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: BSD-3-Clause
+# "cpack" in the build folder makes Debian packages of what was built: libndtree-dev, and ndtree-tools with the tools.
+# The Python module comes by pip, or by debian/, which makes packages for a distribution.
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_NAME ndtree)
+set(CPACK_PACKAGE_CONTACT "The ndtree authors <ndtree@users.noreply.github.com>")
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_RESOURCE_FILE_LICENSE "${PROJECT_SOURCE_DIR}/LICENSE")
+set(CPACK_COMPONENTS_ALL development)
+if(NDTREE_BUILD_TOOLS)
+  list(APPEND CPACK_COMPONENTS_ALL tools)
+endif()
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libndtree-dev)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libeigen3-dev (>= 3.3)")
+set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION "Headers and compiled maps.")
+set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME ndtree-tools)
+set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_TOOLS_PACKAGE_SHLIBDEPS ON)
+set(CPACK_COMPONENT_TOOLS_DESCRIPTION "The program ndtree-compare.")
+include(CPack)

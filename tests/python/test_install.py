@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What others find an installed copy by: CMake, from the oldest on, pkg-config, strict compilers, packages.
+
+The tree is installed by one CMake and moved before another uses it, so that nothing holds on to where it was
+built. ``tools/setup`` puts the oldest and the newest CMake into ``build/cmake``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CONSUMER = ROOT / "tests/cpp/consumer"
+VERSION = re.search(r'VERSION "([\d.]+)"', (ROOT / "include/ndtree/version.hpp").read_text())[1]
+STRICT = ["-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror"]
+
+
+def run(*command: str | os.PathLike[str], env: dict[str, str] | None = None) -> str:
+    done = subprocess.run(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, **(env or {})},
+    )
+    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}"
+    return done.stdout
+
+
+def program(name: str) -> str:
+    path = shutil.which(name)
+    return path or pytest.skip(f"no {name} here")
+
+
+def find_cmake(which: str) -> str:
+    """CMake of this machine, or one of those in build/cmake: the oldest, the newest."""
+    if which == "system":
+        return program("cmake")
+    path = ROOT / "build/cmake" / which / "cmake/data/bin/cmake"
+    return str(path) if path.exists() else pytest.skip(f"no {path}: tools/setup test gets it, with a network")
+
+
+def install(cmake: str, folder: Path) -> Path:
+    """Installs the headers with a CMake, and moves them. @returns where they are then."""
+    build = folder / "build"
+    run(
+        cmake,
+        "-S",
+        ROOT,
+        "-B",
+        build,
+        "-DNDTREE_BUILD_PREBUILT=OFF",
+        f"-DCMAKE_INSTALL_PREFIX={folder / 'first'}",
+    )
+    run(cmake, "--build", build)
+    run(cmake, "--install", build)
+    return (folder / "first").rename(folder / "moved")
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return install(program("cmake"), tmp_path_factory.mktemp("system"))
+
+
+@pytest.mark.parametrize(("installer", "user"), [("newest", "oldest"), ("oldest", "newest")])
+def test_one_cmake_finds_what_another_installed(tmp_path: Path, installer: str, user: str) -> None:
+    prefix = install(find_cmake(installer), tmp_path)
+    cmake = find_cmake(user)
+    build = tmp_path / "use"
+    run(cmake, "-S", CONSUMER, "-B", build, "-DCONSUMER_SOURCE=header.cpp", f"-DCMAKE_PREFIX_PATH={prefix}")
+    run(cmake, "--build", build)
+    run(build / "consumer")
+
+
+@pytest.mark.parametrize("which", ["oldest", "newest"])
+def test_added_as_a_subdirectory_nothing_of_ours_is_installed(tmp_path: Path, which: str) -> None:
+    cmake = find_cmake(which)
+    build = tmp_path / "use"
+    run(cmake, "-S", CONSUMER, "-B", build, "-DCONSUMER_SOURCE=header.cpp", f"-DNDTREE_SOURCE_DIR={ROOT}")
+    run(cmake, "--build", build)
+    run(build / "consumer")
+    run(cmake, "--install", build, "--prefix", tmp_path / "prefix")
+    assert not list(tmp_path.glob("prefix/**/*ndtree*"))
+
+
+@pytest.mark.parametrize("standard", ["17", "23"])
+@pytest.mark.parametrize("compiler", ["g++", "clang++"])
+def test_strict_compilers_have_nothing_to_say(installed: Path, compiler: str, standard: str) -> None:
+    pkg_config = program("pkg-config")
+    path = {"PKG_CONFIG_PATH": str(installed / "share/pkgconfig")}
+    flags = run(pkg_config, "--cflags", "ndtree", env=path).split()
+    assert f"-I{installed}/include" in [flag.replace("share/pkgconfig/../../", "") for flag in flags]
+    eigen = run(pkg_config, "--cflags-only-I", "eigen3").replace("-I", "-isystem ").split()
+    # GCC 11 to 13 and Clang 14 know C++23 by its first name.
+    name = {"17": "c++17", "23": "c++2b"}[standard]
+    run(
+        program(compiler),
+        f"-std={name}",
+        *STRICT,
+        *flags,
+        *eigen,
+        "-fsyntax-only",
+        str(CONSUMER / "main.cpp"),
+    )
+
+
+def test_compiled_maps_are_found_by_pkg_config(tmp_path: Path) -> None:
+    """Their library itself is compiled and linked by the C++ tests."""
+    build = tmp_path / "build"
+    prefix = tmp_path / "prefix"
+    run(
+        program("cmake"),
+        "-S",
+        ROOT,
+        "-B",
+        build,
+        f"-DCMAKE_INSTALL_PREFIX={prefix}",
+        "-DCMAKE_INSTALL_LIBDIR=lib/here",
+    )
+    path = {"PKG_CONFIG_PATH": str(build)}
+    pkg_config = program("pkg-config")
+    assert "-DNDTREE_PREBUILT" in run(pkg_config, "--cflags", "ndtree-prebuilt", env=path).split()
+    assert run(pkg_config, "--modversion", "ndtree-prebuilt", env=path).strip() == VERSION
+    libdir = run(pkg_config, "--variable=libdir", "ndtree-prebuilt", env=path).strip()
+    assert libdir == f"{build}/.."  # From lib/here/pkgconfig, where it will be.
+
+
+def test_without_eigen_one_line_says_what_to_install(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [program("cmake"), "-S", ROOT, "-B", tmp_path, "-DCMAKE_DISABLE_FIND_PACKAGE_Eigen3=ON"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode != 0
+    message = " ".join(done.stderr.split())
+    assert "Eigen 3.3 or later is missing" in message
+    assert "libeigen3-dev" in message
+    assert message.count("CMake Error") == 1
+
+
+def test_cpack_makes_a_debian_package_of_the_headers(tmp_path: Path) -> None:
+    dpkg = program("dpkg-deb")
+    cmake = program("cmake")
+    run(cmake, "-S", ROOT, "-B", tmp_path, "-DNDTREE_BUILD_PREBUILT=OFF")
+    run(program("cpack"), "--config", tmp_path / "CPackConfig.cmake", "-B", tmp_path / "packages")
+    (package,) = (tmp_path / "packages").glob("*.deb")
+    fields = dict(re.findall(r"^([\w-]+): (.*)$", run(dpkg, "--field", package), re.M))
+    assert (fields["Package"], fields["Version"]) == ("libndtree-dev", VERSION)
+    assert "libeigen3-dev" in fields["Depends"]
+    files = {line.split()[-1] for line in run(dpkg, "--contents", package).splitlines()}
+    headers = {f"./usr/{path.relative_to(ROOT)}" for path in (ROOT / "include").rglob("*.hpp")}
+    assert len(headers) > 50
+    assert headers <= files
+    assert {"./usr/share/cmake/ndtree/ndtreeConfig.cmake", "./usr/share/pkgconfig/ndtree.pc"} <= files
+
+
+def test_all_say_the_same_version() -> None:
+    package = ElementTree.parse(ROOT / "package.xml").getroot()
+    said = {
+        "package.xml": package.findtext("version"),
+        "debian/changelog": re.match(r"ndtree \(([\d.]+)", (ROOT / "debian/changelog").read_text())[1],
+        "packaging/vcpkg/ndtree/vcpkg.json": json.loads(
+            (ROOT / "packaging/vcpkg/ndtree/vcpkg.json").read_text()
+        )["version"],
+        "CITATION.cff": re.search(r"^version: ([\d.]+)$", (ROOT / "CITATION.cff").read_text(), re.M)[1],
+    }
+    assert said == dict.fromkeys(said, VERSION)
