@@ -41,9 +41,7 @@ def program(name: str) -> str:
 
 
 def find_cmake(which: str) -> str:
-    """CMake of this machine, or one of those in build/cmake: the oldest, the newest."""
-    if which == "system":
-        return program("cmake")
+    """One of those in build/cmake: the oldest, the newest."""
     path = ROOT / "build/cmake" / which / "cmake/data/bin/cmake"
     return str(path) if path.exists() else pytest.skip(f"no {path}: tools/setup test gets it, with a network")
 
@@ -80,9 +78,8 @@ def test_one_cmake_finds_what_another_installed(tmp_path: Path, installer: str, 
     run(build / "consumer")
 
 
-@pytest.mark.parametrize("which", ["oldest", "newest"])
-def test_added_as_a_subdirectory_nothing_of_ours_is_installed(tmp_path: Path, which: str) -> None:
-    cmake = find_cmake(which)
+def test_added_as_a_subdirectory_nothing_of_ours_is_installed(tmp_path: Path) -> None:
+    cmake = find_cmake("oldest")
     build = tmp_path / "use"
     run(cmake, "-S", CONSUMER, "-B", build, "-DCONSUMER_SOURCE=header.cpp", f"-DNDTREE_SOURCE_DIR={ROOT}")
     run(cmake, "--build", build)
@@ -91,16 +88,14 @@ def test_added_as_a_subdirectory_nothing_of_ours_is_installed(tmp_path: Path, wh
     assert not list(tmp_path.glob("prefix/**/*ndtree*"))
 
 
-@pytest.mark.parametrize("standard", ["17", "23"])
-@pytest.mark.parametrize("compiler", ["g++", "clang++"])
+@pytest.mark.parametrize(("compiler", "standard"), [("g++", "17"), ("g++", "23"), ("clang++", "20")])
 def test_strict_compilers_have_nothing_to_say(installed: Path, compiler: str, standard: str) -> None:
     pkg_config = program("pkg-config")
     path = {"PKG_CONFIG_PATH": str(installed / "share/pkgconfig")}
     flags = run(pkg_config, "--cflags", "ndtree", env=path).split()
     assert f"-I{installed}/include" in [flag.replace("share/pkgconfig/../../", "") for flag in flags]
     eigen = run(pkg_config, "--cflags-only-I", "eigen3").replace("-I", "-isystem ").split()
-    # GCC 11 to 13 and Clang 14 know C++23 by its first name.
-    name = {"17": "c++17", "23": "c++2b"}[standard]
+    name = {"23": "c++2b"}.get(standard, f"c++{standard}")  # GCC 11 to 13 know C++23 by its first name.
     run(
         program(compiler),
         f"-std={name}",
