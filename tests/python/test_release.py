@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``tools/release`` takes a tag whose files agree, and refuses any other in one line that names the file."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FILES = [
+    "include/ndtree/version.hpp",
+    "CHANGELOG.md",
+    "package.xml",
+    "CITATION.cff",
+    "debian/changelog",
+    "packaging/vcpkg/ndtree/vcpkg.json",
+]
+VERSION = re.search(r'VERSION "([\d.]+)"', (ROOT / FILES[0]).read_text())[1]
+OTHER = "77.6.5"
+
+
+def git(folder: Path, *arguments: str) -> None:
+    identity = ["-c", "user.name=nobody", "-c", "user.email=nobody@example.org", "-c", "commit.gpgsign=false"]
+    subprocess.run(["git", *identity, *arguments], cwd=folder, check=True, capture_output=True)
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Path:
+    """The files that say a version, all of them 77.6.5, committed."""
+    if not shutil.which("git"):
+        pytest.skip("no git here")
+    for name in [*FILES, "tools/release"]:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    for name in FILES:
+        file = tmp_path / name
+        file.write_text(file.read_text().replace(VERSION, OTHER))
+    changelog = tmp_path / "CHANGELOG.md"
+    changelog.write_text(f"# Changelog\n\n## [{OTHER}] – 2030-01-02\n\n- New.\n\n## [{VERSION}]\n\n- Old.\n")
+    git(tmp_path, "init")
+    git(tmp_path, "add", ".")
+    git(tmp_path, "commit", "-m", "all")
+    return tmp_path
+
+
+def release(repository: Path, *arguments: str) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [repository / "tools/release", *arguments], capture_output=True, text=True, cwd=repository
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_a_tag_whose_files_agree_is_taken(repository: Path) -> None:
+    git(repository, "tag", f"v{OTHER}")
+    status, out, err = release(repository, f"v{OTHER}")
+    assert (status, err) == (0, "")
+    assert f"v{OTHER} is consistent" in out
+    assert not (repository / "dist").exists()  # It only says what it would do.
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_says_another_version_is_named(repository: Path, name: str) -> None:
+    file = repository / name
+    file.write_text(file.read_text().replace(OTHER, "77.6.4"))
+    git(repository, "commit", "-am", "one")
+    git(repository, "tag", f"v{OTHER}")
+    status, _, err = release(repository, f"v{OTHER}")
+    assert status == 1
+    assert err == f"release: {name}: says 77.6.4, expected {OTHER} as the tag v{OTHER}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "says"),
+    [
+        ([], 2, "expected TAG"),
+        (["1.2.3"], 2, "1.2.3: expected v and a version"),
+        (["v1.2"], 2, "v1.2: expected v and a version"),
+        (["--bulid", "v1.2.3"], 2, "unknown option: --bulid"),
+        (["v1.2.3"], 1, "v1.2.3: there is no such tag"),
+    ],
+)
+def test_a_call_that_is_wrong_ends_in_one_line(
+    repository: Path, arguments: list[str], status: int, says: str
+) -> None:
+    code, out, err = release(repository, *arguments)
+    assert (code, out) == (status, "")
+    assert says in err
+    assert err.count("\n") == 1
