@@ -31,7 +31,7 @@ class Layer {
     Value value;
 
     [[nodiscard]] auto words() const { return value.words(); }
-    [[nodiscard]] static Cell from_words(const std::array<std::uint32_t, kNumWords>& words) {
+    [[nodiscard]] static Cell from_words(const std::array<std::uint32_t, std::size_t{kNumWords}>& words) {
       return {Value::from_words(words)};
     }
   };

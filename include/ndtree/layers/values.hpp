@@ -34,7 +34,7 @@ class MeanValue {
   static_assert(K >= 1);
 
  public:
-  using Measurement = std::array<float, K>;
+  using Measurement = std::array<float, std::size_t{K}>;
   static constexpr int kNumWords = 1 + K;
   /// A mean of so many beams goes on as if it were of no more: slowly, it forgets the oldest.
   static constexpr float kMostWeight = 65536.0f;
@@ -67,14 +67,14 @@ class MeanValue {
   }
 
   [[nodiscard]] static std::string rule() { return K == 1 ? "mean" : "mean" + std::to_string(K); }
-  [[nodiscard]] std::array<std::uint32_t, kNumWords> words() const {
-    std::array<std::uint32_t, kNumWords> words{};
+  [[nodiscard]] std::array<std::uint32_t, std::size_t{kNumWords}> words() const {
+    std::array<std::uint32_t, std::size_t{kNumWords}> words{};
     std::memcpy(&words[0], &weight_, sizeof weight_);
     std::memcpy(&words[1], mean_.data(), sizeof mean_);
     return words;
   }
   /// @throws std::invalid_argument if no value has these words.
-  [[nodiscard]] static MeanValue from_words(const std::array<std::uint32_t, kNumWords>& words) {
+  [[nodiscard]] static MeanValue from_words(const std::array<std::uint32_t, std::size_t{kNumWords}>& words) {
     MeanValue value;
     std::memcpy(&value.weight_, &words[0], sizeof value.weight_);
     std::memcpy(value.mean_.data(), &words[1], sizeof value.mean_);
@@ -160,14 +160,15 @@ class MajorityLabel {
   }
 
   [[nodiscard]] static std::string rule() { return "majority"; }
-  [[nodiscard]] std::array<std::uint32_t, kNumWords> words() const {
-    std::array<std::uint32_t, kNumWords> words{};
+  [[nodiscard]] std::array<std::uint32_t, std::size_t{kNumWords}> words() const {
+    std::array<std::uint32_t, std::size_t{kNumWords}> words{};
     for (std::size_t i = 0; i < kNumWords; ++i)
       words[i] = static_cast<std::uint32_t>(counted_[i].count) << 16 | counted_[i].label;
     return words;
   }
   /// @throws std::invalid_argument if no value has these words.
-  [[nodiscard]] static MajorityLabel from_words(const std::array<std::uint32_t, kNumWords>& words) {
+  [[nodiscard]] static MajorityLabel from_words(
+      const std::array<std::uint32_t, std::size_t{kNumWords}>& words) {
     MajorityLabel value;
     for (std::size_t i = 0; i < kNumWords; ++i) {
       value.counted_[i] = {static_cast<std::uint16_t>(words[i] & 0xffff),
@@ -218,13 +219,14 @@ class LatestStamp {
   [[nodiscard]] LatestStamp part(int /*divisor*/) const { return *this; }
 
   [[nodiscard]] static std::string rule() { return "latest"; }
-  [[nodiscard]] std::array<std::uint32_t, kNumWords> words() const {
-    std::array<std::uint32_t, kNumWords> words{has_stamp_};
+  [[nodiscard]] std::array<std::uint32_t, std::size_t{kNumWords}> words() const {
+    std::array<std::uint32_t, std::size_t{kNumWords}> words{has_stamp_};
     if (!is_empty()) std::memcpy(&words[1], &stamp_, sizeof stamp_);
     return words;
   }
   /// @throws std::invalid_argument if no value has these words.
-  [[nodiscard]] static LatestStamp from_words(const std::array<std::uint32_t, kNumWords>& words) {
+  [[nodiscard]] static LatestStamp from_words(
+      const std::array<std::uint32_t, std::size_t{kNumWords}>& words) {
     if (words[0] != 1) throw std::invalid_argument("a time that no cell has");
     double stamp = 0.0;
     std::memcpy(&stamp, &words[1], sizeof stamp);
