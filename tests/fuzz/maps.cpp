@@ -39,10 +39,10 @@ const std::vector<MapKind>& all_kinds() {
 }
 
 /// A map's file around a payload, with the checksum that belongs there.
-std::string mended(std::string_view payload) {
+std::string mended(std::string_view payload, bool has_layers) {
   ByteWriter file;
   file.bytes().append(detail::kMapFileMagic);
-  file.put(detail::kMapFileVersion);
+  file.put(has_layers ? detail::kMapFileVersion : detail::kMapFileVersionOfMap);
   file.put(static_cast<std::uint64_t>(payload.size()));
   file.bytes().append(payload);
   file.put(crc32(file.bytes()));
@@ -59,14 +59,16 @@ void insertion(Bytes bytes) {
   chosen < kinds.size() ? kind.insert_scans(bytes) : kind.compare_with_list(bytes);
 }
 
-/// The first byte: whether the rest is a payload; the second, how much of the end is a scan.
+/// The first byte: whether the rest is a payload, and one with layers; the second, how much of the end is a
+/// scan.
 void map_file(Bytes bytes) {
-  const bool is_payload = (bytes.byte() & 3u) != 0;
+  const std::uint8_t how = bytes.byte();
+  const bool is_payload = (how & 3u) != 0;
   const std::size_t tail = bytes.byte();
   const std::string_view all = bytes.rest();
   const std::string_view payload = all.substr(0, all.size() - std::min(tail, all.size()));
   Bytes more(reinterpret_cast<const std::uint8_t*>(all.data()) + payload.size(), all.size() - payload.size());
-  const std::string file = is_payload ? mended(payload) : std::string(payload);
+  const std::string file = is_payload ? mended(payload, (how & 4u) != 0) : std::string(payload);
   MapFileHeader header;
   if (!accepted([&] { header = map_file_header(file); })) return;
   for (const MapKind& kind : all_kinds())  // A file says which of them it is.
