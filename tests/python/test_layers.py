@@ -45,10 +45,12 @@ def test_leaves_carry_what_was_measured_in_them(dim: int) -> None:
     m = mapped(dim)
     assert m.layers == LAYERS
     leaves = m.leaves(states=["occupied"])
+    labels = m.layer("label", leaves.center)
+    assert np.mean(labels >= 0) > 0.8  # Noise makes cells occupied in which no beam ended.
+    leaves, labels = leaves[labels >= 0], labels[labels >= 0]
     sides = np.abs(leaves.center[:, 1]) > leaves.size
     assert sides.sum() > 10
     left = leaves.center[:, 1] < 0
-    labels = m.layer("label", leaves.center)
     assert labels.dtype == np.int64
     np.testing.assert_array_equal(labels[sides], np.where(left, 3, 7)[sides])
     color = m.layer("color", leaves.center)
@@ -147,7 +149,8 @@ def test_what_is_forgotten_carries_nothing() -> None:
     leaves = m.leaves(states=["occupied"])
     left = leaves.center[:, 1] + leaves.size < 0
     assert left.any() and np.all(m.layer("label", leaves.center)[left] == -1)
-    assert np.all(m.layer("label", leaves.center)[leaves.center[:, 1] > leaves.size] == 7)
+    right = m.layer("label", leaves.center)[leaves.center[:, 1] > leaves.size]
+    assert set(right) <= {7, -1} and np.mean(right == 7) > 0.8
 
 
 def test_a_ply_file_has_them(tmp_path: Path) -> None:
@@ -173,7 +176,8 @@ def test_a_ply_file_has_them(tmp_path: Path) -> None:
     np.testing.assert_array_equal(cells["xyz"], leaves.center)
     np.testing.assert_array_equal(cells["label"], m.layer("label", leaves.center))
     np.testing.assert_array_equal(cells["stamp"], m.layer("stamp", leaves.center))
-    np.testing.assert_allclose(cells["rgb"], m.layer("color", leaves.center), atol=0.51)
+    color = np.nan_to_num(m.layer("color", leaves.center))
+    np.testing.assert_allclose(cells["rgb"], color, atol=0.51)
 
 
 def test_memory_counts_them() -> None:
@@ -252,3 +256,24 @@ def test_damaged_layers_are_refused() -> None:
     for cut in (4, 40, 400):
         with pytest.raises(ValueError):
             ndtree.from_bytes(good[:-cut])
+
+
+def test_tiles_hold_no_layers(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="layers: color, height, label, stamp: must be none"):
+        ndtree.TileMapper(ndtree.tiles.storage_of(tmp_path / "m.tiles"), mapped())
+
+
+def test_maps_of_parts_of_space_take_their_layers_along() -> None:
+    whole = mapped(2)
+    left, right = (
+        ndtree.AdaptiveMap(dim=2, layers=LAYERS, min_cell_size=0.1, max_cell_size=0.8) for _ in "lr"
+    )
+    for i in range(8):
+        points = walls(2, seed=i)
+        for m, y in ((left, (-8, 0)), (right, (0, 8))):
+            box = [[-8, y[0]], [8, y[1]]]
+            m.insert(points, np.zeros(2), layers=told(points, 10.0 + i), window=box)
+    left.adopt(right)
+    at = whole.leaves(states=["occupied"]).center
+    for name in LAYERS:
+        np.testing.assert_array_equal(left.layer(name, at), whole.layer(name, at))

@@ -81,7 +81,7 @@ def test_results_have_what_the_compiled_ones_have():
 def test_options_of_the_maps_are_those_of_the_library():
     def options(name: str) -> set[str]:
         init = next(n for n in CLASSES[name].body if getattr(n, "name", "") == "__init__")
-        return set(keywords(init)) - {"dim", "branching", "refinement", "insertion"}
+        return set(keywords(init)) - {"dim", "branching", "refinement", "insertion", "layers"}
 
     everything = set(ndtree.default_options())
     assert options("AdaptiveMap") == everything
@@ -198,7 +198,7 @@ def test_typed_options_are_those_of_the_maps():
     kinds = {"MapOptions": set(ndtree.default_options())}
     for kind in {"FixedMap", "OctoMap"} - OPTIONAL:
         shown = set(inspect.signature(getattr(ndtree, kind)).parameters)
-        kinds[f"{kind}Options"] = shown - {"dim", "branching", "refinement", "insertion"}
+        kinds[f"{kind}Options"] = shown - {"dim", "branching", "refinement", "insertion", "layers"}
     for name, expected in kinds.items():
         assert set(getattr(ndtree.typing, name).__annotations__) == expected, name
     for option in ndtree.typing.SimulationOptions.__annotations__:

@@ -54,8 +54,12 @@ class MeanValue {
     for (std::size_t i = 0; i < K; ++i) mean_[i] += (measurement[i] - mean_[i]) / weight_;
   }
   void join(const MeanValue& other) {
+    if (other.is_empty()) return;
+    if (is_empty()) {
+      *this = other;
+      return;
+    }
     const float sum = weight_ + other.weight_;
-    if (sum == 0.0f) return;
     for (std::size_t i = 0; i < K; ++i)
       mean_[i] = (weight_ * mean_[i] + other.weight_ * other.mean_[i]) / sum;
     weight_ = std::min(sum, kMostWeight);

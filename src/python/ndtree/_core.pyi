@@ -295,6 +295,9 @@ class OccupancyMap:
         window : (2, dim) array of float, optional
             Lower and upper corner [m]: only cells in this box change, and become, bit for bit, what they would
             without it. In it are all cells of `max_cell_size` (of a fixed map: all cells) that share a volume with it.
+        layers : dict of str and array, optional
+            By the name of a layer of the map, what each beam says to the cell in which it ends: (n,), or (n, 3) for
+            "mean3". What is said of beams that did not return does not count. See `layer`.
 
         Returns
         -------
@@ -314,7 +317,29 @@ class OccupancyMap:
     def layers(self) -> dict[str, str]:
         """dict of str: what cells carry, name and rule."""
     def layer(self, name: str, points: ArrayLike) -> NDArray[Any]:
-        """X"""
+        """What the cells around points carry.
+
+        A cell of which beams were told something (see `insert`) has the mean of it, the label that most gave, or the
+        latest time. Where it splits, its parts have the same; where cells merge, the rule joins theirs. So
+        ``m.layer("color", m.leaves().center)`` is what the leaves carry.
+
+        Parameters
+        ----------
+        name : str
+            Of the layer.
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64 of "mean" and "latest", (n, 3) float64 of "mean3", (n,) int64 of "majority"
+            nan, or -1, where the cell carries nothing: unknown, or no beam ended in it.
+
+        Raises
+        ------
+        ValueError
+            The map has no such layer; those that it has are named.
+        """
     def compress(
         self,
         *,
@@ -960,13 +985,52 @@ class OccupancyMap:
         """
 
 class FrontierSearch:
-    """X"""
+    """Frontiers that follow a map.
+
+    What has not changed since the last update() is not looked at again. Threads may share it.
+
+    Parameters
+    ----------
+    map : OccupancyMap
+        One of ndtree's own.
+    box : (2, dim) array of float, optional
+        Lower and upper corner [m]: free cells that touch it count. Default: everywhere.
+
+    Raises
+    ------
+    ValueError
+        The map is an OctoMap, or the box has a wrong shape.
+    """
 
     def __init__(self, map: OccupancyMap, box: ArrayLike | None = None) -> None: ...
     def update(self, map: OccupancyMap) -> None:
-        """X"""
+        """Follow the map: afterwards the frontiers are those of the map as it is now.
+
+        Parameters
+        ----------
+        map : OccupancyMap
+            That the search was made of, or a copy of it that has changed.
+
+        Raises
+        ------
+        ValueError
+            The map is of another kind, or its cells of other sizes.
+        KeyboardInterrupt
+            Ctrl-C: there are no frontiers then until the next update.
+        """
     def frontiers(self, *, min_cells: float = 8.0) -> list[Frontier]:
-        """X"""
+        """As OccupancyMap.frontiers() of the map at the last update.
+
+        Parameters
+        ----------
+        min_cells : float
+            Frontiers with a border smaller than so many faces of smallest cells are left out.
+
+        Returns
+        -------
+        list of Frontier
+            The largest border first.
+        """
 
 class AdaptiveMap(OccupancyMap):
     """Occupancy map whose cells find their size while mapping.
@@ -981,6 +1045,9 @@ class AdaptiveMap(OccupancyMap):
         "evidence": cells split where a beam ends behind a free way through them or hits and misses contradict each
         other, keep what their parents knew, and join where next to no information is lost. "paper": the rules of
         Einhorn, Schroeter and Gross (ICRA 2011), as published.
+    layers : dict of str, optional
+        What cells carry beside their occupancy, by a name: "mean" of a number a beam, "mean3" of three, as of a
+        colour, "majority" of labels, whole numbers in [0, 65535], or "latest" of times [s]. See `insert`, `layer`.
     min_cell_size : float
         Cells are never split below this edge length [m].
     max_cell_size : float
@@ -1096,7 +1163,7 @@ class FixedMap(OccupancyMap):
 
     Parameters
     ----------
-    dim, branching : int
+    dim, branching, layers
         As for AdaptiveMap.
     cell_size : float
         Edge length of every cell that a beam updates [m].

@@ -38,10 +38,12 @@ class MapKind:
         Raises
         ------
         ValueError
-            For an OctoMap, of which there are no tiles.
+            For an OctoMap, and a map with layers, of which there are no tiles.
         """
         if m.refinement == "octomap":
             raise ValueError("an OctoMap has no tiles: must be a map of ndtree's own")
+        if m.layers:
+            raise ValueError(f"layers: {', '.join(m.layers)}: must be none, as tiles hold occupancy alone")
         return cls(m.dim, m.branching, m.refinement, dict(m.options))
 
     def new(self) -> OccupancyMap:
