@@ -81,6 +81,16 @@ TEST(Values, LabelOfTheMajority) {
     EXPECT_EQ(value.part(8).label(), frequent);
   }
 }
+TEST(Values, TheMajorityStaysWhereCellsSplit) {
+  MajorityLabel value;
+  for (const int label : {9, 9, 9, 9, 3}) value.add(label);
+  MajorityLabel joined;
+  for (int child = 0; child < 4; ++child) joined.join(value.part(4));
+  joined.add(7);
+  EXPECT_EQ(joined.label(), 9);
+  EXPECT_LE(joined.counted()[1].count, 1);
+  EXPECT_TRUE(MajorityLabel{}.part(4).is_empty());
+}
 TEST(Values, CountsOfFourLabelsAreExact) {
   MajorityLabel value;
   const int counts[] = {5, 9, 1, 9};

@@ -348,3 +348,69 @@ def test_tiles_have_the_size_that_was_asked_for():
     if ndtree.has_octomap:
         with pytest.raises(ValueError, match="an OctoMap has no tiles"):
             TileGrid.of(ndtree.OctoMap())
+
+
+def tiled_of(m, scans, folder, **more):
+    mapper = TileMapper(storage_of(folder), m, **more)
+    for scan in scans:
+        mapper.insert(scan)
+    mapper.write(complete=True)
+    return open_tiles(str(folder))
+
+
+def test_a_tile_of_one_leaf_is_kept(tmp_path):
+    y = np.linspace(0.001, 1.599, 1600)
+    points = np.stack((np.full(1600, 1.6), y), axis=1)
+    scan = ndtree.Scan(points, points - [2.6, 0], returned=np.zeros(1600, dtype=bool))
+    whole = ndtree.AdaptiveMap(dim=2)
+    scan.insert_into(whole)
+    tiled = tiled_of(ndtree.AdaptiveMap(dim=2), [scan], tmp_path / "m.tiles", tile_size=1.6)
+    at = [[0.4, 0.8], [-0.5, 0.8]]
+    assert whole.state(at).tolist() == tiled.state(at).tolist() == [0, 0]
+    assert tiled.to_map() == whole
+
+
+def test_bodies_larger_than_a_tile_are_asked_about_as_a_whole(tmp_path):
+    points = np.stack((np.full(400, 6.4), np.linspace(-3, 3, 400)), axis=1)
+    scan = ndtree.Scan(points, [0.0, 0.0])
+    whole = KINDS["evidence"](2)
+    scan.insert_into(whole)
+    tiled = tiled_of(KINDS["evidence"](2), [scan], tmp_path / "m.tiles", tile_size=0.8)
+    for body in (ndtree.Box((19.2, 19.2)), ndtree.Sphere(0.3, center=(6.2, 0)), ndtree.Sphere(0.3)):
+        assert body.reach >= 0.3
+        poses = [[0.0, 0.0, 0.0]]
+        np.testing.assert_array_equal(tiled.collides(body, poses), whole.collides(body, poses))
+    assert tiled.occupied_within([[0.0, 0.0]], np.inf)[0]
+    corners = [[-np.inf, -np.inf]], [[np.inf, np.inf]]
+    np.testing.assert_array_equal(tiled.states_in(*corners), whole.states_in(*corners))
+    assert tiled.state(points=[[6.4, 0.0]]) == whole.state(points=[[6.4, 0.0]])
+
+
+def test_what_no_map_takes_is_refused_before_tiles_are_sought(tmp_path):
+    mapper = TileMapper(storage_of(tmp_path / "m.tiles"), KINDS["evidence"](2))
+    with pytest.raises(ValueError):
+        mapper.insert(ndtree.Scan([[1e12, 0.0]], [0.0, 0.0]))
+    far = np.stack((np.cos(np.arange(40.0)), np.sin(np.arange(40.0))), axis=1) * 1e4
+    m = ndtree.AdaptiveMap(dim=2, range_sigma_quadratic=0.0015)
+    mapper = TileMapper(storage_of(tmp_path / "n.tiles"), m)
+    mapper.insert(ndtree.Scan(far, [0.0, 0.0], returned=np.zeros(40, dtype=bool)), max_range=30)
+    assert len(mapper.write().tiles) < 100
+
+
+def test_fewer_scans_than_the_state_has_are_others(tmp_path):
+    scans = office(4)
+    mapper = TileMapper(storage_of(tmp_path / "m.tiles"), KINDS["evidence"](2))
+    for scan in scans:
+        mapper.insert(scan)
+    mapper.write()
+    again = TileMapper(storage_of(tmp_path / "m.tiles"), KINDS["evidence"](2))
+    again.insert(scans[0])
+    with pytest.raises(ValueError, match="was begun with other scans: it holds 4, and there are only 1"):
+        again.write(complete=True)
+
+
+def test_maps_of_other_options_are_not_adopted():
+    m = ndtree.FixedMap(dim=2, cell_size=0.1)
+    other = ndtree.FixedMap(dim=2, cell_size=0.1, log_odds_max=20.0)
+    with pytest.raises(ValueError, match=r"log_odds_max = 20\.0 of a map that is adopted by one with 3\.5: must be the same"):
+        m.adopt(other)

@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/io/map_file.hpp"
@@ -48,9 +49,11 @@ template <class LayerType>
       if (cell.level > 0) throw std::runtime_error("a value above the largest cells");
     });
     return layer;
-  } catch (const std::bad_alloc&) {
+  } catch (const Cancelled&) {
     throw;
-  } catch (const std::exception& error) {
+  } catch (const std::logic_error& error) {  // A value that no layer has.
+    throw std::runtime_error(name + ": damaged: " + error.what());
+  } catch (const std::runtime_error& error) {
     throw std::runtime_error(name + ": damaged: " + error.what());
   }
 }

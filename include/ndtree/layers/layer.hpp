@@ -138,7 +138,7 @@ class Layer {
   template <class MapTree>
   void keep_known(const Ref& ref, const MapTree& map_tree, Pace& pace) {
     if (ref.is_leaf() && ref.cell().value.is_empty()) return;
-    pace.spend();
+    if (is_known(ConstRef{ref.node, ref.index}, map_tree, pace)) return;  // What is not changed stays shared.
     if (ref.index.level <= 0) {
       const Knowledge known = knowledge(ref.index, map_tree);
       if (known == Knowledge::none) tree_.cut(*ref.node);
@@ -155,6 +155,19 @@ class Layer {
       all_empty = all_empty && child.is_leaf() && child.cell().value.is_empty();
     }
     if (all_empty) tree_.cut(*ref.node);
+  }
+  /// Whether a map knows all cells that have a value.
+  template <class MapTree>
+  [[nodiscard]] bool is_known(const ConstRef& ref, const MapTree& map_tree, Pace& pace) const {
+    pace.spend();
+    if (ref.is_leaf() && ref.cell().value.is_empty()) return true;
+    if (ref.index.level <= 0) {
+      const Knowledge known = knowledge(ref.index, map_tree);
+      if (known != Knowledge::some || ref.is_leaf()) return known == Knowledge::all;
+    }
+    for (int j = 0; j < Tree::kNumChildren; ++j)
+      if (!is_known(tree_.child(ref, j), map_tree, pace)) return false;
+    return true;
   }
   enum class Knowledge { none, some, all };
   /// How much of a cell a map knows.

@@ -25,12 +25,18 @@
 
 namespace ndtree {
 
+/// Whether a beam of a scan may end in a cell: it returned, and has a direction.
+template <int D>
+[[nodiscard]] bool ends_in_a_cell(const ScanView<D>& scan, Eigen::Index i) {
+  return Beam<D>(scan.origin(i), scan.endpoint(i), scan.is_returned(i)).outcome == BeamOutcome::returned;
+}
+
 /// Refuses what cannot be added, before anything is. @param measurements one a beam.
 /// @throws std::invalid_argument naming the beam, for those that returned.
 template <class Value, int D>
 void check_measurements(const ScanView<D>& scan, const typename Value::Measurement* measurements) {
   for (Eigen::Index i = 0; i < scan.size; ++i) {
-    if (!scan.is_returned(i)) continue;
+    if (!ends_in_a_cell(scan, i)) continue;
     try {
       Value::check(measurements[i]);
     } catch (const std::invalid_argument& error) {
@@ -66,6 +72,7 @@ template <class Map, class Value>
     if (window && !cells.overlaps(leaf->index, geometry.edge(leaf->index.level))) continue;
     layer.add(leaf->index, beam.endpoint, measurements[i]);
   }
+  layer.limit_memory(kUnlimitedMemory);
   return layer;
 }
 

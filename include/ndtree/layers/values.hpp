@@ -51,7 +51,8 @@ class MeanValue {
 
   void add(const Measurement& measurement) {
     weight_ = std::min(weight_ + 1.0f, kMostWeight);
-    for (std::size_t i = 0; i < K; ++i) mean_[i] += (measurement[i] - mean_[i]) / weight_;
+    const double share = 1.0 / static_cast<double>(weight_);
+    for (std::size_t i = 0; i < K; ++i) mean_[i] = between(mean_[i], measurement[i], share);
   }
   void join(const MeanValue& other) {
     if (other.is_empty()) return;
@@ -60,8 +61,12 @@ class MeanValue {
       return;
     }
     const float sum = weight_ + other.weight_;
+    const double all = static_cast<double>(weight_) + static_cast<double>(other.weight_);
     for (std::size_t i = 0; i < K; ++i)
-      mean_[i] = (weight_ * mean_[i] + other.weight_ * other.mean_[i]) / sum;
+      mean_[i] =
+          static_cast<float>((static_cast<double>(weight_) * static_cast<double>(mean_[i]) +
+                              static_cast<double>(other.weight_) * static_cast<double>(other.mean_[i])) /
+                             all);
     weight_ = std::min(sum, kMostWeight);
   }
   [[nodiscard]] MeanValue part(int divisor) const {
@@ -91,6 +96,13 @@ class MeanValue {
 
  private:
   static constexpr float kLeastWeight = 1e-6f;  // What is due to less is forgotten.
+
+  /// So large a share of the way from one number to another: in double, which holds all differences of
+  /// floats.
+  static float between(float from, float to, double share) {
+    const auto begin = static_cast<double>(from);
+    return static_cast<float>(begin + (static_cast<double>(to) - begin) * share);
+  }
 
   float weight_ = 0.0f;
   Measurement mean_{};
@@ -154,12 +166,14 @@ class MajorityLabel {
   }
   [[nodiscard]] MajorityLabel part(int divisor) const {
     MajorityLabel part;
+    if (is_empty()) return part;
     for (std::size_t i = 0; i < kNumWords; ++i) {
-      part.counted_[i] = counted_[i];
-      part.counted_[i].count = static_cast<std::uint16_t>((counted_[i].count + divisor - 1) / divisor);
+      const int least = i == 0 ? 1 : 0;  // The label stays.
+      const int count = std::max(least, counted_[i].count / divisor);
+      if (count > 0) part.counted_[i] = {counted_[i].label, static_cast<std::uint16_t>(count)};
     }
-    std::sort(part.counted_.begin() + 1, part.counted_.end(),
-              MoreFrequent{});  // The first remains the first.
+    if (part.counted_[0].count == part.counted_[1].count && part.counted_[0].count < kMaxCount)
+      ++part.counted_[0].count;  // So that it stays ahead of what it was more frequent than.
     return part;
   }
 

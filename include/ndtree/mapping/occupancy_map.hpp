@@ -224,10 +224,11 @@ class OccupancyMap {
   /// is, bit for bit, so that parts of space that were mapped apart become the map that one would have made.
   /// @param box if given, only of the cubes of max_cell_size that share a volume with it, and counters stay
   ///   this map's; else counters add up. O(what is taken over, and nodes of both above it).
-  /// @throws std::invalid_argument if the sizes of cells differ, both hold cells in one cube, or the box has
-  ///   no volume, MemoryLimitReached, std::bad_alloc, Cancelled; the map is then unchanged.
+  /// @throws std::invalid_argument if an option but max_memory differs, both hold cells in one cube, or the
+  ///   box has no volume, MemoryLimitReached, std::bad_alloc, Cancelled; the map is then unchanged.
   void adopt(const OccupancyMap& other, const std::optional<Box<D>>& box = std::nullopt) {
     require_same_sizes(other, "adopted by");
+    require_same_options(other);
     if (box) check(*box);
     const auto window = box ? std::optional(tree_.geometry().cells_in(*box, 0)) : std::nullopt;
     Tree changed = tree_;
@@ -298,6 +299,18 @@ class OccupancyMap {
     return [this](const Cell& cell) { return refinement_.is_settled(cell); };
   }
 
+  void require_same_options(const OccupancyMap& other) const {
+    std::vector<double> others;
+    for_each_option(other.options_, [&](const char*, double value) { others.push_back(value); });
+    std::size_t i = 0;
+    for_each_option(options_, [&](const char* name, double value) {
+      const double beside = others[i++];
+      if (value != beside && std::string(name) != "max_memory")
+        throw std::invalid_argument(std::string(name) + " = " + describe_number(beside) +
+                                    " of a map that is adopted by one with " + describe_number(value) +
+                                    ": must be the same");
+    });
+  }
   void require_same_sizes(const OccupancyMap& other, const char* how) const {
     const auto& geometry = tree_.geometry();
     if (geometry.unit() != other.tree_.geometry().unit() ||

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -135,24 +136,28 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   void merge(const MapInterface& other) override {
     const Map& beside = same_kind(other);
     const Layers& layers_beside = static_cast<const MapAdapter&>(other).layers_;
-    change([&](Map& map, Layers& layers) {
-      map.merge(beside);
-      layers.join(layers_beside, map.tree());
-      return 0;
-    });
+    change(
+        [&](Map& map, Layers& layers) {
+          map.merge(beside);
+          layers.join(layers_beside, map.tree(), memory_for_layers(map));
+          return 0;
+        },
+        !layers_beside.empty());
   }
   void adopt(const MapInterface& other, const std::optional<AnyBox>& box) override {
     const Map& beside = same_kind(other);
     const Layers& layers_beside = static_cast<const MapAdapter&>(other).layers_;
     const auto region = box ? std::optional(MapAdapter::box(box->lower, box->upper)) : std::nullopt;
-    change([&](Map& map, Layers& layers) {
-      map.adopt(beside, region);
-      if (layers_beside.empty()) return 0;
-      Map adopted(map.options());  // What lies in the box, alone.
-      adopted.adopt(beside, region);
-      layers.join(layers_beside, adopted.tree());
-      return 0;
-    });
+    change(
+        [&](Map& map, Layers& layers) {
+          map.adopt(beside, region);
+          if (layers_beside.empty()) return 0;
+          Map adopted(map.options());  // What lies in the box, alone.
+          adopted.adopt(beside, region);
+          layers.join(layers_beside, adopted.tree(), memory_for_layers(map));
+          return 0;
+        },
+        !layers_beside.empty());
   }
   [[nodiscard]] std::unique_ptr<MapInterface> transformed(const double* pose) const override {
     Pose<D> motion;
@@ -231,10 +236,15 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   }
 
  private:
-  /// Changes map and layers, or neither.
+  /// Bytes that layers may hold beside a map.
+  [[nodiscard]] static std::size_t memory_for_layers(const Map& map) {
+    const std::size_t limit = map.options().memory_limit();
+    return limit == kUnlimitedMemory ? limit : limit - std::min(limit, map.memory_bytes());
+  }
+  /// Changes map and layers, or neither. @param may_add whether there may be more layers afterwards.
   template <class Change>
-  auto change(const Change& change) {
-    if (layers_.empty()) {
+  auto change(const Change& change, bool may_add = false) {
+    if (layers_.empty() && !may_add) {
       Layers none;
       const auto result = change(map_, none);
       layers_ = std::move(none);

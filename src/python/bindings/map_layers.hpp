@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -11,6 +12,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -156,9 +158,10 @@ class MapLayers {
   void keep_known(const MapTree& tree) {
     for (Named& one : layers_) std::visit([&](auto& layer) { layer.keep_known(tree); }, one.layer);
   }
-  /// Adds those of another map, of which some may be new. @throws std::invalid_argument if rules differ.
+  /// Adds those of another map, of which some may be new. @param max_memory of all layers together.
+  /// @throws std::invalid_argument if rules differ, MemoryLimitReached.
   template <class MapTree>
-  void join(const MapLayers& others, const MapTree& tree) {
+  void join(const MapLayers& others, const MapTree& tree, std::size_t max_memory) {
     for (const LayerKind& kind : others.kinds()) {
       const Named* const own = find_or_null(kind.name);
       if (own == nullptr) add(kind, tree.geometry());
@@ -168,7 +171,11 @@ class MapLayers {
             if (layer == nullptr)
               throw std::invalid_argument("layers: " + describe_text(kind.name) + ": follows the rule " +
                                           describe_text(kind.rule) + " in the other map: must be the same");
+            const std::size_t beside = memory_bytes() - layer->memory_bytes();
+            layer->limit_memory(max_memory == kUnlimitedMemory ? max_memory
+                                                               : max_memory - std::min(max_memory, beside));
             layer->join(other, tree);
+            layer->limit_memory(kUnlimitedMemory);
           },
           others.find(kind.name).layer);
     }
@@ -226,15 +233,25 @@ class MapLayers {
   [[nodiscard]] std::vector<PlyProperty> ply_properties() const {
     using Type = PlyProperty::Type;
     std::vector<PlyProperty> all;
+    const auto add = [&](std::string name, Type type) {
+      static constexpr std::array<std::string_view, 6> kOfCells = {"x",    "y",           "z",
+                                                                   "size", "probability", "state"};
+      const auto is_taken = [&] {
+        return std::find(kOfCells.begin(), kOfCells.end(), name) != kOfCells.end() ||
+               std::any_of(all.begin(), all.end(), [&](const PlyProperty& one) { return one.name == name; });
+      };
+      while (is_taken()) name += "_";
+      all.push_back({name, type});
+    };
     for (const LayerKind& kind : kinds()) {
       if (kind.rule != MeanValue<3>::rule()) {
-        all.push_back({kind.name, kind.rule == MajorityLabel::rule() ? Type::int_
-                                  : kind.rule == LatestStamp::rule() ? Type::double_
-                                                                     : Type::float_});
+        add(kind.name, kind.rule == MajorityLabel::rule() ? Type::int_
+                       : kind.rule == LatestStamp::rule() ? Type::double_
+                                                          : Type::float_);
       } else if (kind.name == "color" || kind.name == "colour") {
-        for (const char* const name : {"red", "green", "blue"}) all.push_back({name, Type::uchar});
+        for (const char* const name : {"red", "green", "blue"}) add(name, Type::uchar);
       } else {
-        for (const char* const suffix : {"_0", "_1", "_2"}) all.push_back({kind.name + suffix, Type::float_});
+        for (const char* const suffix : {"_0", "_1", "_2"}) add(kind.name + suffix, Type::float_);
       }
     }
     return all;
@@ -266,7 +283,7 @@ class MapLayers {
                                                                const LayerMeasurements& given) {
     std::vector<typename Value::Measurement> all(static_cast<std::size_t>(scan.size));
     for (std::size_t i = 0; i < all.size(); ++i) {
-      if (!scan.is_returned(static_cast<Eigen::Index>(i))) continue;
+      if (!ends_in_a_cell(scan, static_cast<Eigen::Index>(i))) continue;
       try {
         all[i] = ValueNumbers<Value>::from(given.numbers + i * given.width);
       } catch (const std::invalid_argument& error) {

@@ -231,10 +231,26 @@ PythonShape joined(const PythonShape& a, const PythonShape& b) {
   return both;
 }
 
+/// No point of a body is farther from its origin [m].
+double reach_of(const PythonShape& shape) {
+  const auto length = [](const std::vector<double>& v) {
+    double sum = 0.0;
+    for (const double x : v) sum += x * x;
+    return std::sqrt(sum);
+  };
+  double reach = 0.0;
+  for (const AnyShapePart& part : shape.parts)
+    reach = std::max(reach, part.is_box ? length(part.a) + length(part.b)
+                                        : std::max(length(part.a), length(part.b)) + part.radius);
+  return reach;
+}
+
 void bind_shapes(py::module_& module) {
   py::class_<PythonShape>(module, "Shape",
                           "A robot's body in its own frame: Sphere, Capsule, Box, or several by `a | b`.")
       .def("__or__", &joined, "other"_a, "The union of two.")
+      .def_property_readonly("reach", &reach_of,
+                             "float: no point of the body is farther from its origin [m].")
       .def("__repr__", [](const PythonShape& shape) { return shape.text; })
       .def(py::pickle(
           [](const PythonShape& shape) {
@@ -305,8 +321,8 @@ void bind_results(py::module_& module) {
       .def_readonly("cells", &PythonFrontier::cells, "(k, dim) float64: lower corners of the cells [m].")
       .def_readonly("size", &PythonFrontier::size, "(k,) float64: their edges [m].")
       .def("__repr__", [](const PythonFrontier& f) {
-        return "Frontier(center=" + py::str(f.center).cast<std::string>() + ", area=" + number_text(f.area) +
-               ", cells=" + std::to_string(f.size.shape(0)) + ")";
+        return "Frontier(center=" + py::str(py::handle(f.center)).cast<std::string>() +
+               ", area=" + number_text(f.area) + ", cells=" + std::to_string(f.size.shape(0)) + ")";
       });
   py::class_<PythonField>(module, "DistanceField",
                           "Signed distances to obstacles at the centres of equal cells that fill a box.")

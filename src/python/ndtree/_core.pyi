@@ -207,6 +207,9 @@ class DistanceField:
 class Shape:
     """A robot's body in its own frame: Sphere, Capsule, Box, or several by `a | b`."""
 
+    @property
+    def reach(self) -> float:
+        """float: no point of the body is farther from its origin [m]."""
     def __or__(self, other: Shape) -> Shape: ...
 
 def Sphere(radius: float, center: ArrayLike | None = None) -> Shape:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree fleet``: logs of several robots into one map in tiles, on an engine."""
 
+import functools
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, Optional
@@ -16,7 +17,7 @@ from ndtree.commands.output import check_target, is_stdout, write_json
 from ndtree.commands.progress import progress
 from ndtree.readers import read
 from ndtree.tiles import TileGrid
-from ndtree.tiles.order import named
+from ndtree.tiles.order import named, opened
 
 
 class EngineName(str, Enum):
@@ -64,7 +65,9 @@ def fleet(
     check_target(json_file)
     limit = limit_of(max_range)
     sources = named([str(log) for log in logs])
-    first = read(next(iter(sources.values())), dim=dim)
+    if dim is not None:  # Workers read them as well.
+        sources = {name: functools.partial(read, log, dim=dim) for name, log in sources.items()}
+    first = opened(next(iter(sources.values())))
     made(lambda: new_map(first.dim, fixed, options))
     settings = settled(first, options, limit, no_return.value, with_sigma=True)
     target = new_map(first.dim, fixed, settings.options)

@@ -81,7 +81,11 @@ def map_into_tiles(
             advance("mapping", scans, length_of(log))
     if not scans:
         raise ValueError(f"{log.name}: no scans, expected at least one")
-    report = {**mapper.counts, "ignored": ignored} if ignored else dict(mapper.counts)
+    report = (
+        {**mapper.counts, "beams": mapper.counts["beams"] + ignored, "ignored": ignored}
+        if ignored
+        else dict(mapper.counts)
+    )
     if not any(report[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
         raise ValueError(f"{log.name}: nothing to map in {scans} scans")
     mapper.write(complete=True)

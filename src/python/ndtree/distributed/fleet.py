@@ -423,7 +423,12 @@ def _manifest(storage: Storage) -> Manifest | None:
 def _dim_of(source: Any) -> int:
     scans: Iterable[Any] = opened(source)
     dim = getattr(scans, "dim", None)
-    return int(next(iter(scans)).dim if dim is None else dim)
+    if dim is None:
+        first = next(iter(scans), None)
+        if first is None:
+            raise ValueError("the first log: no scans, expected at least one")
+        dim = first.dim
+    return int(dim)
 
 
 def _motions(storage: Storage, name: str | None, scans: int, dim: int) -> Any:

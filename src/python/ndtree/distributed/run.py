@@ -25,7 +25,7 @@ def run_all(engine: Engine, what: str, tasks: list[tuple[Any, ...]], progress: P
     waiting = iter(range(len(tasks)))
     done = 0
     while done < len(tasks):
-        while len(running) < _AHEAD * engine.workers:
+        while len(running) < _AHEAD * max(1, engine.workers):
             number = next(waiting, None)
             if number is None:
                 break
@@ -62,7 +62,7 @@ def run_chains(
     heapq.heapify(ready)
     running: dict[Any, tuple[int, int, int]] = {}
     while ready or running:
-        while ready and len(running) < _AHEAD * engine.workers:
+        while ready and len(running) < _AHEAD * max(1, engine.workers):
             left, number, at = heapq.heappop(ready)
             chain, one = chains[number], chains[number].ranges[at]
             task = BlockTask(

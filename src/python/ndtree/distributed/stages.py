@@ -233,7 +233,7 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
     for tile in task.tiles:
         cells = job.kind.new()  # With a root that depends on the cells alone.
         cells.adopt(m, job.grid.box(tile))
-        if cells.stats().nodes > 1 or cells.bounds() is not None:
+        if job.kind.is_worth_storing(cells):
             entry = store_tile(storage, cells, tile, job.revision)
             entries.append((tile, asdict(entry)))
             size += entry.bytes

@@ -166,10 +166,11 @@ def beams_of(scan: Scan, options: dict[str, float], max_range: float) -> tuple[F
     with np.errstate(all="ignore"):
         length = np.linalg.norm(way, axis=1)
         good = np.isfinite(length) & (length > 0)
+        used = np.minimum(length, max_range)
         sigma = scan.range_sigma
         if sigma is None:
-            sigma = options.get("range_sigma", 0.0) + options.get("range_sigma_quadratic", 0.0) * length**2
-        reach = np.minimum(length, max_range) + _REACH_SIGMAS * sigma + options["min_cell_size"]
+            sigma = options.get("range_sigma", 0.0) + options.get("range_sigma_quadratic", 0.0) * used**2
+        reach = used + _REACH_SIGMAS * sigma + options["min_cell_size"]
         good &= np.isfinite(reach)
         ends = origin + way * (reach / length)[:, None]
     return (origin if origin.ndim == 1 else origin[good]), ends[good]

@@ -56,6 +56,10 @@ class MapKind:
             dim=self.dim, branching=self.branching, refinement=self.refinement, **options
         )
 
+    def is_worth_storing(self, m: OccupancyMap) -> bool:
+        """Whether a map of this kind knows anything, parts of cells included."""
+        return m.stats().nodes > 1 or m != self.new()
+
     def as_json(self) -> dict[str, Any]:
         """Plain numbers and texts."""
         return {

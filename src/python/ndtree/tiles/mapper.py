@@ -144,11 +144,11 @@ class TileMapper:
                 )
             return None
         starts, ends = beams_of(scan, self._kind.options, max_range)
+        if not self._growth.contains(reach_of(starts, ends)):
+            self._growth.include(scan, max_range)  # And refuses what no map takes.
         crossed = self._grid.crossed_by(starts, ends)
         self._resident.hold(crossed)
         report = scan.insert_into(self._resident.map, max_range=max_range, threads=threads)
-        if not self._growth.contains(reach_of(starts, ends)):
-            self._growth.include(scan, max_range)
         self._changed |= crossed
         for name in _COUNTS:
             self.counts[name] += getattr(report, name)
@@ -167,7 +167,17 @@ class TileMapper:
         ----------
         complete : bool
             There are no more scans; a mapper that is made here later begins anew.
+
+        Raises
+        ------
+        ValueError
+            If `complete`, and there were fewer scans than the state on disk knows.
         """
+        if complete and self._seen < self.done:
+            raise ValueError(
+                f"{self._storage.url}: was begun with other scans: it holds {self.done}, and there are only "
+                f"{self._seen}; map them into another folder"
+            )
         revision = self._revision + 1
         self._store(sorted(self._changed))
         stats = self._resident.map.stats()
@@ -235,7 +245,7 @@ class TileMapper:
     def _store(self, tiles: Iterable[Tile]) -> None:
         for tile in tiles:
             cells = self._resident.cut_out(tile, self._kind.new())
-            if cells.stats().nodes > 1 or tile in self._entries:
+            if tile in self._entries or self._kind.is_worth_storing(cells):
                 entry = store_tile(self._storage, cells, tile, self._revision + 1)
                 before = self._entries.get(tile)
                 if before is None or before.file != entry.file:

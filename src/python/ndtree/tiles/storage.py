@@ -118,6 +118,11 @@ class RemoteStorage(Storage):
         begin = len(self._fs._strip_protocol(self._path("")).rstrip("/")) + 1
         return {str(path)[begin:] for path in self._fs.find(self._path(folder))}
 
+    def has(self, name: str) -> bool:
+        path = self._path(name)
+        self._fs.invalidate_cache(path.rpartition("/")[0])
+        return bool(self._fs.exists(path))
+
     def remove(self, name: str) -> None:
         if self._fs.exists(self._path(name)):
             self._fs.rm_file(self._path(name))

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import math
 import os
 import threading
@@ -28,18 +29,19 @@ CACHE_BYTES = 1 << 30
 def _bulk(method: Callable[..., Any]) -> Callable[..., Any]:
     """Takes arrays as the maps' own methods do, and answers in their shape."""
     axes = TAKEN[method.__name__]
+    signature = inspect.signature(method)
 
     @functools.wraps(method)
-    def call(self: TiledMap, first: ArrayLike, *arguments: Any, **keywords: Any) -> Any:
-        names = method.__code__.co_varnames[1:]
-        given = dict(zip(names, (first, *arguments)))
-        refuse_masked(method.__name__, {**given, **keywords})
+    def call(self: TiledMap, *arguments: Any, **keywords: Any) -> Any:
+        given = dict(signature.bind(self, *arguments, **keywords).arguments)
+        del given["self"]
+        refuse_masked(method.__name__, given)
         order = [name for name in axes if name in given]
         changed, leading = flattened(
             axes, {**{name: given[name] for name in order}, **given}, lambda: self.dim
         )
         with self._lock:
-            result = method(self, **{**given, **changed}, **keywords)
+            result = method(self, **{**given, **changed})
         return result if leading is None else shaped(result, leading)
 
     return call
@@ -301,14 +303,14 @@ class TiledMap:
 
     def collides(self, shape: Shape, poses: ArrayLike, *, unknown: Any = "free") -> NDArray[np.bool_]:
         """As of `OccupancyMap`."""
-        return self._about(poses).collides(shape, poses, unknown=unknown)
+        return self._about(poses, shape).collides(shape, poses, unknown=unknown)
 
     def path_collides(self, shape: Shape, poses: ArrayLike, *, unknown: Any = "free") -> int:
         """As of `OccupancyMap`."""
-        return self._about(poses).path_collides(shape, poses, unknown=unknown)
+        return self._about(poses, shape).path_collides(shape, poses, unknown=unknown)
 
-    def _about(self, poses: ArrayLike) -> OccupancyMap:
-        """Tiles around poses, for bodies of up to a tile's edge from their origin."""
+    def _about(self, poses: ArrayLike, shape: Shape) -> OccupancyMap:
+        """Tiles that a body may touch in some poses."""
         array = np.asarray(poses, dtype=np.float64)
         planar = array.ndim < 3 and array.shape[-1:] == (3,)
         places = array[..., :2] if planar else array[..., : self.dim, -1]
@@ -316,7 +318,7 @@ class TiledMap:
         if places.shape[1] != self.dim or not np.isfinite(places).all() or not len(places):
             return self._frame  # Which says what is wrong.
         box = np.stack((places.min(axis=0), places.max(axis=0)))
-        return self.region(self._widened(box, self.grid.size))
+        return self.region(self._widened(box, shape.reach + self.grid.unit))
 
     def _load(self, tile: Tile) -> OccupancyMap | None:
         entry = self.manifest.tiles.get(tile)
@@ -328,10 +330,13 @@ class TiledMap:
 
     def _touching(self, lower: Floats, upper: Floats) -> set[Tile]:
         """Tiles with something in them that share a point with one of some boxes."""
-        good = np.isfinite(lower).all(axis=1) & np.isfinite(upper).all(axis=1)
+        good = ~(np.isnan(lower).any(axis=1) | np.isnan(upper).any(axis=1))
         lower, upper = lower[good], upper[good]
-        if not len(lower):
+        if not len(lower) or not self.manifest.tiles:
             return set()
+        tiles = np.array(list(self.manifest.tiles))
+        first, last = (tiles.min(axis=0) - 1) * self.grid.size, (tiles.max(axis=0) + 2) * self.grid.size
+        lower, upper = np.clip(lower, first, last), np.clip(upper, first, last)  # Finite, too.
         near = self.grid.nearby(self.manifest.tiles, lower.min(axis=0), upper.max(axis=0))
         if len(near) < 2:
             return near
