@@ -412,5 +412,7 @@ def test_fewer_scans_than_the_state_has_are_others(tmp_path):
 def test_maps_of_other_options_are_not_adopted():
     m = ndtree.FixedMap(dim=2, cell_size=0.1)
     other = ndtree.FixedMap(dim=2, cell_size=0.1, log_odds_max=20.0)
-    with pytest.raises(ValueError, match=r"log_odds_max = 20\.0 of a map that is adopted by one with 3\.5: must be the same"):
+    with pytest.raises(
+        ValueError, match=r"log_odds_max = 20\.0 of a map that is adopted by one with 3\.5: must be the same"
+    ):
         m.adopt(other)
