@@ -127,7 +127,12 @@ class BlockRecord:
 
 def record_name(run: str, block: Tile, part: int) -> str:
     """File that says that a task is done."""
-    return f"{run}/work/{'_'.join(map(str, block))}-{part:06d}.json"
+    return f"{_task_name(run, block, part)}.json"
+
+
+def _task_name(run: str, block: Tile, part: int) -> str:
+    """What the files of a task are called, without their ending."""
+    return f"{run}/work/{'_'.join(map(str, block))}-{part:06d}"
 
 
 def record_from(content: bytes) -> BlockRecord:
@@ -239,7 +244,7 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
             size += entry.bytes
     if not task.tiles:
         content = m.to_bytes()
-        state = f"{job.run}/work/{'_'.join(map(str, task.block))}-{task.part:06d}.ndt"
+        state = f"{_task_name(job.run, task.block, task.part)}.ndt"
         storage.write(state, content)
         size = len(content)
     stats = m.stats()
