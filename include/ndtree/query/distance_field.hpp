@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -19,7 +20,9 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/changes.hpp"
-#include "ndtree/query/nearest_boxes.hpp"
+#include "ndtree/query/distance_transform.hpp"
+#include "ndtree/query/field_grid.hpp"
+#include "ndtree/query/region.hpp"
 
 namespace ndtree {
 
@@ -113,12 +116,12 @@ class DistanceField {
 
 namespace detail {
 
-template <int D>
-struct ObstaclesOf {
+/// What counts as an obstacle, and what does not.
+struct ObstacleStates {
   RegionStates obstacles;
   RegionStates others;
 
-  explicit ObstaclesOf(UnknownSpace unknown) {
+  explicit ObstacleStates(UnknownSpace unknown) {
     obstacles.occupied = true;
     obstacles.unknown = unknown == UnknownSpace::occupied;
     others.free = true;
@@ -126,41 +129,105 @@ struct ObstaclesOf {
   }
 };
 
-/// Gives all values of the points that are asked for, and maybe of some others of a block.
-/// @param obstacles, others boxes of what is one and what is not, as far as max_distance around the block;
-///   `others()` is asked only if a point lies in an obstacle. @param wants as in NearestBoxes::run().
-/// @param set(index, value) sets one.
-template <int D, class Others, class Wants, class Set>
-void fill(const DistanceField<D>& field, const GridBlock<D>& block, const std::vector<Box<D>>& obstacles,
-          const Others& others, const Wants& wants, const Set& set) {
-  const std::vector<float>& values = field.values();
-  const auto most = static_cast<float>(field.max_distance());
-  const auto value_of = [most](double squared) {
-    return squared < std::numeric_limits<double>::infinity() ? static_cast<float>(std::sqrt(squared)) : most;
-  };
-  std::vector<Box<D>> with_inside;  // Blocks of points, of which some lie in an obstacle.
-  bool any_inside = false;
-  NearestBoxes<D>(field.grid(), BoxTree<D>(obstacles), field.max_distance())
-      .run(
-          block, wants,
-          [&](std::size_t i, double squared) {
-            set(i, value_of(squared));
-            any_inside = any_inside || values[i] == 0.0f;
-          },
-          [&](const Box<D>& points) {
-            if (any_inside) with_inside.push_back(points);
-            any_inside = false;
-          });
-  if (with_inside.empty()) return;
-  const BoxTree<D> inside(with_inside);
-  NearestBoxes<D>(field.grid(), BoxTree<D>(others()), field.max_distance())
-      .run(
-          block,
-          [&](const auto&, const auto&, const Box<D>& points) { return inside.any_within(points, 0.0); },
-          [&](std::size_t i, double squared) {
-            if (values[i] == 0.0f) set(i, -value_of(squared));
-          },
-          [](const Box<D>&) {});
+/// Values for the points of one block.
+template <int D>
+class BlockValues {
+ public:
+  using Shape = typename FieldGrid<D>::Shape;
+
+  explicit BlockValues(const GridBlock<D>& block) : block_(block), values_(block.size()) {}
+
+  [[nodiscard]] const GridBlock<D>& block() const { return block_; }
+  [[nodiscard]] float& operator[](const Shape& at) { return values_[block_.index(at)]; }
+
+ private:
+  GridBlock<D> block_;
+  std::vector<float> values_;
+};
+
+/// The values of distance fields of one map.
+template <class Map>
+class FieldValues {
+ public:
+  static constexpr int D = Map::kDim;
+  using Shape = typename FieldGrid<D>::Shape;
+  using Block = GridBlock<D>;
+
+  FieldValues(const Map& map, const DistanceField<D>& field, Pace& pace)
+      : map_(map), field_(field), states_(field.unknown()), pace_(pace) {}
+
+  /// The value for a squared distance to an obstacle, of which a limit means that there is none nearer.
+  [[nodiscard]] float value(float squared, float limit) const {
+    const auto most = static_cast<float>(field_.max_distance());
+    return squared < limit ? std::min(std::sqrt(squared), most) : most;
+  }
+
+  /// Sets the values of those points of a part of the block that `wants(place)`. @param guess of how far to
+  /// look: where that is not far enough, it is doubled.
+  template <class Wants>
+  void find(BlockValues<D>& values, Block part, double guess, const Wants& wants) const {
+    find_nearest(states_.obstacles, part, guess, wants,
+                 [&](const Shape& at, float distance) { values[at] = distance; });
+    Block inside;
+    any_place(part.first, part.last, [&](const Shape& at) {
+      if (values[at] == 0.0f && wants(at)) inside.add(at);
+      return false;
+    });
+    // Obstacles are thin, most of them.
+    find_nearest(
+        states_.others, inside, 4.0 * field_.cell_size(),
+        [&](const Shape& at) { return values[at] <= 0.0f && wants(at); },
+        [&](const Shape& at, float distance) { values[at] = 0.0f - distance; });
+  }
+
+ private:
+  template <class Wants, class Set>
+  void find_nearest(const RegionStates& states, Block block, double guess, const Wants& wants,
+                    const Set& set) const {
+    const double most = field_.max_distance();
+    for (double reach = std::min(guess, most); !block.empty(); reach = std::min(2.0 * reach, most)) {
+      DistanceTransform<D> transform(field_.grid(), block, reach, pace_);
+      const std::vector<float>& squared =
+          transform.squared_distances(boxes_of(map_, transform.reach(), states));
+      Block left;
+      std::size_t i = 0;
+      any_place(block.first, block.last, [&](const Shape& at) {
+        const float found = squared[i++];
+        if (!wants(at)) return false;
+        if (found < transform.limit() || reach >= most)
+          set(at, value(found, transform.limit()));
+        else
+          left.add(at);
+        return false;
+      });
+      block = left;
+    }
+  }
+
+  const Map& map_;
+  const DistanceField<D>& field_;
+  ObstacleStates states_;
+  Pace& pace_;
+};
+
+/// Calls `visit(block)` for the parts of a block that are at most so long, those of them that may matter.
+template <int D, class Matters, class Visit>
+void for_each_part(const GridBlock<D>& block, std::size_t longest, const Matters& matters,
+                   const Visit& visit) {
+  if (block.empty() || !matters(block)) return;
+  std::size_t axis = 0;
+  for (std::size_t a = 1; a < std::size_t{D}; ++a)
+    if (block.last[a] - block.first[a] > block.last[axis] - block.first[axis]) axis = a;
+  if (block.last[axis] - block.first[axis] <= longest) {
+    visit(block);
+    return;
+  }
+  GridBlock<D> half = block;
+  half.last[axis] = block.first[axis] + (block.last[axis] - block.first[axis]) / 2;
+  for_each_part(half, longest, matters, visit);
+  half.first[axis] = half.last[axis];
+  half.last[axis] = block.last[axis];
+  for_each_part(half, longest, matters, visit);
 }
 
 }  // namespace detail
@@ -194,74 +261,146 @@ template <class Map>
     shape[static_cast<std::size_t>(a)] = static_cast<std::size_t>(count);
   }
   DistanceField<D> field(box.lower, cell_size, shape, max_distance, unknown);
-  const detail::ObstaclesOf<D> states(unknown);
-  const Box<D> around = field.grid().box().inflated(max_distance);
-  detail::fill(
-      field, GridBlock<D>{{}, field.shape()}, boxes_of(map, around, states.obstacles),
-      [&] { return boxes_of(map, around, states.others); },
-      [](const auto&, const auto&, const auto&) { return true; },
-      [&](std::size_t i, float value) { field.values()[i] = value; });
+  Pace pace;
+  const detail::FieldValues<Map> values(map, field, pace);
+  // As large as the space around that is looked at, too: there, what is far takes part in vain.
+  const double side =
+      std::clamp(4.0 * max_distance / cell_size, D == 2 ? 128.0 : 16.0, D == 2 ? 1024.0 : 128.0);
+  detail::for_each_part(
+      GridBlock<D>{{}, field.shape()}, static_cast<std::size_t>(side), [](const auto&) { return true; },
+      [&](const GridBlock<D>& block) {
+        detail::BlockValues<D> found(block);
+        values.find(found, block, max_distance, [](const auto&) { return true; });
+        detail::any_place(block.first, block.last, [&](const auto& at) {
+          field.values()[field.index(at)] = found[at];
+          return false;
+        });
+      });
   return field;
 }
 
-/// Brings a field up to date after a map has changed: as distance_field() would fill it in now. What is
-/// looked at again are points for which something that changed is no farther than what was nearest.
+namespace detail {
+
+/// What a change of a map changes in a field.
+template <class Map>
+class FieldUpdate {
+ public:
+  static constexpr int D = Map::kDim;
+  using Shape = typename FieldGrid<D>::Shape;
+  using Block = GridBlock<D>;
+  struct NewValue {
+    std::size_t index;
+    float value;
+  };
+
+  /// @param came, went boxes that have become obstacles, and that are none any longer.
+  FieldUpdate(const Map& map, const DistanceField<D>& field, const std::vector<Box<D>>& came,
+              const std::vector<Box<D>>& went)
+      : field_(field), values_(map, field, pace_), came_(came), went_(went) {}
+
+  /// The points whose values are others now.
+  [[nodiscard]] std::vector<NewValue> run() {
+    constexpr std::size_t kSide = D == 2 ? 32 : D == 3 ? 12 : 6;
+    for_each_part(
+        Block{{}, field_.shape()}, kSide,
+        [&](const Block& block) {
+          const Box<D> points = field_.grid().box_of(block);
+          return came_.any_within(points, field_.max_distance()) ||
+                 went_.any_within(points, field_.max_distance());
+        },
+        [&](const Block& block) { look_at(block); });
+    return std::move(changed_);
+  }
+
+ private:
+  /// Of a point outside obstacles, its value is the distance to the nearest: what came may be nearer; only if
+  /// the nearest is among what went, all have to be looked at. Inside it is the other way round.
+  void look_at(const Block& block) {
+    float largest = 0.0f;
+    any_place(block.first, block.last, [&](const Shape& at) {
+      largest = std::max(largest, std::abs(field_.values()[field_.index(at)]));
+      return false;
+    });
+    constexpr double kRounding = 1e-5;  // Of values, relatively.
+    const double reach = static_cast<double>(largest) * (1.0 + kRounding) + 0.01 * field_.cell_size();
+    DistanceTransform<D> transform(field_.grid(), block, reach, pace_);
+    const std::vector<Box<D>> near_came = touching(came_, transform.reach());
+    const std::vector<Box<D>> near_went = touching(went_, transform.reach());
+    if (near_came.empty() && near_went.empty()) return;
+    const std::vector<float> to_came = transform.squared_distances(near_came);
+    const std::vector<float>& to_went = transform.squared_distances(near_went);
+    BlockValues<D> values(block);
+    std::vector<bool> is_open(to_came.size());
+    Block open;
+    float largest_open = 0.0f;
+    std::size_t i = 0;
+    any_place(block.first, block.last, [&](const Shape& at) {
+      const float before = field_.values()[field_.index(at)];
+      const bool is_outside = before > 0.0f;
+      const float distance = std::abs(before);
+      const auto distance_to = [&](const std::vector<float>& squared) {
+        return squared[i] < transform.limit() ? values_.value(squared[i], transform.limit())
+                                              : std::numeric_limits<float>::infinity();
+      };
+      const float gain = distance_to(is_outside ? to_came : to_went);
+      const float loss = distance_to(is_outside ? to_went : to_came);
+      values[at] = before;
+      if (gain == 0.0f || (loss <= distance && gain > distance)) {
+        is_open[i] = true;
+        open.add(at);
+        largest_open = std::max(largest_open, distance);
+      } else if (gain < distance) {
+        values[at] = is_outside ? gain : 0.0f - gain;
+      }
+      ++i;
+      return false;
+    });
+    // What went often was at the surface of what is still there.
+    values_.find(values, open, static_cast<double>(largest_open) + 1.5 * field_.cell_size(),
+                 [&](const Shape& at) { return is_open[block.index(at)]; });
+    any_place(block.first, block.last, [&](const Shape& at) {
+      const std::size_t index = field_.index(at);
+      if (values[at] != field_.values()[index]) changed_.push_back({index, values[at]});
+      return false;
+    });
+  }
+  [[nodiscard]] static std::vector<Box<D>> touching(const BoxTree<D>& tree, const Box<D>& region) {
+    std::vector<Box<D>> boxes;
+    tree.for_each_touching(region, [&](std::uint32_t number) { boxes.push_back(tree.box(number)); });
+    return boxes;
+  }
+
+  const DistanceField<D>& field_;
+  Pace pace_;
+  FieldValues<Map> values_;
+  BoxTree<D> came_;
+  BoxTree<D> went_;
+  std::vector<NewValue> changed_;
+};
+
+}  // namespace detail
+
+/// Brings a field up to date after a map has changed: as distance_field() would fill it in now. All that is
+/// looked at again are points for which something that changed is no farther than what was nearest, and of
+/// these, beside what changed, only those whose nearest has changed.
 /// @param changes of the map since the field was made or updated, see changes().
 /// @throws std::bad_alloc, Cancelled; the field is then as it was.
 template <class Map>
 void update(DistanceField<Map::kDim>& field, const Map& map, const std::vector<Change<Map::kDim>>& changes) {
   constexpr int D = Map::kDim;
-  const detail::ObstaclesOf<D> states(field.unknown());
+  const RegionStates obstacles = detail::ObstacleStates(field.unknown()).obstacles;
   const Box<D> reach = field.grid().box().inflated(field.max_distance());
-  std::vector<Box<D>> changed;
-  for (const Change<D>& change : changes)
-    if (contains(states.obstacles, change.before) != contains(states.obstacles, change.after)) {
-      const Box<D> box = map.tree().geometry().box(change.index);
-      if (box.touches(reach)) changed.push_back(box);
-    }
-  if (changed.empty()) return;
-  Box<D> around = changed.front();
-  for (const Box<D>& box : changed)
-    around = {around.lower.cwiseMin(box.lower), around.upper.cwiseMax(box.upper)};
-  // Points as far as max_distance from a change, and all that is so near to them.
-  around = around.inflated(field.max_distance());
-  GridBlock<D> block;
-  for (std::size_t a = 0; a < D; ++a) {
-    block.first[a] = field.grid().first_not_below(a, around.lower[static_cast<int>(a)]);
-    block.last[a] = field.grid().first_not_below(a, around.upper[static_cast<int>(a)]);
+  std::vector<Box<D>> came;
+  std::vector<Box<D>> went;
+  for (const Change<D>& change : changes) {
+    const bool is_obstacle = contains(obstacles, change.after);
+    if (contains(obstacles, change.before) == is_obstacle) continue;
+    const Box<D> box = map.tree().geometry().box(change.index);
+    if (box.touches(reach)) (is_obstacle ? came : went).push_back(box);
   }
-  around = around.inflated(field.max_distance());
-  around = {around.lower.cwiseMax(reach.lower), around.upper.cwiseMin(reach.upper)};
-  const BoxTree<D> tree(changed);
-  const auto wants = [&](const auto& first, const auto& last, const Box<D>& points) {
-    constexpr std::size_t kFew = 1024;  // Points that are worth a look at each.
-    constexpr double kRounding = 1e-5;  // Of values, relatively.
-    double farthest = field.max_distance();
-    std::size_t n = 1;
-    for (std::size_t a = 0; a < D; ++a) n *= last[a] - first[a];
-    if (n <= kFew) {
-      float most = 0.0f;
-      detail::any_place(first, last, [&](const auto& at) {
-        most = std::max(most, std::abs(field.values()[field.index(at)]));
-        return false;
-      });
-      farthest = static_cast<double>(most) * (1.0 + kRounding);
-    }
-    return tree.any_within(points, farthest);
-  };
-  std::vector<std::pair<std::size_t, float>> before;
-  try {
-    detail::fill(
-        field, block, boxes_of(map, around, states.obstacles),
-        [&] { return boxes_of(map, around, states.others); }, wants,
-        [&](std::size_t i, float value) {
-          before.emplace_back(i, field.values()[i]);
-          field.values()[i] = value;
-        });
-  } catch (...) {
-    for (; !before.empty(); before.pop_back()) field.values()[before.back().first] = before.back().second;
-    throw;
-  }
+  if (came.empty() && went.empty()) return;
+  for (const auto& [index, value] : detail::FieldUpdate<Map>(map, field, came, went).run())
+    field.values()[index] = value;
 }
 
 }  // namespace ndtree
