@@ -21,6 +21,7 @@
 #include "ndtree/query/distance_field.hpp"
 #include "ndtree/query/distance_transform.hpp"
 #include "ndtree/query/field_grid.hpp"
+#include "ndtree/query/field_update.hpp"
 #include "ndtree/query/frontiers.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"

@@ -10,6 +10,7 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/distance_field.hpp"
+#include "ndtree/query/field_update.hpp"
 #include "random.hpp"
 
 namespace ndtree::test::test_field_update {

@@ -9,8 +9,10 @@
 #include <string>
 #include <string_view>
 #include <type_traits>
+#include <vector>
 
 #include "beside_list.hpp"
+#include "layers.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/point.hpp"
@@ -173,7 +175,8 @@ void insert_scans(Bytes& bytes) {
 template <class Map>
 void read_map(std::string_view bytes, Bytes& more) {
   accepted([&] {
-    Map map = from_bytes<Map>(bytes);
+    std::vector<StoredLayer> layers;
+    Map map = from_bytes<Map>(bytes, &layers);
     map.check_invariants();
     query(map, more);
     require(to_bytes(from_bytes<Map>(to_bytes(map))) == to_bytes(map), "what is saved and read is the same");
@@ -183,6 +186,9 @@ void read_map(std::string_view bytes, Bytes& more) {
     Map bounded(options, map.tree(), map.counters());
     accepted([&] { bounded.insert(scan, kUnlimitedRange, 1); });
     bounded.check_invariants();
+    // The same code for all, but for N and D.
+    if constexpr (Map::kBranching == 2 && std::is_same_v<typename Map::RefinementType, EvidenceRefinement>)
+      read_layers(layers, bounded, scan, more);
   });
 }
 

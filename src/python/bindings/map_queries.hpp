@@ -20,6 +20,7 @@
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/collision.hpp"
 #include "ndtree/query/distance_field.hpp"
+#include "ndtree/query/field_update.hpp"
 #include "ndtree/query/frontiers.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/ray.hpp"
