@@ -283,6 +283,57 @@ TYPED_TEST(Layers, WhatIsForgottenHasNone) {
   map.template layer<0>().for_each([&](const auto&, const auto&, const auto&) { ADD_FAILURE(); });
   EXPECT_EQ(map.template layer<2>().tree().num_nodes(), map.template layer<0>().tree().num_nodes());
 }
+TYPED_TEST(Layers, ForgettingLooksWhereTheMapForgets) {
+  // As if it looked everywhere.
+  constexpr int D = TypeParam::kDim;
+  Random random(15);
+  const auto before = some_map<TypeParam>(random, 6);
+  std::size_t smaller = 0;
+  for (int round = 0; round < 30; ++round) {
+    auto map = before;
+    Box<D> box;
+    for (int a = 0; a < D; ++a) {
+      box.lower[a] = random.uniform(-3.0, 2.0);
+      box.upper[a] = box.lower[a] + random.uniform(0.3, 4.0);
+    }
+    if (round % 3 == 0) map.crop(box);
+    if (round % 3 == 1) map.clear(box);
+    if (round % 3 == 2) map.keep_near(box.lower, random.uniform(0.5, 4.0));
+    auto expected = before.template layer<1>();
+    expected.keep_known(map.map().tree(), [](const auto&) { return true; });
+    for_each_leaf(map.map().tree(), [&](const auto& leaf) {
+      if (!leaf.cell().observed()) return;
+      EXPECT_EQ(map.template layer<1>().of(leaf.index).words(), expected.of(leaf.index).words()) << round;
+    });
+    smaller +=
+        static_cast<std::size_t>(expected.tree().num_nodes() < before.template layer<1>().tree().num_nodes());
+  }
+  EXPECT_GT(smaller, 10u);
+}
+TYPED_TEST(Layers, MapAndLayersTogetherKeepToTheirMemory) {
+  constexpr int D = TypeParam::kDim;
+  Random random(16);
+  const auto few = some_map<TypeParam>(random, 2);
+  MapOptions options = few.map().options();
+  options.max_memory = static_cast<double>(few.memory_bytes());
+  Layered<TypeParam> map(options);
+  Measured measured;
+  int refused = 0;
+  for (int i = 0; i < 200 && refused < 5; ++i) {
+    Scan<D> scan = random_scan<D>(random, measured);
+    scan.endpoints *= 1.0 + 0.3 * i;
+    if (i > 2) scan.returned.setConstant(false);  // The map alone grows.
+    const std::string before = to_bytes(map);
+    try {
+      map.insert(scan, measured.heights, measured.labels, measured.stamps);
+    } catch (const MemoryLimitReached&) {
+      ++refused;
+      EXPECT_EQ(to_bytes(map), before);
+    }
+    ASSERT_LE(map.memory_bytes(), few.memory_bytes());
+  }
+  EXPECT_EQ(refused, 5);
+}
 TYPED_TEST(Layers, MergedMapsKnowBoth) {
   Random random(6);
   const auto one = some_map<TypeParam>(random, 4);

@@ -57,7 +57,7 @@ void read_layer(const StoredLayer& from_file, const Map& map, const Scan<Map::kD
       require(!value.is_empty(), "values that are visited are values");
       require(Value::from_words(value.words()).words() == value.words(), "a value can be written");
     });
-    layer.keep_known(map.tree());
+    layer.keep_known(map.tree(), [](const auto&) { return true; });
   });
 }
 

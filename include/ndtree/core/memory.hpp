@@ -32,6 +32,11 @@ class MemoryLimitReached : public std::bad_alloc {
   std::runtime_error text_;  // Copies of it cannot fail.
 };
 
+/// What a part may hold, of bytes for all of which others hold some.
+[[nodiscard]] inline std::size_t memory_beside(std::size_t others, std::size_t limit) {
+  return limit == kUnlimitedMemory ? limit : limit - std::min(limit, others);
+}
+
 /// Bytes of memory that this process could have: the machine's, or what its container leaves it.
 [[nodiscard]] inline std::size_t machine_memory() {
   static const std::size_t bytes = [] {

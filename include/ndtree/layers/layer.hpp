@@ -71,11 +71,12 @@ class Layer {
     });
   }
 
-  /// Forgets the values of what is unknown in a map. O(nodes of the layer).
-  template <class MapTree>
-  void keep_known(const MapTree& map_tree) {
+  /// Forgets the values of what is unknown in a map where it may have changed. O(nodes of the layer there).
+  /// @param may_differ(box) whether the map may know less of a region than it did.
+  template <class MapTree, class MayDiffer>
+  void keep_known(const MapTree& map_tree, const MayDiffer& may_differ) {
     Pace pace;
-    keep_known(tree_.root(), map_tree, pace);
+    keep_known(tree_.root(), map_tree, may_differ, pace);
     tree_.shrink_if_half_empty();
   }
 
@@ -135,10 +136,11 @@ class Layer {
       join_below(child, centre_of(child), part, map_tree);
     }
   }
-  template <class MapTree>
-  void keep_known(const Ref& ref, const MapTree& map_tree, Pace& pace) {
+  template <class MapTree, class MayDiffer>
+  void keep_known(const Ref& ref, const MapTree& map_tree, const MayDiffer& may_differ, Pace& pace) {
     if (ref.is_leaf() && ref.cell().value.is_empty()) return;
-    if (is_known(ConstRef{ref.node, ref.index}, map_tree, pace)) return;  // What is not changed stays shared.
+    // What is not changed stays shared.
+    if (is_known(ConstRef{ref.node, ref.index}, map_tree, may_differ, pace)) return;
     if (ref.index.level <= 0) {
       const Knowledge known = knowledge(ref.index, map_tree);
       if (known == Knowledge::none) tree_.cut(*ref.node);
@@ -151,22 +153,24 @@ class Layer {
     bool all_empty = true;
     for (int j = 0; j < Tree::kNumChildren; ++j) {
       const Ref child = tree_.child(ref, j);
-      keep_known(child, map_tree, pace);
+      keep_known(child, map_tree, may_differ, pace);
       all_empty = all_empty && child.is_leaf() && child.cell().value.is_empty();
     }
     if (all_empty) tree_.cut(*ref.node);
   }
   /// Whether a map knows all cells that have a value.
-  template <class MapTree>
-  [[nodiscard]] bool is_known(const ConstRef& ref, const MapTree& map_tree, Pace& pace) const {
+  template <class MapTree, class MayDiffer>
+  [[nodiscard]] bool is_known(const ConstRef& ref, const MapTree& map_tree, const MayDiffer& may_differ,
+                              Pace& pace) const {
     pace.spend();
     if (ref.is_leaf() && ref.cell().value.is_empty()) return true;
+    if (!may_differ(tree_.box(ref.index))) return true;
     if (ref.index.level <= 0) {
       const Knowledge known = knowledge(ref.index, map_tree);
       if (known != Knowledge::some || ref.is_leaf()) return known == Knowledge::all;
     }
     for (int j = 0; j < Tree::kNumChildren; ++j)
-      if (!is_known(tree_.child(ref, j), map_tree, pace)) return false;
+      if (!is_known(tree_.child(ref, j), map_tree, may_differ, pace)) return false;
     return true;
   }
   enum class Knowledge { none, some, all };

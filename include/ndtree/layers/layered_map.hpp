@@ -16,6 +16,7 @@
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/forget_rule.hpp"
 #include "ndtree/core/memory.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
@@ -131,25 +132,27 @@ class LayeredMap {
     (check<Values>(view, measurements), ...);
     return change([&](LayeredMap& map) {
       const auto report = map.map_.insert(view, max_range, threads, window);
+      const std::size_t limit = map.map_.options().memory_limit();
       const auto add = [&](auto& layer, const auto* of_layer) {
         using Value = typename std::decay_t<decltype(layer)>::ValueType;
         layer = with_scan<Map, Value>(layer, map.map_, view, of_layer, max_range, window,
-                                      map.memory_left_for(layer.memory_bytes()));
+                                      memory_beside(map.memory_bytes() - layer.memory_bytes(), limit));
       };
       std::apply([&](auto&... layer) { (add(layer, measurements.data()), ...); }, map.layers_);
+      if (map.memory_bytes() > limit) throw MemoryLimitReached(limit);
       return report;
     });
   }
 
   /// What OccupancyMap does, with the values as well. @throws as it does.
   void crop(const Box<kDim>& box) {
-    forget([&](Map& map) { map.crop(box); });
+    forget(CropRule<kDim>{box}, [&](Map& map) { map.crop(box); });
   }
   void clear(const Box<kDim>& box) {
-    forget([&](Map& map) { map.clear(box); });
+    forget(ClearRule<kDim>{box}, [&](Map& map) { map.clear(box); });
   }
   void keep_near(const Vector<kDim>& center, double radius) {
-    forget([&](Map& map) { map.keep_near(center, radius); });
+    forget(NearRule<kDim>{center, radius}, [&](Map& map) { map.keep_near(center, radius); });
   }
   void merge(const LayeredMap& other) {
     change([&](LayeredMap& map) {
@@ -196,11 +199,12 @@ class LayeredMap {
     *this = std::move(changed);
     return result;
   }
-  template <class Forget>
-  void forget(const Forget& forget) {
+  template <class Rule, class Forget>
+  void forget(const Rule& rule, const Forget& forget) {
     change([&](LayeredMap& map) {
       forget(map.map_);
-      std::apply([&](auto&... layer) { (layer.keep_known(map.map_.tree()), ...); }, map.layers_);
+      const auto may_differ = [&](const Box<kDim>& region) { return takes_from(rule, region); };
+      std::apply([&](auto&... layer) { (layer.keep_known(map.map_.tree(), may_differ), ...); }, map.layers_);
       return 0;
     });
   }
@@ -208,13 +212,6 @@ class LayeredMap {
   void join_layers(const LayeredMap& other, std::index_sequence<I...>) {
     (std::get<I>(layers_).join(std::get<I>(other.layers_), map_.tree()), ...);
   }
-  /// Bytes that a layer may hold, with those that it holds now.
-  [[nodiscard]] std::size_t memory_left_for(std::size_t held) const {
-    const std::size_t limit = map_.options().memory_limit();
-    const std::size_t others = memory_bytes() - held;
-    return limit == kUnlimitedMemory ? limit : limit - std::min(limit, others);
-  }
-
   Map map_;
   Names names_;
   Layers layers_;

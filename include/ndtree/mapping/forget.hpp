@@ -6,15 +6,11 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/forget_rule.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/lattice.hpp"
 
-namespace ndtree {
-
-/// What is to become of a cell, or of all cells in a box.
-enum class Fate { keep, forget, divide };
-
-namespace detail {
+namespace ndtree::detail {
 
 template <class Cell>
 [[nodiscard]] bool is_blank(const Cell& cell) {
@@ -25,15 +21,14 @@ template <class Cell>
 }
 
 /// Forgets what a rule says of a tree, and keeps its summaries up to date.
-template <class Tree, class IsSettled, class FateOf>
+template <class Tree, class IsSettled, class Rule>
 class Forgetting {
   static constexpr int D = Tree::kDim;
   using Ref = typename Tree::Ref;
 
  public:
-  /// @param fate_of(box, ref) of a node that holds anything; of a smallest cell it is not to be divided.
-  Forgetting(Tree& tree, const IsSettled& is_settled, const FateOf& fate_of)
-      : tree_(tree), is_settled_(is_settled), fate_of_(fate_of) {}
+  Forgetting(Tree& tree, const IsSettled& is_settled, const Rule& rule)
+      : tree_(tree), is_settled_(is_settled), rule_(rule) {}
 
   void run() { descend(tree_.root()); }
 
@@ -42,7 +37,8 @@ class Forgetting {
   bool descend(const Ref& ref) {
     if (ref.is_leaf() && is_blank(ref.cell())) return false;
     pace_.spend();
-    switch (fate_of_(tree_.box(ref.index), ref)) {
+    switch (
+        rule_.fate(tree_.box(ref.index), ref.is_leaf(), ref.index.level != tree_.geometry().finest_level())) {
       case Fate::keep:
         return false;
       case Fate::forget:
@@ -75,10 +71,8 @@ class Forgetting {
 
   Tree& tree_;
   const IsSettled& is_settled_;
-  const FateOf& fate_of_;
+  const Rule& rule_;
   Pace pace_;
 };
 
-}  // namespace detail
-
-}  // namespace ndtree
+}  // namespace ndtree::detail

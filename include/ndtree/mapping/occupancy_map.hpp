@@ -170,20 +170,13 @@ class OccupancyMap {
   ///   unchanged.
   void crop(const Box<D>& box) {
     check(box);
-    forget([&](const Box<D>& cell, const auto& ref) {
-      if (!cell.overlaps(box)) return Fate::forget;
-      return ref.is_leaf() || box.encloses(cell) ? Fate::keep : Fate::divide;
-    });
+    forget(CropRule<D>{box});
   }
   /// Forgets the space in a box: larger cells on its border are divided, and of smallest cells there those go
   /// that share a volume with it. @throws as crop().
   void clear(const Box<D>& box) {
     check(box);
-    forget([&](const Box<D>& cell, const auto& ref) {
-      if (!cell.overlaps(box)) return Fate::keep;
-      const bool is_smallest = ref.index.level == tree_.geometry().finest_level();
-      return is_smallest || box.encloses(cell) ? Fate::forget : Fate::divide;
-    });
+    forget(ClearRule<D>{box});
   }
   /// Forgets all cells that are farther than `radius` > 0 [m] from a point: a window that moves with a robot;
   /// infinity keeps everything. O(what goes, and what lies on its border). @throws std::invalid_argument if
@@ -192,12 +185,7 @@ class OccupancyMap {
     if (!center.allFinite()) throw std::invalid_argument("center = " + describe(center) + ": must be finite");
     if (!(radius > 0.0))
       throw std::invalid_argument("radius = " + describe_number(radius) + " m: must be > 0");
-    forget([&](const Box<D>& cell, const auto& ref) {
-      if (cell.squared_distance(center) > radius * radius) return Fate::forget;
-      const double farthest =
-          (cell.lower - center).cwiseAbs().cwiseMax((cell.upper - center).cwiseAbs()).squaredNorm();
-      return ref.is_leaf() || farthest <= radius * radius ? Fate::keep : Fate::divide;
-    });
+    forget(NearRule<D>{center, radius});
   }
 
   /// Adds what another map of the same place knows, as if this one had seen it, too: evidence and counts of
@@ -321,12 +309,11 @@ class OccupancyMap {
                                   " to " + describe_number(options_.max_cell_size) + " m");
   }
 
-  /// @param fate_of(box, ref) of a node, see detail::Forgetting.
-  template <class FateOf>
-  void forget(const FateOf& fate_of) {
+  template <class Rule>
+  void forget(const Rule& rule) {
     const auto is_settled = settled();
     Tree changed = tree_;
-    detail::Forgetting<Tree, decltype(is_settled), FateOf>(changed, is_settled, fate_of).run();
+    detail::Forgetting<Tree, decltype(is_settled), Rule>(changed, is_settled, rule).run();
     changed.shrink_if_half_empty();
     tree_ = std::move(changed);
   }

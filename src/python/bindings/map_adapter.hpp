@@ -17,6 +17,8 @@
 
 #include "map_interface.hpp"
 #include "map_layers.hpp"
+#include "ndtree/core/forget_rule.hpp"
+#include "ndtree/core/memory.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/nearest.hpp"
@@ -99,10 +101,12 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     const std::optional<Box<D>> region =
         window ? std::optional(box(window->lower, window->upper)) : std::nullopt;
     layers_.check(scan, measurements);
-    if (measurements.empty()) return map_.insert(scan, max_range, threads, region);
+    if (layers_.empty()) return map_.insert(scan, max_range, threads, region);
     return change([&](Map& map, Layers& layers) {
       const InsertReport report = map.insert(scan, max_range, threads, region);
       layers.add_scan(map, scan, measurements, max_range, region);
+      const std::size_t limit = map.options().memory_limit();
+      if (map.memory_bytes() + layers.memory_bytes() > limit) throw MemoryLimitReached(limit);
       return report;
     });
   }
@@ -208,13 +212,16 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     return std::make_unique<MapQueriesOf<Map>>(map_);
   }
   void crop(const double* lower, const double* upper) override {
-    forget([&](Map& map) { map.crop(box(lower, upper)); });
+    const Box<D> region = box(lower, upper);
+    forget(CropRule<D>{region}, [&](Map& map) { map.crop(region); });
   }
   void clear(const double* lower, const double* upper) override {
-    forget([&](Map& map) { map.clear(box(lower, upper)); });
+    const Box<D> region = box(lower, upper);
+    forget(ClearRule<D>{region}, [&](Map& map) { map.clear(region); });
   }
   void keep_near(const double* center, double radius) override {
-    forget([&](Map& map) { map.keep_near(Vector<D>(Eigen::Map<const Vector<D>>(center)), radius); });
+    const Vector<D> middle = Eigen::Map<const Vector<D>>(center);
+    forget(NearRule<D>{middle, radius}, [&](Map& map) { map.keep_near(middle, radius); });
   }
   [[nodiscard]] LeafArrays leaves() const override {
     const std::size_t n = map_.tree().num_leaves();
@@ -238,8 +245,7 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
  private:
   /// Bytes that layers may hold beside a map.
   [[nodiscard]] static std::size_t memory_for_layers(const Map& map) {
-    const std::size_t limit = map.options().memory_limit();
-    return limit == kUnlimitedMemory ? limit : limit - std::min(limit, map.memory_bytes());
+    return memory_beside(map.memory_bytes(), map.options().memory_limit());
   }
   /// Changes map and layers, or neither. @param may_add whether there may be more layers afterwards.
   template <class Change>
@@ -257,11 +263,11 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     layers_ = std::move(layers);
     return result;
   }
-  template <class Forget>
-  void forget(const Forget& forget) {
+  template <class Rule, class Forget>
+  void forget(const Rule& rule, const Forget& forget) {
     change([&](Map& map, Layers& layers) {
       forget(map);
-      layers.keep_known(map.tree());
+      layers.keep_known(map.tree(), [&](const Box<D>& region) { return takes_from(rule, region); });
       return 0;
     });
   }

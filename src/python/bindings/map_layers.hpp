@@ -132,9 +132,8 @@ class MapLayers {
             using Value = ValueOf<decltype(layer)>;
             const std::size_t limit = map.options().memory_limit();
             const std::size_t others = map.memory_bytes() + memory_bytes() - layer.memory_bytes();
-            layer = with_scan<Map, Value>(
-                layer, map, scan, measurements<Value>(scan, one).data(), max_range, window,
-                limit == kUnlimitedMemory ? limit : limit - std::min(limit, others));
+            layer = with_scan<Map, Value>(layer, map, scan, measurements<Value>(scan, one).data(), max_range,
+                                          window, memory_beside(others, limit));
           },
           find(one.name).layer);
   }
@@ -154,9 +153,10 @@ class MapLayers {
         },
         find(name).layer);
   }
-  template <class MapTree>
-  void keep_known(const MapTree& tree) {
-    for (Named& one : layers_) std::visit([&](auto& layer) { layer.keep_known(tree); }, one.layer);
+  template <class MapTree, class MayDiffer>
+  void keep_known(const MapTree& tree, const MayDiffer& may_differ) {
+    for (Named& one : layers_)
+      std::visit([&](auto& layer) { layer.keep_known(tree, may_differ); }, one.layer);
   }
   /// Adds those of another map, of which some may be new. @param max_memory of all layers together.
   /// @throws std::invalid_argument if rules differ, MemoryLimitReached.
@@ -172,8 +172,7 @@ class MapLayers {
               throw std::invalid_argument("layers: " + describe_text(kind.name) + ": follows the rule " +
                                           describe_text(kind.rule) + " in the other map: must be the same");
             const std::size_t beside = memory_bytes() - layer->memory_bytes();
-            layer->limit_memory(max_memory == kUnlimitedMemory ? max_memory
-                                                               : max_memory - std::min(max_memory, beside));
+            layer->limit_memory(memory_beside(beside, max_memory));
             layer->join(other, tree);
             layer->limit_memory(kUnlimitedMemory);
           },
