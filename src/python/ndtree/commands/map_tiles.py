@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any, Optional
 
 from ndtree.commands.figures import counted
-from ndtree.commands.logs import length_of, new_map, timed
+from ndtree.commands.logs import length_of, new_map
+from ndtree.commands.mapping import Passage
 from ndtree.commands.progress import progress
 from ndtree.exit_status import WrongCall
 from ndtree.readers import Log
-from ndtree.settings import BEYOND_MEMORY, Settings
+from ndtree.settings import Settings
 from ndtree.tiles import TileMapper, open_tiles, storage_of
 from ndtree.tiles.mapper import MAX_RESIDENT
 
@@ -59,44 +60,23 @@ def map_into_tiles(
             raise WrongCall(f"--{str(error).replace('_', '-', 1)}") from None
         raise
     known = mapper.done
-    scans = ignored = 0
-    read_seconds = 0.0
+    passage = Passage(log, settings)
     with progress() as advance:
-        for number, (scan, took) in enumerate(timed(log)):
-            read_seconds += took
-            if settings.no_return == "ignore":
-                beams = len(scan)
-                scan = scan.returned_only()
-                ignored += beams - len(scan)
-            try:
-                mapper.insert(scan, max_range=settings.max_range)
-            except ValueError as error:
-                if str(error).startswith(str(output)):
-                    raise
-                log._skip("scans that cannot be mapped", ValueError(f"{log.name}: scan {number}: {error}"))
-                continue
-            except MemoryError:
-                raise ValueError(f"{log.name}: scan {number}: {BEYOND_MEMORY}") from None
-            scans += 1
-            advance("mapping", scans, length_of(log))
-    if not scans:
-        raise ValueError(f"{log.name}: no scans, expected at least one")
-    report = (
-        {**mapper.counts, "beams": mapper.counts["beams"] + ignored, "ignored": ignored}
-        if ignored
-        else dict(mapper.counts)
-    )
-    if not any(report[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
-        raise ValueError(f"{log.name}: nothing to map in {scans} scans")
+        for _ in passage.into(
+            lambda scan: mapper.insert(scan, max_range=settings.max_range),
+            is_final=lambda error: str(error).startswith(str(output)),  # Of the tiles, not of the scan.
+        ):
+            advance("mapping", passage.scans, length_of(log))
+    report = passage.report(dict(mapper.counts))
     mapper.write(complete=True)
     tiles = open_tiles(str(output))
     return {
         "log": str(log.name),
-        "scans": scans,
+        "scans": passage.scans,
         "known_scans": known,
         "beams": report,
         "seconds": mapper.seconds,
-        "read_seconds": read_seconds,
+        "read_seconds": passage.read_seconds,
         "tiles": len(tiles.manifest.tiles),
         "tile_size": tiles.grid.size,
         "observed_leaves": tiles.observed_leaves,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One log becomes one map: inserted scan by scan, and what is said of it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Optional
@@ -13,6 +13,7 @@ from ndtree.commands.pictures import draw
 from ndtree.commands.progress import mapping_progress
 from ndtree.files import replaced
 from ndtree.readers import Log
+from ndtree.scan import Scan
 from ndtree.settings import BEYOND_MEMORY, Settings
 
 
@@ -52,6 +53,50 @@ class Mapped:
         print(f"read in {self.read_seconds:.3f} s, inserted in {self.seconds:.3f} s; wrote {files}")
 
 
+@dataclass
+class Passage:
+    """The scans of a log on their way into a map, and what became of them."""
+
+    log: Log
+    settings: Settings
+    read_seconds: float = 0.0
+    scans: int = 0
+    ignored: int = 0  # Beams without return, which the settings leave out.
+
+    def into(
+        self, insert: Callable[[Scan], Any], is_final: Callable[[ValueError], bool] = lambda _: False
+    ) -> Iterator[tuple[Scan, Any]]:
+        """Each scan that was inserted, with what that gave; skips others, unless an error `is_final`."""
+        for number, (scan, took) in enumerate(timed(self.log)):
+            self.read_seconds += took
+            if self.settings.no_return == "ignore":
+                beams = len(scan)
+                scan = scan.returned_only()
+                self.ignored += beams - len(scan)
+            name = f"{self.log.name}: scan {number}"
+            try:
+                one = insert(scan)
+            except ValueError as error:
+                if is_final(error):
+                    raise
+                self.log._skip("scans that cannot be mapped", ValueError(f"{name}: {error}"))
+                continue
+            except MemoryError:
+                raise ValueError(f"{name}: {BEYOND_MEMORY}") from None
+            self.scans += 1
+            yield scan, one
+
+    def report(self, counts: dict[str, int]) -> dict[str, int]:
+        """What a map counted, with the beams that it never saw. @raises ValueError if it saw nothing."""
+        if not self.scans:
+            raise ValueError(f"{self.log.name}: no scans, expected at least one")
+        if self.ignored:
+            counts = {**counts, "beams": counts["beams"] + self.ignored, "ignored": self.ignored}
+        if not any(counts[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
+            raise ValueError(f"{self.log.name}: nothing to map in {self.scans} scans, {counted(counts)}")
+        return counts
+
+
 def mapped(
     log: Log,
     fixed: bool,
@@ -66,35 +111,18 @@ def mapped(
     made(lambda: new_map(log.dim, fixed, options))
     settings = settled(log, options, max_range, no_return, with_sigma=True)
     target = new_map(log.dim, fixed, settings.options)
-    report = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
-    seconds, scans, ignored = 0.0, 0, 0
+    counts = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
+    seconds = 0.0
+    passage = Passage(log, settings, read_seconds)
     with mapping_progress(log, target) as advance:
-        for number, (scan, took) in enumerate(timed(log)):
-            read_seconds += took
-            if settings.no_return == "ignore":
-                beams = len(scan)
-                scan = scan.returned_only()
-                ignored += beams - len(scan)
-            try:
-                one = scan.insert_into(target, max_range=settings.max_range)
-            except ValueError as error:
-                log._skip("scans that cannot be mapped", ValueError(f"{log.name}: scan {number}: {error}"))
-                continue
-            except MemoryError:
-                raise ValueError(f"{log.name}: scan {number}: {BEYOND_MEMORY}") from None
-            report = {key: count + getattr(one, key) for key, count in report.items()}
+        for scan, one in passage.into(lambda scan: scan.insert_into(target, max_range=settings.max_range)):
+            counts = {key: count + getattr(one, key) for key, count in counts.items()}
             seconds += one.seconds
-            scans += 1
             for observer in observers:
                 observer.update(target, scan)
-            advance(scans, report["beams"])
-        if not scans:
-            raise ValueError(f"{log.name}: no scans, expected at least one")
-    if ignored:
-        report = {**report, "beams": report["beams"] + ignored, "ignored": ignored}
-    if not any(report[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
-        raise ValueError(f"{log.name}: nothing to map in {scans} scans, {counted(report)}")
-    return Mapped(log, target, settings, report, scans, seconds, read_seconds)
+            advance(passage.scans, counts["beams"])
+    report = passage.report(counts)
+    return Mapped(log, target, settings, report, passage.scans, seconds, passage.read_seconds)
 
 
 def written(done: Mapped, output: Path, plot: Any = None, picture: Optional[Path] = None) -> None:
