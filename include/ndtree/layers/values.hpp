@@ -12,6 +12,7 @@
 #include <cstring>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "ndtree/core/option.hpp"
 
@@ -153,7 +154,9 @@ class MajorityLabel {
         n = std::max(n, i + 1);
       }
     }
-    std::sort(both.begin(), both.begin() + static_cast<std::ptrdiff_t>(n), MoreFrequent{});
+    for (std::size_t i = 1; i < n; ++i)  // Faster than std::sort with so few.
+      for (std::size_t k = i; k > 0 && MoreFrequent{}(both[k], both[k - 1]); --k)
+        std::swap(both[k], both[k - 1]);
     const std::uint32_t fifth = both[kNumWords].count;  // Each pair of different labels cancels out.
     std::uint32_t most = both[0].count - fifth;
     int halvings = 0;

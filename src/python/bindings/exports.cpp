@@ -64,7 +64,7 @@ py::array grid_of(const PythonMap& map, const py::object& box, std::optional<dou
     read_exports(map, [&, data = out.mutable_data()](const MapExports& m) {
       m.grid_states(lower, counts.data(), size, data);
     });
-    return std::move(out);
+    return py::array(std::move(out));
   }
   py::array_t<float> out(shape);
   read_exports(map, [&, data = out.mutable_data(), n = out.size()](const MapExports& m) {
@@ -73,7 +73,7 @@ py::array grid_of(const PythonMap& map, const py::object& box, std::optional<dou
       for (py::ssize_t i = 0; i < n; ++i)
         data[i] = static_cast<float>(probability(static_cast<double>(data[i])));
   });
-  return std::move(out);
+  return py::array(std::move(out));
 }
 
 void write_ply_of(const std::filesystem::path& path, const py::object& points, const py::object& size,

@@ -76,7 +76,7 @@ py::object as_one_each(const py::object& object, const char* name, py::ssize_t n
   if (array.ndim() != 1 || array.shape(0) != n)
     throw py::value_error(std::string(name) + " has shape " + shape_text(array) + ": must be (" +
                           std::to_string(n) + ",), one for each point");
-  return std::move(array);
+  return py::object(std::move(array));
 }
 
 BeamArrays::BeamArrays(const py::object& points, const py::object& origin, const py::object& mask,
