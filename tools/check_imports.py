@@ -37,7 +37,7 @@ ROOMS: Mapping[str, tuple[set[str], set[str]]] = {
         {"core", "cells", "readers", "tiles", "maps", "writers", "pictures", "studies"},
     ),
     "commands": (
-        {"cli", "commands"},
+        {"__main__", "cli", "commands"},
         {
             "core",
             "cells",

@@ -286,6 +286,12 @@ def test_help_has_examples_and_no_default_of_the_maps_twice() -> None:
     assert run("--version").output == f"ndtree {ndtree.__version__}\n"
 
 
+def test_the_module_is_the_command() -> None:
+    done = subprocess.run([sys.executable, "-m", "ndtree", "info", "nosuch"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == "ndtree: nosuch: No such file or directory\n"
+
+
 # --- What is refused --------------------------------------------------------------------------------
 
 
