@@ -43,7 +43,7 @@ class FieldUpdate {
 
   /// The points whose values are others now.
   [[nodiscard]] std::vector<NewValue> run() {
-    constexpr std::size_t kSide = D == 2 ? 32 : D == 3 ? 12 : 6;
+    constexpr std::size_t kSide = D == 2 ? 32 : D == 3 ? 16 : 6;
     for_each_part(
         Block{{}, field_.shape()}, kSide,
         [&](const Block& block) {
