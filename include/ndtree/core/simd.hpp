@@ -8,23 +8,24 @@
 #define NDTREE_HAS_EIGHTS 1
 /// Functions with this attribute may use AVX2, whatever the rest is compiled for. They must not multiply and
 /// add in one step (FMA), which rounds once instead of twice.
+#if defined(__FMA__) && !defined(__clang__)  // GCC's functions of AVX2 do not go into one that lacks FMA.
+#define NDTREE_BY_EIGHTS [[gnu::target("avx2,popcnt"), gnu::optimize("fp-contract=off")]]
+#else
 #define NDTREE_BY_EIGHTS [[gnu::target("avx2,popcnt,no-fma")]]
-#elif defined(__aarch64__) && defined(__GNUC__) && !defined(NDTREE_NO_SIMDE) && !defined(SSE2NEON_H)
-// SIMDe, where it is installed, writes the same functions with NEON, which every such processor has.
-#if __has_include(<simde/x86/avx2.h>)
-#if !defined(SIMDE_X86_SSE_H)  // Nobody has included it before, with what he wants of it.
+#endif
+#elif defined(NDTREE_USE_SIMDE) && defined(__aarch64__) && defined(__GNUC__)
+// SIMDe writes the same functions with NEON, which every such processor has. Who asks for it has it.
 #define SIMDE_ENABLE_NATIVE_ALIASES
 #define SIMDE_NO_FAST_NANS  // The smaller and the larger of two are those of x86, also of 0 and -0.
-#endif
 #include <simde/x86/avx2.h>
+#if !defined(SIMDE_X86_AVX2_ENABLE_NATIVE_ALIASES) || defined(SIMDE_FAST_NANS)
+#error "NDTREE_USE_SIMDE: include ndtree before SIMDe, and compile without -ffast-math"
 #endif
-#if defined(SIMDE_X86_AVX2_ENABLE_NATIVE_ALIASES) && !defined(SIMDE_FAST_NANS)
 #define NDTREE_HAS_EIGHTS 1
 #if defined(__clang__)
 #define NDTREE_BY_EIGHTS
 #else
 #define NDTREE_BY_EIGHTS [[gnu::optimize("fp-contract=off")]]
-#endif
 #endif
 #endif
 
@@ -52,7 +53,7 @@ namespace ndtree {
 /// Which loops run: all give the same bits.
 class Simd {
  public:
-  /// Numbers at a time: 8 with AVX2, or on ARM where SIMDe was found, else 1.
+  /// Numbers at a time: 8 with AVX2, or on ARM with NDTREE_USE_SIMDE, else 1.
   [[nodiscard]] static int width() { return width_of_process().load(std::memory_order_relaxed); }
   /// @param most numbers at a time from now on, at least 1: for tests, and to measure what it is worth.
   static void limit(int most) {
