@@ -32,7 +32,8 @@ class Random {
 ndtree::Scan<3> scan_of(std::uint32_t number, int beams) {
   Random random(number);
   ndtree::Scan<3> scan;
-  scan.origins = Eigen::Vector3d(random(1000), random(1000), random(1000));
+  scan.origins.resize(3, 1);
+  for (int a = 0; a < 3; ++a) scan.origins(a, 0) = random(1000);  // In this order.
   scan.endpoints.resize(3, beams);
   for (int i = 0; i < beams; ++i) {
     for (int a = 0; a < 3; ++a) scan.endpoints(a, i) = random(4096);
