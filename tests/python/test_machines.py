@@ -53,7 +53,8 @@ def has_fma() -> bool:
     return " fma " in Path("/proc/cpuinfo").read_text(encoding="utf-8")
 
 
-def test_sums_are_the_same_where_the_compiler_may_fuse_them(tmp_path: Path) -> None:
+@pytest.mark.parametrize("compiler", ["g++", "clang++"])
+def test_sums_are_the_same_where_the_compiler_may_fuse_them(compiler: str, tmp_path: Path) -> None:
     if platform.machine() != "x86_64" or not has_fma():
         pytest.skip("no x86-64 with FMA")
     source = tmp_path / "rates.cpp"
@@ -62,7 +63,9 @@ def test_sums_are_the_same_where_the_compiler_may_fuse_them(tmp_path: Path) -> N
     for flags in ((), FMA):
         program = tmp_path / "rates"
         include = f"-I{ROOT / 'include'}"
-        subprocess.run([tool("g++"), "-std=c++17", "-O2", *flags, include, source, "-o", program], check=True)
+        subprocess.run(
+            [tool(compiler), "-std=c++17", "-O2", *flags, include, source, "-o", program], check=True
+        )
         outputs |= set(subprocess.run([program], check=True, capture_output=True, text=True).stdout.split())
     assert len(outputs) == 1
 
