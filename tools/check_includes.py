@@ -44,7 +44,7 @@ STANDARD = re.compile(r"[a-z0-9_]+")
 # Headers that know the processor or the system, and what they need of it.
 SYSTEM = {
     "core/memory.hpp": {"unistd.h"},
-    "core/simd.hpp": {"immintrin.h"},
+    "core/simd.hpp": {"immintrin.h", "arm_neon.h", "simde/x86/avx2.h"},
     "io/replaced_file.hpp": {"fcntl.h", "sys/file.h", "sys/stat.h", "unistd.h"},
 }
 

@@ -17,6 +17,7 @@
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/quick_log.hpp"
+#include "ndtree/core/rounded.hpp"
 
 namespace ndtree {
 
@@ -157,8 +158,8 @@ class EvidenceMergeRule {
     for (int j = 0; j < count; ++j) {
       const EvidenceCell& cell = siblings[j].cell();
       const double odds = model_.odds_of(cell);
-      sum += odds / (1.0 + odds) *
-             (static_cast<double>(cell.log_odds()) - static_cast<double>(parent.log_odds()));
+      sum += rounded(odds / (1.0 + odds) *
+                     (static_cast<double>(cell.log_odds()) - static_cast<double>(parent.log_odds())));
       ratio *= of_parent / (1.0 + odds);
       if (ratio > kLarge || ratio < 1.0 / kLarge) {
         sum += quick_log(ratio);

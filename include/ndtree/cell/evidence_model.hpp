@@ -15,6 +15,7 @@
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/quick_log.hpp"
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 
 namespace ndtree {
@@ -110,9 +111,9 @@ class EvidenceModel {
     sum.free -= std::min<std::int64_t>(units, 0);
   }
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   /// What add() adds, of eight beams, to the last bit: for occupied space if > 0, else less so much for free.
-  NDTREE_AVX2 [[nodiscard]] static NDTREE_ALWAYS_INLINE __m256i units_of(__m256 nats, __m256 sigmas) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static NDTREE_ALWAYS_INLINE __m256i units_of(__m256 nats, __m256 sigmas) {
     constexpr auto kUnitsPerNat = static_cast<float>(1.0 / EvidenceCell::kUnit);
     const __m256 is_for = _mm256_cmp_ps(nats, _mm256_setzero_ps(), _CMP_GT_OQ);
     const __m256 weight = _mm256_blendv_ps(_mm256_set1_ps(1.0f), probability_inside_table()(sigmas), is_for);
@@ -256,9 +257,9 @@ class EvidenceModel {
     const bool was_seen = parent.is_partly_seen() && (parent.seen_parts() >> cell_part & 1u) != 0;
     if (!parent.observed() && !was_seen) return child;
     const double mean = 1.0 / share_divisor;
-    const double share_now = (static_cast<double>(passed) + options_.inherited_beams * mean) /
+    const double share_now = (static_cast<double>(passed) + rounded(options_.inherited_beams * mean)) /
                              (static_cast<double>(beams) + options_.inherited_beams);
-    const double share = kOtherWays * mean + (1.0 - kOtherWays) * share_now;
+    const double share = rounded(kOtherWays * mean) + rounded((1.0 - kOtherWays) * share_now);
     const std::int64_t free = part(parent.free_evidence(), share);
     const bool may_be_unknown = parent.state() != CellState::occupied;
     if (may_be_unknown && free < miss_) return child;

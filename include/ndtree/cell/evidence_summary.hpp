@@ -26,16 +26,17 @@ class EvidenceSummary {
 
   template <class NodeType>
   [[nodiscard]] SummaryOfSiblings operator()(const NodeType* siblings) const {
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if (width_ >= 8) return call_by_eights(siblings);
 #endif
     return summary_of_siblings(siblings, kCount,
                                [this](const EvidenceCell& cell) { return model_.is_settled(cell); });
   }
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   /// The same where it is known that the machine has AVX2.
   template <class NodeType>
-  NDTREE_AVX2 [[nodiscard]] NDTREE_ALWAYS_INLINE SummaryOfSiblings by_eights(const NodeType* siblings) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE SummaryOfSiblings
+  by_eights(const NodeType* siblings) const {
     static_assert(sizeof(NodeType) == kWords * sizeof(std::uint32_t), "a node is a cell, or a link");
     return by_eights(reinterpret_cast<const int*>(siblings));
   }
@@ -44,14 +45,14 @@ class EvidenceSummary {
  private:
   static constexpr int kWords = EvidenceCell::kNumWords;
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   template <class NodeType>
-  NDTREE_AVX2 [[nodiscard]] SummaryOfSiblings call_by_eights(const NodeType* siblings) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] SummaryOfSiblings call_by_eights(const NodeType* siblings) const {
     return by_eights(siblings);
   }
   /// @param nodes words: of a leaf, the second is its log-odds; of an inner node, the first has its top bit
   ///   set, and the second is the note.
-  NDTREE_AVX2 [[nodiscard]] NDTREE_ALWAYS_INLINE SummaryOfSiblings by_eights(const int* nodes) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE SummaryOfSiblings by_eights(const int* nodes) const {
     const __m256i zero = _mm256_setzero_si256();
     const __m256i known = _mm256_set1_epi32(static_cast<int>(Summary::kKnown));
     const __m256i bound = _mm256_set1_epi32(static_cast<int>(Summary::kBound));

@@ -12,6 +12,7 @@
 #include "ndtree/core/linear_table.hpp"
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/option.hpp"
+#include "ndtree/core/rounded.hpp"
 
 namespace ndtree {
 
@@ -61,17 +62,17 @@ class BeamSensorModel {
 
   /// Standard deviation of a measured range [m].
   [[nodiscard]] double sigma(double range) const {
-    return options_.range_sigma + options_.range_sigma_quadratic * range * range;
+    return options_.range_sigma + rounded(options_.range_sigma_quadratic * range * range);
   }
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   /// The same of four, to the last bit.
-  NDTREE_AVX2 [[nodiscard]] __m256d sigma(__m256d range) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] __m256d sigma(__m256d range) const {
     return _mm256_add_pd(
         _mm256_set1_pd(options_.range_sigma),
         _mm256_mul_pd(_mm256_mul_pd(_mm256_set1_pd(options_.range_sigma_quadratic), range), range));
   }
-  NDTREE_AVX2 [[nodiscard]] __m256d clearly_free_until(__m256d range, __m256d sigma) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] __m256d clearly_free_until(__m256d range, __m256d sigma) const {
     return _mm256_add_pd(range, _mm256_mul_pd(_mm256_set1_pd(z_min_), sigma));
   }
 #endif
@@ -86,11 +87,13 @@ class BeamSensorModel {
 
   /// The model as derived, not clamped; entry and exit in metres from the sensor.
   [[nodiscard]] static double probability(double entry, double exit, double range, double sigma) {
-    return cdf(exit, range, sigma) - 0.5 * cdf(entry, range, sigma);
+    return cdf(exit, range, sigma) - rounded(0.5 * cdf(entry, range, sigma));
   }
 
   /// Cells that end before this distance [m] get log_odds_free(): F(exit) alone is below probability_min.
-  [[nodiscard]] double clearly_free_until(double range, double sigma) const { return range + z_min_ * sigma; }
+  [[nodiscard]] double clearly_free_until(double range, double sigma) const {
+    return range + rounded(z_min_ * sigma);
+  }
 
   /// F(distance; range, sigma²). Neighbours along a beam share it: one's exit is the other's entry.
   [[nodiscard]] static double cdf(double distance, double range, double sigma) {
@@ -99,7 +102,7 @@ class BeamSensorModel {
 
   /// Log-odds of probability(), clamped to [probability_min, probability_max], from cdf() of entry and exit.
   [[nodiscard]] float log_odds(double cdf_entry, double cdf_exit) const {
-    const double p = cdf_exit - 0.5 * cdf_entry;
+    const double p = cdf_exit - rounded(0.5 * cdf_entry);
     if (p <= options_.probability_min) return log_odds_free_;
     if (p >= options_.probability_max) return log_odds_occupied_;
     return static_cast<float>(ndtree::log_odds(p));
@@ -109,11 +112,12 @@ class BeamSensorModel {
   /// point, in standard deviations.
   [[nodiscard]] float tabulated_log_odds(float entry, float exit) const {
     const auto& cdf = normal_cdf_table();
-    return log_odds_table_(cdf(exit) - 0.5f * cdf(entry));
+    return log_odds_table_(cdf(exit) - rounded(0.5f * cdf(entry)));
   }
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   /// The same of eight cells, to the last bit.
-  NDTREE_AVX2 [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 tabulated_log_odds(__m256 entry, __m256 exit) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 tabulated_log_odds(__m256 entry,
+                                                                                __m256 exit) const {
     const auto& cdf = normal_cdf_table();
     return log_odds_table_(_mm256_sub_ps(cdf(exit), _mm256_mul_ps(_mm256_set1_ps(0.5f), cdf(entry))));
   }

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
@@ -21,6 +22,14 @@ enum class BeamOutcome {
 /// No limit to the range.
 inline constexpr double kUnlimitedRange = std::numeric_limits<double>::infinity();
 
+/// Length of a vector, of squares that are rounded one by one.
+template <int D>
+[[nodiscard]] double length_of(const Vector<D>& v) {
+  Vector<D> squares = v.cwiseAbs2();
+  for (int a = 0; a < D; ++a) squares[a] = rounded(squares[a]);
+  return std::sqrt(squares.sum());
+}
+
 /// One measurement in the map frame. Its points are origin + t * displacement; the end point is at t = 1.
 template <int D>
 struct Beam {
@@ -32,7 +41,7 @@ struct Beam {
   BeamOutcome outcome = BeamOutcome::invalid;
 
   Beam(const Vector<D>& from, const Vector<D>& to, bool returned = true, double max_range = kUnlimitedRange)
-      : origin(from), endpoint(to), displacement(to - from), range(displacement.norm()) {
+      : origin(from), endpoint(to), displacement(to - from), range(length_of<D>(displacement)) {
     if (std::isinf(range)) range = long_range();
     if (!(range >= kShortest) || !std::isfinite(range) || !origin.allFinite()) return;
     const bool in_reach = range <= max_range;
@@ -44,7 +53,11 @@ struct Beam {
 
   static constexpr double kShortest = 1e-18;  ///< Shorter ones have no direction [m].
 
-  [[nodiscard]] Vector<D> point(double t) const { return origin + t * displacement; }
+  [[nodiscard]] Vector<D> point(double t) const {
+    Vector<D> result;
+    for (int a = 0; a < D; ++a) result[a] = origin[a] + rounded(t * displacement[a]);
+    return result;
+  }
   /// Where the free part ends: the end point itself if all of the beam is in range.
   [[nodiscard]] Vector<D> free_end() const { return t_free == 1.0 ? endpoint : point(t_free); }
 

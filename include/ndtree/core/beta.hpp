@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "ndtree/core/quick_log.hpp"
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 
 namespace ndtree {
@@ -48,15 +49,17 @@ struct GammaFactors {
 
   explicit GammaFactors(double x) {
     if (x < 8.0) {  // Γ(x) = Γ(x + 8) / (x (x + 1) ... (x + 7))
-      const double y = x * (x + 7.0);
+      const double y = rounded(x * (x + 7.0));
       product = y * (y + 6.0) * (y + 10.0) * (y + 12.0);
       x += 8.0;
     }
     const double inverse = 1.0 / x;
     const double y = inverse * inverse;
     const double series =
-        (1.0 / 12.0 - y * (1.0 / 360.0 - y * (1.0 / 1260.0 - y * (1.0 / 1680.0)))) * inverse;
-    stirling = (x - 0.5) * quick_log(x) - x + series;
+        (1.0 / 12.0 -
+         rounded(y * (1.0 / 360.0 - rounded(y * (1.0 / 1260.0 - rounded(y * (1.0 / 1680.0))))))) *
+        inverse;
+    stirling = rounded((x - 0.5) * quick_log(x)) - x + rounded(series);
   }
 };
 
@@ -71,7 +74,7 @@ struct GammaFactors {
          quick_log(of_sum.product / (of_a.product * of_b.product));
 }
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
 namespace detail {
 
 /// GammaFactors of four numbers, to the same bits.
@@ -79,8 +82,8 @@ struct FourGammaFactors {
   __m256d stirling;
   __m256d product;
 };
-NDTREE_AVX2 inline __m256d plus(__m256d x, double c) { return _mm256_add_pd(x, _mm256_set1_pd(c)); }
-NDTREE_AVX2 inline FourGammaFactors four_gamma_factors(__m256d x) {
+NDTREE_BY_EIGHTS inline __m256d plus(__m256d x, double c) { return _mm256_add_pd(x, _mm256_set1_pd(c)); }
+NDTREE_BY_EIGHTS inline FourGammaFactors four_gamma_factors(__m256d x) {
   const __m256d is_small = _mm256_cmp_pd(x, _mm256_set1_pd(8.0), _CMP_LT_OQ);
   const __m256d below = _mm256_mul_pd(x, plus(x, 7.0));
   const __m256d product = _mm256_mul_pd(
@@ -99,7 +102,7 @@ NDTREE_AVX2 inline FourGammaFactors four_gamma_factors(__m256d x) {
 }  // namespace detail
 
 /// Of four pairs, to the same bits.
-NDTREE_AVX2 [[nodiscard]] inline __m256d quick_log_beta(__m256d a, __m256d b) {
+NDTREE_BY_EIGHTS [[nodiscard]] inline __m256d quick_log_beta(__m256d a, __m256d b) {
   const detail::FourGammaFactors of_a = detail::four_gamma_factors(a);
   const detail::FourGammaFactors of_b = detail::four_gamma_factors(b);
   const detail::FourGammaFactors of_sum = detail::four_gamma_factors(_mm256_add_pd(a, b));
@@ -123,12 +126,13 @@ namespace detail {
   double denominator = 1.0;
   for (int n = 1; n < 10000; ++n) {
     const double m = n / 2;  // NOLINT(bugprone-integer-division): d_2m and d_2m+1 share their m.
-    const double d = n % 2 == 0 ? m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m))
-                                : -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
-    const double next_numerator = numerator + d * numerator_before;
-    const double next_denominator = denominator + d * denominator_before;
+    const double d =
+        n % 2 == 0 ? m * (b - m) * x / ((a + rounded(2.0 * m) - 1.0) * (a + rounded(2.0 * m)))
+                   : -(a + m) * (a + b + m) * x / ((a + rounded(2.0 * m)) * (a + rounded(2.0 * m) + 1.0));
+    const double next_numerator = numerator + rounded(d * numerator_before);
+    const double next_denominator = denominator + rounded(d * denominator_before);
     const double value = next_numerator / next_denominator;
-    const bool converged = std::abs(value * denominator - numerator) <= share * std::abs(numerator);
+    const bool converged = std::abs(rounded(value * denominator) - numerator) <= share * std::abs(numerator);
     numerator_before = numerator / next_denominator;
     denominator_before = denominator / next_denominator;
     numerator = value;
@@ -164,10 +168,10 @@ class QuickIncompleteBeta {
   [[nodiscard]] double operator()(double a, double b) const { return (*this)(a, b, quick_log_beta(a, b)); }
   /// @param log_beta that of a and b, or of b and a.
   [[nodiscard]] double operator()(double a, double b, double log_beta) const {
-    const double power = std::exp(a * log_x_ + b * log_rest_ - log_beta);
+    const double power = std::exp(rounded(a * log_x_) + rounded(b * log_rest_) - log_beta);
     constexpr double kShare = 1e-9;
     if (x_ > (a + 1.0) / (a + b + 2.0))
-      return 1.0 - power / b * detail::incomplete_beta_fraction(b, a, 1.0 - x_, kShare);
+      return 1.0 - rounded(power / b * detail::incomplete_beta_fraction(b, a, 1.0 - x_, kShare));
     return power / a * detail::incomplete_beta_fraction(a, b, x_, kShare);
   }
 
@@ -209,13 +213,13 @@ class RateComparison {
   }
   static constexpr std::size_t kAtOnce = 4;
   void log_evidences(const double* hits, const double* misses, std::size_t n, double* evidence) const {
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if (n == kAtOnce && Simd::width() >= 8) return four_log_evidences(hits, misses, evidence);
 #endif
     for (std::size_t i = 0; i < n; ++i) evidence[i] = log_evidence(hits[i], misses[i]);
   }
-#ifdef NDTREE_HAS_AVX2
-  NDTREE_AVX2 void four_log_evidences(const double* hits, const double* misses, double* evidence) const {
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS void four_log_evidences(const double* hits, const double* misses, double* evidence) const {
     const __m256d a = _mm256_add_pd(_mm256_loadu_pd(hits), _mm256_set1_pd(prior_hits_));
     const __m256d b = _mm256_add_pd(_mm256_loadu_pd(misses), _mm256_set1_pd(1.0));
     _mm256_storeu_pd(evidence, _mm256_sub_pd(quick_log_beta(a, b), _mm256_set1_pd(log_prior_)));

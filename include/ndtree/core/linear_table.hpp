@@ -8,6 +8,7 @@
 #include <cstddef>
 
 #include "ndtree/core/log_odds.hpp"
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 
 namespace ndtree {
@@ -23,21 +24,22 @@ class LinearTable {
       : lower_(static_cast<float>(lower)), steps_per_unit_(static_cast<float>(Steps / (upper - lower))) {
     for (int i = 0; i <= Steps; ++i)
       values_[static_cast<std::size_t>(i)] =
-          static_cast<float>(function(lower + (upper - lower) * i / Steps));
+          static_cast<float>(function(lower + rounded((upper - lower) * i / Steps)));
     values_.back() = values_[Steps];
   }
 
   /// Of NaN, the value at the lower end.
   [[nodiscard]] float operator()(float x) const {
     constexpr auto kSteps = static_cast<float>(Steps);
-    const float place = std::min(kSteps, std::max(0.0f, (x - lower_) * steps_per_unit_));
+    const float place = std::min(kSteps, std::max(0.0f, rounded((x - lower_) * steps_per_unit_)));
     const auto step = static_cast<std::size_t>(static_cast<int>(place));
     const float below = values_[step];
-    return below + (place - static_cast<float>(static_cast<int>(step))) * (values_[step + 1] - below);
+    return below +
+           rounded((place - static_cast<float>(static_cast<int>(step))) * (values_[step + 1] - below));
   }
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   /// The same of eight numbers, to the last bit.
-  NDTREE_AVX2 [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 operator()(__m256 x) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 operator()(__m256 x) const {
     const __m256 place = _mm256_min_ps(_mm256_max_ps(_mm256_mul_ps(_mm256_sub_ps(x, _mm256_set1_ps(lower_)),
                                                                    _mm256_set1_ps(steps_per_unit_)),
                                                      _mm256_setzero_ps()),

@@ -5,6 +5,8 @@
 
 #include <cmath>
 
+#include "ndtree/core/rounded.hpp"
+
 namespace ndtree {
 
 /// ln(p / (1 - p)) for p in (0, 1).
@@ -16,7 +18,9 @@ namespace ndtree {
 [[nodiscard]] inline double probability(double log_odds) { return 1.0 / (1.0 + std::exp(-log_odds)); }
 
 /// F(x; 0, 1): the standard normal distribution function, with full relative precision in the lower tail.
-[[nodiscard]] inline double normal_cdf(double x) { return 0.5 * std::erfc(-x * 0.70710678118654752440); }
+[[nodiscard]] inline double normal_cdf(double x) {
+  return rounded(0.5 * std::erfc(-x * 0.70710678118654752440));
+}
 
 /// Inverse of normal_cdf() for p in (0, 1), by Newton's method on the monotone function; to about 1e-15.
 /// @returns -inf for p <= 0 and +inf for p >= 1.

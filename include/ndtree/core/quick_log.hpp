@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <cstring>
 
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 
 namespace ndtree {
@@ -61,14 +62,15 @@ inline constexpr int kExponentBias = 1023;
   bits = (bits & kMantissa) | static_cast<std::uint64_t>(kBias) << kMantissaBits;
   double m = 0.0;
   std::memcpy(&m, &bits, sizeof m);
-  const double r = m * part.inverse - 1.0;
-  return exponent * detail::kLog2 + part.log +
-         r * (1.0 + r * (-1.0 / 2.0 + r * (1.0 / 3.0 + r * (-1.0 / 4.0 + r * (1.0 / 5.0)))));
+  const double r = rounded(m * part.inverse) - 1.0;
+  const double tail = 1.0 / 3.0 + rounded(r * (-1.0 / 4.0 + rounded(r * (1.0 / 5.0))));
+  const double series = rounded(r * (1.0 + rounded(r * (-1.0 / 2.0 + rounded(r * tail)))));
+  return rounded(exponent * detail::kLog2) + part.log + series;
 }
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
 /// Of four numbers, to the same bits.
-NDTREE_AVX2 [[nodiscard]] inline __m256d quick_log(__m256d x) {
+NDTREE_BY_EIGHTS [[nodiscard]] inline __m256d quick_log(__m256d x) {
   const __m256i bits = _mm256_castpd_si256(x);
   const __m256i mantissa =
       _mm256_and_si256(bits, _mm256_set1_epi64x(static_cast<std::int64_t>(detail::kMantissa)));

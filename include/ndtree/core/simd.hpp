@@ -5,10 +5,34 @@
 
 #if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
 #include <immintrin.h>
+#define NDTREE_HAS_EIGHTS 1
 /// Functions with this attribute may use AVX2, whatever the rest is compiled for. They must not multiply and
 /// add in one step (FMA), which rounds once instead of twice.
-#define NDTREE_AVX2 [[gnu::target("avx2,popcnt,no-fma")]]
-#define NDTREE_HAS_AVX2 1
+#if defined(__FMA__) && defined(__clang__)  // Then functions of AVX2 do not go into one that lacks FMA.
+#define NDTREE_BY_EIGHTS [[gnu::target("avx2,popcnt")]]  // Fuses within an expression alone.
+#elif defined(__FMA__)
+#define NDTREE_BY_EIGHTS [[gnu::target("avx2,popcnt"), gnu::optimize("fp-contract=off")]]
+#else
+#define NDTREE_BY_EIGHTS [[gnu::target("avx2,popcnt,no-fma")]]
+#endif
+#elif defined(NDTREE_USE_SIMDE) && defined(__aarch64__) && defined(__GNUC__)
+// SIMDe writes the same functions with NEON, which every such processor has. Who asks for it has it.
+#define SIMDE_ENABLE_NATIVE_ALIASES
+#define SIMDE_NO_FAST_NANS  // The smaller and the larger of two are those of x86, also of 0 and -0.
+#include <simde/x86/avx2.h>
+#if !defined(SIMDE_X86_AVX2_ENABLE_NATIVE_ALIASES) || defined(SIMDE_FAST_NANS)
+#error "NDTREE_USE_SIMDE: include ndtree before SIMDe, and compile without -ffast-math"
+#endif
+#define NDTREE_HAS_EIGHTS 1
+#if defined(__clang__)
+#define NDTREE_BY_EIGHTS
+#else
+#define NDTREE_BY_EIGHTS [[gnu::optimize("fp-contract=off")]]
+#endif
+#endif
+
+#if defined(__aarch64__) && (defined(__GNUC__) || defined(__clang__))
+#include <arm_neon.h>
 #endif
 
 #if defined(__GNUC__) || defined(__clang__)
@@ -31,7 +55,7 @@ namespace ndtree {
 /// Which loops run: all give the same bits.
 class Simd {
  public:
-  /// Numbers at a time: 8 with AVX2, else 1.
+  /// Numbers at a time: 8 with AVX2, or on ARM with NDTREE_USE_SIMDE, else 1.
   [[nodiscard]] static int width() { return width_of_process().load(std::memory_order_relaxed); }
   /// @param most numbers at a time from now on, at least 1: for tests, and to measure what it is worth.
   static void limit(int most) {
@@ -40,8 +64,10 @@ class Simd {
 
  private:
   [[nodiscard]] static int machine_width() {
-#ifdef NDTREE_HAS_AVX2
+#if defined(NDTREE_HAS_EIGHTS) && defined(__x86_64__)
     return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("popcnt") ? 8 : 1;
+#elif defined(NDTREE_HAS_EIGHTS)
+    return 8;
 #else
     return 1;
 #endif
@@ -55,14 +81,16 @@ class Simd {
 /// To the nearest whole number, the even one if two are: as vectors of numbers are rounded.
 /// @pre |x| < 2^31.
 [[nodiscard]] inline std::int32_t nearest_integer(float x) {
-#ifdef NDTREE_HAS_AVX2
+#if defined(__x86_64__) && defined(NDTREE_HAS_EIGHTS)
   return _mm_cvtss_si32(_mm_set_ss(x));
+#elif defined(__aarch64__) && (defined(__GNUC__) || defined(__clang__))
+  return vcvtns_s32_f32(x);
 #else
   return static_cast<std::int32_t>(std::lrint(x));
 #endif
 }
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
 namespace detail {
 
 /// For each set of eight numbers, where to find those that are in it: their places, one byte each.
@@ -79,24 +107,24 @@ struct PackTable {
 inline constexpr PackTable kPackTable{};
 
 /// The order that brings those of a set to the front.
-NDTREE_AVX2 inline __m256i packing(unsigned set) {
+NDTREE_BY_EIGHTS inline __m256i packing(unsigned set) {
   return _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackTable.places[set])));
 }
 /// All ones in the first n of eight.
-NDTREE_AVX2 inline __m256i first_of_eight(std::size_t n) {
+NDTREE_BY_EIGHTS inline __m256i first_of_eight(std::size_t n) {
   return _mm256_cmpgt_epi32(_mm256_set1_epi32(n < 8 ? static_cast<int>(n) : 8),
                             _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
 }
 /// The first n of up to eight whole numbers at p, and 0 for the rest. @param live first_of_eight(n).
-NDTREE_AVX2 inline __m256i load_live(const std::uint32_t* p, __m256i live) {
+NDTREE_BY_EIGHTS inline __m256i load_live(const std::uint32_t* p, __m256i live) {
   return _mm256_and_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)), live);
 }
 /// from[offsets], four of them. The plain gather is one that GCC 12 warns of.
-NDTREE_AVX2 inline __m256d gather(const double* from, __m128i offsets) {
+NDTREE_BY_EIGHTS inline __m256d gather(const double* from, __m128i offsets) {
   const __m256d all = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
   return _mm256_mask_i32gather_pd(_mm256_setzero_pd(), from, offsets, all, 8);
 }
-NDTREE_AVX2 inline __m256 joined(__m128 low, __m128 high) {
+NDTREE_BY_EIGHTS inline __m256 joined(__m128 low, __m128 high) {
   return _mm256_insertf128_ps(_mm256_castps128_ps256(low), high, 1);
 }
 

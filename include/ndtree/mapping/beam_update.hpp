@@ -8,6 +8,7 @@
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/parallel.hpp"
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
@@ -86,9 +87,9 @@ class BeamUpdate : public BeamVisitor {
       cell.count_miss();
     } else if (returned_) {
       const double cdf_entry =
-          t_enter == t_known_ ? cdf_known_ : Sensor::cdf(t_enter * range_, range_, sigma_);
+          t_enter == t_known_ ? cdf_known_ : Sensor::cdf(rounded(t_enter * range_), range_, sigma_);
       t_known_ = t_exit;
-      cdf_known_ = Sensor::cdf(t_exit * range_, range_, sigma_);
+      cdf_known_ = Sensor::cdf(rounded(t_exit * range_), range_, sigma_);
       cell.update(sensor_.log_odds(cdf_entry, cdf_known_), log_odds_min_, log_odds_max_);
       if (!hit_counted_ && (t_exit > 1.0 || (t_exit == 1.0 && holds_end(leaf)))) {
         cell.count_hit();

@@ -138,7 +138,7 @@ class ScanUpdate {
   }
   /// Whether ScanBeams::set_eight() may do: for scans of one origin, that end nearby.
   [[nodiscard]] bool may_go_by_eights() const {
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     const ScanView<D>& scan = measurements_->scan();
     return std::is_same_v<Sensor, BeamSensorModel> && Simd::width() >= 8 && !scan.origin_per_beam &&
            scan.range_sigma == nullptr && scan.size < std::numeric_limits<std::int32_t>::max() / D &&
@@ -157,7 +157,7 @@ class ScanUpdate {
     };
     if (first < last) set(first);
     std::size_t i = first + 1;
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if constexpr (std::is_same_v<Sensor, BeamSensorModel>) {
       for (; by_eights && i + 8 <= last; i += 8) {
         std::array<std::uint32_t, 8> numbers;

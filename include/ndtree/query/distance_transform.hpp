@@ -257,7 +257,7 @@ class DistanceTransform {
         alignas(32) Lanes best;
         best.fill(limit_);
         const float* const squared = axis.squared.data() + p * axis.slabs();
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
         if (by_eights_)
           add_rows_by_eights(squared, axis.column_slabs.data(), axis.column.data(), start, n, best);
         else
@@ -290,10 +290,10 @@ class DistanceTransform {
       if (down > 0) down = add(down - 1) ? down - 1 : 0;
     }
   }
-#ifdef NDTREE_HAS_AVX2
-  NDTREE_AVX2 static void add_rows_by_eights(const float* squared, const std::uint32_t* slabs,
-                                             const float* column, std::size_t start, std::size_t n,
-                                             Lanes& best) {
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS static void add_rows_by_eights(const float* squared, const std::uint32_t* slabs,
+                                                  const float* column, std::size_t start, std::size_t n,
+                                                  Lanes& best) {
     static_assert(kLanes == 16);
     __m256 low = _mm256_load_ps(best.data());
     __m256 high = _mm256_load_ps(best.data() + 8);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "ndtree/core/option.hpp"
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/child_index.hpp"
@@ -80,9 +81,11 @@ class LatticeGeometry {
     return edges_[static_cast<std::size_t>(level + num_levels_)];
   }
   /// Edge of a cell [m].
-  [[nodiscard]] double cell_size(int level) const { return static_cast<double>(edge(level)) * unit_; }
+  [[nodiscard]] double cell_size(int level) const {
+    return rounded(static_cast<double>(edge(level)) * unit_);
+  }
   [[nodiscard]] double border(std::int64_t coordinate) const {
-    return static_cast<double>(coordinate) * unit_;
+    return rounded(static_cast<double>(coordinate) * unit_);
   }
 
   /// Points with every |component| at or below this [m] have a place on the lattice.
@@ -96,14 +99,13 @@ class LatticeGeometry {
     if (border(k + 1) <= x) ++k;
     return k;
   }
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   /// The same of four numbers, as floating point. @param is_on_border whether x lies on the cell's lower
   /// border.
-  NDTREE_AVX2 [[nodiscard]] __m256d coordinate(__m256d x, __m256d& is_on_border) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] __m256d coordinate(__m256d x, __m256d& is_on_border) const {
     const __m256d unit = _mm256_set1_pd(unit_);
     const __m256d one = _mm256_set1_pd(1.0);
-    __m256d k = _mm256_round_pd(_mm256_mul_pd(x, _mm256_set1_pd(per_metre_)),
-                                _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC);
+    __m256d k = _mm256_floor_pd(_mm256_mul_pd(x, _mm256_set1_pd(per_metre_)));
     const __m256d lower = _mm256_mul_pd(k, unit);
     k = _mm256_sub_pd(k, _mm256_and_pd(one, _mm256_cmp_pd(lower, x, _CMP_GT_OQ)));
     const __m256d upper = _mm256_mul_pd(_mm256_add_pd(k, one), unit);

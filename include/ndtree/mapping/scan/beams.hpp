@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/scan/image.hpp"
@@ -76,7 +77,7 @@ class ScanBeams {
     std::array<float, std::size_t{D}> way;
     for (std::size_t a = 0; a < D; ++a) {
       way[a] = static_cast<float>(beam.displacement[static_cast<int>(a)]);
-      square += way[a] * way[a];
+      square += rounded(way[a] * way[a]);
       depth = std::max(depth, std::abs(way[a]));
     }
     // Too long for float, or too short, are only beams that are cut, or of cells far smaller than real ones.
@@ -101,7 +102,8 @@ class ScanBeams {
     const float end = beam.t_free < 1.0 ? static_cast<float>(beam.t_free * beam.range) : range;
     set_range(number, returned, end, depth / length, static_cast<float>(sigma),
               returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
-              returned ? static_cast<float>(static_cast<double>(end) + Sensor::kReachSigmas * sigma) : end);
+              returned ? static_cast<float>(static_cast<double>(end) + rounded(Sensor::kReachSigmas * sigma))
+                       : end);
     column(kChance)[number] = chance;
     faces_of_[number] = face;
     const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
@@ -111,14 +113,14 @@ class ScanBeams {
     if (has_own_origins_ || number == 0) origins_[number] = beam.origin;
   }
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   /// set() of eight beams from one origin that are all returned, and have no noise of their own; their chance
   /// and face may be set before or after. @pre all end nearby, see ends_nearby().
   /// @returns false if set() has more to think about: a beam is cut, or ends on a border of a cell.
   template <int N, class Sensor>
-  NDTREE_AVX2 bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
-                             const Measurements<D, Sensor>& measurements,
-                             const std::array<std::uint32_t, 8>& numbers) {
+  NDTREE_BY_EIGHTS bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry,
+                                  const Sensor& sensor, const Measurements<D, Sensor>& measurements,
+                                  const std::array<std::uint32_t, 8>& numbers) {
     const ScanView<D>& scan = measurements.scan();
     const __m128i stride = _mm_set1_epi32(D);
     const __m128i low_numbers =
@@ -249,7 +251,7 @@ class ScanBeams {
 
   void set_range(std::size_t number, bool returned, float end, float slant, float sigma, float clear,
                  float reach) {
-    const float surface = returned ? static_cast<float>(kThinnestSurface) * sigma : 0.0f;
+    const float surface = returned ? rounded(static_cast<float>(kThinnestSurface) * sigma) : 0.0f;
     column(kReach)[number] = reach;
     column(kRange)[number] = end;
     column(kSigma)[number] = sigma;

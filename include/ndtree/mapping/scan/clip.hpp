@@ -50,7 +50,7 @@ class ChildClip {
 
   /// Adds a node's beams to the lists of its children, in their order.
   void operator()(const CellIndex<D>& node, const Crossings& list, Lists& children) const {
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if constexpr (kNumChildren <= kMostAtOnce) {
       if (goes_by_eights()) {
         eight_at_a_time(planes_of(node), list, children);
@@ -103,25 +103,26 @@ class ChildClip {
         planes[a][i] = static_cast<float>(border(node, a, i) - beams_.origin(0)[static_cast<int>(a)]);
     return planes;
   }
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   using Few = FewCrossings<kNumChildren>;
   /// Clips at most Few::kMost beams, without lists for the children. @pre goes_by_eights().
-  NDTREE_AVX2 NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node, const Crossings& list,
-                                                   Few& few) const {
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node, const Crossings& list,
+                                                        Few& few) const {
     const __m256i live = detail::first_of_eight(list.size);
     const __m256i beam = detail::load_live(list.beam, live);
     few_beams(node, beam, _mm256_i32gather_ps(beams_.pass(), beam, 4), _mm256_loadu_ps(list.enter()),
               _mm256_loadu_ps(list.exit()), _mm256_castsi256_ps(live), few);
   }
-  NDTREE_AVX2 NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node,
-                                                   const FewOfChild<kNumChildren>& beams, Few& few) const {
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node,
+                                                        const FewOfChild<kNumChildren>& beams,
+                                                        Few& few) const {
     const __m256 enter = _mm256_load_ps(beams.of.enter[beams.child].data());
     const __m256 exit = _mm256_load_ps(beams.of.exit[beams.child].data());
     few_beams(node, _mm256_load_si256(reinterpret_cast<const __m256i*>(beams.of.beam.data())),
               _mm256_load_ps(beams.of.pass.data()), enter, exit, _mm256_cmp_ps(exit, enter, _CMP_GT_OQ), few);
   }
   /// Writes those that cross a child, in their order.
-  NDTREE_AVX2 static void write(const FewOfChild<kNumChildren>& few, Crossings& list) {
+  NDTREE_BY_EIGHTS static void write(const FewOfChild<kNumChildren>& few, Crossings& list) {
     const __m256i order = detail::packing(few.set());
     const __m256i beam = _mm256_load_si256(reinterpret_cast<const __m256i*>(few.of.beam.data()));
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(list.beam), _mm256_permutevar8x32_epi32(beam, order));
@@ -133,8 +134,8 @@ class ChildClip {
   }
 
   /// Where eight beams enter and leave each child: those that cross it leave behind where they enter.
-  NDTREE_AVX2 NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, __m256i beam, __m256 t0, __m256 t1,
-                                                    __m256* enter, __m256* exit) const {
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, __m256i beam, __m256 t0,
+                                                         __m256 t1, __m256* enter, __m256* exit) const {
     enter[0] = t0;
     exit[0] = t1;
     int made = 1;
@@ -201,9 +202,9 @@ class ChildClip {
     }
   }
 
-#ifdef NDTREE_HAS_AVX2
-  NDTREE_AVX2 NDTREE_ALWAYS_INLINE void few_beams(const CellIndex<D>& node, __m256i beam, __m256 pass,
-                                                  __m256 t0, __m256 t1, __m256 live, Few& few) const {
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void few_beams(const CellIndex<D>& node, __m256i beam, __m256 pass,
+                                                       __m256 t0, __m256 t1, __m256 live, Few& few) const {
     _mm256_store_si256(reinterpret_cast<__m256i*>(few.beam.data()), beam);
     _mm256_store_ps(few.pass.data(), pass);
     __m256 enter[std::size_t{kNumChildren}];
@@ -219,7 +220,7 @@ class ChildClip {
                                         _mm256_movemask_ps(_mm256_cmp_ps(exit[c], pass, _CMP_LT_OQ)));
     }
   }
-  NDTREE_AVX2 void eight_at_a_time(const Planes& plane, const Crossings& list, Lists& children) const {
+  NDTREE_BY_EIGHTS void eight_at_a_time(const Planes& plane, const Crossings& list, Lists& children) const {
     const Crossings memory = children.memory;
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);

@@ -36,7 +36,7 @@ class LeafCoverage {
   /// @param per_child 1 / edge of a child [1/m].
   void operator()(const CellIndex<D>& leaf, const Crossings& list, float per_child, const BeamWidths& widths,
                   Sum& sum) const {
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if constexpr (kNumChildren <= Clip::kMostAtOnce) {
       if (clip_.goes_by_eights()) {
         const auto planes = clip_.planes_of(leaf);
@@ -63,9 +63,9 @@ class LeafCoverage {
  private:
   static constexpr std::size_t kChunk = 64;  // Beams, of which all sums fit 32 bits.
 
-#ifdef NDTREE_HAS_AVX2
-  NDTREE_AVX2 void add_by_eights(const typename Clip::Planes& planes, const Crossings& list, float per_child,
-                                 const BeamWidths& widths, Sum& sum) const {
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS void add_by_eights(const typename Clip::Planes& planes, const Crossings& list,
+                                      float per_child, const BeamWidths& widths, Sum& sum) const {
     __m256i child[std::size_t{kNumChildren}];
 #pragma GCC unroll 32
     for (int c = 0; c < kNumChildren; ++c) child[c] = _mm256_setzero_si256();
@@ -115,12 +115,12 @@ class LeafCoverage {
     store_sums(sums_of(cell, way, cell, way));
     sum.add(0, {0, sums[0], sums[1]});
   }
-  NDTREE_AVX2 [[nodiscard]] static __m256i in_units(__m256 units, __m256 width) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i in_units(__m256 units, __m256 width) {
     __m256 area = _mm256_set1_ps(1.0f);
     for (int a = 1; a < D; ++a) area = _mm256_mul_ps(area, width);
     return _mm256_cvtps_epi32(_mm256_mul_ps(units, area));
   }
-  NDTREE_AVX2 [[nodiscard]] static __m128i sums_of(__m256i a, __m256i b, __m256i c, __m256i d) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static __m128i sums_of(__m256i a, __m256i b, __m256i c, __m256i d) {
     const __m256i quarters = _mm256_hadd_epi32(_mm256_hadd_epi32(a, b), _mm256_hadd_epi32(c, d));
     return _mm_add_epi32(_mm256_castsi256_si128(quarters), _mm256_extracti128_si256(quarters, 1));
   }

@@ -42,7 +42,7 @@ struct Crossings {
 /// So few beams fit one vector, and are not worth telling apart by what cells below take.
 inline constexpr std::size_t kFewBeams = 8;
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
 /// Where at most eight beams cross the children of a node: so few need no lists. Those that cross a child are
 /// a set of bits, of their places among the eight.
 template <int kCount>

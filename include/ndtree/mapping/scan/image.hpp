@@ -12,6 +12,7 @@
 #include <map>
 #include <vector>
 
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
@@ -93,7 +94,7 @@ struct ScanFace {
   /// @param near_border, far_border of the cell on the axis of the face [m].
   [[nodiscard]] float depth_of(double near_border, double far_border) const {
     const double half = 0.5 * (far_border - near_border);
-    const double centre = 0.5 * (near_border + far_border) - origin[axis];
+    const double centre = rounded(0.5 * (near_border + far_border)) - origin[axis];
     return static_cast<float>(std::max(half, std::abs(centre)));
   }
   /// Edge of the square that a beam stands for at depth 1: its share of the solid angle, but not more than a

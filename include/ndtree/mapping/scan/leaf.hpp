@@ -38,7 +38,7 @@ class LeafEvidence {
   static constexpr float kSmallCell = 2.0f;  // Standard deviations up to which a cell is small.
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
   struct Size;
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   using Place =
       std::array<std::int32_t, std::size_t{D}>;  // Lower corner of a leaf, from the base of the end cells.
   /// What counts of eight beams near their end points.
@@ -81,7 +81,7 @@ class LeafEvidence {
 
   /// Whether every beam of a list passes its node, whatever the size of the cells in it.
   [[nodiscard]] bool all_pass(const Crossings& list) const {
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if (width_ >= 8) return all_pass_by_eights(list);
 #endif
     const float* const pass = beams_.pass();
@@ -93,7 +93,7 @@ class LeafEvidence {
   /// Adds what a list's beams say about a leaf of level 0 or below.
   NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, const Crossings& list, ScanEvidence& sum) const {
     const Size& size = size_of(leaf.level);
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if (width_ >= 8 && size.fits_32_bits) {
       if (list.size <= kMostAtOnce)
         add_by_eights(leaf, list, size, sum);
@@ -107,7 +107,7 @@ class LeafEvidence {
       add_one(leaf, size, list.beam[i], list.enter()[i], list.exit()[i], sum);
   }
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   static constexpr int kNumChildren = ChildClip<N, D>::kNumChildren;
   using Few = FewCrossings<kNumChildren>;
 
@@ -117,12 +117,12 @@ class LeafEvidence {
   class FewEvidence {
    public:
     /// @param few the beams where they cross the node's children. @pre takes_few(node.level).
-    NDTREE_AVX2 NDTREE_ALWAYS_INLINE FewEvidence(const LeafEvidence& all, const CellIndex<D>& node,
-                                                 const Few& few)
+    NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE FewEvidence(const LeafEvidence& all, const CellIndex<D>& node,
+                                                      const Few& few)
         : all_(all), node_(node), few_(few), size_(all.size_of(node.level - 1)) {}
 
     /// What those say that cross a child.
-    NDTREE_AVX2 NDTREE_ALWAYS_INLINE void add(std::size_t child, ScanEvidence& sum) {
+    NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(std::size_t child, ScanEvidence& sum) {
       const __m256 enter = _mm256_load_ps(few_.enter[child].data());
       const __m256 exit = _mm256_load_ps(few_.exit[child].data());
       const __m256 live = _mm256_cmp_ps(exit, enter, _CMP_GT_OQ);
@@ -148,7 +148,7 @@ class LeafEvidence {
     }
 
    private:
-    NDTREE_AVX2 [[nodiscard]] NDTREE_ALWAYS_INLINE __m256i beams() const {
+    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256i beams() const {
       return _mm256_load_si256(reinterpret_cast<const __m256i*>(few_.beam.data()));
     }
     const LeafEvidence& all_;
@@ -216,8 +216,8 @@ class LeafEvidence {
     ++sum.beams;
   }
 
-#ifdef NDTREE_HAS_AVX2
-  NDTREE_AVX2 [[nodiscard]] bool all_pass_by_eights(const Crossings& list) const {
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS [[nodiscard]] bool all_pass_by_eights(const Crossings& list) const {
     const float* const pass = beams_.pass();
     for (std::size_t i = 0; i < list.size; i += 8)
       if (!_mm256_testz_si256(not_passing(list, i, pass), detail::first_of_eight(list.size - i)))
@@ -227,8 +227,8 @@ class LeafEvidence {
   static constexpr std::size_t kMostAtOnce = 1024;  // Beams: sums of eighths of them fit 32 bits.
 
   /// As add_one(), for up to kMostAtOnce beams.
-  NDTREE_AVX2 void add_by_eights(const CellIndex<D>& leaf, const Crossings& list, const Size& size,
-                                 ScanEvidence& sum) const {
+  NDTREE_BY_EIGHTS void add_by_eights(const CellIndex<D>& leaf, const Crossings& list, const Size& size,
+                                      ScanEvidence& sum) const {
     __m256i free = _mm256_setzero_si256();
     unsigned passed = 0;
     for (std::size_t i = 0; i < list.size; i += 8) {
@@ -261,7 +261,7 @@ class LeafEvidence {
                                                       -2 * ScanBeams<D>::kNearby, ScanBeams<D>::kNearby + 1));
     return place;
   }
-  NDTREE_AVX2 NDTREE_ALWAYS_INLINE NearEnd near_end(const CellIndex<D>& node, __m256i beam) const {
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE NearEnd near_end(const CellIndex<D>& node, __m256i beam) const {
     NearEnd near;
     near.place = place_of(node);
     near.sigma = _mm256_i32gather_ps(beams_.sigma(), beam, 4);
@@ -281,10 +281,10 @@ class LeafEvidence {
   }
   /// Adds what beams say of eight that do not all clearly pass.
   /// @param misses those that do. @returns them, and others that have passed.
-  NDTREE_AVX2 NDTREE_ALWAYS_INLINE __m256i add_near_end(const Place& leaf, const Size& size,
-                                                        const NearEnd& beams, __m256 enter, __m256 exit,
-                                                        __m256i misses, __m256i live,
-                                                        ScanEvidence& sum) const {
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE __m256i add_near_end(const Place& leaf, const Size& size,
+                                                             const NearEnd& beams, __m256 enter, __m256 exit,
+                                                             __m256i misses, __m256i live,
+                                                             ScanEvidence& sum) const {
     const __m256i others = _mm256_andnot_si256(misses, live);
     const __m256 all = _mm256_castsi256_ps(others);
     const __m256 sigma = beams.sigma;
@@ -335,29 +335,29 @@ class LeafEvidence {
                                            _mm256_mul_ps(_mm256_set1_ps(kNoiseReach), sigma), _CMP_GT_OQ))));
     return misses;
   }
-  NDTREE_AVX2 [[nodiscard]] static __m256i units_of_way(__m256 enter, __m256 exit, const Size& size) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i units_of_way(__m256 enter, __m256 exit, const Size& size) {
     return _mm256_max_epi32(
         _mm256_set1_epi32(1),
         _mm256_cvtps_epi32(_mm256_mul_ps(_mm256_sub_ps(exit, enter), _mm256_set1_ps(size.units_per_metre))));
   }
-  NDTREE_AVX2 [[nodiscard]] unsigned resolvable(const Size& size, __m256 sigma) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] unsigned resolvable(const Size& size, __m256 sigma) const {
     return set_of(_mm256_cmp_ps(_mm256_set1_ps(size.child),
                                 _mm256_mul_ps(_mm256_set1_ps(noise_sigmas_), sigma), _CMP_GE_OQ));
   }
-  NDTREE_AVX2 [[nodiscard]] static unsigned set_of(__m256 mask) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static unsigned set_of(__m256 mask) {
     return static_cast<unsigned>(_mm256_movemask_ps(mask));
   }
-  NDTREE_AVX2 [[nodiscard]] static unsigned count(unsigned set) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static unsigned count(unsigned set) {
     return static_cast<unsigned>(__builtin_popcount(set));
   }
-  NDTREE_AVX2 [[nodiscard]] static std::uint32_t sum_of(__m256i v) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static std::uint32_t sum_of(__m256i v) {
     const __m128i half = _mm_add_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
     const __m128i quarter = _mm_add_epi32(half, _mm_shuffle_epi32(half, 0x4e));
     return static_cast<std::uint32_t>(
         _mm_cvtsi128_si32(_mm_add_epi32(quarter, _mm_shuffle_epi32(quarter, 0xb1))));
   }
-  NDTREE_AVX2 [[nodiscard]] static __m256i not_passing(const Crossings& list, std::size_t i,
-                                                       const float* pass) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i not_passing(const Crossings& list, std::size_t i,
+                                                            const float* pass) {
     const __m256i beam = detail::load_live(list.beam + i, detail::first_of_eight(list.size - i));
     return _mm256_castps_si256(
         _mm256_cmp_ps(_mm256_loadu_ps(list.exit() + i), _mm256_i32gather_ps(pass, beam, 4), _CMP_NLT_UQ));

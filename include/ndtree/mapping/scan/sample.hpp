@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/scan/image.hpp"
@@ -66,7 +67,7 @@ class alignas(64) ScanPart {
     const ScanView<D>& scan = measurements.scan();
     Eigen::Index i = range.first;
     if (!scan.origin_per_beam && n > 0) image_.add_all_faces(scan.origin(0));
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if (!scan.origin_per_beam && Simd::width() >= 8) i = look_over_by_eights(range);
 #endif
     for (; i < range.last; ++i) look_over_one(i);
@@ -83,7 +84,8 @@ class alignas(64) ScanPart {
       }
     }
     is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
-    const double margin = Sensor::kReachSigmas * sigma + 1e-6 * reached;  // Above all rounding.
+    const double margin =
+        rounded(Sensor::kReachSigmas * sigma) + rounded(1e-6 * reached);  // Above all rounding.
     is_valid = is_valid && reached + margin <= kLongestBeam * geometry.unit();
     survey_.reach.lower.array() -= margin;
     survey_.reach.upper.array() += margin;
@@ -98,7 +100,7 @@ class alignas(64) ScanPart {
   /// No cell takes a beam that none takes at the depth of its end, or behind it by half a cell.
   /// @param image of the whole scan. @param numbers that this part's faces have there.
   void keep(const ScanImage<D>& image, const std::vector<std::uint32_t>& numbers, const Sampling& sampling) {
-    const float behind = reach_behind_ + 0.5f * static_cast<float>(sampling.largest_cell);
+    const float behind = reach_behind_ + rounded(0.5f * static_cast<float>(sampling.largest_cell));
     const auto smallest = static_cast<float>(sampling.smallest_cell);
     const auto beams = static_cast<float>(sampling.beams) * kSlack;
     const auto farthest = static_cast<float>(
@@ -106,7 +108,7 @@ class alignas(64) ScanPart {
     kept_.reserve(depth_.size() / 2);
     kept_of_faces_.assign(numbers.size(), 0);
     std::size_t i = 0;
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if (Simd::width() >= 8 && numbers.size() <= 2 * D)
       i = keep_by_eights(image, numbers, smallest, beams, farthest, behind);
 #endif
@@ -114,7 +116,7 @@ class alignas(64) ScanPart {
       if (face_[i] != ScanImage<D>::kNoFace &&
           static_cast<float>(chance_[i]) * kChanceUnit *
                   image.face(numbers[face_[i]])
-                      .expected_beams(std::min(depth_[i], farthest) * kSlack + behind, smallest) <
+                      .expected_beams(rounded(std::min(depth_[i], farthest) * kSlack) + behind, smallest) <
               beams)
         add_kept(i);
   }
@@ -203,7 +205,7 @@ class alignas(64) ScanPart {
     const auto least = static_cast<double>(depth);
     const bool in_reach =
         least * (std::sqrt(D) * (1.0 + 1e-6)) <= max_range ||
-        (least * (1.0 - 1e-6) <= max_range && (scan.endpoint(i) - scan.origin(i)).norm() <= max_range);
+        (least * (1.0 - 1e-6) <= max_range && length_of<D>(scan.endpoint(i) - scan.origin(i)) <= max_range);
     return in_reach ? BeamOutcome::returned : BeamOutcome::beyond_max_range;
   }
 
@@ -214,10 +216,11 @@ class alignas(64) ScanPart {
     largest_chance_ = std::max(largest_chance_, chance_[place]);
   }
 
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   /// Beams of few faces. @returns the place of the first that is left.
-  NDTREE_AVX2 std::size_t keep_by_eights(const ScanImage<D>& image, const std::vector<std::uint32_t>& numbers,
-                                         float smallest, float beams, float farthest, float behind) {
+  NDTREE_BY_EIGHTS std::size_t keep_by_eights(const ScanImage<D>& image,
+                                              const std::vector<std::uint32_t>& numbers, float smallest,
+                                              float beams, float farthest, float behind) {
     constexpr std::size_t kNone = 2 * D;  // Beams that say nothing go through no face.
     std::array<float, kNone + 1> row;
     std::array<std::array<float, kNone + 1>, kAxes> places;
@@ -257,7 +260,7 @@ class alignas(64) ScanPart {
   }
 
   /// look_over_one() for beams of one origin. @returns the first that is left.
-  NDTREE_AVX2 Eigen::Index look_over_by_eights(const BeamRange& range) {
+  NDTREE_BY_EIGHTS Eigen::Index look_over_by_eights(const BeamRange& range) {
     const ScanView<D>& scan = measurements_->scan();
     const Vector<D> origin = scan.origin(0);
     const double max_range = measurements_->max_range();
@@ -370,8 +373,8 @@ class alignas(64) ScanPart {
   }
   /// Adds the beams of each side to its face, which has the same number.
   template <class Extents>
-  NDTREE_AVX2 void join_sides(const std::array<std::uint32_t, std::size_t{2 * D}>& count,
-                              const Extents& extents) {
+  NDTREE_BY_EIGHTS void join_sides(const std::array<std::uint32_t, std::size_t{2 * D}>& count,
+                                   const Extents& extents) {
     for (std::size_t side = 0; side < 2 * D; ++side) {
       if (count[side] == 0) continue;
       ScanFace<D>& face = image_.faces()[side];
@@ -382,18 +385,18 @@ class alignas(64) ScanPart {
       }
     }
   }
-  NDTREE_AVX2 void count_outcomes(Eigen::Index first, __m256 depths) {
+  NDTREE_BY_EIGHTS void count_outcomes(Eigen::Index first, __m256 depths) {
     std::array<float, 8> depth;
     _mm256_storeu_ps(depth.data(), depths);
     for (std::size_t k = 0; k < 8; ++k)
       ++survey_.count(outcome_of(first + static_cast<Eigen::Index>(k), depth[k]));
   }
-  NDTREE_AVX2 [[nodiscard]] static float least_of(__m256 v) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static float least_of(__m256 v) {
     std::array<float, 8> values;
     _mm256_storeu_ps(values.data(), v);
     return *std::min_element(values.begin(), values.end());
   }
-  NDTREE_AVX2 [[nodiscard]] static float most_of(__m256 v) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static float most_of(__m256 v) {
     std::array<float, 8> values;
     _mm256_storeu_ps(values.data(), v);
     return *std::max_element(values.begin(), values.end());

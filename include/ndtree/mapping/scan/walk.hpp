@@ -17,6 +17,7 @@
 #include "ndtree/cell/evidence_summary.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/clip.hpp"
@@ -134,7 +135,7 @@ class ScanWalk {
   [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
     const auto& geometry = tree_.geometry();
     const double centre = geometry.border(leaf.lower[static_cast<std::size_t>(face.axis)]) +
-                          0.5 * geometry.cell_size(leaf.level);
+                          rounded(0.5 * geometry.cell_size(leaf.level));
     return static_cast<float>(std::abs(centre - face.origin[face.axis])) >= face.depth_of_all[is_known];
   }
   /// Whether all leaves in a node, whatever they know, take all beams of a face ...
@@ -151,7 +152,7 @@ class ScanWalk {
     }
     return true;
   }
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const FewOfChild<kNumChildren>& beams) const {
     for (std::uint32_t left = beams.set(); left != 0;) {
       const ScanFace<D>& face = beams_.face_of(beams.of.first_of(left));
@@ -251,7 +252,7 @@ class ScanWalk {
       tree_.split_node(*ref.node, {}, arena_);
     }
     takes_all = takes_all || all_take_all(ref.index, list);
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if (are_few(ref, list)) return update_children_of_few(ref, list, false, takes_all);
 #endif
     const CrossingStack::Mark mark = stack_.mark();
@@ -326,7 +327,7 @@ class ScanWalk {
     const CrossingStack::Mark mark = stack_.mark();
     const EvidenceCell parent = leaf.cell();
     ++counters_.splits;
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
     if (!EvidenceModel::has_heirs(parent) && are_few(leaf, list)) {
       tree_.split_node(*leaf.node, {}, arena_);
       return update_children_of_few(leaf, list, true, takes_all);
@@ -363,7 +364,7 @@ class ScanWalk {
     if (!changed && ref.node->note() != 0) return false;
     return finish_children(ref, summary_(&children.node(0)), changed, was_split);
   }
-#ifdef NDTREE_HAS_AVX2
+#ifdef NDTREE_HAS_EIGHTS
   using Few = FewCrossings<kNumChildren>;
   using FewBeams = FewOfChild<kNumChildren>;
 
@@ -374,8 +375,8 @@ class ScanWalk {
   }
   /// The same for few beams. @param beams Crossings or FewBeams, not empty.
   template <class Beams>
-  NDTREE_AVX2 bool update_children_of_few(const Ref& ref, const Beams& beams, bool was_split,
-                                          bool takes_all) {
+  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Beams& beams, bool was_split,
+                                               bool takes_all) {
     pace_.spend(Few::kMost);
     Few few;
     clip_(ref.index, beams, few);
