@@ -55,7 +55,8 @@ TYPED_TEST(OfDimension, FindsTheNearestOfAllBoxes) {
     const double spacing = random.chance(0.5) ? 0.25 : random.uniform(0.05, 0.6);
     const FieldGrid<D> grid(Vector<D>::Constant(-2.0), spacing, shape);
     const double most = random.uniform(0.1, 4.0);
-    const auto boxes = random_boxes<D>(random, static_cast<std::size_t>(random.integer(0, 60)));
+    const auto boxes = random_boxes<D>(
+        random, static_cast<std::size_t>(random.integer(0, round % 8 == 7 && D < 4 ? 400 : 60)));
     Pace pace;
     const GridBlock<D> whole{{}, shape};
     detail::DistanceTransform<D> transform(grid, whole, most, pace);

@@ -266,7 +266,7 @@ template <class Map>
       GridBlock<D>{{}, field.shape()}, static_cast<std::size_t>(side), [](const auto&) { return true; },
       [&](const GridBlock<D>& block) {
         detail::BlockValues<D> found(block);
-        values.find(found, block, max_distance, [](const auto&) { return true; });
+        values.find(found, block, 0.5 * side * cell_size, [](const auto&) { return true; });
         detail::any_place(block.first, block.last, [&](const auto& at) {
           field.values()[field.index(at)] = found[at];
           return false;

@@ -62,7 +62,8 @@ class DistanceTransform {
 
  private:
   static constexpr auto kAxes = static_cast<std::size_t>(D);
-  static constexpr std::size_t kLanes = 16;  // Points that loops look at together.
+  static constexpr std::size_t kLanes = 16;      // Points that loops look at together.
+  static constexpr std::size_t kMostRows = 512;  // Of slabs, that wait for the next axis.
   using Lanes = std::array<float, kLanes>;
 
   struct Axis {
@@ -163,6 +164,7 @@ class DistanceTransform {
       for (const std::uint32_t i : boxes) axis.order[axis.starts[spans_[i].first[A]]++] = i;
       axis.active.clear();
       axis.row_slabs.clear();
+      std::fill_n(out, axis.points.size() * below_[A], limit_);
       const std::size_t row = padded(below_[A]);
       std::size_t next = 0;
       for (std::uint32_t c = 0; c < axis.slabs(); ++c) {
@@ -178,6 +180,9 @@ class DistanceTransform {
         std::fill(axis.rows.begin() + static_cast<std::ptrdiff_t>(at + below_[A]),
                   axis.rows.begin() + static_cast<std::ptrdiff_t>(at + row), limit_);
         transform<A + 1>(axis.active, axis.rows.data() + at);
+        if (axis.row_slabs.size() < kMostRows) continue;
+        combine(axis, below_[A], out);
+        axis.row_slabs.clear();
       }
       combine(axis, below_[A], out);
     }
@@ -231,8 +236,8 @@ class DistanceTransform {
     return end;
   }
 
-  /// Of each point along an axis, and each that follows it, the least over all rows of what is in the row
-  /// and the distance to it: from the nearest row on, until none can be nearer.
+  /// Of each point along an axis, and each that follows it, the least of what it has, and over all rows of
+  /// what is in the row and the distance to it: from the nearest row on, until none can be nearer.
   void combine(Axis& axis, std::size_t below, float* out) {
     const std::size_t row = padded(below);
     axis.column.resize(axis.row_slabs.size() * kLanes);
@@ -254,8 +259,10 @@ class DistanceTransform {
       std::size_t start = 0;
       for (std::size_t p = 0; p < axis.points.size(); ++p) {
         while (start < n && axis.column_slabs[start] < axis.slab_of[p]) ++start;
-        alignas(32) Lanes best;
-        best.fill(limit_);
+        const std::size_t width = std::min(kLanes, below - first);
+        float* const to = out + p * below + first;
+        alignas(32) Lanes best{};  // Where there is no point, nothing is nearer.
+        std::copy_n(to, width, best.begin());
         const float* const squared = axis.squared.data() + p * axis.slabs();
 #ifdef NDTREE_HAS_EIGHTS
         if (by_eights_)
@@ -263,7 +270,7 @@ class DistanceTransform {
         else
 #endif
           add_rows(squared, axis.column_slabs.data(), axis.column.data(), start, n, best);
-        std::copy_n(best.begin(), std::min(kLanes, below - first), out + p * below + first);
+        std::copy_n(best.begin(), width, to);
       }
     }
   }
