@@ -5,10 +5,12 @@ import functools
 import importlib.util
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -249,6 +251,15 @@ def run_child(url, engine: str, workers: int) -> subprocess.Popen:
     return subprocess.Popen(
         [sys.executable, "-c", CHILD, str(url), engine, str(workers), here], env=environment
     )
+
+
+def test_the_demo_ends_with_a_table_and_a_picture(tmp_path):
+    demo = Path(__file__).resolve().parents[2] / "tools" / "fleet-demo"
+    call = [sys.executable, demo, "--engine", "local", "--scans", "3", "-o", tmp_path]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"the same map, byte for byte +yes", done.stdout)
+    assert (tmp_path / "street.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
