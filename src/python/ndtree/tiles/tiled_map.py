@@ -232,7 +232,7 @@ class TiledMap:
             len(low),
             lambda which: self._touching(low[which], high[which]),
             lambda m, which: m.states_in(low[which], high[which]),
-            _order(low),
+            lambda: _order(low),
         )
 
     @_bulk
@@ -298,7 +298,7 @@ class TiledMap:
             return m.cast_rays(start if start.ndim == 1 else start[which], way[which], **keywords)
 
         with self._lock:
-            result = self._asked(len(way), needed, ask, _order(ends if start.ndim == 1 else start))
+            result = self._asked(len(way), needed, ask, lambda: self._order_of_rays(start, ends))
         return result if leading is None else shaped(result, leading)
 
     def collides(self, shape: Shape, poses: ArrayLike, *, unknown: Any = "free") -> NDArray[np.bool_]:
@@ -340,8 +340,19 @@ class TiledMap:
         near = self.grid.nearby(self.manifest.tiles, lower.min(axis=0), upper.max(axis=0))
         if len(near) < 2:
             return near
+        # Most boxes lie in one tile, and well away from its borders, which is told at once.
+        begin = np.ceil(lower / self.grid.size - 1e-6).astype(np.int64) - 1
+        end = np.floor(upper / self.grid.size + 1e-6).astype(np.int64)
+        one = (begin == end).all(axis=1)
+        lowest = begin.min(axis=0)
+        counts = end.max(axis=0) - lowest + 1
         kept = set()
-        for tile in near:
+        if math.prod(int(n) for n in counts) < 1 << 62:
+            single = np.ravel_multi_index(tuple((begin[one] - lowest).T), tuple(counts))
+            places = np.stack(np.unravel_index(np.unique(single), tuple(counts)), axis=1) + lowest
+            kept = {tuple(int(number) for number in place) for place in places} & near
+            lower, upper = lower[~one], upper[~one]
+        for tile in near - kept:
             corners = self.grid.box(tile)
             if ((upper >= corners[0]) & (lower <= corners[1])).all(axis=1).any():
                 kept.add(tile)
@@ -363,7 +374,7 @@ class TiledMap:
             len(array),
             lambda which: self._touching(array[which] - radius, array[which] + radius),
             lambda m, which: ask(m, array[which]),
-            _order(array),
+            lambda: _order(array),
         )
 
     def _asked(
@@ -371,7 +382,7 @@ class TiledMap:
         count: int,
         needed: Callable[[Any], set[Tile]],
         ask: Callable[[OccupancyMap, Any], Any],
-        order: NDArray[np.int64],
+        order: Callable[[], NDArray[np.int64]],
     ) -> Any:
         """Answers to many questions, in so many goes that tiles fit into memory.
 
@@ -379,15 +390,14 @@ class TiledMap:
         ----------
         needed, ask : callable
             Which tiles the questions with some numbers need, and what a map says to them.
-        order : (count,) int
-            In which the numbers are near each other.
+        order : callable
+            Returns (count,) int: the numbers, those beside each other that need the same tiles.
         """
-        answers = []
+        answers: list[Any] = []
 
         def go(which: Any) -> None:
             tiles = needed(which)
-            size = sum(self.manifest.tiles[tile].bytes for tile in tiles)
-            if size > self._cache_bytes and len(which) > 1:
+            if not self._fits(tiles) and len(which) > 1:
                 half = len(which) // 2
                 go(which[:half])
                 go(which[half:])
@@ -397,8 +407,13 @@ class TiledMap:
 
         if not count:
             return ask(self._frame, np.arange(0))
-        go(order)
-        back = np.argsort(order)
+        every = needed(slice(None))
+        if self._fits(every):
+            self._resident.hold(every)
+            return ask(self._resident.map, slice(None))
+        sorted_numbers = order()
+        go(sorted_numbers)
+        back = np.argsort(sorted_numbers)
         if isinstance(answers[0], RayEnds):
             parts = {
                 name: np.concatenate([getattr(one, name) for one in answers])[back]
@@ -406,6 +421,15 @@ class TiledMap:
             }
             return RayEnds(**parts)
         return np.concatenate(answers)[back]
+
+    def _fits(self, tiles: set[Tile]) -> bool:
+        return sum(self.manifest.tiles[tile].bytes for tile in tiles) <= self._cache_bytes
+
+    def _order_of_rays(self, start: Floats, ends: Floats) -> NDArray[np.int64]:
+        """Rays from one tile together, those to the same one first."""
+        size = self.grid.size
+        begin = np.broadcast_to(np.floor(start / size), ends.shape)
+        return np.lexsort([*ends.T[::-1], *np.floor(ends / size).T[::-1], *begin.T[::-1]])
 
 
 def _nearest(m: OccupancyMap, points: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
