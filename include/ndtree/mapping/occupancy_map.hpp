@@ -101,19 +101,10 @@ class OccupancyMap {
   using Tree = NdTree<N, D, Cell>;
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
-  explicit OccupancyMap(const MapOptions& options = {})
-      : OccupancyMap(options, Tree(valid(options).min_cell_size, valid(options).num_levels(N)),
-                     UpdateCounters{}) {}
+  explicit OccupancyMap(const MapOptions& options = {});
 
   /// A map that goes on from a stored state; the tree must have been made with the same options.
-  OccupancyMap(const MapOptions& options, Tree tree, const UpdateCounters& counters)
-      : options_(valid(options)),
-        refinement_(options),
-        sensor_(options),
-        tree_(std::move(tree)),
-        counters_(counters) {
-    summarise_unknown(tree_, *tree_.root().node, settled());
-  }
+  OccupancyMap(const MapOptions& options, Tree tree, const UpdateCounters& counters);
 
   OccupancyMap(const OccupancyMap&) = default;
   OccupancyMap(OccupancyMap&&) = default;
@@ -351,6 +342,22 @@ class OccupancyMap {
   Tree tree_;
   UpdateCounters counters_;
 };
+
+template <int N, int D, class Refinement, class Sensor>
+OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options)
+    : OccupancyMap(options, Tree(valid(options).min_cell_size, valid(options).num_levels(N)),
+                   UpdateCounters{}) {}
+
+template <int N, int D, class Refinement, class Sensor>
+OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options, Tree tree,
+                                                     const UpdateCounters& counters)
+    : options_(valid(options)),
+      refinement_(options),
+      sensor_(options),
+      tree_(std::move(tree)),
+      counters_(counters) {
+  summarise_unknown(tree_, *tree_.root().node, settled());
+}
 
 template <int N, int D, class Refinement, class Sensor>
 InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& scan, double max_range,

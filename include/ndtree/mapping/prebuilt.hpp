@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The usual maps, whose insertion the library ndtree::prebuilt holds compiled: what takes a translation unit
-/// longest. Who links it sees NDTREE_PREBUILT, for which occupancy_map.hpp includes this.
+/// The usual maps, whose making and insertion the library ndtree::prebuilt holds compiled: what takes a
+/// translation unit longest. Who links it sees NDTREE_PREBUILT, for which occupancy_map.hpp includes this.
 #pragma once
 
 #include <optional>
@@ -11,10 +11,13 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 
 /// What is compiled for one shape: here, or, with `extern` as the prefix, elsewhere.
-#define NDTREE_PREBUILT_MAPS(prefix, N, D)             \
-  prefix template NDTREE_INSERT_OF(AdaptiveMap, N, D); \
-  prefix template NDTREE_INSERT_OF(PaperMap, N, D);    \
-  prefix template NDTREE_INSERT_OF(FixedMap, N, D)
+#define NDTREE_PREBUILT_MAPS(prefix, N, D)                            \
+  prefix template NDTREE_INSERT_OF(AdaptiveMap, N, D);                \
+  prefix template NDTREE_INSERT_OF(PaperMap, N, D);                   \
+  prefix template NDTREE_INSERT_OF(FixedMap, N, D);                   \
+  prefix template AdaptiveMap<N, D>::OccupancyMap(const MapOptions&); \
+  prefix template PaperMap<N, D>::OccupancyMap(const MapOptions&);    \
+  prefix template FixedMap<N, D>::OccupancyMap(const MapOptions&)
 #define NDTREE_INSERT_OF(Map, N, D) \
   InsertReport Map<N, D>::insert(const ScanView<D>&, double, int, const std::optional<Box<D>>&)
 
