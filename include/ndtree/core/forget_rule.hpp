@@ -15,7 +15,7 @@ template <int D>
 struct CropRule {
   Box<D> box;
 
-  /// @param can_divide whether a cell has parts, which are asked of then.
+  /// The last says whether a cell has parts, which are asked of if it is divided.
   [[nodiscard]] Fate fate(const Box<D>& cell, bool is_leaf, bool /*can_divide*/) const {
     if (!cell.overlaps(box)) return Fate::forget;
     return is_leaf || box.encloses(cell) ? Fate::keep : Fate::divide;

@@ -72,7 +72,7 @@ class Layer {
   }
 
   /// Forgets the values of what is unknown in a map where it may have changed. O(nodes of the layer there).
-  /// @param may_differ(box) whether the map may know less of a region than it did.
+  /// @param may_differ of a box: whether the map may know less of it than it did.
   template <class MapTree, class MayDiffer>
   void keep_known(const MapTree& map_tree, const MayDiffer& may_differ) {
     Pace pace;
