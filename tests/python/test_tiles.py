@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import ndtree
+from ndtree.maps import open_map
 from ndtree.tiles import MANIFEST, TileGrid, TileMapper, in_order, open_tiles, storage_of
 
 KINDS = {
@@ -416,3 +417,13 @@ def test_maps_of_other_options_are_not_adopted():
         ValueError, match=r"log_odds_max = 20\.0 of a map that is adopted by one with 3\.5: must be the same"
     ):
         m.adopt(other)
+
+
+@pytest.mark.parametrize("content", [None, b"", b'{"format": 1'])
+def test_a_folder_with_a_tiled_maps_name_is_one(tmp_path, content):
+    folder = tmp_path / "lost.tiles"
+    folder.mkdir()
+    if content is not None:
+        (folder / "manifest.json").write_bytes(content)
+    with pytest.raises((OSError, ValueError), match=r"no tiled map|no manifest"):
+        open_map(folder)

@@ -24,6 +24,7 @@ OCTOMAP_MAGIC = b"# Octomap OcTree"
 YAML_SUFFIXES = (".yaml", ".yml")
 _KNOWN = "a map of ndtree's, OctoMap's (.bt, .ot) or map_server's (.yaml)"
 TILES_MAGIC = b'"ndtree tiles"'
+TILES_SUFFIX = ".tiles"
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/{1,2}(?=[^/]|$)")  # A Path takes one slash away.
 _ON_LATTICE = 1e-6  # [cells]
 
@@ -100,11 +101,13 @@ def is_map(path: str | os.PathLike[str]) -> bool:
 
 
 def tiles_url(path: str | os.PathLike[str]) -> str | None:
-    """Where a map in tiles is, for a folder that has its manifest, and for what has a URL; else None."""
+    """Where a map in tiles is: for a folder that has its manifest or name, and what has a URL; else None."""
     text = os.fspath(path)
     scheme = _URL.match(text)
     if scheme is not None:
         return f"{scheme[1]}://{text[scheme.end() :]}"
+    if os.path.isdir(text) and Path(text).suffix.lower() == TILES_SUFFIX:
+        return text  # Also if its manifest is damaged, or not there.
     manifest = os.path.join(text, MANIFEST)
     if not os.path.isfile(manifest):
         return None

@@ -10,19 +10,19 @@ from ndtree.commands.logs import length_of, new_map
 from ndtree.commands.mapping import Passage
 from ndtree.commands.progress import progress
 from ndtree.exit_status import WrongCall
+from ndtree.maps import TILES_SUFFIX
 from ndtree.readers import Log
 from ndtree.settings import Settings
 from ndtree.tiles import TileMapper, open_tiles, storage_of
 from ndtree.tiles.mapper import MAX_RESIDENT
 
-SUFFIX = ".tiles"
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*([kMGT]?)(i?)B?")
 _POWERS = {"": 0, "k": 1, "M": 2, "G": 3, "T": 4}
 
 
 def is_tiled(output: Path) -> bool:
     """Whether a map with this name is one in tiles."""
-    return output.suffix.lower() == SUFFIX
+    return output.suffix.lower() == TILES_SUFFIX
 
 
 def bytes_of(flag: str, text: Optional[str]) -> int:
