@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from dataclasses import dataclass, field
@@ -92,7 +93,8 @@ class FirstLook:
         begin = time.perf_counter()
         for scan in part:
             one = scan.returned_only() if self.no_returns.choice == "ignore" else scan
-            one.insert_into(m, max_range=self.max_range)
+            with contextlib.suppress(ValueError):  # Mapping skips such scans, too.
+                one.insert_into(m, max_range=self.max_range)
         inserted = time.perf_counter() - begin
         inserted *= self.beams / max(sum(len(scan) for scan in part), 1)
         return self.seconds + self.read_seconds + inserted, float(m.stats().memory_bytes)
