@@ -20,17 +20,6 @@ namespace ndtree {
 template <int D>
 class BoxTree {
  public:
-  /// A box that holds those of the numbers [first, last). Its halves, if it has any, are the next node, and
-  /// that of number `second`.
-  struct Node {
-    Box<D> bounds;
-    std::uint32_t first = 0;
-    std::uint32_t last = 0;
-    std::uint32_t second = 0;
-
-    [[nodiscard]] bool is_leaf() const { return second == 0; }
-  };
-
   /// O(n log n). @pre all are finite, and there are less than 2^32.
   explicit BoxTree(const std::vector<Box<D>>& boxes) : index_(boxes.size()) {
     std::iota(index_.begin(), index_.end(), std::uint32_t{0});
@@ -41,9 +30,7 @@ class BoxTree {
   }
 
   [[nodiscard]] bool empty() const { return boxes_.empty(); }
-  /// The first holds all. @pre not empty().
-  [[nodiscard]] const std::vector<Node>& nodes() const { return nodes_; }
-  /// By the tree's own numbers, which nodes use.
+  /// By the tree's own numbers.
   [[nodiscard]] const Box<D>& box(std::uint32_t number) const { return boxes_[number]; }
   /// Where it was in the vector that the tree was made from.
   [[nodiscard]] std::size_t index(std::uint32_t number) const { return index_[number]; }
@@ -61,6 +48,17 @@ class BoxTree {
 
  private:
   static constexpr std::uint32_t kLeafSize = 4;
+
+  /// A box that holds those of the numbers [first, last). Its halves, if it has any, are the next node, and
+  /// that of number `second`. The first node holds all.
+  struct Node {
+    Box<D> bounds;
+    std::uint32_t first = 0;
+    std::uint32_t last = 0;
+    std::uint32_t second = 0;
+
+    [[nodiscard]] bool is_leaf() const { return second == 0; }
+  };
 
   [[nodiscard]] bool any_within(std::uint32_t id, const Box<D>& region, double squared) const {
     const Node& node = nodes_[id];

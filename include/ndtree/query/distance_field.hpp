@@ -133,7 +133,6 @@ class BlockValues {
 
   explicit BlockValues(const GridBlock<D>& block) : block_(block), values_(block.size()) {}
 
-  [[nodiscard]] const GridBlock<D>& block() const { return block_; }
   [[nodiscard]] float& operator[](const Shape& at) { return values_[block_.index(at)]; }
 
  private:

@@ -30,15 +30,13 @@ class DistanceTransform {
  public:
   /// @param most distance that matters [m]. @param pace of the whole call.
   DistanceTransform(const FieldGrid<D>& grid, const GridBlock<D>& block, double most, Pace& pace)
-      : limit_(static_cast<float>(most * most)), pace_(pace) {
-    for (std::size_t a = 0; a < kAxes; ++a) {
-      Axis& axis = axes_[a];
-      for (std::size_t i = block.first[a]; i < block.last[a]; ++i) axis.points.push_back(grid.center(a, i));
-      const auto coordinate = static_cast<int>(a);
-      reach_.lower[coordinate] = axis.points.front() - most;
-      reach_.upper[coordinate] = axis.points.back() + most;
-    }
-    points_ = grid.box_of(block);
+      : limit_(static_cast<float>(most * most)),
+        points_(grid.box_of(block)),
+        reach_(points_.inflated(most)),
+        pace_(pace) {
+    for (std::size_t a = 0; a < kAxes; ++a)
+      for (std::size_t i = block.first[a]; i < block.last[a]; ++i)
+        axes_[a].points.push_back(grid.center(a, i));
     below_[kAxes - 1] = 1;
     for (std::size_t a = kAxes - 1; a > 0; --a) below_[a - 1] = below_[a] * axes_[a].points.size();
   }
@@ -50,9 +48,12 @@ class DistanceTransform {
 
   /// At most limit(), in the order of a C array: the last axis varies fastest. Good until the next call.
   [[nodiscard]] const std::vector<float>& squared_distances(const std::vector<Box<D>>& boxes) {
-    squared_.assign(below_[0] * axes_[0].points.size(), limit_);
+    squared_.resize(below_[0] * axes_[0].points.size());
     cut(boxes);
-    if (spans_.empty()) return squared_;
+    if (spans_.empty()) {
+      std::fill(squared_.begin(), squared_.end(), limit_);
+      return squared_;
+    }
     measure();
     std::vector<std::uint32_t> all(spans_.size());
     for (std::size_t i = 0; i < all.size(); ++i) all[i] = static_cast<std::uint32_t>(i);

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstddef>
 
 #include "ndtree/core/types.hpp"
@@ -44,13 +43,6 @@ class FieldGrid {
   /// Coordinate of the centre of the i-th cell along an axis [m].
   [[nodiscard]] double center(std::size_t axis, std::size_t i) const {
     return lower_[static_cast<int>(axis)] + (static_cast<double>(i) + 0.5) * cell_size_;
-  }
-  /// Along an axis, the first cell whose centre is not below a coordinate; one more than there are for none.
-  [[nodiscard]] std::size_t first_not_below(std::size_t axis, double coordinate) const {
-    const double place = (coordinate - lower_[static_cast<int>(axis)]) / cell_size_ - 0.5;
-    auto i = static_cast<std::size_t>(std::clamp(std::floor(place), 0.0, static_cast<double>(shape_[axis])));
-    while (i < shape_[axis] && center(axis, i) < coordinate) ++i;
-    return i;
   }
   /// Around the points of a block, which is not empty.
   [[nodiscard]] Box<D> box_of(const GridBlock<D>& block) const {

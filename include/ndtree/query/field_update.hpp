@@ -66,10 +66,11 @@ class FieldUpdate {
     });
     constexpr double kRounding = 1e-5;  // Of values, relatively.
     const double reach = static_cast<double>(largest) * (1.0 + kRounding) + 0.01 * field_.cell_size();
-    DistanceTransform<D> transform(field_.grid(), block, reach, pace_);
-    const std::vector<Box<D>> near_came = touching(came_, transform.reach());
-    const std::vector<Box<D>> near_went = touching(went_, transform.reach());
+    const Box<D> around = field_.grid().box_of(block).inflated(reach);
+    const std::vector<Box<D>> near_came = touching(came_, around);
+    const std::vector<Box<D>> near_went = touching(went_, around);
     if (near_came.empty() && near_went.empty()) return;
+    DistanceTransform<D> transform(field_.grid(), block, reach, pace_);
     const std::vector<float> to_came = transform.squared_distances(near_came);
     const std::vector<float>& to_went = transform.squared_distances(near_went);
     BlockValues<D> values(block);

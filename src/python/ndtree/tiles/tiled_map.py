@@ -395,25 +395,27 @@ class TiledMap:
         """
         answers: list[Any] = []
 
-        def go(which: Any) -> None:
+        def answer(which: Any, size: int) -> bool:
             tiles = needed(which)
-            if not self._fits(tiles) and len(which) > 1:
-                half = len(which) // 2
-                go(which[:half])
-                go(which[half:])
-                return
+            if not self._fits(tiles) and size > 1:
+                return False
             self._resident.hold(tiles)
             answers.append(ask(self._resident.map, which))
+            return True
+
+        def halve(which: NDArray[np.int64]) -> None:
+            middle = len(which) // 2
+            for half in (which[:middle], which[middle:]):
+                if not answer(half, len(half)):
+                    halve(half)
 
         if not count:
             return ask(self._frame, np.arange(0))
-        every = needed(slice(None))
-        if self._fits(every):
-            self._resident.hold(every)
-            return ask(self._resident.map, slice(None))
-        sorted_numbers = order()
-        go(sorted_numbers)
-        back = np.argsort(sorted_numbers)
+        if answer(slice(None), count):
+            return answers[0]
+        numbers = order()
+        halve(numbers)
+        back = np.argsort(numbers)
         if isinstance(answers[0], RayEnds):
             parts = {
                 name: np.concatenate([getattr(one, name) for one in answers])[back]
