@@ -44,7 +44,8 @@ def compiling(compiler: str, program: Path, *flags: str) -> subprocess.Popen[byt
     return subprocess.Popen(
         [
             *(compiler, "-std=c++17", "-O2", "-static", "-pthread", *flags),
-            *(f"-I{ROOT / 'include'}", f"-isystem{EIGEN}", str(source), "-o", str(program)),
+            *(f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests' / 'cpp' / 'support'}", f"-isystem{EIGEN}"),
+            *(str(source), "-o", str(program)),
         ]
     )
 

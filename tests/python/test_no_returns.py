@@ -91,6 +91,13 @@ def test_logs_of_any_format_decide_and_an_option_overrules(tmp_path: Path) -> No
         assert found["parameters"]["no_return"] == chosen
 
 
+def test_what_mapping_costs_is_told_of_logs_with_an_absurd_beam(tmp_path: Path) -> None:
+    scans = room(0.3)
+    scans[0].endpoints[0] = 4e8
+    cost = first_look(ndtree.read(written(scans, tmp_path / "far.npz"))).cost()
+    assert cost[0] > 0 and cost[1] > 0
+
+
 def test_the_first_look_measures_the_sensor(tmp_path: Path) -> None:
     look = first_look(ndtree.read(written(room(0.0, gate=True), tmp_path / "a.npz")))
     assert look.is_measured and 0.006 < look.range_sigma < 0.015

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import time
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from ndtree.calibration import range_noise
 from ndtree.comparison import Progress, no_progress
 from ndtree.no_returns import NoReturns, judge
 from ndtree.readers.log import Log
-from ndtree.sampling import spread
+from ndtree.sampling import skipping_unmappable, spread
 from ndtree.scan import Scan
 
 #: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
@@ -93,7 +92,7 @@ class FirstLook:
         begin = time.perf_counter()
         for scan in part:
             one = scan.returned_only() if self.no_returns.choice == "ignore" else scan
-            with contextlib.suppress(ValueError):  # Mapping skips such scans, too.
+            with skipping_unmappable():
                 one.insert_into(m, max_range=self.max_range)
         inserted = time.perf_counter() - begin
         inserted *= self.beams / max(sum(len(scan) for scan in part), 1)

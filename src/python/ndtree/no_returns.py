@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ndtree import _core
 from ndtree.readers.log import Log
-from ndtree.sampling import spread
+from ndtree.sampling import skipping_unmappable, spread
 from ndtree.scan import Scan
 
 Floats = NDArray[np.float64]
@@ -103,7 +103,8 @@ def judge(scans: Sequence[Scan]) -> NoReturns:
     for scan in scans[::2]:
         found = scan.returned_only()
         if len(found):
-            surfaces.insert(found.endpoints, found.origin)
+            with skipping_unmappable():
+                surfaces.insert(found.endpoints, found.origin)
     stride = max(1, math.ceil(sum(len(scan) for scan in scans[1::2]) / MOST_BEAMS))
     counts = {True: [0, 0, 0.0], False: [0, 0, 0.0]}
     for scan in scans[1::2]:

@@ -11,34 +11,24 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/map.hpp"
+#include "random.hpp"
 
 namespace {
 
-class Random {
- public:
-  explicit Random(std::uint32_t seed) : state_(seed) {}
-  /// A whole number in [-most, most], in units of 1/1024 m.
-  double operator()(int most) {
-    state_ = state_ * 6364136223846793005u + 1442695040888963407u;
-    const auto n = static_cast<int>((state_ >> 33) % (2 * static_cast<unsigned>(most) + 1));
-    return static_cast<double>(n - most) / 1024.0;
-  }
-
- private:
-  std::uint64_t state_;
-};
+/// A whole number in [-most, most], in units of 1/1024 m.
+double some_length(ndtree::test::Random& random, int most) { return random.integer(-most, most) / 1024.0; }
 
 /// Beams from somewhere in a room of 8 m, to its rough walls and to what stands in it.
 ndtree::Scan<3> scan_of(std::uint32_t number, int beams) {
-  Random random(number);
+  ndtree::test::Random random(number);
   ndtree::Scan<3> scan;
   scan.origins.resize(3, 1);
-  for (int a = 0; a < 3; ++a) scan.origins(a, 0) = random(1000);  // In this order.
+  for (int a = 0; a < 3; ++a) scan.origins(a, 0) = some_length(random, 1000);  // In this order.
   scan.endpoints.resize(3, beams);
   for (int i = 0; i < beams; ++i) {
-    for (int a = 0; a < 3; ++a) scan.endpoints(a, i) = random(4096);
+    for (int a = 0; a < 3; ++a) scan.endpoints(a, i) = some_length(random, 4096);
     double& across = scan.endpoints(i % 3, i);
-    if (i % 37 != 0) across = (across < 0.0 ? -4.0 : 4.0) + random(20);
+    if (i % 37 != 0) across = (across < 0.0 ? -4.0 : 4.0) + some_length(random, 20);
   }
   return scan;
 }
