@@ -21,7 +21,7 @@ FARTHEST = 1e9
 def skipping_unmappable() -> contextlib.AbstractContextManager[None]:
     """Around a scan on its way into a map that is only tried: one that no map takes is left out.
 
-    Mapping skips such scans, too, and says so.
+    Mapping itself refuses it by name, or passes over it where it is told to keep going.
     """
     return contextlib.suppress(ValueError)
 
