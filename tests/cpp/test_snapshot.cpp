@@ -69,54 +69,65 @@ void change(Map& map, Random& random, int threads) {
   }
 }
 
-/// The state of each smallest cell around all that two maps know, and of larger steps outside.
+/// Each smallest cell of all that two maps know, one by one, in the leaves of the maps.
 template <class Map>
-void expect_changes(const Map& before, const Map& after) {
+void expect_changes(const Map& before, const Map& after, ChangeOf what) {
   constexpr int D = Map::kDim;
+  using Cell = typename Map::Cell;
   const auto& geometry = after.tree().geometry();
-  const std::vector<Change<D>> found = changes(before, after);
+  struct Place {
+    Cell cell;
+    int level;
+  };
+  const auto place_in = [](const Map& map, const Lattice<D>& corner) {
+    const auto leaf = map.tree().find_leaf(corner);
+    return leaf ? Place{leaf->cell(), leaf->index.level} : Place{Cell{}, 0};
+  };
+  const auto is_blank = [what](const Cell& cell) {
+    return what == ChangeOf::states ? cell.state() == CellState::unknown : cell == Cell{};
+  };
+  const auto differ = [what](const Place& one, const Place& other) {
+    if (what == ChangeOf::states) return one.cell.state() != other.cell.state();
+    return !(one.cell == other.cell) || (one.cell.observed() && one.level != other.level);
+  };
   std::size_t cells = 0;
-  for (const Change<D>& change : found) {
-    ASSERT_NE(change.before, change.after);
+  for (const Change<D>& change : changes(before, after, what)) {
     const std::int64_t edge = geometry.edge(change.index.level);
     for (const std::int64_t at : {std::int64_t{0}, edge - 1, edge / 2}) {
       Lattice<D> corner = change.index.lower;
       for (std::int64_t& coordinate : corner) coordinate += at;
-      const auto state_in = [&](const Map& map) {
-        const auto leaf = map.tree().find_leaf(corner);
-        return leaf ? leaf->cell().state() : CellState::unknown;
-      };
-      ASSERT_EQ(state_in(before), change.before);
-      ASSERT_EQ(state_in(after), change.after);
+      ASSERT_EQ(place_in(before, corner).cell.state(), change.before);
+      ASSERT_EQ(place_in(after, corner).cell.state(), change.after);
+      ASSERT_TRUE(differ(place_in(before, corner), place_in(after, corner)));
     }
-    std::size_t volume = 1;
-    for (int a = 0; a < D; ++a) volume *= static_cast<std::size_t>(edge);
-    cells += volume;
+    cells += static_cast<std::size_t>(integer_power(edge, D));
   }
-  // As many smallest cells as differ. Each cell is of a leaf of one of the maps that is not unknown.
+  // As many smallest cells as differ. Each cell is of a leaf of one of the maps that is not blank.
   std::size_t differing = 0;
-  const auto count = [&](const Map& map, const Map& other, bool both_known) {
+  const auto count = [&](const Map& map, const Map& other, bool blank_only) {
     for_each_leaf(map.tree(), [&](const auto& leaf) {
-      if (leaf.cell().state() == CellState::unknown) return;
+      if (is_blank(leaf.cell())) return;
       const std::int64_t edge = geometry.edge(leaf.index.level);
-      std::size_t volume = 1;
-      for (int a = 0; a < D; ++a) volume *= static_cast<std::size_t>(edge);
-      for (std::size_t i = 0; i < volume; ++i) {
+      for (std::int64_t i = 0; i < integer_power(edge, D); ++i) {
         Lattice<D> corner = leaf.index.lower;
-        std::size_t rest = i;
+        std::int64_t rest = i;
         for (std::int64_t& coordinate : corner) {
-          coordinate += static_cast<std::int64_t>(rest % static_cast<std::size_t>(edge));
-          rest /= static_cast<std::size_t>(edge);
+          coordinate += rest % edge;
+          rest /= edge;
         }
-        const auto at = other.tree().find_leaf(corner);
-        const CellState state = at ? at->cell().state() : CellState::unknown;
-        differing += state == CellState::unknown ? 1 : both_known && state != leaf.cell().state();
+        const Place there = place_in(other, corner);
+        if (!blank_only || is_blank(there.cell)) differing += differ({leaf.cell(), leaf.index.level}, there);
       }
     });
   };
-  count(before, after, true);
-  count(after, before, false);
+  count(before, after, false);
+  count(after, before, true);
   ASSERT_EQ(cells, differing);
+}
+template <class Map>
+void expect_changes(const Map& before, const Map& after) {
+  expect_changes(before, after, ChangeOf::states);
+  expect_changes(before, after, ChangeOf::cells);
 }
 
 template <class Map>

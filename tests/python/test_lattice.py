@@ -116,7 +116,7 @@ def test_coarser_views_have_each_cell_under_one_box_within_budget(branching: int
     lower, upper = np.zeros((2, len(some), 3))
     lower[:, :dim], upper[:, :dim] = some.lower * some.unit, some.upper * some.unit
     colors = np.random.default_rng(1).integers(0, 255, (len(some), 3)).astype(np.uint8)
-    pyramid = Pyramid(some, lower, upper, colors)
+    pyramid = Pyramid.of(some, lower, upper, colors)
     eye = np.array([0.5, 0.2, 3.0])
     for budget in (1 << dim, 20, 60, len(some), 10**6):
         chosen = pyramid.chosen(eye, budget)
@@ -161,6 +161,6 @@ def test_coarsened_cells_hold_what_they_were_made_of(branching: int, dim: int) -
 def test_coarser_views_of_nothing_are_nothing() -> None:
     every = Cells.of(room(2, 3))
     none = every.where(np.zeros(len(every), dtype=np.bool_))
-    pyramid = Pyramid(none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8))
+    pyramid = Pyramid.of(none, np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint8))
     assert len(pyramid.chosen(None, 10)) == 0
     assert not hidden(none).size and not len(frontier(none))

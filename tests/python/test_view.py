@@ -27,9 +27,12 @@ from conftest import room_scan
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree import snapshot, view
+from ndtree import view
 from ndtree.commands import app
-from ndtree.snapshot import KINDS, Look, Snapshot, Track, shown_kinds
+from ndtree.view import Look, picking, snapshot
+from ndtree.view.look import KINDS, shown_kinds
+from ndtree.view.snapshot import Snapshot
+from ndtree.view.track import MAX_TRACK, Track
 
 RUN = CliRunner()
 
@@ -63,9 +66,8 @@ def map_file(solid: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def boxes(some: Snapshot, kind: str, look: Look) -> tuple[np.ndarray, np.ndarray]:
     """All boxes of a layer in the map's frame."""
-    layer = some.layer(kind, look)
-    n = layer.pyramid.leaves
-    return layer.pyramid.lower[:n] + some.origin, layer.pyramid.upper[:n] + some.origin
+    lower, upper = some.layer(kind, look).boxes
+    return lower + some.origin, upper + some.origin
 
 
 @pytest.mark.parametrize("far", [0.0, 512_000.0])
@@ -143,7 +145,7 @@ def test_the_cell_that_is_picked_is_the_first_on_the_ray(dim: int, flat: Any, so
         cells, number = found
         lower, upper = cells.lower[number] * cells.unit, cells.upper[number] * cells.unit
         assert (lower - 1e-6 <= expected).all() and (expected <= upper + 1e-6).all()
-        text = snapshot.numbers_of(cells, number)
+        text = picking.numbers_of(cells, number)
         assert f"{m.probability(0.5 * (lower + upper)[None])[0]:.3f}" in text
         assert "occupied" in text
         picked += 1
@@ -153,9 +155,9 @@ def test_the_cell_that_is_picked_is_the_first_on_the_ray(dim: int, flat: Any, so
 def test_more_boxes_than_the_budget_are_never_sent(solid: Any) -> None:
     layer = Snapshot(solid).layer("occupied", Look())
     for budget in (30, 300, 3000):
-        chosen = layer.pyramid.chosen(np.array([9.0, 0.0, 2.0]), budget)
-        assert len(chosen) <= budget
-        assert layer.pyramid.weight[chosen].sum() == layer.pyramid.leaves
+        chosen = layer.chosen(np.array([9.0, 0.0, 2.0]), budget).values()
+        assert sum(len(numbers) for _, numbers in chosen) <= budget
+        assert sum(pyramid.weight[numbers].sum() for pyramid, numbers in chosen) == layer.leaves
 
 
 def test_layers_are_kept_but_not_all(solid: Any) -> None:
@@ -169,12 +171,12 @@ def test_layers_are_kept_but_not_all(solid: Any) -> None:
 
 def test_a_track_stays_bounded() -> None:
     track = Track()
-    for i in range(3 * snapshot.MAX_TRACK):
+    for i in range(3 * MAX_TRACK):
         track.add(ndtree.Scan(np.zeros((1, 2)), np.array([float(i), 1.0])))
     points = np.asarray(track)
-    assert snapshot.MAX_TRACK // 2 <= len(points) <= snapshot.MAX_TRACK
+    assert MAX_TRACK // 2 <= len(points) <= MAX_TRACK
     assert points.shape[1] == 3
-    assert points[0, 0] == 0 and points[-1, 0] > 2.9 * snapshot.MAX_TRACK
+    assert points[0, 0] == 0 and points[-1, 0] > 2.9 * MAX_TRACK
     assert len(np.unique(np.diff(points[:, 0]))) == 1
 
 
@@ -263,8 +265,7 @@ def test_rooms_are_cut_below_their_ceiling() -> None:
     look = Look.below_ceiling(m)
     assert look.axis == 2 and look.cut and not look.plane
     assert 2.1 < look.slice_at < 2.5
-    shown = Snapshot(m).layer("occupied", look).pyramid
-    assert shown.upper[:, 2].max() + Snapshot(m).origin[2] <= look.slice_at + 1e-6
+    assert boxes(Snapshot(m), "occupied", look)[1][:, 2].max() <= look.slice_at + 1e-6
     chosen = Look.below_ceiling(m, axis=0, slice_at=0.5)
     assert (chosen.axis, chosen.slice_at) == (0, 0.5)
     open_ = ndtree.AdaptiveMap(dim=3)
@@ -444,6 +445,6 @@ def test_a_million_cells_are_ready_in_seconds() -> None:
     begin = time.perf_counter()
     seen = Snapshot(m)
     layer = seen.layer("occupied", Look())
-    chosen = layer.pyramid.chosen(np.zeros(3), 20_000)
-    assert 5_000 < len(chosen) <= 20_000
+    chosen = layer.chosen(np.zeros(3), 20_000).values()
+    assert 5_000 < sum(len(numbers) for _, numbers in chosen) <= 20_000
     assert time.perf_counter() - begin < 20

@@ -13,8 +13,11 @@ import pytest
 pytest.importorskip("viser")
 
 import ndtree
-from ndtree.snapshot import Look, Snapshot
+from ndtree.lattice import Pyramid
+from ndtree.view import snapshot
 from ndtree.view.boxes import drawn_boxes
+from ndtree.view.look import Look
+from ndtree.view.snapshot import Snapshot
 from ndtree.view.tiles import Tiles
 
 EACH = ("batched_positions", "batched_scales", "batched_colors")
@@ -54,25 +57,31 @@ def rows(*arrays: np.ndarray) -> np.ndarray:
     return table[np.lexsort(table.T)]
 
 
-@pytest.mark.parametrize(("world", "edge"), [("office", 3.2), ("apartment", 1.6)])
-def test_the_page_holds_the_whole_snapshot_at_each_step(world: str, edge: float) -> None:
+def drawn(chosen: Any, flat_axis: int | None) -> dict[str, Any]:
+    """All boxes of a page in one."""
+    parts = [drawn_boxes(pyramid, numbers, flat_axis, 0.0) for pyramid, numbers in chosen.values()]
+    return {key: np.concatenate([part[key] for part in parts]) for key in EACH}
+
+
+@pytest.mark.parametrize("world", ["office", "apartment"])
+def test_the_page_holds_the_whole_snapshot_at_each_step(world: str, monkeypatch: Any) -> None:
+    monkeypatch.setattr(snapshot, "BLOCK_CELLS", 16)
     log = ndtree.simulate(world, scans=40)
     m = ndtree.AdaptiveMap(dim=log.dim, min_cell_size=0.1)
     page = Page()
-    tiles = Tiles(page, "/occupied", edge, side="front")  # type: ignore[arg-type]
-    origin, sent, whole, resent, steps = None, 0, 0, 0, 0
+    tiles = Tiles(page, "/occupied", side="front")  # type: ignore[arg-type]
+    seen: Snapshot | None = None
+    sent, whole, resent, steps = 0, 0, 0, 0
     before: dict[str, Any] = {}
     look = Look.of(log.dim, color="size")
+    flat_axis = 2 if log.dim == 2 else None
     for scan in log:
         scan.insert_into(m)
-        snapshot = Snapshot(m)
-        origin = snapshot.origin if origin is None else origin
-        snapshot.origin = origin
-        layer = snapshot.layer("occupied", look)
-        chosen = layer.pyramid.chosen(None, 3000)
-        boxes = drawn_boxes(layer.pyramid, chosen, 2 if log.dim == 2 else None, 0.0)
+        seen = Snapshot(m) if seen is None else seen.followed(m)
+        chosen = seen.layer("occupied", look).chosen(None, 3000)
+        boxes = drawn(chosen, flat_axis)
         count = page.added
-        sent += tiles.show(boxes)
+        sent += tiles.show(chosen, flat_axis, 0.0)
         whole += sum(array.nbytes for array in boxes.values())
         np.testing.assert_array_equal(page.rows(), rows(*(boxes[key] for key in EACH)))
         changed = {name for name, mesh in page.meshes.items() if before.get(name) is not mesh}
@@ -89,20 +98,19 @@ def test_the_page_holds_the_whole_snapshot_at_each_step(world: str, edge: float)
     assert page.meshes == {}
 
 
-def test_the_order_of_boxes_does_not_matter() -> None:
+def test_what_looks_the_same_is_not_sent_again() -> None:
     generator = np.random.default_rng(4)
-    n = 500
-    boxes = {
-        "vertices": np.zeros((4, 3), dtype=np.float32),
-        "batched_wxyzs": np.tile(np.array([1, 0, 0, 0], dtype=np.float32), (n, 1)),
-        "batched_positions": generator.uniform(-5, 5, (n, 3)).astype(np.float32),
-        "batched_scales": np.full((n, 3), 0.1, dtype=np.float32),
-        "batched_colors": generator.integers(0, 255, (n, 3)).astype(np.uint8),
-    }
+    lower = generator.uniform(-5, 5, (500, 3)).astype(np.float32)
+    colors = generator.integers(0, 255, (500, 3)).astype(np.uint8)
+    pyramids = [
+        Pyramid(lower, lower + 1, colors, np.ones(500), np.full(500, -1), np.ones(500, dtype=np.bool_))
+        for _ in range(2)
+    ]
     page = Page()
-    tiles = Tiles(page, "/free", 2.0)  # type: ignore[arg-type]
-    assert tiles.show(boxes) > 0
-    mixed = generator.permutation(n)
-    shuffled = {key: array if key == "vertices" else array[mixed] for key, array in boxes.items()}
-    assert tiles.show(shuffled) == 0
-    assert 27 <= len(page.meshes) <= 216
+    tiles = Tiles(page, "/free")  # type: ignore[arg-type]
+    every = np.arange(500)
+    assert tiles.show({(0, 0): (pyramids[0], every), (1, 0): (pyramids[0], every[:9])}, None, 0.0) > 0
+    assert tiles.show({(0, 0): (pyramids[1], every.copy()), (1, 0): (pyramids[0], every[:9])}, None, 0.0) == 0
+    assert page.added == 2
+    assert tiles.show({(0, 0): (pyramids[1], every[1:])}, None, 0.0) > 0
+    assert (page.added, len(page.meshes)) == (3, 1)

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "ndtree/cell/occupancy_cell.hpp"
@@ -16,7 +17,10 @@
 
 namespace ndtree {
 
-/// A region whose state is another one.
+/// What counts as a change: another state, or anything that a cell holds, its size too.
+enum class ChangeOf { states, cells };
+
+/// A region whose state, or cell, is another one.
 template <int D>
 struct Change {
   CellIndex<D> index;  ///< Of the smaller of the two leaves that it lay in, and lies in.
@@ -54,11 +58,20 @@ class TreeRegion {
   [[nodiscard]] CellState state() const {
     return node_ != nullptr ? node_->cell().state() : CellState::unknown;
   }
+  /// Whether the region is a leaf, or part of one, that says what another tree's says, and is as large if it
+  /// was observed. @pre both are leaves.
+  [[nodiscard]] bool is_same_cell(const TreeRegion& other) const {
+    const auto cell = cell_or_none();
+    return cell == other.cell_or_none() && (is_own_ == other.is_own_ || !cell.observed());
+  }
   /// A part of the region; of a leaf, the leaf.
   [[nodiscard]] TreeRegion child(int number) const {
     TreeRegion part = *this;
     part.index_ = tree_->geometry().child(index_, child_offset<Tree::kBranching, D>(number));
-    if (is_leaf()) return part;
+    if (is_leaf()) {
+      part.is_own_ = false;
+      return part;
+    }
     if (node_ == nullptr) return TreeRegion(*tree_, part.index_);
     part.node_ = tree_->children(*node_) + number;
     return part;
@@ -70,6 +83,10 @@ class TreeRegion {
   }
 
  private:
+  [[nodiscard]] auto cell_or_none() const {
+    return node_ != nullptr ? node_->cell() : std::decay_t<decltype(node_->cell())>{};
+  }
+
   const Tree* tree_;
   const typename Tree::NodeType* node_ = nullptr;
   CellIndex<D> index_;
@@ -153,11 +170,13 @@ void for_each_difference(const Map& before, const Map& after, const Visit& visit
 
 }  // namespace detail
 
-/// Calls `visit(change)` for each region whose state differs between two maps, depth first. Nothing that is
-/// the same memory in both is entered: for a map and its snapshot() that is O(what was written since).
+/// Calls `visit(change)` for each region whose state differs between two maps, depth first, or for each whose
+/// cell does. Nothing that is the same memory in both is entered: for a map and its snapshot() that is O(what
+/// was written since).
 /// @throws std::invalid_argument if their smallest cells or numbers of levels differ; Cancelled.
 template <class Map, class Visit>
-void for_each_change(const Map& before, const Map& after, const Visit& visit) {
+void for_each_change(const Map& before, const Map& after, const Visit& visit,
+                     ChangeOf what = ChangeOf::states) {
   using Tree = typename Map::Tree;
   using Region = detail::TreeRegion<Tree>;
   detail::check_same_cells(before, after);
@@ -165,7 +184,8 @@ void for_each_change(const Map& before, const Map& after, const Visit& visit) {
   const auto descend = [&](const auto& self, const Region& old, const Region& now) -> void {
     pace.spend();
     if (old.is_leaf() && now.is_leaf()) {
-      if (old.state() != now.state()) visit(Change<Map::kDim>{now.index(), old.state(), now.state()});
+      if (what == ChangeOf::states ? old.state() != now.state() : !old.is_same_cell(now))
+        visit(Change<Map::kDim>{now.index(), old.state(), now.state()});
       return;
     }
     if (!old.is_leaf() && !now.is_leaf() && old.shares_all(now)) return;
@@ -177,9 +197,11 @@ void for_each_change(const Map& before, const Map& after, const Visit& visit) {
 
 /// All of them.
 template <class Map>
-[[nodiscard]] std::vector<Change<Map::kDim>> changes(const Map& before, const Map& after) {
+[[nodiscard]] std::vector<Change<Map::kDim>> changes(const Map& before, const Map& after,
+                                                     ChangeOf what = ChangeOf::states) {
   std::vector<Change<Map::kDim>> result;
-  for_each_change(before, after, [&](const Change<Map::kDim>& change) { result.push_back(change); });
+  for_each_change(
+      before, after, [&](const Change<Map::kDim>& change) { result.push_back(change); }, what);
   return result;
 }
 

@@ -5,7 +5,12 @@
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <variant>
 
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
@@ -16,27 +21,193 @@
 
 namespace ndtree {
 
+namespace detail {
+
+/// How a cube lies to a shape, as far as its centre and edge tell.
+enum class Nearness { apart, open, touching, inside };
+
+/// That of cubes to the points around a segment.
+template <int D>
+class NearnessTo {
+ public:
+  explicit NearnessTo(const Capsule<D>& capsule) : capsule_(capsule), way_(capsule.b - capsule.a) {
+    const double length = way_.squaredNorm();
+    per_length_ = length > 0.0 ? 1.0 / length : 0.0;
+  }
+
+  /// @param half of the cube's edge. @param around of the ball around the cube. @param rounding [m].
+  [[nodiscard]] Nearness operator()(const Vector<D>& centre, double half, double around,
+                                    double rounding) const {
+    const Vector<D> from_a = centre - capsule_.a;
+    const double share = std::clamp(from_a.dot(way_) * per_length_, 0.0, 1.0);
+    const double squared = (from_a - share * way_).squaredNorm();
+    const auto is_within = [squared](double distance) {
+      return distance > 0.0 && squared <= distance * distance;
+    };
+    if (!is_within(capsule_.radius + around + rounding)) return Nearness::apart;
+    if (is_within(capsule_.radius - around - rounding)) return Nearness::inside;
+    return is_within(capsule_.radius + half - rounding) ? Nearness::touching : Nearness::open;
+  }
+
+ private:
+  Capsule<D> capsule_;
+  Vector<D> way_;
+  double per_length_;
+};
+
+/// That of cubes to a box in any pose.
+template <int D>
+class NearnessToBox {
+ public:
+  explicit NearnessToBox(const OrientedBox<D>& box) : box_(box), axes_(box.axes.transpose()) {}
+
+  [[nodiscard]] Nearness operator()(const Vector<D>& centre, double half, double around,
+                                    double rounding) const {
+    const Vector<D> beyond = (axes_ * (centre - box_.center)).cwiseAbs() - box_.half_size;
+    if (beyond.maxCoeff() <= -(around + rounding)) return Nearness::inside;
+    const double squared = beyond.cwiseMax(0.0).squaredNorm();
+    if (squared > (around + rounding) * (around + rounding)) return Nearness::apart;
+    const double near = half - rounding;
+    return squared <= near * near ? Nearness::touching : Nearness::open;
+  }
+
+ private:
+  OrientedBox<D> box_;
+  Eigen::Matrix<double, D, D> axes_;
+};
+
+template <int D>
+[[nodiscard]] NearnessTo<D> nearness_to(const Capsule<D>& capsule) {
+  return NearnessTo<D>(capsule);
+}
+template <int D>
+[[nodiscard]] NearnessToBox<D> nearness_to(const OrientedBox<D>& box) {
+  return NearnessToBox<D>(box);
+}
+
+/// What lies within a radius of a box is all of the shape, and more; of a ball, nothing more.
+template <int D>
+struct RoundedBox {
+  Box<D> core;
+  double radius;
+};
+template <int D>
+[[nodiscard]] RoundedBox<D> around(const Capsule<D>& capsule) {
+  return {{capsule.a.cwiseMin(capsule.b), capsule.a.cwiseMax(capsule.b)}, capsule.radius};
+}
+template <int D>
+[[nodiscard]] RoundedBox<D> around(const OrientedBox<D>& box) {
+  return {bounds_of<D>(box), 0.0};
+}
+
+/// Whether a shape shares a point with an obstacle of a tree.
+template <class Tree, class Shape>
+class CollisionSearch {
+  static constexpr int D = Tree::kDim;
+  static constexpr int N = Tree::kBranching;
+  using Ref = typename Tree::ConstRef;
+
+ public:
+  CollisionSearch(const Tree& tree, const Shape& shape, bool minds_unknown)
+      : tree_(tree),
+        shape_(shape),
+        nearness_(nearness_to(shape)),
+        around_(around(shape)),
+        rounding_(kRounding * tree.geometry().unit()),
+        minds_unknown_(minds_unknown) {
+    const double reach = around_.radius + rounding_;
+    squared_reach_ = reach * reach;
+    centre_ = 0.5 * (around_.core.lower + around_.core.upper);
+  }
+
+  [[nodiscard]] bool any() const {
+    const Ref root = tree_.root();
+    return root.is_leaf() ? is_obstacle(*root.node) && touch(shape_, tree_.box(root.index)) : any_below(root);
+  }
+
+ private:
+  static constexpr double kRounding =
+      1e-5;  // In smallest cells: more than errors of rounding, far from 0, too.
+
+  template <class NodeType>
+  [[nodiscard]] bool is_obstacle(const NodeType& node) const {
+    const Summary summary = Summary::of(node);
+    return summary.may_contain(CellState::occupied) ||
+           (minds_unknown_ && summary.may_contain(CellState::unknown));
+  }
+
+  /// @pre `parent` is no leaf.
+  [[nodiscard]] bool any_below(const Ref& parent) const {
+    const auto& geometry = tree_.geometry();
+    const int level = parent.index.level - 1;
+    const std::int64_t edge = geometry.edge(level);
+    std::array<std::array<double, std::size_t{N}>, std::size_t{D}> squared;  // Distances along each axis.
+    for (std::size_t a = 0; a < D; ++a) {
+      const double low = around_.core.lower[static_cast<int>(a)];
+      const double high = around_.core.upper[static_cast<int>(a)];
+      std::int64_t at = parent.index.lower[a];
+      double border = geometry.border(at);
+      for (double& value : squared[a]) {
+        const double next = geometry.border(at += edge);
+        const double gap = std::max({0.0, low - next, border - high});
+        value = gap * gap;
+        border = next;
+      }
+    }
+    const auto* const children = tree_.children(*parent.node);
+    Offset<D> nearest{};  // First where an obstacle is likely to be met, if there is one.
+    for (std::size_t a = 0; a < D; ++a)
+      for (int k = 1; k < N; ++k)
+        nearest[a] += geometry.border(parent.index.lower[a] + k * edge) < centre_[static_cast<int>(a)];
+    const int first = child_number<N, D>(nearest);
+    for (int i = 0; i < Tree::kNumChildren; ++i) {
+      const int j = N == 2 ? first ^ i : (first + i) % Tree::kNumChildren;
+      const auto offset = child_offset<N, D>(j);
+      double sum = 0.0;
+      for (std::size_t a = 0; a < D; ++a) sum += squared[a][static_cast<std::size_t>(offset[a])];
+      if (sum > squared_reach_ || !is_obstacle(children[j])) continue;
+      const Ref child = tree_.child(parent, j);
+      if (collides(child, geometry.cell_size(level))) return true;
+    }
+    return false;
+  }
+  [[nodiscard]] bool collides(const Ref& ref, double size) const {
+    const double half = 0.5 * size;
+    Vector<D> centre;
+    for (int a = 0; a < D; ++a)
+      centre[a] = tree_.geometry().border(ref.index.lower[static_cast<std::size_t>(a)]) + half;
+    const Nearness nearness = nearness_(centre, half, half * kDiagonal, rounding_);
+    if (nearness == Nearness::apart) return false;
+    if (ref.is_leaf()) return nearness != Nearness::open || touch(shape_, tree_.box(ref.index));
+    if (nearness == Nearness::inside && Summary::of(*ref.node).is_known()) return true;
+    return any_below(ref);
+  }
+
+  static inline const double kDiagonal = std::sqrt(double{D});
+
+  const Tree& tree_;
+  const Shape& shape_;
+  decltype(nearness_to(std::declval<const Shape&>())) nearness_;
+  RoundedBox<D> around_;
+  double squared_reach_;
+  Vector<D> centre_;
+  double rounding_;
+  bool minds_unknown_;
+};
+
+}  // namespace detail
+
 /// Whether some obstacle shares a point with a shape, borders counted in: an occupied cell, or, if unknown
 /// space is taken for occupied, one that is not free, or space outside the map. Nodes without any are not
 /// entered.
 template <class Map>
 [[nodiscard]] bool collides(const Map& map, const BodyPart<Map::kDim>& part,
                             UnknownSpace unknown = UnknownSpace::free) {
-  const Box<Map::kDim> around = bounds_of(part);
-  const bool mind_unknown = unknown == UnknownSpace::occupied;
-  if (mind_unknown && !detail::contains(map.tree(), around)) return true;
-  bool found = false;
-  detail::for_each_node_touching(map.tree(), map.tree().root(), around, [&](const auto& ref, bool) {
-    if (found) return false;
-    const Summary summary = Summary::of(*ref.node);
-    if (!summary.may_contain(CellState::occupied) &&
-        !(mind_unknown && summary.may_contain(CellState::unknown)))
-      return false;
-    if (!touch(part, map.tree().box(ref.index))) return false;
-    found = ref.is_leaf();
-    return !found;
-  });
-  return found;
+  const bool minds_unknown = unknown == UnknownSpace::occupied;
+  if (minds_unknown && !detail::contains(map.tree(), bounds_of(part))) return true;
+  return std::visit(
+      [&](const auto& shape) { return detail::CollisionSearch(map.tree(), shape, minds_unknown).any(); },
+      part);
 }
 
 /// The same of a body in a pose.

@@ -19,14 +19,21 @@ struct Changes {
   py::array lower, size, before, after;
 };
 
+ChangeOf change_of(const std::string& name) {
+  if (name == "states") return ChangeOf::states;
+  if (name == "cells") return ChangeOf::cells;
+  throw py::value_error("of = '" + name + "': must be 'states' or 'cells'");
+}
+
 /// A map that goes on by itself, at once.
 std::unique_ptr<MapInterface> clone_of(const PythonMap& map) {
   return map.read([](const MapInterface& m) { return m.clone(); });
 }
 
-Changes changes(const PythonMap& map, const PythonMap& since) {
+Changes changes(const PythonMap& map, const PythonMap& since, const std::string& of) {
+  const ChangeOf what = change_of(of);
   const auto before = clone_of(since);  // So that never two maps are locked at a time.
-  ChangeArrays arrays = map.read([&](const MapInterface& m) { return m.changes(*before); });
+  ChangeArrays arrays = map.read([&](const MapInterface& m) { return m.changes(*before, what); });
   Changes result;
   result.lower = take(std::move(arrays.lower), map.constant().dim());
   result.size = take(std::move(arrays.size));
@@ -50,7 +57,7 @@ struct PythonFrontierSearch {
 }  // namespace
 
 void bind_changes(py::module_& module) {
-  py::class_<Changes>(module, "Changes", "Regions whose state is another one, one entry each.")
+  py::class_<Changes>(module, "Changes", "Regions whose state, or cell, is another one, one entry each.")
       .def_readonly("lower", &Changes::lower, "(n, dim) float64: lower corners [m].")
       .def_readonly("size", &Changes::size, "(n,) float64: edge lengths [m].")
       .def_readonly("before", &Changes::before, "(n,) int8: -1 unknown, 0 free, 1 occupied.")
@@ -85,7 +92,7 @@ ValueError
   base.def("snapshot", snapshot, kSnapshot);
   base.def_property_readonly(
       "revision", snapshot, "What the map is now, to be asked for `changes(since=...)` later: a snapshot().");
-  base.def("changes", &changes, py::kw_only(), "since"_a,
+  base.def("changes", &changes, py::kw_only(), "since"_a, "of"_a = "states",
            R"(What is different from what the map, or another one of the same cells, was.
 
 Takes time in proportion to what was written since the snapshot was made, whatever the size of the map. Any number
@@ -95,16 +102,18 @@ Parameters
 ----------
 since : OccupancyMap
     An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
+of : {"states", "cells"}
+    What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, or size.
 
 Returns
 -------
 Changes
-    Regions whose state is another one, free of overlaps. Probabilities that change within a state do not count.
+    Regions, free of overlaps; each lies in one cell of either map.
 
 Raises
 ------
 ValueError
-    The maps are not of the same kind, or their cells not of the same sizes.
+    The maps are not of the same kind, their cells not of the same sizes, or `of` is none of these.
 )");
   py::reinterpret_borrow<py::class_<PythonField>>(module.attr("DistanceField"))
       .def(

@@ -118,16 +118,17 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     layers_.values_at(map_, name, points, n, numbers);
     return numbers;
   }
-  [[nodiscard]] ChangeArrays changes(const MapInterface& before) const override {
+  [[nodiscard]] ChangeArrays changes(const MapInterface& before, ChangeOf what) const override {
     const auto& geometry = map_.tree().geometry();
     ChangeArrays arrays;
-    for_each_change(same_kind(before), map_, [&](const Change<D>& change) {
+    const auto add = [&](const Change<D>& change) {
       for (const std::int64_t coordinate : change.index.lower)
         arrays.lower.push_back(geometry.border(coordinate));
       arrays.size.push_back(geometry.cell_size(change.index.level));
       arrays.before.push_back(static_cast<std::int8_t>(change.before));
       arrays.after.push_back(static_cast<std::int8_t>(change.after));
-    });
+    };
+    for_each_change(same_kind(before), map_, add, what);
     return arrays;
   }
   void update_field(AnyField& field, const MapInterface& before) const override {

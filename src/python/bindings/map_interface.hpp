@@ -19,6 +19,7 @@
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/changes.hpp"
 #include "numpy.hpp"
 
 namespace ndtree::python {
@@ -125,7 +126,7 @@ class MapInterface {
   virtual void keep_near(const double* /*center*/, double /*radius*/) { (void)queries(); }
   /// What is different from another map. @throws std::invalid_argument if that is of another kind, or has
   /// other cells, or for maps that are not ours.
-  [[nodiscard]] virtual ChangeArrays changes(const MapInterface& /*before*/) const {
+  [[nodiscard]] virtual ChangeArrays changes(const MapInterface& /*before*/, ChangeOf /*what*/) const {
     (void)queries();
     return {};
   }

@@ -17,7 +17,16 @@ from ndtree.results import MapStats as MapStats
 from ndtree.results import NearestOccupied as NearestOccupied
 from ndtree.results import RayEnds as RayEnds
 from ndtree.scan import Scan
-from ndtree.typing import Insertion, MapOptions, Refinement, SimulationOptions, StateName, UnknownAs, World
+from ndtree.typing import (
+    ChangeOf,
+    Insertion,
+    MapOptions,
+    Refinement,
+    SimulationOptions,
+    StateName,
+    UnknownAs,
+    World,
+)
 
 __version__: Final[str]
 has_octomap: Final[bool]
@@ -810,7 +819,7 @@ class OccupancyMap:
     @property
     def revision(self) -> Self:
         """What the map is now, to be asked for `changes(since=...)` later: a snapshot()."""
-    def changes(self, *, since: OccupancyMap) -> Changes:
+    def changes(self, *, since: OccupancyMap, of: ChangeOf = "states") -> Changes:
         """What is different from what the map, or another one of the same cells, was.
 
         Takes time in proportion to what was written since the snapshot was made, whatever the size of the map. Any number
@@ -820,16 +829,18 @@ class OccupancyMap:
         ----------
         since : OccupancyMap
             An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
+        of : {"states", "cells"}
+            What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, or size.
 
         Returns
         -------
         Changes
-            Regions whose state is another one, free of overlaps. Probabilities that change within a state do not count.
+            Regions, free of overlaps; each lies in one cell of either map.
 
         Raises
         ------
         ValueError
-            The maps are not of the same kind, or their cells not of the same sizes.
+            The maps are not of the same kind, their cells not of the same sizes, or `of` is none of these.
         """
     def merge(self, other: OccupancyMap) -> None:
         """Add what another map of the same place knows.

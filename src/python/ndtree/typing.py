@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Literal, TypedDict
 
 __all__ = [
+    "ChangeOf",
     "FixedMapOptions",
     "Insertion",
     "MapOptions",
@@ -27,6 +28,8 @@ Insertion = Literal["ray", "scan", "scan_lazy", "scan_discretized"]
 StateName = Literal["free", "occupied", "unknown"]
 #: What unknown space is taken for.
 UnknownAs = Literal["free", "occupied"]
+#: What counts as a change: another state, or anything that a cell holds.
+ChangeOf = Literal["states", "cells"]
 World = Literal["office", "apartment", "street"]
 
 

@@ -73,8 +73,7 @@ def view(
         draw(plot, m, png, color, axis, at)
         print(f"wrote {png}")
         return
-    from ndtree.snapshot import Look
-    from ndtree.view import PORT, Viewer
+    from ndtree.view import PORT, Look, Viewer
 
     m = suited(load_map(map_file), color, axis)
     shown = {"color": color and color.value, "free": free, "unknown": unknown}

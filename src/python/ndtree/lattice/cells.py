@@ -33,7 +33,7 @@ class Cells:
 
     @classmethod
     def of(cls, m: OccupancyMap) -> Cells:
-        """All leaves of a map.
+        """All leaves of a map, in units of the smallest.
 
         Raises
         ------
@@ -41,13 +41,17 @@ class Cells:
             If nothing was inserted.
         """
         leaves: Leaves = m.leaves()
-        size = np.asarray(leaves.size, dtype=np.float64)
-        if not size.size or not np.any(leaves.observed):
+        if not leaves.size.size or not np.any(leaves.observed):
             raise ValueError("the map is empty: nothing was inserted that could be drawn")
-        unit = float(size.min())
+        return cls.of_leaves(leaves, float(leaves.size.min()), m.branching)
+
+    @classmethod
+    def of_leaves(cls, leaves: Leaves, unit: float, branching: int) -> Cells:
+        """Leaves in whole units [m] of their map."""
+        size = np.asarray(leaves.size, dtype=np.float64)
         return cls(
             unit,
-            m.branching,
+            branching,
             np.rint(np.asarray(leaves.lower) / unit).astype(np.int64),
             np.rint(size / unit).astype(np.int64),
             np.asarray(leaves.probability, dtype=np.float64),
@@ -80,9 +84,9 @@ class Cells:
     def known(self) -> Booleans:
         return self.state >= 0
 
-    def where(self, chosen: Booleans | Integers) -> Cells:
-        """Some of the cells, by a mask or by their numbers."""
-        arrays = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name not in _SCALARS}
+    def where(self, chosen: Booleans | Integers | slice) -> Cells:
+        """Some of the cells, by a mask, their numbers or a slice."""
+        arrays = {f.name: getattr(self, f.name)[chosen] for f in fields(self) if f.name not in SCALARS}
         return replace(self, **arrays)
 
     def along(self, axes: Sequence[int]) -> Cells:
@@ -103,4 +107,4 @@ class Cells:
         return self.where((self.lower[:, axis] <= at) & (at < self.upper[:, axis]))
 
 
-_SCALARS = ("unit", "branching")
+SCALARS = ("unit", "branching")

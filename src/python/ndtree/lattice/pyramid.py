@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.lattice.cells import Cells, Floats, Integers
+from ndtree.lattice.blocks import Block, block_runs
+from ndtree.lattice.cells import Booleans, Cells, Floats, Integers
 from ndtree.lattice.neighbours import CellIndex
 
 
@@ -44,6 +47,7 @@ def coarsened(cells: Cells, size: int) -> tuple[Cells, Integers]:
     return joined, number
 
 
+@dataclass(frozen=True, eq=False)
 class Pyramid:
     """Boxes that can be drawn coarser the farther they are away, never more than a budget of them.
 
@@ -52,47 +56,125 @@ class Pyramid:
     one apparent size leaves every leaf under exactly one drawn node.
     """
 
-    def __init__(self, cells: Cells, lower: Floats, upper: Floats, colors: NDArray[np.uint8]) -> None:
-        """`lower`, `upper` (n, 3) are the boxes to draw [m], `colors` (n, 3)."""
-        n = len(cells)
-        self.leaves = n
-        parts = [(lower, upper, colors.astype(np.float64), np.ones(n))]
-        parents = np.full(n, -1, dtype=np.int64)
-        if n:
-            index = CellIndex(cells.lower, cells.size, cells.branching)
-            key = np.zeros(n, dtype=np.int64)
-            key[index.order] = index.first
-            parents = self._joined(key, cells, parts)
-        lower, upper, color, self.weight = (np.concatenate(each) for each in zip(*parts))
-        self.lower, self.upper = lower.astype(np.float32), upper.astype(np.float32)
-        self.colors = np.rint(color).astype(np.uint8)
-        self.parent = parents
-        self.extent = np.max(self.upper - self.lower, axis=1, initial=0.0)
+    lower: NDArray[np.float32]  # (n, 3) [m]
+    upper: NDArray[np.float32]  # (n, 3) [m]
+    colors: NDArray[np.uint8]  # (n, 3)
+    weight: Floats  # (n,): how many leaves a box stands for.
+    parent: Integers  # (n,); -1 for none.
+    is_leaf: Booleans  # (n,)
 
-    @staticmethod
-    def _joined(key: Integers, cells: Cells, parts: list[tuple[Floats, ...]]) -> Integers:
-        """Adds the coarser cells' boxes to the parts; returns each box's parent."""
-        fan = cells.branching**cells.dim
-        parents = np.full(len(cells), -1, dtype=np.int64)
-        nodes = np.argsort(key, kind="stable")  # The present cut of the tree.
-        group = key[nodes]
-        while len(nodes) > 1:
+    @classmethod
+    def of(cls, cells: Cells, lower: Floats, upper: Floats, colors: NDArray[np.uint8]) -> Pyramid:
+        """Of boxes `lower`, `upper` (n, 3) [m] of cells, in `colors` (n, 3): they are first."""
+        index = CellIndex(cells.lower, cells.size, cells.branching) if len(cells) else None
+        return cls._of_leaves(lower, upper, colors)._grown(index, cells.branching**cells.dim)
+
+    @classmethod
+    def of_blocks(
+        cls, cells: Cells, lower: Floats, upper: Floats, colors: NDArray[np.uint8], edge: int
+    ) -> dict[Block, Pyramid]:
+        """The same of each cube of so many units alone, see `parted`."""
+        if not len(cells):
+            return {}
+        index = CellIndex(cells.lower, cells.size, cells.branching, least_block=edge)
+        levels = round(math.log(edge, cells.branching))
+        whole = cls._of_leaves(lower, upper, colors)._grown(index, cells.branching**cells.dim, levels)
+        blocks = np.zeros((len(whole.parent), cells.dim), dtype=np.int64)
+        blocks[: len(cells)] = cells.lower // edge
+        nodes = np.arange(len(cells))
+        while len(nodes):
+            nodes = nodes[whole.parent[nodes] >= 0]
+            blocks[whole.parent[nodes]] = blocks[nodes]
+            nodes = np.unique(whole.parent[nodes])
+        place = np.empty(len(blocks), dtype=np.int64)
+        parts = {}
+        for block, run in block_runs(blocks):
+            place[run] = np.arange(len(run))
+            part = whole._where(run)
+            part.parent[:] = np.where(part.parent >= 0, place[part.parent], -1)
+            parts[block] = part
+        return parts
+
+    @classmethod
+    def over(cls, parts: Mapping[Block, Pyramid], branching: int) -> Pyramid:
+        """One of those of all cubes: their boxes in the order of the parts, and coarser ones after them."""
+        every = list(parts.values())
+        offsets = np.cumsum([0, *(len(part.parent) for part in every)])
+        parents = [
+            np.where(part.parent >= 0, part.parent + offset, -1) for part, offset in zip(every, offsets)
+        ]
+        whole = cls(
+            *(np.concatenate([getattr(part, name) for part in every]) for name in _DRAWN),
+            np.concatenate(parents),
+            np.concatenate([part.is_leaf for part in every]),
+        )
+        corners = np.array(list(parts), dtype=np.int64)
+        index = CellIndex(corners, np.ones(len(corners), dtype=np.int64), branching)
+        roots = np.flatnonzero(whole.parent < 0)  # One of each, as it is for a cube.
+        return whole._grown(index, branching ** corners.shape[1], roots=roots)
+
+    @classmethod
+    def _of_leaves(cls, lower: Floats, upper: Floats, colors: NDArray[np.uint8]) -> Pyramid:
+        n = len(lower)
+        return cls(
+            lower.astype(np.float32),
+            upper.astype(np.float32),
+            colors.astype(np.uint8),
+            np.ones(n),
+            np.full(n, -1, dtype=np.int64),
+            np.ones(n, dtype=np.bool_),
+        )
+
+    def _where(self, chosen: Integers) -> Pyramid:
+        return Pyramid(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    def _grown(
+        self, index: CellIndex | None, fan: int, levels: int | None = None, roots: Integers | None = None
+    ) -> Pyramid:
+        """With the boxes of cells that are coarser by up to so many levels, each of `fan` parts.
+
+        The i-th cell of the index is the i-th of the roots, which are all boxes if none are given.
+        """
+        if index is None:
+            return self
+        nodes, group = index.order if roots is None else roots[index.order], index.first
+        low, high = self.lower[nodes], self.upper[nodes]
+        color, weight = self.colors[nodes].astype(np.float64), self.weight[nodes]
+        parts = [(self.lower, self.upper, self.colors, self.weight)]
+        parents, total = [self.parent.copy()], len(self.parent)
+        above = []  # Children and their parents.
+        while len(nodes) > 1 and levels != 0:
+            levels = None if levels is None else levels - 1
             group = group // fan
             first = np.flatnonzero(np.diff(group, prepend=group[0] - 1))
             count = np.diff(np.append(first, len(nodes)))
             joins = count > 1
-            low, high, color, weight = (np.concatenate(each) for each in zip(*parts))
-            number = np.where(joins, len(parents) + np.cumsum(joins) - 1, nodes[first])
-            joined = np.repeat(joins, count)
-            parents[nodes[joined]] = np.repeat(number, count)[joined]
-            parents = np.append(parents, np.full(np.count_nonzero(joins), -1))
-            total = np.add.reduceat(weight[nodes], first)
-            mean = np.add.reduceat(color[nodes] * weight[nodes, None], first) / total[:, None]
-            lowest = np.minimum.reduceat(low[nodes], first)
-            highest = np.maximum.reduceat(high[nodes], first)
-            parts.append((lowest[joins], highest[joins], mean[joins], total[joins]))
-            nodes, group = number, group[first]
-        return parents
+            number = np.where(joins, total + np.cumsum(joins) - 1, nodes[first])
+            has_new = np.repeat(joins, count)
+            above.append((nodes[has_new], np.repeat(number, count)[has_new]))
+            heavy = np.add.reduceat(weight, first)
+            color = np.add.reduceat(color * weight[:, None], first) / heavy[:, None]
+            low, high = np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)
+            nodes, group, weight = number, group[first], heavy
+            parts.append((low[joins], high[joins], np.rint(color[joins]).astype(np.uint8), heavy[joins]))
+            total += int(np.count_nonzero(joins))
+        parents.append(np.full(total - len(self.parent), -1, dtype=np.int64))
+        parent = np.concatenate(parents)
+        for child, its_parent in above:
+            parent[child] = its_parent
+        is_leaf = np.zeros(total, dtype=np.bool_)
+        is_leaf[: len(self.is_leaf)] = self.is_leaf
+        return Pyramid(*(np.concatenate(each) for each in zip(*parts)), parent, is_leaf)
+
+    @cached_property
+    def extent(self) -> Floats:
+        """The longest edge of each box (n,) [m]."""
+        return np.max(self.upper - self.lower, axis=1, initial=0.0)
+
+    @property
+    def leaves(self) -> int:
+        """How many boxes are those of cells."""
+        return int(np.count_nonzero(self.is_leaf))
 
     def chosen(self, eye: Floats | None, budget: int, finest: float = 0.0) -> Integers:
         """Numbers of the boxes to be drawn.
@@ -107,16 +189,16 @@ class Pyramid:
             Boxes whose extent by distance is less are not told apart.
         """
         if self.leaves <= budget:
-            return np.arange(self.leaves)
+            return np.flatnonzero(self.is_leaf)
         apparent = self.extent
         if eye is not None:
             away = np.linalg.norm(np.maximum(np.maximum(self.lower - eye, eye - self.upper), 0.0), axis=1)
-            near = float(self.extent[: self.leaves].min())
+            near = float(self.extent[self.is_leaf].min())
             apparent = self.extent / np.maximum(away, near)
         has_parent = self.parent >= 0
         above = np.where(has_parent, apparent[self.parent], np.inf)
         own = apparent.copy()
-        own[: self.leaves] = 0.0
+        own[self.is_leaf] = 0.0
         low, high = max(finest, 1e-9), float(apparent.max()) * 1.01
         if np.count_nonzero((above > low) & (own <= low)) > budget:
             for _ in range(30):
@@ -127,3 +209,6 @@ class Pyramid:
                     high = middle
             low = high
         return np.flatnonzero((above > low) & (own <= low))
+
+
+_DRAWN = ("lower", "upper", "colors", "weight")

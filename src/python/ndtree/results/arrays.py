@@ -155,7 +155,7 @@ class RayEnds(Answers):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Changes(Answers):
-    """Regions whose state is another one, one entry each; indexed as `Leaves`.
+    """Regions whose state, or cell, is another one, one entry each; indexed as `Leaves`.
 
     Attributes
     ----------

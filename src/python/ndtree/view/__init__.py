@@ -13,6 +13,7 @@ except ImportError as error:
     ) from None
 
 from ndtree.view.controls import legend_html
+from ndtree.view.look import Look
 from ndtree.view.server import HOST
 from ndtree.view.viewer import MAX_BOXES, PORT, Viewer, first_camera
 from ndtree.view.visitor import MAX_CLEAR_BOXES
@@ -20,4 +21,4 @@ from ndtree.view.visitor import MAX_CLEAR_BOXES
 #: What browsers do wrong when they call is no news for the user.
 logging.getLogger("websockets").addHandler(logging.NullHandler())
 
-__all__ = ["HOST", "MAX_BOXES", "MAX_CLEAR_BOXES", "PORT", "Viewer", "first_camera", "legend_html"]
+__all__ = ["HOST", "MAX_BOXES", "MAX_CLEAR_BOXES", "PORT", "Look", "Viewer", "first_camera", "legend_html"]

@@ -9,7 +9,8 @@ import numpy as np
 import viser
 
 from ndtree.plot import COLORS, Coloring
-from ndtree.snapshot import AXES, Look, Snapshot
+from ndtree.view.look import AXES, Look
+from ndtree.view.snapshot import Snapshot
 
 
 class Controls:
@@ -54,7 +55,7 @@ class Controls:
 
     @staticmethod
     def _step(snapshot: Snapshot) -> float:
-        return snapshot.cells.unit / 4
+        return snapshot.unit / 4
 
     def look(self) -> Look:
         """What the controls ask for."""

@@ -15,8 +15,10 @@ import numpy as np
 import viser
 
 from ndtree._core import OccupancyMap
-from ndtree.snapshot import Look, Snapshot, Track
+from ndtree.view.look import Look
 from ndtree.view.server import HOST, light_up, started
+from ndtree.view.snapshot import Snapshot
+from ndtree.view.track import Track
 from ndtree.view.visitor import Visitor
 
 if TYPE_CHECKING:
@@ -134,12 +136,10 @@ class Viewer:
         self.close()
 
     def _take(self, m: OccupancyMap) -> None:
-        snapshot = Snapshot(m)
+        snapshot = Snapshot(m) if self.snapshot is None else self.snapshot.followed(m)
         if self.look is None:
             self.look = Look.below_ceiling(m)
         self.look.validate(m.dim)
-        if self.snapshot is not None:  # The frame stays where the page's cameras know it.
-            snapshot.origin = self.snapshot.origin
         self.snapshot = snapshot
 
     def _aim(self) -> None:

@@ -14,14 +14,17 @@ import viser
 
 from ndtree.lattice import Floats
 from ndtree.plot.figures import kind_of
-from ndtree.snapshot import IN_PLANE, KINDS, Layer, Look, Snapshot, Track, numbers_of, shown_kinds
-from ndtree.view.boxes import drawn_boxes, edges_of
+from ndtree.view.boxes import edges_of
 from ndtree.view.controls import Controls
 from ndtree.view.frame import draw_frame
+from ndtree.view.layers import Layer
+from ndtree.view.look import IN_PLANE, KINDS, Look, shown_kinds
+from ndtree.view.picking import numbers_of
+from ndtree.view.snapshot import Snapshot
 from ndtree.view.tiles import Tiles
+from ndtree.view.track import Track
 
 MAX_CLEAR_BOXES = 30_000  # And of those that are seen through, which the page has to sort.
-TILE_CELLS = 64  # Smallest cells along the edge of a tile, in which all is sent anew if something changes.
 _TRACK_COLOR = (200, 30, 120)
 _CLEAR = {"free": 0.12, "unknown": 0.3, "plane_free": 0.5}  # Opacity.
 _SETTLED = 0.25  # Seconds without motion after which the page is drawn anew for the camera.
@@ -135,36 +138,31 @@ class Visitor:
             layer = snapshot.layer(kind, look)
             count = self._draw_boxes(kind, layer, look, snapshot)
             if kind == "occupied":
-                drawn, there = count, int(np.count_nonzero(snapshot.cells.occupied))
+                drawn, there = count, snapshot.counts[1]
                 controls.explain(layer.coloring)
         self._draw_track(snapshot, look)
         self._draw_frame(snapshot, look)
         boxes = f"  \n{drawn:,} boxes for {there:,} occupied cells" if there else ""
-        seen = int(np.count_nonzero(snapshot.cells.observed))
-        controls.say(f"{kind_of(snapshot.refinement)} map, {seen:,} cells{boxes}")
+        controls.say(f"{kind_of(snapshot.refinement)} map, {snapshot.counts[0]:,} cells{boxes}")
 
     def _draw_boxes(self, kind: str, layer: Layer, look: Look, snapshot: Snapshot) -> int:
         budget = MAX_CLEAR_BOXES if kind in _CLEAR and snapshot.dim == 3 else self._viewer.max_boxes
         before = self._drawn.get(kind)
         is_same = before is not None and before[0] is layer
-        if is_same and (layer.pyramid.leaves <= budget or not self._has_moved(before[2])):
-            return len(before[1])
+        if is_same and (layer.leaves <= budget or not self._has_moved(before[2])):
+            return int(before[1])
         eye = self._eye()
-        chosen = layer.pyramid.chosen(eye.position, budget, eye.pixel)
-        if is_same and np.array_equal(before[1], chosen):
-            return len(chosen)
-        if not len(chosen):
+        chosen = layer.chosen(eye.position, budget, eye.pixel)
+        if not chosen:
             self._remove(kind)
             return 0
         flat_axis = look.axis if kind in IN_PLANE else 2 if snapshot.dim == 2 else None
-        boxes = drawn_boxes(layer.pyramid, chosen, flat_axis, lift=0.01 if kind == "occupied" else 0.0)
         is_clear = kind in _CLEAR and snapshot.dim == 3
         tiles = before[-1] if before is not None else None
         if tiles is None:
             tiles = Tiles(
                 self._client,
                 f"/{kind}",
-                TILE_CELLS * snapshot.cells.unit,
                 lod="off",
                 opacity=_CLEAR[kind] if is_clear else None,
                 flat_shading=True,
@@ -172,9 +170,10 @@ class Visitor:
                 cast_shadow=False,
                 receive_shadow=False,
             )
-        self._drawn[kind] = (layer, chosen, eye, tiles)
-        self._viewer.bytes_sent += tiles.show(boxes)
-        return len(chosen)
+        count = sum(len(numbers) for _, numbers in chosen.values())
+        self._drawn[kind] = (layer, count, eye, tiles)
+        self._viewer.bytes_sent += tiles.show(chosen, flat_axis, lift=0.01 if kind == "occupied" else 0.0)
+        return count
 
     def _remove(self, kind: str) -> None:
         before = self._drawn.pop(kind, None)
