@@ -33,7 +33,7 @@ def repository(tmp_path: Path) -> Path:
     """The files that say a version, all of them 77.6.5, committed."""
     if not shutil.which("git"):
         pytest.skip("no git here")
-    for name in [*FILES, "tools/release"]:
+    for name in [*FILES, "tools/release", "tools/with_address", "README.md", "pyproject.toml"]:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, tmp_path / name)
     for name in FILES:
@@ -62,6 +62,30 @@ def test_a_tag_whose_files_agree_is_taken(repository: Path) -> None:
     assert not (repository / "dist").exists()  # It only says what it would do.
 
 
+def test_packages_get_the_address_and_links_that_work_anywhere(repository: Path) -> None:
+    git(repository, "tag", f"v{OTHER}")
+    status, out, err = release(repository, "--address", "https://example.org/us/ndtree/", f"v{OTHER}")
+    assert (status, err) == (0, "")
+    assert "Without --address" not in out
+    before = (repository / "README.md").read_text()
+    command = [repository / "tools/with_address", repository, "https://example.org/us/ndtree/", f"v{OTHER}"]
+    subprocess.run(command, check=True)
+    text = (repository / "README.md").read_text()
+    targets = re.findall(r"\]\(([^)]*)\)", text)
+    assert len(targets) == len(re.findall(r"\]\(([^)]*)\)", before)) > 10
+    for target in targets:
+        found = re.fullmatch(rf"https://example.org/us/ndtree/(raw|blob)/v{OTHER}/([^#]*)(#.*)?", target)
+        assert found, target
+        assert (ROOT / found[2]).exists()
+        assert (found[1] == "raw") == found[2].endswith(".png")
+    tomllib = pytest.importorskip("tomllib")  # Python 3.11.
+    urls = tomllib.loads((repository / "pyproject.toml").read_text())["project"]["urls"]
+    assert urls["Homepage"] == "https://example.org/us/ndtree"
+    again = subprocess.run(command, capture_output=True, text=True)
+    assert again.returncode == 1
+    assert again.stderr.endswith("has project URLs already, expected none\n")
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_that_says_another_version_is_named(repository: Path, name: str) -> None:
     file = repository / name
@@ -80,6 +104,7 @@ def test_a_file_that_says_another_version_is_named(repository: Path, name: str) 
         (["1.2.3"], 2, "1.2.3: expected v and a version"),
         (["v1.2"], 2, "v1.2: expected v and a version"),
         (["--bulid", "v1.2.3"], 2, "unknown option: --bulid"),
+        (["v1.2.3", "--address"], 2, "--address: expected the address"),
         (["v1.2.3"], 1, "v1.2.3: there is no such tag"),
     ],
 )
@@ -90,3 +115,13 @@ def test_a_call_that_is_wrong_ends_in_one_line(
     assert (code, out) == (status, "")
     assert says in err
     assert err.count("\n") == 1
+
+
+def test_an_address_that_is_none_is_refused(repository: Path) -> None:
+    git(repository, "tag", f"v{OTHER}")
+    status, _, err = release(repository, "--address", "ndtree", f"v{OTHER}")
+    assert status == 1
+    assert (
+        err
+        == "with_address: ndtree: expected the address of a repository, as https://example.org/us/ndtree\n"
+    )
