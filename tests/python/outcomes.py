@@ -26,7 +26,8 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_name] = "1"  # Threads do not survive a fork.
 
 MEMORY = 1 << 30  # More than the process has at first [bytes].
-SECONDS = 20.0
+SECONDS = 20  # Of processor time: other work on the machine does not count.
+WAITING = 6  # Times as long it may take in all, by the clock.
 LONGEST = 700  # Characters of a line, without the names of files.
 _DIGITS = re.compile(r"\d{41,}")
 _NOTE = re.compile(
@@ -34,15 +35,15 @@ _NOTE = re.compile(
 )
 
 
-def outcome_of(arguments: list[str], scratch: Path, *, seconds: float = SECONDS) -> tuple[str, str]:
+def outcome_of(arguments: list[str], scratch: Path, *, seconds: int = SECONDS) -> tuple[str, str]:
     """Run the command line in a fork; "read", "refused", or what is wrong, and what it wrote to stderr."""
     errors = scratch / "stderr"
     child = os.fork()
     if child == 0:
-        _run(arguments, errors)
-    status = _waited(child, seconds)
+        _run(arguments, errors, seconds)
+    status = _waited(child, WAITING * seconds)
     said = errors.read_text(errors="backslashreplace") if errors.exists() else ""
-    if status is None:
+    if status is None or (os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU):
         return "never ends", said
     if os.WIFSIGNALED(status):
         return f"killed by {signal.Signals(os.WTERMSIG(status)).name}", said
@@ -83,7 +84,7 @@ def _waited(child: int, seconds: float) -> int | None:
     return None
 
 
-def _run(arguments: list[str], errors: Path) -> None:
+def _run(arguments: list[str], errors: Path, seconds: int) -> None:
     code = 99
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -92,6 +93,7 @@ def _run(arguments: list[str], errors: Path) -> None:
         held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (held + MEMORY, held + MEMORY))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
         from ndtree.cli import main
 
         sys.argv = ["ndtree", *arguments]

@@ -30,7 +30,7 @@ from ndtree.readers.failures import readable, shown
 from ndtree.readers.plain_file import open_plain, open_regular
 
 
-def refused(path: Path, tmp_path: Path, *more: str, seconds: float = 10.0) -> str:
+def refused(path: Path, tmp_path: Path, *more: str, seconds: int = 10) -> str:
     """The one line that the command line ends with, in little memory and time."""
     outcome, said = outcome_of(["info", str(path), *more], tmp_path, seconds=seconds)
     assert outcome == "refused", (outcome, said[-2000:])
