@@ -440,10 +440,12 @@ void collisions_are_those_with_all_leaves(Random& random) {
   int misses = 0;
   for (int i = 0; i < 300; ++i) {
     Body<D> body;
-    body.push_back(
-        Capsule<D>{random_point<D>(random, 0.2), random_point<D>(random, 0.2), random.uniform(0.01, 0.2)});
+    const double size = random.chance(0.3) ? 1.2 : 0.2;  // Within small cells, and around large ones.
+    const Vector<D> end = random_point<D>(random, size);
+    const Vector<D> other = random.chance(0.3) ? end : random_point<D>(random, size);
+    body.push_back(Capsule<D>{end, other, random.chance(0.1) ? 0.0 : random.uniform(0.01, size)});
     if (random.chance(0.5))
-      body.push_back(OrientedBox<D>{random_point<D>(random, 0.2), random_point<D>(random, 0.2).cwiseAbs(),
+      body.push_back(OrientedBox<D>{random_point<D>(random, size), random_point<D>(random, size).cwiseAbs(),
                                     random_pose<D>(random).rotation});
     const Pose<D> pose = random_pose<D>(random);
     for (const UnknownSpace unknown : {UnknownSpace::free, UnknownSpace::occupied}) {

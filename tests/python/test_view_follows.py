@@ -104,6 +104,20 @@ def test_maps_of_other_kinds_are_shown_as_they_are() -> None:
         seen.followed(ndtree.AdaptiveMap(dim=3, min_cell_size=0.2))
 
 
+def test_the_first_walls_have_colors() -> None:
+    m = made("evidence", 3)
+    points, origin = room_scan(3, 0)
+    m.insert(points, origin, returned=np.zeros(len(points), dtype=bool))
+    seen = Snapshot(m)
+    look = Look(color="size")
+    assert seen.layer("occupied", look).coloring is None
+    m.insert(points[:9], origin)
+    m.insert(points[:9], origin)
+    later = seen.followed(m)
+    assert later.layer("occupied", look).leaves > 0
+    assert later.layer("occupied", look).coloring is not None
+
+
 def test_only_what_has_changed_is_made_anew(monkeypatch: Any) -> None:
     m = made("evidence", 3)
     for room in range(12):

@@ -28,15 +28,17 @@ enum class Nearness { apart, open, touching, inside };
 
 /// That of cubes to the points around a segment.
 template <int D>
-class NearnessTo {
+class NearnessToCapsule {
  public:
-  explicit NearnessTo(const Capsule<D>& capsule) : capsule_(capsule), way_(capsule.b - capsule.a) {
+  explicit NearnessToCapsule(const Capsule<D>& capsule) : capsule_(capsule), way_(capsule.b - capsule.a) {
     const double length = way_.squaredNorm();
-    per_length_ = length > 0.0 ? 1.0 / length : 0.0;
+    constexpr double kPoint = 1e-300;  // Shorter ones are taken for points.
+    per_length_ = length > kPoint ? 1.0 / length : 0.0;
   }
 
-  /// @param half of the cube's edge. @param around of the ball around the cube. @param rounding [m].
-  [[nodiscard]] Nearness operator()(const Vector<D>& centre, double half, double around,
+  /// @param half of the cube's edge. @param corner how far the cube's corners are from its centre.
+  /// @param rounding by which all may be wrong [m].
+  [[nodiscard]] Nearness operator()(const Vector<D>& centre, double half, double corner,
                                     double rounding) const {
     const Vector<D> from_a = centre - capsule_.a;
     const double share = std::clamp(from_a.dot(way_) * per_length_, 0.0, 1.0);
@@ -44,8 +46,8 @@ class NearnessTo {
     const auto is_within = [squared](double distance) {
       return distance > 0.0 && squared <= distance * distance;
     };
-    if (!is_within(capsule_.radius + around + rounding)) return Nearness::apart;
-    if (is_within(capsule_.radius - around - rounding)) return Nearness::inside;
+    if (!is_within(capsule_.radius + corner + rounding)) return Nearness::apart;
+    if (is_within(capsule_.radius - corner - rounding)) return Nearness::inside;
     return is_within(capsule_.radius + half - rounding) ? Nearness::touching : Nearness::open;
   }
 
@@ -61,12 +63,13 @@ class NearnessToBox {
  public:
   explicit NearnessToBox(const OrientedBox<D>& box) : box_(box), axes_(box.axes.transpose()) {}
 
-  [[nodiscard]] Nearness operator()(const Vector<D>& centre, double half, double around,
+  /// As of a capsule.
+  [[nodiscard]] Nearness operator()(const Vector<D>& centre, double half, double corner,
                                     double rounding) const {
     const Vector<D> beyond = (axes_ * (centre - box_.center)).cwiseAbs() - box_.half_size;
-    if (beyond.maxCoeff() <= -(around + rounding)) return Nearness::inside;
+    if (beyond.maxCoeff() <= -(corner + rounding)) return Nearness::inside;
     const double squared = beyond.cwiseMax(0.0).squaredNorm();
-    if (squared > (around + rounding) * (around + rounding)) return Nearness::apart;
+    if (squared > (corner + rounding) * (corner + rounding)) return Nearness::apart;
     const double near = half - rounding;
     return squared <= near * near ? Nearness::touching : Nearness::open;
   }
@@ -77,26 +80,26 @@ class NearnessToBox {
 };
 
 template <int D>
-[[nodiscard]] NearnessTo<D> nearness_to(const Capsule<D>& capsule) {
-  return NearnessTo<D>(capsule);
+[[nodiscard]] NearnessToCapsule<D> nearness_to(const Capsule<D>& capsule) {
+  return NearnessToCapsule<D>(capsule);
 }
 template <int D>
 [[nodiscard]] NearnessToBox<D> nearness_to(const OrientedBox<D>& box) {
   return NearnessToBox<D>(box);
 }
 
-/// What lies within a radius of a box is all of the shape, and more; of a ball, nothing more.
+/// All points within a radius of a box: around a shape, and of a ball nothing but the ball.
 template <int D>
 struct RoundedBox {
   Box<D> core;
   double radius;
 };
 template <int D>
-[[nodiscard]] RoundedBox<D> around(const Capsule<D>& capsule) {
+[[nodiscard]] RoundedBox<D> rounded_box_around(const Capsule<D>& capsule) {
   return {{capsule.a.cwiseMin(capsule.b), capsule.a.cwiseMax(capsule.b)}, capsule.radius};
 }
 template <int D>
-[[nodiscard]] RoundedBox<D> around(const OrientedBox<D>& box) {
+[[nodiscard]] RoundedBox<D> rounded_box_around(const OrientedBox<D>& box) {
   return {bounds_of<D>(box), 0.0};
 }
 
@@ -112,7 +115,8 @@ class CollisionSearch {
       : tree_(tree),
         shape_(shape),
         nearness_(nearness_to(shape)),
-        around_(around(shape)),
+        around_(rounded_box_around(shape)),
+        diagonal_(std::sqrt(double{D})),
         rounding_(kRounding * tree.geometry().unit()),
         minds_unknown_(minds_unknown) {
     const double reach = around_.radius + rounding_;
@@ -126,8 +130,8 @@ class CollisionSearch {
   }
 
  private:
-  static constexpr double kRounding =
-      1e-5;  // In smallest cells: more than errors of rounding, far from 0, too.
+  // In smallest cells: more than errors of rounding, far from 0, too.
+  static constexpr double kRounding = 1e-5;
 
   template <class NodeType>
   [[nodiscard]] bool is_obstacle(const NodeType& node) const {
@@ -176,14 +180,12 @@ class CollisionSearch {
     Vector<D> centre;
     for (int a = 0; a < D; ++a)
       centre[a] = tree_.geometry().border(ref.index.lower[static_cast<std::size_t>(a)]) + half;
-    const Nearness nearness = nearness_(centre, half, half * kDiagonal, rounding_);
+    const Nearness nearness = nearness_(centre, half, half * diagonal_, rounding_);
     if (nearness == Nearness::apart) return false;
     if (ref.is_leaf()) return nearness != Nearness::open || touch(shape_, tree_.box(ref.index));
     if (nearness == Nearness::inside && Summary::of(*ref.node).is_known()) return true;
     return any_below(ref);
   }
-
-  static inline const double kDiagonal = std::sqrt(double{D});
 
   const Tree& tree_;
   const Shape& shape_;
@@ -191,6 +193,7 @@ class CollisionSearch {
   RoundedBox<D> around_;
   double squared_reach_;
   Vector<D> centre_;
+  double diagonal_;
   double rounding_;
   bool minds_unknown_;
 };

@@ -46,9 +46,16 @@ class _Whole:
         region = np.asarray(found_region(cells)).reshape(-1, 2)
         #: Bounds [m] of what was found, (3, 2) in the map's frame.
         self.region = np.vstack([region, np.zeros((3 - cells.dim, 2))])
-        self.count, self.changed = len(cells), 0
+        self._count, self._changed = len(cells), 0
         self._occupied = cells.where(cells.occupied)
         self._colorings: dict[str, Coloring] = {}
+
+    def followed(self, later: Snapshot, changed: int) -> _Whole:
+        """Of a later snapshot, in which so many regions are of another state."""
+        self._changed += changed
+        if self._changed > _GROWN * self._count or not len(self._occupied):
+            return _Whole(later.cells)
+        return self
 
     def coloring(self, color: str) -> Coloring | None:
         """Colors of occupied cells, if there are any."""
@@ -99,11 +106,8 @@ class Snapshot:
 
     def _changed_to(self, m: OccupancyMap) -> Snapshot | None:
         """None if changes do not tell."""
-        if self._map is None or (m.refinement, m.dim, m.branching) != (
-            self.refinement,
-            self.dim,
-            self.branching,
-        ):
+        kind = (self.refinement, self.dim, self.branching)
+        if self._map is None or (m.refinement, m.dim, m.branching) != kind:
             return None
         now = m.snapshot()
         try:
@@ -113,36 +117,39 @@ class Snapshot:
         if len(changes) and changes.size.max() > self._edge * self.unit * (1 + 1e-9):
             return None
         at = np.floor((changes.lower + 0.5 * changes.size[:, None]) / (self._edge * self.unit))
-        blocks = dict(self._blocks)
-        other: set[Block] = set()  # With cells elsewhere, of another size or state.
-        written: set[Block] = set()
-        for row in np.unique(at.astype(np.int64), axis=0):
-            block = tuple(row.tolist())
+        written = {tuple(row.tolist()) for row in np.unique(at.astype(np.int64), axis=0)}
+        blocks = {block: cells for block, cells in self._blocks.items() if block not in written}
+        moved: set[Block] = set()  # With cells elsewhere, of another size or state.
+        for block in sorted(written):
             cells = self._cells_in(now, block)
-            before = blocks.pop(block, self._none)
             if len(cells):
                 blocks[block] = cells
-            written.add(block)
-            if not _alike(before, cells):
-                other.add(block)
+            if not _alike(self._blocks.get(block, self._none), cells):
+                moved.add(block)
         if not any(np.any(cells.observed) for cells in blocks.values()):
             return None
+        return self._with(now, blocks, written, moved, np.count_nonzero(changes.before != changes.after))
+
+    def _with(
+        self,
+        now: OccupancyMap,
+        blocks: dict[Block, Cells],
+        written: set[Block],
+        moved: set[Block],
+        changed: int,
+    ) -> Snapshot:
+        """The same with other cells: what was made of cubes stays, but for those that changed."""
         later = Snapshot.__new__(Snapshot)
         later.__dict__.update(self.__dict__)
         later.__dict__.pop("counts", None)
         later._map, later._blocks = now, blocks
-        changed = self._whole.changed + int(np.count_nonzero(changes.before != changes.after))
-        if changed > _GROWN * self._whole.count:
-            later._whole = _Whole(later.cells)
-        else:
-            self._whole.changed = changed
+        later._whole = self._whole.followed(later, changed)
         later._lock, later._layers = threading.Lock(), {}
         later._kept = {}
         with self._lock:
             for key, kept in self._kept.items():
                 touched = written if key[0] == "layer" and key[2] == "probability" else set()
-                stale = kept.stale | around(other) | touched
-                later._kept[key] = Kept(kept.parts, stale, kept.coloring)
+                later._kept[key] = Kept(kept.parts, kept.stale | around(moved) | touched, kept.coloring)
         return later
 
     def _cells_in(self, m: OccupancyMap, block: Block) -> Cells:
