@@ -147,7 +147,9 @@ def test_compiled_maps_are_found_by_pkg_config(tmp_path: Path) -> None:
     assert "-DNDTREE_PREBUILT" in run(pkg_config, "--cflags", "ndtree-prebuilt", env=path).split()
     assert run(pkg_config, "--modversion", "ndtree-prebuilt", env=path).strip() == VERSION
     libdir = run(pkg_config, "--variable=libdir", "ndtree-prebuilt", env=path).strip()
-    assert libdir == f"{build}/.."  # From lib/here/pkgconfig, where it will be.
+    assert libdir == f"{build}/../../../lib/here"  # From lib/here/pkgconfig, where it will be.
+    # vcpkg, which has one folder of headers for two builds, moves what is said in these words.
+    assert "includedir=${prefix}/include" in (build / "ndtree.pc").read_text().splitlines()
 
 
 def test_without_eigen_one_line_says_what_to_install(tmp_path: Path) -> None:
