@@ -19,13 +19,14 @@ class Ndtree(ConanFile):
     settings = "os", "arch", "compiler", "build_type"
     exports_sources = "CMakeLists.txt", "LICENSE", "package.xml", "cmake/*", "include/*", "src/prebuilt/*"
     exports = "include/ndtree/version.hpp"
+    test_package_folder = "tests/cpp/consumer"
 
     def set_version(self):
         header = Path(self.recipe_folder, "include/ndtree/version.hpp").read_text()
         self.version = re.search(r'define NDTREE_VERSION "([\d.]+)"', header)[1]
 
     def requirements(self):
-        self.requires("eigen/[>=3.3 <4]", transitive_headers=True)
+        self.requires("eigen/[>=3.3 <6]", transitive_headers=True)
 
     def validate(self):
         check_min_cppstd(self, 17)

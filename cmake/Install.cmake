@@ -30,10 +30,12 @@ write_basic_package_version_file("${PROJECT_BINARY_DIR}/ndtreeConfigVersion.cmak
 install(FILES "${PROJECT_BINARY_DIR}/ndtreeConfig.cmake" "${PROJECT_BINARY_DIR}/ndtreeConfigVersion.cmake"
   DESTINATION "${package_dir}" COMPONENT development)
 
-# pkg-config: folders relative to the file's own, so that an installed tree may be moved.
-file(RELATIVE_PATH pc_to_include "${full_package_root}/pkgconfig" "${CMAKE_INSTALL_FULL_INCLUDEDIR}")
-file(RELATIVE_PATH pc_to_lib "${full_package_root}/pkgconfig" "${CMAKE_INSTALL_FULL_LIBDIR}")
-string(REGEX REPLACE "/$" "" pc_to_lib "${pc_to_lib}")  # From its own subfolder it is "../" in CMake's words.
+# pkg-config: folders relative to the file's own, so that an installed tree may be moved, and by way of "prefix", which
+# vcpkg and "pkg-config --define-prefix" replace.
+file(RELATIVE_PATH pc_to_prefix "${full_package_root}/pkgconfig" "${CMAKE_INSTALL_PREFIX}")
+string(REGEX REPLACE "/$" "" pc_to_prefix "${pc_to_prefix}")  # A folder above is "../" in CMake's words.
+file(RELATIVE_PATH prefix_to_include "${CMAKE_INSTALL_PREFIX}" "${CMAKE_INSTALL_FULL_INCLUDEDIR}")
+file(RELATIVE_PATH prefix_to_lib "${CMAKE_INSTALL_PREFIX}" "${CMAKE_INSTALL_FULL_LIBDIR}")
 set(pc_files ndtree.pc)
 if(NDTREE_BUILD_PREBUILT)
   list(APPEND pc_files ndtree-prebuilt.pc)

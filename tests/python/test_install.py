@@ -88,6 +88,28 @@ def test_added_as_a_subdirectory_nothing_of_ours_is_installed(tmp_path: Path) ->
     assert not list(tmp_path.glob("prefix/**/*ndtree*"))
 
 
+def test_folders_and_libraries_are_named_for_workspaces_of_ros(tmp_path: Path, installed: Path) -> None:
+    """catkin and ament pass on variables of a package: the folders alone suffice, and the libraries alone."""
+    (tmp_path / "CMakeLists.txt").write_text(
+        f"""
+        cmake_minimum_required(VERSION 3.16)
+        project(robot LANGUAGES CXX)
+        set(CMAKE_CXX_STANDARD 17)
+        find_package(ndtree CONFIG REQUIRED)
+        add_library(by_folders OBJECT "{CONSUMER}/header.cpp")
+        target_include_directories(by_folders PRIVATE ${{ndtree_INCLUDE_DIRS}})
+        add_executable(by_libraries "{CONSUMER}/header.cpp")
+        target_link_libraries(by_libraries ${{ndtree_LIBRARIES}})
+        if(NOT TARGET "${{ndtree_TARGETS}}")
+          message(FATAL_ERROR "no target: ${{ndtree_TARGETS}}")
+        endif()
+        """
+    )
+    cmake = program("cmake")
+    run(cmake, "-S", tmp_path, "-B", tmp_path / "build", f"-DCMAKE_PREFIX_PATH={installed}")
+    run(cmake, "--build", tmp_path / "build")
+
+
 @pytest.mark.parametrize(("compiler", "standard"), [("g++", "17"), ("g++", "23"), ("clang++", "20")])
 def test_strict_compilers_have_nothing_to_say(installed: Path, compiler: str, standard: str) -> None:
     pkg_config = program("pkg-config")
@@ -125,7 +147,9 @@ def test_compiled_maps_are_found_by_pkg_config(tmp_path: Path) -> None:
     assert "-DNDTREE_PREBUILT" in run(pkg_config, "--cflags", "ndtree-prebuilt", env=path).split()
     assert run(pkg_config, "--modversion", "ndtree-prebuilt", env=path).strip() == VERSION
     libdir = run(pkg_config, "--variable=libdir", "ndtree-prebuilt", env=path).strip()
-    assert libdir == f"{build}/.."  # From lib/here/pkgconfig, where it will be.
+    assert libdir == f"{build}/../../../lib/here"  # From lib/here/pkgconfig, where it will be.
+    # vcpkg, which has one folder of headers for two builds, moves what is said in these words.
+    assert "includedir=${prefix}/include" in (build / "ndtree.pc").read_text().splitlines()
 
 
 def test_without_eigen_one_line_says_what_to_install(tmp_path: Path) -> None:
