@@ -18,6 +18,7 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/region.hpp"
+#include "ndtree/tree/child_index.hpp"
 
 namespace ndtree {
 
