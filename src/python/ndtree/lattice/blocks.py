@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import fields, replace
 
 import numpy as np
@@ -47,13 +47,16 @@ def joined(parts: Iterable[Cells], none: Cells) -> Cells:
     return replace(none, **arrays)
 
 
-def around(blocks: Iterable[Block]) -> set[Block]:
+def _beside(block: Block) -> Iterator[tuple[int, int, Block]]:
+    """Axis, side (-1 or 1) and cube of each that shares a face with one."""
+    for axis, at in enumerate(block):
+        for step in (-1, 1):
+            yield axis, step, (*block[:axis], at + step, *block[axis + 1 :])
+
+
+def around(blocks: Collection[Block]) -> set[Block]:
     """Some cubes, and those that share a face with one of them."""
-    result = set(blocks)
-    for block in list(result):
-        for axis in range(len(block)):
-            result.update((*block[:axis], block[axis] + step, *block[axis + 1 :]) for step in (-1, 1))
-    return result
+    return {*blocks, *(other for block in blocks for _, _, other in _beside(block))}
 
 
 def with_rim(cells: Mapping[Block, Cells], blocks: Collection[Block], edge: int, none: Cells) -> Cells:
@@ -61,15 +64,11 @@ def with_rim(cells: Mapping[Block, Cells], blocks: Collection[Block], edge: int,
     inside = set(blocks)
     rims: dict[Block, Booleans] = {}
     for block in inside:
-        for axis, at in enumerate(block):
-            for step in (-1, 1):
-                beside = (*block[:axis], at + step, *block[axis + 1 :])
-                if beside in inside or beside not in cells:
-                    continue
-                some = cells[beside]
-                touches = (
-                    some.upper[:, axis] == at * edge if step < 0 else some.lower[:, axis] == (at + 1) * edge
-                )
-                rims[beside] = rims[beside] | touches if beside in rims else touches
+        for axis, step, beside in _beside(block):
+            if beside in inside or beside not in cells:
+                continue
+            some, at = cells[beside], block[axis]
+            touches = some.upper[:, axis] == at * edge if step < 0 else some.lower[:, axis] == (at + 1) * edge
+            rims[beside] = rims[beside] | touches if beside in rims else touches
     own = [cells[block] for block in blocks if block in cells]
     return joined([*own, *(cells[block].where(rim) for block, rim in rims.items())], none)

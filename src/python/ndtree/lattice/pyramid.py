@@ -141,7 +141,7 @@ class Pyramid:
         low, high = self.lower[nodes], self.upper[nodes]
         color, weight = self.colors[nodes].astype(np.float64), self.weight[nodes]
         parts = [(self.lower, self.upper, self.colors, self.weight)]
-        parents, total = [self.parent.copy()], len(self.parent)
+        total = len(self.parent)
         above = []  # Children and their parents.
         while len(nodes) > 1 and levels != 0:
             levels = None if levels is None else levels - 1
@@ -158,12 +158,11 @@ class Pyramid:
             nodes, group, weight = number, group[first], heavy
             parts.append((low[joins], high[joins], np.rint(color[joins]).astype(np.uint8), heavy[joins]))
             total += int(np.count_nonzero(joins))
-        parents.append(np.full(total - len(self.parent), -1, dtype=np.int64))
-        parent = np.concatenate(parents)
+        more = total - len(self.parent)
+        parent = np.append(self.parent, np.full(more, -1, dtype=np.int64))
         for child, its_parent in above:
             parent[child] = its_parent
-        is_leaf = np.zeros(total, dtype=np.bool_)
-        is_leaf[: len(self.is_leaf)] = self.is_leaf
+        is_leaf = np.append(self.is_leaf, np.zeros(more, dtype=np.bool_))
         return Pyramid(*(np.concatenate(each) for each in zip(*parts)), parent, is_leaf)
 
     @cached_property

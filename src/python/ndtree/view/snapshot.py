@@ -174,10 +174,8 @@ class Snapshot:
     def counts(self) -> tuple[int, int]:
         """How many cells were observed, and are occupied."""
         every = self._blocks.values()
-        return tuple(  # type: ignore[return-value]
-            sum(int(np.count_nonzero(chosen)) for chosen in chosens)
-            for chosens in ((c.observed for c in every), (c.occupied for c in every))
-        )
+        observed = sum(int(np.count_nonzero(cells.observed)) for cells in every)
+        return observed, sum(int(np.count_nonzero(cells.occupied)) for cells in every)
 
     def layer(self, kind: str, look: Look) -> Layer:
         """Cells of one of the `KINDS`."""
@@ -208,17 +206,17 @@ class Snapshot:
             self._layers[key], self._kept[key] = layer, kept  # The last, and so the last to be dropped.
             return layer
 
-    def _surface(self, state: int) -> dict[Block, tuple[Cells, Booleans]]:
-        """The cells of a state, and which of them nobody sees from outside."""
+    def _hidden(self, state: int) -> dict[Block, Booleans]:
+        """Which of each cube's cells of a state, in their order, nobody sees from outside."""
 
-        def made(blocks: set[Block]) -> dict[Block, tuple[Cells, Booleans]]:
+        def made(blocks: set[Block]) -> dict[Block, Booleans]:
             near = with_rim(self._blocks, blocks, self._edge, self._none)
             near = near.where(near.state == state)
             inner = hidden(near)
             runs = block_runs(near.lower // self._edge)
-            return {block: (near.where(run), inner[run]) for block, run in runs if block in blocks}
+            return {block: inner[run] for block, run in runs if block in blocks}
 
-        return self._of_blocks(("surface", state), set(self._blocks), made)
+        return self._of_blocks(("hidden", state), set(self._blocks), made)
 
     def _frontier(self) -> dict[Block, Cells]:
         def made(blocks: set[Block]) -> dict[Block, Cells]:
@@ -239,11 +237,13 @@ class Snapshot:
             every = self._frontier()
             some = joined((every[block] for block in blocks if block in every), self._none)
         else:
-            surface = self._surface(1 if kind.endswith("occupied") else 0)
-            here = [surface[block] for block in blocks if block in surface]
-            some = joined((cells for cells, _ in here), self._none)
+            state = 1 if kind.endswith("occupied") else 0
+            in_hidden = self._hidden(state)
+            here = [block for block in blocks if block in in_hidden]
+            some = joined((self._blocks[block] for block in here), self._none)
+            some = some.where(some.state == state)
             if kind not in IN_PLANE and here:
-                inner = np.concatenate([hidden_ones for _, hidden_ones in here])
+                inner = np.concatenate([in_hidden[block] for block in here])
                 if sliced is not None:
                     at = sliced[1] / self.unit
                     inner &= ~((some.lower[:, sliced[0]] <= at) & (at < some.upper[:, sliced[0]]))
