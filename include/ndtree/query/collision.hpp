@@ -147,6 +147,7 @@ class CollisionSearch {
     const int level = parent.index.level - 1;
     const std::int64_t edge = geometry.edge(level);
     std::array<std::array<double, std::size_t{N}>, std::size_t{D}> squared;  // Distances along each axis.
+    Offset<D> nearest{};  // First where an obstacle is likely to be met, if there is one.
     for (std::size_t a = 0; a < D; ++a) {
       const double low = around_.core.lower[static_cast<int>(a)];
       const double high = around_.core.upper[static_cast<int>(a)];
@@ -157,13 +158,11 @@ class CollisionSearch {
         const double gap = std::max({0.0, low - next, border - high});
         value = gap * gap;
         border = next;
+        nearest[a] += next < centre_[static_cast<int>(a)];
       }
+      nearest[a] = std::min(nearest[a], N - 1);
     }
     const auto* const children = tree_.children(*parent.node);
-    Offset<D> nearest{};  // First where an obstacle is likely to be met, if there is one.
-    for (std::size_t a = 0; a < D; ++a)
-      for (int k = 1; k < N; ++k)
-        nearest[a] += geometry.border(parent.index.lower[a] + k * edge) < centre_[static_cast<int>(a)];
     const int first = child_number<N, D>(nearest);
     for (int i = 0; i < Tree::kNumChildren; ++i) {
       const int j = N == 2 ? first ^ i : (first + i) % Tree::kNumChildren;
