@@ -129,12 +129,16 @@ def test_a_distance_field_is_scipys_up_to_where_cells_begin(any_room, unknown):
 def test_gradients_of_a_field_lead_away_from_obstacles():
     m = room(2)
     field = m.distance_field([[-2.5, -2.5], [2.5, 2.5]], 0.05)
-    points = RNG.uniform(-1.5, 1.5, (200, 2))
+    points = RNG.uniform(-1.5, 1.5, (500, 2))
     gradient = field.gradient(points)
+    ends = points + 0.01 * gradient
+    between = [np.floor((at + 2.5) / 0.05 - 0.5) for at in (points, ends)]  # At centres it has kinks.
+    smooth = (between[0] == between[1]).all(axis=1)
+    assert smooth.sum() > 300
     np.testing.assert_allclose(
-        field.distance(points + 0.01 * gradient) - field.distance(points),
-        0.01 * (gradient**2).sum(axis=1),
-        atol=0.004,
+        (field.distance(ends) - field.distance(points))[smooth],
+        0.01 * (gradient**2).sum(axis=1)[smooth],
+        atol=0.002,
     )
     free = field.distance(points) > 0.1
     assert np.median(np.linalg.norm(gradient[free], axis=1)) == pytest.approx(1.0, abs=0.05)
