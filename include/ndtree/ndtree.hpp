@@ -25,6 +25,7 @@
 #include "ndtree/query/frontiers.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"
+#include "ndtree/query/point_packet.hpp"
 #include "ndtree/query/ray.hpp"
 #include "ndtree/query/region.hpp"
 #include "ndtree/query/transform.hpp"

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <numeric>
@@ -41,6 +42,16 @@ class BoxTree {
     if (!empty()) descend(0, region, visit);
   }
 
+  /// Calls `visit(number)` for each box that is at most so far from a region, but for those in a larger box
+  /// that by then does not matter any more. What is nearer comes first, more or less.
+  /// @param squared distance [m²].
+  template <class Matters, class Visit>
+  void for_each_within(const Box<D>& region, double squared, const Matters& matters,
+                       const Visit& visit) const {
+    if (!empty() && region.squared_distance(nodes_[0].bounds) <= squared)
+      descend_within(0, region, squared, matters, visit);
+  }
+
   /// Whether some box is at most so far from a region [m].
   [[nodiscard]] bool any_within(const Box<D>& region, double distance) const {
     return !empty() && any_within(0, region, distance * distance);
@@ -67,6 +78,24 @@ class BoxTree {
       return any_within(id + 1, region, squared) || any_within(node.second, region, squared);
     return std::any_of(boxes_.begin() + node.first, boxes_.begin() + node.last,
                        [&](const Box<D>& box) { return region.squared_distance(box) <= squared; });
+  }
+
+  template <class Matters, class Visit>
+  void descend_within(std::uint32_t id, const Box<D>& region, double squared, const Matters& matters,
+                      const Visit& visit) const {
+    const Node& node = nodes_[id];
+    if (!matters(node.bounds)) return;
+    if (node.is_leaf()) {
+      for (std::uint32_t i = node.first; i < node.last; ++i)
+        if (region.squared_distance(boxes_[i]) <= squared) visit(i);
+      return;
+    }
+    std::array<std::uint32_t, 2> halves{id + 1, node.second};
+    std::array<double, 2> distances;
+    for (std::size_t i = 0; i < 2; ++i) distances[i] = region.squared_distance(nodes_[halves[i]].bounds);
+    const std::size_t first = distances[1] < distances[0] ? 1 : 0;
+    for (const std::size_t i : {first, 1 - first})
+      if (distances[i] <= squared) descend_within(halves[i], region, squared, matters, visit);
   }
 
   template <class Visit>

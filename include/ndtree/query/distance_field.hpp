@@ -125,6 +125,25 @@ struct ObstacleStates {
   }
 };
 
+/// How far a field looks.
+class DistanceLimit {
+ public:
+  /// @param most distance that matters [m].
+  explicit DistanceLimit(double most)
+      : most_(static_cast<float>(most)), squared_(static_cast<float>(most * most)) {}
+
+  /// From here on, a squared distance means that nothing is near.
+  [[nodiscard]] float squared() const { return squared_; }
+  /// The value of a field for a squared distance.
+  [[nodiscard]] float distance(float squared) const {
+    return squared < squared_ ? std::min(std::sqrt(squared), most_) : most_;
+  }
+
+ private:
+  float most_;
+  float squared_;
+};
+
 /// Values for the points of one block.
 template <int D>
 class BlockValues {
@@ -149,29 +168,22 @@ class FieldValues {
   using Block = GridBlock<D>;
 
   FieldValues(const Map& map, const DistanceField<D>& field, Pace& pace)
-      : map_(map), field_(field), states_(field.unknown()), pace_(pace) {}
+      : map_(map), field_(field), limit_(field.max_distance()), states_(field.unknown()), pace_(pace) {}
 
-  /// The value for a squared distance to an obstacle, of which a limit means that there is none nearer.
-  [[nodiscard]] float value(float squared, float limit) const {
-    const auto most = static_cast<float>(field_.max_distance());
-    return squared < limit ? std::min(std::sqrt(squared), most) : most;
-  }
-
-  /// Sets the values of those points of a part of the block that `wants(place)`. @param guess of how far to
-  /// look: where that is not far enough, it is doubled.
-  template <class Wants>
-  void find(BlockValues<D>& values, Block part, double guess, const Wants& wants) const {
-    find_nearest(states_.obstacles, part, guess, wants,
-                 [&](const Shape& at, float distance) { values[at] = distance; });
+  /// Sets the values of a block. @param guess of how far to look: where that is not far enough, it is
+  /// doubled.
+  void find(BlockValues<D>& values, const Block& block, double guess) const {
+    find_nearest(
+        states_.obstacles, block, guess, [](const Shape&) { return true; },
+        [&](const Shape& at, float distance) { values[at] = distance; });
     Block inside;
-    any_place(part.first, part.last, [&](const Shape& at) {
-      if (values[at] == 0.0f && wants(at)) inside.add(at);
+    any_place(block.first, block.last, [&](const Shape& at) {
+      if (values[at] == 0.0f) inside.add(at);
       return false;
     });
     // Obstacles are thin, most of them.
     find_nearest(
-        states_.others, inside, 4.0 * field_.cell_size(),
-        [&](const Shape& at) { return values[at] <= 0.0f && wants(at); },
+        states_.others, inside, 4.0 * field_.cell_size(), [&](const Shape& at) { return values[at] <= 0.0f; },
         [&](const Shape& at, float distance) { values[at] = 0.0f - distance; });
   }
 
@@ -190,7 +202,7 @@ class FieldValues {
         const float found = squared[i++];
         if (!wants(at)) return false;
         if (found < transform.limit() || reach >= most)
-          set(at, value(found, transform.limit()));
+          set(at, limit_.distance(found));
         else
           left.add(at);
         return false;
@@ -201,13 +213,15 @@ class FieldValues {
 
   const Map& map_;
   const DistanceField<D>& field_;
+  DistanceLimit limit_;
   ObstacleStates states_;
   Pace& pace_;
 };
 
 /// Calls `visit(block)` for the parts of a block that are at most so long, those of them that may matter.
+/// @param step of which the length of all parts is a multiple, but at the block's end.
 template <int D, class Matters, class Visit>
-void for_each_part(const GridBlock<D>& block, std::size_t longest, const Matters& matters,
+void for_each_part(const GridBlock<D>& block, std::size_t longest, std::size_t step, const Matters& matters,
                    const Visit& visit) {
   if (block.empty() || !matters(block)) return;
   std::size_t axis = 0;
@@ -218,11 +232,12 @@ void for_each_part(const GridBlock<D>& block, std::size_t longest, const Matters
     return;
   }
   GridBlock<D> half = block;
-  half.last[axis] = block.first[axis] + (block.last[axis] - block.first[axis]) / 2;
-  for_each_part(half, longest, matters, visit);
+  const std::size_t steps = (block.last[axis] - block.first[axis] + step - 1) / step;
+  half.last[axis] = block.first[axis] + steps / 2 * step;
+  for_each_part(half, longest, step, matters, visit);
   half.first[axis] = half.last[axis];
   half.last[axis] = block.last[axis];
-  for_each_part(half, longest, matters, visit);
+  for_each_part(half, longest, step, matters, visit);
 }
 
 }  // namespace detail
@@ -262,10 +277,10 @@ template <class Map>
   const double side =
       std::clamp(4.0 * max_distance / cell_size, D == 2 ? 128.0 : 16.0, D == 2 ? 1024.0 : 128.0);
   detail::for_each_part(
-      GridBlock<D>{{}, field.shape()}, static_cast<std::size_t>(side), [](const auto&) { return true; },
+      GridBlock<D>{{}, field.shape()}, static_cast<std::size_t>(side), 1, [](const auto&) { return true; },
       [&](const GridBlock<D>& block) {
         detail::BlockValues<D> found(block);
-        values.find(found, block, 0.5 * side * cell_size, [](const auto&) { return true; });
+        values.find(found, block, 0.5 * side * cell_size);
         detail::any_place(block.first, block.last, [&](const auto& at) {
           field.values()[field.index(at)] = found[at];
           return false;

@@ -116,6 +116,33 @@ bool any_place(const Shape& first, const Shape& last, const Holds& holds) {
   }
 }
 
+/// Calls `visit(tile)` for the parts of a block that are so long, or shorter at its end, in the order of a C
+/// array.
+template <int D, class Visit>
+void for_each_tile(const GridBlock<D>& block, const typename FieldGrid<D>::Shape& sides, const Visit& visit) {
+  if (block.empty()) return;
+  typename FieldGrid<D>::Shape count;
+  for (std::size_t a = 0; a < D; ++a) count[a] = (block.last[a] - block.first[a] + sides[a] - 1) / sides[a];
+  any_place({}, count, [&](const auto& number) {
+    GridBlock<D> tile;
+    for (std::size_t a = 0; a < D; ++a) {
+      tile.first[a] = block.first[a] + number[a] * sides[a];
+      tile.last[a] = std::min(tile.first[a] + sides[a], block.last[a]);
+    }
+    visit(tile);
+    return false;
+  });
+}
+
+/// Calls `visit(place, length)` for each row of a block along the last axis.
+template <int D, class Visit>
+void for_each_row(const GridBlock<D>& block, const Visit& visit) {
+  auto sides = block.last;
+  sides.fill(1);
+  sides[D - 1] = block.last[D - 1] - block.first[D - 1];
+  for_each_tile(block, sides, [&](const GridBlock<D>& row) { visit(row.first, sides[D - 1]); });
+}
+
 }  // namespace detail
 
 }  // namespace ndtree

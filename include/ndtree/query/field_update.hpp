@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -14,23 +15,27 @@
 #include "ndtree/core/box_tree.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/query/cells.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/distance_field.hpp"
-#include "ndtree/query/distance_transform.hpp"
 #include "ndtree/query/field_grid.hpp"
+#include "ndtree/query/point_packet.hpp"
 #include "ndtree/query/region.hpp"
 
 namespace ndtree {
 
 namespace detail {
 
-/// What a change of a map changes in a field.
+/// What a change of a map changes in a field. Points are looked at in small packets: of these, only those
+/// are touched for which something that came or went is no farther than what was nearest.
 template <class Map>
 class FieldUpdate {
  public:
   static constexpr int D = Map::kDim;
   using Shape = typename FieldGrid<D>::Shape;
   using Block = GridBlock<D>;
+  using Packet = PointPacket<D>;
+  using Values = typename Packet::Values;
   struct NewValue {
     std::size_t index;
     float value;
@@ -39,86 +44,168 @@ class FieldUpdate {
   /// @param came, went boxes that have become obstacles, and that are none any longer.
   FieldUpdate(const Map& map, const DistanceField<D>& field, const std::vector<Box<D>>& came,
               const std::vector<Box<D>>& went)
-      : field_(field), values_(map, field, pace_), came_(came), went_(went) {}
+      : field_(field),
+        limit_(field.max_distance()),
+        states_(field.unknown()),
+        obstacles_(map, states_.obstacles, pace_),
+        others_(map, states_.others, pace_),
+        outside_(outside_of(map.tree().box(map.tree().root().index),
+                            field.grid().box().inflated(field.max_distance()))),
+        came_(came),
+        went_(went) {}
 
   /// The points whose values are others now.
   [[nodiscard]] std::vector<NewValue> run() {
-    constexpr std::size_t kSide = D == 2 ? 32 : D == 3 ? 16 : 6;
     for_each_part(
-        Block{{}, field_.shape()}, kSide,
-        [&](const Block& block) {
-          const Box<D> points = field_.grid().box_of(block);
-          return came_.any_within(points, field_.max_distance()) ||
-                 went_.any_within(points, field_.max_distance());
-        },
-        [&](const Block& block) { look_at(block); });
+        Block{{}, field_.shape()}, kPackets * Packet::kSide, Packet::kSide,
+        [&](const Block& block) { return any_within(block, field_.max_distance()); },
+        [&](const Block& block) { look_at_packets(block); });
     return std::move(changed_);
   }
 
  private:
-  /// Of a point outside obstacles, its value is the distance to the nearest: what came may be nearer; only if
-  /// the nearest is among what went, all have to be looked at. Inside it is the other way round.
-  void look_at(const Block& block) {
-    float largest = 0.0f;
-    any_place(block.first, block.last, [&](const Shape& at) {
-      largest = std::max(largest, std::abs(field_.values()[field_.index(at)]));
-      return false;
-    });
-    constexpr double kRounding = 1e-5;  // Of values, relatively.
-    const double reach = static_cast<double>(largest) * (1.0 + kRounding) + 0.01 * field_.cell_size();
-    const Box<D> around = field_.grid().box_of(block).inflated(reach);
-    const std::vector<Box<D>> near_came = touching(came_, around);
-    const std::vector<Box<D>> near_went = touching(went_, around);
-    if (near_came.empty() && near_went.empty()) return;
-    DistanceTransform<D> transform(field_.grid(), block, reach, pace_);
-    const std::vector<float> to_came = transform.squared_distances(near_came);
-    const std::vector<float>& to_went = transform.squared_distances(near_went);
-    BlockValues<D> values(block);
-    std::vector<bool> is_open(to_came.size());
-    Block open;
-    float largest_open = 0.0f;
-    std::size_t i = 0;
-    any_place(block.first, block.last, [&](const Shape& at) {
-      const float before = field_.values()[field_.index(at)];
-      const bool is_outside = before > 0.0f;
-      const float distance = std::abs(before);
-      const auto distance_to = [&](const std::vector<float>& squared) {
-        return squared[i] < transform.limit() ? values_.value(squared[i], transform.limit())
-                                              : std::numeric_limits<float>::infinity();
-      };
-      const float gain = distance_to(is_outside ? to_came : to_went);
-      const float loss = distance_to(is_outside ? to_went : to_came);
-      values[at] = before;
-      if (gain == 0.0f || (loss <= distance && gain > distance)) {
-        is_open[i] = true;
-        open.add(at);
-        largest_open = std::max(largest_open, distance);
-      } else if (gain < distance) {
-        values[at] = is_outside ? gain : 0.0f - gain;
+  /// More than errors of rounding, of a squared distance in float32 and of its root.
+  static constexpr double kRounding = 1e-6;
+  /// Along each side of a block.
+  static constexpr std::size_t kPackets = 4;
+
+  [[nodiscard]] bool any_within(const Block& block, double distance) const {
+    const Box<D> points = field_.grid().box_of(block);
+    const double reach = distance * (1.0 + 2.0 * kRounding);
+    return came_.any_within(points, reach) || went_.any_within(points, reach);
+  }
+  void look_at_packets(const Block& block) {
+    // The largest distance of each packet, by rows of packets.
+    std::array<std::size_t, std::size_t{D}> bar;
+    bar.fill(Packet::kSide);
+    bar[D - 1] = kPackets * Packet::kSide;
+    farthest_.clear();
+    for_each_tile(block, bar, [&](const Block& packets) {
+      std::array<float, kPackets * Packet::kSide> largest{};
+      for_each_row(packets, [&](const Shape& at, std::size_t length) {
+        const float* const row = field_.values().data() + field_.index(at);
+        for (std::size_t i = 0; i < length; ++i) largest[i] = larger(largest[i], std::abs(row[i]));
+      });
+      for (std::size_t i = packets.first[D - 1]; i < packets.last[D - 1]; i += Packet::kSide) {
+        const float* const first = largest.data() + (i - packets.first[D - 1]);
+        farthest_.push_back(*std::max_element(first, first + Packet::kSide));
       }
-      ++i;
-      return false;
     });
-    // What went often was at the surface of what is still there.
-    values_.find(values, open, static_cast<double>(largest_open) + 1.5 * field_.cell_size(),
-                 [&](const Shape& at) { return is_open[block.index(at)]; });
-    any_place(block.first, block.last, [&](const Shape& at) {
-      const std::size_t index = field_.index(at);
-      if (values[at] != field_.values()[index]) changed_.push_back({index, values[at]});
-      return false;
+    if (!any_within(block, static_cast<double>(*std::max_element(farthest_.begin(), farthest_.end()))))
+      return;
+    const float* farthest = farthest_.data();
+    Packet::for_each_part(block, [&](const Block& packet) {
+      if (any_within(packet, static_cast<double>(*farthest++))) look_at(packet);
     });
   }
-  [[nodiscard]] static std::vector<Box<D>> touching(const BoxTree<D>& tree, const Box<D>& region) {
-    std::vector<Box<D>> boxes;
-    tree.for_each_touching(region, [&](std::uint32_t number) { boxes.push_back(tree.box(number)); });
-    return boxes;
+  [[nodiscard]] static float larger(float a, float b) { return a < b ? b : a; }
+  [[nodiscard]] static float largest_of(const Values& values) {
+    constexpr std::size_t kLanes = 4;
+    std::array<float, kLanes> largest;
+    std::copy_n(values.begin(), kLanes, largest.begin());
+    for (std::size_t i = 0; i < Packet::kPoints; i += kLanes)
+      for (std::size_t k = 0; k < kLanes; ++k) largest[k] = larger(largest[k], values[i + k]);
+    return *std::max_element(largest.begin(), largest.end());
+  }
+
+  void look_at(const Block& block) {
+    pace_.spend(16);
+    Packet packet(field_.grid(), block);
+    Values before;
+    before.fill(std::numeric_limits<float>::quiet_NaN());
+    for_each_row(block, [&](const Shape& at, std::size_t length) {
+      std::copy_n(field_.values().data() + field_.index(at), length, before.data() + Packet::lane(block, at));
+    });
+    Values outside;  // Squared distances below which something matters, of some points; -1 for the others.
+    Values inside;
+    constexpr auto kRounded = static_cast<float>(1.0 + kRounding);
+    for (std::size_t i = 0; i < Packet::kPoints; ++i) {
+      const float squared = larger(before[i] * before[i] * kRounded, std::numeric_limits<float>::min());
+      const float reach = squared < limit_.squared() ? squared : limit_.squared();
+      outside[i] = before[i] > 0.0f ? reach : -1.0f;
+      inside[i] = before[i] <= 0.0f ? reach : -1.0f;
+    }
+    // Of a point outside obstacles, its value is the distance to the nearest: what came may be nearer; only
+    // if the nearest is among what went, all have to be looked at. Inside it is the other way round.
+    Values after = before;
+    Values open;
+    open.fill(-1.0f);
+    const auto decide = [&](const BoxTree<D>& gained, const BoxTree<D>& lost, Values& reach, float sign) {
+      if (show(gained, block, reach, packet))
+        for (std::size_t i = 0; i < Packet::kPoints; ++i) {
+          const float squared = packet.squared()[i];
+          const float distance = limit_.distance(squared);
+          if (!(squared < reach[i]) || distance > std::abs(before[i])) continue;
+          if (squared > 0.0f)
+            after[i] = sign * distance;
+          else
+            open[i] = limit_.squared();
+          reach[i] = -1.0f;
+        }
+      if (show(lost, block, reach, packet))
+        for (std::size_t i = 0; i < Packet::kPoints; ++i)
+          if (packet.squared()[i] < reach[i]) open[i] = limit_.squared();
+    };
+    decide(came_, went_, outside, 1.0f);
+    decide(went_, came_, inside, -1.0f);
+    find(open, packet, after);
+    for_each_row(block, [&](const Shape& at, std::size_t length) {
+      const std::size_t index = field_.index(at);
+      const std::size_t first = Packet::lane(block, at);
+      for (std::size_t i = 0; i < length; ++i)
+        if (after[first + i] != before[first + i]) changed_.push_back({index + i, after[first + i]});
+    });
+  }
+  /// Shows some points what is in reach of them, and whether there is anything.
+  [[nodiscard]] bool show(const BoxTree<D>& boxes, const Block& block, const Values& reach,
+                          Packet& packet) const {
+    const auto farthest = static_cast<double>(largest_of(reach));
+    bool any = false;
+    if (farthest < 0.0) return false;
+    packet.squared() = reach;
+    boxes.for_each_within(
+        field_.grid().box_of(block), farthest * (1.0 + kRounding),
+        [&](const Box<D>& box) { return packet.is_nearer(box); },
+        [&](std::uint32_t number) {
+          packet.take(boxes.box(number));
+          any = true;
+        });
+    return any;
+  }
+
+  /// Values of open points, as for a new field. @param open squared distances that matter, or -1.
+  void find(const Values& open, Packet& packet, Values& after) const {
+    if (largest_of(open) < 0.0f) return;
+    packet.squared() = open;
+    show(obstacles_, states_.obstacles.unknown, packet);
+    Values inside = open;
+    for (std::size_t i = 0; i < Packet::kPoints; ++i) {
+      const float squared = packet.squared()[i];
+      if (squared >= 0.0f) after[i] = limit_.distance(squared);
+      if (squared != 0.0f) inside[i] = -1.0f;
+    }
+    if (largest_of(inside) < 0.0f) return;
+    packet.squared() = inside;
+    show(others_, states_.others.unknown, packet);
+    for (std::size_t i = 0; i < Packet::kPoints; ++i)
+      if (packet.squared()[i] >= 0.0f) after[i] = 0.0f - limit_.distance(packet.squared()[i]);
+  }
+  void show(const PacketSearch<Map>& cells, bool is_unknown_wanted, Packet& packet) const {
+    cells.show(packet);
+    if (is_unknown_wanted)
+      for (const Box<D>& box : outside_) packet.take(box);
   }
 
   const DistanceField<D>& field_;
+  DistanceLimit limit_;
+  ObstacleStates states_;
   Pace pace_;
-  FieldValues<Map> values_;
+  PacketSearch<Map> obstacles_;
+  PacketSearch<Map> others_;
+  std::vector<Box<D>> outside_;  // Of the map: unknown space.
   BoxTree<D> came_;
   BoxTree<D> went_;
+  std::vector<float> farthest_;  // Of each packet of a block.
   std::vector<NewValue> changed_;
 };
 
