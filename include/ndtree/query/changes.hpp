@@ -78,21 +78,51 @@ class TreeRegion {
   }
   /// Whether nothing can be different from another tree's region. @pre neither is a leaf.
   [[nodiscard]] bool shares_all(const TreeRegion& other) const {
-    return node_ != nullptr && other.node_ != nullptr &&
-           tree_->shares_children(*node_, *other.tree_, *other.node_);
+    return node_ != nullptr && other.node_ != nullptr && shares_all(*node_, other, *other.node_);
+  }
+  /// Whether a part of the region is for certain the same as another's: it shares all, or it is a leaf of
+  /// both trees, and `is_same(cell, cell)`. @pre neither is a leaf.
+  template <class IsSame>
+  [[nodiscard]] bool has_same_child(const TreeRegion& other, int number, const IsSame& is_same) const {
+    if (node_ == nullptr || other.node_ == nullptr) return false;
+    const NodeType& own = tree_->children(*node_)[number];
+    const NodeType& others = other.tree_->children(*other.node_)[number];
+    if (own.is_leaf() != others.is_leaf()) return false;
+    return own.is_leaf() ? is_same(own.cell(), others.cell()) : shares_all(own, other, others);
   }
 
  private:
+  using NodeType = typename Tree::NodeType;
+
+  [[nodiscard]] bool shares_all(const NodeType& own, const TreeRegion& other, const NodeType& others) const {
+    return tree_->shares_children(own, *other.tree_, others);
+  }
   [[nodiscard]] auto cell_or_none() const {
     return node_ != nullptr ? node_->cell() : std::decay_t<decltype(node_->cell())>{};
   }
 
   const Tree* tree_;
-  const typename Tree::NodeType* node_ = nullptr;
+  const NodeType* node_ = nullptr;
   CellIndex<D> index_;
   bool is_around_root_ = false;
   bool is_own_ = false;
 };
+
+/// Descends into two regions of the same place, one of each tree. Where one of them is a leaf, calls
+/// `visit(a, b)`, which says whether to go on with their parts. Parts that are the same memory are left out,
+/// and leaves of both for which `is_same(cell, cell)`.
+template <class Tree, class IsSame, class Visit>
+void descend_pair(const TreeRegion<Tree>& a, const TreeRegion<Tree>& b, Pace& pace, const IsSame& is_same,
+                  const Visit& visit) {
+  pace.spend();
+  if (a.is_leaf() || b.is_leaf()) {
+    if (!visit(a, b)) return;
+    for (int j = 0; j < Tree::kNumChildren; ++j) descend_pair(a.child(j), b.child(j), pace, is_same, visit);
+  } else if (!a.shares_all(b)) {
+    for (int j = 0; j < Tree::kNumChildren; ++j)
+      if (!a.has_same_child(b, j, is_same)) descend_pair(a.child(j), b.child(j), pace, is_same, visit);
+  }
+}
 
 /// Calls `visit(index)` for each node of level 0, the coarsest cells that are ever observed, in a node.
 template <class Tree, class Visit>
@@ -155,17 +185,13 @@ void for_each_difference(const Map& before, const Map& after, const Visit& visit
   using Region = TreeRegion<Tree>;
   check_same_cells(before, after);
   Pace pace;
-  const auto descend = [&](const auto& self, const Region& old, const Region& now) -> void {
-    pace.spend();
-    if (old.is_leaf() || now.is_leaf()) {
+  const auto is_same = [](const auto& old, const auto& now) { return old.state() == now.state(); };
+  for_each_pair(before.tree(), after.tree(), [&](const Region& a, const Region& b) {
+    descend_pair(a, b, pace, is_same, [&](const Region& old, const Region& now) {
       if (old.is_leaf() != now.is_leaf() || old.state() != now.state()) visit(now.index());
-      return;
-    }
-    if (old.shares_all(now)) return;
-    for (int j = 0; j < Tree::kNumChildren; ++j) self(self, old.child(j), now.child(j));
-  };
-  for_each_pair(before.tree(), after.tree(),
-                [&](const Region& old, const Region& now) { descend(descend, old, now); });
+      return false;
+    });
+  });
 }
 
 }  // namespace detail
@@ -181,18 +207,17 @@ void for_each_change(const Map& before, const Map& after, const Visit& visit,
   using Region = detail::TreeRegion<Tree>;
   detail::check_same_cells(before, after);
   Pace pace;
-  const auto descend = [&](const auto& self, const Region& old, const Region& now) -> void {
-    pace.spend();
-    if (old.is_leaf() && now.is_leaf()) {
+  const auto is_same = [what](const auto& old, const auto& now) {
+    return what == ChangeOf::states ? old.state() == now.state() : old == now;
+  };
+  detail::for_each_pair(before.tree(), after.tree(), [&](const Region& a, const Region& b) {
+    detail::descend_pair(a, b, pace, is_same, [&](const Region& old, const Region& now) {
+      if (!old.is_leaf() || !now.is_leaf()) return true;
       if (what == ChangeOf::states ? old.state() != now.state() : !old.is_same_cell(now))
         visit(Change<Map::kDim>{now.index(), old.state(), now.state()});
-      return;
-    }
-    if (!old.is_leaf() && !now.is_leaf() && old.shares_all(now)) return;
-    for (int j = 0; j < Tree::kNumChildren; ++j) self(self, old.child(j), now.child(j));
-  };
-  detail::for_each_pair(before.tree(), after.tree(),
-                        [&](const Region& old, const Region& now) { descend(descend, old, now); });
+      return false;
+    });
+  });
 }
 
 /// All of them.
