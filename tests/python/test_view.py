@@ -51,7 +51,7 @@ def flat() -> Any:
 
 @pytest.fixture(scope="module")
 def solid() -> Any:
-    return inserted(ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, max_cell_size=0.8), 30)
+    return inserted(ndtree.AdaptiveMap(dim=3, min_cell_size=0.2, max_cell_size=0.8), 30)
 
 
 @pytest.fixture(scope="module")

@@ -137,10 +137,13 @@ void for_each_tile(const GridBlock<D>& block, const typename FieldGrid<D>::Shape
 /// Calls `visit(place, length)` for each row of a block along the last axis.
 template <int D, class Visit>
 void for_each_row(const GridBlock<D>& block, const Visit& visit) {
-  auto sides = block.last;
-  sides.fill(1);
-  sides[D - 1] = block.last[D - 1] - block.first[D - 1];
-  for_each_tile(block, sides, [&](const GridBlock<D>& row) { visit(row.first, sides[D - 1]); });
+  if (block.empty()) return;
+  auto ends = block.last;
+  ends[D - 1] = block.first[D - 1] + 1;
+  any_place(block.first, ends, [&](const auto& at) {
+    visit(at, block.last[D - 1] - block.first[D - 1]);
+    return false;
+  });
 }
 
 }  // namespace detail

@@ -58,7 +58,7 @@ class FieldUpdate {
   [[nodiscard]] std::vector<NewValue> run() {
     for_each_part(
         Block{{}, field_.shape()}, kPackets * Packet::kSide, Packet::kSide,
-        [&](const Block& block) { return any_within(block, field_.max_distance()); },
+        [&](const Block& block) { return any_within(field_.grid().box_of(block), field_.max_distance()); },
         [&](const Block& block) { look_at_packets(block); });
     return std::move(changed_);
   }
@@ -69,8 +69,7 @@ class FieldUpdate {
   /// Along each side of a block.
   static constexpr std::size_t kPackets = 4;
 
-  [[nodiscard]] bool any_within(const Block& block, double distance) const {
-    const Box<D> points = field_.grid().box_of(block);
+  [[nodiscard]] bool any_within(const Box<D>& points, double distance) const {
     const double reach = distance * (1.0 + 2.0 * kRounding);
     return came_.any_within(points, reach) || went_.any_within(points, reach);
   }
@@ -91,11 +90,12 @@ class FieldUpdate {
         farthest_.push_back(*std::max_element(first, first + Packet::kSide));
       }
     });
-    if (!any_within(block, static_cast<double>(*std::max_element(farthest_.begin(), farthest_.end()))))
-      return;
     const float* farthest = farthest_.data();
+    const float largest = *std::max_element(farthest_.begin(), farthest_.end());
+    if (!any_within(field_.grid().box_of(block), static_cast<double>(largest))) return;
     Packet::for_each_part(block, [&](const Block& packet) {
-      if (any_within(packet, static_cast<double>(*farthest++))) look_at(packet);
+      const Box<D> points = field_.grid().box_of(packet);
+      if (any_within(points, static_cast<double>(*farthest++))) look_at(packet, points);
     });
   }
   [[nodiscard]] static float larger(float a, float b) { return a < b ? b : a; }
@@ -108,13 +108,16 @@ class FieldUpdate {
     return *std::max_element(largest.begin(), largest.end());
   }
 
-  void look_at(const Block& block) {
+  /// @param points around those of the block.
+  void look_at(const Block& block, const Box<D>& points) {
     pace_.spend(16);
     Packet packet(field_.grid(), block);
     Values before;
     before.fill(std::numeric_limits<float>::quiet_NaN());
     for_each_row(block, [&](const Shape& at, std::size_t length) {
-      std::copy_n(field_.values().data() + field_.index(at), length, before.data() + Packet::lane(block, at));
+      const float* const row = field_.values().data() + field_.index(at);
+      float* const values = before.data() + Packet::lane(block, at);
+      for (std::size_t i = 0; i < length; ++i) values[i] = row[i];
     });
     Values outside;  // Squared distances below which something matters, of some points; -1 for the others.
     Values inside;
@@ -130,8 +133,10 @@ class FieldUpdate {
     Values after = before;
     Values open;
     open.fill(-1.0f);
+    bool any = false;
     const auto decide = [&](const BoxTree<D>& gained, const BoxTree<D>& lost, Values& reach, float sign) {
-      if (show(gained, block, reach, packet))
+      if (show(gained, points, reach, packet)) {
+        any = true;
         for (std::size_t i = 0; i < Packet::kPoints; ++i) {
           const float squared = packet.squared()[i];
           const float distance = limit_.distance(squared);
@@ -142,12 +147,16 @@ class FieldUpdate {
             open[i] = limit_.squared();
           reach[i] = -1.0f;
         }
-      if (show(lost, block, reach, packet))
+      }
+      if (show(lost, points, reach, packet)) {
+        any = true;
         for (std::size_t i = 0; i < Packet::kPoints; ++i)
           if (packet.squared()[i] < reach[i]) open[i] = limit_.squared();
+      }
     };
     decide(came_, went_, outside, 1.0f);
     decide(went_, came_, inside, -1.0f);
+    if (!any) return;
     find(open, packet, after);
     for_each_row(block, [&](const Shape& at, std::size_t length) {
       const std::size_t index = field_.index(at);
@@ -157,15 +166,14 @@ class FieldUpdate {
     });
   }
   /// Shows some points what is in reach of them, and whether there is anything.
-  [[nodiscard]] bool show(const BoxTree<D>& boxes, const Block& block, const Values& reach,
+  [[nodiscard]] bool show(const BoxTree<D>& boxes, const Box<D>& points, const Values& reach,
                           Packet& packet) const {
     const auto farthest = static_cast<double>(largest_of(reach));
     bool any = false;
     if (farthest < 0.0) return false;
     packet.squared() = reach;
     boxes.for_each_within(
-        field_.grid().box_of(block), farthest * (1.0 + kRounding),
-        [&](const Box<D>& box) { return packet.is_nearer(box); },
+        points, farthest * (1.0 + kRounding), [&](const Box<D>& box) { return packet.is_nearer(box); },
         [&](std::uint32_t number) {
           packet.take(boxes.box(number));
           any = true;
