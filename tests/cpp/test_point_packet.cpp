@@ -65,7 +65,7 @@ struct Dimension {
 };
 template <class T>
 class PacketOfDimension : public testing::Test {};
-using Dimensions = testing::Types<Dimension<2>, Dimension<3>, Dimension<4>, Dimension<5>>;
+using Dimensions = testing::Types<Dimension<1>, Dimension<2>, Dimension<3>, Dimension<4>, Dimension<5>>;
 TYPED_TEST_SUITE(PacketOfDimension, Dimensions);
 
 TYPED_TEST(PacketOfDimension, KeepsTheNearestOfAllBoxesBitForBit) {

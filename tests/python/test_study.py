@@ -88,7 +88,8 @@ def test_nothing_is_done_twice(tmp_path: Path) -> None:
 
 
 def test_a_killed_run_goes_on(tmp_path: Path) -> None:
-    text = '[logs.a]\nsimulate = "office"\nscans = 150\n[maps.fixed]\nmin_cell_size = [0.2, 0.3, 0.1, 0.15, 0.12]\n'
+    sizes = "min_cell_size = [0.2, 0.3, 0.1, 0.15, 0.12]"
+    text = f'[logs.a]\nsimulate = "office"\nscans = 150\n[maps.fixed]\n{sizes}\n'
     file = written(tmp_path, text)
     results = tmp_path / "study-results" / "results"
     command = [sys.executable, "-m", "ndtree.cli", "study", str(file), "--processes", "1"]

@@ -100,7 +100,7 @@ class FieldUpdate {
   }
   [[nodiscard]] static float larger(float a, float b) { return a < b ? b : a; }
   [[nodiscard]] static float largest_of(const Values& values) {
-    constexpr std::size_t kLanes = 4;
+    constexpr std::size_t kLanes = std::min<std::size_t>(4, Packet::kPoints);
     std::array<float, kLanes> largest;
     std::copy_n(values.begin(), kLanes, largest.begin());
     for (std::size_t i = 0; i < Packet::kPoints; i += kLanes)

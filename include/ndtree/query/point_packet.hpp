@@ -141,7 +141,8 @@ class PointPacket {
 
   /// Sums for all axes but the first, from the last on.
   [[nodiscard]] static Rest rest_of(const Squares& box) {
-    Rest rest;
+    Rest rest{};
+    if constexpr (kAxes == 1) return rest;
     std::copy_n(box[kAxes - 1]->begin(), kSide, rest.begin());
     std::size_t n = kSide;
     for (std::size_t a = kAxes - 1; a > 1; --a, n *= kSide) {
