@@ -119,6 +119,7 @@ void descend_pair(const TreeRegion<Tree>& a, const TreeRegion<Tree>& b, Pace& pa
     if (!visit(a, b)) return;
     for (int j = 0; j < Tree::kNumChildren; ++j) descend_pair(a.child(j), b.child(j), pace, is_same, visit);
   } else if (!a.shares_all(b)) {
+    pace.spend(Tree::kNumChildren);
     for (int j = 0; j < Tree::kNumChildren; ++j)
       if (!a.has_same_child(b, j, is_same)) descend_pair(a.child(j), b.child(j), pace, is_same, visit);
   }

@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -34,6 +35,10 @@ class DistanceTransform {
         points_(grid.box_of(block)),
         reach_(points_.inflated(most)),
         pace_(pace) {
+    for (int a = 0; a < D; ++a) {  // What is added may be less than what rounding takes away.
+      reach_.lower[a] = std::nextafter(reach_.lower[a], -std::numeric_limits<double>::infinity());
+      reach_.upper[a] = std::nextafter(reach_.upper[a], std::numeric_limits<double>::infinity());
+    }
     for (std::size_t a = 0; a < kAxes; ++a)
       for (std::size_t i = block.first[a]; i < block.last[a]; ++i)
         axes_[a].points.push_back(grid.center(a, i));

@@ -64,13 +64,15 @@ class FieldUpdate {
   }
 
  private:
-  /// More than errors of rounding, of a squared distance in float32 and of its root.
+  /// More than errors of rounding, of a squared distance in float32 and of its root, relatively ...
   static constexpr double kRounding = 1e-6;
+  /// ... and of those whose square is too small for that: the root of the smallest normal number [m].
+  static constexpr double kSmallest = 1.1e-19;
   /// Along each side of a block.
   static constexpr std::size_t kPackets = 4;
 
   [[nodiscard]] bool any_within(const Box<D>& points, double distance) const {
-    const double reach = distance * (1.0 + 2.0 * kRounding);
+    const double reach = distance * (1.0 + 2.0 * kRounding) + kSmallest;
     return came_.any_within(points, reach) || went_.any_within(points, reach);
   }
   void look_at_packets(const Block& block) {
@@ -82,6 +84,7 @@ class FieldUpdate {
     for_each_tile(block, bar, [&](const Block& packets) {
       std::array<float, kPackets * Packet::kSide> largest{};
       for_each_row(packets, [&](const Shape& at, std::size_t length) {
+        pace_.spend();
         const float* const row = field_.values().data() + field_.index(at);
         for (std::size_t i = 0; i < length; ++i) largest[i] = larger(largest[i], std::abs(row[i]));
       });
@@ -98,6 +101,7 @@ class FieldUpdate {
       if (any_within(points, static_cast<double>(*farthest++))) look_at(packet, points);
     });
   }
+  // By value, and in lanes, so that compilers make vectors of loops.
   [[nodiscard]] static float larger(float a, float b) { return a < b ? b : a; }
   [[nodiscard]] static float largest_of(const Values& values) {
     constexpr std::size_t kLanes = std::min<std::size_t>(4, Packet::kPoints);
@@ -231,7 +235,9 @@ void update(DistanceField<Map::kDim>& field, const Map& map, const std::vector<C
   const Box<D> reach = field.grid().box().inflated(field.max_distance());
   std::vector<Box<D>> came;
   std::vector<Box<D>> went;
+  Pace pace;
   for (const Change<D>& change : changes) {
+    pace.spend();
     const bool is_obstacle = contains(obstacles, change.after);
     if (contains(obstacles, change.before) == is_obstacle) continue;
     const Box<D> box = map.tree().geometry().box(change.index);

@@ -27,15 +27,11 @@ namespace ndtree::detail {
 template <int D>
 class PointPacket {
   static constexpr auto kAxes = static_cast<std::size_t>(D);
-  /// Numbers along each axis are a small power.
-  [[nodiscard]] static constexpr std::size_t power(std::size_t base, std::size_t exponent) {
-    return exponent == 0 ? 1 : base * power(base, exponent - 1);
-  }
 
  public:
   /// Points along an axis.
   static constexpr std::size_t kSide = D == 2 ? 8 : D == 3 ? 4 : 2;
-  static constexpr std::size_t kPoints = power(kSide, kAxes);
+  static constexpr std::size_t kPoints = static_cast<std::size_t>(integer_power(kSide, D));
   /// For each point, in the order of a C array.
   using Values = std::array<float, kPoints>;
   /// From the planes of points along one axis to a box.
@@ -44,7 +40,8 @@ class PointPacket {
   using Squares = std::array<const AxisSquares*, kAxes>;
 
   /// All have -1, so that nothing is nearer.
-  /// @param block of at most kSide points along each axis, not empty. Points that it lacks are there, too.
+  /// @param block of at most kSide points along each axis, not empty. Points that it lacks repeat its
+  /// last planes, and are to keep -1.
   PointPacket(const FieldGrid<D>& grid, const GridBlock<D>& block) {
     for (std::size_t a = 0; a < kAxes; ++a)
       for (std::size_t i = 0; i < kSide; ++i)
@@ -237,7 +234,7 @@ class PacketSearch {
   /// The children of a node, beginning with the nearest.
   void show_below(const NodeType& parent, const CellIndex<D>& index, PointPacket<D>& packet) const {
     using AxisSquares = typename PointPacket<D>::AxisSquares;
-    pace_.spend(8);
+    pace_.spend(4 + Tree::kNumChildren);
     const auto& geometry = tree_.geometry();
     const std::int64_t edge = geometry.edge(index.level - 1);
     std::array<std::array<AxisSquares, std::size_t{N}>, std::size_t{D}> squares;
