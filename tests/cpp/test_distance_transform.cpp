@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <type_traits>
 #include <vector>
 
 #include "ndtree/core/cancel.hpp"
@@ -34,9 +35,7 @@ std::vector<Box<D>> random_boxes(Random& random, std::size_t n) {
 }
 
 template <int D>
-struct Dimension {
-  static constexpr int value = D;
-};
+using Dimension = std::integral_constant<int, D>;
 template <class T>
 class OfDimension : public testing::Test {};
 using Dimensions = testing::Types<Dimension<2>, Dimension<3>, Dimension<4>>;

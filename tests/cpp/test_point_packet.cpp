@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <set>
+#include <type_traits>
 #include <vector>
 
 #include "ndtree/core/box_tree.hpp"
@@ -60,9 +61,7 @@ struct Points {
 };
 
 template <int D>
-struct Dimension {
-  static constexpr int value = D;
-};
+using Dimension = std::integral_constant<int, D>;
 template <class T>
 class PacketOfDimension : public testing::Test {};
 using Dimensions = testing::Types<Dimension<1>, Dimension<2>, Dimension<3>, Dimension<4>, Dimension<5>>;

@@ -24,6 +24,16 @@ enum class UnknownSpace { free, occupied };
                                       : states.unknown;
 }
 
+/// Whether a node is a leaf of one of these states, or has, or might have, one.
+template <class NodeType>
+[[nodiscard]] bool may_contain(const RegionStates& states, const NodeType& node) {
+  if (node.is_leaf()) return contains(states, node.cell().state());
+  const Summary summary(node.note());
+  return (states.occupied && summary.may_contain(CellState::occupied)) ||
+         (states.free && summary.may_contain(CellState::free)) ||
+         (states.unknown && summary.may_contain(CellState::unknown));
+}
+
 /// Calls `visit(leaf)` for each leaf of one of these states that shares a point with the closed box, depth
 /// first. Nodes without any are not entered.
 template <class Map, class Visit>
@@ -32,14 +42,9 @@ void for_each_leaf_of(const Map& map, const Box<Map::kDim>& region, const Region
   Pace pace;
   detail::for_each_node_touching(map.tree(), map.tree().root(), region, [&](const auto& ref, bool) {
     pace.spend();
-    if (ref.is_leaf()) {
-      if (contains(states, ref.cell().state())) visit(ref);
-      return false;
-    }
-    const Summary summary = Summary::of(*ref.node);
-    return (states.occupied && summary.may_contain(CellState::occupied)) ||
-           (states.free && summary.may_contain(CellState::free)) ||
-           (states.unknown && summary.may_contain(CellState::unknown));
+    const bool is_wanted = may_contain(states, *ref.node);
+    if (is_wanted && ref.is_leaf()) visit(ref);
+    return is_wanted;
   });
 }
 

@@ -165,7 +165,7 @@ class CollisionSearch {
     const auto* const children = tree_.children(*parent.node);
     const int first = child_number<N, D>(nearest);
     for (int i = 0; i < Tree::kNumChildren; ++i) {
-      const int j = N == 2 ? first ^ i : (first + i) % Tree::kNumChildren;
+      const int j = child_from<N, D>(first, i);
       const auto offset = child_offset<N, D>(j);
       double sum = 0.0;
       for (std::size_t a = 0; a < D; ++a) sum += squared[a][static_cast<std::size_t>(offset[a])];

@@ -77,9 +77,10 @@ class FieldUpdate {
   }
   void look_at_packets(const Block& block) {
     // The largest distance of each packet, by rows of packets.
-    std::array<std::size_t, std::size_t{D}> bar;
-    bar.fill(Packet::kSide);
-    bar[D - 1] = kPackets * Packet::kSide;
+    Shape sides;
+    sides.fill(Packet::kSide);
+    Shape bar = sides;
+    bar[D - 1] *= kPackets;
     farthest_.clear();
     for_each_tile(block, bar, [&](const Block& packets) {
       std::array<float, kPackets * Packet::kSide> largest{};
@@ -96,7 +97,7 @@ class FieldUpdate {
     const float* farthest = farthest_.data();
     const float largest = *std::max_element(farthest_.begin(), farthest_.end());
     if (!any_within(field_.grid().box_of(block), static_cast<double>(largest))) return;
-    Packet::for_each_part(block, [&](const Block& packet) {
+    for_each_tile(block, sides, [&](const Block& packet) {
       const Box<D> points = field_.grid().box_of(packet);
       if (any_within(points, static_cast<double>(*farthest++))) look_at(packet, points);
     });

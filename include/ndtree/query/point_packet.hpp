@@ -8,7 +8,6 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "ndtree/cell/summary.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
@@ -49,13 +48,6 @@ class PointPacket {
     squared_.fill(-1.0f);
   }
 
-  /// Calls `visit(part)` for the parts of a block that are as large as a packet, or smaller at its end.
-  template <class Visit>
-  static void for_each_part(const GridBlock<D>& block, const Visit& visit) {
-    typename FieldGrid<D>::Shape sides;
-    sides.fill(kSide);
-    for_each_tile(block, sides, visit);
-  }
   /// Which of the values is that of a place of the block.
   [[nodiscard]] static std::size_t lane(const GridBlock<D>& block,
                                         const typename FieldGrid<D>::Shape& place) {
@@ -218,19 +210,11 @@ class PacketSearch {
     const auto root = tree_.root();
     if (!root.is_leaf())
       show_below(*root.node, root.index, packet);
-    else if (is_wanted(*root.node))
+    else if (may_contain(states_, *root.node))
       packet.take(tree_.box(root.index));
   }
 
  private:
-  [[nodiscard]] bool is_wanted(const NodeType& node) const {
-    if (node.is_leaf()) return contains(states_, node.cell().state());
-    const Summary summary(node.note());
-    return (states_.occupied && summary.may_contain(CellState::occupied)) ||
-           (states_.free && summary.may_contain(CellState::free)) ||
-           (states_.unknown && summary.may_contain(CellState::unknown));
-  }
-
   /// The children of a node, beginning with the nearest.
   void show_below(const NodeType& parent, const CellIndex<D>& index, PointPacket<D>& packet) const {
     using AxisSquares = typename PointPacket<D>::AxisSquares;
@@ -249,9 +233,9 @@ class PacketSearch {
     const NodeType* const children = tree_.children(parent);
     const int first = child_number<N, D>(nearest);
     for (int i = 0; i < Tree::kNumChildren; ++i) {
-      const int number = N == 2 ? first ^ i : (first + i) % Tree::kNumChildren;
+      const int number = child_from<N, D>(first, i);
       const NodeType& child = children[number];
-      if (!is_wanted(child)) continue;
+      if (!may_contain(states_, child)) continue;
       const auto offset = child_offset<N, D>(number);
       typename PointPacket<D>::Squares box;
       for (std::size_t a = 0; a < D; ++a) box[a] = &squares[a][static_cast<std::size_t>(offset[a])];

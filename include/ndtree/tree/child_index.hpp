@@ -41,6 +41,12 @@ template <int N, int D>
   return offset;
 }
 
+/// The i-th child in an order that begins with one of them; for N = 2 it ends with the one opposite.
+template <int N, int D>
+[[nodiscard]] constexpr int child_from(int first, int i) {
+  return N == 2 ? first ^ i : (first + i) % static_cast<int>(integer_power(N, D));
+}
+
 /// diag(m), m = 0..N: the vertices on the diagonal from `lower` to `upper` whose coordinates bound the
 /// children: child `offset` spans [diag(offset[k])[k], diag(offset[k] + 1)[k]) on axis k (Sec. II-B).
 template <int N, int D>
