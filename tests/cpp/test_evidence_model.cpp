@@ -77,7 +77,7 @@ TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
     std::int64_t free = 0;
     for (int i = -200; i <= 200; ++i, ++cases) {
       const auto log_odds = static_cast<float>(0.01 * i);
-      model.add(sum, log_odds, sigmas);
+      EvidenceModel::add(sum, log_odds, EvidenceModel::probability_inside_table()(sigmas));
       const double weight = EvidenceModel::probability_inside(1.0 / static_cast<double>(sigmas));
       if (i > 0) occupied += std::lrint(256.0 * weight * static_cast<double>(log_odds));
       if (i < 0) free += std::lrint(-256.0 * static_cast<double>(log_odds));
@@ -89,7 +89,7 @@ TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
   EXPECT_EQ(cases, 3 * 401);
   // A beam that passed, and a beam near its end that says the same.
   ScanEvidence near;
-  model.add(near, static_cast<float>(std::log(0.4 / 0.6)), 0.3f);
+  EvidenceModel::add(near, static_cast<float>(std::log(0.4 / 0.6)), 0.3f);
   EXPECT_EQ(near.free, model.of_miss());
 }
 
@@ -374,12 +374,12 @@ TEST(EvidenceModel, EvidenceIsSharedOutAsTheBeamsGo) {
 TEST(EvidenceModel, EffectiveBeamsAreThoseThatWereAdded) {
   const EvidenceModel model = model_with(200.0);
   const auto hit = static_cast<float>(std::log(0.7 / 0.3));
-  constexpr float kLarge = 1e-6f;  // The cell, beside the noise: the surface is in it.
+  constexpr float kInside = 1.0f;  // In a cell large beside the noise, the surface is certainly.
   int cases = 0;
   for (int hits = 0; hits <= 30; ++hits)
     for (int misses = 0; misses <= 60; misses += 3, ++cases) {
       ScanEvidence scan;
-      for (int i = 0; i < hits; ++i) model.add(scan, hit, kLarge);
+      for (int i = 0; i < hits; ++i) EvidenceModel::add(scan, hit, kInside);
       scan.free = misses * model.of_miss();
       EvidenceCell cell;
       model.update(cell, scan);

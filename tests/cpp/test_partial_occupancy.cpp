@@ -1,10 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <stdexcept>
 #include <string>
+#include <thread>
+#include <vector>
 
 #include "ndtree/cell/partial_occupancy.hpp"
 
@@ -142,6 +146,49 @@ TEST(PartialOccupancy, RatesThatLeaveNoRoomAreRefused) {
     }
   }
   EXPECT_EQ(cases, 6);
+}
+
+TEST(PartialOccupancySplitTest, RemembersWhatTheModelSays) {
+  int cases = 0;
+  for (const double probability : {0.5, 0.7})
+    for (const double miss_given_occupied : {0.1, 0.25}) {
+      SplitOptions options = options_of(0.05, miss_given_occupied);
+      options.split_probability = probability;
+      const PartialOccupancyModel model(options);
+      const PartialOccupancySplitTest test(options);
+      const PartialOccupancySplitTest copy = test;
+      const auto ask_all = [&](const PartialOccupancySplitTest& of) {
+        int splits = 0;
+        for (std::uint32_t hits = 0; hits < 140; ++hits)  // Beyond what is remembered.
+          for (std::uint32_t misses = 0; misses < 140; ++misses, ++cases) {
+            const bool says = of(hits, misses);
+            EXPECT_EQ(says, model(hits, misses).partial > probability) << hits << ", " << misses;
+            splits += says;
+          }
+        return splits;
+      };
+      const int splits = ask_all(test);
+      EXPECT_GT(splits, 1000);
+      EXPECT_EQ(ask_all(test), splits);
+      EXPECT_EQ(ask_all(copy), splits);
+      EXPECT_EQ(ask_all(PartialOccupancySplitTest(options)), splits);
+    }
+  EXPECT_EQ(cases, 4 * 4 * 140 * 140);
+}
+
+TEST(PartialOccupancySplitTest, IsAskedByManyThreads) {
+  const PartialOccupancyModel model(options_of(0.04, 0.1));
+  std::array<int, 4> wrong{};
+  std::vector<std::thread> threads;
+  for (std::size_t t = 0; t < wrong.size(); ++t)
+    threads.emplace_back([&, t] {
+      const PartialOccupancySplitTest test(options_of(0.04, 0.1));  // They share what they remember.
+      for (std::uint32_t hits = 0; hits < 60; ++hits)
+        for (std::uint32_t misses = 0; misses < 60; ++misses)
+          wrong[t] += test(hits, misses) != (model(hits, misses).partial > 0.7);
+    });
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(wrong, (std::array<int, 4>{}));
 }
 
 }  // namespace

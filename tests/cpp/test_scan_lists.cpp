@@ -118,7 +118,7 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
             float exit = scan.beams.reach()[beam];
             for (std::size_t a = 0; a < D; ++a) {
               const auto axis = static_cast<int>(a);
-              const float inverse = scan.beams.inverse(axis)[beam];
+              const float inverse = scan.beams.way(beam).inverse[a];
               const auto at = [&](int plane) {
                 const double border =
                     scan.geometry.border(scan.root().lower[a] + plane * scan.geometry.edge(0));

@@ -102,10 +102,10 @@ class EvidenceModel {
   [[nodiscard]] std::int64_t of_miss() const { return miss_; }
   /// Adds what a beam says near its end point.
   /// @param nats the inverse sensor model's log-odds that the cell is occupied, |nats| < 1e6.
-  /// @param sigmas standard deviation of the range in edges of the cell, at most 1.
-  void add(ScanEvidence& sum, float nats, float sigmas) const {
+  /// @param inside probability_inside() of the cell: what evidence that it is occupied is worth.
+  static void add(ScanEvidence& sum, float nats, float inside) {
     constexpr auto kUnitsPerNat = static_cast<float>(1.0 / EvidenceCell::kUnit);
-    const float weight = nats > 0.0f ? probability_inside_table()(sigmas) : 1.0f;
+    const float weight = nats > 0.0f ? inside : 1.0f;
     const std::int64_t units = nearest_integer(weight * nats * kUnitsPerNat);
     sum.occupied += std::max<std::int64_t>(units, 0);
     sum.free -= std::min<std::int64_t>(units, 0);
@@ -113,10 +113,10 @@ class EvidenceModel {
 
 #ifdef NDTREE_HAS_EIGHTS
   /// What add() adds, of eight beams, to the last bit: for occupied space if > 0, else less so much for free.
-  NDTREE_BY_EIGHTS [[nodiscard]] static NDTREE_ALWAYS_INLINE __m256i units_of(__m256 nats, __m256 sigmas) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static NDTREE_ALWAYS_INLINE __m256i units_of(__m256 nats, __m256 inside) {
     constexpr auto kUnitsPerNat = static_cast<float>(1.0 / EvidenceCell::kUnit);
     const __m256 is_for = _mm256_cmp_ps(nats, _mm256_setzero_ps(), _CMP_GT_OQ);
-    const __m256 weight = _mm256_blendv_ps(_mm256_set1_ps(1.0f), probability_inside_table()(sigmas), is_for);
+    const __m256 weight = _mm256_blendv_ps(_mm256_set1_ps(1.0f), inside, is_for);
     return _mm256_cvtps_epi32(_mm256_mul_ps(_mm256_mul_ps(weight, nats), _mm256_set1_ps(kUnitsPerNat)));
   }
 #endif

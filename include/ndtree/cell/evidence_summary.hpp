@@ -20,8 +20,16 @@ template <int kCount>
 class EvidenceSummary {
  public:
   explicit EvidenceSummary(const EvidenceModel& model) : model_(model), width_(Simd::width()) {
-    static_assert(sizeof(EvidenceCell) == sizeof settled_, "a cell is its words");
-    std::memcpy(settled_.data(), &model.settled(), sizeof settled_);
+    std::array<std::uint32_t, kWords> settled;
+    static_assert(sizeof(EvidenceCell) == sizeof settled, "a cell is its words");
+    std::memcpy(settled.data(), &model.settled(), sizeof settled);
+    settled_first_.fill(model.forgets_nothing() ? settled[0] : kOfNoLeaf);
+    settled_third_.fill(settled[2]);
+    known_.fill(Summary::kKnown);
+    bound_.fill(Summary::kBound);
+    occupied_.fill(Summary::flag(CellState::occupied));
+    unknown_.fill(Summary::flag(CellState::unknown));
+    unsettled_.fill(Summary::kUnsettled);
   }
 
   template <class NodeType>
@@ -44,49 +52,87 @@ class EvidenceSummary {
 
  private:
   static constexpr int kWords = EvidenceCell::kNumWords;
+  static constexpr std::uint32_t kOfNoLeaf = 0xffffffffu;  // A first word.
+  struct alignas(32) Constant : std::array<std::uint32_t, 8> {};
 
 #ifdef NDTREE_HAS_EIGHTS
   template <class NodeType>
   NDTREE_BY_EIGHTS [[nodiscard]] SummaryOfSiblings call_by_eights(const NodeType* siblings) const {
     return by_eights(siblings);
   }
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i load(const Constant& eight) {
+    return _mm256_load_si256(reinterpret_cast<const __m256i*>(eight.data()));
+  }
+  struct Words {
+    __m256i first, second, third;
+  };
+  /// The words of eight nodes, or of all, some of them more than once, in any order.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static Words words_of_eight(const int* nodes,
+                                                                                  int from) {
+    static_assert(kWords == 3, "three loads");
+    if constexpr (kCount >= 8) {  // The last eight again if there are fewer left.
+      const auto* const words = reinterpret_cast<const __m256i*>(nodes + kWords * std::min(from, kCount - 8));
+      const __m256i low = _mm256_loadu_si256(words);         // Of nodes 0 0 0 1 1 1 2 2,
+      const __m256i middle = _mm256_loadu_si256(words + 1);  // 2 3 3 3 4 4 4 5,
+      const __m256i high = _mm256_loadu_si256(words + 2);    // 5 5 6 6 6 7 7 7.
+      const __m256i first = _mm256_blend_epi32(_mm256_blend_epi32(low, middle, 0x92), high, 0x24);
+      const __m256i second = _mm256_blend_epi32(_mm256_blend_epi32(low, middle, 0x24), high, 0x49);
+      const __m256i third = _mm256_blend_epi32(_mm256_blend_epi32(low, middle, 0x49), high, 0x92);
+      return {first, _mm256_permutevar8x32_epi32(second, _mm256_setr_epi32(1, 2, 3, 4, 5, 6, 7, 0)),
+              _mm256_permutevar8x32_epi32(third, _mm256_setr_epi32(2, 3, 4, 5, 6, 7, 0, 1))};
+    } else if constexpr (kCount == 4) {
+      const auto* const words = reinterpret_cast<const __m128i*>(nodes);
+      const __m128i low = _mm_loadu_si128(words);         // Of nodes 0 0 0 1,
+      const __m128i middle = _mm_loadu_si128(words + 1);  // 1 1 2 2,
+      const __m128i high = _mm_loadu_si128(words + 2);    // 2 3 3 3.
+      const __m128i first = _mm_blend_epi32(_mm_blend_epi32(low, high, 0x2), middle, 0x4);
+      const __m128i second = _mm_blend_epi32(_mm_blend_epi32(middle, low, 0x2), high, 0x4);
+      const __m128i third = _mm_blend_epi32(_mm_blend_epi32(high, middle, 0x2), low, 0x4);
+      return {_mm256_broadcastsi128_si256(first),
+              _mm256_broadcastsi128_si256(_mm_shuffle_epi32(second, 0x39)),
+              _mm256_broadcastsi128_si256(_mm_shuffle_epi32(third, 0x4e))};
+    } else {
+      const auto word = [nodes](int node, int number) {
+        return nodes[kWords * std::min(node, kCount - 1) + number];
+      };
+      const auto column = [&](int number) {
+        return std::array<int, 8>{word(0, number), word(1, number), word(2, number), word(3, number),
+                                  word(4, number), word(5, number), word(6, number), word(7, number)};
+      };
+      const std::array<int, 8> first = column(0);
+      const std::array<int, 8> second = column(1);
+      const std::array<int, 8> third = column(2);
+      return {_mm256_loadu_si256(reinterpret_cast<const __m256i*>(first.data())),
+              _mm256_loadu_si256(reinterpret_cast<const __m256i*>(second.data())),
+              _mm256_loadu_si256(reinterpret_cast<const __m256i*>(third.data()))};
+    }
+  }
   /// @param nodes words: of a leaf, the second is its log-odds; of an inner node, the first has its top bit
   ///   set, and the second is the note.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE SummaryOfSiblings by_eights(const int* nodes) const {
     const __m256i zero = _mm256_setzero_si256();
-    const __m256i known = _mm256_set1_epi32(static_cast<int>(Summary::kKnown));
-    const __m256i bound = _mm256_set1_epi32(static_cast<int>(Summary::kBound));
+    const __m256i known = load(known_);
+    const __m256i bound = load(bound_);
     __m256i all = zero;  // Words of all together, but for the bound; whether they are known the other way.
     __m256i most = zero;
     __m256i firsts = zero;
 #pragma GCC unroll 2
     for (int from = 0; from < kCount; from += 8) {
-      const __m256i place = _mm256_min_epi32(
-          _mm256_add_epi32(_mm256_set1_epi32(from), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)),
-          _mm256_set1_epi32(kCount - 1));  // The last one again does not matter.
-      const __m256i word = _mm256_mullo_epi32(place, _mm256_set1_epi32(kWords));
-      const __m256i first = _mm256_i32gather_epi32(nodes, word, 4);
-      const __m256i second = _mm256_i32gather_epi32(nodes + 1, word, 4);
-      const __m256i third = _mm256_i32gather_epi32(nodes + 2, word, 4);
+      const auto [first, second, third] = words_of_eight(nodes, from);
       const __m256i is_inner = _mm256_srai_epi32(first, 31);
       const __m256i sign = _mm256_srli_epi32(second, 31);
-      const __m256i is_settled = _mm256_and_si256(
-          _mm256_and_si256(_mm256_cmpeq_epi32(first, _mm256_set1_epi32(static_cast<int>(settled_[0]))),
-                           _mm256_cmpeq_epi32(third, _mm256_set1_epi32(static_cast<int>(settled_[2])))),
-          _mm256_set1_epi32(model_.forgets_nothing() ? -1 : 0));
+      const __m256i is_settled = _mm256_and_si256(_mm256_cmpeq_epi32(first, load(settled_first_)),
+                                                  _mm256_cmpeq_epi32(third, load(settled_third_)));
       const __m256i is_unknown =
           _mm256_castps_si256(_mm256_cmp_ps(_mm256_castsi256_ps(second), _mm256_setzero_ps(), _CMP_EQ_OQ));
-      const __m256i state = _mm256_blendv_epi8(
-          _mm256_sllv_epi32(_mm256_set1_epi32(static_cast<int>(Summary::flag(CellState::occupied))), sign),
-          _mm256_set1_epi32(static_cast<int>(Summary::flag(CellState::unknown))), is_unknown);
+      const __m256i state =
+          _mm256_blendv_epi8(_mm256_sllv_epi32(load(occupied_), sign), load(unknown_), is_unknown);
       const __m256i ordered = _mm256_xor_si256(
           second,
           _mm256_or_si256(_mm256_srai_epi32(second, 31), _mm256_set1_epi32(static_cast<int>(0x80000000u))));
       const __m256i leaf = _mm256_or_si256(
           _mm256_and_si256(_mm256_add_epi32(ordered, _mm256_set1_epi32(0xff)), bound),
-          _mm256_or_si256(
-              _mm256_or_si256(known, state),
-              _mm256_andnot_si256(is_settled, _mm256_set1_epi32(static_cast<int>(Summary::kUnsettled)))));
+          _mm256_or_si256(_mm256_or_si256(known, state), _mm256_andnot_si256(is_settled, load(unsettled_))));
       const __m256i words = _mm256_blendv_epi8(leaf, second, is_inner);
       all = _mm256_or_si256(all, _mm256_xor_si256(words, known));
       most = _mm256_max_epu32(most, _mm256_and_si256(words, bound));
@@ -110,7 +156,14 @@ class EvidenceSummary {
 
   const EvidenceModel& model_;
   int width_;
-  std::array<std::uint32_t, kWords> settled_;
+  // Eight times each: compilers would put them together from parts for each node.
+  Constant settled_first_;
+  Constant settled_third_;
+  Constant known_;
+  Constant bound_;
+  Constant occupied_;
+  Constant unknown_;
+  Constant unsettled_;
 };
 
 }  // namespace ndtree

@@ -4,7 +4,14 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstddef>
 #include <cstdint>
+#include <iterator>
+#include <map>
+#include <memory>
+#include <mutex>
 #include <stdexcept>
 #include <string>
 
@@ -68,6 +75,53 @@ class PartialOccupancyModel {
   double occupied_from_;
   QuickIncompleteBeta below_;
   QuickIncompleteBeta above_;
+};
+
+/// Whether a cell splits: if partial occupancy is more probable than `split_probability`. Answers are
+/// remembered, because cells that know a surface ask the same again and again; maps of the same options
+/// remember them together.
+class PartialOccupancySplitTest {
+ public:
+  /// @throws as PartialOccupancyModel.
+  explicit PartialOccupancySplitTest(const SplitOptions& options)
+      : model_(options), split_probability_(options.split_probability), answers_(answers_for(options)) {}
+
+  /// @returns the same from any thread, at any time.
+  [[nodiscard]] bool operator()(std::uint32_t hits, std::uint32_t misses) const {
+    if (hits >= kRemembered || misses >= kRemembered) return ask(hits, misses);
+    std::atomic<std::uint8_t>& answer = (*answers_)[hits * kRemembered + misses];
+    const std::uint8_t known = answer.load(std::memory_order_relaxed);
+    if (known != kNotAsked) return known == kYes;
+    const bool splits = ask(hits, misses);
+    answer.store(splits ? kYes : kNo, std::memory_order_relaxed);
+    return splits;
+  }
+  [[nodiscard]] const PartialOccupancyModel& model() const { return model_; }
+
+ private:
+  static constexpr std::uint32_t kRemembered = 128;  // Hits, and misses: 16 kB.
+  enum Answer : std::uint8_t { kNotAsked, kYes, kNo };
+  using Answers = std::array<std::atomic<std::uint8_t>, std::size_t{kRemembered} * kRemembered>;
+
+  [[nodiscard]] bool ask(std::uint32_t hits, std::uint32_t misses) const {
+    return model_(hits, misses).partial > split_probability_;
+  }
+  [[nodiscard]] static std::shared_ptr<Answers> answers_for(const SplitOptions& options) {
+    static std::mutex mutex;
+    static std::map<std::array<double, 3>, std::weak_ptr<Answers>> of_maps;
+    const std::lock_guard<std::mutex> lock(mutex);
+    for (auto one = of_maps.begin(); one != of_maps.end();)
+      one = one->second.expired() ? of_maps.erase(one) : std::next(one);
+    std::weak_ptr<Answers>& known =
+        of_maps[{options.hit_given_free, options.miss_given_occupied, options.split_probability}];
+    std::shared_ptr<Answers> answers = known.lock();
+    if (!answers) known = answers = std::make_shared<Answers>();
+    return answers;
+  }
+
+  PartialOccupancyModel model_;
+  double split_probability_;
+  std::shared_ptr<Answers> answers_;
 };
 
 }  // namespace ndtree

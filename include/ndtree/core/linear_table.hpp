@@ -45,8 +45,9 @@ class LinearTable {
                                                      _mm256_setzero_ps()),
                                        _mm256_set1_ps(static_cast<float>(Steps)));
     const __m256i step = _mm256_cvttps_epi32(place);
-    const __m256 below = _mm256_i32gather_ps(values_.data(), step, 4);
-    const __m256 above = _mm256_i32gather_ps(values_.data() + 1, step, 4);
+    __m256 below;
+    __m256 above;
+    detail::load_pairs(values_.data(), step, below, above);
     return _mm256_add_ps(
         below, _mm256_mul_ps(_mm256_sub_ps(place, _mm256_cvtepi32_ps(step)), _mm256_sub_ps(above, below)));
   }

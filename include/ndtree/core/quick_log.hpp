@@ -21,7 +21,7 @@ namespace detail {
 class LogTable {
  public:
   static constexpr int kBits = 7;
-  struct Entry {
+  struct alignas(2 * sizeof(double)) Entry {
     double inverse;
     double log;
   };
@@ -34,7 +34,11 @@ class LogTable {
     }
   }
   [[nodiscard]] const Entry& operator[](std::size_t i) const { return entries_[i]; }
-  [[nodiscard]] const double* data() const { return &entries_[0].inverse; }
+#ifdef NDTREE_HAS_EIGHTS
+  [[nodiscard]] NDTREE_ALWAYS_INLINE __m128d pair(std::size_t i) const {
+    return _mm_load_pd(&entries_[i].inverse);
+  }
+#endif
 
  private:
   std::array<Entry, std::size_t{1} << kBits> entries_;
@@ -78,11 +82,14 @@ NDTREE_BY_EIGHTS [[nodiscard]] inline __m256d quick_log(__m256d x) {
       _mm256_permutevar8x32_epi32(bits, _mm256_setr_epi32(1, 3, 5, 7, 1, 3, 5, 7)));
   const __m256d exponent =
       _mm256_cvtepi32_pd(_mm_sub_epi32(_mm_srli_epi32(upper, 20), _mm_set1_epi32(detail::kExponentBias)));
-  const __m128i entry = _mm_slli_epi32(_mm_and_si128(_mm_srli_epi32(upper, 20 - detail::LogTable::kBits),
-                                                     _mm_set1_epi32((1 << detail::LogTable::kBits) - 1)),
-                                       1);  // Two numbers each.
-  const __m256d inverse = detail::gather(detail::kLogTable.data(), entry);
-  const __m256d log = detail::gather(detail::kLogTable.data() + 1, entry);
+  alignas(16) std::array<std::uint32_t, 4> at;
+  _mm_store_si128(reinterpret_cast<__m128i*>(at.data()),
+                  _mm_and_si128(_mm_srli_epi32(upper, 20 - detail::LogTable::kBits),
+                                _mm_set1_epi32((1 << detail::LogTable::kBits) - 1)));
+  const __m256d even = detail::joined(detail::kLogTable.pair(at[0]), detail::kLogTable.pair(at[2]));
+  const __m256d odd = detail::joined(detail::kLogTable.pair(at[1]), detail::kLogTable.pair(at[3]));
+  const __m256d inverse = _mm256_unpacklo_pd(even, odd);
+  const __m256d log = _mm256_unpackhi_pd(even, odd);
   const __m256d one = _mm256_set1_pd(1.0);
   const __m256d m = _mm256_or_pd(_mm256_castsi256_pd(mantissa), one);
   const __m256d r = _mm256_sub_pd(_mm256_mul_pd(m, inverse), one);

@@ -110,6 +110,23 @@ inline constexpr PackTable kPackTable{};
 NDTREE_BY_EIGHTS inline __m256i packing(unsigned set) {
   return _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackTable.places[set])));
 }
+NDTREE_BY_EIGHTS inline __m256 joined(__m128 low, __m128 high) {
+  return _mm256_insertf128_ps(_mm256_castps128_ps256(low), high, 1);
+}
+NDTREE_BY_EIGHTS inline __m256d joined(__m128d low, __m128d high) {
+  return _mm256_insertf128_pd(_mm256_castpd128_pd256(low), high, 1);
+}
+/// Turns rows of four into columns, in each half.
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void turn_four(const __m256* row, __m256* column) {
+  const __m256 ab = _mm256_unpacklo_ps(row[0], row[1]);
+  const __m256 cd = _mm256_unpackhi_ps(row[0], row[1]);
+  const __m256 ab_next = _mm256_unpacklo_ps(row[2], row[3]);
+  const __m256 cd_next = _mm256_unpackhi_ps(row[2], row[3]);
+  column[0] = _mm256_shuffle_ps(ab, ab_next, 0x44);
+  column[1] = _mm256_shuffle_ps(ab, ab_next, 0xee);
+  column[2] = _mm256_shuffle_ps(cd, cd_next, 0x44);
+  column[3] = _mm256_shuffle_ps(cd, cd_next, 0xee);
+}
 /// All ones in the first n of eight.
 NDTREE_BY_EIGHTS inline __m256i first_of_eight(std::size_t n) {
   return _mm256_cmpgt_epi32(_mm256_set1_epi32(n < 8 ? static_cast<int>(n) : 8),
@@ -119,13 +136,65 @@ NDTREE_BY_EIGHTS inline __m256i first_of_eight(std::size_t n) {
 NDTREE_BY_EIGHTS inline __m256i load_live(const std::uint32_t* p, __m256i live) {
   return _mm256_and_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)), live);
 }
-/// from[offsets], four of them. The plain gather is one that GCC 12 warns of.
-NDTREE_BY_EIGHTS inline __m256d gather(const double* from, __m128i offsets) {
-  const __m256d all = _mm256_castsi256_pd(_mm256_set1_epi64x(-1));
-  return _mm256_mask_i32gather_pd(_mm256_setzero_pd(), from, offsets, all, 8);
+// Many processors gather numbers from different places more slowly than plain loads do. So what belongs
+// together lies in one row of a table, and eight rows are turned into columns.
+
+/// Eight numbers where single ones are read from memory, as offsets: out of a register each would take two
+/// steps, which is what compilers make of it that may choose.
+struct Offsets {
+  alignas(32) std::array<std::uint32_t, 8> at;
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE explicit Offsets(__m256i numbers) {
+    _mm256_store_si256(reinterpret_cast<__m256i*>(at.data()), numbers);
+    __asm__("" : "+m"(at));
+  }
+  NDTREE_ALWAYS_INLINE std::uint32_t operator[](std::size_t i) const { return at[i]; }
+};
+
+/// The columns of a table whose rows are made of floats, or of numbers as large.
+/// @param rows of the table, eight of them, each below 2^32 / (sizeof(Row) / 8).
+template <class Row>
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, __m256i rows, __m256* columns) {
+  static_assert(sizeof(Row) % 16 == 0 && alignof(Row) % 16 == 0, "Row is loaded by four numbers");
+  constexpr int kStep = sizeof(Row) / sizeof(double);  // Offsets in doubles: so an address takes no more.
+  const Offsets at(_mm256_mullo_epi32(rows, _mm256_set1_epi32(kStep)));
+#pragma GCC unroll 8
+  for (std::size_t group = 0; group < sizeof(Row) / 16; ++group) {
+    const auto* const from = reinterpret_cast<const double*>(table) + 2 * group;
+    __m256 pair[4];
+#pragma GCC unroll 4
+    for (std::size_t k = 0; k < 4; ++k)
+      pair[k] = joined(_mm_load_ps(reinterpret_cast<const float*>(from + at[k])),
+                       _mm_load_ps(reinterpret_cast<const float*>(from + at[k + 4])));
+    turn_four(pair, columns + 4 * group);
+  }
 }
-NDTREE_BY_EIGHTS inline __m256 joined(__m128 low, __m128 high) {
-  return _mm256_insertf128_ps(_mm256_castps128_ps256(low), high, 1);
+/// The opposite, for eight rows that follow each other.
+template <class Row>
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void store_columns(const __m256* columns, Row* rows) {
+  static_assert(sizeof(Row) % 16 == 0 && alignof(Row) % 16 == 0, "Row is stored by four numbers");
+#pragma GCC unroll 8
+  for (std::size_t group = 0; group < sizeof(Row) / 16; ++group) {
+    __m256 pair[4];
+    turn_four(columns + 4 * group, pair);
+#pragma GCC unroll 4
+    for (std::size_t k = 0; k < 4; ++k) {
+      _mm_store_ps(reinterpret_cast<float*>(rows + k) + 4 * group, _mm256_castps256_ps128(pair[k]));
+      _mm_store_ps(reinterpret_cast<float*>(rows + k + 4) + 4 * group, _mm256_extractf128_ps(pair[k], 1));
+    }
+  }
+}
+/// from[at] and from[at + 1].
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void load_pairs(const float* from, __m256i places, __m256& first,
+                                                      __m256& second) {
+  const Offsets at(places);
+  const auto pair = [&](std::size_t k) { return reinterpret_cast<const __m64*>(from + at[k]); };
+  const __m128 none = _mm_setzero_ps();
+  const __m256 even = joined(_mm_loadh_pi(_mm_loadl_pi(none, pair(0)), pair(1)),
+                             _mm_loadh_pi(_mm_loadl_pi(none, pair(4)), pair(5)));
+  const __m256 odd = joined(_mm_loadh_pi(_mm_loadl_pi(none, pair(2)), pair(3)),
+                            _mm_loadh_pi(_mm_loadl_pi(none, pair(6)), pair(7)));
+  first = _mm256_shuffle_ps(even, odd, 0x88);
+  second = _mm256_shuffle_ps(even, odd, 0xdd);
 }
 
 }  // namespace detail

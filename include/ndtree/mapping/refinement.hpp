@@ -56,16 +56,11 @@ struct EvidenceRefinement {
 
   EvidenceModel model;
   CoverageModel coverage;
-  PartialOccupancyModel partial_occupancy;
+  PartialOccupancySplitTest split_test;
   EvidenceMergeRule merge_rule;
-  double split_probability;
 
   explicit EvidenceRefinement(const MapOptions& options)
-      : model(options, options),
-        coverage(options),
-        partial_occupancy(options),
-        merge_rule(options, model),
-        split_probability(options.split_probability) {}
+      : model(options, options), coverage(options), split_test(options), merge_rule(options, model) {}
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   /// Whether scans of which all beams pass leave the cell as it is.
@@ -83,9 +78,7 @@ struct EvidenceRefinement {
         break;
     }
     if (scan.resolvable_misses + scan.deep_hits == 0) return false;
-    const OccupancyHypotheses what =
-        partial_occupancy(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
-    return what.partial > split_probability;
+    return split_test(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
   }
 };
 

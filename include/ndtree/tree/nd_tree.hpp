@@ -15,6 +15,7 @@
 
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/lattice.hpp"
@@ -89,7 +90,9 @@ class NdTree {
     return child_towards<ConstRef>(*this, parent, coordinates);
   }
   /// First of the N^D siblings below an inner node.
-  [[nodiscard]] NodeType* children(const NodeType& parent) { return pool_.block(parent.children()); }
+  [[nodiscard]] NDTREE_ALWAYS_INLINE NodeType* children(const NodeType& parent) {
+    return pool_.block(parent.children());
+  }
   [[nodiscard]] const NodeType* children(const NodeType& parent) const {
     return pool_.block(parent.children());
   }

@@ -136,7 +136,7 @@ class NodePool {
   /// Siblings of a block, `kBlockSize` of them, to be written: they are shared with no other pool. Pointers
   /// that were got for reading may then be of what was.
   /// @throws std::bad_alloc if they are, and there is no memory for their own; the pool is then unchanged.
-  [[nodiscard]] NodeType* block(BlockId id) {
+  [[nodiscard]] NDTREE_ALWAYS_INLINE NodeType* block(BlockId id) {
     const std::size_t number = id >> kChunkBits;
     Chunk* const own = entry(number).chunk_if_own();
     return in_chunk(own != nullptr ? own : make_own(number), id);

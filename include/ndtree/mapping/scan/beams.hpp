@@ -39,6 +39,52 @@ template <int N, int D>
   return is_touched_only ? behind : cell;
 }
 
+/// What handing a beam down asks of it.
+template <int D>
+struct alignas(16) BeamWay {
+  /// Range over displacement on an axis: how far it goes for a metre along it.
+  std::array<float, std::size_t{D}> inverse;
+  float pass;  ///< Cells of any size that end before this distance were passed: clear - surface.
+};
+
+/// What cells near its end ask of it, in metres along it.
+template <int D>
+struct alignas(16) BeamEnd {
+  float range;    ///< Of the end point, or of the end of what was seen free.
+  float slant;    ///< How much of its way it goes along the axis of its face, in [1 / sqrt D, 1].
+  float clear;    ///< Cells that end before this distance were passed ...
+  float surface;  ///< ... small ones only if they end by so much before it. 0: without return.
+  float sigma;    ///< Standard deviation of the range.
+  std::array<std::int32_t, std::size_t{D}> cell;  ///< That it ends in, from the base; see ends_nearby().
+
+  [[nodiscard]] bool is_returned() const { return surface != 0.0f; }
+};
+
+#ifdef NDTREE_HAS_EIGHTS
+/// The same of eight beams.
+template <int D>
+struct EightWays {
+  __m256 inverse[std::size_t{D}];
+  __m256 pass;
+};
+template <int D>
+struct EightEnds {
+  __m256 range, slant, clear, surface, sigma;
+  __m256i cell[std::size_t{D}];
+};
+#endif
+
+#ifdef NDTREE_HAS_EIGHTS
+/// Up to eight beams on their way down to the leaves together: what is known of them is looked up once.
+template <int D>
+struct EightBeams {
+  alignas(32) std::array<std::uint32_t, 8> number;  ///< Ascending, where a beam is.
+  EightWays<D> ways;
+  EightEnds<D> ends;  ///< If they were asked for, see ScanBeams::ends_of().
+  bool has_ends = false;
+};
+#endif
+
 /// Beams by number: those of a face one after the other (see ScanFace), the least chance first. Distances are
 /// metres from the origin, along the beam. Float is enough where a beam crosses a plane: its direction is
 /// known less well.
@@ -55,9 +101,11 @@ class ScanBeams {
               bool end_nearby) {
     size_ = n;
     faces_ = std::move(faces);
-    floats_.reset(new float[n * kNumFloats]);  // Not initialised: set() does that.
+    ways_.reset(new BeamWay<D>[n]);  // Not initialised: set() does that.
+    ends_.reset(new BeamEnd<D>[n]);
+    reach_.reset(new float[n]);
+    chance_.reset(new float[n]);
     faces_of_.reset(new std::uint32_t[n]);
-    offsets_.reset(end_nearby ? new std::int32_t[n * D] : nullptr);
     cells_.reset(end_nearby ? nullptr : new Lattice<D>[n]);
     ends_nearby_ = end_nearby;
     has_own_origins_ = have_own_origins;
@@ -96,7 +144,7 @@ class ScanBeams {
     }
     for (std::size_t a = 0; a < D; ++a) {
       const float inverse = std::min(length / std::abs(way[a]), kSteepest);
-      column(kInverse + static_cast<int>(a))[number] = way[a] < 0.0f ? -inverse : inverse;
+      ways_[number].inverse[a] = way[a] < 0.0f ? -inverse : inverse;
     }
     const double sigma = measurements.sigma(i, static_cast<double>(range));
     const float end = beam.t_free < 1.0 ? static_cast<float>(beam.t_free * beam.range) : range;
@@ -104,12 +152,11 @@ class ScanBeams {
               returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
               returned ? static_cast<float>(static_cast<double>(end) + rounded(Sensor::kReachSigmas * sigma))
                        : end);
-    column(kChance)[number] = chance;
-    faces_of_[number] = face;
+    set_chance_and_face(number, chance, face);
     const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
     if (!ends_nearby_) cells_[number] = cell;
-    for (std::size_t a = 0; a < D && ends_nearby_; ++a)
-      offsets_[a * size_ + number] = static_cast<std::int32_t>(cell[a] - base_[a]);
+    for (std::size_t a = 0; a < D; ++a)
+      ends_[number].cell[a] = ends_nearby_ ? static_cast<std::int32_t>(cell[a] - base_[a]) : 0;
     if (has_own_origins_ || number == 0) origins_[number] = beam.origin;
   }
 
@@ -122,20 +169,22 @@ class ScanBeams {
                                   const Sensor& sensor, const Measurements<D, Sensor>& measurements,
                                   const std::array<std::uint32_t, 8>& numbers) {
     const ScanView<D>& scan = measurements.scan();
-    const __m128i stride = _mm_set1_epi32(D);
-    const __m128i low_numbers =
-        _mm_mullo_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers.data())), stride);
-    const __m128i high_numbers =
-        _mm_mullo_epi32(_mm_loadu_si128(reinterpret_cast<const __m128i*>(numbers.data() + 4)), stride);
     const __m256 sign = _mm256_set1_ps(-0.0f);
     __m256 way[std::size_t{D}];
     __m256 square = _mm256_setzero_ps();
     __m256 depth = square;
     __m256d on_border = _mm256_setzero_pd();
+    EightWays<D> ways;
+    EightEnds<D> ends;
 #pragma GCC unroll 4
     for (int a = 0; a < D; ++a) {
-      const __m256d low = detail::gather(scan.endpoints + a, low_numbers);
-      const __m256d high = detail::gather(scan.endpoints + a, high_numbers);
+      const double* const from = scan.endpoints + a;
+      const __m256d low =
+          _mm256_setr_pd(from[D * std::size_t{numbers[0]}], from[D * std::size_t{numbers[1]}],
+                         from[D * std::size_t{numbers[2]}], from[D * std::size_t{numbers[3]}]);
+      const __m256d high =
+          _mm256_setr_pd(from[D * std::size_t{numbers[4]}], from[D * std::size_t{numbers[5]}],
+                         from[D * std::size_t{numbers[6]}], from[D * std::size_t{numbers[7]}]);
       const __m256d origin = _mm256_set1_pd(scan.origins[a]);
       way[a] = detail::joined(_mm256_cvtpd_ps(_mm256_sub_pd(low, origin)),
                               _mm256_cvtpd_ps(_mm256_sub_pd(high, origin)));
@@ -149,9 +198,7 @@ class ScanBeams {
       const __m128i high_offset =
           _mm256_cvtpd_epi32(_mm256_sub_pd(geometry.coordinate(high, high_on_border), base));
       on_border = _mm256_or_pd(on_border, _mm256_or_pd(low_on_border, high_on_border));
-      std::int32_t* const offsets = offsets_.get() + static_cast<std::size_t>(a) * size_ + number;
-      _mm_storeu_si128(reinterpret_cast<__m128i*>(offsets), low_offset);
-      _mm_storeu_si128(reinterpret_cast<__m128i*>(offsets + 4), high_offset);
+      ends.cell[a] = _mm256_inserti128_si256(_mm256_castsi128_si256(low_offset), high_offset, 1);
     }
     const __m256 fits = _mm256_and_ps(_mm256_cmp_ps(square, _mm256_set1_ps(kLeastSquare), _CMP_GE_OQ),
                                       _mm256_cmp_ps(square, _mm256_set1_ps(kLargestSquare), _CMP_LE_OQ));
@@ -165,39 +212,69 @@ class ScanBeams {
       const __m256 inverse =
           _mm256_min_ps(_mm256_div_ps(range, _mm256_andnot_ps(sign, way[a])), _mm256_set1_ps(kSteepest));
       const __m256 is_down = _mm256_and_ps(sign, _mm256_cmp_ps(way[a], _mm256_setzero_ps(), _CMP_LT_OQ));
-      _mm256_storeu_ps(column(kInverse + a) + number, _mm256_or_ps(inverse, is_down));
+      ways.inverse[a] = _mm256_or_ps(inverse, is_down);
     }
     const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(range));
     const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(range, 1));
     const __m256d low_sigma = sensor.sigma(low);
     const __m256d high_sigma = sensor.sigma(high);
     const __m256d reach = _mm256_set1_pd(Sensor::kReachSigmas);
-    const __m256 sigma = detail::joined(_mm256_cvtpd_ps(low_sigma), _mm256_cvtpd_ps(high_sigma));
-    const __m256 clear = detail::joined(_mm256_cvtpd_ps(sensor.clearly_free_until(low, low_sigma)),
-                                        _mm256_cvtpd_ps(sensor.clearly_free_until(high, high_sigma)));
-    const __m256 surface = _mm256_mul_ps(_mm256_set1_ps(static_cast<float>(kThinnestSurface)), sigma);
-    _mm256_storeu_ps(column(kReach) + number,
+    ends.sigma = detail::joined(_mm256_cvtpd_ps(low_sigma), _mm256_cvtpd_ps(high_sigma));
+    ends.clear = detail::joined(_mm256_cvtpd_ps(sensor.clearly_free_until(low, low_sigma)),
+                                _mm256_cvtpd_ps(sensor.clearly_free_until(high, high_sigma)));
+    ends.surface = _mm256_mul_ps(_mm256_set1_ps(static_cast<float>(kThinnestSurface)), ends.sigma);
+    ends.range = range;
+    ends.slant = _mm256_div_ps(depth, range);
+    ways.pass = _mm256_sub_ps(ends.clear, ends.surface);
+    store(ways, ends, number);
+    _mm256_storeu_ps(reach_.get() + number,
                      detail::joined(_mm256_cvtpd_ps(_mm256_add_pd(low, _mm256_mul_pd(reach, low_sigma))),
                                     _mm256_cvtpd_ps(_mm256_add_pd(high, _mm256_mul_pd(reach, high_sigma)))));
-    _mm256_storeu_ps(column(kRange) + number, range);
-    _mm256_storeu_ps(column(kSigma) + number, sigma);
-    _mm256_storeu_ps(column(kClear) + number, clear);
-    _mm256_storeu_ps(column(kSurface) + number, surface);
-    _mm256_storeu_ps(column(kPass) + number, _mm256_sub_ps(clear, surface));
-    _mm256_storeu_ps(column(kSlant) + number, _mm256_div_ps(depth, range));
     return true;
   }
-  void set_chance_and_face(std::size_t number, float chance, std::uint32_t face) {
-    column(kChance)[number] = chance;
-    faces_of_[number] = face;
+  /// By their numbers.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightWays<D> ways(__m256i numbers) const {
+    __m256 column[kColumnsOfWay];
+    detail::load_columns(ways_.get(), numbers, column);
+    EightWays<D> ways;
+#pragma GCC unroll 8
+    for (std::size_t a = 0; a < D; ++a) ways.inverse[a] = column[a];
+    ways.pass = column[D];
+    return ways;
+  }
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightEnds<D> ends(__m256i numbers) const {
+    __m256 column[kColumnsOfEnd];
+    detail::load_columns(ends_.get(), numbers, column);
+    EightEnds<D> ends{column[0], column[1], column[2], column[3], column[4], {}};
+#pragma GCC unroll 8
+    for (std::size_t a = 0; a < D; ++a) ends.cell[a] = _mm256_castps_si256(column[5 + a]);
+    return ends;
+  }
+  /// What is needed of beams on their way down.
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void look_up(__m256i numbers, EightBeams<D>& beams) const {
+    _mm256_store_si256(reinterpret_cast<__m256i*>(beams.number.data()), numbers);
+    beams.ways = ways(numbers);
+  }
+  /// What is needed of them where some of them end.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE const EightEnds<D>& ends_of(
+      EightBeams<D>& beams) const {
+    if (!beams.has_ends)
+      beams.ends = ends(_mm256_load_si256(reinterpret_cast<const __m256i*>(beams.number.data())));
+    beams.has_ends = true;
+    return beams.ends;
   }
 #endif
+  void set_chance_and_face(std::size_t number, float chance, std::uint32_t face) {
+    chance_[number] = chance;
+    faces_of_[number] = face;
+  }
 
   /// After the last beam.
   void finish() {
-    const auto [least, most] = std::minmax_element(sigma(), sigma() + size_);
-    smallest_sigma_ = *least;
-    largest_sigma_ = *most;
+    for (std::size_t i = 0; i < size_; ++i) {
+      smallest_sigma_ = std::min(smallest_sigma_, ends_[i].sigma);
+      largest_sigma_ = std::max(largest_sigma_, ends_[i].sigma);
+    }
   }
   /// Of all beams [m].
   [[nodiscard]] float smallest_sigma() const { return smallest_sigma_; }
@@ -212,35 +289,20 @@ class ScanBeams {
   [[nodiscard]] Lattice<D> end_cell(std::size_t number) const {
     if (!ends_nearby_) return cells_[number];
     Lattice<D> cell = base_;
-    for (std::size_t a = 0; a < D; ++a) cell[a] += offsets_[a * size_ + number];
+    for (std::size_t a = 0; a < D; ++a) cell[a] += ends_[number].cell[a];
     return cell;
   }
 
+  [[nodiscard]] const BeamWay<D>& way(std::size_t number) const { return ways_[number]; }
+  [[nodiscard]] const BeamEnd<D>& end(std::size_t number) const { return ends_[number]; }
   // By number of the beam:
-  /// Range over displacement on an axis: how far a beam goes for a metre along it.
-  [[nodiscard]] const float* inverse(int axis) const { return column(kInverse + axis); }
-  /// The last distance that a beam says anything about.
-  [[nodiscard]] const float* reach() const { return column(kReach); }
-  /// Distance of the end point, or of the end of what was seen free.
-  [[nodiscard]] const float* range() const { return column(kRange); }
-  /// Standard deviation of the range [m].
-  [[nodiscard]] const float* sigma() const { return column(kSigma); }
-  /// Cells that end before this distance were passed ...
-  [[nodiscard]] const float* clear() const { return column(kClear); }
-  /// ... small ones only if they end by so much before it: 0 for beams without return, and only for them.
-  [[nodiscard]] const float* surface() const { return column(kSurface); }
-  /// Cells of any size that end before this distance were passed: the difference.
-  [[nodiscard]] const float* pass() const { return column(kPass); }
-  /// How much of its way a beam goes along the axis of its face, in [1 / sqrt D, 1].
-  [[nodiscard]] const float* slant() const { return column(kSlant); }
+  /// The last distance that a beam says anything about [m].
+  [[nodiscard]] const float* reach() const { return reach_.get(); }
   /// The sample that it is in, if it has a larger share than this.
-  [[nodiscard]] const float* chance() const { return column(kChance); }
+  [[nodiscard]] const float* chance() const { return chance_.get(); }
 
-  /// Whether all end cells are at most kNearby smallest cells from the base on each axis. Then, from there:
+  /// Whether all end cells are at most kNearby smallest cells from the base on each axis.
   [[nodiscard]] bool ends_nearby() const { return ends_nearby_; }
-  [[nodiscard]] const std::int32_t* end_offset(std::size_t axis) const {
-    return offsets_.get() + axis * size_;
-  }
   [[nodiscard]] const Lattice<D>& base() const { return base_; }
   static constexpr std::int64_t kNearby = std::int64_t{1} << 29;
 
@@ -252,26 +314,42 @@ class ScanBeams {
   void set_range(std::size_t number, bool returned, float end, float slant, float sigma, float clear,
                  float reach) {
     const float surface = returned ? rounded(static_cast<float>(kThinnestSurface) * sigma) : 0.0f;
-    column(kReach)[number] = reach;
-    column(kRange)[number] = end;
-    column(kSigma)[number] = sigma;
-    column(kClear)[number] = clear;
-    column(kSurface)[number] = surface;
-    column(kPass)[number] = clear - surface;
-    column(kSlant)[number] = slant;
+    reach_[number] = reach;
+    ways_[number].pass = clear - surface;
+    BeamEnd<D>& of_end = ends_[number];
+    of_end.range = end;
+    of_end.slant = slant;
+    of_end.clear = clear;
+    of_end.surface = surface;
+    of_end.sigma = sigma;
   }
 
-  enum Column { kReach, kRange, kSigma, kClear, kSurface, kPass, kSlant, kChance, kInverse };
-  static constexpr std::size_t kNumFloats = kInverse + D;
+#ifdef NDTREE_HAS_EIGHTS
+  static constexpr std::size_t kColumnsOfWay = sizeof(BeamWay<D>) / sizeof(float);
+  static constexpr std::size_t kColumnsOfEnd = sizeof(BeamEnd<D>) / sizeof(float);
 
-  [[nodiscard]] float* column(int number) const {
-    return floats_.get() + static_cast<std::size_t>(number) * size_;
+  /// Of eight beams from a number on.
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void store(const EightWays<D>& ways, const EightEnds<D>& ends,
+                                                   std::size_t number) {
+    __m256 way[kColumnsOfWay] = {};
+    __m256 end[kColumnsOfEnd] = {ends.range, ends.slant, ends.clear, ends.surface, ends.sigma};
+#pragma GCC unroll 8
+    for (std::size_t a = 0; a < D; ++a) {
+      way[a] = ways.inverse[a];
+      end[5 + a] = _mm256_castsi256_ps(ends.cell[a]);
+    }
+    way[D] = ways.pass;
+    detail::store_columns(way, ways_.get() + number);
+    detail::store_columns(end, ends_.get() + number);
   }
+#endif
 
   std::size_t size_ = 0;
-  std::unique_ptr<float[]> floats_;
+  std::unique_ptr<BeamWay<D>[]> ways_;
+  std::unique_ptr<BeamEnd<D>[]> ends_;
+  std::unique_ptr<float[]> reach_;
+  std::unique_ptr<float[]> chance_;
   std::unique_ptr<std::uint32_t[]> faces_of_;
-  std::unique_ptr<std::int32_t[]> offsets_;
   std::unique_ptr<Lattice<D>[]> cells_;
   std::vector<ScanFace<D>> faces_;
   std::vector<Vector<D>> origins_;  // One, or one each.

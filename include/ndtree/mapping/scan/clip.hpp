@@ -104,27 +104,24 @@ class ChildClip {
     return planes;
   }
 #ifdef NDTREE_HAS_EIGHTS
-  using Few = FewCrossings<kNumChildren>;
+  using Few = FewCrossings<D, kNumChildren>;
   /// Clips at most Few::kMost beams, without lists for the children. @pre goes_by_eights().
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node, const Crossings& list,
                                                         Few& few) const {
-    const __m256i live = detail::first_of_eight(list.size);
-    const __m256i beam = detail::load_live(list.beam, live);
-    few_beams(node, beam, _mm256_i32gather_ps(beams_.pass(), beam, 4), _mm256_loadu_ps(list.enter()),
-              _mm256_loadu_ps(list.exit()), _mm256_castsi256_ps(live), few);
+    few_beams(node, _mm256_loadu_ps(list.enter()), _mm256_loadu_ps(list.exit()),
+              _mm256_castsi256_ps(detail::first_of_eight(list.size)), few);
   }
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node,
-                                                        const FewOfChild<kNumChildren>& beams,
+                                                        const FewOfChild<D, kNumChildren>& beams,
                                                         Few& few) const {
     const __m256 enter = _mm256_load_ps(beams.of.enter[beams.child].data());
     const __m256 exit = _mm256_load_ps(beams.of.exit[beams.child].data());
-    few_beams(node, _mm256_load_si256(reinterpret_cast<const __m256i*>(beams.of.beam.data())),
-              _mm256_load_ps(beams.of.pass.data()), enter, exit, _mm256_cmp_ps(exit, enter, _CMP_GT_OQ), few);
+    few_beams(node, enter, exit, _mm256_cmp_ps(exit, enter, _CMP_GT_OQ), few);
   }
   /// Writes those that cross a child, in their order.
-  NDTREE_BY_EIGHTS static void write(const FewOfChild<kNumChildren>& few, Crossings& list) {
+  NDTREE_BY_EIGHTS static void write(const FewOfChild<D, kNumChildren>& few, Crossings& list) {
     const __m256i order = detail::packing(few.set());
-    const __m256i beam = _mm256_load_si256(reinterpret_cast<const __m256i*>(few.of.beam.data()));
+    const __m256i beam = _mm256_load_si256(reinterpret_cast<const __m256i*>(few.of.beams.number.data()));
     _mm256_storeu_si256(reinterpret_cast<__m256i*>(list.beam), _mm256_permutevar8x32_epi32(beam, order));
     _mm256_storeu_ps(list.enter(),
                      _mm256_permutevar8x32_ps(_mm256_load_ps(few.of.enter[few.child].data()), order));
@@ -134,14 +131,15 @@ class ChildClip {
   }
 
   /// Where eight beams enter and leave each child: those that cross it leave behind where they enter.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, __m256i beam, __m256 t0,
-                                                         __m256 t1, __m256* enter, __m256* exit) const {
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, const EightWays<D>& ways,
+                                                         __m256 t0, __m256 t1, __m256* enter,
+                                                         __m256* exit) const {
     enter[0] = t0;
     exit[0] = t1;
     int made = 1;
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a) {
-      const __m256 inv = _mm256_i32gather_ps(beams_.inverse(static_cast<int>(a)), beam, 4);
+      const __m256 inv = ways.inverse[a];
       __m256 from[std::size_t{N}];
       __m256 to[std::size_t{N}];
       from[0] = t0;
@@ -188,7 +186,7 @@ class ChildClip {
     if constexpr (Axis < 0) {
       visit(static_cast<std::size_t>(child), beam, enter, exit);
     } else {
-      const float inverse = beams_.inverse(Axis)[beam];
+      const float inverse = beams_.way(beam).inverse[Axis];
       const bool up = inverse > 0.0f;
       for (int s = 0; s < N && exit > enter; ++s) {
         const int slab = up ? s : N - 1 - s;  // In the order of the beam.
@@ -203,21 +201,19 @@ class ChildClip {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void few_beams(const CellIndex<D>& node, __m256i beam, __m256 pass,
-                                                       __m256 t0, __m256 t1, __m256 live, Few& few) const {
-    _mm256_store_si256(reinterpret_cast<__m256i*>(few.beam.data()), beam);
-    _mm256_store_ps(few.pass.data(), pass);
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void few_beams(const CellIndex<D>& node, __m256 t0, __m256 t1,
+                                                       __m256 live, Few& few) const {
     __m256 enter[std::size_t{kNumChildren}];
     __m256 exit[std::size_t{kNumChildren}];
-    eight_beams(planes_of(node), beam, t0, _mm256_blendv_ps(t0, t1, live), enter, exit);
+    eight_beams(planes_of(node), few.beams.ways, t0, _mm256_blendv_ps(t0, t1, live), enter, exit);
 #pragma GCC unroll 32
     for (std::size_t c = 0; c < kNumChildren; ++c) {
       _mm256_store_ps(few.enter[c].data(), enter[c]);
       _mm256_store_ps(few.exit[c].data(), exit[c]);
       few.set[c] =
           static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ)));
-      few.passing[c] = few.set[c] & static_cast<std::uint32_t>(
-                                        _mm256_movemask_ps(_mm256_cmp_ps(exit[c], pass, _CMP_LT_OQ)));
+      few.passing[c] = few.set[c] & static_cast<std::uint32_t>(_mm256_movemask_ps(
+                                        _mm256_cmp_ps(exit[c], few.beams.ways.pass, _CMP_LT_OQ)));
     }
   }
   NDTREE_BY_EIGHTS void eight_at_a_time(const Planes& plane, const Crossings& list, Lists& children) const {
@@ -229,7 +225,7 @@ class ChildClip {
       const __m256 t1 = _mm256_blendv_ps(t0, _mm256_loadu_ps(list.exit() + i), _mm256_castsi256_ps(live));
       __m256 enter[std::size_t{kNumChildren}];
       __m256 exit[std::size_t{kNumChildren}];
-      eight_beams(plane, beam, t0, t1, enter, exit);
+      eight_beams(plane, beams_.ways(beam), t0, t1, enter, exit);
 #pragma GCC unroll 32
       for (std::size_t c = 0; c < kNumChildren; ++c) {
         const auto set =

@@ -47,12 +47,11 @@ class LeafCoverage {
       }
     }
 #endif
-    const float* const range = beams_.range();
-    const float* const slant = beams_.slant();
     clip_.for_each_crossing(leaf, list, [&](std::size_t child, std::uint32_t beam, float enter, float leave) {
-      const float exit = std::min(leave, range[beam]);
+      const BeamEnd<D>& end = beams_.end(beam);
+      const float exit = std::min(leave, end.range);
       if (!(exit > enter)) return;
-      const float along = slant[beam];
+      const float along = end.slant;
       const float middle = 0.5f * (enter + exit) * along;
       sum.add(static_cast<int>(child),
               Sum::seen((exit - enter) * along * per_child,
@@ -77,14 +76,14 @@ class LeafCoverage {
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const __m256i beam = detail::load_live(list.beam + i, live);
+      const EightEnds<D> ends = beams_.ends(beam);
       const __m256 t0 = _mm256_loadu_ps(list.enter() + i);
-      const __m256 seen =
-          _mm256_min_ps(_mm256_loadu_ps(list.exit() + i), _mm256_i32gather_ps(beams_.range(), beam, 4));
+      const __m256 seen = _mm256_min_ps(_mm256_loadu_ps(list.exit() + i), ends.range);
       const __m256 t1 = _mm256_blendv_ps(t0, seen, _mm256_castsi256_ps(live));
-      const __m256 along = _mm256_i32gather_ps(beams_.slant(), beam, 4);
+      const __m256 along = ends.slant;
       __m256 enter[std::size_t{kNumChildren}];
       __m256 exit[std::size_t{kNumChildren}];
-      clip_.eight_beams(planes, beam, t0, t1, enter, exit);
+      clip_.eight_beams(planes, beams_.ways(beam), t0, t1, enter, exit);
 #pragma GCC unroll 32
       for (int c = 0; c < kNumChildren; ++c) {
         const __m256i sees = _mm256_castps_si256(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ));

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/beams.hpp"
 
 namespace ndtree {
 
@@ -45,26 +46,27 @@ inline constexpr std::size_t kFewBeams = 8;
 #ifdef NDTREE_HAS_EIGHTS
 /// Where at most eight beams cross the children of a node: so few need no lists. Those that cross a child are
 /// a set of bits, of their places among the eight.
-template <int kCount>
+template <int D, int kCount>
 struct FewCrossings {
   static constexpr std::size_t kMost = kFewBeams;
-  alignas(32) std::array<std::uint32_t, kMost> beam;  ///< Their numbers, ascending.
-  alignas(32) std::array<float, kMost> pass;          ///< See ScanBeams.
+  explicit FewCrossings(EightBeams<D>& them) : beams(them) {}  // The rest is not initialised.
+
+  EightBeams<D>& beams;
   alignas(32) std::array<std::array<float, kMost>, std::size_t{kCount}> enter;
   alignas(32) std::array<std::array<float, kMost>, std::size_t{kCount}> exit;
   std::array<std::uint32_t, std::size_t{kCount}> set;      ///< Those that cross each child, and of these
   std::array<std::uint32_t, std::size_t{kCount}> passing;  ///< those that clearly pass it.
 
   /// @pre the set of beams is not empty.
-  [[nodiscard]] std::uint32_t first_of(std::uint32_t beams) const {
-    return beam[static_cast<std::size_t>(__builtin_ctz(beams))];
+  [[nodiscard]] std::uint32_t first_of(std::uint32_t set_of_beams) const {
+    return beams.number[static_cast<std::size_t>(__builtin_ctz(set_of_beams))];
   }
 };
 
 /// Those of few beams that cross one child.
-template <int kCount>
+template <int D, int kCount>
 struct FewOfChild {
-  const FewCrossings<kCount>& of;
+  const FewCrossings<D, kCount>& of;
   std::size_t child;
 
   [[nodiscard]] std::uint32_t set() const { return of.set[child]; }
@@ -72,7 +74,7 @@ struct FewOfChild {
   [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(__builtin_popcount(set())); }
   [[nodiscard]] std::uint32_t first_beam() const { return of.first_of(set()); }
   [[nodiscard]] std::uint32_t last_beam() const {
-    return of.beam[static_cast<std::size_t>(31 - __builtin_clz(set()))];
+    return of.beams.number[static_cast<std::size_t>(31 - __builtin_clz(set()))];
   }
 };
 #endif

@@ -12,6 +12,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/core/linear_table.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/clip.hpp"
@@ -41,15 +42,6 @@ class LeafEvidence {
 #ifdef NDTREE_HAS_EIGHTS
   using Place =
       std::array<std::int32_t, std::size_t{D}>;  // Lower corner of a leaf, from the base of the end cells.
-  /// What counts of eight beams near their end points.
-  struct NearEnd {
-    Place place;  // Of the node.
-    __m256 sigma;
-    __m256 surface;
-    __m256 range;
-    __m256 clear;
-    __m256i end[std::size_t{D}];
-  };
 #endif
 
  public:
@@ -57,7 +49,6 @@ class LeafEvidence {
                const Sensor& sensor)
       : geometry_(geometry),
         beams_(beams),
-        model_(model),
         sensor_(sensor),
         width_(Simd::width()),
         noise_sigmas_(static_cast<float>(model.noise_sigmas())) {
@@ -70,6 +61,8 @@ class LeafEvidence {
       of_level.child = is_finest ? -1.0f : static_cast<float>(geometry.cell_size(level - 1));
       of_level.units_per_metre =
           static_cast<float>(static_cast<double>(model.of_miss()) / (kMeanChord * size));
+      of_level.is_inside_alike = beams.largest_sigma() == beams.smallest_sigma();
+      of_level.inside = inside(of_level, beams.smallest_sigma());
       of_level.small = is_finest ? 0.0f : of_level.cell;
       of_level.resolves_all = of_level.child >= noise_sigmas_ * beams.largest_sigma();
       of_level.resolves_some = of_level.child >= noise_sigmas_ * beams.smallest_sigma();
@@ -84,9 +77,8 @@ class LeafEvidence {
 #ifdef NDTREE_HAS_EIGHTS
     if (width_ >= 8) return all_pass_by_eights(list);
 #endif
-    const float* const pass = beams_.pass();
     for (std::size_t i = 0; i < list.size; ++i)
-      if (!(list.exit()[i] < pass[list.beam[i]])) return false;
+      if (!(list.exit()[i] < beams_.way(list.beam[i]).pass)) return false;
     return true;
   }
 
@@ -109,7 +101,7 @@ class LeafEvidence {
 
 #ifdef NDTREE_HAS_EIGHTS
   static constexpr int kNumChildren = ChildClip<N, D>::kNumChildren;
-  using Few = FewCrossings<kNumChildren>;
+  using Few = FewCrossings<D, kNumChildren>;
 
   /// Whether few beams may be handed down from a node of a level, and of all levels below.
   [[nodiscard]] bool takes_few(int level) const { return size_of(level).fits_32_bits; }
@@ -126,14 +118,14 @@ class LeafEvidence {
       const __m256 enter = _mm256_load_ps(few_.enter[child].data());
       const __m256 exit = _mm256_load_ps(few_.exit[child].data());
       const __m256 live = _mm256_cmp_ps(exit, enter, _CMP_GT_OQ);
-      const __m256 clear = _mm256_cmp_ps(exit, _mm256_load_ps(few_.pass.data()), _CMP_LT_OQ);
+      const __m256 clear = _mm256_cmp_ps(exit, few_.beams.ways.pass, _CMP_LT_OQ);
       __m256i misses = _mm256_castps_si256(_mm256_and_ps(live, clear));
       unsigned missed = few_.passing[child];
       if (missed != few_.set[child]) {
-        if (!is_near_) near_ = all_.near_end(node_, beams());
+        if (!is_near_) place_ = all_.place_of(node_);
         is_near_ = true;
-        misses = all_.add_near_end(child_of(near_, child, size_), size_, near_, enter, exit, misses,
-                                   _mm256_castps_si256(live), sum);
+        misses = all_.add_near_end(child_of(place_, child, size_), size_, all_.beams_.ends_of(few_.beams),
+                                   enter, exit, misses, _mm256_castps_si256(live), sum);
         missed = set_of(_mm256_castsi256_ps(misses));
       }
       sum.free += sum_of(_mm256_and_si256(units_of_way(enter, exit, size_), misses));
@@ -144,19 +136,16 @@ class LeafEvidence {
         sum.resolvable_misses += passed;
       else if (size_.resolves_some)
         sum.resolvable_misses +=
-            count(missed & all_.resolvable(size_, _mm256_i32gather_ps(all_.beams_.sigma(), beams(), 4)));
+            count(missed & all_.resolvable(size_, all_.beams_.ends_of(few_.beams).sigma));
     }
 
    private:
-    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256i beams() const {
-      return _mm256_load_si256(reinterpret_cast<const __m256i*>(few_.beam.data()));
-    }
     const LeafEvidence& all_;
     const CellIndex<D>& node_;
     const Few& few_;
     const Size& size_;
     bool is_near_ = false;
-    NearEnd near_{};
+    Place place_{};  // Of the node, if so.
   };
 #endif
 
@@ -170,6 +159,8 @@ class LeafEvidence {
     bool resolves_some;     // ... or at least that of some beams.
     bool fits_32_bits;      // Where it lies, from the base of the end cells.
     std::int32_t edge;      // Of the cell, in smallest cells, if so.
+    bool is_inside_alike;   // Of all beams: they are equally noisy.
+    float inside;           // EvidenceModel::probability_inside() of the most precise beam.
     float small;  // The cell's, or 0 if it is one of the smallest, which are small beside any noise.
   };
 
@@ -180,16 +171,27 @@ class LeafEvidence {
     return std::max(1, nearest_integer(way * size.units_per_metre));
   }
 
+  /// EvidenceModel::probability_inside() of a cell.
+  [[nodiscard]] float inside(const Size& size, float sigma) const {
+    return inside_table_(std::min(sigma * size.per_cell, kWidestSigma));
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 inside(const Size& size, __m256 sigma) const {
+    return inside_table_(
+        _mm256_min_ps(_mm256_mul_ps(sigma, _mm256_set1_ps(size.per_cell)), _mm256_set1_ps(kWidestSigma)));
+  }
+#endif
+
   void add_one(const CellIndex<D>& leaf, const Size& size, std::uint32_t beam, float enter, float exit,
                ScanEvidence& sum) const {
-    const float sigma = beams_.sigma()[beam];
-    const float clear = beams_.clear()[beam];
-    const float surface = beams_.surface()[beam];
+    const BeamEnd<D>& of_beam = beams_.end(beam);
+    const float sigma = of_beam.sigma;
+    const float surface = of_beam.surface;
     const bool is_small = size.small <= kSmallCell * sigma;
     const bool resolvable = size.child >= noise_sigmas_ * sigma;
     // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
     const float end = is_small ? std::max(exit, enter + surface) : exit;
-    const bool passes = end < clear;
+    const bool passes = end < of_beam.clear;
     const bool holds_end = !passes && geometry_.contains(leaf, beams_.end_cell(beam));
     if (passes || surface == 0.0f) {
       if (holds_end) return;  // A beam without return: nothing is said about the rest of the cell.
@@ -199,13 +201,13 @@ class LeafEvidence {
       sum.resolvable_misses += resolvable;
       return;
     }
-    const float range = beams_.range()[beam];
+    const float range = of_beam.range;
     const bool is_behind = !holds_end && enter >= range;
     if (is_behind && !is_small) return;
     const float per_sigma = 1.0f / sigma;
     const float before_end = (enter - range) * per_sigma;
-    model_.add(sum, sensor_.tabulated_log_odds(before_end, (end - range) * per_sigma),
-               std::min(sigma * size.per_cell, kWidestSigma));
+    EvidenceModel::add(sum, sensor_.tabulated_log_odds(before_end, (end - range) * per_sigma),
+                       size.is_inside_alike ? size.inside : inside(size, sigma));
     if (holds_end) {
       ++sum.hits;
       sum.resolvable_hits += resolvable;
@@ -218,10 +220,8 @@ class LeafEvidence {
 
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS [[nodiscard]] bool all_pass_by_eights(const Crossings& list) const {
-    const float* const pass = beams_.pass();
     for (std::size_t i = 0; i < list.size; i += 8)
-      if (!_mm256_testz_si256(not_passing(list, i, pass), detail::first_of_eight(list.size - i)))
-        return false;
+      if (!_mm256_testz_si256(not_passing(list, i), detail::first_of_eight(list.size - i))) return false;
     return true;
   }
   static constexpr std::size_t kMostAtOnce = 1024;  // Beams: sums of eighths of them fit 32 bits.
@@ -238,16 +238,14 @@ class LeafEvidence {
       const __m256 exit = _mm256_loadu_ps(list.exit() + i);
       const __m256i units = units_of_way(enter, exit, size);
       __m256i misses = _mm256_and_si256(
-          live,
-          _mm256_castps_si256(_mm256_cmp_ps(exit, _mm256_i32gather_ps(beams_.pass(), beam, 4), _CMP_LT_OQ)));
+          live, _mm256_castps_si256(_mm256_cmp_ps(exit, beams_.ways(beam).pass, _CMP_LT_OQ)));
       if (!_mm256_testc_si256(misses, live))
-        misses = add_near_end(place_of(leaf), size, near_end(leaf, beam), enter, exit, misses, live, sum);
+        misses = add_near_end(place_of(leaf), size, beams_.ends(beam), enter, exit, misses, live, sum);
       free = _mm256_add_epi32(free, _mm256_and_si256(units, misses));
       const unsigned missed = set_of(_mm256_castsi256_ps(misses));
       passed += count(missed);
       if (size.resolves_some && !size.resolves_all)
-        sum.resolvable_misses +=
-            count(missed & resolvable(size, _mm256_i32gather_ps(beams_.sigma(), beam, 4)));
+        sum.resolvable_misses += count(missed & resolvable(size, beams_.ends(beam).sigma));
     }
     sum.misses += passed;
     sum.beams += passed;
@@ -261,20 +259,8 @@ class LeafEvidence {
                                                       -2 * ScanBeams<D>::kNearby, ScanBeams<D>::kNearby + 1));
     return place;
   }
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE NearEnd near_end(const CellIndex<D>& node, __m256i beam) const {
-    NearEnd near;
-    near.place = place_of(node);
-    near.sigma = _mm256_i32gather_ps(beams_.sigma(), beam, 4);
-    near.surface = _mm256_i32gather_ps(beams_.surface(), beam, 4);
-    near.range = _mm256_i32gather_ps(beams_.range(), beam, 4);
-    near.clear = _mm256_i32gather_ps(beams_.clear(), beam, 4);
-#pragma GCC unroll 4
-    for (std::size_t a = 0; a < D; ++a) near.end[a] = _mm256_i32gather_epi32(beams_.end_offset(a), beam, 4);
-    return near;
-  }
   /// Place of a node's child.
-  [[nodiscard]] static Place child_of(const NearEnd& node, std::size_t child, const Size& size) {
-    Place place = node.place;
+  [[nodiscard]] static Place child_of(Place place, std::size_t child, const Size& size) {
     for (std::size_t a = 0; a < D; ++a, child /= N)
       place[a] += static_cast<std::int32_t>(child % N) * size.edge;
     return place;
@@ -282,8 +268,8 @@ class LeafEvidence {
   /// Adds what beams say of eight that do not all clearly pass.
   /// @param misses those that do. @returns them, and others that have passed.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE __m256i add_near_end(const Place& leaf, const Size& size,
-                                                             const NearEnd& beams, __m256 enter, __m256 exit,
-                                                             __m256i misses, __m256i live,
+                                                             const EightEnds<D>& beams, __m256 enter,
+                                                             __m256 exit, __m256i misses, __m256i live,
                                                              ScanEvidence& sum) const {
     const __m256i others = _mm256_andnot_si256(misses, live);
     const __m256 all = _mm256_castsi256_ps(others);
@@ -298,7 +284,7 @@ class LeafEvidence {
     __m256i holds = _mm256_andnot_si256(_mm256_castps_si256(is_clear), others);
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a) {
-      const __m256i at = beams.end[a];
+      const __m256i at = beams.cell[a];
       holds = _mm256_andnot_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(leaf[a]), at), holds);
       holds = _mm256_and_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(leaf[a] + size.edge), at), holds);
     }
@@ -317,8 +303,7 @@ class LeafEvidence {
         _mm256_castps_si256(says),
         EvidenceModel::units_of(
             sensor_.tabulated_log_odds(before_end, _mm256_mul_ps(_mm256_sub_ps(end, range), per_sigma)),
-            _mm256_min_ps(_mm256_mul_ps(sigma, _mm256_set1_ps(size.per_cell)),
-                          _mm256_set1_ps(kWidestSigma))));
+            size.is_inside_alike ? _mm256_set1_ps(size.inside) : inside(size, sigma)));
     sum.occupied += sum_of(_mm256_max_epi32(evidence, _mm256_setzero_si256()));
     sum.free += sum_of(_mm256_abs_epi32(_mm256_min_epi32(evidence, _mm256_setzero_si256())));
     const unsigned hits = said & set_of(holds_end);
@@ -356,18 +341,17 @@ class LeafEvidence {
     return static_cast<std::uint32_t>(
         _mm_cvtsi128_si32(_mm_add_epi32(quarter, _mm_shuffle_epi32(quarter, 0xb1))));
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i not_passing(const Crossings& list, std::size_t i,
-                                                            const float* pass) {
+  NDTREE_BY_EIGHTS [[nodiscard]] __m256i not_passing(const Crossings& list, std::size_t i) const {
     const __m256i beam = detail::load_live(list.beam + i, detail::first_of_eight(list.size - i));
     return _mm256_castps_si256(
-        _mm256_cmp_ps(_mm256_loadu_ps(list.exit() + i), _mm256_i32gather_ps(pass, beam, 4), _CMP_NLT_UQ));
+        _mm256_cmp_ps(_mm256_loadu_ps(list.exit() + i), beams_.ways(beam).pass, _CMP_NLT_UQ));
   }
 #endif
 
   const LatticeGeometry<N, D>& geometry_;
   const ScanBeams<D>& beams_;
-  const EvidenceModel& model_;
   const Sensor& sensor_;
+  const LinearTable<512>& inside_table_ = EvidenceModel::probability_inside_table();
   int width_;
   float noise_sigmas_;
   std::vector<Size> sizes_;  // Of levels from the finest up to 0.

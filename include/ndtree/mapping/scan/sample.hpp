@@ -217,13 +217,25 @@ class alignas(64) ScanPart {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
+  static constexpr std::size_t kNone = 2 * D;  // Beams that say nothing go through no face.
+  using OfFaces = std::array<float, std::max<std::size_t>(kNone + 1, 8)>;
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256 of_face(const OfFaces& values,
+                                                                            __m256i faces) {
+    if constexpr (kNone < 8) {
+      return _mm256_permutevar8x32_ps(_mm256_loadu_ps(values.data()), faces);
+    } else {
+      std::array<std::uint32_t, 8> at;
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(at.data()), faces);
+      return _mm256_setr_ps(values[at[0]], values[at[1]], values[at[2]], values[at[3]], values[at[4]],
+                            values[at[5]], values[at[6]], values[at[7]]);
+    }
+  }
   /// Beams of few faces. @returns the place of the first that is left.
   NDTREE_BY_EIGHTS std::size_t keep_by_eights(const ScanImage<D>& image,
                                               const std::vector<std::uint32_t>& numbers, float smallest,
                                               float beams, float farthest, float behind) {
-    constexpr std::size_t kNone = 2 * D;  // Beams that say nothing go through no face.
-    std::array<float, kNone + 1> row;
-    std::array<std::array<float, kNone + 1>, kAxes> places;
+    OfFaces row;
+    std::array<OfFaces, kAxes> places;
     row.fill(0.0f);
     for (auto& of_axis : places) of_axis.fill(0.0f);
     for (std::size_t f = 0; f < numbers.size(); ++f) {
@@ -240,11 +252,10 @@ class alignas(64) ScanPart {
           _mm256_mul_ps(_mm256_min_ps(_mm256_loadu_ps(depth_.data() + i), _mm256_set1_ps(farthest)),
                         _mm256_set1_ps(kSlack)),
           _mm256_set1_ps(behind));
-      const __m256 in_row = _mm256_div_ps(_mm256_i32gather_ps(row.data(), face, 4), depth);
+      const __m256 in_row = _mm256_div_ps(of_face(row, face), depth);
       __m256 expected = _mm256_set1_ps(1.0f);
       for (std::size_t k = 0; k < kAxes; ++k)
-        expected =
-            _mm256_mul_ps(expected, _mm256_min_ps(in_row, _mm256_i32gather_ps(places[k].data(), face, 4)));
+        expected = _mm256_mul_ps(expected, _mm256_min_ps(in_row, of_face(places[k], face)));
       const __m256 chance = _mm256_mul_ps(
           _mm256_cvtepi32_ps(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(chance_.data() + i))),
           _mm256_set1_ps(kChanceUnit));
@@ -278,7 +289,6 @@ class alignas(64) ScanPart {
     std::array<Extent, std::size_t{D}> reach;
     reach.fill({_mm256_setzero_ps(), _mm256_setzero_ps()});
     __m256 deepest = _mm256_setzero_ps();
-    const __m128i stride = _mm_setr_epi32(0, D, 2 * D, 3 * D);
     Eigen::Index i = range.first;
     std::uint64_t valid = 0;
     for (; i + 8 <= range.last; i += 8) {
@@ -290,8 +300,10 @@ class alignas(64) ScanPart {
       for (int a = 0; a < D; ++a) {
         const double* const from = scan.endpoints + i * D + a;
         const __m256d o = _mm256_set1_pd(origin[a]);
-        const __m128 low = _mm256_cvtpd_ps(_mm256_sub_pd(detail::gather(from, stride), o));
-        const __m128 high = _mm256_cvtpd_ps(_mm256_sub_pd(detail::gather(from + 4 * D, stride), o));
+        const __m128 low =
+            _mm256_cvtpd_ps(_mm256_sub_pd(_mm256_setr_pd(from[0], from[D], from[2 * D], from[3 * D]), o));
+        const __m128 high = _mm256_cvtpd_ps(
+            _mm256_sub_pd(_mm256_setr_pd(from[4 * D], from[5 * D], from[6 * D], from[7 * D]), o));
         const auto k = static_cast<std::size_t>(a);
         d[k] = detail::joined(low, high);
         const __m256 length = _mm256_andnot_ps(sign, d[k]);

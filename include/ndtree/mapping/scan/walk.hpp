@@ -153,7 +153,7 @@ class ScanWalk {
     return true;
   }
 #ifdef NDTREE_HAS_EIGHTS
-  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const FewOfChild<kNumChildren>& beams) const {
+  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const FewOfChild<D, kNumChildren>& beams) const {
     for (std::uint32_t left = beams.set(); left != 0;) {
       const ScanFace<D>& face = beams_.face_of(beams.of.first_of(left));
       if (!all_take_all(node, face)) return false;
@@ -365,21 +365,28 @@ class ScanWalk {
     return finish_children(ref, summary_(&children.node(0)), changed, was_split);
   }
 #ifdef NDTREE_HAS_EIGHTS
-  using Few = FewCrossings<kNumChildren>;
-  using FewBeams = FewOfChild<kNumChildren>;
+  using Few = FewCrossings<D, kNumChildren>;
+  using FewBeams = FewOfChild<D, kNumChildren>;
 
   /// Whether a node's children are cells, or nodes of cells, and its list needs none for them.
   [[nodiscard]] bool are_few(const Ref& ref, const Crossings& list) const {
     return list.size <= Few::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
            evidence_.takes_few(ref.index.level);
   }
-  /// The same for few beams. @param beams Crossings or FewBeams, not empty.
-  template <class Beams>
-  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Beams& beams, bool was_split,
+  /// The same for few beams, not none.
+  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list, bool was_split,
                                                bool takes_all) {
+    EightBeams<D> beams;
+    beams_.look_up(detail::load_live(list.beam, detail::first_of_eight(list.size)), beams);
+    return update_children_of_few(ref, list, beams, was_split, takes_all);
+  }
+  /// @param crossings Crossings or FewBeams, of these beams.
+  template <class SomeCrossings>
+  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const SomeCrossings& crossings,
+                                               EightBeams<D>& beams, bool was_split, bool takes_all) {
     pace_.spend(Few::kMost);
-    Few few;
-    clip_(ref.index, beams, few);
+    Few few(beams);
+    clip_(ref.index, crossings, few);
     typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
     const Children children(tree_, ref);
     const EvidenceModel& model = refinement_.model;
@@ -415,7 +422,8 @@ class ScanWalk {
   }
   bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
-    return update_children_of_few(inner, beams, false, takes_all || all_take_all(inner.index, beams));
+    return update_children_of_few(inner, beams, beams.of.beams, false,
+                                  takes_all || all_take_all(inner.index, beams));
   }
   // What few beams rarely do:
   bool update_leaf(const Ref& leaf, const FewBeams& beams, bool takes_all) {
@@ -492,7 +500,8 @@ class ScanWalk {
     for_each_list(list, sample, [&](const Crossings& part) {
       for (std::size_t i = 0; i < part.size; ++i) {
         const std::uint32_t beam = part.beam[i];
-        n += beams_.surface()[beam] == 0.0f || part.exit()[i] < beams_.clear()[beam];
+        const BeamEnd<D>& end = beams_.end(beam);
+        n += !end.is_returned() || part.exit()[i] < end.clear;
       }
     });
     return n;
@@ -509,7 +518,7 @@ class ScanWalk {
       std::size_t ends = 0;
       for (std::size_t i = 0; i < part.size; ++i) {
         const std::uint32_t beam = part.beam[i];
-        ends += beams_.surface()[beam] > 0.0f && tree_.geometry().contains(leaf, beams_.end_cell(beam));
+        ends += beams_.end(beam).is_returned() && tree_.geometry().contains(leaf, beams_.end_cell(beam));
       }
       float expected = 1.0f;
       if (!face.is_lone() && ends > 0)
@@ -517,7 +526,7 @@ class ScanWalk {
       blocked += static_cast<double>(ends) / static_cast<double>(expected);
     });
     taken_.resize(taken_before);
-    return blocked > refinement_.partial_occupancy.free_until();
+    return blocked > refinement_.split_test.model().free_until();
   }
 
   /// Whether enough of a leaf was seen to update it as a whole.
