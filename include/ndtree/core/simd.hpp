@@ -157,16 +157,19 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, __m256
   static_assert(sizeof(Row) % 16 == 0 && alignof(Row) % 16 == 0, "Row is loaded by four numbers");
   constexpr int kStep = sizeof(Row) / sizeof(double);  // Offsets in doubles: so an address takes no more.
   const Offsets at(_mm256_mullo_epi32(rows, _mm256_set1_epi32(kStep)));
-#pragma GCC unroll 8
-  for (std::size_t group = 0; group < sizeof(Row) / 16; ++group) {
-    const auto* const from = reinterpret_cast<const double*>(table) + 2 * group;
-    __m256 pair[4];
+  constexpr std::size_t kGroups = sizeof(Row) / 16;
+  __m256 pair[kGroups][4];
 #pragma GCC unroll 4
-    for (std::size_t k = 0; k < 4; ++k)
-      pair[k] = joined(_mm_load_ps(reinterpret_cast<const float*>(from + at[k])),
-                       _mm_load_ps(reinterpret_cast<const float*>(from + at[k + 4])));
-    turn_four(pair, columns + 4 * group);
+  for (std::size_t k = 0; k < 4; ++k) {
+    const auto* const low = reinterpret_cast<const double*>(table) + at[k];
+    const auto* const high = reinterpret_cast<const double*>(table) + at[k + 4];
+#pragma GCC unroll 8
+    for (std::size_t g = 0; g < kGroups; ++g)
+      pair[g][k] = joined(_mm_load_ps(reinterpret_cast<const float*>(low + 2 * g)),
+                          _mm_load_ps(reinterpret_cast<const float*>(high + 2 * g)));
   }
+#pragma GCC unroll 8
+  for (std::size_t g = 0; g < kGroups; ++g) turn_four(pair[g], columns + 4 * g);
 }
 /// The opposite, for eight rows that follow each other.
 template <class Row>

@@ -17,6 +17,7 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/coarse_lists.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/scan/order.hpp"
@@ -234,15 +235,25 @@ class ScanUpdate {
     std::vector<typename Tree::Arena> arenas_;
   };
 
-  /// One thread walks down to nodes with few of the beams, or to the cells of the coarsest level, which are
-  /// then shared out, the ones with the most beams first.
+  [[nodiscard]] int coarsest_level() const {
+    return Refinement::coarsest_level(tree_.geometry().finest_level());
+  }
+
+  /// Every thread brings a part of the beams to the cells of the coarsest level, which are then shared out,
+  /// the ones with the most beams first.
   void run_tasks(Workers& workers) {
+    std::vector<CoarseLists<D>> parts(std::min(workers.count(), beams_.size()));
+    workers.for_each_task(parts.size(), [&](std::size_t, std::size_t p) {
+      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, beams_, nullptr, window_);
+      walk.bring(beams_.size() * p / parts.size(), beams_.size() * (p + 1) / parts.size(), parts[p]);
+    });
+    std::vector<CoarseList<D>> lists;
+    std::vector<CoarseCell<D>> cells = join(parts, lists);
     std::vector<typename Walk::Task> tasks;
-    Walk above(tree_, tree_.main_arena(), refinement_, sensor_, beams_, log(0), window_);
-    above.run(&tasks);
-    add(above.counters());
+    tasks.reserve(cells.size());
+    if (!cells.empty()) add_tasks(tree_.root(), cells.data(), cells.data() + cells.size(), tasks);
     std::stable_sort(tasks.begin(), tasks.end(),
-                     [](const auto& a, const auto& b) { return a.list.size > b.list.size; });
+                     [](const auto& a, const auto& b) { return a.beams.size > b.beams.size; });
     Arenas arenas(tree_, std::min(workers.count(), tasks.size()));
     std::vector<Walk> walks;
     walks.reserve(arenas.all().size());
@@ -251,6 +262,28 @@ class ScanUpdate {
     workers.for_each_task(tasks.size(),
                           [&](std::size_t worker, std::size_t task) { walks[worker].run(tasks[task]); });
     for (const Walk& walk : walks) add(walk.counters());
+  }
+  /// Finds the nodes of cells below one, and makes those that are missing.
+  /// @param first of the cells, in any order; not none.
+  void add_tasks(const typename Tree::Ref& ref, CoarseCell<D>* first, CoarseCell<D>* last,
+                 std::vector<typename Walk::Task>& tasks) {
+    if (ref.index.level == coarsest_level()) {
+      tasks.push_back({ref, *first});
+      return;
+    }
+    if (ref.is_leaf())
+      tree_.split_node(*ref.node, {}, tree_.main_arena());
+    else if (undo_ != nullptr)
+      log(0)->keep(tree_, *ref.node);
+    ref.node->set_note(0);  // Until the scan is done.
+    for (int c = 0; c < Tree::kNumChildren && first != last; ++c) {
+      const typename Tree::Ref child = tree_.child(ref, c);
+      CoarseCell<D>* const others = std::partition(first, last, [&](const CoarseCell<D>& cell) {
+        return tree_.geometry().contains(child.index, cell.lower);
+      });
+      if (others != first) add_tasks(child, first, others, tasks);
+      first = others;
+    }
   }
 
   /// One for what one thread does alone, then one for each.

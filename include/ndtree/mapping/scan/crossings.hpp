@@ -40,6 +40,14 @@ struct Crossings {
   }
 };
 
+/// Adds one list to another, which has room for it. @pre its beams come after those that are there.
+inline void append(const Crossings& list, Crossings& to) {
+  std::copy_n(list.beam, list.size, to.beam + to.size);
+  std::copy_n(list.enter(), list.size, to.enter() + to.size);
+  std::copy_n(list.exit(), list.size, to.exit() + to.size);
+  to.size += list.size;
+}
+
 /// So few beams fit one vector, and are not worth telling apart by what cells below take.
 inline constexpr std::size_t kFewBeams = 8;
 

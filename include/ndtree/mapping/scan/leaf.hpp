@@ -231,6 +231,8 @@ class LeafEvidence {
                                       ScanEvidence& sum) const {
     __m256i free = _mm256_setzero_si256();
     unsigned passed = 0;
+    Place place{};
+    bool has_place = false;  // It is asked for where some beam ends.
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const __m256i beam = detail::load_live(list.beam + i, live);
@@ -239,8 +241,11 @@ class LeafEvidence {
       const __m256i units = units_of_way(enter, exit, size);
       __m256i misses = _mm256_and_si256(
           live, _mm256_castps_si256(_mm256_cmp_ps(exit, beams_.ways(beam).pass, _CMP_LT_OQ)));
-      if (!_mm256_testc_si256(misses, live))
-        misses = add_near_end(place_of(leaf), size, beams_.ends(beam), enter, exit, misses, live, sum);
+      if (!_mm256_testc_si256(misses, live)) {
+        if (!has_place) place = place_of(leaf);
+        has_place = true;
+        misses = add_near_end(place, size, beams_.ends(beam), enter, exit, misses, live, sum);
+      }
       free = _mm256_add_epi32(free, _mm256_and_si256(units, misses));
       const unsigned missed = set_of(_mm256_castsi256_ps(misses));
       passed += count(missed);

@@ -21,18 +21,20 @@
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/clip.hpp"
+#include "ndtree/mapping/scan/coarse_lists.hpp"
 #include "ndtree/mapping/scan/coverage.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/leaf.hpp"
 #include "ndtree/mapping/update_counters.hpp"
+#include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
 
 /// The part of an update that goes down the tree: what one thread does. See ScanUpdate.
 template <class Tree, class Refinement, class Sensor>
-class ScanWalk {
+class alignas(128) ScanWalk {  // Threads, each with its own, share no cache line.
   static constexpr int N = Tree::kBranching;
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
@@ -43,8 +45,7 @@ class ScanWalk {
   /// A node whose part of the update does not touch that of any other one, with the beams that cross it.
   struct Task {
     Ref ref;
-    Crossings list;
-    bool takes_all;
+    CoarseCell<D> beams;
   };
 
   /// @param arena of the tree, for this thread alone. @param undo where it remembers what it changes, or
@@ -68,24 +69,57 @@ class ScanWalk {
 
   [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
 
-  /// The whole update, or, if `tasks` are asked for, that of nodes with many beams above the coarsest level
-  /// of cells, of which none are merged; what is left to do is then in the tasks, whose lists live as long as
-  /// this walk.
-  void run(std::vector<Task>* tasks = nullptr) {
-    tasks_ = tasks;
-    Crossings list = stack_.allocate(beams_.size() + Crossings::kSlack);
-    for (std::size_t i = 0; i < beams_.size(); ++i) {
-      list.beam[i] = static_cast<std::uint32_t>(i);
-      list.enter()[i] = 0.0f;
-      list.exit()[i] = beams_.reach()[i];
-    }
-    list.size = beams_.size();
+  /// The whole update.
+  void run() {
+    const Crossings list = beams_from(0, beams_.size());
     if (!list.empty()) descend(tree_.root(), list, false);
-    tasks_ = nullptr;
   }
-  void run(const Task& task) { descend(task.ref, task.list, task.takes_all); }
+  /// Brings the beams from the first to before the last to the cells of the coarsest level. The tree stays as
+  /// it is.
+  void bring(std::size_t first, std::size_t last, CoarseLists<D>& lists) {
+    const Crossings list = beams_from(first, last);
+    if (!list.empty()) bring(tree_.root().index, list, false, lists);
+  }
+  /// What is left to do in one of these cells.
+  void run(const Task& task) {
+    const CrossingStack::Mark mark = stack_.mark();
+    Crossings list = stack_.allocate(task.beams.size + Crossings::kSlack);
+    for (const CoarseList<D>* part = task.beams.first; part != task.beams.last; ++part)
+      append(part->list, list);
+    descend(task.ref, list, false);
+    stack_.release(mark);
+  }
 
  private:
+  [[nodiscard]] Crossings beams_from(std::size_t first, std::size_t last) {
+    Crossings list = stack_.allocate(last - first + Crossings::kSlack);
+    for (std::size_t i = first; i < last; ++i) {
+      list.beam[i - first] = static_cast<std::uint32_t>(i);
+      list.enter()[i - first] = 0.0f;
+      list.exit()[i - first] = beams_.reach()[i];
+    }
+    list.size = last - first;
+    return list;
+  }
+  void bring(const CellIndex<D>& node, const Crossings& list, bool takes_all, CoarseLists<D>& lists) {
+    if (!may_change(node)) return;
+    if (node.level <= coarsest_level_) {
+      lists.add(node.lower, list);
+      return;
+    }
+    takes_all = takes_all || all_take_all(node, list);
+    const CrossingStack::Mark mark = stack_.mark();
+    const Lists children = hand_down(node, list, takes_all);
+    for (int c = 0; c < kNumChildren; ++c)
+      if (!children.of(c).empty())
+        bring(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c), takes_all, lists);
+    stack_.release(mark);
+  }
+  /// Whether a node of the coarsest level or above lies in the window.
+  [[nodiscard]] bool may_change(const CellIndex<D>& node) const {
+    return window_ == nullptr || window_->overlaps(node, tree_.geometry().edge(node.level));
+  }
+
   using Lists = typename ChildClip<N, D>::Lists;
 
   /// Of a face's beams, those that count in a cell.
@@ -237,13 +271,7 @@ class ScanWalk {
   /// @param list not empty. @param takes_all whether all leaves in some node above take all of it.
   /// @returns whether a cell changed.
   bool descend(const Ref& ref, const Crossings& list, bool takes_all) {
-    if (window_ != nullptr && ref.index.level >= coarsest_level_ &&
-        !window_->overlaps(ref.index, tree_.geometry().edge(ref.index.level)))
-      return false;
-    if (tasks_ != nullptr && (ref.index.level <= coarsest_level_ || list.size <= beams_.size() / kFewOfAll)) {
-      tasks_->push_back({ref, list, takes_all});
-      return false;
-    }
+    if (ref.index.level >= coarsest_level_ && !may_change(ref.index)) return false;
     if (ref.index.level <= coarsest_level_ && ref.is_leaf()) return update_leaf(ref, list, takes_all);
     if (!ref.is_leaf()) {
       if (Summary(ref.node->note()).is_settled() && evidence_.all_pass(list)) return false;
@@ -342,7 +370,7 @@ class ScanWalk {
   /// @param lists of the children, allocated after the mark.
   bool update_children(const Ref& ref, const Lists& lists, const CrossingStack::Mark& mark, bool was_split,
                        bool takes_all) {
-    const bool are_cells = ref.index.level <= coarsest_level_ && tasks_ == nullptr;
+    const bool are_cells = ref.index.level <= coarsest_level_;
     bool changed = was_split;
     const Children children(tree_, ref);
 #ifdef __GNUC__
@@ -355,10 +383,6 @@ class ScanWalk {
       const bool child_changed = are_cells && child.is_leaf() ? update_leaf(child, list, takes_all)
                                                               : descend(child, list, takes_all);
       changed = child_changed || changed;
-    }
-    if (tasks_ != nullptr) {  // They need their lists.
-      ref.node->set_note(0);  // Until they are done.
-      return changed;
     }
     stack_.release(mark);
     if (!changed && ref.node->note() != 0) return false;
@@ -553,8 +577,7 @@ class ScanWalk {
   }
 
   static constexpr float kSlack = ScanFace<D>::kSlack;
-  static constexpr std::size_t kFewOfAll = 32;  // A node with so small a part of the beams is a task.
-  static constexpr std::size_t kMany = 1000;    // Beams: their lists are worth moving together.
+  static constexpr std::size_t kMany = 1000;  // Beams: their lists are worth moving together.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
@@ -572,7 +595,6 @@ class ScanWalk {
   const bool few_may_be_too_many_;  // That so few beams count in a leaf.
   UpdateCounters counters_;
   Pace pace_;
-  std::vector<Task>* tasks_ = nullptr;
   // Of the nodes on the path from the root, the deepest last:
   CrossingStack stack_;
   std::vector<Taken> taken_;
