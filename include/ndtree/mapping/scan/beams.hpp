@@ -72,9 +72,7 @@ struct EightEnds {
   __m256 range, slant, clear, surface, sigma;
   __m256i cell[std::size_t{D}];
 };
-#endif
 
-#ifdef NDTREE_HAS_EIGHTS
 /// Up to eight beams on their way down to the leaves together: what is known of them is looked up once.
 template <int D>
 struct EightBeams {
@@ -94,6 +92,12 @@ class ScanBeams {
   static constexpr double kThinnestSurface = 5.0 / 3.0;  ///< Standard deviations; see LeafEvidence.
 
   [[nodiscard]] std::size_t size() const { return size_; }
+  /// How many of them loops may take at a time: of more than detail::load_columns() tells apart, one.
+  [[nodiscard]] int width() const {
+    constexpr std::size_t kMost =
+        std::numeric_limits<std::uint32_t>::max() / (sizeof(BeamEnd<D>) / sizeof(double));
+    return size_ <= kMost ? Simd::width() : 1;
+  }
   /// @param faces that the beams go through. Those of number 0 are alone in their faces, of which there is no
   ///   other number. @param have_own_origins whether not all begin in one place.
   /// @param base the cell from which end points are counted. @param end_nearby see ends_nearby().

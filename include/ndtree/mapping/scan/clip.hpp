@@ -27,7 +27,7 @@ class ChildClip {
   using Lists = SiblingLists<kNumChildren>;
 
   ChildClip(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams)
-      : geometry_(geometry), beams_(beams), width_(Simd::width()) {}
+      : geometry_(geometry), beams_(beams), width_(beams.width()) {}
 
   /// Lists for the children, as long as they may get, and empty.
   [[nodiscard]] Lists lists_for(const CellIndex<D>& node, const Crossings& list, CrossingStack& stack) const {

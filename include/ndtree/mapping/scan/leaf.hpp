@@ -50,7 +50,7 @@ class LeafEvidence {
       : geometry_(geometry),
         beams_(beams),
         sensor_(sensor),
-        width_(Simd::width()),
+        width_(beams.width()),
         noise_sigmas_(static_cast<float>(model.noise_sigmas())) {
     for (int level = geometry.finest_level(); level <= 0; ++level) {
       const double size = geometry.cell_size(level);
