@@ -53,14 +53,14 @@ class EvidenceSummary {
  private:
   static constexpr int kWords = EvidenceCell::kNumWords;
   static constexpr std::uint32_t kOfNoLeaf = 0xffffffffu;  // A first word.
-  struct alignas(32) Constant : std::array<std::uint32_t, 8> {};
+  struct alignas(32) EightWords : std::array<std::uint32_t, 8> {};
 
 #ifdef NDTREE_HAS_EIGHTS
   template <class NodeType>
   NDTREE_BY_EIGHTS [[nodiscard]] SummaryOfSiblings call_by_eights(const NodeType* siblings) const {
     return by_eights(siblings);
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i load(const Constant& eight) {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i load(const EightWords& eight) {
     return _mm256_load_si256(reinterpret_cast<const __m256i*>(eight.data()));
   }
   struct Words {
@@ -92,19 +92,12 @@ class EvidenceSummary {
               _mm256_broadcastsi128_si256(_mm_shuffle_epi32(second, 0x39)),
               _mm256_broadcastsi128_si256(_mm_shuffle_epi32(third, 0x4e))};
     } else {
-      const auto word = [nodes](int node, int number) {
-        return nodes[kWords * std::min(node, kCount - 1) + number];
-      };
-      const auto column = [&](int number) {
-        return std::array<int, 8>{word(0, number), word(1, number), word(2, number), word(3, number),
-                                  word(4, number), word(5, number), word(6, number), word(7, number)};
-      };
-      const std::array<int, 8> first = column(0);
-      const std::array<int, 8> second = column(1);
-      const std::array<int, 8> third = column(2);
-      return {_mm256_loadu_si256(reinterpret_cast<const __m256i*>(first.data())),
-              _mm256_loadu_si256(reinterpret_cast<const __m256i*>(second.data())),
-              _mm256_loadu_si256(reinterpret_cast<const __m256i*>(third.data()))};
+      std::array<EightWords, kWords> words;
+      for (int i = 0; i < 8; ++i)
+        for (int w = 0; w < kWords; ++w)
+          words[static_cast<std::size_t>(w)][static_cast<std::size_t>(i)] =
+              static_cast<std::uint32_t>(nodes[kWords * std::min(i, kCount - 1) + w]);
+      return {load(words[0]), load(words[1]), load(words[2])};
     }
   }
   /// @param nodes words: of a leaf, the second is its log-odds; of an inner node, the first has its top bit
@@ -157,13 +150,13 @@ class EvidenceSummary {
   const EvidenceModel& model_;
   int width_;
   // Eight times each: compilers would put them together from parts for each node.
-  Constant settled_first_;
-  Constant settled_third_;
-  Constant known_;
-  Constant bound_;
-  Constant occupied_;
-  Constant unknown_;
-  Constant unsettled_;
+  EightWords settled_first_;
+  EightWords settled_third_;
+  EightWords known_;
+  EightWords bound_;
+  EightWords occupied_;
+  EightWords unknown_;
+  EightWords unsettled_;
 };
 
 }  // namespace ndtree

@@ -96,7 +96,7 @@ class ScanUpdate {
     for (ScanFace<D>& face : image_.faces()) face.divide();
     const auto& geometry = tree_.geometry();
     const Sampling sampling{refinement_.model.sample_beams(false), geometry.unit(),
-                            geometry.cell_size(Refinement::coarsest_level(geometry.finest_level()))};
+                            geometry.cell_size(coarsest_level())};
     workers.for_each_task(parts_.size(),
                           [&](std::size_t, std::size_t p) { parts_[p].keep(image_, numbers[p], sampling); });
     std::size_t num_beams = 0;
@@ -209,8 +209,7 @@ class ScanUpdate {
   [[nodiscard]] bool lists_fit_in_memory() const {
     constexpr double kMost = 0x1p26;
     const auto& geometry = tree_.geometry();
-    const double planes_per_metre =
-        std::sqrt(D) / geometry.cell_size(Refinement::coarsest_level(geometry.finest_level()));
+    const double planes_per_metre = std::sqrt(D) / geometry.cell_size(coarsest_level());
     double crossings = 0.0;
     for (std::size_t i = 0; i < beams_.size(); ++i)
       crossings += 1.0 + D + static_cast<double>(beams_.reach()[i]) * planes_per_metre;

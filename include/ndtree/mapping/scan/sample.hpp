@@ -224,8 +224,7 @@ class alignas(64) ScanPart {
     if constexpr (kNone < 8) {
       return _mm256_permutevar8x32_ps(_mm256_loadu_ps(values.data()), faces);
     } else {
-      std::array<std::uint32_t, 8> at;
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(at.data()), faces);
+      const detail::Offsets at(faces);
       return _mm256_setr_ps(values[at[0]], values[at[1]], values[at[2]], values[at[3]], values[at[4]],
                             values[at[5]], values[at[6]], values[at[7]]);
     }
