@@ -20,7 +20,10 @@ std::vector<KeptBeam> in_buckets(const std::vector<KeptBeam>& beams, std::size_t
                                  std::size_t num_parts, std::size_t num_ranges) {
   std::uint32_t largest = 0;
   for (const KeptBeam& beam : beams) largest = std::max(largest, beam.chance);
-  BeamBuckets buckets(num_faces, beams.size(), largest);
+  std::vector<std::uint32_t> ends(num_faces, 0);
+  for (const KeptBeam& beam : beams)
+    for (std::size_t f = beam.face; f < num_faces; ++f) ++ends[f];
+  BeamBuckets buckets(ends, largest);
   const auto first = [&](std::size_t part) { return beams.size() * part / num_parts; };
   std::vector<std::vector<std::uint32_t>> places(num_parts);
   for (std::size_t p = 0; p < num_parts; ++p) {
@@ -55,6 +58,8 @@ TEST(BeamBuckets, AreInTheOrderOfASortForAllPartsAndRanges) {
         for (std::size_t i = 0; i < n; ++i)
           beams[i] = {static_cast<std::uint32_t>(random() % num_faces),
                       static_cast<std::uint32_t>(random() % (most + 1)), static_cast<std::uint32_t>(i)};
+        if (most == 1000u)  // Most are of one bucket.
+          for (std::size_t i = 0; i < n; i += 3) beams[i].chance = 0xffffff;
         std::vector<KeptBeam> expected = beams;
         const auto is_before = [](const auto& a, const auto& b) {
           return everything_of(a) < everything_of(b);
@@ -74,12 +79,18 @@ TEST(BeamBuckets, AreInTheOrderOfASortForAllPartsAndRanges) {
 }
 
 TEST(BeamBuckets, HoldAFewBeamsEach) {
-  const BeamBuckets dense(1, 100'000, 0xffffff);
-  EXPECT_GT(dense.count(), 100'000u / 8);
-  EXPECT_LE(dense.count(), 100'000u / 4);
-  const BeamBuckets small_chances(1, 100'000, 0xffff);
-  EXPECT_GT(small_chances.of(0, 0xffff), small_chances.count() / 2);  // They are spread over the buckets.
-  EXPECT_LT(small_chances.of(0, 0xffff), small_chances.count());
+  const BeamBuckets dense({100'000}, 0xffffff);
+  EXPECT_GT(dense.count(), 100'000u / 4);
+  EXPECT_LE(dense.count(), 100'000u / 2);
+  const BeamBuckets small_chances({100'000}, 0xffff);
+  EXPECT_EQ(small_chances.of(0, 0xffff), small_chances.count() - 1);  // They are spread over the buckets.
+}
+
+TEST(BeamBuckets, AreManyForFacesOfManyBeams) {
+  const BeamBuckets buckets({0, 100'000, 100'000, 100'010}, 0xffffff);
+  EXPECT_EQ(buckets.of(1, 0), 0u);  // None for those without any.
+  EXPECT_GT(buckets.of(3, 0), 100'000u / 4);
+  EXPECT_LE(buckets.count() - buckets.of(3, 0), 5u);
 }
 
 }  // namespace

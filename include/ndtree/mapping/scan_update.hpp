@@ -109,7 +109,9 @@ class ScanUpdate {
     }
     if (num_beams == 0) return;
     std::vector<ScanFace<D>> faces = number_faces(numbers);
-    BeamBuckets buckets(faces.size(), num_beams, largest_chance);
+    std::vector<std::uint32_t> ends_of_faces;
+    for (const ScanFace<D>& face : faces) ends_of_faces.push_back(face.end_of_beams);
+    BeamBuckets buckets(ends_of_faces, largest_chance);
     std::vector<std::vector<std::uint32_t>> places(parts_.size());
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(buckets, numbers[p]); });

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace ndtree {
@@ -22,21 +23,31 @@ struct KeptBeam {
 };
 
 /// Buckets of beams of one face and similar chances, in the order of beams: each thread counts what it has
-/// for each, then puts its beams where they belong, and only buckets must be sorted.
+/// for each, then puts its beams where they belong, and only buckets must be sorted. Most hold a
+/// few, so that sorting moves none far.
 class BeamBuckets {
  public:
-  /// @param num_faces not more than one more than `beams`. @param largest chance; of dense scans, only small
-  /// ones are kept.
-  BeamBuckets(std::size_t num_faces, std::size_t beams, std::uint32_t largest) {
-    constexpr std::size_t kBeamsOfBucket = 4;
-    while ((num_faces << (bits_ + 1)) * kBeamsOfBucket <= beams) ++bits_;
-    while ((largest >> shift_) >> bits_ != 0) ++shift_;
-    begins_.assign((num_faces << bits_) + 1, 0);
+  /// @param ends_of_faces up to each face, how many beams there are. @param largest chance; of dense scans,
+  /// only small ones are kept.
+  BeamBuckets(const std::vector<std::uint32_t>& ends_of_faces, std::uint32_t largest) {
+    int bits = 0;
+    while (largest >> bits != 0) ++bits;
+    std::size_t first = 0;
+    std::uint32_t begin = 0;
+    for (const std::uint32_t end : ends_of_faces) {
+      const std::uint32_t beams = end - std::exchange(begin, end);
+      int shift = bits;
+      while (shift > 0 && (std::size_t{largest} >> (shift - 1)) < beams / 2) --shift;
+      faces_.push_back({first, shift});
+      first += beams == 0 ? 0 : (largest >> shift) + 1;
+    }
+    begins_.assign(first + 1, 0);
   }
 
   [[nodiscard]] std::size_t count() const { return begins_.size() - 1; }
+  /// @param face with some beams.
   [[nodiscard]] std::size_t of(std::uint32_t face, std::uint32_t chance) const {
-    return (static_cast<std::size_t>(face) << bits_) + (chance >> shift_);
+    return faces_[face].first + (chance >> faces_[face].shift);
   }
 
   /// Lets each part's beams of a bucket follow those of the part before.
@@ -50,6 +61,7 @@ class BeamBuckets {
         of_part[b] = begin;
         begin += size;
       }
+      most_in_bucket_ = std::max(most_in_bucket_, begin - begins_[b]);
     }
     begins_.back() = begin;
   }
@@ -60,6 +72,26 @@ class BeamBuckets {
   }
   /// Sorts beams from the begin of one bucket to that of another.
   void sort(std::vector<KeptBeam>& beams, std::size_t first, std::size_t last) const {
+    if (most_in_bucket_ > kMostToInsert) {
+      sort_buckets(beams, first, last);
+      return;
+    }
+    for (std::size_t i = first + 1; i < last; ++i) {
+      const KeptBeam beam = beams[i];
+      std::size_t place = i;
+      for (; place > first && beam < beams[place - 1]; --place) beams[place] = beams[place - 1];
+      if (place != i) beams[place] = beam;
+    }
+  }
+
+ private:
+  static constexpr std::uint32_t kMostToInsert = 32;  // Beams, one by one, where they belong in a bucket.
+  struct Face {
+    std::size_t first;  // Of its buckets.
+    int shift;          // Of chances.
+  };
+
+  void sort_buckets(std::vector<KeptBeam>& beams, std::size_t first, std::size_t last) const {
     auto begin = std::lower_bound(begins_.begin(), begins_.end(), first);
     for (; first < last; first = *begin) {
       ++begin;
@@ -68,10 +100,9 @@ class BeamBuckets {
     }
   }
 
- private:
-  int bits_ = 0;
-  int shift_ = 0;
+  std::vector<Face> faces_;
   std::vector<std::uint32_t> begins_;  // Of each bucket, and the end of the last.
+  std::uint32_t most_in_bucket_ = 0;
 };
 
 }  // namespace ndtree
