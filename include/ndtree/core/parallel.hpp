@@ -20,7 +20,9 @@
 
 namespace ndtree {
 
-/// Threads that wait for work until they are gone. The one that makes them is worker number 0.
+/// Threads that wait for work until they are gone. The one that makes them is worker number 0. Work often
+/// comes in short pieces one after the other, where to fall asleep and be woken takes longer than to wait: so
+/// who waits stays awake for a moment.
 class Workers {
  public:
   /// @param threads that may work at once, >= 1. They are started when there is work for them.
@@ -31,7 +33,7 @@ class Workers {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       job_ = {};
-      ++jobs_;
+      jobs_.store(jobs_.load(std::memory_order_relaxed) + 1, std::memory_order_release);
     }
     wake_.notify_all();
     for (std::thread& thread : threads_) thread.join();
@@ -76,15 +78,18 @@ class Workers {
  private:
   /// Calls `job(worker)` once for each worker.
   void run(std::function<void(std::size_t)> job) {
+    bool any_asleep = false;
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       job_ = std::move(job);
-      ++jobs_;
-      busy_ = threads_.size();
+      busy_.store(threads_.size(), std::memory_order_relaxed);
+      jobs_.store(jobs_.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+      any_asleep = num_asleep_ > 0;
     }
-    wake_.notify_all();
+    if (any_asleep) wake_.notify_all();
     start_missing();
     job_(0);
+    if (wait_awake([this] { return busy_.load(std::memory_order_acquire) == 0; })) return;
     std::unique_lock<std::mutex> lock(mutex_);
     while (!done_.wait_for(lock, std::chrono::milliseconds(20), [this] { return busy_ == 0; })) {
       lock.unlock();
@@ -107,15 +112,40 @@ class Workers {
 
   void live(std::size_t worker, std::size_t seen) {
     for (;;) {
-      std::unique_lock<std::mutex> lock(mutex_);
-      wake_.wait(lock, [&] { return jobs_ != seen; });
-      seen = jobs_;
+      const auto is_called = [&] { return jobs_.load(std::memory_order_acquire) != seen; };
+      if (!wait_awake(is_called)) {
+        std::unique_lock<std::mutex> lock(mutex_);
+        ++num_asleep_;
+        wake_.wait(lock, is_called);
+        --num_asleep_;
+      }
+      seen = jobs_.load(std::memory_order_acquire);
       if (!job_) return;
-      lock.unlock();
       job_(worker);
-      lock.lock();
-      if (--busy_ == 0) done_.notify_one();
+      const std::lock_guard<std::mutex> lock(mutex_);
+      if (busy_.fetch_sub(1, std::memory_order_acq_rel) == 1) done_.notify_one();
     }
+  }
+  /// Whether something happens within a moment.
+  template <class Condition>
+  static bool wait_awake(const Condition& has_happened) {
+    constexpr std::chrono::microseconds kMoment{50};
+    const auto end = std::chrono::steady_clock::now() + kMoment;
+    do {
+      for (int i = 0; i < 16; ++i) {
+        if (has_happened()) return true;
+        pause_briefly();
+      }
+    } while (std::chrono::steady_clock::now() < end);
+    return false;
+  }
+  /// Leaves what a core has to the other one that shares it, if one does.
+  static void pause_briefly() {
+#if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
+    __builtin_ia32_pause();
+#elif defined(__aarch64__) && (defined(__GNUC__) || defined(__clang__))
+    __asm__ volatile("yield");
+#endif
   }
 
   std::size_t count_;
@@ -124,8 +154,9 @@ class Workers {
   std::condition_variable wake_;
   std::condition_variable done_;
   std::function<void(std::size_t)> job_;  // None: there will be no more.
-  std::size_t jobs_ = 0;
-  std::size_t busy_ = 0;  // Threads that have not finished the job.
+  std::atomic<std::size_t> jobs_{0};
+  std::atomic<std::size_t> busy_{0};  // Threads that have not finished the job.
+  std::size_t num_asleep_ = 0;
 };
 
 }  // namespace ndtree
