@@ -65,7 +65,7 @@ TYPED_TEST(Limits, AScanThatWouldTakeTooMuchMemoryLeavesTheMapAsItWas) {
     TypeParam map(options);
     for (int i = 0; i < 25; ++i) {
       SCOPED_TRACE(i);
-      const Scan<D> scan = random_scan<D>(random, 1000, D == 2 ? 2.0 * (1 + i) : 0.6 * (1 + i), 0.1 * i);
+      const Scan<D> scan = random_scan<D>(random, 3000, D == 2 ? 2.0 * (1 + i) : 0.6 * (1 + i), 0.1 * i);
       const std::string before = to_bytes(map);
       bool was_refused = false;
       try {
@@ -98,7 +98,7 @@ TYPED_TEST(Limits, AnInsertionThatIsCancelledLeavesTheMapAsItWas) {
     Random random(8);
     TypeParam map(spelled_out_options(0.02, 0.64));
     for (int i = 0; i < 8; ++i) {
-      const Scan<D> scan = random_scan<D>(random, 2100, 4.0, 0.2 * i);
+      const Scan<D> scan = random_scan<D>(random, 3000, 4.0, 0.2 * i);
       const std::string before = to_bytes(map);
       int asked = 0;
       try {

@@ -359,6 +359,29 @@ TYPED_TEST(ScanUpdateOf, ThreadsMayBeMoreThanCoarseCells) {
   }
 }
 
+TYPED_TEST(ScanUpdateOf, ThreadsShareTheInsideOfACoarseCell) {
+  NDTREE_SHAPE;
+  Random random(141);
+  SCOPED_TRACE(random.trace());
+  const MapOptions options = spelled_out_options(0.05, 0.05 * N * N * N * N);
+  AdaptiveMap<N, D> alone(options);
+  AdaptiveMap<N, D> shared(options);
+  for (int i = 0; i < 12; ++i) {
+    const bool is_all_over = i % 2 == 0;  // Others are in a corner; most of the map does not change.
+    Scan<D> scan = random_scan<D>(random, 6000, is_all_over ? 0.4 : 0.02, 0.0, 0.01);
+    scan.origins.array() += is_all_over ? 0.4 : 0.38;
+    scan.endpoints.array() += is_all_over ? 0.4 : 0.38;
+    if (i % 4 < 2) scan.origins = scan.origins.leftCols(1).eval();
+    const InsertReport report = alone.insert(scan, 3.0, 1);
+    const InsertReport other = shared.insert(scan, 3.0, 6);
+    ASSERT_TRUE(to_bytes(shared) == to_bytes(alone)) << i;
+    ASSERT_NO_THROW(shared.check_invariants());
+    EXPECT_EQ(other.splits, report.splits);
+    EXPECT_EQ(other.merges, report.merges);
+    EXPECT_EQ(other.updates, report.updates);
+  }
+}
+
 TYPED_TEST(ScanUpdateOf, FilesHoldAllOfAMap) {
   NDTREE_SHAPE;
   Random random(134);

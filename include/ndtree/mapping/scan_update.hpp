@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <numeric>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -17,11 +18,11 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
-#include "ndtree/mapping/scan/coarse_lists.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/scan/order.hpp"
 #include "ndtree/mapping/scan/sample.hpp"
+#include "ndtree/mapping/scan/tasks.hpp"
 #include "ndtree/mapping/scan/walk.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/undo_log.hpp"
@@ -210,12 +211,11 @@ class ScanUpdate {
   /// most so many planes between cells of the coarsest level, and one cell more.
   [[nodiscard]] bool lists_fit_in_memory() const {
     constexpr double kMost = 0x1p26;
-    const auto& geometry = tree_.geometry();
-    const double planes_per_metre = std::sqrt(D) / geometry.cell_size(coarsest_level());
-    double crossings = 0.0;
-    for (std::size_t i = 0; i < beams_.size(); ++i)
-      crossings += 1.0 + D + static_cast<double>(beams_.reach()[i]) * planes_per_metre;
-    return crossings < kMost;
+    const double planes_per_metre = std::sqrt(D) / tree_.geometry().cell_size(coarsest_level());
+    const auto n = static_cast<double>(beams_.size());
+    const auto fit = [&](double way) { return n * (1.0 + D) + way * planes_per_metre < kMost; };
+    if (fit(n * (reach_.upper - reach_.lower).norm())) return true;
+    return fit(std::accumulate(beams_.reach(), beams_.reach() + beams_.size(), 0.0));
   }
 
   /// Arenas of threads, which the tree gets back whatever happens.
@@ -240,51 +240,14 @@ class ScanUpdate {
     return Refinement::coarsest_level(tree_.geometry().finest_level());
   }
 
-  /// Every thread brings a part of the beams to the cells of the coarsest level, which are then shared out,
-  /// the ones with the most beams first.
   void run_tasks(Workers& workers) {
-    std::vector<CoarseLists<D>> parts(std::min(workers.count(), beams_.size()));
-    workers.for_each_task(parts.size(), [&](std::size_t, std::size_t p) {
-      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, beams_, nullptr, window_);
-      walk.bring(beams_.size() * p / parts.size(), beams_.size() * (p + 1) / parts.size(), parts[p]);
-    });
-    std::vector<CoarseList<D>> lists;
-    std::vector<CoarseCell<D>> cells = join(parts, lists);
-    std::vector<typename Walk::Task> tasks;
-    tasks.reserve(cells.size());
-    if (!cells.empty()) add_tasks(tree_.root(), cells.data(), cells.data() + cells.size(), tasks);
-    std::stable_sort(tasks.begin(), tasks.end(),
-                     [](const auto& a, const auto& b) { return a.beams.size > b.beams.size; });
-    Arenas arenas(tree_, std::min(workers.count(), tasks.size()));
+    Arenas arenas(tree_, workers.count());
     std::vector<Walk> walks;
     walks.reserve(arenas.all().size());
     for (typename Tree::Arena& arena : arenas.all())
       walks.emplace_back(tree_, arena, refinement_, sensor_, beams_, log(1 + walks.size()), window_);
-    workers.for_each_task(tasks.size(),
-                          [&](std::size_t worker, std::size_t task) { walks[worker].run(tasks[task]); });
+    ScanTasks<Tree, Walk>(tree_, coarsest_level(), workers, walks, log(0)).run(beams_.size());
     for (const Walk& walk : walks) add(walk.counters());
-  }
-  /// Finds the nodes of cells below one, and makes those that are missing.
-  /// @param first of the cells, in any order; not none.
-  void add_tasks(const typename Tree::Ref& ref, CoarseCell<D>* first, CoarseCell<D>* last,
-                 std::vector<typename Walk::Task>& tasks) {
-    if (ref.index.level == coarsest_level()) {
-      tasks.push_back({ref, *first});
-      return;
-    }
-    if (ref.is_leaf())
-      tree_.split_node(*ref.node, {}, tree_.main_arena());
-    else if (undo_ != nullptr)
-      log(0)->keep(tree_, *ref.node);
-    ref.node->set_note(0);  // Until the scan is done.
-    for (int c = 0; c < Tree::kNumChildren && first != last; ++c) {
-      const typename Tree::Ref child = tree_.child(ref, c);
-      CoarseCell<D>* const others = std::partition(first, last, [&](const CoarseCell<D>& cell) {
-        return tree_.geometry().contains(child.index, cell.lower);
-      });
-      if (others != first) add_tasks(child, first, others, tasks);
-      first = others;
-    }
   }
 
   /// One for what one thread does alone, then one for each.

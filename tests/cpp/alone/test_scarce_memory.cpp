@@ -132,11 +132,13 @@ TYPED_TEST(ScarceMemory, AnyAllocationOfAnInsertionMayFail) {
   constexpr int D = TypeParam::kDim;
   for (const bool is_limited : {false, true}) {
     for (const bool is_shared : {false, true})
-      for (const int threads : {1, 2}) {  // With a snapshot.
+      for (const int threads : {1, 2, 3}) {  // With a snapshot.
         if (threads > 1 && !std::is_same_v<typename TypeParam::RefinementType, EvidenceRefinement>) continue;
         const TypeParam first = this->small_map(is_limited);
         const std::string before = to_bytes(first);
-        const Scan<D> scan = scan_of<D>(3, threads > 1 ? 2050 : 120, threads > 1 ? 2.5 : 4.0, 6.0);
+        const Scan<D> scan = threads == 1   ? scan_of<D>(3, 120, 4.0, 6.0)
+                             : threads == 2 ? scan_of<D>(3, 2050, 2.5, 6.0)
+                                            : scan_of<D>(3, 3050, 0.5, 0.8);  // Into one coarse cell.
         const int failed =
             with_each_failure([&] { return is_shared ? first : from_bytes<TypeParam>(before); },
                               [&](TypeParam& map) { map.insert(scan, kUnlimitedRange, threads); },

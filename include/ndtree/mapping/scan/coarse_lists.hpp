@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The beams of a scan, part by part, brought to the cells of the coarsest level: what threads share out.
+/// The beams of a scan, part by part, brought to cells that threads share out.
 #pragma once
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <tuple>
 #include <vector>
 
 #include "ndtree/core/types.hpp"
@@ -17,21 +18,26 @@ namespace ndtree {
 /// Some beams of a scan that cross a cell.
 template <int D>
 struct CoarseList {
-  Lattice<D> cell;  ///< Its lower corner.
-  Crossings list;   ///< Not empty.
+  Lattice<D> cell;   ///< Its lower corner.
+  std::size_t part;  ///< Of the scan; beams of a part come after those of the parts before.
+  Crossings list;    ///< Not empty.
 };
 
-/// Lists of the beams of one part of a scan.
+/// Lists of the beams of some parts of a scan, which one thread has made.
 template <int D>
-class CoarseLists {
+class alignas(128) CoarseLists {  // Threads, each with its own, share no cache line.
  public:
   /// Keeps a copy of a list.
-  void add(const Lattice<D>& cell, const Crossings& list) {
+  void add(const Lattice<D>& cell, std::size_t part, const Crossings& list) {
     Crossings copy = memory_.allocate(list.size + Crossings::kSlack);
     append(list, copy);
-    lists_.push_back({cell, copy});
+    lists_.push_back({cell, part, copy});
   }
-  [[nodiscard]] const std::vector<CoarseList<D>>& all() const { return lists_; }
+  /// Moves what was added since the last time to others. The lists last as long as this.
+  void move_to(std::vector<CoarseList<D>>& lists) {
+    lists.insert(lists.end(), lists_.begin(), lists_.end());
+    lists_.clear();
+  }
 
  private:
   CrossingStack memory_;
@@ -47,13 +53,12 @@ struct CoarseCell {
   std::size_t size;  ///< Of all of them.
 };
 
-/// The cells that lists are of. @param parts that follow each other. @param lists where theirs go, which must
-///   stay there.
+/// The cells that lists are of, which this sorts, and which must stay there.
 template <int D>
-[[nodiscard]] std::vector<CoarseCell<D>> join(const std::vector<CoarseLists<D>>& parts,
-                                              std::vector<CoarseList<D>>& lists) {
-  for (const CoarseLists<D>& part : parts) lists.insert(lists.end(), part.all().begin(), part.all().end());
-  std::stable_sort(lists.begin(), lists.end(), [](const auto& a, const auto& b) { return a.cell < b.cell; });
+[[nodiscard]] std::vector<CoarseCell<D>> join(std::vector<CoarseList<D>>& lists) {
+  std::sort(lists.begin(), lists.end(), [](const CoarseList<D>& a, const CoarseList<D>& b) {
+    return std::tie(a.cell, a.part) < std::tie(b.cell, b.part);
+  });
   std::vector<CoarseCell<D>> cells;
   for (const CoarseList<D>& list : lists) {
     if (cells.empty() || cells.back().lower != list.cell) cells.push_back({list.cell, &list, &list, 0});

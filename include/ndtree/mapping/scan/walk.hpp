@@ -42,12 +42,6 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
  public:
   using Ref = typename Tree::Ref;
 
-  /// A node whose part of the update does not touch that of any other one, with the beams that cross it.
-  struct Task {
-    Ref ref;
-    CoarseCell<D> beams;
-  };
-
   /// @param arena of the tree, for this thread alone. @param undo where it remembers what it changes, or
   /// null. @param window outside which no cell of the coarsest level changes; null: all may.
   ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
@@ -76,18 +70,34 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   /// Brings the beams from the first to before the last to the cells of the coarsest level. The tree stays as
   /// it is.
-  void bring(std::size_t first, std::size_t last, CoarseLists<D>& lists) {
-    const Crossings list = beams_from(first, last);
-    if (!list.empty()) bring(tree_.root().index, list, false, lists);
-  }
-  /// What is left to do in one of these cells.
-  void run(const Task& task) {
+  void bring(std::size_t first, std::size_t last, std::size_t part, CoarseLists<D>& lists) {
     const CrossingStack::Mark mark = stack_.mark();
-    Crossings list = stack_.allocate(task.beams.size + Crossings::kSlack);
-    for (const CoarseList<D>* part = task.beams.first; part != task.beams.last; ++part)
-      append(part->list, list);
-    descend(task.ref, list, false);
+    const Crossings list = beams_from(first, last);
+    if (!list.empty()) bring(tree_.root().index, list, false, part, lists);
     stack_.release(mark);
+  }
+  /// Brings beams from an inner node to its children, as well.
+  void open(const CellIndex<D>& node, const CoarseList<D>& beams, CoarseLists<D>& lists) {
+    for_each_child(
+        node, beams.list, all_take_all(node, beams.list),
+        [&](const CellIndex<D>& child, const Crossings& list) { lists.add(child.lower, beams.part, list); });
+  }
+  /// What is left to do in one of these cells. @returns whether it changed.
+  bool run(const Ref& ref, const CoarseCell<D>& beams) {
+    if (beams.last - beams.first == 1) return descend(ref, beams.first->list, false);
+    const CrossingStack::Mark mark = stack_.mark();
+    Crossings list = stack_.allocate(beams.size + Crossings::kSlack);
+    for (const CoarseList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
+    const bool changed = descend(ref, list, false);
+    stack_.release(mark);
+    return changed;
+  }
+  /// What is left to do in a node that was opened, after its children. @param changed whether one of them
+  /// did.
+  /// @returns whether the node did.
+  bool close(const Ref& ref, bool changed) {
+    if (!changed && ref.node->note() != 0) return false;
+    return finish_children(ref, summary_(&Children(tree_, ref).node(0)), changed, false);
   }
 
  private:
@@ -101,18 +111,25 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     list.size = last - first;
     return list;
   }
-  void bring(const CellIndex<D>& node, const Crossings& list, bool takes_all, CoarseLists<D>& lists) {
+  void bring(const CellIndex<D>& node, const Crossings& list, bool takes_all, std::size_t part,
+             CoarseLists<D>& lists) {
     if (!may_change(node)) return;
     if (node.level <= coarsest_level_) {
-      lists.add(node.lower, list);
+      lists.add(node.lower, part, list);
       return;
     }
     takes_all = takes_all || all_take_all(node, list);
+    for_each_child(node, list, takes_all, [&](const CellIndex<D>& child, const Crossings& beams) {
+      bring(child, beams, takes_all, part, lists);
+    });
+  }
+  /// Calls `visit(child, list)` for the children that some of a node's beams cross; the tree stays as it is.
+  template <class Visit>
+  void for_each_child(const CellIndex<D>& node, const Crossings& list, bool takes_all, const Visit& visit) {
     const CrossingStack::Mark mark = stack_.mark();
     const Lists children = hand_down(node, list, takes_all);
     for (int c = 0; c < kNumChildren; ++c)
-      if (!children.of(c).empty())
-        bring(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c), takes_all, lists);
+      if (!children.of(c).empty()) visit(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c));
     stack_.release(mark);
   }
   /// Whether a node of the coarsest level or above lies in the window.

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The update of a scan in pieces that threads share out.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <deque>
+#include <utility>
+#include <vector>
+
+#include "ndtree/core/parallel.hpp"
+#include "ndtree/mapping/scan/coarse_lists.hpp"
+#include "ndtree/tree/undo_log.hpp"
+
+namespace ndtree {
+
+/// Every thread brings a part of the beams to the cells of the coarsest level. Nodes there do not touch each
+/// other: each is a task, the ones with the most beams first. One with so many that the other threads would
+/// wait for it is opened: its beams are handed down one level, again part by part, and its children are the
+/// tasks.
+template <class Tree, class Walk>
+class ScanTasks {
+  static constexpr int D = Tree::kDim;
+  using Ref = typename Tree::Ref;
+
+ public:
+  /// @param walks one for each worker. @param undo where what one thread does alone is remembered, or null.
+  ScanTasks(Tree& tree, int coarsest_level, Workers& workers, std::vector<Walk>& walks, UndoLog<Tree>* undo)
+      : tree_(tree),
+        coarsest_level_(coarsest_level),
+        workers_(workers),
+        walks_(walks),
+        undo_(undo),
+        lists_(walks.size()) {}
+
+  /// The whole update. @param beams how many there are, not none.
+  void run(std::size_t beams) {
+    bring(beams);
+    open_large();
+    std::stable_sort(tasks_.begin(), tasks_.end(),
+                     [](const Task& a, const Task& b) { return a.beams.size > b.beams.size; });
+    workers_.for_each_task(tasks_.size(), [&](std::size_t worker, std::size_t task) {
+      tasks_[task].changed = walks_[worker].run(tasks_[task].ref, tasks_[task].beams);
+    });
+    for (const Task& task : tasks_)
+      if (task.opened != kNone) opened_[task.opened].changed |= task.changed;
+    for (std::size_t i = opened_.size(); i-- > 0;) {
+      const Opened& node = opened_[i];
+      const bool changed = walks_.front().close(node.ref, node.changed);
+      if (node.above != kNone) opened_[node.above].changed |= changed;
+    }
+  }
+
+ private:
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+
+  struct Task {
+    Ref ref;
+    CoarseCell<D> beams;
+    std::size_t opened;  // The node that it was opened from, by its place among those; kNone if from none.
+    bool changed;
+  };
+  struct Opened {
+    Ref ref;
+    std::size_t above;  // As Task::opened.
+    bool changed;
+  };
+
+  void bring(std::size_t beams) {
+    const std::size_t parts = std::min(workers_.count(), beams);
+    workers_.for_each_task(parts, [&](std::size_t worker, std::size_t part) {
+      walks_[worker].bring(beams * part / parts, beams * (part + 1) / parts, part, lists_[worker]);
+    });
+    std::vector<CoarseCell<D>> cells = cells_of_lists();
+    if (!cells.empty()) add_tasks(tree_.root(), cells.data(), cells.data() + cells.size());
+  }
+  /// Finds the nodes of cells below one, and makes those that are missing.
+  /// @param first of the cells, in any order; not none.
+  void add_tasks(const Ref& ref, CoarseCell<D>* first, CoarseCell<D>* last) {
+    if (ref.index.level == coarsest_level_) {
+      tasks_.push_back({ref, *first, kNone, false});
+      return;
+    }
+    if (ref.is_leaf())
+      tree_.split_node(*ref.node, {}, tree_.main_arena());
+    else if (undo_ != nullptr)
+      undo_->keep(tree_, *ref.node);
+    ref.node->set_note(0);  // Until the scan is done.
+    for (int c = 0; c < Tree::kNumChildren && first != last; ++c) {
+      const Ref child = tree_.child(ref, c);
+      CoarseCell<D>* const others = std::partition(first, last, [&](const CoarseCell<D>& cell) {
+        return tree_.geometry().contains(child.index, cell.lower);
+      });
+      if (others != first) add_tasks(child, first, others);
+      first = others;
+    }
+  }
+
+  /// Those that were brought to some cell since the last time.
+  [[nodiscard]] std::vector<CoarseCell<D>> cells_of_lists() {
+    std::vector<CoarseList<D>>& lists = joined_.emplace_back();
+    for (CoarseLists<D>& of_worker : lists_) of_worker.move_to(lists);
+    return join(lists);
+  }
+
+  void open_large() {
+    constexpr std::size_t kFew = 200;                    // Beams that are not worth it.
+    constexpr std::size_t kMost = std::size_t{1} << 24;  // Crossings of which there is memory for more lists.
+    constexpr std::size_t kTasksOfWorker = 2;
+    std::size_t crossings = 0;
+    for (const Task& task : tasks_) crossings += task.beams.size;
+    if (crossings > kMost) return;
+    const std::size_t large = std::max(kFew, crossings / (kTasksOfWorker * workers_.count()));
+    for (std::size_t first = 0; first < tasks_.size();) first = open(first, large);
+  }
+  /// Opens those of the tasks, from the first on, that have more beams than that. @returns the first new one.
+  std::size_t open(std::size_t first, std::size_t large) {
+    const auto is_small = [&](const Task& task) { return task.beams.size <= large || task.ref.is_leaf(); };
+    const auto begin =
+        std::stable_partition(tasks_.begin() + static_cast<std::ptrdiff_t>(first), tasks_.end(), is_small);
+    const std::vector<Task> opened(begin, tasks_.end());
+    tasks_.erase(begin, tasks_.end());
+    if (opened.empty()) return tasks_.size();
+    std::vector<std::pair<const Task*, const CoarseList<D>*>> parts;
+    for (const Task& task : opened)
+      for (const CoarseList<D>* part = task.beams.first; part != task.beams.last; ++part)
+        parts.emplace_back(&task, part);
+    workers_.for_each_task(parts.size(), [&](std::size_t worker, std::size_t p) {
+      walks_[worker].open(parts[p].first->ref.index, *parts[p].second, lists_[worker]);
+    });
+    const std::vector<CoarseCell<D>> cells = cells_of_lists();
+    first = tasks_.size();
+    for (const Task& task : opened) {
+      if (undo_ != nullptr) undo_->keep(tree_, *task.ref.node);
+      for (int c = 0; c < Tree::kNumChildren; ++c) {
+        const Ref child = tree_.child(task.ref, c);
+        const auto cell =
+            std::lower_bound(cells.begin(), cells.end(), child.index.lower,
+                             [](const CoarseCell<D>& a, const Lattice<D>& b) { return a.lower < b; });
+        if (cell != cells.end() && cell->lower == child.index.lower)
+          tasks_.push_back({child, *cell, opened_.size(), false});
+      }
+      opened_.push_back({task.ref, task.opened, false});
+    }
+    return first;
+  }
+
+  Tree& tree_;
+  int coarsest_level_;
+  Workers& workers_;
+  std::vector<Walk>& walks_;
+  UndoLog<Tree>* undo_;
+  std::vector<Task> tasks_;
+  std::vector<Opened> opened_;  // Before what was opened from them.
+  // What tasks' lists are made of:
+  std::vector<CoarseLists<D>> lists_;  // Of each worker.
+  std::deque<std::vector<CoarseList<D>>> joined_;
+};
+
+}  // namespace ndtree
