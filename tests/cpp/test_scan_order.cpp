@@ -41,7 +41,7 @@ std::vector<KeptBeam> in_buckets(const std::vector<KeptBeam>& beams, std::size_t
     const std::size_t begin = buckets.next_begin(beams.size() * r / num_ranges);
     EXPECT_EQ(begin, end);  // Ranges follow each other.
     end = buckets.next_begin(beams.size() * (r + 1) / num_ranges);
-    buckets.sort(sorted, begin, end);
+    buckets.sort(sorted.data(), begin, end);
   }
   EXPECT_EQ(end, beams.size());
   return sorted;

@@ -79,8 +79,9 @@ void looks_over_as_one_by_one(std::uint64_t seed) {
         }
         EXPECT_EQ(beams, exact.num_valid());
         part.keep(image, numbers, {1e9, 0.05, 0.4});
-        EXPECT_EQ(part.kept().size(), exact.num_valid());
-        for (const auto& kept : part.kept()) {
+        EXPECT_EQ(part.num_kept(), exact.num_valid());
+        for (std::size_t k = 0; k < part.num_kept(); ++k) {
+          const KeptBeam kept = part.kept(k);
           const auto i = static_cast<Eigen::Index>(kept.number);
           const Beam<D> beam = measurements.beam(i);
           const ScanFace<D>& face = image.face(kept.face);
@@ -133,7 +134,7 @@ void keeps_what_some_cell_takes(std::uint64_t seed) {
     for (ScanFace<D>& face : image.faces()) face.divide();
     part.keep(image, numbers, {beams_of_a_cell, 0.25, 1.0});
     std::set<std::uint32_t> kept;
-    for (const auto& beam : part.kept()) kept.insert(beam.number);
+    for (std::size_t k = 0; k < part.num_kept(); ++k) kept.insert(part.kept(k).number);
     left_out += 2000 - kept.size();
     for (int i = 0; i < 300; ++i) {
       const double size = 0.25 * std::pow(2.0, random.integer(0, 2));

@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <numeric>
 #include <type_traits>
 #include <utility>
@@ -104,9 +105,9 @@ class ScanUpdate {
     std::uint32_t largest_chance = 0;
     Eigen::Index any = 0;
     for (const Part& part : parts_) {
-      num_beams += part.kept().size();
+      num_beams += part.num_kept();
       largest_chance = std::max(largest_chance, part.largest_chance());
-      if (!part.kept().empty()) any = static_cast<Eigen::Index>(part.kept().front().number);
+      if (part.num_kept() > 0) any = static_cast<Eigen::Index>(part.kept(0).number);
     }
     if (num_beams == 0) return;
     std::vector<ScanFace<D>> faces = number_faces(numbers);
@@ -117,9 +118,9 @@ class ScanUpdate {
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(buckets, numbers[p]); });
     buckets.begin(places);
-    std::vector<KeptBeam> kept(num_beams);
+    const std::unique_ptr<KeptBeam[]> kept(new KeptBeam[num_beams]);  // Not initialised: parts do that.
     workers.for_each_task(parts_.size(), [&](std::size_t, std::size_t p) {
-      parts_[p].put(buckets, numbers[p], places[p], kept);
+      parts_[p].put(buckets, numbers[p], places[p], kept.get());
     });
     parts_.clear();
     const ScanView<D>& scan = measurements_->scan();
@@ -130,8 +131,8 @@ class ScanUpdate {
     workers.for_each_task(tasks, [&](std::size_t, std::size_t task) {
       const std::size_t first = buckets.next_begin(num_beams * task / tasks);
       const std::size_t last = buckets.next_begin(num_beams * (task + 1) / tasks);
-      buckets.sort(kept, first, last);
-      set_beams(kept, first, last, by_eights);
+      buckets.sort(kept.get(), first, last);
+      set_beams(kept.get(), first, last, by_eights);
     });
     beams_.finish();
   }
@@ -152,8 +153,7 @@ class ScanUpdate {
 #endif
   }
   /// Sets beams by number, from the first to before the last.
-  void set_beams(const std::vector<KeptBeam>& kept, std::size_t first, std::size_t last,
-                 [[maybe_unused]] bool by_eights) {
+  void set_beams(const KeptBeam* kept, std::size_t first, std::size_t last, [[maybe_unused]] bool by_eights) {
     const auto& geometry = tree_.geometry();
     const auto set = [&](std::size_t i) {
       beams_.set(i, geometry, sensor_, *measurements_, static_cast<Eigen::Index>(kept[i].number),

@@ -17,9 +17,9 @@ struct KeptBeam {
   std::uint32_t chance;  ///< See chance_of().
   std::uint32_t number;  ///< In the scan.
 
-  [[nodiscard]] friend bool operator<(const KeptBeam& a, const KeptBeam& b) {
-    return a.face != b.face ? a.face < b.face : a.chance < b.chance;
-  }
+  /// In the order of beams; some may share one.
+  [[nodiscard]] std::uint64_t place() const { return std::uint64_t{face} << 32 | chance; }
+  [[nodiscard]] friend bool operator<(const KeptBeam& a, const KeptBeam& b) { return a.place() < b.place(); }
 };
 
 /// Buckets of beams of one face and similar chances, in the order of beams: each thread counts what it has
@@ -71,16 +71,19 @@ class BeamBuckets {
     return *std::lower_bound(begins_.begin(), begins_.end(), beam);
   }
   /// Sorts beams from the begin of one bucket to that of another.
-  void sort(std::vector<KeptBeam>& beams, std::size_t first, std::size_t last) const {
+  void sort(KeptBeam* beams, std::size_t first, std::size_t last) const {
     if (most_in_bucket_ > kMostToInsert) {
       sort_buckets(beams, first, last);
       return;
     }
     for (std::size_t i = first + 1; i < last; ++i) {
+      if (!(beams[i] < beams[i - 1])) continue;
       const KeptBeam beam = beams[i];
-      std::size_t place = i;
-      for (; place > first && beam < beams[place - 1]; --place) beams[place] = beams[place - 1];
-      if (place != i) beams[place] = beam;
+      std::size_t to = i;
+      do {
+        beams[to] = beams[to - 1];
+      } while (--to > first && beam < beams[to - 1]);
+      beams[to] = beam;
     }
   }
 
@@ -91,12 +94,11 @@ class BeamBuckets {
     int shift;          // Of chances.
   };
 
-  void sort_buckets(std::vector<KeptBeam>& beams, std::size_t first, std::size_t last) const {
+  void sort_buckets(KeptBeam* beams, std::size_t first, std::size_t last) const {
     auto begin = std::lower_bound(begins_.begin(), begins_.end(), first);
     for (; first < last; first = *begin) {
       ++begin;
-      if (*begin - first > 1)
-        std::sort(beams.begin() + static_cast<std::ptrdiff_t>(first), beams.begin() + *begin);
+      if (*begin - first > 1) std::sort(beams + first, beams + *begin);
     }
   }
 

@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <vector>
 
 #include "ndtree/core/beam.hpp"
@@ -60,13 +61,13 @@ class alignas(64) ScanPart {
                  const Geometry& geometry) {
     measurements_ = &measurements;
     first_ = range.first;
-    const auto n = static_cast<std::size_t>(range.size());
-    depth_.resize(n);
-    chance_.resize(n);
-    face_.resize(n);
+    size_ = static_cast<std::size_t>(range.size());
+    depth_.reset(new float[size_]);
+    chance_.reset(new std::uint32_t[size_]);
+    face_.reset(new std::uint32_t[size_]);
     const ScanView<D>& scan = measurements.scan();
     Eigen::Index i = range.first;
-    if (!scan.origin_per_beam && n > 0) image_.add_all_faces(scan.origin(0));
+    if (!scan.origin_per_beam && size_ > 0) image_.add_all_faces(scan.origin(0));
 #ifdef NDTREE_HAS_EIGHTS
     if (!scan.origin_per_beam && Simd::width() >= 8) i = look_over_by_eights(range);
 #endif
@@ -105,14 +106,14 @@ class alignas(64) ScanPart {
     const auto beams = static_cast<float>(sampling.beams) * kSlack;
     const auto farthest = static_cast<float>(
         std::min(measurements_->max_range(), static_cast<double>(std::numeric_limits<float>::max())));
-    kept_.reserve(depth_.size() / 2);
+    kept_.reset(new std::uint32_t[size_]);
     kept_of_faces_.assign(numbers.size(), 0);
     std::size_t i = 0;
 #ifdef NDTREE_HAS_EIGHTS
     if (Simd::width() >= 8 && numbers.size() <= 2 * D)
       i = keep_by_eights(image, numbers, smallest, beams, farthest, behind);
 #endif
-    for (; i < depth_.size(); ++i)
+    for (; i < size_; ++i)
       if (face_[i] != ScanImage<D>::kNoFace &&
           static_cast<float>(chance_[i]) * kChanceUnit *
                   image.face(numbers[face_[i]])
@@ -120,8 +121,13 @@ class alignas(64) ScanPart {
               beams)
         add_kept(i);
   }
-  /// Those that some cell may take, their faces by the number that they have in this part ...
-  [[nodiscard]] const std::vector<KeptBeam>& kept() const { return kept_; }
+  /// How many some cell may take, ...
+  [[nodiscard]] std::size_t num_kept() const { return num_kept_; }
+  /// ... these, in the order of the scan, their faces by the number that they have in this part, ...
+  [[nodiscard]] KeptBeam kept(std::size_t k) const {
+    const std::uint32_t place = kept_[k];
+    return {face_[place], chance_[place], static_cast<std::uint32_t>(first_) + place};
+  }
   /// ... how many there are of each face, and their largest chance.
   [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
   [[nodiscard]] std::uint32_t largest_chance() const { return largest_chance_; }
@@ -130,13 +136,17 @@ class alignas(64) ScanPart {
   [[nodiscard]] std::vector<std::uint32_t> count(const BeamBuckets& buckets,
                                                  const std::vector<std::uint32_t>& numbers) const {
     std::vector<std::uint32_t> counts(buckets.count(), 0);
-    for (const KeptBeam& beam : kept_) ++counts[buckets.of(numbers[beam.face], beam.chance)];
+    for (std::size_t k = 0; k < num_kept_; ++k) {
+      const KeptBeam beam = kept(k);
+      ++counts[buckets.of(numbers[beam.face], beam.chance)];
+    }
     return counts;
   }
   /// Puts them into their buckets. @param places where the next of each bucket belongs.
   void put(const BeamBuckets& buckets, const std::vector<std::uint32_t>& numbers,
-           std::vector<std::uint32_t>& places, std::vector<KeptBeam>& beams) const {
-    for (const KeptBeam& beam : kept_) {
+           std::vector<std::uint32_t>& places, KeptBeam* beams) const {
+    for (std::size_t k = 0; k < num_kept_; ++k) {
+      const KeptBeam beam = kept(k);
       const std::uint32_t face = numbers[beam.face];
       beams[places[buckets.of(face, beam.chance)]++] = {face, beam.chance, beam.number};
     }
@@ -210,8 +220,7 @@ class alignas(64) ScanPart {
   }
 
   void add_kept(std::size_t place) {
-    kept_.push_back({face_[place], chance_[place],
-                     static_cast<std::uint32_t>(first_) + static_cast<std::uint32_t>(place)});
+    kept_[num_kept_++] = static_cast<std::uint32_t>(place);
     ++kept_of_faces_[face_[place]];
     largest_chance_ = std::max(largest_chance_, chance_[place]);
   }
@@ -243,29 +252,38 @@ class alignas(64) ScanPart {
       for (std::size_t k = 0; k < kAxes; ++k) places[k][f] = face.places[k];
     }
     std::size_t i = 0;
-    for (; i + 8 <= depth_.size(); i += 8) {
+    __m256i largest = _mm256_setzero_si256();
+    for (; i + 8 <= size_; i += 8) {
       const __m256i face =
-          _mm256_min_epu32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(face_.data() + i)),
+          _mm256_min_epu32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(face_.get() + i)),
                            _mm256_set1_epi32(static_cast<int>(kNone)));
       const __m256 depth = _mm256_add_ps(
-          _mm256_mul_ps(_mm256_min_ps(_mm256_loadu_ps(depth_.data() + i), _mm256_set1_ps(farthest)),
+          _mm256_mul_ps(_mm256_min_ps(_mm256_loadu_ps(depth_.get() + i), _mm256_set1_ps(farthest)),
                         _mm256_set1_ps(kSlack)),
           _mm256_set1_ps(behind));
       const __m256 in_row = _mm256_div_ps(of_face(row, face), depth);
       __m256 expected = _mm256_set1_ps(1.0f);
       for (std::size_t k = 0; k < kAxes; ++k)
         expected = _mm256_mul_ps(expected, _mm256_min_ps(in_row, of_face(places[k], face)));
-      const __m256 chance = _mm256_mul_ps(
-          _mm256_cvtepi32_ps(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(chance_.data() + i))),
-          _mm256_set1_ps(kChanceUnit));
-      auto set = static_cast<unsigned>(_mm256_movemask_ps(_mm256_and_ps(
+      const __m256i number = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(chance_.get() + i));
+      const __m256 chance = _mm256_mul_ps(_mm256_cvtepi32_ps(number), _mm256_set1_ps(kChanceUnit));
+      const __m256 is_kept = _mm256_and_ps(
           _mm256_cmp_ps(_mm256_mul_ps(chance, expected), _mm256_set1_ps(beams), _CMP_LT_OQ),
-          _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)))));
-      for (; set != 0; set &= set - 1) {
-        const std::size_t place = i + static_cast<std::size_t>(__builtin_ctz(set));
-        add_kept(place);
+          _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)));
+      const auto set = static_cast<unsigned>(_mm256_movemask_ps(is_kept));
+      const __m256i place = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(i)), detail::packing(set));
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(kept_.get() + num_kept_), place);
+      num_kept_ += static_cast<std::size_t>(__builtin_popcount(set));
+      largest = _mm256_max_epi32(largest, _mm256_and_si256(number, _mm256_castps_si256(is_kept)));
+      for (unsigned left = set; left != 0;) {  // Most go through one face.
+        const std::uint32_t one = face_[i + static_cast<std::size_t>(__builtin_ctz(left))];
+        const __m256i is_one = _mm256_cmpeq_epi32(face, _mm256_set1_epi32(static_cast<int>(one)));
+        const unsigned same = left & static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(is_one)));
+        kept_of_faces_[one] += static_cast<std::uint32_t>(__builtin_popcount(same));
+        left &= ~same;
       }
     }
+    largest_chance_ = static_cast<std::uint32_t>(most_of(_mm256_cvtepi32_ps(largest)));  // 24 bits: exactly.
     return i;
   }
 
@@ -342,9 +360,9 @@ class alignas(64) ScanPart {
       hash = _mm256_srli_epi32(_mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0xc2b2ae3du))), 8);
 
       const auto place = static_cast<std::size_t>(i - first_);
-      _mm256_storeu_ps(depth_.data() + place, depth);
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(chance_.data() + place), hash);
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(face_.data() + place), side);
+      _mm256_storeu_ps(depth_.get() + place, depth);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(chance_.get() + place), hash);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(face_.get() + place), side);
       deepest = _mm256_max_ps(deepest, depth);
       for (std::size_t a = 0; a < D; ++a) {
         reach[a].lower = _mm256_min_ps(reach[a].lower, _mm256_max_ps(d[a], _mm256_xor_ps(cut, sign)));
@@ -421,11 +439,13 @@ class alignas(64) ScanPart {
   float deepest_ = 0.0f;
   float reach_behind_ = 0.0f;     // The end of a beam, at most [m].
   bool is_exact_needed_ = false;  // Some beam is too long for float.
-  // Of each beam; kNoFace of those that say nothing:
-  std::vector<float> depth_;
-  std::vector<std::uint32_t> chance_;
-  std::vector<std::uint32_t> face_;
-  std::vector<KeptBeam> kept_;
+  std::size_t size_ = 0;          // Beams.
+  // Of each, not initialised; kNoFace of those that say nothing:
+  std::unique_ptr<float[]> depth_;
+  std::unique_ptr<std::uint32_t[]> chance_;
+  std::unique_ptr<std::uint32_t[]> face_;
+  std::unique_ptr<std::uint32_t[]> kept_;  // Places of those that some cell may take, in their order.
+  std::size_t num_kept_ = 0;
   std::vector<std::uint32_t> kept_of_faces_;
   std::uint32_t largest_chance_ = 0;
 };
