@@ -9,6 +9,7 @@
 #include <thread>
 #include <vector>
 
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/parallel.hpp"
 
 namespace ndtree::test::test_parallel {
@@ -59,6 +60,27 @@ TEST(Workers, ThrowWhatTheFirstTaskThrows) {
     workers.for_each_task(10, [&](std::size_t, std::size_t) { ++done; });
     EXPECT_EQ(done, 10) << "after a failure";
   }
+}
+
+TEST(Workers, AreAllDoneWhenTheQuestionWhetherToStopThrows) {
+  Workers workers(2);
+  std::atomic<int> begun{0};
+  std::atomic<bool> done{false};
+  const CancelScope scope([]() -> bool { throw std::runtime_error("asked"); });
+  try {
+    workers.for_each_task(2, [&](std::size_t worker, std::size_t) {
+      ++begun;
+      while (begun < 2) std::this_thread::sleep_for(std::chrono::milliseconds(1));  // Both work.
+      if (worker == 0) return;
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+      EXPECT_TRUE(CancelScope::is_cancelled()) << "it was not told";
+      done = true;
+    });
+    ADD_FAILURE() << "nothing was thrown";
+  } catch (const std::runtime_error& error) {
+    EXPECT_STREQ(error.what(), "asked");
+  }
+  EXPECT_TRUE(done);
 }
 
 }  // namespace

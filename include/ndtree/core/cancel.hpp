@@ -81,7 +81,12 @@ class CancelScope {
     if (was_stopped()) return true;
     if (now >= next_) {
       next_ = now + kPause;
-      if (stop_()) stopped_.store(true, std::memory_order_relaxed);
+      try {
+        if (stop_()) stopped_.store(true, std::memory_order_relaxed);
+      } catch (...) {  // Then other threads stop, as well.
+        stopped_.store(true, std::memory_order_relaxed);
+        throw;
+      }
     }
     return was_stopped() || (outer_ != nullptr && !outer_is_borrowed_ && outer_->asks(now));
   }

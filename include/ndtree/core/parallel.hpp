@@ -90,12 +90,18 @@ class Workers {
     start_missing();
     job_(0);
     if (wait_awake([this] { return busy_.load(std::memory_order_acquire) == 0; })) return;
+    std::exception_ptr error;  // Of the question whether to stop, kept until all have.
     std::unique_lock<std::mutex> lock(mutex_);
     while (!done_.wait_for(lock, std::chrono::milliseconds(20), [this] { return busy_ == 0; })) {
       lock.unlock();
-      (void)CancelScope::is_cancelled();  // Then the others stop, too.
+      try {
+        (void)CancelScope::is_cancelled();  // Then the others stop, too.
+      } catch (...) {
+        error = std::current_exception();
+      }
       lock.lock();
     }
+    if (error) std::rethrow_exception(error);
   }
 
   void start_missing() {
