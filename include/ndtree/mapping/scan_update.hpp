@@ -246,7 +246,8 @@ class ScanUpdate {
     walks.reserve(arenas.all().size());
     for (typename Tree::Arena& arena : arenas.all())
       walks.emplace_back(tree_, arena, refinement_, sensor_, beams_, log(1 + walks.size()), window_);
-    ScanTasks<Tree, Walk>(tree_, coarsest_level(), workers, walks, log(0)).run(beams_.size());
+    ScanTasks<Tree, Walk>(tree_, arenas.all().front(), coarsest_level(), workers, walks, log(0))
+        .run(beams_.size());
     for (const Walk& walk : walks) add(walk.counters());
   }
 

@@ -25,13 +25,19 @@ class ScanTasks {
   using Ref = typename Tree::Ref;
 
  public:
-  /// @param walks one for each worker. @param undo where what one thread does alone is remembered, or null.
-  ScanTasks(Tree& tree, int coarsest_level, Workers& workers, std::vector<Walk>& walks, UndoLog<Tree>* undo)
+  /// @param arena of the tree, for what one thread does alone. @param walks one for each worker. @param undo
+  /// where what one thread does alone is remembered, or null.
+  /// @param most_to_open crossings of beams and children for which lists are made when cells are opened; each
+  /// takes 12 bytes.
+  ScanTasks(Tree& tree, typename Tree::Arena& arena, int coarsest_level, Workers& workers,
+            std::vector<Walk>& walks, UndoLog<Tree>* undo, std::size_t most_to_open = std::size_t{1} << 24)
       : tree_(tree),
+        arena_(arena),
         coarsest_level_(coarsest_level),
         workers_(workers),
         walks_(walks),
         undo_(undo),
+        most_to_open_(most_to_open),
         lists_(walks.size()) {}
 
   /// The whole update. @param beams how many there are, not none.
@@ -83,7 +89,7 @@ class ScanTasks {
       return;
     }
     if (ref.is_leaf())
-      tree_.split_node(*ref.node, {}, tree_.main_arena());
+      tree_.split_node(*ref.node, {}, arena_);
     else if (undo_ != nullptr)
       undo_->keep(tree_, *ref.node);
     ref.node->set_note(0);  // Until the scan is done.
@@ -105,20 +111,34 @@ class ScanTasks {
   }
 
   void open_large() {
-    constexpr std::size_t kFew = 200;                    // Beams that are not worth it.
-    constexpr std::size_t kMost = std::size_t{1} << 24;  // Crossings of which there is memory for more lists.
+    constexpr std::size_t kFew = 200;  // Beams that are not worth it.
     constexpr std::size_t kTasksOfWorker = 2;
-    std::size_t crossings = 0;
-    for (const Task& task : tasks_) crossings += task.beams.size;
-    if (crossings > kMost) return;
-    const std::size_t large = std::max(kFew, crossings / (kTasksOfWorker * workers_.count()));
-    for (std::size_t first = 0; first < tasks_.size();) first = open(first, large);
+    constexpr std::size_t kMostChildren = 1 + D * (Tree::kBranching - 1);  // That one beam crosses.
+    std::size_t made = 0;
+    for (std::size_t first = 0; first < tasks_.size();) {
+      const std::size_t large = std::max(kFew, crossings(0) / (kTasksOfWorker * workers_.count()));
+      std::size_t to_open = 0;
+      for (std::size_t t = first; t < tasks_.size(); ++t)
+        if (is_to_open(tasks_[t], large)) to_open += tasks_[t].beams.size;
+      if (made + kMostChildren * to_open > most_to_open_) return;
+      first = open(first, large);
+      made += crossings(first);
+    }
+  }
+  static bool is_to_open(const Task& task, std::size_t large) {
+    return task.beams.size > large && !task.ref.is_leaf();
+  }
+  /// Of beams and tasks, from the first one on.
+  [[nodiscard]] std::size_t crossings(std::size_t first) const {
+    std::size_t sum = 0;
+    for (std::size_t t = first; t < tasks_.size(); ++t) sum += tasks_[t].beams.size;
+    return sum;
   }
   /// Opens those of the tasks, from the first on, that have more beams than that. @returns the first new one.
   std::size_t open(std::size_t first, std::size_t large) {
-    const auto is_small = [&](const Task& task) { return task.beams.size <= large || task.ref.is_leaf(); };
     const auto begin =
-        std::stable_partition(tasks_.begin() + static_cast<std::ptrdiff_t>(first), tasks_.end(), is_small);
+        std::stable_partition(tasks_.begin() + static_cast<std::ptrdiff_t>(first), tasks_.end(),
+                              [&](const Task& task) { return !is_to_open(task, large); });
     const std::vector<Task> opened(begin, tasks_.end());
     tasks_.erase(begin, tasks_.end());
     if (opened.empty()) return tasks_.size();
@@ -147,10 +167,12 @@ class ScanTasks {
   }
 
   Tree& tree_;
+  typename Tree::Arena& arena_;
   int coarsest_level_;
   Workers& workers_;
   std::vector<Walk>& walks_;
   UndoLog<Tree>* undo_;
+  std::size_t most_to_open_;
   std::vector<Task> tasks_;
   std::vector<Opened> opened_;  // Before what was opened from them.
   // What tasks' lists are made of:
