@@ -33,7 +33,7 @@ class Workers {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       job_ = {};
-      jobs_.store(jobs_.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+      ++jobs_;
     }
     wake_.notify_all();
     for (std::thread& thread : threads_) thread.join();
@@ -82,14 +82,14 @@ class Workers {
     {
       const std::lock_guard<std::mutex> lock(mutex_);
       job_ = std::move(job);
-      busy_.store(threads_.size(), std::memory_order_relaxed);
-      jobs_.store(jobs_.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+      busy_ = threads_.size();
+      ++jobs_;
       any_asleep = num_asleep_ > 0;
     }
     if (any_asleep) wake_.notify_all();
     start_missing();
     job_(0);
-    if (wait_awake([this] { return busy_.load(std::memory_order_acquire) == 0; })) return;
+    if (wait_awake([this] { return busy_ == 0; })) return;
     std::exception_ptr error;  // Of the question whether to stop, kept until all have.
     std::unique_lock<std::mutex> lock(mutex_);
     while (!done_.wait_for(lock, std::chrono::milliseconds(20), [this] { return busy_ == 0; })) {
@@ -118,18 +118,18 @@ class Workers {
 
   void live(std::size_t worker, std::size_t seen) {
     for (;;) {
-      const auto is_called = [&] { return jobs_.load(std::memory_order_acquire) != seen; };
+      const auto is_called = [&] { return jobs_ != seen; };
       if (!wait_awake(is_called)) {
         std::unique_lock<std::mutex> lock(mutex_);
         ++num_asleep_;
         wake_.wait(lock, is_called);
         --num_asleep_;
       }
-      seen = jobs_.load(std::memory_order_acquire);
+      seen = jobs_;
       if (!job_) return;
       job_(worker);
       const std::lock_guard<std::mutex> lock(mutex_);
-      if (busy_.fetch_sub(1, std::memory_order_acq_rel) == 1) done_.notify_one();
+      if (--busy_ == 0) done_.notify_one();
     }
   }
   /// Whether something happens within a moment.
@@ -160,6 +160,7 @@ class Workers {
   std::condition_variable wake_;
   std::condition_variable done_;
   std::function<void(std::size_t)> job_;  // None: there will be no more.
+  // Written by who has the mutex, and read without by who waits awake:
   std::atomic<std::size_t> jobs_{0};
   std::atomic<std::size_t> busy_{0};  // Threads that have not finished the job.
   std::size_t num_asleep_ = 0;

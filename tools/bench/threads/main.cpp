@@ -12,6 +12,7 @@
 #include <exception>
 #include <map>
 #include <string>
+#include <utility>
 #include <variant>
 #include <vector>
 
