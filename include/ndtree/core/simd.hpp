@@ -132,6 +132,11 @@ NDTREE_BY_EIGHTS inline __m256i first_of_eight(std::size_t n) {
   return _mm256_cmpgt_epi32(_mm256_set1_epi32(n < 8 ? static_cast<int>(n) : 8),
                             _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
 }
+/// All ones in those of eight that are in a set.
+NDTREE_BY_EIGHTS inline __m256i lanes_of(unsigned set) {
+  const __m256i bit = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+  return _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(static_cast<int>(set)), bit), bit);
+}
 /// The first n of up to eight whole numbers at p, and 0 for the rest. @param live first_of_eight(n).
 NDTREE_BY_EIGHTS inline __m256i load_live(const std::uint32_t* p, __m256i live) {
   return _mm256_and_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)), live);

@@ -65,9 +65,15 @@ struct FewCrossings {
   std::array<std::uint32_t, std::size_t{kCount}> set;      ///< Those that cross each child, and of these
   std::array<std::uint32_t, std::size_t{kCount}> passing;  ///< those that clearly pass it.
 
-  /// @pre the set of beams is not empty.
+  // Of a set of beams that is not empty:
   [[nodiscard]] std::uint32_t first_of(std::uint32_t set_of_beams) const {
     return beams.number[static_cast<std::size_t>(__builtin_ctz(set_of_beams))];
+  }
+  [[nodiscard]] std::uint32_t last_of(std::uint32_t set_of_beams) const {
+    return beams.number[static_cast<std::size_t>(31 - __builtin_clz(set_of_beams))];
+  }
+  [[nodiscard]] static std::uint32_t without_last(std::uint32_t set_of_beams) {
+    return set_of_beams & ~(0x80000000u >> __builtin_clz(set_of_beams));
   }
 };
 
@@ -81,9 +87,7 @@ struct FewOfChild {
   [[nodiscard]] bool all_pass() const { return of.passing[child] == of.set[child]; }
   [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(__builtin_popcount(set())); }
   [[nodiscard]] std::uint32_t first_beam() const { return of.first_of(set()); }
-  [[nodiscard]] std::uint32_t last_beam() const {
-    return of.beams.number[static_cast<std::size_t>(31 - __builtin_clz(set()))];
-  }
+  [[nodiscard]] std::uint32_t last_beam() const { return of.last_of(set()); }
 };
 #endif
 

@@ -113,15 +113,21 @@ class LeafEvidence {
                                                       const Few& few)
         : all_(all), node_(node), few_(few), size_(all.size_of(node.level - 1)) {}
 
-    /// What those say that cross a child.
+    /// What those say that cross a child ...
     NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(std::size_t child, ScanEvidence& sum) {
       const __m256 enter = _mm256_load_ps(few_.enter[child].data());
       const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      const __m256 live = _mm256_cmp_ps(exit, enter, _CMP_GT_OQ);
+      add(child, few_.set[child], _mm256_cmp_ps(exit, enter, _CMP_GT_OQ), sum);
+    }
+    /// ... or a set of them. @param live its lanes.
+    NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(std::size_t child, std::uint32_t set, __m256 live,
+                                                   ScanEvidence& sum) {
+      const __m256 enter = _mm256_load_ps(few_.enter[child].data());
+      const __m256 exit = _mm256_load_ps(few_.exit[child].data());
       const __m256 clear = _mm256_cmp_ps(exit, few_.beams.ways.pass, _CMP_LT_OQ);
       __m256i misses = _mm256_castps_si256(_mm256_and_ps(live, clear));
-      unsigned missed = few_.passing[child];
-      if (missed != few_.set[child]) {
+      unsigned missed = few_.passing[child] & set;
+      if (missed != set) {
         if (!is_near_) place_ = all_.place_of(node_);
         is_near_ = true;
         misses = all_.add_near_end(child_of(place_, child, size_), size_, all_.beams_.ends_of(few_.beams),
@@ -147,6 +153,11 @@ class LeafEvidence {
     bool is_near_ = false;
     Place place_{};  // Of the node, if so.
   };
+  /// What a set of few beams says about a child of a node.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add(const CellIndex<D>& node, const Few& few, std::size_t child,
+                                                std::uint32_t set, ScanEvidence& sum) const {
+    FewEvidence(*this, node, few).add(child, set, _mm256_castsi256_ps(detail::lanes_of(set)), sum);
+  }
 #endif
 
  private:

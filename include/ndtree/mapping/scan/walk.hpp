@@ -214,15 +214,30 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return true;
   }
 #endif
-  /// Beams of a list that count in a leaf: so many for each smallest cell side by side in it.
+  /// The share of a face's beams that count in a leaf: so many for each smallest cell side by side in it.
+  [[nodiscard]] float share_of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
+    if (face.is_lone() || takes_all(leaf, face, is_known)) return 1.0f;
+    const auto beams = static_cast<float>(refinement_.model.sample_beams(is_known));
+    return std::min(1.0f, beams / face.expected_beams(depth_of(leaf, face), smallest_size_));
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  /// Those of few beams that count in a leaf, if all are of one face, which most are; else none.
+  [[nodiscard]] std::uint32_t take(const CellIndex<D>& leaf, const FewOfChild<D, kNumChildren>& beams,
+                                   bool is_known) const {
+    const ScanFace<D>& face = beams_.face_of(beams.first_beam());
+    if (beams.last_beam() >= face.end_of_beams) return 0;
+    const float share = share_of(leaf, face, is_known);
+    std::uint32_t set = beams.set();
+    if (share < 1.0f)  // The least chance comes first.
+      while (set != 0 && !(beams_.chance()[beams.of.last_of(set)] < share)) set = beams.of.without_last(set);
+    return set;
+  }
+#endif
+  /// Beams of a list that count in a leaf.
   Sample take(const CellIndex<D>& leaf, const Crossings& list, bool is_known) {
     Sample sample{false, taken_.size(), 0};
-    const auto beams = static_cast<float>(refinement_.model.sample_beams(is_known));
     for_each_face(list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
-      const float share =
-          face.is_lone() || takes_all(leaf, face, is_known)
-              ? 1.0f
-              : std::min(1.0f, beams / face.expected_beams(depth_of(leaf, face), smallest_size_));
+      const float share = share_of(leaf, face, is_known);
       const std::size_t end = end_of_share(list, first, last, share);
       taken_.push_back({&face, end < last ? list.beam[end] : face.end_of_beams, share});
     });
@@ -455,6 +470,14 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                        : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
                   changed;
         continue;
+      } else if (const std::uint32_t set = take(children[c].index, of_child, is_known); set != 0) {
+        ScanEvidence scan;
+        evidence_.add(ref.index, few, of_child.child, set, scan);
+        if (few_may_be_too_many_) model.limit(scan);
+        if (!may_divide(cell, ref.index.level - 1, scan)) {
+          changed = update(cell, scan) || changed;
+          continue;
+        }
       }
       changed = update_leaf(children[c], of_child, takes_all) || changed;
     }
