@@ -334,7 +334,7 @@ class FlatScanMap {
   [[nodiscard]] double sample_beams_of(const CellIndex<D>& index, const EvidenceCell& cell) const {
     const bool is_known = static_cast<double>(cell.occupied_evidence() + cell.free_evidence()) >=
                           std::floor(options_.known_evidence * 256.0 + 0.5);
-    const double learning = 4.0 * options_.sample_beams;
+    const double learning = 8.0 * options_.sample_beams;
     std::map<std::array<double, D + 2>, std::pair<int, float>>
         ends;  // Of each face, and beams expected there.
     for (const FlatBeam& beam : beams_) {
@@ -353,7 +353,7 @@ class FlatScanMap {
     double blocked = 0.0;
     for (const auto& [face, of_face] : ends) blocked += of_face.first / static_cast<double>(of_face.second);
     const bool contradicted = model_.is_settled(cell) && blocked > options_.hit_given_free;
-    return (is_known && !contradicted ? 1.0 : 4.0) * options_.sample_beams;
+    return is_known && !contradicted ? options_.sample_beams : learning;
   }
 
   struct Coverage {

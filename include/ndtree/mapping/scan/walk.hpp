@@ -220,19 +220,6 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     const auto beams = static_cast<float>(refinement_.model.sample_beams(is_known));
     return std::min(1.0f, beams / face.expected_beams(depth_of(leaf, face), smallest_size_));
   }
-#ifdef NDTREE_HAS_EIGHTS
-  /// Those of few beams that count in a leaf, if all are of one face, which most are; else none.
-  [[nodiscard]] std::uint32_t take(const CellIndex<D>& leaf, const FewOfChild<D, kNumChildren>& beams,
-                                   bool is_known) const {
-    const ScanFace<D>& face = beams_.face_of(beams.first_beam());
-    if (beams.last_beam() >= face.end_of_beams) return 0;
-    const float share = share_of(leaf, face, is_known);
-    std::uint32_t set = beams.set();
-    if (share < 1.0f)  // The least chance comes first.
-      while (set != 0 && !(beams_.chance()[beams.of.last_of(set)] < share)) set = beams.of.without_last(set);
-    return set;
-  }
-#endif
   /// Beams of a list that count in a leaf.
   Sample take(const CellIndex<D>& leaf, const Crossings& list, bool is_known) {
     Sample sample{false, taken_.size(), 0};
@@ -470,19 +457,35 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                        : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
                   changed;
         continue;
-      } else if (const std::uint32_t set = take(children[c].index, of_child, is_known); set != 0) {
-        ScanEvidence scan;
-        evidence_.add(ref.index, few, of_child.child, set, scan);
-        if (few_may_be_too_many_) model.limit(scan);
-        if (!may_divide(cell, ref.index.level - 1, scan)) {
-          changed = update(cell, scan) || changed;
-          continue;
-        }
+      } else if (const ScanFace<D>& face = beams_.face_of(of_child.first_beam());
+                 of_child.last_beam() < face.end_of_beams) {
+        changed = update_by_sample(ref.index, children[c], of_child, face, is_known) || changed;
+        continue;
       }
       changed = update_leaf(children[c], of_child, takes_all) || changed;
     }
     if (!changed && ref.node->note() != 0) return false;
     return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
+  }
+  /// The same where all beams are of one face. @param node the leaf's parent.
+  NDTREE_NEVER_INLINE bool update_by_sample(const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams,
+                                            const ScanFace<D>& face, bool is_known) {
+    const float share = share_of(leaf.index, face, is_known);
+    std::uint32_t set = beams.set();
+    std::uint32_t end = face.end_of_beams;
+    if (share < 1.0f)  // The least chance comes first.
+      for (; set != 0 && !(beams_.chance()[beams.of.last_of(set)] < share); set = beams.of.without_last(set))
+        end = beams.of.last_of(set);
+    ScanEvidence scan;
+    if (set != 0) evidence_.add(node, beams.of, beams.child, set, scan);
+    refinement_.model.limit(scan);
+    if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
+    return with_list(beams, [&](const Crossings& list) {
+      taken_.push_back({&face, end, share});
+      const bool changed = divide(leaf, list, {false, taken_.size() - 1, taken_.size()}, scan, false);
+      taken_.pop_back();
+      return changed;
+    });
   }
   bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
