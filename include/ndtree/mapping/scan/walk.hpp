@@ -332,11 +332,17 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     taken_.resize(taken_before);
     return changed;
   }
-  /// Whether beams are of one face, and all of them count in a leaf: so it is with most.
+  /// The face of beams that are all of one, as most are; else null.
+  template <class Beams>
+  [[nodiscard]] const ScanFace<D>* only_face_of(const Beams& beams) const {
+    const ScanFace<D>& face = beams_.face_of(beams.first_beam());
+    return beams.last_beam() < face.end_of_beams ? &face : nullptr;
+  }
+  /// Whether beams are of one face, and all of them count in a leaf.
   template <class Beams>
   [[nodiscard]] bool are_all_taken(const CellIndex<D>& leaf, const Beams& beams, bool is_known) const {
-    const ScanFace<D>& face = beams_.face_of(beams.first_beam());
-    return beams.last_beam() < face.end_of_beams && takes_all(leaf, face, is_known);
+    const ScanFace<D>* const face = only_face_of(beams);
+    return face != nullptr && takes_all(leaf, *face, is_known);
   }
   /// Whether a leaf may have to split.
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,
@@ -457,9 +463,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                        : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
                   changed;
         continue;
-      } else if (const ScanFace<D>& face = beams_.face_of(of_child.first_beam());
-                 of_child.last_beam() < face.end_of_beams) {
-        changed = update_by_sample(ref.index, children[c], of_child, face, is_known) || changed;
+      } else if (const ScanFace<D>* const face = only_face_of(of_child)) {
+        changed = update_by_sample(ref.index, children[c], of_child, *face, is_known) || changed;
         continue;
       }
       changed = update_leaf(children[c], of_child, takes_all) || changed;
@@ -467,7 +472,12 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     if (!changed && ref.node->note() != 0) return false;
     return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
   }
-  /// The same where all beams are of one face. @param node the leaf's parent.
+  bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
+    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
+    return update_children_of_few(inner, beams, beams.of.beams, false,
+                                  takes_all || all_take_all(inner.index, beams));
+  }
+  /// A leaf that takes a sample of few beams, all of one face. @param node the leaf's parent.
   NDTREE_NEVER_INLINE bool update_by_sample(const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams,
                                             const ScanFace<D>& face, bool is_known) {
     const float share = share_of(leaf.index, face, is_known);
@@ -486,11 +496,6 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       taken_.pop_back();
       return changed;
     });
-  }
-  bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
-    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
-    return update_children_of_few(inner, beams, beams.of.beams, false,
-                                  takes_all || all_take_all(inner.index, beams));
   }
   // What few beams rarely do:
   bool update_leaf(const Ref& leaf, const FewBeams& beams, bool takes_all) {
