@@ -118,6 +118,32 @@ class ChildClip {
     const __m256 exit = _mm256_load_ps(beams.of.exit[beams.child].data());
     few_beams(node, enter, exit, _mm256_cmp_ps(exit, enter, _CMP_GT_OQ), few);
   }
+  /// Whether the children of a node, between one plane on each axis, fit the lanes of a vector.
+  static constexpr bool kFitLanes = N == 2 && kNumChildren <= static_cast<int>(LoneCrossing::kMostChildren);
+  /// Clips one beam, against all children at once. @pre kFitLanes && goes_by_eights().
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node, const BeamWay<D>& way,
+                                                        float from, float to, LoneCrossing& lone) const {
+    const Planes planes = planes_of(node);
+    const __m256 t0 = _mm256_set1_ps(from);
+    const __m256 t1 = _mm256_set1_ps(to);
+    __m256 enter = t0;
+    __m256 exit = t1;
+#pragma GCC unroll 4
+    for (std::size_t a = 0; a < D; ++a) {
+      const __m256 inverse = _mm256_set1_ps(way.inverse[a]);
+      const __m256 plane = _mm256_mul_ps(_mm256_set1_ps(planes[a][0]), inverse);
+      // The sign bit of the children that the beam crosses behind the plane.
+      const __m256i upper =
+          _mm256_slli_epi32(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7), 31 - static_cast<int>(a));
+      const __m256 is_behind = _mm256_xor_ps(_mm256_castsi256_ps(upper), inverse);
+      enter = _mm256_max_ps(enter, _mm256_blendv_ps(t0, plane, is_behind));
+      exit = _mm256_min_ps(exit, _mm256_blendv_ps(plane, t1, is_behind));
+    }
+    _mm256_store_ps(lone.enter.data(), enter);
+    _mm256_store_ps(lone.exit.data(), exit);
+    lone.set = static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit, enter, _CMP_GT_OQ))) &
+               ((1u << kNumChildren) - 1);
+  }
   /// Writes those that cross a child, in their order.
   NDTREE_BY_EIGHTS static void write(const FewOfChild<D, kNumChildren>& few, Crossings& list) {
     const __m256i order = detail::packing(few.set());

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <memory>
 #include <vector>
 
@@ -88,6 +89,20 @@ struct FewOfChild {
   [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(__builtin_popcount(set())); }
   [[nodiscard]] std::uint32_t first_beam() const { return of.first_of(set()); }
   [[nodiscard]] std::uint32_t last_beam() const { return of.last_of(set()); }
+  [[nodiscard]] bool is_one() const { return (set() & (set() - 1)) == 0; }
+  [[nodiscard]] float enter_of_first() const { return of.enter[child][place_of_first()]; }
+  [[nodiscard]] float exit_of_first() const { return of.exit[child][place_of_first()]; }
+
+ private:
+  [[nodiscard]] std::size_t place_of_first() const { return static_cast<std::size_t>(__builtin_ctz(set())); }
+};
+
+/// Where one beam crosses the children of a node, by their numbers; those that it crosses are a set of bits.
+struct LoneCrossing {
+  static constexpr std::size_t kMostChildren = 8;
+  alignas(32) std::array<float, kMostChildren> enter;
+  alignas(32) std::array<float, kMostChildren> exit;
+  std::uint32_t set;
 };
 #endif
 
@@ -121,9 +136,14 @@ struct SiblingLists {
   }
 
  private:
+  /// Eight at a time, the slack included.
   template <class T>
   static void move_down(const T* from, std::size_t n, T* to) {
-    for (std::size_t i = 0; i < n; ++i) to[i] = from[i];
+    for (std::size_t i = 0; i < n; i += Crossings::kSlack) {
+      std::array<T, Crossings::kSlack> eight;
+      std::memcpy(eight.data(), from + i, sizeof eight);
+      std::memcpy(to + i, eight.data(), sizeof eight);
+    }
   }
 };
 

@@ -96,8 +96,60 @@ class LeafEvidence {
     }
 #endif
     for (std::size_t i = 0; i < list.size; ++i)
-      add_one(leaf, size, list.beam[i], list.enter()[i], list.exit()[i], sum);
+      OfBeam(*this, leaf.level, list.beam[i]).add(leaf, list.enter()[i], list.exit()[i], sum);
   }
+
+  /// What one beam says about leaves of one level, of 0 or below.
+  class OfBeam {
+   public:
+    NDTREE_ALWAYS_INLINE OfBeam(const LeafEvidence& all, int level, std::uint32_t beam)
+        : all_(all),
+          size_(all.size_of(level)),
+          number_(beam),
+          beam_(all.beams_.end(beam)),
+          is_small_(size_.small <= kSmallCell * beam_.sigma),
+          is_resolvable_(size_.child >= all.noise_sigmas_ * beam_.sigma) {}
+
+    /// @param enter, exit where it crosses the leaf [m].
+    NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, float enter, float exit,
+                                  ScanEvidence& sum) const {
+      // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
+      const float end = is_small_ ? std::max(exit, enter + beam_.surface) : exit;
+      const bool passes = end < beam_.clear;
+      const bool holds_end = !passes && all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
+      if (passes || !beam_.is_returned()) {
+        if (holds_end) return;  // A beam without return: nothing is said about the rest of the cell.
+        sum.free += units_of_way(exit - enter, size_);
+        ++sum.misses;
+        ++sum.beams;
+        sum.resolvable_misses += is_resolvable_;
+        return;
+      }
+      const bool is_behind = !holds_end && enter >= beam_.range;
+      if (is_behind && !is_small_) return;
+      const float per_sigma = 1.0f / beam_.sigma;
+      const float before_end = (enter - beam_.range) * per_sigma;
+      EvidenceModel::add(sum, all_.sensor_.tabulated_log_odds(before_end, (end - beam_.range) * per_sigma),
+                         size_.is_inside_alike ? size_.inside : all_.inside(size_, beam_.sigma));
+      if (holds_end) {
+        ++sum.hits;
+        sum.resolvable_hits += is_resolvable_;
+        sum.deep_hits +=
+            is_resolvable_ && (before_end < -kNoiseReach || size_.cell > kNoiseReach * beam_.sigma);
+      } else {
+        sum.misses += !is_behind;
+      }
+      ++sum.beams;
+    }
+
+   private:
+    const LeafEvidence& all_;
+    const Size& size_;
+    std::uint32_t number_;
+    const BeamEnd<D>& beam_;
+    bool is_small_;
+    bool is_resolvable_;  // Children could tell more whatever its noise.
+  };
 
 #ifdef NDTREE_HAS_EIGHTS
   static constexpr int kNumChildren = ChildClip<N, D>::kNumChildren;
@@ -193,42 +245,6 @@ class LeafEvidence {
   }
 #endif
 
-  void add_one(const CellIndex<D>& leaf, const Size& size, std::uint32_t beam, float enter, float exit,
-               ScanEvidence& sum) const {
-    const BeamEnd<D>& of_beam = beams_.end(beam);
-    const float sigma = of_beam.sigma;
-    const float surface = of_beam.surface;
-    const bool is_small = size.small <= kSmallCell * sigma;
-    const bool resolvable = size.child >= noise_sigmas_ * sigma;
-    // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
-    const float end = is_small ? std::max(exit, enter + surface) : exit;
-    const bool passes = end < of_beam.clear;
-    const bool holds_end = !passes && geometry_.contains(leaf, beams_.end_cell(beam));
-    if (passes || surface == 0.0f) {
-      if (holds_end) return;  // A beam without return: nothing is said about the rest of the cell.
-      sum.free += units_of_way(exit - enter, size);
-      ++sum.misses;
-      ++sum.beams;
-      sum.resolvable_misses += resolvable;
-      return;
-    }
-    const float range = of_beam.range;
-    const bool is_behind = !holds_end && enter >= range;
-    if (is_behind && !is_small) return;
-    const float per_sigma = 1.0f / sigma;
-    const float before_end = (enter - range) * per_sigma;
-    EvidenceModel::add(sum, sensor_.tabulated_log_odds(before_end, (end - range) * per_sigma),
-                       size.is_inside_alike ? size.inside : inside(size, sigma));
-    if (holds_end) {
-      ++sum.hits;
-      sum.resolvable_hits += resolvable;
-      sum.deep_hits += resolvable && (before_end < -kNoiseReach || size.cell > kNoiseReach * sigma);
-    } else {
-      sum.misses += !is_behind;
-    }
-    ++sum.beams;
-  }
-
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS [[nodiscard]] bool all_pass_by_eights(const Crossings& list) const {
     for (std::size_t i = 0; i < list.size; i += 8)
@@ -237,7 +253,7 @@ class LeafEvidence {
   }
   static constexpr std::size_t kMostAtOnce = 1024;  // Beams: sums of eighths of them fit 32 bits.
 
-  /// As add_one(), for up to kMostAtOnce beams.
+  /// As OfBeam, for up to kMostAtOnce beams.
   NDTREE_BY_EIGHTS void add_by_eights(const CellIndex<D>& leaf, const Crossings& list, const Size& size,
                                       ScanEvidence& sum) const {
     __m256i free = _mm256_setzero_si256();

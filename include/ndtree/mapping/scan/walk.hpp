@@ -137,7 +137,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return window_ == nullptr || window_->overlaps(node, tree_.geometry().edge(node.level));
   }
 
-  using Lists = typename ChildClip<N, D>::Lists;
+  using Clip = ChildClip<N, D>;
+  using Lists = typename Clip::Lists;
 
   /// Of a face's beams, those that count in a cell.
   struct Taken {
@@ -416,6 +417,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 #ifdef NDTREE_HAS_EIGHTS
   using Few = FewCrossings<D, kNumChildren>;
   using FewBeams = FewOfChild<D, kNumChildren>;
+  using OfBeam = typename LeafEvidence<N, D, Sensor>::OfBeam;
 
   /// Whether a node's children are cells, or nodes of cells, and its list needs none for them.
   [[nodiscard]] bool are_few(const Ref& ref, const Crossings& list) const {
@@ -425,6 +427,11 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// The same for few beams, not none.
   NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list, bool was_split,
                                                bool takes_all) {
+    if constexpr (Clip::kFitLanes) {
+      if (list.size == 1)
+        return update_children_of_one(ref, {list.beam[0], beams_.face_of(list.beam[0])}, list.enter()[0],
+                                      list.exit()[0], was_split, takes_all);
+    }
     EightBeams<D> beams;
     beams_.look_up(detail::load_live(list.beam, detail::first_of_eight(list.size)), beams);
     return update_children_of_few(ref, list, beams, was_split, takes_all);
@@ -474,6 +481,13 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
+    if constexpr (Clip::kFitLanes) {
+      if (beams.is_one()) {
+        const LoneBeam beam{beams.first_beam(), beams_.face_of(beams.first_beam())};
+        return update_children_of_one(inner, beam, beams.enter_of_first(), beams.exit_of_first(), false,
+                                      takes_all || all_take_all(inner.index, beam.face));
+      }
+    }
     return update_children_of_few(inner, beams, beams.of.beams, false,
                                   takes_all || all_take_all(inner.index, beams));
   }
@@ -496,6 +510,77 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       taken_.pop_back();
       return changed;
     });
+  }
+  /// A beam that is alone in a node, and so in all nodes below.
+  struct LoneBeam {
+    std::uint32_t number;
+    const ScanFace<D>& face;
+  };
+  NDTREE_BY_EIGHTS bool update_children_of_one(const Ref& ref, const LoneBeam& beam, float enter, float exit,
+                                               bool was_split, bool takes_all) {
+    pace_.spend(1);
+    const BeamWay<D>& way = beams_.way(beam.number);
+    LoneCrossing lone;
+    clip_(ref.index, way, enter, exit, lone);
+    const OfBeam evidence(evidence_, ref.index.level - 1, beam.number);
+    const Children children(tree_, ref);
+    const EvidenceModel& model = refinement_.model;
+    bool changed = was_split;
+    for (std::uint32_t left = lone.set; left != 0; left &= left - 1) {
+      const auto c = static_cast<std::size_t>(__builtin_ctz(left));
+      const Ref child = children[static_cast<int>(c)];
+      const bool passes = lone.exit[c] < way.pass;
+      if (!child.is_leaf()) {
+        if (Summary(child.node->note()).is_settled() && passes) continue;
+        if (undo_ != nullptr) undo_->keep(tree_, *child.node);
+        changed = update_children_of_one(child, beam, lone.enter[c], lone.exit[c], false,
+                                         takes_all || all_take_all(child.index, beam.face)) ||
+                  changed;
+        continue;
+      }
+      EvidenceCell& cell = child.cell();
+      const bool is_known = model.is_known(cell);
+      if (is_known && model.is_settled(cell)) {
+        if (!passes)
+          changed = with_list(beam, lone.enter[c], lone.exit[c],
+                              [&](const Crossings& list) { return update_leaf(child, list, takes_all); }) ||
+                    changed;
+        continue;
+      }
+      const float share = takes_all ? 1.0f : share_of(child.index, beam.face, is_known);
+      if (share < 1.0f && !(beams_.chance()[beam.number] < share)) continue;
+      ScanEvidence scan;
+      evidence.add(child.index, lone.enter[c], lone.exit[c], scan);
+      if (few_may_be_too_many_) model.limit(scan);
+      changed = (may_divide(cell, child.index.level, scan)
+                     ? divide(child, beam, lone.enter[c], lone.exit[c], share, scan, takes_all)
+                     : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
+                changed;
+    }
+    if (!changed && ref.node->note() != 0) return false;
+    return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
+  }
+  NDTREE_NEVER_INLINE bool divide(const Ref& leaf, const LoneBeam& beam, float enter, float exit, float share,
+                                  const ScanEvidence& scan, bool takes_all) {
+    return with_list(beam, enter, exit, [&](const Crossings& list) {
+      if (!(share < 1.0f)) return divide(leaf, list, {}, scan, takes_all);
+      taken_.push_back({&beam.face, beam.face.end_of_beams, share});
+      const bool changed = divide(leaf, list, {false, taken_.size() - 1, taken_.size()}, scan, false);
+      taken_.pop_back();
+      return changed;
+    });
+  }
+  template <class Use>
+  bool with_list(const LoneBeam& beam, float enter, float exit, const Use& use) {
+    const CrossingStack::Mark mark = stack_.mark();
+    Crossings list = stack_.allocate(1 + Crossings::kSlack);
+    list.beam[0] = beam.number;
+    list.enter()[0] = enter;
+    list.exit()[0] = exit;
+    list.size = 1;
+    const bool result = use(list);
+    stack_.release(mark);
+    return result;
   }
   // What few beams rarely do:
   bool update_leaf(const Ref& leaf, const FewBeams& beams, bool takes_all) {
@@ -625,7 +710,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
 
   static constexpr float kSlack = ScanFace<D>::kSlack;
-  static constexpr std::size_t kMany = 1000;  // Beams: their lists are worth moving together.
+  static constexpr std::size_t kMany = 8000;  // Beams: where their lists lie apart, caches lack room.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
