@@ -56,8 +56,8 @@ TEST(BeamBuckets, AreInTheOrderOfASortForAllPartsAndRanges) {
         if (num_faces > n + 1) continue;
         std::vector<KeptBeam> beams(n);
         for (std::size_t i = 0; i < n; ++i)
-          beams[i] = {static_cast<std::uint32_t>(random() % num_faces),
-                      static_cast<std::uint32_t>(random() % (most + 1)), static_cast<std::uint32_t>(i)};
+          beams[i] = {static_cast<std::uint32_t>(random() % (most + 1)),
+                      static_cast<std::uint32_t>(random() % num_faces), static_cast<std::uint32_t>(i)};
         if (most == 1000u)  // Most are of one bucket.
           for (std::size_t i = 0; i < n; i += 3) beams[i].chance = 0xffffff;
         std::vector<KeptBeam> expected = beams;

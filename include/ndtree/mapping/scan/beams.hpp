@@ -275,10 +275,14 @@ class ScanBeams {
 
   /// After the last beam.
   void finish() {
+    float smallest = smallest_sigma_;  // Not in memory, in which ends may lie, too.
+    float largest = largest_sigma_;
     for (std::size_t i = 0; i < size_; ++i) {
-      smallest_sigma_ = std::min(smallest_sigma_, ends_[i].sigma);
-      largest_sigma_ = std::max(largest_sigma_, ends_[i].sigma);
+      smallest = std::min(smallest, ends_[i].sigma);
+      largest = std::max(largest, ends_[i].sigma);
     }
+    smallest_sigma_ = smallest;
+    largest_sigma_ = largest;
   }
   /// Of all beams [m].
   [[nodiscard]] float smallest_sigma() const { return smallest_sigma_; }

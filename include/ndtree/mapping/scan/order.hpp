@@ -13,8 +13,8 @@ namespace ndtree {
 
 /// A beam that some cell may take.
 struct KeptBeam {
-  std::uint32_t face;    ///< By its number, see ScanUpdate.
   std::uint32_t chance;  ///< See chance_of().
+  std::uint32_t face;    ///< By its number, see ScanUpdate.
   std::uint32_t number;  ///< In the scan.
 
   /// In the order of beams; some may share one.

@@ -126,7 +126,7 @@ class alignas(64) ScanPart {
   /// ... these, in the order of the scan, their faces by the number that they have in this part, ...
   [[nodiscard]] KeptBeam kept(std::size_t k) const {
     const std::uint32_t place = kept_[k];
-    return {face_[place], chance_[place], static_cast<std::uint32_t>(first_) + place};
+    return {chance_[place], face_[place], static_cast<std::uint32_t>(first_) + place};
   }
   /// ... how many there are of each face, and their largest chance.
   [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
@@ -148,7 +148,7 @@ class alignas(64) ScanPart {
     for (std::size_t k = 0; k < num_kept_; ++k) {
       const KeptBeam beam = kept(k);
       const std::uint32_t face = numbers[beam.face];
-      beams[places[buckets.of(face, beam.chance)]++] = {face, beam.chance, beam.number};
+      beams[places[buckets.of(face, beam.chance)]++] = {beam.chance, face, beam.number};
     }
   }
 

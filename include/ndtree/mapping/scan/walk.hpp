@@ -184,11 +184,15 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return face.depth_of(border(cell, face.axis, false), border(cell, face.axis, true));
   }
 
-  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
+  /// Of the centre of a leaf, by where it begins on the axis of a face.
+  [[nodiscard]] float depth_of_centre(std::int64_t lower, int level, const ScanFace<D>& face) const {
     const auto& geometry = tree_.geometry();
-    const double centre = geometry.border(leaf.lower[static_cast<std::size_t>(face.axis)]) +
-                          rounded(0.5 * geometry.cell_size(leaf.level));
-    return static_cast<float>(std::abs(centre - face.origin[face.axis])) >= face.depth_of_all[is_known];
+    const double centre = geometry.border(lower) + rounded(0.5 * geometry.cell_size(level));
+    return static_cast<float>(std::abs(centre - face.origin[face.axis]));
+  }
+  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
+    return depth_of_centre(leaf.lower[static_cast<std::size_t>(face.axis)], leaf.level, face) >=
+           face.depth_of_all[is_known];
   }
   /// Whether all leaves in a node, whatever they know, take all beams of a face ...
   [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const ScanFace<D>& face) const {
@@ -419,6 +423,38 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   using FewBeams = FewOfChild<D, kNumChildren>;
   using OfBeam = typename LeafEvidence<N, D, Sensor>::OfBeam;
 
+  /// Which children of a node take all of its few beams, where those are of one face.
+  class ChildrenThatTakeAll {
+   public:
+    template <class Beams>
+    NDTREE_ALWAYS_INLINE ChildrenThatTakeAll(const ScanWalk& walk, const CellIndex<D>& node,
+                                             const Beams& beams)
+        : face_(walk.only_face_of(beams)) {
+      if (face_ == nullptr) return;
+      std::int64_t lower = node.lower[static_cast<std::size_t>(face_->axis)];
+      for (float& depth : depths_) {
+        depth = walk.depth_of_centre(lower, node.level - 1, *face_);
+        lower += walk.tree_.geometry().edge(node.level - 1);
+      }
+    }
+    /// Null if there are several.
+    [[nodiscard]] const ScanFace<D>* face() const { return face_; }
+    /// @pre face() != nullptr.
+    [[nodiscard]] bool contain(std::size_t child, bool is_known) const {
+      return depths_[slab_of(child)] >= face_->depth_of_all[is_known];
+    }
+
+   private:
+    /// On the face's axis.
+    [[nodiscard]] std::size_t slab_of(std::size_t child) const {
+      if constexpr (N == 2) return child >> face_->axis & 1u;
+      for (int a = 0; a < face_->axis; ++a) child /= N;
+      return child % N;
+    }
+    const ScanFace<D>* face_;
+    std::array<float, std::size_t{N}> depths_;  // Of the children's centres, slab by slab.
+  };
+
   /// Whether a node's children are cells, or nodes of cells, and its list needs none for them.
   [[nodiscard]] bool are_few(const Ref& ref, const Crossings& list) const {
     return list.size <= Few::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
@@ -446,6 +482,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
     const Children children(tree_, ref);
     const EvidenceModel& model = refinement_.model;
+    std::optional<ChildrenThatTakeAll> take_all;
+    if (!takes_all) take_all.emplace(*this, ref.index, crossings);
     bool changed = was_split;
 #pragma GCC unroll 1
     for (int c = 0; c < kNumChildren; ++c) {
@@ -461,9 +499,15 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       const bool is_known = model.is_known(cell);
       if (is_known && model.is_settled(cell)) {
         if (of_child.all_pass()) continue;
-      } else if (takes_all || are_all_taken(children[c].index, of_child, is_known)) {
+      } else if (takes_all ||
+                 (take_all->face() != nullptr ? take_all->contain(of_child.child, is_known)
+                                              : are_all_taken(children[c].index, of_child, is_known))) {
         ScanEvidence scan;
-        evidence.add(of_child.child, scan);
+        if (of_child.is_one())
+          OfBeam(evidence_, ref.index.level - 1, of_child.first_beam())
+              .add(children[c].index, of_child.enter_of_first(), of_child.exit_of_first(), scan);
+        else
+          evidence.add(of_child.child, scan);
         if (few_may_be_too_many_) model.limit(scan);
         changed = (may_divide(cell, ref.index.level - 1, scan)
                        ? divide(children[c], of_child, scan, takes_all)
@@ -603,7 +647,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// The children of an inner node, by their numbers.
   class Children {
    public:
-    Children(Tree& tree, const Ref& parent)
+    NDTREE_ALWAYS_INLINE Children(Tree& tree, const Ref& parent)
         : parent_(parent),
           nodes_(tree.children(*parent.node)),
           edge_(tree.geometry().edge(parent.index.level - 1)) {}
