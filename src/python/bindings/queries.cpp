@@ -22,7 +22,6 @@ using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "n
 
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr std::size_t kFieldWork = 8;  // Of looking up one point, for Pace.
 
 struct NearestArrays {
@@ -434,7 +433,8 @@ Returns
 (lower, upper) or None
     Two (dim,) float64 [m]; None if nothing was observed.
 )")
-      .def("nearest_occupied", &nearest_occupied, "points"_a, py::kw_only(), "max_distance"_a = kInfinity,
+      .def("nearest_occupied", &nearest_occupied, "points"_a, py::kw_only(),
+           "max_distance"_a = std::numeric_limits<double>::infinity(),
            R"(The nearest point of occupied space, for each point.
 
 Parameters
