@@ -465,8 +465,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                                                bool takes_all) {
     if constexpr (Clip::kFitLanes) {
       if (list.size == 1)
-        return update_children_of_one(ref, {list.beam[0], beams_.face_of(list.beam[0])}, list.enter()[0],
-                                      list.exit()[0], was_split, takes_all);
+        return update_children_of_one(ref, lone_beam(list.beam[0], list.enter()[0], list.exit()[0]),
+                                      was_split, takes_all);
     }
     EightBeams<D> beams;
     beams_.look_up(detail::load_live(list.beam, detail::first_of_eight(list.size)), beams);
@@ -524,14 +524,12 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
   }
   bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
-    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
     if constexpr (Clip::kFitLanes) {
-      if (beams.is_one()) {
-        const LoneBeam beam{beams.first_beam(), beams_.face_of(beams.first_beam())};
-        return update_children_of_one(inner, beam, beams.enter_of_first(), beams.exit_of_first(), false,
-                                      takes_all || all_take_all(inner.index, beam.face));
-      }
+      if (beams.is_one())
+        return descend(inner, lone_beam(beams.first_beam(), beams.enter_of_first(), beams.exit_of_first()),
+                       takes_all);
     }
+    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
     return update_children_of_few(inner, beams, beams.of.beams, false,
                                   takes_all || all_take_all(inner.index, beams));
   }
@@ -549,23 +547,32 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     refinement_.model.limit(scan);
     if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
     return with_list(beams, [&](const Crossings& list) {
-      taken_.push_back({&face, end, share});
-      const bool changed = divide(leaf, list, {false, taken_.size() - 1, taken_.size()}, scan, false);
-      taken_.pop_back();
-      return changed;
+      return divide_by_sample(leaf, list, {&face, end, share}, scan);
     });
   }
-  /// A beam that is alone in a node, and so in all nodes below.
+  bool divide_by_sample(const Ref& leaf, const Crossings& list, const Taken& taken,
+                        const ScanEvidence& scan) {
+    taken_.push_back(taken);
+    const bool changed = divide(leaf, list, {false, taken_.size() - 1, taken_.size()}, scan, false);
+    taken_.pop_back();
+    return changed;
+  }
+  /// A beam that is alone in a node, and so in all nodes below; distances as in Crossings.
   struct LoneBeam {
     std::uint32_t number;
     const ScanFace<D>& face;
+    float enter;
+    float exit;
   };
-  NDTREE_BY_EIGHTS bool update_children_of_one(const Ref& ref, const LoneBeam& beam, float enter, float exit,
-                                               bool was_split, bool takes_all) {
+  [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, float enter, float exit) const {
+    return {number, beams_.face_of(number), enter, exit};
+  }
+  NDTREE_BY_EIGHTS bool update_children_of_one(const Ref& ref, const LoneBeam& beam, bool was_split,
+                                               bool takes_all) {
     pace_.spend(1);
     const BeamWay<D>& way = beams_.way(beam.number);
     LoneCrossing lone;
-    clip_(ref.index, way, enter, exit, lone);
+    clip_(ref.index, way, beam.enter, beam.exit, lone);
     const OfBeam evidence(evidence_, ref.index.level - 1, beam.number);
     const Children children(tree_, ref);
     const EvidenceModel& model = refinement_.model;
@@ -573,75 +580,67 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     for (std::uint32_t left = lone.set; left != 0; left &= left - 1) {
       const auto c = static_cast<std::size_t>(__builtin_ctz(left));
       const Ref child = children[static_cast<int>(c)];
-      const bool passes = lone.exit[c] < way.pass;
+      const LoneBeam in_child{beam.number, beam.face, lone.enter[c], lone.exit[c]};
+      const bool passes = in_child.exit < way.pass;
       if (!child.is_leaf()) {
         if (Summary(child.node->note()).is_settled() && passes) continue;
-        if (undo_ != nullptr) undo_->keep(tree_, *child.node);
-        changed = update_children_of_one(child, beam, lone.enter[c], lone.exit[c], false,
-                                         takes_all || all_take_all(child.index, beam.face)) ||
-                  changed;
+        changed = descend(child, in_child, takes_all) || changed;
         continue;
       }
       EvidenceCell& cell = child.cell();
       const bool is_known = model.is_known(cell);
       if (is_known && model.is_settled(cell)) {
-        if (!passes)
-          changed = with_list(beam, lone.enter[c], lone.exit[c],
-                              [&](const Crossings& list) { return update_leaf(child, list, takes_all); }) ||
-                    changed;
+        if (!passes) changed = update_leaf(child, in_child, takes_all) || changed;
         continue;
       }
       const float share = takes_all ? 1.0f : share_of(child.index, beam.face, is_known);
       if (share < 1.0f && !(beams_.chance()[beam.number] < share)) continue;
       ScanEvidence scan;
-      evidence.add(child.index, lone.enter[c], lone.exit[c], scan);
+      evidence.add(child.index, in_child.enter, in_child.exit, scan);
       if (few_may_be_too_many_) model.limit(scan);
       changed = (may_divide(cell, child.index.level, scan)
-                     ? divide(child, beam, lone.enter[c], lone.exit[c], share, scan, takes_all)
+                     ? divide(child, in_child, share, scan, takes_all)
                      : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
                 changed;
     }
     if (!changed && ref.node->note() != 0) return false;
     return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
   }
-  NDTREE_NEVER_INLINE bool divide(const Ref& leaf, const LoneBeam& beam, float enter, float exit, float share,
-                                  const ScanEvidence& scan, bool takes_all) {
-    return with_list(beam, enter, exit, [&](const Crossings& list) {
-      if (!(share < 1.0f)) return divide(leaf, list, {}, scan, takes_all);
-      taken_.push_back({&beam.face, beam.face.end_of_beams, share});
-      const bool changed = divide(leaf, list, {false, taken_.size() - 1, taken_.size()}, scan, false);
-      taken_.pop_back();
-      return changed;
-    });
-  }
-  template <class Use>
-  bool with_list(const LoneBeam& beam, float enter, float exit, const Use& use) {
-    const CrossingStack::Mark mark = stack_.mark();
-    Crossings list = stack_.allocate(1 + Crossings::kSlack);
-    list.beam[0] = beam.number;
-    list.enter()[0] = enter;
-    list.exit()[0] = exit;
-    list.size = 1;
-    const bool result = use(list);
-    stack_.release(mark);
-    return result;
+  bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all) {
+    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
+    return update_children_of_one(inner, beam, false, takes_all || all_take_all(inner.index, beam.face));
   }
   // What few beams rarely do:
-  bool update_leaf(const Ref& leaf, const FewBeams& beams, bool takes_all) {
+  template <class Beams>
+  bool update_leaf(const Ref& leaf, const Beams& beams, bool takes_all) {
     return with_list(beams, [&](const Crossings& list) { return update_leaf(leaf, list, takes_all); });
   }
   bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, bool takes_all) {
     return with_list(beams, [&](const Crossings& list) { return divide(leaf, list, {}, scan, takes_all); });
   }
+  NDTREE_NEVER_INLINE bool divide(const Ref& leaf, const LoneBeam& beam, float share,
+                                  const ScanEvidence& scan, bool takes_all) {
+    return with_list(beam, [&](const Crossings& list) {
+      return share < 1.0f ? divide_by_sample(leaf, list, {&beam.face, beam.face.end_of_beams, share}, scan)
+                          : divide(leaf, list, {}, scan, takes_all);
+    });
+  }
   /// Calls `use(list)` with the beams in a list.
-  template <class Use>
-  bool with_list(const FewBeams& beams, const Use& use) {
+  template <class Beams, class Use>
+  bool with_list(const Beams& beams, const Use& use) {
     const CrossingStack::Mark mark = stack_.mark();
     Crossings list = stack_.allocate(Few::kMost + Crossings::kSlack);
-    clip_.write(beams, list);
+    write(beams, list);
     const bool result = use(list);
     stack_.release(mark);
     return result;
+  }
+  void write(const FewBeams& beams, Crossings& list) const { clip_.write(beams, list); }
+  void write(const LoneBeam& beam, Crossings& list) const {
+    list.beam[0] = beam.number;
+    list.enter()[0] = beam.enter;
+    list.exit()[0] = beam.exit;
+    list.size = 1;
   }
 #endif
   /// The children of an inner node, by their numbers.
