@@ -26,6 +26,7 @@
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/leaf.hpp"
+#include "ndtree/mapping/scan/shares.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/undo_log.hpp"
@@ -55,8 +56,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
         clip_(tree.geometry(), beams),
         evidence_(tree.geometry(), beams, refinement.model, sensor),
         coverage_(beams, clip_),
+        shares_(tree.geometry(), beams, refinement.model),
         summary_(refinement.model),
-        smallest_size_(static_cast<float>(tree.geometry().unit())),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
         few_may_be_too_many_(refinement.model.may_limit(kFewBeams)) {}
@@ -79,7 +80,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// Brings beams from an inner node to its children, as well.
   void open(const CellIndex<D>& node, const CoarseList<D>& beams, CoarseLists<D>& lists) {
     for_each_child(
-        node, beams.list, all_take_all(node, beams.list),
+        node, beams.list, shares_.all_take_all(node, beams.list),
         [&](const CellIndex<D>& child, const Crossings& list) { lists.add(child.lower, beams.part, list); });
   }
   /// What is left to do in one of these cells. @returns whether it changed.
@@ -118,7 +119,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       lists.add(node.lower, part, list);
       return;
     }
-    takes_all = takes_all || all_take_all(node, list);
+    takes_all = takes_all || shares_.all_take_all(node, list);
     for_each_child(node, list, takes_all, [&](const CellIndex<D>& child, const Crossings& beams) {
       bring(child, beams, takes_all, part, lists);
     });
@@ -140,130 +141,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   using Clip = ChildClip<N, D>;
   using Lists = typename Clip::Lists;
 
-  /// Of a face's beams, those that count in a cell.
-  struct Taken {
-    const ScanFace<D>* face;
-    std::uint32_t end;  // Number of the one after the last.
-    float share;        // Of all, at most 1.
-  };
-  /// Which of a list's beams count in a leaf: all of them, or, of each face from which some cross it, those
-  /// on the stack of samples.
-  struct Sample {
-    bool is_all = true;
-    std::size_t first = 0;
-    std::size_t last = 0;
-  };
-
-  /// Calls `visit(face, first, last)` for each part of a list whose beams are of one face.
-  template <class Visit>
-  void for_each_face(const Crossings& list, const Visit& visit) const {
-    for (std::size_t first = 0; first < list.size;) {
-      const ScanFace<D>& face = beams_.face_of(list.beam[first]);
-      const std::size_t last = list.find(face.end_of_beams, first);
-      visit(face, first, last);
-      first = last;
-    }
-  }
-  /// How many of a part of a list, of one face, are of a share.
-  [[nodiscard]] std::size_t end_of_share(const Crossings& list, std::size_t first, std::size_t last,
-                                         float share) const {
-    const float* const chance = beams_.chance();
-    if (!(share < 1.0f) || chance[list.beam[last - 1]] < share) return last;
-    return static_cast<std::size_t>(
-        std::partition_point(list.beam + first, list.beam + last,
-                             [&](std::uint32_t beam) { return chance[beam] < share; }) -
-        list.beam);
-  }
-
-  [[nodiscard]] double border(const CellIndex<D>& cell, int axis, bool upper) const {
-    const auto& geometry = tree_.geometry();
-    return geometry.border(cell.lower[static_cast<std::size_t>(axis)] +
-                           (upper ? geometry.edge(cell.level) : 0));
-  }
-  [[nodiscard]] float depth_of(const CellIndex<D>& cell, const ScanFace<D>& face) const {
-    return face.depth_of(border(cell, face.axis, false), border(cell, face.axis, true));
-  }
-
-  /// Of the centre of a leaf, by where it begins on the axis of a face.
-  [[nodiscard]] float depth_of_centre(std::int64_t lower, int level, const ScanFace<D>& face) const {
-    const auto& geometry = tree_.geometry();
-    const double centre = geometry.border(lower) + rounded(0.5 * geometry.cell_size(level));
-    return static_cast<float>(std::abs(centre - face.origin[face.axis]));
-  }
-  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
-    return depth_of_centre(leaf.lower[static_cast<std::size_t>(face.axis)], leaf.level, face) >=
-           face.depth_of_all[is_known];
-  }
-  /// Whether all leaves in a node, whatever they know, take all beams of a face ...
-  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const ScanFace<D>& face) const {
-    const double ahead = border(node, face.axis, face.negative) - face.origin[face.axis];
-    return static_cast<float>(face.negative ? -ahead : ahead) >= face.depth_of_all_in_any_cell();
-  }
-  /// ... and of a list.
-  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const Crossings& list) const {
-    for (std::size_t first = 0; first < list.size;) {
-      const ScanFace<D>& face = beams_.face_of(list.beam[first]);
-      if (!all_take_all(node, face)) return false;
-      first = list.find(face.end_of_beams, first);
-    }
-    return true;
-  }
-#ifdef NDTREE_HAS_EIGHTS
-  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const FewOfChild<D, kNumChildren>& beams) const {
-    for (std::uint32_t left = beams.set(); left != 0;) {
-      const ScanFace<D>& face = beams_.face_of(beams.of.first_of(left));
-      if (!all_take_all(node, face)) return false;
-      if (beams.last_beam() < face.end_of_beams) return true;
-      while (left != 0 && beams.of.first_of(left) < face.end_of_beams) left &= left - 1;
-    }
-    return true;
-  }
-#endif
-  /// The share of a face's beams that count in a leaf: so many for each smallest cell side by side in it.
-  [[nodiscard]] float share_of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
-    if (face.is_lone() || takes_all(leaf, face, is_known)) return 1.0f;
-    const auto beams = static_cast<float>(refinement_.model.sample_beams(is_known));
-    return std::min(1.0f, beams / face.expected_beams(depth_of(leaf, face), smallest_size_));
-  }
-  /// Beams of a list that count in a leaf.
-  Sample take(const CellIndex<D>& leaf, const Crossings& list, bool is_known) {
-    Sample sample{false, taken_.size(), 0};
-    for_each_face(list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
-      const float share = share_of(leaf, face, is_known);
-      const std::size_t end = end_of_share(list, first, last, share);
-      taken_.push_back({&face, end < last ? list.beam[end] : face.end_of_beams, share});
-    });
-    sample.last = taken_.size();
-    return sample;
-  }
-  /// Calls `visit(face, share, list)` for the parts of a list that are in a sample.
-  template <class Visit>
-  void for_each_taken(const Crossings& list, const Sample& sample, const Visit& visit) const {
-    if (sample.is_all) {
-      for_each_face(list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
-        visit(face, 1.0f, list.part(first, last));
-      });
-      return;
-    }
-    std::size_t from = 0;
-    for (std::size_t s = sample.first; s < sample.last && from < list.size; ++s) {
-      const Taken& taken = taken_[s];
-      const std::size_t to = list.find(taken.end, from);
-      if (from < to) visit(*taken.face, taken.share, list.part(from, to));
-      from = taken.end < taken.face->end_of_beams ? list.find(taken.face->end_of_beams, to) : to;
-    }
-  }
-  /// The same whatever faces they are of. Calls `visit(list)`.
-  template <class Visit>
-  void for_each_list(const Crossings& list, const Sample& sample, const Visit& visit) const {
-    if (sample.is_all)
-      visit(list);
-    else
-      for_each_taken(list, sample, [&](const ScanFace<D>&, float, const Crossings& part) { visit(part); });
-  }
-
   /// Hands a node's beams to its children, without those that no cell below takes.
-  /// @param takes_all all_take_all() of the node.
+  /// @param takes_all BeamShares::all_take_all() of the node.
   Lists hand_down(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
     pace_.spend(list.size);
     Lists children = clip_.lists_for(node, list, stack_);
@@ -277,14 +156,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   void hand_down_what_is_taken(const CellIndex<D>& node, const Crossings& list, Lists& children) const {
     std::size_t from = 0;  // Of beams that follow each other, and are not handed down yet.
-    for_each_face(list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
-      const double behind = std::abs(border(node, face.axis, !face.negative) - face.origin[face.axis]);
-      const auto farthest =
-          static_cast<float>(std::max(behind, 0.5 * tree_.geometry().cell_size(node.level)));
-      if (farthest >= face.depth_of_all[0]) return;
-      const float expected = face.expected_beams(farthest * kSlack, smallest_size_);
-      const auto learning = static_cast<float>(refinement_.model.sample_beams(false)) * kSlack;
-      const std::size_t end = end_of_share(list, first, last, learning / expected);
+    for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
+      const std::size_t end = shares_.end_of_all_shares(node, face, list, first, last);
       if (end == last) return;
       clip_(node, list.part(from, end), children);
       from = last;
@@ -303,7 +176,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     } else {
       tree_.split_node(*ref.node, {}, arena_);
     }
-    takes_all = takes_all || all_take_all(ref.index, list);
+    takes_all = takes_all || shares_.all_take_all(ref.index, list);
 #ifdef NDTREE_HAS_EIGHTS
     if (are_few(ref, list)) return update_children_of_few(ref, list, false, takes_all);
 #endif
@@ -317,37 +190,22 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       if (evidence_.all_pass(list)) return false;
       is_known = !is_contradicted(leaf.index, list);
     }
-    if (!takes_all && !are_all_taken(leaf.index, list, is_known))
+    if (!takes_all && !shares_.takes_all(leaf.index, list, is_known))
       return update_by_sample(leaf, list, is_known);
     ScanEvidence scan;
     evidence_.add(leaf.index, list, scan);
     refinement_.model.limit(scan);
-    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, {}, scan, takes_all)
+    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, all_, scan, takes_all)
                                                            : update(leaf.cell(), scan);
   }
   bool update_by_sample(const Ref& leaf, const Crossings& list, bool is_known) {
-    const std::size_t taken_before = taken_.size();
-    const Sample sample = take(leaf.index, list, is_known);
     ScanEvidence scan;
-    for_each_list(list, sample, [&](const Crossings& part) { evidence_.add(leaf.index, part, scan); });
+    shares_.take(leaf.index, list, is_known, sample_, [&](const ScanFace<D>&, float, const Crossings& part) {
+      evidence_.add(leaf.index, part, scan);
+    });
     refinement_.model.limit(scan);
-    const bool changed = may_divide(leaf.cell(), leaf.index.level, scan)
-                             ? divide(leaf, list, sample, scan, false)
-                             : update(leaf.cell(), scan);
-    taken_.resize(taken_before);
-    return changed;
-  }
-  /// The face of beams that are all of one, as most are; else null.
-  template <class Beams>
-  [[nodiscard]] const ScanFace<D>* only_face_of(const Beams& beams) const {
-    const ScanFace<D>& face = beams_.face_of(beams.first_beam());
-    return beams.last_beam() < face.end_of_beams ? &face : nullptr;
-  }
-  /// Whether beams are of one face, and all of them count in a leaf.
-  template <class Beams>
-  [[nodiscard]] bool are_all_taken(const CellIndex<D>& leaf, const Beams& beams, bool is_known) const {
-    const ScanFace<D>* const face = only_face_of(beams);
-    return face != nullptr && takes_all(leaf, *face, is_known);
+    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, sample_, scan, false)
+                                                           : update(leaf.cell(), scan);
   }
   /// Whether a leaf may have to split.
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,
@@ -359,15 +217,15 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   [[nodiscard]] bool is_unseen(const EvidenceCell& leaf, const ScanEvidence& scan) const {
     return !leaf.observed() && scan.hits == 0 && scan.occupied == 0 && refinement_.coverage.is_on();
   }
-  bool divide(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan,
+  bool divide(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample, const ScanEvidence& scan,
               bool takes_all) {
     if (scan.beams == 0) return false;
     return is_unseen(leaf.cell(), scan) ? update_unseen(leaf, list, sample, scan, takes_all)
                                         : split(leaf, list, sample, takes_all);
   }
   /// A leaf that was never observed, and that beams have only passed.
-  bool update_unseen(const Ref& leaf, const Crossings& list, const Sample& sample, const ScanEvidence& scan,
-                     bool takes_all) {
+  bool update_unseen(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample,
+                     const ScanEvidence& scan, bool takes_all) {
     const CoverageVerdict seen = look_at_coverage(leaf, list, sample);
     if (seen.shows_more) return split(leaf, list, sample, takes_all);
     if (!seen.is_enough) return counted(refinement_.model.remember(leaf.cell(), seen.parts, scan), scan);
@@ -381,7 +239,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return changed;
   }
 
-  bool split(const Ref& leaf, const Crossings& list, const Sample& sample, bool takes_all) {
+  bool split(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample, bool takes_all) {
     const CrossingStack::Mark mark = stack_.mark();
     const EvidenceCell parent = leaf.cell();
     ++counters_.splits;
@@ -423,38 +281,6 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   using FewBeams = FewOfChild<D, kNumChildren>;
   using OfBeam = typename LeafEvidence<N, D, Sensor>::OfBeam;
 
-  /// Which children of a node take all of its few beams, where those are of one face.
-  class ChildrenThatTakeAll {
-   public:
-    template <class Beams>
-    NDTREE_ALWAYS_INLINE ChildrenThatTakeAll(const ScanWalk& walk, const CellIndex<D>& node,
-                                             const Beams& beams)
-        : face_(walk.only_face_of(beams)) {
-      if (face_ == nullptr) return;
-      std::int64_t lower = node.lower[static_cast<std::size_t>(face_->axis)];
-      for (float& depth : depths_) {
-        depth = walk.depth_of_centre(lower, node.level - 1, *face_);
-        lower += walk.tree_.geometry().edge(node.level - 1);
-      }
-    }
-    /// Null if there are several.
-    [[nodiscard]] const ScanFace<D>* face() const { return face_; }
-    /// @pre face() != nullptr.
-    [[nodiscard]] bool contain(std::size_t child, bool is_known) const {
-      return depths_[slab_of(child)] >= face_->depth_of_all[is_known];
-    }
-
-   private:
-    /// On the face's axis.
-    [[nodiscard]] std::size_t slab_of(std::size_t child) const {
-      if constexpr (N == 2) return child >> face_->axis & 1u;
-      for (int a = 0; a < face_->axis; ++a) child /= N;
-      return child % N;
-    }
-    const ScanFace<D>* face_;
-    std::array<float, std::size_t{N}> depths_;  // Of the children's centres, slab by slab.
-  };
-
   /// Whether a node's children are cells, or nodes of cells, and its list needs none for them.
   [[nodiscard]] bool are_few(const Ref& ref, const Crossings& list) const {
     return list.size <= Few::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
@@ -482,8 +308,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
     const Children children(tree_, ref);
     const EvidenceModel& model = refinement_.model;
-    std::optional<ChildrenThatTakeAll> take_all;
-    if (!takes_all) take_all.emplace(*this, ref.index, crossings);
+    std::optional<typename BeamShares<N, D>::Children> shares;
+    if (!takes_all) shares.emplace(shares_, ref.index, crossings);
     bool changed = was_split;
 #pragma GCC unroll 1
     for (int c = 0; c < kNumChildren; ++c) {
@@ -500,8 +326,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       if (is_known && model.is_settled(cell)) {
         if (of_child.all_pass()) continue;
       } else if (takes_all ||
-                 (take_all->face() != nullptr ? take_all->contain(of_child.child, is_known)
-                                              : are_all_taken(children[c].index, of_child, is_known))) {
+                 (shares->face() != nullptr ? shares->takes_all(of_child.child, is_known)
+                                            : shares_.takes_all(children[c].index, of_child, is_known))) {
         ScanEvidence scan;
         if (of_child.is_one())
           OfBeam(evidence_, ref.index.level - 1, of_child.first_beam())
@@ -514,7 +340,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                        : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
                   changed;
         continue;
-      } else if (const ScanFace<D>* const face = only_face_of(of_child)) {
+      } else if (const ScanFace<D>* const face = shares_.only_face_of(of_child)) {
         changed = update_by_sample(ref.index, children[c], of_child, *face, is_known) || changed;
         continue;
       }
@@ -531,12 +357,12 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     }
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
     return update_children_of_few(inner, beams, beams.of.beams, false,
-                                  takes_all || all_take_all(inner.index, beams));
+                                  takes_all || shares_.all_take_all(inner.index, beams));
   }
   /// A leaf that takes a sample of few beams, all of one face. @param node the leaf's parent.
   NDTREE_NEVER_INLINE bool update_by_sample(const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams,
                                             const ScanFace<D>& face, bool is_known) {
-    const float share = share_of(leaf.index, face, is_known);
+    const float share = shares_.of(leaf.index, face, is_known);
     std::uint32_t set = beams.set();
     std::uint32_t end = face.end_of_beams;
     if (share < 1.0f)  // The least chance comes first.
@@ -547,15 +373,14 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     refinement_.model.limit(scan);
     if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
     return with_list(beams, [&](const Crossings& list) {
-      return divide_by_sample(leaf, list, {&face, end, share}, scan);
+      return divide_by_share(leaf, list, {&face, end, share}, scan);
     });
   }
-  bool divide_by_sample(const Ref& leaf, const Crossings& list, const Taken& taken,
-                        const ScanEvidence& scan) {
-    taken_.push_back(taken);
-    const bool changed = divide(leaf, list, {false, taken_.size() - 1, taken_.size()}, scan, false);
-    taken_.pop_back();
-    return changed;
+  bool divide_by_share(const Ref& leaf, const Crossings& list, const FaceShare<D>& share,
+                       const ScanEvidence& scan) {
+    sample_.clear();
+    sample_.add(share);
+    return divide(leaf, list, sample_, scan, false);
   }
   /// A beam that is alone in a node, and so in all nodes below; distances as in Crossings.
   struct LoneBeam {
@@ -593,7 +418,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
         if (!passes) changed = update_leaf(child, in_child, takes_all) || changed;
         continue;
       }
-      const float share = takes_all ? 1.0f : share_of(child.index, beam.face, is_known);
+      const float share = takes_all ? 1.0f : shares_.of(child.index, beam.face, is_known);
       if (share < 1.0f && !(beams_.chance()[beam.number] < share)) continue;
       ScanEvidence scan;
       evidence.add(child.index, in_child.enter, in_child.exit, scan);
@@ -608,7 +433,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all) {
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
-    return update_children_of_one(inner, beam, false, takes_all || all_take_all(inner.index, beam.face));
+    return update_children_of_one(inner, beam, false,
+                                  takes_all || shares_.all_take_all(inner.index, beam.face));
   }
   // What few beams rarely do:
   template <class Beams>
@@ -616,13 +442,13 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return with_list(beams, [&](const Crossings& list) { return update_leaf(leaf, list, takes_all); });
   }
   bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, bool takes_all) {
-    return with_list(beams, [&](const Crossings& list) { return divide(leaf, list, {}, scan, takes_all); });
+    return with_list(beams, [&](const Crossings& list) { return divide(leaf, list, all_, scan, takes_all); });
   }
   NDTREE_NEVER_INLINE bool divide(const Ref& leaf, const LoneBeam& beam, float share,
                                   const ScanEvidence& scan, bool takes_all) {
     return with_list(beam, [&](const Crossings& list) {
-      return share < 1.0f ? divide_by_sample(leaf, list, {&beam.face, beam.face.end_of_beams, share}, scan)
-                          : divide(leaf, list, {}, scan, takes_all);
+      return share < 1.0f ? divide_by_share(leaf, list, {&beam.face, beam.face.end_of_beams, share}, scan)
+                          : divide(leaf, list, all_, scan, takes_all);
     });
   }
   /// Calls `use(list)` with the beams in a list.
@@ -686,18 +512,18 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 
   /// Gives children what is due to them of what their parent knew.
   void share_out(const EvidenceCell& parent, typename Tree::NodeType* children, const Lists& lists,
-                 const Crossings& list, const Sample& sample) const {
+                 const Crossings& list, const LeafSample<D>& sample) const {
     std::size_t beams = 0;
-    for_each_list(list, sample, [&](const Crossings& part) { beams += part.size; });
+    sample.for_each_part(beams_, list, [&](const Crossings& part) { beams += part.size; });
     for (int j = 0; j < kNumChildren; ++j)
       children[j].cell() =
           refinement_.model.inherited(parent, kShareDivisor<Tree>, count_passed(lists.of(j), sample), beams,
                                       CellParts<N, D>::of_child(j));
   }
   /// Those at whose exit the beam has clearly not met anything.
-  [[nodiscard]] std::size_t count_passed(const Crossings& list, const Sample& sample) const {
+  [[nodiscard]] std::size_t count_passed(const Crossings& list, const LeafSample<D>& sample) const {
     std::size_t n = 0;
-    for_each_list(list, sample, [&](const Crossings& part) {
+    sample.for_each_part(beams_, list, [&](const Crossings& part) {
       for (std::size_t i = 0; i < part.size; ++i) {
         const std::uint32_t beam = part.beam[i];
         const BeamEnd<D>& end = beams_.end(beam);
@@ -710,33 +536,31 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// Whether more beams end in a leaf that knows as much free space as it can than the sensor's errors
   /// explain, of those of a sample that would cross it if they were spread evenly.
   [[nodiscard]] bool is_contradicted(const CellIndex<D>& leaf, const Crossings& list) {
-    const std::size_t taken_before = taken_.size();
-    const Sample sample = take(leaf, list, false);
-    const auto size = static_cast<float>(tree_.geometry().cell_size(leaf.level));
     double blocked = 0.0;
-    for_each_taken(list, sample, [&](const ScanFace<D>& face, float share, const Crossings& part) {
-      std::size_t ends = 0;
-      for (std::size_t i = 0; i < part.size; ++i) {
-        const std::uint32_t beam = part.beam[i];
-        ends += beams_.end(beam).is_returned() && tree_.geometry().contains(leaf, beams_.end_cell(beam));
-      }
-      float expected = 1.0f;
-      if (!face.is_lone() && ends > 0)
-        expected = std::max(1.0f, share * face.expected_beams(depth_of(leaf, face), size));
-      blocked += static_cast<double>(ends) / static_cast<double>(expected);
-    });
-    taken_.resize(taken_before);
+    shares_.take(
+        leaf, list, false, sample_, [&](const ScanFace<D>& face, float share, const Crossings& part) {
+          std::size_t ends = 0;
+          for (std::size_t i = 0; i < part.size; ++i) {
+            const std::uint32_t beam = part.beam[i];
+            ends += beams_.end(beam).is_returned() && tree_.geometry().contains(leaf, beams_.end_cell(beam));
+          }
+          float expected = 1.0f;
+          if (!face.is_lone() && ends > 0)
+            expected = std::max(1.0f, share * shares_.expected_beams(leaf, face));
+          blocked += static_cast<double>(ends) / static_cast<double>(expected);
+        });
     return blocked > refinement_.split_test.model().free_until();
   }
 
   /// Whether enough of a leaf was seen to update it as a whole.
   [[nodiscard]] CoverageVerdict look_at_coverage(const Ref& leaf, const Crossings& list,
-                                                 const Sample& sample) const {
+                                                 const LeafSample<D>& sample) const {
     const float per_child = 1.0f / static_cast<float>(tree_.geometry().cell_size(leaf.index.level - 1));
     ScanCoverage<N, D> coverage;
-    for_each_taken(list, sample, [&](const ScanFace<D>& face, float share, const Crossings& part) {
+    sample.for_each_share(beams_, list, [&](const ScanFace<D>& face, float share, const Crossings& part) {
       // Those of a sample stand for those that are not in it, too.
-      const BeamWidths widths{face.width_of_beam() * widening(share) * per_child, smallest_size_ * per_child};
+      const BeamWidths widths{face.width_of_beam() * shares_.widening(share) * per_child,
+                              static_cast<float>(tree_.geometry().unit()) * per_child};
       coverage_(leaf.index, part, per_child, widths, coverage);
     });
     const EvidenceCell& cell = leaf.cell();
@@ -744,15 +568,6 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return refinement_.coverage.judge(coverage, seen_before,
                                       tree_.geometry().cell_size(leaf.index.level) / tree_.geometry().unit());
   }
-  /// How much wider beams get if only a share of them is left.
-  [[nodiscard]] static float widening(float share) {
-    if constexpr (D < 2) return 1.0f;
-    if constexpr (D == 2) return 1.0f / share;
-    if constexpr (D == 3) return 1.0f / std::sqrt(share);
-    return std::pow(share, -1.0f / static_cast<float>(D - 1));
-  }
-
-  static constexpr float kSlack = ScanFace<D>::kSlack;
   static constexpr std::size_t kMany = 8000;  // Beams: where their lists lie apart, caches lack room.
 
   Tree& tree_;
@@ -764,16 +579,16 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   const ChildClip<N, D> clip_;
   const LeafEvidence<N, D, Sensor> evidence_;
   const LeafCoverage<N, D> coverage_;
+  const BeamShares<N, D> shares_;
   const EvidenceSummary<kNumChildren> summary_;
-  const float smallest_size_;
   const int finest_level_;
   const int coarsest_level_;
   const bool few_may_be_too_many_;  // That so few beams count in a leaf.
   UpdateCounters counters_;
   Pace pace_;
-  // Of the nodes on the path from the root, the deepest last:
-  CrossingStack stack_;
-  std::vector<Taken> taken_;
+  CrossingStack stack_;  // Of the nodes on the path from the root, the deepest last.
+  const LeafSample<D> all_;
+  LeafSample<D> sample_;  // Of the leaf that is looked at, until its children are.
 };
 
 }  // namespace ndtree

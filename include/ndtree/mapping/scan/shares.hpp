@@ -1,0 +1,248 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What share of a scan's beams counts in a leaf: of each face those of the least chance.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+#include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/tree/lattice.hpp"
+
+namespace ndtree {
+
+/// Calls `visit(face, first, last)` for each part of a list whose beams are of one face.
+template <int D, class Visit>
+void for_each_face(const ScanBeams<D>& beams, const Crossings& list, const Visit& visit) {
+  for (std::size_t first = 0; first < list.size;) {
+    const ScanFace<D>& face = beams.face_of(list.beam[first]);
+    const std::size_t last = list.find(face.end_of_beams, first);
+    visit(face, first, last);
+    first = last;
+  }
+}
+
+/// Of a face's beams, those that count in a leaf.
+template <int D>
+struct FaceShare {
+  const ScanFace<D>* face;
+  std::uint32_t end;  ///< Number of the one after the last.
+  float share;        ///< Of all, at most 1.
+};
+
+/// Which of a list's beams count in a leaf: all of them, until it is told of which faces how many.
+template <int D>
+class LeafSample {
+ public:
+  void clear() {
+    is_all_ = false;
+    of_faces_.clear();
+  }
+  /// @pre clear() before the first; in the order of the faces' beams.
+  void add(const FaceShare<D>& of_face) { of_faces_.push_back(of_face); }
+
+  /// Calls `visit(face, share, list)` for the parts of a list that are in the sample.
+  template <class Visit>
+  void for_each_share(const ScanBeams<D>& beams, const Crossings& list, const Visit& visit) const {
+    if (is_all_) {
+      for_each_face(beams, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
+        visit(face, 1.0f, list.part(first, last));
+      });
+      return;
+    }
+    std::size_t from = 0;
+    for (const FaceShare<D>& of_face : of_faces_) {
+      const std::size_t to = list.find(of_face.end, from);
+      if (from < to) visit(*of_face.face, of_face.share, list.part(from, to));
+      from = of_face.end < of_face.face->end_of_beams ? list.find(of_face.face->end_of_beams, to) : to;
+      if (from == list.size) return;
+    }
+  }
+  /// The same whatever faces they are of. Calls `visit(list)`.
+  template <class Visit>
+  void for_each_part(const ScanBeams<D>& beams, const Crossings& list, const Visit& visit) const {
+    if (is_all_)
+      visit(list);
+    else
+      for_each_share(beams, list, [&](const ScanFace<D>&, float, const Crossings& part) { visit(part); });
+  }
+
+ private:
+  bool is_all_ = true;
+  std::vector<FaceShare<D>> of_faces_;
+};
+
+/// Tells leaves what they take of a scan. Lists are sorted by face and chance.
+template <int N, int D>
+class BeamShares {
+ public:
+  BeamShares(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams, const EvidenceModel& model)
+      : geometry_(geometry),
+        beams_(beams),
+        smallest_size_(static_cast<float>(geometry.unit())),
+        sample_beams_{static_cast<float>(model.sample_beams(false)),
+                      static_cast<float>(model.sample_beams(true))} {}
+
+  /// The share of a face's beams that count in a leaf: so many for each smallest cell side by side in it.
+  [[nodiscard]] float of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
+    if (face.is_lone() || takes_all(leaf, face, is_known)) return 1.0f;
+    return std::min(1.0f,
+                    sample_beams_[is_known] / face.expected_beams(depth_of(leaf, face), smallest_size_));
+  }
+  /// Finds out which beams of a list count in a leaf. Calls `visit(face, share, list)` for those of each
+  /// face, if there are any.
+  template <class Visit>
+  void take(const CellIndex<D>& leaf, const Crossings& list, bool is_known, LeafSample<D>& sample,
+            const Visit& visit) const {
+    sample.clear();
+    for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
+      const float share = of(leaf, face, is_known);
+      const std::size_t end = end_of_share(list, first, last, share);
+      sample.add({&face, end < last ? list.beam[end] : face.end_of_beams, share});
+      if (first < end) visit(face, share, list.part(first, end));
+    });
+  }
+
+  /// The face of beams that are all of one, as most are; else null.
+  template <class Beams>
+  [[nodiscard]] const ScanFace<D>* only_face_of(const Beams& beams) const {
+    const ScanFace<D>& face = beams_.face_of(beams.first_beam());
+    return beams.last_beam() < face.end_of_beams ? &face : nullptr;
+  }
+  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
+    return depth_of_centre(leaf.lower[static_cast<std::size_t>(face.axis)], leaf.level, face) >=
+           face.depth_of_all[is_known];
+  }
+  /// Whether beams are of one face, and all of them count in a leaf.
+  template <class Beams>
+  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const Beams& beams, bool is_known) const {
+    const ScanFace<D>* const face = only_face_of(beams);
+    return face != nullptr && takes_all(leaf, *face, is_known);
+  }
+
+  /// Whether all leaves in a node, whatever they know, take all beams of a face, ...
+  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const ScanFace<D>& face) const {
+    const double ahead = border(node, face.axis, face.negative) - face.origin[face.axis];
+    return static_cast<float>(face.negative ? -ahead : ahead) >= face.depth_of_all_in_any_cell();
+  }
+  /// ... of a list, ...
+  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const Crossings& list) const {
+    for (std::size_t first = 0; first < list.size;) {
+      const ScanFace<D>& face = beams_.face_of(list.beam[first]);
+      if (!all_take_all(node, face)) return false;
+      first = list.find(face.end_of_beams, first);
+    }
+    return true;
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  /// ... or few beams.
+  template <int kCount>
+  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const FewOfChild<D, kCount>& beams) const {
+    for (std::uint32_t left = beams.set(); left != 0;) {
+      const ScanFace<D>& face = beams_.face_of(beams.of.first_of(left));
+      if (!all_take_all(node, face)) return false;
+      if (beams.last_beam() < face.end_of_beams) return true;
+      while (left != 0 && beams.of.first_of(left) < face.end_of_beams) left &= left - 1;
+    }
+    return true;
+  }
+#endif
+
+  /// Of a part of a list, of one face, where those end that some leaf in a node may take.
+  [[nodiscard]] std::size_t end_of_all_shares(const CellIndex<D>& node, const ScanFace<D>& face,
+                                              const Crossings& list, std::size_t first,
+                                              std::size_t last) const {
+    const double behind = std::abs(border(node, face.axis, !face.negative) - face.origin[face.axis]);
+    const auto farthest = static_cast<float>(std::max(behind, 0.5 * geometry_.cell_size(node.level)));
+    if (farthest >= face.depth_of_all[0]) return last;
+    constexpr float kSlack = ScanFace<D>::kSlack;
+    const float expected = face.expected_beams(farthest * kSlack, smallest_size_);
+    return end_of_share(list, first, last, sample_beams_[0] * kSlack / expected);
+  }
+
+  /// Beams of a face that would cross a leaf if they were spread evenly.
+  [[nodiscard]] float expected_beams(const CellIndex<D>& leaf, const ScanFace<D>& face) const {
+    return face.expected_beams(depth_of(leaf, face), static_cast<float>(geometry_.cell_size(leaf.level)));
+  }
+  /// How much wider beams get if only a share of them is left.
+  [[nodiscard]] static float widening(float share) {
+    if constexpr (D < 2) return 1.0f;
+    if constexpr (D == 2) return 1.0f / share;
+    if constexpr (D == 3) return 1.0f / std::sqrt(share);
+    return std::pow(share, -1.0f / static_cast<float>(D - 1));
+  }
+
+  /// Which children of a node take all of its few beams, where those are of one face.
+  class Children {
+   public:
+    template <class Beams>
+    NDTREE_ALWAYS_INLINE Children(const BeamShares& shares, const CellIndex<D>& node, const Beams& beams)
+        : face_(shares.only_face_of(beams)) {
+      if (face_ == nullptr) return;
+      std::int64_t lower = node.lower[static_cast<std::size_t>(face_->axis)];
+      for (float& depth : depths_) {
+        depth = shares.depth_of_centre(lower, node.level - 1, *face_);
+        lower += shares.geometry_.edge(node.level - 1);
+      }
+    }
+    /// Null if there are several.
+    [[nodiscard]] const ScanFace<D>* face() const { return face_; }
+    /// @pre face() != nullptr.
+    [[nodiscard]] bool takes_all(std::size_t child, bool is_known) const {
+      return depths_[slab_of(child)] >= face_->depth_of_all[is_known];
+    }
+
+   private:
+    /// On the face's axis.
+    [[nodiscard]] std::size_t slab_of(std::size_t child) const {
+      if constexpr (N == 2) return child >> face_->axis & 1u;
+      for (int a = 0; a < face_->axis; ++a) child /= N;
+      return child % N;
+    }
+    const ScanFace<D>* face_;
+    std::array<float, std::size_t{N}> depths_;  // Of the children's centres, slab by slab.
+  };
+
+ private:
+  /// How far a share of a part of a list goes, of one face: rarely far, so doubled steps from the first.
+  [[nodiscard]] std::size_t end_of_share(const Crossings& list, std::size_t first, std::size_t last,
+                                         float share) const {
+    const float* const chance = beams_.chance();
+    if (!(share < 1.0f) || chance[list.beam[last - 1]] < share) return last;
+    const auto counts = [&](std::uint32_t beam) { return chance[beam] < share; };
+    std::size_t step = 1;
+    for (; first + step < last && counts(list.beam[first + step - 1]); step *= 2) first += step;
+    return static_cast<std::size_t>(
+        std::partition_point(list.beam + first, list.beam + std::min(first + step, last), counts) -
+        list.beam);
+  }
+
+  [[nodiscard]] double border(const CellIndex<D>& cell, int axis, bool upper) const {
+    return geometry_.border(cell.lower[static_cast<std::size_t>(axis)] +
+                            (upper ? geometry_.edge(cell.level) : 0));
+  }
+  [[nodiscard]] float depth_of(const CellIndex<D>& cell, const ScanFace<D>& face) const {
+    return face.depth_of(border(cell, face.axis, false), border(cell, face.axis, true));
+  }
+  /// Of the centre of a leaf, by where it begins on the axis of a face.
+  [[nodiscard]] float depth_of_centre(std::int64_t lower, int level, const ScanFace<D>& face) const {
+    const double centre = geometry_.border(lower) + rounded(0.5 * geometry_.cell_size(level));
+    return static_cast<float>(std::abs(centre - face.origin[face.axis]));
+  }
+
+  const LatticeGeometry<N, D>& geometry_;
+  const ScanBeams<D>& beams_;
+  const float smallest_size_;
+  const std::array<float, 2> sample_beams_;  // Of leaves that are learning, and that know much.
+};
+
+}  // namespace ndtree
