@@ -119,9 +119,8 @@ class ScanUpdate {
         parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(buckets, numbers[p]); });
     buckets.begin(places);
     const std::unique_ptr<KeptBeam[]> kept(new KeptBeam[num_beams]);  // Not initialised: parts do that.
-    workers.for_each_task(parts_.size(), [&](std::size_t, std::size_t p) {
-      parts_[p].put(buckets, numbers[p], places[p], kept.get());
-    });
+    workers.for_each_task(
+        parts_.size(), [&](std::size_t, std::size_t p) { parts_[p].put(numbers[p], places[p], kept.get()); });
     parts_.clear();
     const ScanView<D>& scan = measurements_->scan();
     beams_.resize(num_beams, std::move(faces), scan.origin_per_beam, geometry.coordinates(scan.origin(any)),

@@ -134,21 +134,23 @@ class alignas(64) ScanPart {
 
   /// How many of them each bucket gets. @param numbers that this part's faces have there.
   [[nodiscard]] std::vector<std::uint32_t> count(const BeamBuckets& buckets,
-                                                 const std::vector<std::uint32_t>& numbers) const {
+                                                 const std::vector<std::uint32_t>& numbers) {
     std::vector<std::uint32_t> counts(buckets.count(), 0);
+    bucket_.reset(new std::uint32_t[num_kept_]);
     for (std::size_t k = 0; k < num_kept_; ++k) {
-      const KeptBeam beam = kept(k);
-      ++counts[buckets.of(numbers[beam.face], beam.chance)];
+      const std::uint32_t place = kept_[k];
+      bucket_[k] = static_cast<std::uint32_t>(buckets.of(numbers[face_[place]], chance_[place]));
+      ++counts[bucket_[k]];
     }
     return counts;
   }
-  /// Puts them into their buckets. @param places where the next of each bucket belongs.
-  void put(const BeamBuckets& buckets, const std::vector<std::uint32_t>& numbers,
-           std::vector<std::uint32_t>& places, KeptBeam* beams) const {
+  /// Puts them into the buckets that they were counted for.
+  /// @param places where the next of each bucket belongs.
+  void put(const std::vector<std::uint32_t>& numbers, std::vector<std::uint32_t>& places,
+           KeptBeam* beams) const {
     for (std::size_t k = 0; k < num_kept_; ++k) {
       const KeptBeam beam = kept(k);
-      const std::uint32_t face = numbers[beam.face];
-      beams[places[buckets.of(face, beam.chance)]++] = {beam.chance, face, beam.number};
+      beams[places[bucket_[k]]++] = {beam.chance, numbers[beam.face], beam.number};
     }
   }
 
@@ -292,9 +294,10 @@ class alignas(64) ScanPart {
     const ScanView<D>& scan = measurements_->scan();
     const Vector<D> origin = scan.origin(0);
     const double max_range = measurements_->max_range();
-    const bool all_count = scan.returned == nullptr && max_range == kUnlimitedRange;
-    const auto cut =
-        _mm256_set1_ps(static_cast<float>(std::min(max_range, 2.0 * static_cast<double>(kLongest))));
+    const double longest = std::min(max_range, 2.0 * static_cast<double>(kLongest));
+    const auto cut = _mm256_set1_ps(static_cast<float>(longest));
+    // Up to this depth a beam is shorter than that, with all rounding.
+    const auto in_reach = _mm256_set1_ps(static_cast<float>(longest / (std::sqrt(D) * (1.0 + 1e-5))));
     const __m256 sign = _mm256_set1_ps(-0.0f);
     const __m256 infinity = _mm256_set1_ps(std::numeric_limits<float>::infinity());
     struct Extent {
@@ -383,9 +386,8 @@ class alignas(64) ScanPart {
         left &= ~set;
       } while (left != 0);
       valid += 8;
-      if (!all_count) count_outcomes(i, depth);
+      count_outcomes(i, depth, in_reach);
     }
-    if (all_count) survey_.count(BeamOutcome::returned) += valid;
     join_sides(count, extents);
     if (valid > 0) {
       Vector<D> lower = origin;
@@ -414,7 +416,21 @@ class alignas(64) ScanPart {
       }
     }
   }
-  NDTREE_BY_EIGHTS void count_outcomes(Eigen::Index first, __m256 depths) {
+  /// The set of those of eight beams that returned.
+  NDTREE_BY_EIGHTS [[nodiscard]] unsigned returned_of_eight(Eigen::Index first) const {
+    const bool* const returned = measurements_->scan().returned;
+    if (returned == nullptr) return 0xff;
+    const __m128i flags = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(returned + first));
+    return ~static_cast<unsigned>(_mm_movemask_epi8(_mm_cmpeq_epi8(flags, _mm_setzero_si128()))) & 0xff;
+  }
+  /// @param in_reach depths up to which all that return count.
+  NDTREE_BY_EIGHTS void count_outcomes(Eigen::Index first, __m256 depths, __m256 in_reach) {
+    if (_mm256_movemask_ps(_mm256_cmp_ps(depths, in_reach, _CMP_LE_OQ)) == 0xff) {
+      const auto returned = static_cast<unsigned>(__builtin_popcount(returned_of_eight(first)));
+      survey_.count(BeamOutcome::returned) += returned;
+      survey_.count(BeamOutcome::not_returned) += 8 - returned;
+      return;
+    }
     std::array<float, 8> depth;
     _mm256_storeu_ps(depth.data(), depths);
     for (std::size_t k = 0; k < 8; ++k)
@@ -444,7 +460,8 @@ class alignas(64) ScanPart {
   std::unique_ptr<float[]> depth_;
   std::unique_ptr<std::uint32_t[]> chance_;
   std::unique_ptr<std::uint32_t[]> face_;
-  std::unique_ptr<std::uint32_t[]> kept_;  // Places of those that some cell may take, in their order.
+  std::unique_ptr<std::uint32_t[]> kept_;    // Places of those that some cell may take, in their order.
+  std::unique_ptr<std::uint32_t[]> bucket_;  // Of each of these.
   std::size_t num_kept_ = 0;
   std::vector<std::uint32_t> kept_of_faces_;
   std::uint32_t largest_chance_ = 0;
