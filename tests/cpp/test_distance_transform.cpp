@@ -94,7 +94,7 @@ TYPED_TEST(OfDimension, FindsTheNearestOfAllBoxes) {
     std::reverse(parts.begin(), parts.end());
     Simd::limit(1);
     detail::DistanceTransform<D> other(grid, part, 1.5 * most, pace);
-    Simd::limit(8);
+    Simd::limit(Simd::kWidest);
     const std::vector<float> again = other.squared_distances(parts);
     detail::any_place(part.first, part.last, [&](const Shape& at) {
       EXPECT_EQ(std::min(again[part.index(at)], transform.limit()), found[whole.index(at)]);

@@ -81,7 +81,7 @@ TYPED_TEST(PacketOfDimension, KeepsTheNearestOfAllBoxesBitForBit) {
     Packet packet(points.grid, points.block);
     Simd::limit(1);
     Packet plain(points.grid, points.block);
-    Simd::limit(8);
+    Simd::limit(Simd::kWidest);
     for (Packet* one : {&packet, &plain}) points.start(*one, static_cast<float>(most * most));
     for (const Box<D>& box : boxes) {
       const auto before = packet.squared();

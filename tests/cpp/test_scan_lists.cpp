@@ -98,9 +98,9 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
   SCOPED_TRACE(random.trace());
   std::size_t crossings = 0;
   for (const bool own_origins : {false, true})
-    for (const std::size_t count : {1u, 7u, 8u, 9u, 100u}) {
+    for (const std::size_t count : {1u, 7u, 8u, 9u, 16u, 17u, 100u}) {
       const Beams<N, D> scan(random, count, own_origins);
-      for (const int at_a_time : {1, 8}) {
+      for (const int at_a_time : {1, 8, Simd::kWidest}) {
         const AtATime loops(at_a_time);
         const ChildClip<N, D> clip(scan.geometry, scan.beams);
         CrossingStack stack;
@@ -275,7 +275,7 @@ TEST(Simd, RoundsToTheNearestAndTheEven) {
     ++cases;
   }
   EXPECT_EQ(cases, 7);
-  EXPECT_TRUE(Simd::width() == 1 || Simd::width() == 8);
+  EXPECT_TRUE(Simd::width() == 1 || Simd::width() == 8 || Simd::width() == Simd::kWidest);
 }
 
 }  // namespace

@@ -63,7 +63,7 @@ void looks_over_as_one_by_one(std::uint64_t seed) {
         Simd::limit(at_a_time);
         ScanPart<D, BeamSensorModel> part;
         part.look_over(measurements, measurements.all(), sensor, geometry);
-        Simd::limit(8);
+        Simd::limit(Simd::kWidest);
         const ScanSurvey<D>& survey = part.survey();
         EXPECT_EQ(survey.outcomes, exact.outcomes);
         if (exact.num_valid() == 0) continue;

@@ -11,7 +11,7 @@ class AtATime {
   explicit AtATime(int numbers) { Simd::limit(numbers); }
   AtATime(const AtATime&) = delete;
   AtATime& operator=(const AtATime&) = delete;
-  ~AtATime() { Simd::limit(8); }
+  ~AtATime() { Simd::limit(Simd::kWidest); }
 };
 
 }  // namespace ndtree::test

@@ -17,9 +17,9 @@
 namespace ndtree {
 
 /// Beams that cross a node over more than a point, in the order of their numbers; distances from the origin
-/// [m]. Whoever reads eight at a time may read, and whoever writes may write, up to kSlack behind the last.
+/// [m]. Whoever reads many at a time may read, and whoever writes may write, up to kSlack behind the last.
 struct Crossings {
-  static constexpr std::size_t kSlack = 8;
+  static constexpr std::size_t kSlack = 16;
 
   std::uint32_t* beam = nullptr;  ///< Their numbers; the distances lie `stride` and twice as far behind.
   std::size_t stride = 0;
@@ -136,13 +136,13 @@ struct SiblingLists {
   }
 
  private:
-  /// Eight at a time, the slack included.
+  /// As many at a time as fit the slack, which is included.
   template <class T>
   static void move_down(const T* from, std::size_t n, T* to) {
     for (std::size_t i = 0; i < n; i += Crossings::kSlack) {
-      std::array<T, Crossings::kSlack> eight;
-      std::memcpy(eight.data(), from + i, sizeof eight);
-      std::memcpy(to + i, eight.data(), sizeof eight);
+      std::array<T, Crossings::kSlack> some;
+      std::memcpy(some.data(), from + i, sizeof some);
+      std::memcpy(to + i, some.data(), sizeof some);
     }
   }
 };
