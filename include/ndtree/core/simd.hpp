@@ -16,14 +16,8 @@
 #define NDTREE_BY_EIGHTS [[gnu::target("avx2,popcnt,no-fma")]]
 #endif
 #define NDTREE_HAS_SIXTEENS 1
-/// The same with AVX-512, which cannot do without FMA: such functions must not add to products at all.
-#if defined(__clang__)
+/// The same with AVX-512, which Clang knows with FMA alone: such functions must not add to products at all.
 #define NDTREE_BY_SIXTEENS [[gnu::target("avx2,popcnt,avx512f,avx512dq")]]
-#elif defined(__FMA__)
-#define NDTREE_BY_SIXTEENS [[gnu::target("avx2,popcnt,avx512f,avx512dq"), gnu::optimize("fp-contract=off")]]
-#else
-#define NDTREE_BY_SIXTEENS [[gnu::target("avx2,popcnt,avx512f,avx512dq,no-fma")]]
-#endif
 #elif defined(NDTREE_USE_SIMDE) && defined(__aarch64__) && defined(__GNUC__)
 // SIMDe writes the same functions with NEON, which every such processor has. Who asks for it has it.
 #define SIMDE_ENABLE_NATIVE_ALIASES

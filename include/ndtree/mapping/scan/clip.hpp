@@ -54,7 +54,7 @@ class ChildClip {
     if constexpr (kNumChildren <= kMostAtOnce) {
       if (goes_by_eights()) {
 #ifdef NDTREE_HAS_SIXTEENS
-        if constexpr (kNumChildren >= 8) {  // Among four, as in the plane, it is no faster.
+        if constexpr (N == 2 && kNumChildren >= 8) {  // Among four, as in the plane, it is no faster.
           if (width_ >= 16 && list.size > 8) {
             sixteen_at_a_time(planes_of(node), list, children);
             return;
@@ -283,45 +283,32 @@ class ChildClip {
   NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static __m512 smaller(__m512 a, __m512 b) {
     return _mm512_maskz_min_ps(0xffff, a, b);
   }
-  /// As eight_beams().
+  /// As eight_beams(), where one plane on each axis divides the node.
   NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void sixteen_beams(const Planes& plane,
                                                                     const EightWays<D>& low,
                                                                     const EightWays<D>& high, __m512 t0,
                                                                     __m512 t1, __m512* enter, __m512* exit) {
     enter[0] = t0;
     exit[0] = t1;
-    int made = 1;
+    std::size_t made = 1;
 #pragma GCC unroll 4
-    for (std::size_t a = 0; a < D; ++a) {
+    for (std::size_t a = 0; a < D; ++a, made *= 2) {
       const __m512 inv = _mm512_insertf32x8(_mm512_castps256_ps512(low.inverse[a]), high.inverse[a], 1);
       const __mmask16 is_down = _mm512_movepi32_mask(_mm512_castps_si512(inv));
-      __m512 from[std::size_t{N}];
-      __m512 to[std::size_t{N}];
-#pragma GCC unroll 8
-      for (std::size_t s = 0; s < N; ++s) {
-        const __m512 before = s == 0 ? t0 : _mm512_mul_ps(_mm512_set1_ps(plane[a][s == 0 ? 0 : s - 1]), inv);
-        const __m512 behind =
-            s == N - 1 ? t0 : _mm512_mul_ps(_mm512_set1_ps(plane[a][s == N - 1 ? 0 : s]), inv);
-        const __m512 from_up = s == 0 ? t0 : larger(before, t0);
-        const __m512 to_up = s == N - 1 ? t1 : smaller(behind, t1);
-        const __m512 from_down = s == N - 1 ? t0 : larger(behind, t0);
-        const __m512 to_down = s == 0 ? t1 : smaller(before, t1);
-        from[s] = _mm512_mask_blend_ps(is_down, from_up, from_down);
-        to[s] = _mm512_mask_blend_ps(is_down, to_up, to_down);
-      }
-#pragma GCC unroll 8
-      for (int m = 0; m < N; ++m) {
-        const int s = N - 1 - m;
+      const __m512 at = _mm512_mul_ps(_mm512_set1_ps(plane[a][0]), inv);
+      const __m512 behind = larger(at, t0);
+      const __m512 before = smaller(at, t1);
+      const __m512 from_lower = _mm512_mask_blend_ps(is_down, t0, behind);
+      const __m512 to_lower = _mm512_mask_blend_ps(is_down, before, t1);
+      const __m512 from_upper = _mm512_mask_blend_ps(is_down, behind, t0);
+      const __m512 to_upper = _mm512_mask_blend_ps(is_down, t1, before);
 #pragma GCC unroll 16
-        for (int c = 0; c < made; ++c) {
-          const auto source = static_cast<std::size_t>(c);
-          const auto target = static_cast<std::size_t>(s * made + c);
-          const auto slab = static_cast<std::size_t>(s);
-          enter[target] = a == 0 ? from[slab] : larger(enter[source], from[slab]);
-          exit[target] = a == 0 ? to[slab] : smaller(exit[source], to[slab]);
-        }
+      for (std::size_t c = 0; c < made; ++c) {
+        enter[made + c] = larger(enter[c], from_upper);
+        exit[made + c] = smaller(exit[c], to_upper);
+        enter[c] = larger(enter[c], from_lower);
+        exit[c] = smaller(exit[c], to_lower);
       }
-      made *= N;
     }
   }
   NDTREE_BY_SIXTEENS void sixteen_at_a_time(const Planes& plane, const Crossings& list,
