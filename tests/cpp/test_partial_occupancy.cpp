@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -150,6 +151,10 @@ TEST(PartialOccupancy, RatesThatLeaveNoRoomAreRefused) {
 
 TEST(PartialOccupancySplitTest, RemembersWhatTheModelSays) {
   int cases = 0;
+  std::vector<std::uint32_t> counts(120);
+  std::iota(counts.begin(), counts.end(), 0u);
+  for (std::uint32_t count = 500; count < 520; ++count)
+    counts.push_back(count);  // Beyond what is remembered.
   for (const double probability : {0.5, 0.7})
     for (const double miss_given_occupied : {0.1, 0.25}) {
       SplitOptions options = options_of(0.05, miss_given_occupied);
@@ -159,8 +164,9 @@ TEST(PartialOccupancySplitTest, RemembersWhatTheModelSays) {
       const PartialOccupancySplitTest copy = test;
       const auto ask_all = [&](const PartialOccupancySplitTest& of) {
         int splits = 0;
-        for (std::uint32_t hits = 0; hits < 140; ++hits)  // Beyond what is remembered.
-          for (std::uint32_t misses = 0; misses < 140; ++misses, ++cases) {
+        for (const std::uint32_t hits : counts)
+          for (const std::uint32_t misses : counts) {
+            ++cases;
             const bool says = of(hits, misses);
             EXPECT_EQ(says, model(hits, misses).partial > probability) << hits << ", " << misses;
             splits += says;

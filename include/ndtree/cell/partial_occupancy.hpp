@@ -89,19 +89,24 @@ class PartialOccupancySplitTest {
   /// @returns the same from any thread, at any time.
   [[nodiscard]] bool operator()(std::uint32_t hits, std::uint32_t misses) const {
     if (hits >= kRemembered || misses >= kRemembered) return ask(hits, misses);
-    std::atomic<std::uint8_t>& answer = (*answers_)[hits * kRemembered + misses];
-    const std::uint8_t known = answer.load(std::memory_order_relaxed);
+    const std::uint32_t place = hits * kRemembered + misses;
+    std::atomic<std::uint8_t>& answers = (*answers_)[place / kInByte];
+    const std::uint32_t shift = place % kInByte * kBits;
+    const unsigned known = answers.load(std::memory_order_relaxed) >> shift & kMask;
     if (known != kNotAsked) return known == kYes;
     const bool splits = ask(hits, misses);
-    answer.store(splits ? kYes : kNo, std::memory_order_relaxed);
+    answers.fetch_or(static_cast<std::uint8_t>((splits ? kYes : kNo) << shift), std::memory_order_relaxed);
     return splits;
   }
   [[nodiscard]] const PartialOccupancyModel& model() const { return model_; }
 
  private:
-  static constexpr std::uint32_t kRemembered = 128;  // Hits, and misses: 16 kB.
+  static constexpr std::uint32_t kRemembered = 512;  // Hits, and misses, as many as cells count: 64 kB.
+  static constexpr std::uint32_t kBits = 2;          // Of an answer.
+  static constexpr std::uint32_t kInByte = 8 / kBits;
+  static constexpr unsigned kMask = 3;
   enum Answer : std::uint8_t { kNotAsked, kYes, kNo };
-  using Answers = std::array<std::atomic<std::uint8_t>, std::size_t{kRemembered} * kRemembered>;
+  using Answers = std::array<std::atomic<std::uint8_t>, std::size_t{kRemembered} * kRemembered / kInByte>;
 
   [[nodiscard]] bool ask(std::uint32_t hits, std::uint32_t misses) const {
     return model_(hits, misses).partial > split_probability_;

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <type_traits>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
@@ -173,7 +174,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     }
     takes_all = takes_all || shares_.all_take_all(ref.index, list);
 #ifdef NDTREE_HAS_EIGHTS
-    if (are_few(ref, list)) return update_children_of_few(ref, list, false, takes_all);
+    if (are_few(ref, list)) return update_children_of_few(ref, list, nullptr, takes_all);
 #endif
     const CrossingStack::Mark mark = stack_.mark();
     return update_children(ref, hand_down(ref.index, list, takes_all), mark, false, takes_all);
@@ -239,9 +240,10 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     const EvidenceCell parent = leaf.cell();
     ++counters_.splits;
 #ifdef NDTREE_HAS_EIGHTS
-    if (!EvidenceModel::has_heirs(parent) && are_few(leaf, list)) {
+    if (are_few(leaf, list)) {
       tree_.split_node(*leaf.node, {}, arena_);
-      return update_children_of_few(leaf, list, true, takes_all);
+      const Heritage heritage{parent, sample};
+      return update_children_of_few(leaf, list, &heritage, takes_all);
     }
 #endif
     const Lists lists = hand_down(leaf.index, list, takes_all);
@@ -281,25 +283,40 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return list.size <= Few::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
            evidence_.takes_few(ref.index.level);
   }
-  /// The same for few beams, not none.
-  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list, bool was_split,
-                                               bool takes_all) {
+  /// What a leaf that was split knew, and the sample of its beams that counted in it.
+  struct Heritage {
+    const EvidenceCell& cell;
+    const LeafSample<D>& sample;
+  };
+  [[nodiscard]] static bool has_heirs(const Heritage* heritage) {
+    return heritage != nullptr && EvidenceModel::has_heirs(heritage->cell);
+  }
+  /// update_children() of few beams, not none.
+  /// @param heritage of a node that was split; else null.
+  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list,
+                                               const Heritage* heritage, bool takes_all) {
     if constexpr (Clip::kFitLanes) {
-      if (list.size == 1)
-        return update_children_of_one(ref, lone_beam(list.beam[0], list.enter()[0], list.exit()[0]),
-                                      was_split, takes_all);
+      if (list.size == 1) {
+        const LoneBeam beam = lone_beam(list.beam[0], list.enter()[0], list.exit()[0]);
+        return update_children_of_one(ref, beam, takes_all, heritage);
+      }
     }
     EightBeams<D> beams;
     beams_.look_up(detail::load_live(list.beam, detail::first_of_eight(list.size)), beams);
-    return update_children_of_few(ref, list, beams, was_split, takes_all);
+    return update_children_of_few(ref, list, beams, takes_all, heritage);
   }
   /// @param crossings Crossings or FewBeams, of these beams.
   template <class SomeCrossings>
   NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const SomeCrossings& crossings,
-                                               EightBeams<D>& beams, bool was_split, bool takes_all) {
+                                               EightBeams<D>& beams, bool takes_all,
+                                               const Heritage* heritage = nullptr) {
     pace_.spend(Few::kMost);
     Few few(beams);
     clip_(ref.index, crossings, few);
+    if constexpr (std::is_same_v<SomeCrossings, Crossings>) {
+      if (has_heirs(heritage)) share_out(*heritage, crossings, few, tree_.children(*ref.node));
+    }
+    const bool was_split = heritage != nullptr;
     typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
     const Children children(tree_, ref);
     const EvidenceModel& model = refinement_.model;
@@ -351,7 +368,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                        takes_all);
     }
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
-    return update_children_of_few(inner, beams, beams.of.beams, false,
+    return update_children_of_few(inner, beams, beams.of.beams,
                                   takes_all || shares_.all_take_all(inner.index, beams));
   }
   /// A leaf that takes a sample of few beams, all of one face. @param node the leaf's parent.
@@ -387,12 +404,14 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, float enter, float exit) const {
     return {number, beams_.face_of(number), enter, exit};
   }
-  NDTREE_BY_EIGHTS bool update_children_of_one(const Ref& ref, const LoneBeam& beam, bool was_split,
-                                               bool takes_all) {
+  NDTREE_BY_EIGHTS bool update_children_of_one(const Ref& ref, const LoneBeam& beam, bool takes_all,
+                                               const Heritage* heritage = nullptr) {
     pace_.spend(1);
     const BeamWay<D>& way = beams_.way(beam.number);
     LoneCrossing lone;
     clip_(ref.index, way, beam.enter, beam.exit, lone);
+    if (has_heirs(heritage)) share_out(*heritage, beam.number, lone, tree_.children(*ref.node));
+    const bool was_split = heritage != nullptr;
     const OfBeam evidence(evidence_, ref.index.level - 1, beam.number);
     const Children children(tree_, ref);
     const EvidenceModel& model = refinement_.model;
@@ -428,8 +447,40 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all) {
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
-    return update_children_of_one(inner, beam, false,
-                                  takes_all || shares_.all_take_all(inner.index, beam.face));
+    return update_children_of_one(inner, beam, takes_all || shares_.all_take_all(inner.index, beam.face));
+  }
+  /// share_out() to the children that few beams cross ...
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const Heritage& heritage, const Crossings& list,
+                                                      const Few& few,
+                                                      typename Tree::NodeType* children) const {
+    std::uint32_t sample = 0;
+    heritage.sample.for_each_part(beams_, list, [&](const Crossings& part) {
+      sample |= ((1u << part.size) - 1) << (part.beam - list.beam);
+    });
+    const EightEnds<D>& ends = beams_.ends_of(few.beams);
+    const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
+    for (std::size_t j = 0; j < kNumChildren; ++j) {
+      const __m256 is_clear = _mm256_cmp_ps(_mm256_load_ps(few.exit[j].data()), ends.clear, _CMP_LT_OQ);
+      const auto passed = static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
+      share_out(heritage.cell, few.set[j] & sample & passed, sample, j, children);
+    }
+  }
+  /// ... or one.
+  NDTREE_NEVER_INLINE void share_out(const Heritage& heritage, std::uint32_t beam, const LoneCrossing& lone,
+                                     typename Tree::NodeType* children) const {
+    const BeamEnd<D>& end = beams_.end(beam);
+    for (std::size_t j = 0; j < kNumChildren; ++j) {
+      const bool passed = (lone.set >> j & 1u) != 0 && (!end.is_returned() || lone.exit[j] < end.clear);
+      share_out(heritage.cell, passed, 1, j, children);
+    }
+  }
+  /// @param passed set of those that passed the child, of a sample.
+  void share_out(const EvidenceCell& parent, std::uint32_t passed, std::uint32_t sample, std::size_t child,
+                 typename Tree::NodeType* children) const {
+    const auto count = [](std::uint32_t set) { return static_cast<std::size_t>(__builtin_popcount(set)); };
+    children[child].cell() =
+        refinement_.model.inherited(parent, kShareDivisor<Tree>, count(passed), count(sample),
+                                    CellParts<N, D>::of_child(static_cast<int>(child)));
   }
   // What few beams rarely do:
   template <class Beams>
