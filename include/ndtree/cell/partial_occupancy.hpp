@@ -92,7 +92,7 @@ class PartialOccupancySplitTest {
     const std::uint32_t place = hits * kRemembered + misses;
     std::atomic<std::uint8_t>& answers = (*answers_)[place / kInByte];
     const std::uint32_t shift = place % kInByte * kBits;
-    const unsigned known = answers.load(std::memory_order_relaxed) >> shift & kMask;
+    const unsigned known = unsigned{answers.load(std::memory_order_relaxed)} >> shift & kMask;
     if (known != kNotAsked) return known == kYes;
     const bool splits = ask(hits, misses);
     answers.fetch_or(static_cast<std::uint8_t>((splits ? kYes : kNo) << shift), std::memory_order_relaxed);

@@ -462,7 +462,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const __m256 is_clear = _mm256_cmp_ps(_mm256_load_ps(few.exit[j].data()), ends.clear, _CMP_LT_OQ);
       const auto passed = static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
-      share_out(heritage.cell, few.set[j] & sample & passed, sample, j, children);
+      children[j].cell() = inherited(heritage.cell, count(few.set[j] & sample & passed), count(sample), j);
     }
   }
   /// ... or one.
@@ -471,16 +471,11 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     const BeamEnd<D>& end = beams_.end(beam);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const bool passed = (lone.set >> j & 1u) != 0 && (!end.is_returned() || lone.exit[j] < end.clear);
-      share_out(heritage.cell, passed, 1, j, children);
+      children[j].cell() = inherited(heritage.cell, passed, 1, j);
     }
   }
-  /// @param passed set of those that passed the child, of a sample.
-  void share_out(const EvidenceCell& parent, std::uint32_t passed, std::uint32_t sample, std::size_t child,
-                 typename Tree::NodeType* children) const {
-    const auto count = [](std::uint32_t set) { return static_cast<std::size_t>(__builtin_popcount(set)); };
-    children[child].cell() =
-        refinement_.model.inherited(parent, kShareDivisor<Tree>, count(passed), count(sample),
-                                    CellParts<N, D>::of_child(static_cast<int>(child)));
+  [[nodiscard]] static std::size_t count(std::uint32_t set) {
+    return static_cast<std::size_t>(__builtin_popcount(set));
   }
   // What few beams rarely do:
   template <class Beams>
@@ -561,10 +556,14 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                  const Crossings& list, const LeafSample<D>& sample) const {
     std::size_t beams = 0;
     sample.for_each_part(beams_, list, [&](const Crossings& part) { beams += part.size; });
-    for (int j = 0; j < kNumChildren; ++j)
-      children[j].cell() =
-          refinement_.model.inherited(parent, kShareDivisor<Tree>, count_passed(lists.of(j), sample), beams,
-                                      CellParts<N, D>::of_child(j));
+    for (std::size_t j = 0; j < kNumChildren; ++j)
+      children[j].cell() = inherited(parent, count_passed(lists.of(static_cast<int>(j)), sample), beams, j);
+  }
+  /// @param passed of so many beams.
+  [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, std::size_t passed, std::size_t beams,
+                                       std::size_t child) const {
+    return refinement_.model.inherited(parent, kShareDivisor<Tree>, passed, beams,
+                                       CellParts<N, D>::of_child(static_cast<int>(child)));
   }
   /// Those at whose exit the beam has clearly not met anything.
   [[nodiscard]] std::size_t count_passed(const Crossings& list, const LeafSample<D>& sample) const {
