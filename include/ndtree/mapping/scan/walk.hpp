@@ -7,7 +7,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
-#include <type_traits>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
@@ -174,7 +173,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     }
     takes_all = takes_all || shares_.all_take_all(ref.index, list);
 #ifdef NDTREE_HAS_EIGHTS
-    if (are_few(ref, list)) return update_children_of_few(ref, list, nullptr, takes_all);
+    if (are_few(ref, list)) return update_children_of_few(ref, list, takes_all);
 #endif
     const CrossingStack::Mark mark = stack_.mark();
     return update_children(ref, hand_down(ref.index, list, takes_all), mark, false, takes_all);
@@ -242,8 +241,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 #ifdef NDTREE_HAS_EIGHTS
     if (are_few(leaf, list)) {
       tree_.split_node(*leaf.node, {}, arena_);
-      const Heritage heritage{parent, sample};
-      return update_children_of_few(leaf, list, &heritage, takes_all);
+      const Heritage heritage{parent, places_of(sample, list)};
+      return update_children_of_few(leaf, list, takes_all, &heritage);
     }
 #endif
     const Lists lists = hand_down(leaf.index, list, takes_all);
@@ -283,18 +282,25 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return list.size <= Few::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
            evidence_.takes_few(ref.index.level);
   }
-  /// What a leaf that was split knew, and the sample of its beams that counted in it.
+  /// What a leaf that was split knew, and which of its few beams counted in it.
   struct Heritage {
     const EvidenceCell& cell;
-    const LeafSample<D>& sample;
+    std::uint32_t sample;
   };
+  [[nodiscard]] std::uint32_t places_of(const LeafSample<D>& sample, const Crossings& list) const {
+    std::uint32_t set = 0;
+    sample.for_each_part(beams_, list, [&](const Crossings& part) {
+      set |= ((1u << part.size) - 1) << (part.beam - list.beam);
+    });
+    return set;
+  }
   [[nodiscard]] static bool has_heirs(const Heritage* heritage) {
     return heritage != nullptr && EvidenceModel::has_heirs(heritage->cell);
   }
   /// update_children() of few beams, not none.
   /// @param heritage of a node that was split; else null.
-  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list,
-                                               const Heritage* heritage, bool takes_all) {
+  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list, bool takes_all,
+                                               const Heritage* heritage = nullptr) {
     if constexpr (Clip::kFitLanes) {
       if (list.size == 1) {
         const LoneBeam beam = lone_beam(list.beam[0], list.enter()[0], list.exit()[0]);
@@ -313,9 +319,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     pace_.spend(Few::kMost);
     Few few(beams);
     clip_(ref.index, crossings, few);
-    if constexpr (std::is_same_v<SomeCrossings, Crossings>) {
-      if (has_heirs(heritage)) share_out(*heritage, crossings, few, tree_.children(*ref.node));
-    }
+    if (has_heirs(heritage)) share_out(*heritage, few, tree_.children(*ref.node));
     const bool was_split = heritage != nullptr;
     typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
     const Children children(tree_, ref);
@@ -450,13 +454,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return update_children_of_one(inner, beam, takes_all || shares_.all_take_all(inner.index, beam.face));
   }
   /// share_out() to the children that few beams cross ...
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const Heritage& heritage, const Crossings& list,
-                                                      const Few& few,
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const Heritage& heritage, const Few& few,
                                                       typename Tree::NodeType* children) const {
-    std::uint32_t sample = 0;
-    heritage.sample.for_each_part(beams_, list, [&](const Crossings& part) {
-      sample |= ((1u << part.size) - 1) << (part.beam - list.beam);
-    });
+    const std::uint32_t sample = heritage.sample;
     const EightEnds<D>& ends = beams_.ends_of(few.beams);
     const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
@@ -471,7 +471,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     const BeamEnd<D>& end = beams_.end(beam);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const bool passed = (lone.set >> j & 1u) != 0 && (!end.is_returned() || lone.exit[j] < end.clear);
-      children[j].cell() = inherited(heritage.cell, passed, 1, j);
+      children[j].cell() = inherited(heritage.cell, passed, count(heritage.sample), j);
     }
   }
   [[nodiscard]] static std::size_t count(std::uint32_t set) {
