@@ -29,6 +29,8 @@ class ChildClip {
   ChildClip(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams)
       : geometry_(geometry), beams_(beams), width_(beams.width()) {}
 
+  [[nodiscard]] const LatticeGeometry<N, D>& geometry() const { return geometry_; }
+
   /// Lists for the children, as long as they may get, and empty.
   [[nodiscard]] Lists lists_for(const CellIndex<D>& node, const Crossings& list, CrossingStack& stack) const {
     Lists lists;

@@ -8,11 +8,15 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/shares.hpp"
+#include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {
 
@@ -57,6 +61,23 @@ class LeafCoverage {
               Sum::seen((exit - enter) * along * per_child,
                         widths.per_depth > 0.0f ? middle * widths.per_depth : widths.fixed));
     });
+  }
+  /// Whether enough of a leaf was seen to update it as a whole.
+  /// @param sample which beams of its list count in it.
+  [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
+                                      const Crossings& list, const LeafSample<D>& sample,
+                                      const CoverageModel& model) const {
+    const LatticeGeometry<N, D>& geometry = clip_.geometry();
+    const float per_child = 1.0f / static_cast<float>(geometry.cell_size(leaf.level - 1));
+    Sum sum;
+    sample.for_each_share(beams_, list, [&](const ScanFace<D>& face, float share, const Crossings& part) {
+      // Those of a sample stand for those that are not in it, too.
+      const BeamWidths widths{face.width_of_beam() * BeamShares<N, D>::widening(share) * per_child,
+                              static_cast<float>(geometry.unit()) * per_child};
+      (*this)(leaf, part, per_child, widths, sum);
+    });
+    const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
+    return model.judge(sum, seen_before, geometry.cell_size(leaf.level) / geometry.unit());
   }
 
  private:

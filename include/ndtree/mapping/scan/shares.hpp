@@ -112,6 +112,24 @@ class BeamShares {
     });
   }
 
+  /// How many beams end in a leaf that is learning, of a sample, for each that would cross it if beams were
+  /// spread evenly.
+  [[nodiscard]] double ends_for_each_expected(const CellIndex<D>& leaf, const Crossings& list,
+                                              LeafSample<D>& sample) const {
+    double sum = 0.0;
+    take(leaf, list, false, sample, [&](const ScanFace<D>& face, float share, const Crossings& part) {
+      std::size_t ends = 0;
+      for (std::size_t i = 0; i < part.size; ++i) {
+        const std::uint32_t beam = part.beam[i];
+        ends += beams_.end(beam).is_returned() && geometry_.contains(leaf, beams_.end_cell(beam));
+      }
+      float expected = 1.0f;
+      if (!face.is_lone() && ends > 0) expected = std::max(1.0f, share * expected_beams(leaf, face));
+      sum += static_cast<double>(ends) / static_cast<double>(expected);
+    });
+    return sum;
+  }
+
   /// The face of beams that are all of one, as most are; else null.
   template <class Beams>
   [[nodiscard]] const ScanFace<D>* only_face_of(const Beams& beams) const {

@@ -3,10 +3,8 @@
 /// A whole scan into the tree at once: every node hands the beams that cross it down to its children.
 #pragma once
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
@@ -20,6 +18,7 @@
 #include "ndtree/mapping/scan/coverage.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/inheritance.hpp"
 #include "ndtree/mapping/scan/leaf.hpp"
 #include "ndtree/mapping/scan/shares.hpp"
 #include "ndtree/mapping/update_counters.hpp"
@@ -52,6 +51,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
         evidence_(tree.geometry(), beams, refinement.model, sensor),
         coverage_(beams, clip_),
         shares_(tree.geometry(), beams, refinement.model),
+        inheritance_(refinement.model, beams),
         summary_(refinement.model),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
@@ -183,7 +183,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     bool is_known = refinement_.model.is_known(leaf.cell());
     if (is_known && refinement_.model.is_settled(leaf.cell())) {
       if (evidence_.all_pass(list)) return false;
-      is_known = !is_contradicted(leaf.index, list);
+      is_known = !(shares_.ends_for_each_expected(leaf.index, list, sample_) >
+                   refinement_.split_test.model().free_until());
     }
     if (!takes_all && !shares_.takes_all(leaf.index, list, is_known))
       return update_by_sample(leaf, list, is_known);
@@ -221,7 +222,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// A leaf that was never observed, and that beams have only passed.
   bool update_unseen(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample,
                      const ScanEvidence& scan, bool takes_all) {
-    const CoverageVerdict seen = look_at_coverage(leaf, list, sample);
+    const CoverageVerdict seen = coverage_.judge(leaf.index, leaf.cell(), list, sample, refinement_.coverage);
     if (seen.shows_more) return split(leaf, list, sample, takes_all);
     if (!seen.is_enough) return counted(refinement_.model.remember(leaf.cell(), seen.parts, scan), scan);
     return update(leaf.cell(), scan);
@@ -241,13 +242,13 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 #ifdef NDTREE_HAS_EIGHTS
     if (are_few(leaf, list)) {
       tree_.split_node(*leaf.node, {}, arena_);
-      const Heritage heritage{parent, places_of(sample, list)};
+      const HeritageOfFew heritage = inheritance_.of_few(parent, sample, list);
       return update_children_of_few(leaf, list, takes_all, &heritage);
     }
 #endif
     const Lists lists = hand_down(leaf.index, list, takes_all);
     tree_.split_node(*leaf.node, {}, arena_);
-    if (EvidenceModel::has_heirs(parent)) share_out(parent, tree_.children(*leaf.node), lists, list, sample);
+    inheritance_.share_out(parent, sample, list, lists, tree_.children(*leaf.node));
     return update_children(leaf, lists, mark, true, takes_all);
   }
 
@@ -282,233 +283,33 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return list.size <= Few::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
            evidence_.takes_few(ref.index.level);
   }
-  /// What a leaf that was split knew, and which of its few beams counted in it.
-  struct Heritage {
-    const EvidenceCell& cell;
-    std::uint32_t sample;
-  };
-  [[nodiscard]] std::uint32_t places_of(const LeafSample<D>& sample, const Crossings& list) const {
-    std::uint32_t set = 0;
-    sample.for_each_part(beams_, list, [&](const Crossings& part) {
-      set |= ((1u << part.size) - 1) << (part.beam - list.beam);
-    });
-    return set;
-  }
-  [[nodiscard]] static bool has_heirs(const Heritage* heritage) {
-    return heritage != nullptr && EvidenceModel::has_heirs(heritage->cell);
-  }
-  /// update_children() of few beams, not none.
-  /// @param heritage of a node that was split; else null.
+  // Few beams, and those that are alone. Defined in walk_few.hpp, which whoever calls run() includes.
+  using HeritageOfFew = typename Inheritance<Tree>::OfFew;
+  struct LoneBeam;
   NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list, bool takes_all,
-                                               const Heritage* heritage = nullptr) {
-    if constexpr (Clip::kFitLanes) {
-      if (list.size == 1) {
-        const LoneBeam beam = lone_beam(list.beam[0], list.enter()[0], list.exit()[0]);
-        return update_children_of_one(ref, beam, takes_all, heritage);
-      }
-    }
-    EightBeams<D> beams;
-    beams_.look_up(detail::load_live(list.beam, detail::first_of_eight(list.size)), beams);
-    return update_children_of_few(ref, list, beams, takes_all, heritage);
-  }
-  /// @param crossings Crossings or FewBeams, of these beams.
+                                               const HeritageOfFew* heritage = nullptr);
   template <class SomeCrossings>
   NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const SomeCrossings& crossings,
                                                EightBeams<D>& beams, bool takes_all,
-                                               const Heritage* heritage = nullptr) {
-    pace_.spend(Few::kMost);
-    Few few(beams);
-    clip_(ref.index, crossings, few);
-    if (has_heirs(heritage)) share_out(*heritage, few, tree_.children(*ref.node));
-    const bool was_split = heritage != nullptr;
-    typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
-    const Children children(tree_, ref);
-    const EvidenceModel& model = refinement_.model;
-    std::optional<typename BeamShares<N, D>::Children> shares;
-    if (!takes_all) shares.emplace(shares_, ref.index, crossings);
-    bool changed = was_split;
-#pragma GCC unroll 1
-    for (int c = 0; c < kNumChildren; ++c) {
-      const FewBeams of_child{few, static_cast<std::size_t>(c)};
-      if (of_child.set() == 0) continue;
-      auto& node = children.node(c);
-      if (!node.is_leaf()) {
-        if (Summary(node.note()).is_settled() && of_child.all_pass()) continue;
-        changed = descend(children[c], of_child, takes_all) || changed;
-        continue;
-      }
-      EvidenceCell& cell = node.cell();
-      const bool is_known = model.is_known(cell);
-      if (is_known && model.is_settled(cell)) {
-        if (of_child.all_pass()) continue;
-      } else if (takes_all ||
-                 (shares->face() != nullptr ? shares->takes_all(of_child.child, is_known)
-                                            : shares_.takes_all(children[c].index, of_child, is_known))) {
-        ScanEvidence scan;
-        if (of_child.is_one())
-          OfBeam(evidence_, ref.index.level - 1, of_child.first_beam())
-              .add(children[c].index, of_child.enter_of_first(), of_child.exit_of_first(), scan);
-        else
-          evidence.add(of_child.child, scan);
-        if (few_may_be_too_many_) model.limit(scan);
-        changed = (may_divide(cell, ref.index.level - 1, scan)
-                       ? divide(children[c], of_child, scan, takes_all)
-                       : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
-                  changed;
-        continue;
-      } else if (const ScanFace<D>* const face = shares_.only_face_of(of_child)) {
-        changed = update_by_sample(ref.index, children[c], of_child, *face, is_known) || changed;
-        continue;
-      }
-      changed = update_leaf(children[c], of_child, takes_all) || changed;
-    }
-    if (!changed && ref.node->note() != 0) return false;
-    return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
-  }
-  bool descend(const Ref& inner, const FewBeams& beams, bool takes_all) {
-    if constexpr (Clip::kFitLanes) {
-      if (beams.is_one())
-        return descend(inner, lone_beam(beams.first_beam(), beams.enter_of_first(), beams.exit_of_first()),
-                       takes_all);
-    }
-    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
-    return update_children_of_few(inner, beams, beams.of.beams,
-                                  takes_all || shares_.all_take_all(inner.index, beams));
-  }
-  /// A leaf that takes a sample of few beams, all of one face. @param node the leaf's parent.
-  NDTREE_NEVER_INLINE bool update_by_sample(const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams,
-                                            const ScanFace<D>& face, bool is_known) {
-    const float share = shares_.of(leaf.index, face, is_known);
-    std::uint32_t set = beams.set();
-    std::uint32_t end = face.end_of_beams;
-    if (share < 1.0f)  // The least chance comes first.
-      for (; set != 0 && !(beams_.chance()[beams.of.last_of(set)] < share); set = beams.of.without_last(set))
-        end = beams.of.last_of(set);
-    ScanEvidence scan;
-    if (set != 0) evidence_.add(node, beams.of, beams.child, set, scan);
-    refinement_.model.limit(scan);
-    if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
-    return with_list(beams, [&](const Crossings& list) {
-      return divide_by_share(leaf, list, {&face, end, share}, scan);
-    });
-  }
-  bool divide_by_share(const Ref& leaf, const Crossings& list, const FaceShare<D>& share,
-                       const ScanEvidence& scan) {
-    sample_.clear();
-    sample_.add(share);
-    return divide(leaf, list, sample_, scan, false);
-  }
-  /// A beam that is alone in a node, and so in all nodes below; distances as in Crossings.
-  struct LoneBeam {
-    std::uint32_t number;
-    const ScanFace<D>& face;
-    float enter;
-    float exit;
-  };
-  [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, float enter, float exit) const {
-    return {number, beams_.face_of(number), enter, exit};
-  }
+                                               const HeritageOfFew* heritage = nullptr);
   NDTREE_BY_EIGHTS bool update_children_of_one(const Ref& ref, const LoneBeam& beam, bool takes_all,
-                                               const Heritage* heritage = nullptr) {
-    pace_.spend(1);
-    const BeamWay<D>& way = beams_.way(beam.number);
-    LoneCrossing lone;
-    clip_(ref.index, way, beam.enter, beam.exit, lone);
-    if (has_heirs(heritage)) share_out(*heritage, beam.number, lone, tree_.children(*ref.node));
-    const bool was_split = heritage != nullptr;
-    const OfBeam evidence(evidence_, ref.index.level - 1, beam.number);
-    const Children children(tree_, ref);
-    const EvidenceModel& model = refinement_.model;
-    bool changed = was_split;
-    for (std::uint32_t left = lone.set; left != 0; left &= left - 1) {
-      const auto c = static_cast<std::size_t>(__builtin_ctz(left));
-      const Ref child = children[static_cast<int>(c)];
-      const LoneBeam in_child{beam.number, beam.face, lone.enter[c], lone.exit[c]};
-      const bool passes = in_child.exit < way.pass;
-      if (!child.is_leaf()) {
-        if (Summary(child.node->note()).is_settled() && passes) continue;
-        changed = descend(child, in_child, takes_all) || changed;
-        continue;
-      }
-      EvidenceCell& cell = child.cell();
-      const bool is_known = model.is_known(cell);
-      if (is_known && model.is_settled(cell)) {
-        if (!passes) changed = update_leaf(child, in_child, takes_all) || changed;
-        continue;
-      }
-      const float share = takes_all ? 1.0f : shares_.of(child.index, beam.face, is_known);
-      if (share < 1.0f && !(beams_.chance()[beam.number] < share)) continue;
-      ScanEvidence scan;
-      evidence.add(child.index, in_child.enter, in_child.exit, scan);
-      if (few_may_be_too_many_) model.limit(scan);
-      changed = (may_divide(cell, child.index.level, scan)
-                     ? divide(child, in_child, share, scan, takes_all)
-                     : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
-                changed;
-    }
-    if (!changed && ref.node->note() != 0) return false;
-    return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
-  }
-  bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all) {
-    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
-    return update_children_of_one(inner, beam, takes_all || shares_.all_take_all(inner.index, beam.face));
-  }
-  /// share_out() to the children that few beams cross ...
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const Heritage& heritage, const Few& few,
-                                                      typename Tree::NodeType* children) const {
-    const std::uint32_t sample = heritage.sample;
-    const EightEnds<D>& ends = beams_.ends_of(few.beams);
-    const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
-    for (std::size_t j = 0; j < kNumChildren; ++j) {
-      const __m256 is_clear = _mm256_cmp_ps(_mm256_load_ps(few.exit[j].data()), ends.clear, _CMP_LT_OQ);
-      const auto passed = static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
-      children[j].cell() = inherited(heritage.cell, count(few.set[j] & sample & passed), count(sample), j);
-    }
-  }
-  /// ... or one.
-  NDTREE_NEVER_INLINE void share_out(const Heritage& heritage, std::uint32_t beam, const LoneCrossing& lone,
-                                     typename Tree::NodeType* children) const {
-    const BeamEnd<D>& end = beams_.end(beam);
-    for (std::size_t j = 0; j < kNumChildren; ++j) {
-      const bool passed = (lone.set >> j & 1u) != 0 && (!end.is_returned() || lone.exit[j] < end.clear);
-      children[j].cell() = inherited(heritage.cell, passed, count(heritage.sample), j);
-    }
-  }
-  [[nodiscard]] static std::size_t count(std::uint32_t set) {
-    return static_cast<std::size_t>(__builtin_popcount(set));
-  }
-  // What few beams rarely do:
+                                               const HeritageOfFew* heritage = nullptr);
+  bool descend(const Ref& inner, const FewBeams& beams, bool takes_all);
+  bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all);
+  NDTREE_NEVER_INLINE bool update_by_sample(const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams,
+                                            const ScanFace<D>& face, bool is_known);
   template <class Beams>
-  bool update_leaf(const Ref& leaf, const Beams& beams, bool takes_all) {
-    return with_list(beams, [&](const Crossings& list) { return update_leaf(leaf, list, takes_all); });
-  }
-  bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, bool takes_all) {
-    return with_list(beams, [&](const Crossings& list) { return divide(leaf, list, all_, scan, takes_all); });
-  }
+  bool update_leaf(const Ref& leaf, const Beams& beams, bool takes_all);
+  bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, bool takes_all);
   NDTREE_NEVER_INLINE bool divide(const Ref& leaf, const LoneBeam& beam, float share,
-                                  const ScanEvidence& scan, bool takes_all) {
-    return with_list(beam, [&](const Crossings& list) {
-      return share < 1.0f ? divide_by_share(leaf, list, {&beam.face, beam.face.end_of_beams, share}, scan)
-                          : divide(leaf, list, all_, scan, takes_all);
-    });
-  }
-  /// Calls `use(list)` with the beams in a list.
+                                  const ScanEvidence& scan, bool takes_all);
+  bool divide_by_share(const Ref& leaf, const Crossings& list, const FaceShare<D>& share,
+                       const ScanEvidence& scan);
+  [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, float enter, float exit) const;
   template <class Beams, class Use>
-  bool with_list(const Beams& beams, const Use& use) {
-    const CrossingStack::Mark mark = stack_.mark();
-    Crossings list = stack_.allocate(Few::kMost + Crossings::kSlack);
-    write(beams, list);
-    const bool result = use(list);
-    stack_.release(mark);
-    return result;
-  }
-  void write(const FewBeams& beams, Crossings& list) const { clip_.write(beams, list); }
-  void write(const LoneBeam& beam, Crossings& list) const {
-    list.beam[0] = beam.number;
-    list.enter()[0] = beam.enter;
-    list.exit()[0] = beam.exit;
-    list.size = 1;
-  }
+  bool with_list(const Beams& beams, const Use& use);
+  void write(const FewBeams& beams, Crossings& list) const;
+  void write(const LoneBeam& beam, Crossings& list) const;
 #endif
   /// The children of an inner node, by their numbers.
   class Children {
@@ -551,68 +352,6 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return true;
   }
 
-  /// Gives children what is due to them of what their parent knew.
-  void share_out(const EvidenceCell& parent, typename Tree::NodeType* children, const Lists& lists,
-                 const Crossings& list, const LeafSample<D>& sample) const {
-    std::size_t beams = 0;
-    sample.for_each_part(beams_, list, [&](const Crossings& part) { beams += part.size; });
-    for (std::size_t j = 0; j < kNumChildren; ++j)
-      children[j].cell() = inherited(parent, count_passed(lists.of(static_cast<int>(j)), sample), beams, j);
-  }
-  /// @param passed of so many beams.
-  [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, std::size_t passed, std::size_t beams,
-                                       std::size_t child) const {
-    return refinement_.model.inherited(parent, kShareDivisor<Tree>, passed, beams,
-                                       CellParts<N, D>::of_child(static_cast<int>(child)));
-  }
-  /// Those at whose exit the beam has clearly not met anything.
-  [[nodiscard]] std::size_t count_passed(const Crossings& list, const LeafSample<D>& sample) const {
-    std::size_t n = 0;
-    sample.for_each_part(beams_, list, [&](const Crossings& part) {
-      for (std::size_t i = 0; i < part.size; ++i) {
-        const std::uint32_t beam = part.beam[i];
-        const BeamEnd<D>& end = beams_.end(beam);
-        n += !end.is_returned() || part.exit()[i] < end.clear;
-      }
-    });
-    return n;
-  }
-
-  /// Whether more beams end in a leaf that knows as much free space as it can than the sensor's errors
-  /// explain, of those of a sample that would cross it if they were spread evenly.
-  [[nodiscard]] bool is_contradicted(const CellIndex<D>& leaf, const Crossings& list) {
-    double blocked = 0.0;
-    shares_.take(
-        leaf, list, false, sample_, [&](const ScanFace<D>& face, float share, const Crossings& part) {
-          std::size_t ends = 0;
-          for (std::size_t i = 0; i < part.size; ++i) {
-            const std::uint32_t beam = part.beam[i];
-            ends += beams_.end(beam).is_returned() && tree_.geometry().contains(leaf, beams_.end_cell(beam));
-          }
-          float expected = 1.0f;
-          if (!face.is_lone() && ends > 0)
-            expected = std::max(1.0f, share * shares_.expected_beams(leaf, face));
-          blocked += static_cast<double>(ends) / static_cast<double>(expected);
-        });
-    return blocked > refinement_.split_test.model().free_until();
-  }
-
-  /// Whether enough of a leaf was seen to update it as a whole.
-  [[nodiscard]] CoverageVerdict look_at_coverage(const Ref& leaf, const Crossings& list,
-                                                 const LeafSample<D>& sample) const {
-    const float per_child = 1.0f / static_cast<float>(tree_.geometry().cell_size(leaf.index.level - 1));
-    ScanCoverage<N, D> coverage;
-    sample.for_each_share(beams_, list, [&](const ScanFace<D>& face, float share, const Crossings& part) {
-      // Those of a sample stand for those that are not in it, too.
-      const BeamWidths widths{face.width_of_beam() * shares_.widening(share) * per_child,
-                              static_cast<float>(tree_.geometry().unit()) * per_child};
-      coverage_(leaf.index, part, per_child, widths, coverage);
-    });
-    const EvidenceCell& cell = leaf.cell();
-    const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
-    return refinement_.coverage.judge(coverage, seen_before,
-                                      tree_.geometry().cell_size(leaf.index.level) / tree_.geometry().unit());
-  }
   static constexpr std::size_t kMany = 8000;  // Beams: where their lists lie apart, caches lack room.
 
   Tree& tree_;
@@ -625,6 +364,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   const LeafEvidence<N, D, Sensor> evidence_;
   const LeafCoverage<N, D> coverage_;
   const BeamShares<N, D> shares_;
+  const Inheritance<Tree> inheritance_;
   const EvidenceSummary<kNumChildren> summary_;
   const int finest_level_;
   const int coarsest_level_;

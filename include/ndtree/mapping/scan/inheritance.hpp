@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What a leaf that splits hands down of what it knew.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/cell/partial_occupancy.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/scan/shares.hpp"
+
+namespace ndtree {
+
+/// Gives the children of a leaf what is due to them of what it knew, by how many of the beams that counted in
+/// it have passed each: have left it before they could have met anything.
+template <class Tree>
+class Inheritance {
+  static constexpr int N = Tree::kBranching;
+  static constexpr int D = Tree::kDim;
+  static constexpr int kNumChildren = Tree::kNumChildren;
+  using NodeType = typename Tree::NodeType;
+
+ public:
+  Inheritance(const EvidenceModel& model, const ScanBeams<D>& beams) : model_(model), beams_(beams) {}
+
+  /// @param leaf what it knew. @param sample which beams of its list counted.
+  /// @param lists of its children.
+  void share_out(const EvidenceCell& leaf, const LeafSample<D>& sample, const Crossings& list,
+                 const SiblingLists<kNumChildren>& lists, NodeType* children) const {
+    if (!EvidenceModel::has_heirs(leaf)) return;
+    std::size_t beams = 0;
+    sample.for_each_part(beams_, list, [&](const Crossings& part) { beams += part.size; });
+    for (std::size_t j = 0; j < kNumChildren; ++j)
+      children[j].cell() = inherited(leaf, count_passed(lists.of(static_cast<int>(j)), sample), beams, j);
+  }
+
+#ifdef NDTREE_HAS_EIGHTS
+  /// The same of few beams.
+  struct OfFew {
+    const EvidenceCell& leaf;
+    std::uint32_t sample;  ///< The set of those that counted, by their places in the list.
+  };
+  [[nodiscard]] OfFew of_few(const EvidenceCell& leaf, const LeafSample<D>& sample,
+                             const Crossings& list) const {
+    std::uint32_t set = 0;
+    sample.for_each_part(beams_, list, [&](const Crossings& part) {
+      set |= ((1u << part.size) - 1) << (part.beam - list.beam);
+    });
+    return {leaf, set};
+  }
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const OfFew& of_few,
+                                                      const FewCrossings<D, kNumChildren>& few,
+                                                      NodeType* children) const {
+    if (!EvidenceModel::has_heirs(of_few.leaf)) return;
+    const EightEnds<D>& ends = beams_.ends_of(few.beams);
+    const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
+    for (std::size_t j = 0; j < kNumChildren; ++j) {
+      const __m256 is_clear = _mm256_cmp_ps(_mm256_load_ps(few.exit[j].data()), ends.clear, _CMP_LT_OQ);
+      const auto passed = static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
+      children[j].cell() =
+          inherited(of_few.leaf, count(few.set[j] & of_few.sample & passed), count(of_few.sample), j);
+    }
+  }
+  /// @param lone the beam, alone in the leaf, by its number.
+  NDTREE_NEVER_INLINE void share_out(const OfFew& of_few, std::uint32_t beam, const LoneCrossing& lone,
+                                     NodeType* children) const {
+    if (!EvidenceModel::has_heirs(of_few.leaf)) return;
+    for (std::size_t j = 0; j < kNumChildren; ++j)
+      children[j].cell() = inherited(of_few.leaf, (lone.set >> j & 1u) != 0 && has_passed(beam, lone.exit[j]),
+                                     count(of_few.sample), j);
+  }
+#endif
+
+ private:
+  /// @param passed of so many beams.
+  [[nodiscard]] EvidenceCell inherited(const EvidenceCell& leaf, std::size_t passed, std::size_t beams,
+                                       std::size_t child) const {
+    return model_.inherited(leaf, kShareDivisor<Tree>, passed, beams,
+                            CellParts<N, D>::of_child(static_cast<int>(child)));
+  }
+  [[nodiscard]] std::size_t count_passed(const Crossings& list, const LeafSample<D>& sample) const {
+    std::size_t n = 0;
+    sample.for_each_part(beams_, list, [&](const Crossings& part) {
+      for (std::size_t i = 0; i < part.size; ++i) n += has_passed(part.beam[i], part.exit()[i]);
+    });
+    return n;
+  }
+  /// Whether a beam has clearly not met anything where it leaves a cell.
+  [[nodiscard]] bool has_passed(std::uint32_t beam, float exit) const {
+    const BeamEnd<D>& end = beams_.end(beam);
+    return !end.is_returned() || exit < end.clear;
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  [[nodiscard]] static std::size_t count(std::uint32_t set) {
+    return static_cast<std::size_t>(__builtin_popcount(set));
+  }
+#endif
+
+  const EvidenceModel& model_;
+  const ScanBeams<D>& beams_;
+};
+
+}  // namespace ndtree

@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The walk of few beams: what a node of few, or of one, does without lists of its own.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+#include "ndtree/mapping/scan/walk.hpp"
+
+namespace ndtree {
+
+#ifdef NDTREE_HAS_EIGHTS
+
+/// update_children() of few beams, not none.
+/// @param heritage of a node that was split; else null.
+template <class Tree, class Refinement, class Sensor>
+NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_few(
+    const Ref& ref, const Crossings& list, bool takes_all, const HeritageOfFew* heritage) {
+  if constexpr (Clip::kFitLanes) {
+    if (list.size == 1) {
+      const LoneBeam beam = lone_beam(list.beam[0], list.enter()[0], list.exit()[0]);
+      return update_children_of_one(ref, beam, takes_all, heritage);
+    }
+  }
+  EightBeams<D> beams;
+  beams_.look_up(detail::load_live(list.beam, detail::first_of_eight(list.size)), beams);
+  return update_children_of_few(ref, list, beams, takes_all, heritage);
+}
+
+/// @param crossings Crossings or FewBeams, of these beams.
+template <class Tree, class Refinement, class Sensor>
+template <class SomeCrossings>
+NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_few(
+    const Ref& ref, const SomeCrossings& crossings, EightBeams<D>& beams, bool takes_all,
+    const HeritageOfFew* heritage) {
+  pace_.spend(Few::kMost);
+  Few few(beams);
+  clip_(ref.index, crossings, few);
+  if (heritage != nullptr) inheritance_.share_out(*heritage, few, tree_.children(*ref.node));
+  const bool was_split = heritage != nullptr;
+  typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
+  const Children children(tree_, ref);
+  const EvidenceModel& model = refinement_.model;
+  std::optional<typename BeamShares<N, D>::Children> shares;
+  if (!takes_all) shares.emplace(shares_, ref.index, crossings);
+  bool changed = was_split;
+#pragma GCC unroll 1
+  for (int c = 0; c < kNumChildren; ++c) {
+    const FewBeams of_child{few, static_cast<std::size_t>(c)};
+    if (of_child.set() == 0) continue;
+    auto& node = children.node(c);
+    if (!node.is_leaf()) {
+      if (Summary(node.note()).is_settled() && of_child.all_pass()) continue;
+      changed = descend(children[c], of_child, takes_all) || changed;
+      continue;
+    }
+    EvidenceCell& cell = node.cell();
+    const bool is_known = model.is_known(cell);
+    if (is_known && model.is_settled(cell)) {
+      if (of_child.all_pass()) continue;
+    } else if (takes_all ||
+               (shares->face() != nullptr ? shares->takes_all(of_child.child, is_known)
+                                          : shares_.takes_all(children[c].index, of_child, is_known))) {
+      ScanEvidence scan;
+      if (of_child.is_one())
+        OfBeam(evidence_, ref.index.level - 1, of_child.first_beam())
+            .add(children[c].index, of_child.enter_of_first(), of_child.exit_of_first(), scan);
+      else
+        evidence.add(of_child.child, scan);
+      if (few_may_be_too_many_) model.limit(scan);
+      changed = (may_divide(cell, ref.index.level - 1, scan)
+                     ? divide(children[c], of_child, scan, takes_all)
+                     : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
+                changed;
+      continue;
+    } else if (const ScanFace<D>* const face = shares_.only_face_of(of_child)) {
+      changed = update_by_sample(ref.index, children[c], of_child, *face, is_known) || changed;
+      continue;
+    }
+    changed = update_leaf(children[c], of_child, takes_all) || changed;
+  }
+  if (!changed && ref.node->note() != 0) return false;
+  return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
+}
+
+template <class Tree, class Refinement, class Sensor>
+inline bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const FewBeams& beams,
+                                                        bool takes_all) {
+  if constexpr (Clip::kFitLanes) {
+    if (beams.is_one())
+      return descend(inner, lone_beam(beams.first_beam(), beams.enter_of_first(), beams.exit_of_first()),
+                     takes_all);
+  }
+  if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
+  return update_children_of_few(inner, beams, beams.of.beams,
+                                takes_all || shares_.all_take_all(inner.index, beams));
+}
+
+/// A leaf that takes a sample of few beams, all of one face. @param node the leaf's parent.
+template <class Tree, class Refinement, class Sensor>
+bool ScanWalk<Tree, Refinement, Sensor>::update_by_sample(const CellIndex<D>& node, const Ref& leaf,
+                                                          const FewBeams& beams, const ScanFace<D>& face,
+                                                          bool is_known) {
+  const float share = shares_.of(leaf.index, face, is_known);
+  std::uint32_t set = beams.set();
+  std::uint32_t end = face.end_of_beams;
+  if (share < 1.0f)  // The least chance comes first.
+    for (; set != 0 && !(beams_.chance()[beams.of.last_of(set)] < share); set = beams.of.without_last(set))
+      end = beams.of.last_of(set);
+  ScanEvidence scan;
+  if (set != 0) evidence_.add(node, beams.of, beams.child, set, scan);
+  refinement_.model.limit(scan);
+  if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
+  return with_list(beams, [&](const Crossings& list) {
+    return divide_by_share(leaf, list, {&face, end, share}, scan);
+  });
+}
+
+template <class Tree, class Refinement, class Sensor>
+inline bool ScanWalk<Tree, Refinement, Sensor>::divide_by_share(const Ref& leaf, const Crossings& list,
+                                                                const FaceShare<D>& share,
+                                                                const ScanEvidence& scan) {
+  sample_.clear();
+  sample_.add(share);
+  return divide(leaf, list, sample_, scan, false);
+}
+
+/// A beam that is alone in a node, and so in all nodes below; distances as in Crossings.
+template <class Tree, class Refinement, class Sensor>
+struct ScanWalk<Tree, Refinement, Sensor>::LoneBeam {
+  std::uint32_t number;
+  const ScanFace<D>& face;
+  float enter;
+  float exit;
+};
+
+template <class Tree, class Refinement, class Sensor>
+inline auto ScanWalk<Tree, Refinement, Sensor>::lone_beam(std::uint32_t number, float enter, float exit) const
+    -> LoneBeam {
+  return {number, beams_.face_of(number), enter, exit};
+}
+
+template <class Tree, class Refinement, class Sensor>
+NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_one(
+    const Ref& ref, const LoneBeam& beam, bool takes_all, const HeritageOfFew* heritage) {
+  pace_.spend(1);
+  const BeamWay<D>& way = beams_.way(beam.number);
+  LoneCrossing lone;
+  clip_(ref.index, way, beam.enter, beam.exit, lone);
+  if (heritage != nullptr) inheritance_.share_out(*heritage, beam.number, lone, tree_.children(*ref.node));
+  const bool was_split = heritage != nullptr;
+  const OfBeam evidence(evidence_, ref.index.level - 1, beam.number);
+  const Children children(tree_, ref);
+  const EvidenceModel& model = refinement_.model;
+  bool changed = was_split;
+  for (std::uint32_t left = lone.set; left != 0; left &= left - 1) {
+    const auto c = static_cast<std::size_t>(__builtin_ctz(left));
+    const Ref child = children[static_cast<int>(c)];
+    const LoneBeam in_child{beam.number, beam.face, lone.enter[c], lone.exit[c]};
+    const bool passes = in_child.exit < way.pass;
+    if (!child.is_leaf()) {
+      if (Summary(child.node->note()).is_settled() && passes) continue;
+      changed = descend(child, in_child, takes_all) || changed;
+      continue;
+    }
+    EvidenceCell& cell = child.cell();
+    const bool is_known = model.is_known(cell);
+    if (is_known && model.is_settled(cell)) {
+      if (!passes) changed = update_leaf(child, in_child, takes_all) || changed;
+      continue;
+    }
+    const float share = takes_all ? 1.0f : shares_.of(child.index, beam.face, is_known);
+    if (share < 1.0f && !(beams_.chance()[beam.number] < share)) continue;
+    ScanEvidence scan;
+    evidence.add(child.index, in_child.enter, in_child.exit, scan);
+    if (few_may_be_too_many_) model.limit(scan);
+    changed = (may_divide(cell, child.index.level, scan)
+                   ? divide(child, in_child, share, scan, takes_all)
+                   : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
+              changed;
+  }
+  if (!changed && ref.node->note() != 0) return false;
+  return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
+}
+
+template <class Tree, class Refinement, class Sensor>
+inline bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const LoneBeam& beam,
+                                                        bool takes_all) {
+  if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
+  return update_children_of_one(inner, beam, takes_all || shares_.all_take_all(inner.index, beam.face));
+}
+
+// What few beams rarely do.
+template <class Tree, class Refinement, class Sensor>
+template <class Beams>
+inline bool ScanWalk<Tree, Refinement, Sensor>::update_leaf(const Ref& leaf, const Beams& beams,
+                                                            bool takes_all) {
+  return with_list(beams, [&](const Crossings& list) { return update_leaf(leaf, list, takes_all); });
+}
+
+template <class Tree, class Refinement, class Sensor>
+inline bool ScanWalk<Tree, Refinement, Sensor>::divide(const Ref& leaf, const FewBeams& beams,
+                                                       const ScanEvidence& scan, bool takes_all) {
+  return with_list(beams, [&](const Crossings& list) { return divide(leaf, list, all_, scan, takes_all); });
+}
+
+template <class Tree, class Refinement, class Sensor>
+bool ScanWalk<Tree, Refinement, Sensor>::divide(const Ref& leaf, const LoneBeam& beam, float share,
+                                                const ScanEvidence& scan, bool takes_all) {
+  return with_list(beam, [&](const Crossings& list) {
+    return share < 1.0f ? divide_by_share(leaf, list, {&beam.face, beam.face.end_of_beams, share}, scan)
+                        : divide(leaf, list, all_, scan, takes_all);
+  });
+}
+
+/// Calls `use(list)` with the beams in a list.
+template <class Tree, class Refinement, class Sensor>
+template <class Beams, class Use>
+inline bool ScanWalk<Tree, Refinement, Sensor>::with_list(const Beams& beams, const Use& use) {
+  const CrossingStack::Mark mark = stack_.mark();
+  Crossings list = stack_.allocate(Few::kMost + Crossings::kSlack);
+  write(beams, list);
+  const bool result = use(list);
+  stack_.release(mark);
+  return result;
+}
+
+template <class Tree, class Refinement, class Sensor>
+inline void ScanWalk<Tree, Refinement, Sensor>::write(const FewBeams& beams, Crossings& list) const {
+  clip_.write(beams, list);
+}
+template <class Tree, class Refinement, class Sensor>
+inline void ScanWalk<Tree, Refinement, Sensor>::write(const LoneBeam& beam, Crossings& list) const {
+  list.beam[0] = beam.number;
+  list.enter()[0] = beam.enter;
+  list.exit()[0] = beam.exit;
+  list.size = 1;
+}
+#endif
+
+}  // namespace ndtree
