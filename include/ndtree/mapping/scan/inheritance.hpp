@@ -8,8 +8,8 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
-#include "ndtree/cell/partial_occupancy.hpp"
 #include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/shares.hpp"
