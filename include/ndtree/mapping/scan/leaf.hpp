@@ -84,8 +84,8 @@ class LeafEvidence {
 
   /// Adds what a list's beams say about a leaf of level 0 or below.
   NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, const Crossings& list, ScanEvidence& sum) const {
-    const Size& size = size_of(leaf.level);
 #ifdef NDTREE_HAS_EIGHTS
+    const Size& size = size_of(leaf.level);
     if (width_ >= 8 && size.fits_32_bits) {
       if (list.size <= kMostAtOnce)
         add_by_eights(leaf, list, size, sum);
