@@ -53,26 +53,27 @@ class Inheritance {
     });
     return {leaf, set};
   }
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const OfFew& of_few,
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const OfFew& heritage,
                                                       const FewCrossings<D, kNumChildren>& few,
                                                       NodeType* children) const {
-    if (!EvidenceModel::has_heirs(of_few.leaf)) return;
+    if (!EvidenceModel::has_heirs(heritage.leaf)) return;
     const EightEnds<D>& ends = beams_.ends_of(few.beams);
     const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const __m256 is_clear = _mm256_cmp_ps(_mm256_load_ps(few.exit[j].data()), ends.clear, _CMP_LT_OQ);
       const auto passed = static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
       children[j].cell() =
-          inherited(of_few.leaf, count(few.set[j] & of_few.sample & passed), count(of_few.sample), j);
+          inherited(heritage.leaf, count(few.set[j] & heritage.sample & passed), count(heritage.sample), j);
     }
   }
   /// @param lone the beam, alone in the leaf, by its number.
-  NDTREE_NEVER_INLINE void share_out(const OfFew& of_few, std::uint32_t beam, const LoneCrossing& lone,
+  NDTREE_NEVER_INLINE void share_out(const OfFew& heritage, std::uint32_t beam, const LoneCrossing& lone,
                                      NodeType* children) const {
-    if (!EvidenceModel::has_heirs(of_few.leaf)) return;
+    if (!EvidenceModel::has_heirs(heritage.leaf)) return;
     for (std::size_t j = 0; j < kNumChildren; ++j)
-      children[j].cell() = inherited(of_few.leaf, (lone.set >> j & 1u) != 0 && has_passed(beam, lone.exit[j]),
-                                     count(of_few.sample), j);
+      children[j].cell() =
+          inherited(heritage.leaf, (lone.set >> j & 1u) != 0 && has_passed(beam, lone.exit[j]),
+                    count(heritage.sample), j);
   }
 #endif
 

@@ -183,8 +183,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     bool is_known = refinement_.model.is_known(leaf.cell());
     if (is_known && refinement_.model.is_settled(leaf.cell())) {
       if (evidence_.all_pass(list)) return false;
-      is_known = !(shares_.ends_for_each_expected(leaf.index, list, sample_) >
-                   refinement_.split_test.model().free_until());
+      // Unless more end in it than the sensor's errors explain: then it learns anew.
+      is_known = shares_.ends_for_each_expected(leaf.index, list, sample_) <=
+                 refinement_.split_test.model().free_until();
     }
     if (!takes_all && !shares_.takes_all(leaf.index, list, is_known))
       return update_by_sample(leaf, list, is_known);
@@ -227,7 +228,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     if (!seen.is_enough) return counted(refinement_.model.remember(leaf.cell(), seen.parts, scan), scan);
     return update(leaf.cell(), scan);
   }
-  bool update(EvidenceCell& cell, const ScanEvidence& scan) {
+  NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) {
     return scan.beams > 0 && counted(refinement_.model.update(cell, scan), scan);
   }
   bool counted(bool changed, const ScanEvidence& scan) {
@@ -285,7 +286,16 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   // Few beams, and those that are alone. Defined in walk_few.hpp, which whoever calls run() includes.
   using HeritageOfFew = typename Inheritance<Tree>::OfFew;
-  struct LoneBeam;
+  /// A beam that is alone in a node, and so in all nodes below; distances as in Crossings.
+  struct LoneBeam {
+    std::uint32_t number;
+    const ScanFace<D>& face;
+    float enter;
+    float exit;
+  };
+  [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, float enter, float exit) const {
+    return {number, beams_.face_of(number), enter, exit};
+  }
   NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list, bool takes_all,
                                                const HeritageOfFew* heritage = nullptr);
   template <class SomeCrossings>
@@ -305,7 +315,6 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                                   const ScanEvidence& scan, bool takes_all);
   bool divide_by_share(const Ref& leaf, const Crossings& list, const FaceShare<D>& share,
                        const ScanEvidence& scan);
-  [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, float enter, float exit) const;
   template <class Beams, class Use>
   bool with_list(const Beams& beams, const Use& use);
   void write(const FewBeams& beams, Crossings& list) const;

@@ -70,9 +70,8 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
       else
         evidence.add(of_child.child, scan);
       if (few_may_be_too_many_) model.limit(scan);
-      changed = (may_divide(cell, ref.index.level - 1, scan)
-                     ? divide(children[c], of_child, scan, takes_all)
-                     : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
+      changed = (may_divide(cell, ref.index.level - 1, scan) ? divide(children[c], of_child, scan, takes_all)
+                                                             : update(cell, scan)) ||
                 changed;
       continue;
     } else if (const ScanFace<D>* const face = shares_.only_face_of(of_child)) {
@@ -127,21 +126,6 @@ inline bool ScanWalk<Tree, Refinement, Sensor>::divide_by_share(const Ref& leaf,
   return divide(leaf, list, sample_, scan, false);
 }
 
-/// A beam that is alone in a node, and so in all nodes below; distances as in Crossings.
-template <class Tree, class Refinement, class Sensor>
-struct ScanWalk<Tree, Refinement, Sensor>::LoneBeam {
-  std::uint32_t number;
-  const ScanFace<D>& face;
-  float enter;
-  float exit;
-};
-
-template <class Tree, class Refinement, class Sensor>
-inline auto ScanWalk<Tree, Refinement, Sensor>::lone_beam(std::uint32_t number, float enter, float exit) const
-    -> LoneBeam {
-  return {number, beams_.face_of(number), enter, exit};
-}
-
 template <class Tree, class Refinement, class Sensor>
 NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_one(
     const Ref& ref, const LoneBeam& beam, bool takes_all, const HeritageOfFew* heritage) {
@@ -176,9 +160,8 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     ScanEvidence scan;
     evidence.add(child.index, in_child.enter, in_child.exit, scan);
     if (few_may_be_too_many_) model.limit(scan);
-    changed = (may_divide(cell, child.index.level, scan)
-                   ? divide(child, in_child, share, scan, takes_all)
-                   : scan.beams > 0 && counted(model.update(cell, scan), scan)) ||
+    changed = (may_divide(cell, child.index.level, scan) ? divide(child, in_child, share, scan, takes_all)
+                                                         : update(cell, scan)) ||
               changed;
   }
   if (!changed && ref.node->note() != 0) return false;
