@@ -80,6 +80,10 @@ struct EvidenceRefinement {
     if (scan.resolvable_misses + scan.deep_hits == 0) return false;
     return split_test(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
   }
+  /// Whether the cell splits whatever other beams of the scan say: what it knew is not that it is occupied.
+  [[nodiscard]] bool splits_anyway(const EvidenceCell& cell, const ScanEvidence& scan) const {
+    return cell.state() != CellState::occupied && splits(cell, scan);
+  }
 };
 
 /// Every cell that a beam updates has min_cell_size: the fixed-resolution grid, by the same code.

@@ -98,6 +98,24 @@ class BeamShares {
     return std::min(1.0f,
                     sample_beams_[is_known] / face.expected_beams(depth_of(leaf, face), smallest_size_));
   }
+  /// How far a share of a part of a list goes, of one face: rarely far, so doubled steps from the first.
+  [[nodiscard]] std::size_t end_of_share(const Crossings& list, std::size_t first, std::size_t last,
+                                         float share) const {
+    const float* const chance = beams_.chance();
+    if (!(share < 1.0f) || chance[list.beam[last - 1]] < share) return last;
+    const auto counts = [&](std::uint32_t beam) { return chance[beam] < share; };
+    std::size_t step = 1;
+    for (; first + step < last && counts(list.beam[first + step - 1]); step *= 2) first += step;
+    return static_cast<std::size_t>(
+        std::partition_point(list.beam + first, list.beam + std::min(first + step, last), counts) -
+        list.beam);
+  }
+  /// A share of a face's beams, of which a list has those before this place.
+  /// @param last the end of the list's beams of that face.
+  [[nodiscard]] static FaceShare<D> ending_at(std::size_t end, const ScanFace<D>& face, float share,
+                                              const Crossings& list, std::size_t last) {
+    return {&face, end < last ? list.beam[end] : face.end_of_beams, share};
+  }
   /// Finds out which beams of a list count in a leaf. Calls `visit(face, share, list)` for those of each
   /// face, if there are any.
   template <class Visit>
@@ -107,7 +125,7 @@ class BeamShares {
     for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
       const float share = of(leaf, face, is_known);
       const std::size_t end = end_of_share(list, first, last, share);
-      sample.add({&face, end < last ? list.beam[end] : face.end_of_beams, share});
+      sample.add(ending_at(end, face, share, list, last));
       if (first < end) visit(face, share, list.part(first, end));
     });
   }
@@ -231,19 +249,6 @@ class BeamShares {
   };
 
  private:
-  /// How far a share of a part of a list goes, of one face: rarely far, so doubled steps from the first.
-  [[nodiscard]] std::size_t end_of_share(const Crossings& list, std::size_t first, std::size_t last,
-                                         float share) const {
-    const float* const chance = beams_.chance();
-    if (!(share < 1.0f) || chance[list.beam[last - 1]] < share) return last;
-    const auto counts = [&](std::uint32_t beam) { return chance[beam] < share; };
-    std::size_t step = 1;
-    for (; first + step < last && counts(list.beam[first + step - 1]); step *= 2) first += step;
-    return static_cast<std::size_t>(
-        std::partition_point(list.beam + first, list.beam + std::min(first + step, last), counts) -
-        list.beam);
-  }
-
   [[nodiscard]] double border(const CellIndex<D>& cell, int axis, bool upper) const {
     return geometry_.border(cell.lower[static_cast<std::size_t>(axis)] +
                             (upper ? geometry_.edge(cell.level) : 0));

@@ -3,6 +3,7 @@
 /// A whole scan into the tree at once: every node hands the beams that cross it down to its children.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 
@@ -187,10 +188,14 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       is_known = shares_.ends_for_each_expected(leaf.index, list, sample_) <=
                  refinement_.split_test.model().free_until();
     }
-    if (!takes_all && !shares_.takes_all(leaf.index, list, is_known))
-      return update_by_sample(leaf, list, is_known);
+    if (!takes_all) {
+      const ScanFace<D>* const face = shares_.only_face_of(list);
+      if (face == nullptr) return update_by_sample(leaf, list, is_known);
+      const float share = shares_.of(leaf.index, *face, is_known);
+      if (share < 1.0f) return update_by_share(leaf, list, *face, share);
+    }
     ScanEvidence scan;
-    evidence_.add(leaf.index, list, scan);
+    add(leaf, list, scan);
     refinement_.model.limit(scan);
     return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, all_, scan, takes_all)
                                                            : update(leaf.cell(), scan);
@@ -198,11 +203,39 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   bool update_by_sample(const Ref& leaf, const Crossings& list, bool is_known) {
     ScanEvidence scan;
     shares_.take(leaf.index, list, is_known, sample_, [&](const ScanFace<D>&, float, const Crossings& part) {
-      evidence_.add(leaf.index, part, scan);
+      add(leaf, part, scan);
     });
     refinement_.model.limit(scan);
     return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, sample_, scan, false)
                                                            : update(leaf.cell(), scan);
+  }
+  /// The same of a list of one face.
+  bool update_by_share(const Ref& leaf, const Crossings& list, const ScanFace<D>& face, float share) {
+    const std::size_t end = shares_.end_of_share(list, 0, list.size, share);
+    ScanEvidence scan;
+    if (end > 0) add(leaf, list.part(0, end), scan);
+    refinement_.model.limit(scan);
+    if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
+    return divide_by_share(leaf, list, shares_.ending_at(end, face, share, list, list.size), scan);
+  }
+  bool divide_by_share(const Ref& leaf, const Crossings& list, const FaceShare<D>& share,
+                       const ScanEvidence& scan) {
+    sample_.clear();
+    sample_.add(share);
+    return divide(leaf, list, sample_, scan, false);
+  }
+  /// Adds what beams say about a leaf, until it is certain that it splits: then they are its children's.
+  NDTREE_ALWAYS_INLINE void add(const Ref& leaf, const Crossings& list, ScanEvidence& scan) const {
+    if (list.size > kToSplit && leaf.index.level != finest_level_)
+      add_some_at_once(leaf, list, scan);
+    else
+      evidence_.add(leaf.index, list, scan);
+  }
+  NDTREE_NEVER_INLINE void add_some_at_once(const Ref& leaf, const Crossings& list, ScanEvidence& scan) const {
+    for (std::size_t first = 0; first < list.size; first += kToSplit) {
+      if (refinement_.splits_anyway(leaf.cell(), scan)) return;
+      evidence_.add(leaf.index, list.part(first, std::min(first + kToSplit, list.size)), scan);
+    }
   }
   /// Whether a leaf may have to split.
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,
@@ -313,8 +346,6 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, bool takes_all);
   NDTREE_NEVER_INLINE bool divide(const Ref& leaf, const LoneBeam& beam, float share,
                                   const ScanEvidence& scan, bool takes_all);
-  bool divide_by_share(const Ref& leaf, const Crossings& list, const FaceShare<D>& share,
-                       const ScanEvidence& scan);
   template <class Beams, class Use>
   bool with_list(const Beams& beams, const Use& use);
   void write(const FewBeams& beams, Crossings& list) const;
@@ -361,6 +392,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return true;
   }
 
+  static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
   static constexpr std::size_t kMany = 8000;  // Beams: where their lists lie apart, caches lack room.
 
   Tree& tree_;

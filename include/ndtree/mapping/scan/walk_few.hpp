@@ -118,15 +118,6 @@ bool ScanWalk<Tree, Refinement, Sensor>::update_by_sample(const CellIndex<D>& no
 }
 
 template <class Tree, class Refinement, class Sensor>
-inline bool ScanWalk<Tree, Refinement, Sensor>::divide_by_share(const Ref& leaf, const Crossings& list,
-                                                                const FaceShare<D>& share,
-                                                                const ScanEvidence& scan) {
-  sample_.clear();
-  sample_.add(share);
-  return divide(leaf, list, sample_, scan, false);
-}
-
-template <class Tree, class Refinement, class Sensor>
 NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_one(
     const Ref& ref, const LoneBeam& beam, bool takes_all, const HeritageOfFew* heritage) {
   pace_.spend(1);
