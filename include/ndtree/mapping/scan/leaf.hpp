@@ -110,7 +110,15 @@ class LeafEvidence {
           is_small_(size_.small <= kSmallCell * beam_.sigma),
           is_resolvable_(size_.child >= all.noise_sigmas_ * beam_.sigma) {}
 
+    /// Of a leaf that it clearly passes, see BeamWay::pass.
     /// @param enter, exit where it crosses the leaf [m].
+    NDTREE_ALWAYS_INLINE void add_passed(float enter, float exit, ScanEvidence& sum) const {
+      sum.free += units_of_way(exit - enter, size_);
+      ++sum.misses;
+      ++sum.beams;
+      sum.resolvable_misses += is_resolvable_;
+    }
+    /// Of any leaf.
     NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, float enter, float exit,
                                   ScanEvidence& sum) const {
       // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
@@ -118,12 +126,8 @@ class LeafEvidence {
       const bool passes = end < beam_.clear;
       const bool holds_end = !passes && all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
       if (passes || !beam_.is_returned()) {
-        if (holds_end) return;  // A beam without return: nothing is said about the rest of the cell.
-        sum.free += units_of_way(exit - enter, size_);
-        ++sum.misses;
-        ++sum.beams;
-        sum.resolvable_misses += is_resolvable_;
-        return;
+        if (!holds_end) add_passed(enter, exit, sum);
+        return;  // A beam without return says nothing about the rest of the cell that it ends in.
       }
       const bool is_behind = !holds_end && enter >= beam_.range;
       if (is_behind && !is_small_) return;

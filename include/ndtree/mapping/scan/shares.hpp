@@ -94,9 +94,7 @@ class BeamShares {
 
   /// The share of a face's beams that count in a leaf: so many for each smallest cell side by side in it.
   [[nodiscard]] float of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
-    if (face.is_lone() || takes_all(leaf, face, is_known)) return 1.0f;
-    return std::min(1.0f,
-                    sample_beams_[is_known] / face.expected_beams(depth_of(leaf, face), smallest_size_));
+    return face.is_lone() ? 1.0f : at_depth(depth_of(leaf, face), face, is_known);
   }
   /// How far a share of a part of a list goes, of one face: rarely far, so doubled steps from the first.
   [[nodiscard]] std::size_t end_of_share(const Crossings& list, std::size_t first, std::size_t last,
@@ -155,8 +153,7 @@ class BeamShares {
     return beams.last_beam() < face.end_of_beams ? &face : nullptr;
   }
   [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
-    return depth_of_centre(leaf.lower[static_cast<std::size_t>(face.axis)], leaf.level, face) >=
-           face.depth_of_all[is_known];
+    return depth_of(leaf, face) >= face.depth_of_all[is_known];
   }
   /// Whether beams are of one face, and all of them count in a leaf.
   template <class Beams>
@@ -217,24 +214,31 @@ class BeamShares {
     return std::pow(share, -1.0f / static_cast<float>(D - 1));
   }
 
-  /// Which children of a node take all of its few beams, where those are of one face.
+  /// What children of a node take of its few beams, where those are of one face.
   class Children {
    public:
     template <class Beams>
     NDTREE_ALWAYS_INLINE Children(const BeamShares& shares, const CellIndex<D>& node, const Beams& beams)
-        : face_(shares.only_face_of(beams)) {
+        : shares_(shares), face_(shares.only_face_of(beams)) {
       if (face_ == nullptr) return;
-      std::int64_t lower = node.lower[static_cast<std::size_t>(face_->axis)];
+      const LatticeGeometry<N, D>& geometry = shares.geometry_;
+      const std::int64_t edge = geometry.edge(node.level - 1);
+      std::int64_t at = node.lower[static_cast<std::size_t>(face_->axis)];
+      double lower = geometry.border(at);
       for (float& depth : depths_) {
-        depth = shares.depth_of_centre(lower, node.level - 1, *face_);
-        lower += shares.geometry_.edge(node.level - 1);
+        const double upper = geometry.border(at += edge);
+        depth = face_->depth_of(lower, upper);
+        lower = upper;
       }
     }
     /// Null if there are several.
     [[nodiscard]] const ScanFace<D>* face() const { return face_; }
-    /// @pre face() != nullptr.
+    // If there is one:
     [[nodiscard]] bool takes_all(std::size_t child, bool is_known) const {
       return depths_[slab_of(child)] >= face_->depth_of_all[is_known];
+    }
+    [[nodiscard]] float share(std::size_t child, bool is_known) const {
+      return shares_.at_depth(depths_[slab_of(child)], *face_, is_known);
     }
 
    private:
@@ -244,8 +248,9 @@ class BeamShares {
       for (int a = 0; a < face_->axis; ++a) child /= N;
       return child % N;
     }
+    const BeamShares& shares_;
     const ScanFace<D>* face_;
-    std::array<float, std::size_t{N}> depths_;  // Of the children's centres, slab by slab.
+    std::array<float, std::size_t{N}> depths_;  // Of the children, slab by slab.
   };
 
  private:
@@ -256,10 +261,10 @@ class BeamShares {
   [[nodiscard]] float depth_of(const CellIndex<D>& cell, const ScanFace<D>& face) const {
     return face.depth_of(border(cell, face.axis, false), border(cell, face.axis, true));
   }
-  /// Of the centre of a leaf, by where it begins on the axis of a face.
-  [[nodiscard]] float depth_of_centre(std::int64_t lower, int level, const ScanFace<D>& face) const {
-    const double centre = geometry_.border(lower) + rounded(0.5 * geometry_.cell_size(level));
-    return static_cast<float>(std::abs(centre - face.origin[face.axis]));
+  /// The share that counts in a leaf at a depth.
+  [[nodiscard]] float at_depth(float depth, const ScanFace<D>& face, bool is_known) const {
+    if (depth >= face.depth_of_all[is_known]) return 1.0f;
+    return std::min(1.0f, sample_beams_[is_known] / face.expected_beams(depth, smallest_size_));
   }
 
   const LatticeGeometry<N, D>& geometry_;

@@ -339,8 +339,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                                                const HeritageOfFew* heritage = nullptr);
   bool descend(const Ref& inner, const FewBeams& beams, bool takes_all);
   bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all);
-  NDTREE_NEVER_INLINE bool update_by_sample(const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams,
-                                            const ScanFace<D>& face, bool is_known);
+  NDTREE_NEVER_INLINE bool update_by_share(const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams,
+                                           const ScanFace<D>& face, float share);
   template <class Beams>
   bool update_leaf(const Ref& leaf, const Beams& beams, bool takes_all);
   bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, bool takes_all);
@@ -361,7 +361,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     [[nodiscard]] auto& node(int number) const { return nodes_[number]; }
     [[nodiscard]] NDTREE_ALWAYS_INLINE Ref operator[](int number) const {
       Ref child{nodes_ + number, {parent_.index.lower, parent_.index.level - 1}};
-      for (std::size_t a = 0; a < D; ++a, number /= N) child.index.lower[a] += number % N * edge_;
+      auto left = static_cast<unsigned>(number);
+      for (std::size_t a = 0; a < D; ++a, left /= N)
+        child.index.lower[a] += static_cast<std::int64_t>(left % N) * edge_;
       return child;
     }
 

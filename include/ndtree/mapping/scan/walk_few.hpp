@@ -74,8 +74,10 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
                                                              : update(cell, scan)) ||
                 changed;
       continue;
-    } else if (const ScanFace<D>* const face = shares_.only_face_of(of_child)) {
-      changed = update_by_sample(ref.index, children[c], of_child, *face, is_known) || changed;
+    } else if (shares->face() != nullptr) {
+      changed = update_by_share(ref.index, children[c], of_child, *shares->face(),
+                                shares->share(of_child.child, is_known)) ||
+                changed;
       continue;
     }
     changed = update_leaf(children[c], of_child, takes_all) || changed;
@@ -97,12 +99,11 @@ inline bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const 
                                 takes_all || shares_.all_take_all(inner.index, beams));
 }
 
-/// A leaf that takes a sample of few beams, all of one face. @param node the leaf's parent.
+/// A leaf that takes a share of few beams, all of one face. @param node the leaf's parent.
 template <class Tree, class Refinement, class Sensor>
-bool ScanWalk<Tree, Refinement, Sensor>::update_by_sample(const CellIndex<D>& node, const Ref& leaf,
-                                                          const FewBeams& beams, const ScanFace<D>& face,
-                                                          bool is_known) {
-  const float share = shares_.of(leaf.index, face, is_known);
+bool ScanWalk<Tree, Refinement, Sensor>::update_by_share(const CellIndex<D>& node, const Ref& leaf,
+                                                         const FewBeams& beams, const ScanFace<D>& face,
+                                                         float share) {
   std::uint32_t set = beams.set();
   std::uint32_t end = face.end_of_beams;
   if (share < 1.0f)  // The least chance comes first.
@@ -110,7 +111,7 @@ bool ScanWalk<Tree, Refinement, Sensor>::update_by_sample(const CellIndex<D>& no
       end = beams.of.last_of(set);
   ScanEvidence scan;
   if (set != 0) evidence_.add(node, beams.of, beams.child, set, scan);
-  refinement_.model.limit(scan);
+  if (few_may_be_too_many_) refinement_.model.limit(scan);
   if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
   return with_list(beams, [&](const Crossings& list) {
     return divide_by_share(leaf, list, {&face, end, share}, scan);
@@ -132,27 +133,31 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
   bool changed = was_split;
   for (std::uint32_t left = lone.set; left != 0; left &= left - 1) {
     const auto c = static_cast<std::size_t>(__builtin_ctz(left));
-    const Ref child = children[static_cast<int>(c)];
+    const auto child = [&] { return children[static_cast<int>(c)]; };  // Many are not asked where they are.
+    auto& node = children.node(static_cast<int>(c));
     const LoneBeam in_child{beam.number, beam.face, lone.enter[c], lone.exit[c]};
     const bool passes = in_child.exit < way.pass;
-    if (!child.is_leaf()) {
-      if (Summary(child.node->note()).is_settled() && passes) continue;
-      changed = descend(child, in_child, takes_all) || changed;
+    if (!node.is_leaf()) {
+      if (Summary(node.note()).is_settled() && passes) continue;
+      changed = descend(child(), in_child, takes_all) || changed;
       continue;
     }
-    EvidenceCell& cell = child.cell();
+    EvidenceCell& cell = node.cell();
     const bool is_known = model.is_known(cell);
     if (is_known && model.is_settled(cell)) {
-      if (!passes) changed = update_leaf(child, in_child, takes_all) || changed;
+      if (!passes) changed = update_leaf(child(), in_child, takes_all) || changed;
       continue;
     }
-    const float share = takes_all ? 1.0f : shares_.of(child.index, beam.face, is_known);
+    const float share = takes_all ? 1.0f : shares_.of(child().index, beam.face, is_known);
     if (share < 1.0f && !(beams_.chance()[beam.number] < share)) continue;
     ScanEvidence scan;
-    evidence.add(child.index, in_child.enter, in_child.exit, scan);
+    if (passes)
+      evidence.add_passed(in_child.enter, in_child.exit, scan);
+    else
+      evidence.add(child().index, in_child.enter, in_child.exit, scan);
     if (few_may_be_too_many_) model.limit(scan);
-    changed = (may_divide(cell, child.index.level, scan) ? divide(child, in_child, share, scan, takes_all)
-                                                         : update(cell, scan)) ||
+    changed = (may_divide(cell, ref.index.level - 1, scan) ? divide(child(), in_child, share, scan, takes_all)
+                                                           : update(cell, scan)) ||
               changed;
   }
   if (!changed && ref.node->note() != 0) return false;
