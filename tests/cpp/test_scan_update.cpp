@@ -225,9 +225,10 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       const double reach = 2.0 * coarsest;
       const double size =
           reach - 3.0 * (row.range_sigma + row.range_sigma_quadratic * 4.0 * D * reach * reach) - kUnit / 4.0;
-      for (int i = 0; i < 12; ++i, ++scans) {  // Half-way the wall is taken away.
-        Scan<D> scan = random_scan<D>(random, 30, size, grid, (i < 6 ? 0.2 : 0.9) * size);
-        if (i % 4 == 3) scan.range_sigma = Eigen::ArrayXd::LinSpaced(30, 0.1, 1.0) * row.range_sigma;
+      for (int i = 0; i < 12; ++i, ++scans) {     // Half-way the wall is taken away.
+        const int beams = i % 6 == 5 ? 120 : 30;  // Leaves of many beams may split before all are weighed.
+        Scan<D> scan = random_scan<D>(random, beams, size, grid, (i < 6 ? 0.2 : 0.9) * size);
+        if (i % 4 == 3) scan.range_sigma = Eigen::ArrayXd::LinSpaced(beams, 0.1, 1.0) * row.range_sigma;
         Simd::limit(i % 3 == 0 ? 1 : i % 3 == 1 ? 8 : Simd::kWidest);
         map.insert(scan);
         Simd::limit(Simd::kWidest);
@@ -250,6 +251,43 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_GE(merges, 5u);
   EXPECT_GE(whole_again, 5u);
   EXPECT_GE(sampled, D == 1 ? 0u : 1000u);
+}
+
+/// What the first of many beams say about an occupied cell must not decide about it.
+TYPED_TEST(ScanUpdateOf, OccupiedCellsOfManyBeamsAreWeighedAsAWhole) {
+  NDTREE_SHAPE;
+  Random random(143);
+  SCOPED_TRACE(random.trace());
+  MapOptions options = spelled_out_options(kUnit, kUnit * N);
+  options.range_sigma = 0.5 * kUnit * N;  // Noise brings hits anywhere in a cell: they alone split none.
+  options.noise_sigmas = 0.0;
+  options.sample_beams = 1e6;
+  std::uint64_t occupied = 0;
+  std::uint64_t splits = 0;
+  for (int i = 0; i < 10; ++i) {
+    AdaptiveMap<N, D> map(options);
+    FlatScanMap<N, D> flat(options, -4, 4);
+    for (int k = 0; k < 5; ++k) {
+      Scan<D> scan;
+      scan.origins = Vector<D>::Constant(-0.6 * kUnit * N);
+      scan.endpoints.resize(D, 150);
+      scan.returned.setOnes(150);
+      for (Eigen::Index b = 0; b < scan.size(); ++b) {
+        for (int a = 0; a < D; ++a) scan.endpoints(a, b) = random.uniform(0.0, 0.99 * kUnit * N);
+        scan.returned[b] = !random.chance(0.1 + 0.015 * i * k);
+        if (!scan.returned[b]) scan.endpoints.col(b) *= 1.5;
+      }
+      map.insert(scan);
+      flat.insert(scan, kUnlimitedRange);
+      expect_equal(map, flat);
+      if (this->HasFailure()) return;
+      const auto cell = flat.cells.find(CellIndex<D>{});
+      occupied += cell != flat.cells.end() && cell->second.state() == CellState::occupied;
+    }
+    splits += flat.splits;
+  }
+  EXPECT_GE(occupied, 5u);
+  EXPECT_GE(splits, D == 1 ? 0u : 3u);
 }
 
 TYPED_TEST(ScanUpdateOf, OneHitForEachBeamThatReturned) {

@@ -202,9 +202,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   bool update_by_sample(const Ref& leaf, const Crossings& list, bool is_known) {
     ScanEvidence scan;
-    shares_.take(leaf.index, list, is_known, sample_, [&](const ScanFace<D>&, float, const Crossings& part) {
-      add(leaf, part, scan);
-    });
+    shares_.take(leaf.index, list, is_known, sample_,
+                 [&](const ScanFace<D>&, float, const Crossings& part) { add(leaf, part, scan); });
     refinement_.model.limit(scan);
     return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, sample_, scan, false)
                                                            : update(leaf.cell(), scan);
@@ -231,7 +230,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     else
       evidence_.add(leaf.index, list, scan);
   }
-  NDTREE_NEVER_INLINE void add_some_at_once(const Ref& leaf, const Crossings& list, ScanEvidence& scan) const {
+  NDTREE_NEVER_INLINE void add_some_at_once(const Ref& leaf, const Crossings& list,
+                                            ScanEvidence& scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
       if (refinement_.splits_anyway(leaf.cell(), scan)) return;
       evidence_.add(leaf.index, list.part(first, std::min(first + kToSplit, list.size)), scan);
@@ -395,7 +395,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
 
   static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
-  static constexpr std::size_t kMany = 8000;  // Beams: where their lists lie apart, caches lack room.
+  static constexpr std::size_t kMany = 8000;   // Beams: where their lists lie apart, caches lack room.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
