@@ -66,9 +66,10 @@ def test_recorded_laser_scans_make_the_map_of_their_log(recordings: Path, tmp_pa
         content.append(("/scan", i, laser))
     maps = []
     for scans in (log, read(write_bag(tmp_path / "bag", make, content))):
-        maps.append(ndtree.AdaptiveMap(dim=2))
+        # Without samples, which depend on the last bits of the ranges.
+        maps.append(ndtree.AdaptiveMap(dim=2, sample_beams=1e9))
         for scan in scans:
             scan.insert_into(maps[-1], max_range=20)
     points = np.concatenate([scan.endpoints[scan.returned] for scan in log])
     same = maps[0].state(points) == maps[1].state(points)
-    assert len(points) > 10_000 and same.mean() > 0.995
+    assert len(points) > 10_000 and same.mean() > 0.999
