@@ -271,7 +271,7 @@ TYPED_TEST(ScanUpdateOf, OccupiedCellsOfManyBeamsAreWeighedAsAWhole) {
       Scan<D> scan;
       scan.origins = Vector<D>::Constant(-0.6 * kUnit * N);
       scan.endpoints.resize(D, 150);
-      scan.returned.setOnes(150);
+      scan.returned.resize(150);
       for (Eigen::Index b = 0; b < scan.size(); ++b) {
         for (int a = 0; a < D; ++a) scan.endpoints(a, b) = random.uniform(0.0, 0.99 * kUnit * N);
         scan.returned[b] = !random.chance(0.1 + 0.015 * i * k);

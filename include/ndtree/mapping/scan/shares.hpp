@@ -11,7 +11,6 @@
 #include <vector>
 
 #include "ndtree/cell/evidence_model.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
