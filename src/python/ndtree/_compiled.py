@@ -8,6 +8,7 @@ results are plain objects.
 from __future__ import annotations
 
 import functools
+import os
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -62,9 +63,13 @@ def _wrapped(
     names = tuple(signature.parameters)[is_method:] if signature is not None else ()
     short = name.rpartition(".")[2]
     axes = TAKEN.get(name, TAKEN.get(short)) if is_method else None
+    takes_path = "path" in names
 
     @functools.wraps(function)
     def call(*arguments: Any, **keywords: Any) -> Any:
+        if takes_path:
+            arguments = tuple(_path_as_text(value) for value in arguments)
+            keywords = {key: _path_as_text(value) for key, value in keywords.items()}
         given = {**dict(zip(names, arguments[is_method:])), **keywords}
         refuse_masked(short, given)
         leading = None
@@ -87,6 +92,11 @@ def _wrapped(
         call.__signature__ = signature  # type: ignore[attr-defined]
         del call.__wrapped__  # type: ignore[attr-defined]  # Of which nothing is known.
     return call
+
+
+def _path_as_text(value: Any) -> Any:
+    """pybind11 takes an interrupt that comes while a path says its text for an argument of the wrong kind."""
+    return os.fspath(value) if hasattr(type(value), "__fspath__") else value
 
 
 def _dim(held: Any) -> int:
