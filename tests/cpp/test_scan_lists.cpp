@@ -258,6 +258,55 @@ TEST(SiblingLists, MoveTogetherAsTheyAre) {
   }
 }
 
+TYPED_TEST(ScanLists, InPiecesTheyAreTheSame) {
+  NDTREE_SHAPE;
+  using Clip = ChildClip<N, D>;
+  Random random(263);
+  SCOPED_TRACE(random.trace());
+  const Beams<N, D> scan(random, 300, false);
+  const Clip clip(scan.geometry, scan.beams);
+  CrossingStack stack;
+  const Crossings list = scan.list(stack);
+  auto whole = clip.lists_for(scan.root(), list, stack);
+  clip(scan.root(), list, whole);
+  PiecewiseLists<Clip::kNumChildren> pieces;
+  for (const std::size_t piece : {7u, 64u, 300u}) {
+    for (std::size_t first = 0; first < list.size; first += piece) {
+      const Crossings part = list.part(first, std::min(first + piece, list.size));
+      auto children = clip.lists_for(scan.root(), part, pieces.memory());
+      clip(scan.root(), part, children);
+      pieces.add(children);
+    }
+    const auto joined = pieces.join(stack);
+    for (int j = 0; j < Clip::kNumChildren; ++j) {
+      const Crossings child = joined.of(j);
+      const Crossings expected = whole.of(j);
+      ASSERT_EQ(child.size, expected.size);
+      for (std::size_t i = 0; i < child.size; ++i) {
+        ASSERT_EQ(child.beam[i], expected.beam[i]);
+        ASSERT_EQ(child.enter()[i], expected.enter()[i]);
+        ASSERT_EQ(child.exit()[i], expected.exit()[i]);
+      }
+    }
+    for (int j = 1; j < Clip::kNumChildren; ++j)  // Whoever frees one frees those of the children before it.
+      ASSERT_GE(joined.of(j - 1).beam, joined.of(j).beam + joined.of(j).size + Crossings::kSlack);
+  }
+}
+
+TEST(CrossingStack, FreesFromAListOnIfItIsItsOwn) {
+  CrossingStack stack;
+  CrossingStack other;
+  other.free_from(stack.allocate(10));
+  const Crossings first = stack.allocate(50);
+  const Crossings second = stack.allocate(60);
+  stack.free_from(other.allocate(10));
+  EXPECT_EQ(stack.allocate(10).beam, second.beam + 60);
+  stack.free_from(second);
+  EXPECT_EQ(stack.allocate(10).beam, second.beam);
+  stack.free_from(first);
+  EXPECT_EQ(stack.allocate(10).beam, first.beam);
+}
+
 TEST(QuickLog, IsTheLogarithm) {
   int cases = 0;
   for (double x = 1e-300; x < 1e300; x *= 1.0137, ++cases)

@@ -253,6 +253,29 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_GE(sampled, D == 1 ? 0u : 1000u);
 }
 
+/// More beams than are handed down at once, of one origin and of several.
+TYPED_TEST(ScanUpdateOf, LongListsSayWhatEachOfTheirBeamsDoes) {
+  NDTREE_SHAPE;
+  if constexpr (D > 2) return;  // The plain map takes too long; pieces are put together as in the plane.
+  Random random(144);
+  SCOPED_TRACE(random.trace());
+  MapOptions options = spelled_out_options(kUnit, kUnit * N);
+  options.scan_beams = 1e6;
+  for (const double sample_beams : {1e6, 5.0}) {
+    options.sample_beams = sample_beams;
+    AdaptiveMap<N, D> map(options);
+    FlatScanMap<N, D> flat(options, -2, 2);
+    for (int i = 0; i < 3; ++i) {
+      Scan<D> scan = random_scan<D>(random, 2600, 0.9 * kUnit * N, 0.0, 0.3 * i * kUnit * N);
+      if (i > 0) scan.origins = scan.origins.leftCols(1).eval();
+      map.insert(scan, kUnlimitedRange, 1);
+      flat.insert(scan, kUnlimitedRange);
+      expect_equal(map, flat);
+      if (this->HasFailure()) return;
+    }
+  }
+}
+
 /// What the first of many beams say about an occupied cell must not decide about it.
 TYPED_TEST(ScanUpdateOf, OccupiedCellsOfManyBeamsAreWeighedAsAWhole) {
   NDTREE_SHAPE;

@@ -31,11 +31,11 @@ class ChildClip {
 
   [[nodiscard]] const LatticeGeometry<N, D>& geometry() const { return geometry_; }
 
-  /// Lists for the children, as long as they may get, and empty.
+  /// Lists for the children, as long as they may get, and empty: each of few children has room for all beams.
   [[nodiscard]] Lists lists_for(const CellIndex<D>& node, const Crossings& list, CrossingStack& stack) const {
     Lists lists;
     std::size_t used = 0;
-    if constexpr (kNumChildren <= kMostAtOnce) {
+    if constexpr (kHasRoomForAll) {
       for (std::size_t c = 0; c < lists.last.size(); ++c, used += list.size + Crossings::kSlack)
         lists.first[c] = lists.last[c] = used;
     } else {  // A beam crosses few of many.
@@ -99,6 +99,7 @@ class ChildClip {
   }
   static constexpr std::size_t kPlanes = N - 1;
   static constexpr int kMostAtOnce = 32;  ///< Children; among more, a beam finds its way faster alone.
+  static constexpr bool kHasRoomForAll = kNumChildren <= kMostAtOnce;  ///< Of lists_for().
   using Planes = std::array<std::array<float, kPlanes>, std::size_t{D}>;
 
   /// Whether eight_beams() may do.

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -123,27 +124,16 @@ struct SiblingLists {
     std::size_t end = 0;
     for (std::size_t c = 0; c < kCount; ++c) {
       const std::size_t size = last[c] - first[c];
-      if (first[c] != end) {
-        move_down(memory.beam + first[c], size, memory.beam + end);
-        move_down(memory.enter() + first[c], size, memory.enter() + end);
-        move_down(memory.exit() + first[c], size, memory.exit() + end);
+      if (first[c] != end && size > 0) {
+        std::memmove(memory.beam + end, memory.beam + first[c], size * sizeof(std::uint32_t));
+        std::memmove(memory.enter() + end, memory.enter() + first[c], size * sizeof(float));
+        std::memmove(memory.exit() + end, memory.exit() + first[c], size * sizeof(float));
       }
       first[c] = end;
       last[c] = end + size;
       end += size + Crossings::kSlack;
     }
     return end;
-  }
-
- private:
-  /// As many at a time as fit the slack, which is included.
-  template <class T>
-  static void move_down(const T* from, std::size_t n, T* to) {
-    for (std::size_t i = 0; i < n; i += Crossings::kSlack) {
-      std::array<T, Crossings::kSlack> some;
-      std::memcpy(some.data(), from + i, sizeof some);
-      std::memcpy(to + i, some.data(), sizeof some);
-    }
   }
 };
 
@@ -175,6 +165,13 @@ class CrossingStack {
             n;
   }
 
+  /// Frees a list, and what was allocated after it, if it is in the block in use.
+  void free_from(const Crossings& list) {
+    if (block_ == blocks_.size()) return;
+    const auto* const begin = reinterpret_cast<const std::uint32_t*>(blocks_[block_].bytes.get());
+    if (std::less_equal<>()(begin, list.beam) && std::less<>()(list.beam, begin + used_)) shrink(list, 0);
+  }
+
   /// An empty list with room for n, the slack included.
   [[nodiscard]] Crossings allocate(std::size_t n) {
     if (block_ == blocks_.size() || used_ + n > blocks_[block_].room) next_block(n);
@@ -185,7 +182,7 @@ class CrossingStack {
   }
 
  private:
-  static constexpr std::size_t kBlock = std::size_t{1} << 14;
+  static constexpr std::size_t kBlock = std::size_t{1} << 15;
   static constexpr std::size_t kBytes = sizeof(std::uint32_t) + 2 * sizeof(float);
   struct Block {
     std::size_t room;
@@ -203,6 +200,43 @@ class CrossingStack {
   std::vector<Block> blocks_;
   std::size_t block_ = 0;
   std::size_t used_ = 0;  // Of the block.
+};
+
+/// Children's lists of a long list that is clipped piece by piece: so they take memory for the beams that
+/// there are, and not for those that there could be.
+template <int kCount>
+class PiecewiseLists {
+ public:
+  /// Where a piece's lists belong.
+  [[nodiscard]] CrossingStack& memory() { return memory_; }
+  /// @pre the piece was allocated last, and its beams come after those of the pieces before.
+  void add(SiblingLists<kCount> piece) {
+    memory_.shrink(piece.memory, piece.pack());
+    pieces_.push_back(piece);
+  }
+  /// All pieces as one, which are then forgotten; the list of the last child comes first.
+  [[nodiscard]] SiblingLists<kCount> join(CrossingStack& stack) {
+    SiblingLists<kCount> all;
+    std::size_t room = 0;
+    for (std::size_t c = kCount; c-- > 0;) {
+      all.first[c] = all.last[c] = room;
+      for (const SiblingLists<kCount>& piece : pieces_) room += piece.last[c] - piece.first[c];
+      room += Crossings::kSlack;
+    }
+    all.memory = stack.allocate(room);
+    for (std::size_t c = 0; c < kCount; ++c) {
+      Crossings list = all.of(static_cast<int>(c));
+      for (const SiblingLists<kCount>& piece : pieces_) append(piece.of(static_cast<int>(c)), list);
+      all.last[c] += list.size;
+    }
+    pieces_.clear();
+    memory_.release({});
+    return all;
+  }
+
+ private:
+  CrossingStack memory_;
+  std::vector<SiblingLists<kCount>> pieces_;
 };
 
 }  // namespace ndtree

@@ -124,7 +124,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   template <class Visit>
   void for_each_child(const CellIndex<D>& node, const Crossings& list, bool takes_all, const Visit& visit) {
     const CrossingStack::Mark mark = stack_.mark();
-    const Lists children = hand_down(node, list, takes_all);
+    const Lists children = hand_on(node, list, takes_all);
     for (int c = 0; c < kNumChildren; ++c)
       if (!children.of(c).empty()) visit(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c));
     stack_.release(mark);
@@ -141,24 +141,50 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// @param takes_all BeamShares::all_take_all() of the node.
   Lists hand_down(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
     pace_.spend(list.size);
+    if (Clip::kHasRoomForAll && list.size > kPiece) {
+      hand_down_in_pieces(node, list, takes_all);
+      return pieces_.join(stack_);
+    }
     Lists children = clip_.lists_for(node, list, stack_);
-    if (takes_all || list.size <= kFewBeams)
-      clip_(node, list, children);
-    else
-      hand_down_what_is_taken(node, list, children);
-    if (list.size > kMany)
-      stack_.shrink(children.memory, children.pack());  // There was room for all in each.
+    for_each_taken(node, list, takes_all, [&](const Crossings& taken) { clip_(node, taken, children); });
+    if (Clip::kHasRoomForAll && list.size > kLoose) stack_.shrink(children.memory, children.pack());
     return children;
   }
-  void hand_down_what_is_taken(const CellIndex<D>& node, const Crossings& list, Lists& children) const {
-    std::size_t from = 0;  // Of beams that follow each other, and are not handed down yet.
+  /// The same, where the node's own list is not asked for again: its children's take its place.
+  /// @pre nothing that is still in use was allocated after it.
+  Lists hand_on(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
+    if (!Clip::kHasRoomForAll || list.size <= kPiece) return hand_down(node, list, takes_all);
+    pace_.spend(list.size);
+    hand_down_in_pieces(node, list, takes_all);
+    stack_.free_from(list);
+    return pieces_.join(stack_);
+  }
+  void hand_down_in_pieces(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
+    for_each_taken(node, list, takes_all, [&](const Crossings& taken) {
+      for (std::size_t first = 0; first < taken.size; first += kPiece) {
+        const Crossings part = taken.part(first, std::min(first + kPiece, taken.size));
+        Lists children = clip_.lists_for(node, part, pieces_.memory());
+        clip_(node, part, children);
+        pieces_.add(children);
+      }
+    });
+  }
+  /// Calls `visit(part)` for those parts of a list that some cell in a node takes.
+  template <class Visit>
+  void for_each_taken(const CellIndex<D>& node, const Crossings& list, bool takes_all,
+                      const Visit& visit) const {
+    if (takes_all || list.size <= kFewBeams) {
+      visit(list);
+      return;
+    }
+    std::size_t from = 0;  // Of beams that follow each other, and were not visited yet.
     for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
       const std::size_t end = shares_.end_of_all_shares(node, face, list, first, last);
       if (end == last) return;
-      clip_(node, list.part(from, end), children);
+      if (from < end) visit(list.part(from, end));
       from = last;
     });
-    if (from < list.size) clip_(node, list.part(from, list.size), children);
+    if (from < list.size) visit(list.part(from, list.size));
   }
 
   /// @param list not empty. @param takes_all whether all leaves in some node above take all of it.
@@ -177,7 +203,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     if (are_few(ref, list)) return update_children_of_few(ref, list, takes_all);
 #endif
     const CrossingStack::Mark mark = stack_.mark();
-    return update_children(ref, hand_down(ref.index, list, takes_all), mark, false, takes_all);
+    return update_children(ref, hand_on(ref.index, list, takes_all), mark, false, takes_all);
   }
 
   bool update_leaf(const Ref& leaf, const Crossings& list, bool takes_all) {
@@ -395,7 +421,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
 
   static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
-  static constexpr std::size_t kMany = 8000;   // Beams: where their lists lie apart, caches lack room.
+  // Of lists for children, each of which has room for all of a node's beams:
+  static constexpr std::size_t kPiece = 1024;  // So many beams at once ...
+  static constexpr std::size_t kLoose = 512;   // ... and up to so many are left where they are.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
@@ -415,6 +443,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   UpdateCounters counters_;
   Pace pace_;
   CrossingStack stack_;  // Of the nodes on the path from the root, the deepest last.
+  PiecewiseLists<kNumChildren> pieces_;
   const LeafSample<D> all_;
   LeafSample<D> sample_;  // Of the leaf that is looked at, until its children are.
 };
