@@ -287,6 +287,42 @@ TEST(Coverage, VerdictsFollowTheRule) {
   EXPECT_EQ(cases, 8);
 }
 
+TYPED_TEST(CoverageOf, WhatIsCertainStaysWhateverElseIsSeen) {
+  NDTREE_SHAPE;
+  using Sum = ScanCoverage<N, D>;
+  Random random(268);
+  SCOPED_TRACE(random.trace());
+  const CoverageModel model(CoverageOptions{});
+  const auto is_same = [](const CoverageVerdict& a, const CoverageVerdict& b) {
+    return a.parts == b.parts && a.is_enough == b.is_enough && a.shows_more == b.shows_more;
+  };
+  int certain = 0;
+  int changed_from_uncertain = 0;
+  for (int i = 0; i < 2000; ++i) {
+    Sum scan;
+    const auto add = [&](int child, double share) {
+      scan.add(child, Sum::seen(1.0f, std::pow(static_cast<float>(share), 1.0f / std::max(1, D - 1))));
+    };
+    const double most = random.uniform(0.1, 0.6);
+    const int beams = static_cast<int>(random.uniform(4.0, 100.0));
+    for (int j = 0; j < Sum::kNumChildren; ++j)
+      for (int k = 0; k < beams; ++k)
+        if (D > 1 || k == 0) add(j, random.uniform(0.5, 1.0) * most / beams);
+    const bool was_certain = CoverageModel::is_certain(scan);
+    const double size = random.uniform(1.0, 40.0);
+    const CoverageVerdict before = model.judge(scan, 0, size);
+    for (int j = 0; j < Sum::kNumChildren; ++j)  // Much more of some, so that others seem to be missing.
+      if (random.uniform(0.0, 1.0) < 0.5)
+        for (int k = 0; k < 50; ++k) add(j, 0.02);
+    const bool same = is_same(before, model.judge(scan, 0, size));
+    ASSERT_TRUE(!was_certain || same) << size;
+    certain += was_certain;
+    changed_from_uncertain += !same;
+  }
+  EXPECT_GE(certain, 100);
+  EXPECT_GE(changed_from_uncertain, D == 1 ? 0 : 100);
+}
+
 TEST(Coverage, PartsTileTheChildren) {
   EXPECT_EQ((CellParts<2, 3>::kCount), 8);
   for (int j = 0; j < 8; ++j) EXPECT_EQ((CellParts<2, 3>::of_child(j)), j);

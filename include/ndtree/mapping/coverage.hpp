@@ -80,7 +80,8 @@ class ScanCoverage {
     std::int64_t cell = 0;   ///< Of the cell: its width may be more than the child's.
     std::int64_t way = 0;    ///< Through the child.
   };
-  static constexpr float kUnitsOfOne = 1 << 20;
+  static constexpr std::int64_t kOne = 1 << 20;
+  static constexpr float kUnitsOfOne = kOne;
 
   /// @param way through the child along the main axis of the beam, over the child's edge.
   /// @param width of what the beam stands for there, over the child's edge.
@@ -153,6 +154,14 @@ class CoverageModel {
   /// Whether cells have to be seen, and not only passed.
   [[nodiscard]] bool is_on() const { return share_ > 0.0; }
 
+  /// Whether so much was seen of every child that judge() says the same whatever other beams see.
+  template <int N, int D>
+  [[nodiscard]] static bool is_certain(const ScanCoverage<N, D>& scan) {
+    constexpr auto kEnough = static_cast<std::int64_t>(kLeast * ScanCoverage<N, D>::kOne);
+    bool is_enough = true;
+    for (int j = 0; j < ScanCoverage<N, D>::kNumChildren; ++j) is_enough &= scan.units_of_child(j) >= kEnough;
+    return is_enough;
+  }
   /// Whether so many parts of a cell are enough to know it. @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool are_enough(std::uint32_t parts, double size) const {
@@ -163,8 +172,7 @@ class CoverageModel {
   [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before,
                                       double size) const {
     using Parts = CellParts<N, D>;
-    constexpr double kLeast = 0.25;
-    constexpr auto kOne = static_cast<std::int64_t>(ScanCoverage<N, D>::kUnitsOfOne);
+    constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
     const double missing_below =
         kOne * std::min(kLeast, 1.0 - std::sqrt(2.0 / scan.beams_for_child()));  // In units.
     std::int64_t least = kOne;  // Seen of a child, of those in parts that were not seen before.
@@ -204,6 +212,7 @@ class CoverageModel {
     return share;
   }
 
+  static constexpr double kLeast = 0.25;           // Of a child, so that it is not missing.
   static constexpr double kRounding = 1.0 - 1e-4;  // Of ways through cells.
 
   double share_;

@@ -36,31 +36,13 @@ class LeafCoverage {
  public:
   LeafCoverage(const ScanBeams<D>& beams, const Clip& clip) : beams_(beams), clip_(clip) {}
 
-  /// Adds what beams that cross a leaf see of its children, up to their end points.
+  /// Adds what beams that cross a leaf see of its children, up to their end points, until that is certain to
+  /// be enough.
   /// @param per_child 1 / edge of a child [1/m].
   void operator()(const CellIndex<D>& leaf, const Crossings& list, float per_child, const BeamWidths& widths,
                   Sum& sum) const {
-#ifdef NDTREE_HAS_EIGHTS
-    if constexpr (kNumChildren <= Clip::kMostAtOnce) {
-      if (clip_.goes_by_eights()) {
-        const auto planes = clip_.planes_of(leaf);
-        for (std::size_t first = 0; first < list.size; first += kChunk)
-          add_by_eights(planes, list.part(first, std::min(list.size, first + kChunk)), per_child, widths,
-                        sum);
-        return;
-      }
-    }
-#endif
-    clip_.for_each_crossing(leaf, list, [&](std::size_t child, std::uint32_t beam, float enter, float leave) {
-      const BeamEnd<D>& end = beams_.end(beam);
-      const float exit = std::min(leave, end.range);
-      if (!(exit > enter)) return;
-      const float along = end.slant;
-      const float middle = 0.5f * (enter + exit) * along;
-      sum.add(static_cast<int>(child),
-              Sum::seen((exit - enter) * along * per_child,
-                        widths.per_depth > 0.0f ? middle * widths.per_depth : widths.fixed));
-    });
+    for (std::size_t first = 0; first < list.size && !CoverageModel::is_certain(sum); first += kChunk)
+      add(leaf, list.part(first, std::min(list.size, first + kChunk)), per_child, widths, sum);
   }
   /// Whether enough of a leaf was seen to update it as a whole.
   /// @param sample which beams of its list count in it.
@@ -81,8 +63,29 @@ class LeafCoverage {
   }
 
  private:
-  static constexpr std::size_t kChunk = 64;  // Beams, of which all sums fit 32 bits.
+  static constexpr std::size_t kChunk = 16;  // Beams, of which all sums fit 32 bits.
 
+  void add(const CellIndex<D>& leaf, const Crossings& list, float per_child, const BeamWidths& widths,
+           Sum& sum) const {
+#ifdef NDTREE_HAS_EIGHTS
+    if constexpr (kNumChildren <= Clip::kMostAtOnce) {
+      if (clip_.goes_by_eights()) {
+        add_by_eights(clip_.planes_of(leaf), list, per_child, widths, sum);
+        return;
+      }
+    }
+#endif
+    clip_.for_each_crossing(leaf, list, [&](std::size_t child, std::uint32_t beam, float enter, float leave) {
+      const BeamEnd<D>& end = beams_.end(beam);
+      const float exit = std::min(leave, end.range);
+      if (!(exit > enter)) return;
+      const float along = end.slant;
+      const float middle = 0.5f * (enter + exit) * along;
+      sum.add(static_cast<int>(child),
+              Sum::seen((exit - enter) * along * per_child,
+                        widths.per_depth > 0.0f ? middle * widths.per_depth : widths.fixed));
+    });
+  }
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS void add_by_eights(const typename Clip::Planes& planes, const Crossings& list,
                                       float per_child, const BeamWidths& widths, Sum& sum) const {

@@ -173,7 +173,7 @@ class CrossingStack {
   }
 
   /// An empty list with room for n, the slack included.
-  [[nodiscard]] Crossings allocate(std::size_t n) {
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Crossings allocate(std::size_t n) {
     if (block_ == blocks_.size() || used_ + n > blocks_[block_].room) next_block(n);
     const Block& block = blocks_[block_];
     const Crossings list{reinterpret_cast<std::uint32_t*>(block.bytes.get()) + used_, block.room, 0};
@@ -190,7 +190,7 @@ class CrossingStack {
     explicit Block(std::size_t n) : room(n), bytes(new std::byte[n * kBytes]) {}
   };
 
-  void next_block(std::size_t n) {
+  NDTREE_NEVER_INLINE void next_block(std::size_t n) {
     if (block_ < blocks_.size()) ++block_;
     while (block_ < blocks_.size() && n > blocks_[block_].room) ++block_;
     if (block_ == blocks_.size()) blocks_.emplace_back(std::max(n, kBlock));

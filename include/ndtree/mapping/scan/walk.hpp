@@ -124,7 +124,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   template <class Visit>
   void for_each_child(const CellIndex<D>& node, const Crossings& list, bool takes_all, const Visit& visit) {
     const CrossingStack::Mark mark = stack_.mark();
-    const Lists children = hand_on(node, list, takes_all);
+    const Lists children = hand_down(node, list, takes_all, true);
     for (int c = 0; c < kNumChildren; ++c)
       if (!children.of(c).empty()) visit(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c));
     stack_.release(mark);
@@ -139,27 +139,18 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 
   /// Hands a node's beams to its children, without those that no cell below takes.
   /// @param takes_all BeamShares::all_take_all() of the node.
-  Lists hand_down(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
+  /// @param replaces whether long lists of the children take the place of the node's own, which is then gone.
+  /// @pre if so, nothing that is still in use was allocated after it.
+  Lists hand_down(const CellIndex<D>& node, const Crossings& list, bool takes_all, bool replaces) {
     pace_.spend(list.size);
-    if (Clip::kHasRoomForAll && list.size > kPiece) {
-      hand_down_in_pieces(node, list, takes_all);
-      return pieces_.join(stack_);
-    }
+    if (Clip::kHasRoomForAll && list.size > kPiece)
+      return hand_down_in_pieces(node, list, takes_all, replaces);
     Lists children = clip_.lists_for(node, list, stack_);
     for_each_taken(node, list, takes_all, [&](const Crossings& taken) { clip_(node, taken, children); });
-    if (Clip::kHasRoomForAll && list.size > kLoose) stack_.shrink(children.memory, children.pack());
     return children;
   }
-  /// The same, where the node's own list is not asked for again: its children's take its place.
-  /// @pre nothing that is still in use was allocated after it.
-  Lists hand_on(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
-    if (!Clip::kHasRoomForAll || list.size <= kPiece) return hand_down(node, list, takes_all);
-    pace_.spend(list.size);
-    hand_down_in_pieces(node, list, takes_all);
-    stack_.free_from(list);
-    return pieces_.join(stack_);
-  }
-  void hand_down_in_pieces(const CellIndex<D>& node, const Crossings& list, bool takes_all) {
+  NDTREE_NEVER_INLINE Lists hand_down_in_pieces(const CellIndex<D>& node, const Crossings& list,
+                                                bool takes_all, bool replaces) {
     for_each_taken(node, list, takes_all, [&](const Crossings& taken) {
       for (std::size_t first = 0; first < taken.size; first += kPiece) {
         const Crossings part = taken.part(first, std::min(first + kPiece, taken.size));
@@ -168,6 +159,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
         pieces_.add(children);
       }
     });
+    if (replaces) stack_.free_from(list);
+    return pieces_.join(stack_);
   }
   /// Calls `visit(part)` for those parts of a list that some cell in a node takes.
   template <class Visit>
@@ -203,7 +196,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     if (are_few(ref, list)) return update_children_of_few(ref, list, takes_all);
 #endif
     const CrossingStack::Mark mark = stack_.mark();
-    return update_children(ref, hand_on(ref.index, list, takes_all), mark, false, takes_all);
+    return update_children(ref, hand_down(ref.index, list, takes_all, true), mark, false, takes_all);
   }
 
   bool update_leaf(const Ref& leaf, const Crossings& list, bool takes_all) {
@@ -306,7 +299,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       return update_children_of_few(leaf, list, takes_all, &heritage);
     }
 #endif
-    const Lists lists = hand_down(leaf.index, list, takes_all);
+    const Lists lists = hand_down(leaf.index, list, takes_all, false);
     tree_.split_node(*leaf.node, {}, arena_);
     inheritance_.share_out(parent, sample, list, lists, tree_.children(*leaf.node));
     return update_children(leaf, lists, mark, true, takes_all);
@@ -421,9 +414,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
 
   static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
-  // Of lists for children, each of which has room for all of a node's beams:
-  static constexpr std::size_t kPiece = 1024;  // So many beams at once ...
-  static constexpr std::size_t kLoose = 512;   // ... and up to so many are left where they are.
+  static constexpr std::size_t kPiece = 1024;  // Beams at once, while each child has room for all of them.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
