@@ -38,6 +38,13 @@ struct FaceShare {
   float share;        ///< Of all, at most 1.
 };
 
+/// What is known of all leaves in a node, by what they take of its beams.
+template <int D>
+struct NodeShares {
+  const ScanFace<D>* face = nullptr;  ///< Of all beams; null: of several, or nobody asked.
+  bool takes_all = false;             ///< Each leaf takes all of them.
+};
+
 /// Which of a list's beams count in a leaf: all of them, until it is told of which faces how many.
 template <int D>
 class LeafSample {
@@ -151,6 +158,11 @@ class BeamShares {
     const ScanFace<D>& face = beams_.face_of(beams.first_beam());
     return beams.last_beam() < face.end_of_beams ? &face : nullptr;
   }
+  /// The same, where a node above may have told it.
+  template <class Beams>
+  [[nodiscard]] const ScanFace<D>* only_face_of(const Beams& beams, const NodeShares<D>& above) const {
+    return above.face != nullptr ? above.face : only_face_of(beams);
+  }
   [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
     return depth_of(leaf, face) >= face.depth_of_all[is_known];
   }
@@ -161,6 +173,14 @@ class BeamShares {
     return face != nullptr && takes_all(leaf, *face, is_known);
   }
 
+  /// What is known of a node whose beams are not none. @param above of its parent, or of nodes above that.
+  template <class Beams>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE NodeShares<D> of_node(const CellIndex<D>& node, const Beams& beams,
+                                                           const NodeShares<D>& above) const {
+    if (above.takes_all) return above;
+    const ScanFace<D>* const face = only_face_of(beams, above);
+    return {face, face != nullptr ? all_take_all(node, *face) : all_take_all(node, beams)};
+  }
   /// Whether all leaves in a node, whatever they know, take all beams of a face, ...
   [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const ScanFace<D>& face) const {
     const double ahead = border(node, face.axis, face.negative) - face.origin[face.axis];
@@ -216,9 +236,9 @@ class BeamShares {
   /// What children of a node take of its few beams, where those are of one face.
   class Children {
    public:
-    template <class Beams>
-    NDTREE_ALWAYS_INLINE Children(const BeamShares& shares, const CellIndex<D>& node, const Beams& beams)
-        : shares_(shares), face_(shares.only_face_of(beams)) {
+    /// @param face null if there are several.
+    NDTREE_ALWAYS_INLINE Children(const BeamShares& shares, const CellIndex<D>& node, const ScanFace<D>* face)
+        : shares_(shares), face_(face) {
       if (face_ == nullptr) return;
       const LatticeGeometry<N, D>& geometry = shares.geometry_;
       const std::int64_t edge = geometry.edge(node.level - 1);

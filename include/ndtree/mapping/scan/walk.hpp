@@ -34,6 +34,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   static constexpr int N = Tree::kBranching;
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
+  using Clip = ChildClip<N, D>;
+  using Lists = typename Clip::Lists;
+  using Shares = NodeShares<D>;
 
  public:
   using Ref = typename Tree::Ref;
@@ -63,29 +66,29 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// The whole update.
   void run() {
     const Crossings list = beams_from(0, beams_.size());
-    if (!list.empty()) descend(tree_.root(), list, false);
+    if (!list.empty()) descend(tree_.root(), list, {});
   }
   /// Brings the beams from the first to before the last to the cells of the coarsest level. The tree stays as
   /// it is.
   void bring(std::size_t first, std::size_t last, std::size_t part, CoarseLists<D>& lists) {
     const CrossingStack::Mark mark = stack_.mark();
     const Crossings list = beams_from(first, last);
-    if (!list.empty()) bring(tree_.root().index, list, false, part, lists);
+    if (!list.empty()) bring(tree_.root().index, list, {}, part, lists);
     stack_.release(mark);
   }
   /// Brings beams from an inner node to its children, as well.
   void open(const CellIndex<D>& node, const CoarseList<D>& beams, CoarseLists<D>& lists) {
     for_each_child(
-        node, beams.list, shares_.all_take_all(node, beams.list),
+        node, beams.list, shares_.of_node(node, beams.list, {}),
         [&](const CellIndex<D>& child, const Crossings& list) { lists.add(child.lower, beams.part, list); });
   }
   /// What is left to do in one of these cells. @returns whether it changed.
   bool run(const Ref& ref, const CoarseCell<D>& beams) {
-    if (beams.last - beams.first == 1) return descend(ref, beams.first->list, false);
+    if (beams.last - beams.first == 1) return descend(ref, beams.first->list, {});
     const CrossingStack::Mark mark = stack_.mark();
     Crossings list = stack_.allocate(beams.size + Crossings::kSlack);
     for (const CoarseList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
-    const bool changed = descend(ref, list, false);
+    const bool changed = descend(ref, list, {});
     stack_.release(mark);
     return changed;
   }
@@ -108,23 +111,24 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     list.size = last - first;
     return list;
   }
-  void bring(const CellIndex<D>& node, const Crossings& list, bool takes_all, std::size_t part,
+  void bring(const CellIndex<D>& node, const Crossings& list, const Shares& above, std::size_t part,
              CoarseLists<D>& lists) {
     if (!may_change(node)) return;
     if (node.level <= coarsest_level_) {
       lists.add(node.lower, part, list);
       return;
     }
-    takes_all = takes_all || shares_.all_take_all(node, list);
-    for_each_child(node, list, takes_all, [&](const CellIndex<D>& child, const Crossings& beams) {
-      bring(child, beams, takes_all, part, lists);
+    const Shares shares = shares_.of_node(node, list, above);
+    for_each_child(node, list, shares, [&](const CellIndex<D>& child, const Crossings& beams) {
+      bring(child, beams, shares, part, lists);
     });
   }
   /// Calls `visit(child, list)` for the children that some of a node's beams cross; the tree stays as it is.
   template <class Visit>
-  void for_each_child(const CellIndex<D>& node, const Crossings& list, bool takes_all, const Visit& visit) {
+  void for_each_child(const CellIndex<D>& node, const Crossings& list, const Shares& shares,
+                      const Visit& visit) {
     const CrossingStack::Mark mark = stack_.mark();
-    const Lists children = hand_down(node, list, takes_all, true);
+    const Lists children = hand_down(node, list, shares, true);
     for (int c = 0; c < kNumChildren; ++c)
       if (!children.of(c).empty()) visit(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c));
     stack_.release(mark);
@@ -134,24 +138,19 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return window_ == nullptr || window_->overlaps(node, tree_.geometry().edge(node.level));
   }
 
-  using Clip = ChildClip<N, D>;
-  using Lists = typename Clip::Lists;
-
   /// Hands a node's beams to its children, without those that no cell below takes.
-  /// @param takes_all BeamShares::all_take_all() of the node.
   /// @param replaces whether long lists of the children take the place of the node's own, which is then gone.
   /// @pre if so, nothing that is still in use was allocated after it.
-  Lists hand_down(const CellIndex<D>& node, const Crossings& list, bool takes_all, bool replaces) {
+  Lists hand_down(const CellIndex<D>& node, const Crossings& list, const Shares& shares, bool replaces) {
     pace_.spend(list.size);
-    if (Clip::kHasRoomForAll && list.size > kPiece)
-      return hand_down_in_pieces(node, list, takes_all, replaces);
+    if (Clip::kHasRoomForAll && list.size > kPiece) return hand_down_in_pieces(node, list, shares, replaces);
     Lists children = clip_.lists_for(node, list, stack_);
-    for_each_taken(node, list, takes_all, [&](const Crossings& taken) { clip_(node, taken, children); });
+    for_each_taken(node, list, shares, [&](const Crossings& taken) { clip_(node, taken, children); });
     return children;
   }
   NDTREE_NEVER_INLINE Lists hand_down_in_pieces(const CellIndex<D>& node, const Crossings& list,
-                                                bool takes_all, bool replaces) {
-    for_each_taken(node, list, takes_all, [&](const Crossings& taken) {
+                                                const Shares& shares, bool replaces) {
+    for_each_taken(node, list, shares, [&](const Crossings& taken) {
       for (std::size_t first = 0; first < taken.size; first += kPiece) {
         const Crossings part = taken.part(first, std::min(first + kPiece, taken.size));
         Lists children = clip_.lists_for(node, part, pieces_.memory());
@@ -164,10 +163,12 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   /// Calls `visit(part)` for those parts of a list that some cell in a node takes.
   template <class Visit>
-  void for_each_taken(const CellIndex<D>& node, const Crossings& list, bool takes_all,
+  void for_each_taken(const CellIndex<D>& node, const Crossings& list, const Shares& shares,
                       const Visit& visit) const {
-    if (takes_all || list.size <= kFewBeams) {
-      visit(list);
+    if (shares.takes_all || list.size <= kFewBeams) return visit(list);
+    if (shares.face != nullptr) {
+      const std::size_t end = shares_.end_of_all_shares(node, *shares.face, list, 0, list.size);
+      if (end > 0) visit(list.part(0, end));
       return;
     }
     std::size_t from = 0;  // Of beams that follow each other, and were not visited yet.
@@ -180,26 +181,26 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     if (from < list.size) visit(list.part(from, list.size));
   }
 
-  /// @param list not empty. @param takes_all whether all leaves in some node above take all of it.
+  /// @param list not empty. @param above what is known of a node above.
   /// @returns whether a cell changed.
-  bool descend(const Ref& ref, const Crossings& list, bool takes_all) {
+  bool descend(const Ref& ref, const Crossings& list, const Shares& above) {
     if (ref.index.level >= coarsest_level_ && !may_change(ref.index)) return false;
-    if (ref.index.level <= coarsest_level_ && ref.is_leaf()) return update_leaf(ref, list, takes_all);
+    if (ref.index.level <= coarsest_level_ && ref.is_leaf()) return update_leaf(ref, list, above);
     if (!ref.is_leaf()) {
       if (Summary(ref.node->note()).is_settled() && evidence_.all_pass(list)) return false;
       if (undo_ != nullptr) undo_->keep(tree_, *ref.node);
     } else {
       tree_.split_node(*ref.node, {}, arena_);
     }
-    takes_all = takes_all || shares_.all_take_all(ref.index, list);
+    const Shares shares = shares_.of_node(ref.index, list, above);
 #ifdef NDTREE_HAS_EIGHTS
-    if (are_few(ref, list)) return update_children_of_few(ref, list, takes_all);
+    if (are_few(ref, list)) return update_children_of_few(ref, list, shares);
 #endif
     const CrossingStack::Mark mark = stack_.mark();
-    return update_children(ref, hand_down(ref.index, list, takes_all, true), mark, false, takes_all);
+    return update_children(ref, hand_down(ref.index, list, shares, true), mark, false, shares);
   }
 
-  bool update_leaf(const Ref& leaf, const Crossings& list, bool takes_all) {
+  bool update_leaf(const Ref& leaf, const Crossings& list, const Shares& shares) {
     bool is_known = refinement_.model.is_known(leaf.cell());
     if (is_known && refinement_.model.is_settled(leaf.cell())) {
       if (evidence_.all_pass(list)) return false;
@@ -207,8 +208,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       is_known = shares_.ends_for_each_expected(leaf.index, list, sample_) <=
                  refinement_.split_test.model().free_until();
     }
-    if (!takes_all) {
-      const ScanFace<D>* const face = shares_.only_face_of(list);
+    if (!shares.takes_all) {
+      const ScanFace<D>* const face = shares_.only_face_of(list, shares);
       if (face == nullptr) return update_by_sample(leaf, list, is_known);
       const float share = shares_.of(leaf.index, *face, is_known);
       if (share < 1.0f) return update_by_share(leaf, list, *face, share);
@@ -216,7 +217,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     ScanEvidence scan;
     add(leaf, list, scan);
     refinement_.model.limit(scan);
-    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, all_, scan, takes_all)
+    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, all_, scan, shares)
                                                            : update(leaf.cell(), scan);
   }
   bool update_by_sample(const Ref& leaf, const Crossings& list, bool is_known) {
@@ -224,7 +225,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     shares_.take(leaf.index, list, is_known, sample_,
                  [&](const ScanFace<D>&, float, const Crossings& part) { add(leaf, part, scan); });
     refinement_.model.limit(scan);
-    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, sample_, scan, false)
+    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, sample_, scan, {})
                                                            : update(leaf.cell(), scan);
   }
   /// The same of a list of one face.
@@ -240,7 +241,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                        const ScanEvidence& scan) {
     sample_.clear();
     sample_.add(share);
-    return divide(leaf, list, sample_, scan, false);
+    return divide(leaf, list, sample_, scan, {share.face, false});
   }
   /// Adds what beams say about a leaf, until it is certain that it splits: then they are its children's.
   NDTREE_ALWAYS_INLINE void add(const Ref& leaf, const Crossings& list, ScanEvidence& scan) const {
@@ -267,16 +268,16 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return !leaf.observed() && scan.hits == 0 && scan.occupied == 0 && refinement_.coverage.is_on();
   }
   bool divide(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample, const ScanEvidence& scan,
-              bool takes_all) {
+              const Shares& shares) {
     if (scan.beams == 0) return false;
-    return is_unseen(leaf.cell(), scan) ? update_unseen(leaf, list, sample, scan, takes_all)
-                                        : split(leaf, list, sample, takes_all);
+    return is_unseen(leaf.cell(), scan) ? update_unseen(leaf, list, sample, scan, shares)
+                                        : split(leaf, list, sample, shares);
   }
   /// A leaf that was never observed, and that beams have only passed.
   bool update_unseen(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample,
-                     const ScanEvidence& scan, bool takes_all) {
+                     const ScanEvidence& scan, const Shares& shares) {
     const CoverageVerdict seen = coverage_.judge(leaf.index, leaf.cell(), list, sample, refinement_.coverage);
-    if (seen.shows_more) return split(leaf, list, sample, takes_all);
+    if (seen.shows_more) return split(leaf, list, sample, shares);
     if (!seen.is_enough) return counted(refinement_.model.remember(leaf.cell(), seen.parts, scan), scan);
     return update(leaf.cell(), scan);
   }
@@ -288,7 +289,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return changed;
   }
 
-  bool split(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample, bool takes_all) {
+  bool split(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample, const Shares& shares) {
     const CrossingStack::Mark mark = stack_.mark();
     const EvidenceCell parent = leaf.cell();
     ++counters_.splits;
@@ -296,18 +297,18 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     if (are_few(leaf, list)) {
       tree_.split_node(*leaf.node, {}, arena_);
       const HeritageOfFew heritage = inheritance_.of_few(parent, sample, list);
-      return update_children_of_few(leaf, list, takes_all, &heritage);
+      return update_children_of_few(leaf, list, shares, &heritage);
     }
 #endif
-    const Lists lists = hand_down(leaf.index, list, takes_all, false);
+    const Lists lists = hand_down(leaf.index, list, shares, false);
     tree_.split_node(*leaf.node, {}, arena_);
     inheritance_.share_out(parent, sample, list, lists, tree_.children(*leaf.node));
-    return update_children(leaf, lists, mark, true, takes_all);
+    return update_children(leaf, lists, mark, true, shares);
   }
 
   /// @param lists of the children, allocated after the mark.
   bool update_children(const Ref& ref, const Lists& lists, const CrossingStack::Mark& mark, bool was_split,
-                       bool takes_all) {
+                       const Shares& shares) {
     const bool are_cells = ref.index.level <= coarsest_level_;
     bool changed = was_split;
     const Children children(tree_, ref);
@@ -318,8 +319,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       const Crossings list = lists.of(c);
       if (list.empty()) continue;
       const Ref child = children[c];
-      const bool child_changed = are_cells && child.is_leaf() ? update_leaf(child, list, takes_all)
-                                                              : descend(child, list, takes_all);
+      const bool child_changed =
+          are_cells && child.is_leaf() ? update_leaf(child, list, shares) : descend(child, list, shares);
       changed = child_changed || changed;
     }
     stack_.release(mark);
@@ -348,21 +349,21 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, float enter, float exit) const {
     return {number, beams_.face_of(number), enter, exit};
   }
-  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list, bool takes_all,
+  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list, const Shares& shares,
                                                const HeritageOfFew* heritage = nullptr);
   template <class SomeCrossings>
   NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const SomeCrossings& crossings,
-                                               EightBeams<D>& beams, bool takes_all,
+                                               EightBeams<D>& beams, const Shares& shares,
                                                const HeritageOfFew* heritage = nullptr);
   NDTREE_BY_EIGHTS bool update_children_of_one(const Ref& ref, const LoneBeam& beam, bool takes_all,
                                                const HeritageOfFew* heritage = nullptr);
-  bool descend(const Ref& inner, const FewBeams& beams, bool takes_all);
+  bool descend(const Ref& inner, const FewBeams& beams, const Shares& above);
   bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all);
   NDTREE_NEVER_INLINE bool update_by_share(const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams,
                                            const ScanFace<D>& face, float share);
   template <class Beams>
-  bool update_leaf(const Ref& leaf, const Beams& beams, bool takes_all);
-  bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, bool takes_all);
+  bool update_leaf(const Ref& leaf, const Beams& beams, const Shares& shares);
+  bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, const Shares& shares);
   NDTREE_NEVER_INLINE bool divide(const Ref& leaf, const LoneBeam& beam, float share,
                                   const ScanEvidence& scan, bool takes_all);
   template <class Beams, class Use>

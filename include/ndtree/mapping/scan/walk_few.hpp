@@ -17,23 +17,23 @@ namespace ndtree {
 /// @param heritage of a node that was split; else null.
 template <class Tree, class Refinement, class Sensor>
 NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_few(
-    const Ref& ref, const Crossings& list, bool takes_all, const HeritageOfFew* heritage) {
+    const Ref& ref, const Crossings& list, const Shares& shares, const HeritageOfFew* heritage) {
   if constexpr (Clip::kFitLanes) {
     if (list.size == 1) {
       const LoneBeam beam = lone_beam(list.beam[0], list.enter()[0], list.exit()[0]);
-      return update_children_of_one(ref, beam, takes_all, heritage);
+      return update_children_of_one(ref, beam, shares.takes_all, heritage);
     }
   }
   EightBeams<D> beams;
   beams_.look_up(detail::load_live(list.beam, detail::first_of_eight(list.size)), beams);
-  return update_children_of_few(ref, list, beams, takes_all, heritage);
+  return update_children_of_few(ref, list, beams, shares, heritage);
 }
 
 /// @param crossings Crossings or FewBeams, of these beams.
 template <class Tree, class Refinement, class Sensor>
 template <class SomeCrossings>
 NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_few(
-    const Ref& ref, const SomeCrossings& crossings, EightBeams<D>& beams, bool takes_all,
+    const Ref& ref, const SomeCrossings& crossings, EightBeams<D>& beams, const Shares& above,
     const HeritageOfFew* heritage) {
   pace_.spend(Few::kMost);
   Few few(beams);
@@ -43,8 +43,13 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
   typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
   const Children children(tree_, ref);
   const EvidenceModel& model = refinement_.model;
+  const bool takes_all = above.takes_all;
+  Shares below = above;
   std::optional<typename BeamShares<N, D>::Children> shares;
-  if (!takes_all) shares.emplace(shares_, ref.index, crossings);
+  if (!takes_all) {
+    below.face = shares_.only_face_of(crossings, above);
+    shares.emplace(shares_, ref.index, below.face);
+  }
   bool changed = was_split;
 #pragma GCC unroll 1
   for (int c = 0; c < kNumChildren; ++c) {
@@ -53,7 +58,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     auto& node = children.node(c);
     if (!node.is_leaf()) {
       if (Summary(node.note()).is_settled() && of_child.all_pass()) continue;
-      changed = descend(children[c], of_child, takes_all) || changed;
+      changed = descend(children[c], of_child, below) || changed;
       continue;
     }
     EvidenceCell& cell = node.cell();
@@ -70,7 +75,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
       else
         evidence.add(of_child.child, scan);
       if (few_may_be_too_many_) model.limit(scan);
-      changed = (may_divide(cell, ref.index.level - 1, scan) ? divide(children[c], of_child, scan, takes_all)
+      changed = (may_divide(cell, ref.index.level - 1, scan) ? divide(children[c], of_child, scan, below)
                                                              : update(cell, scan)) ||
                 changed;
       continue;
@@ -80,7 +85,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
                 changed;
       continue;
     }
-    changed = update_leaf(children[c], of_child, takes_all) || changed;
+    changed = update_leaf(children[c], of_child, below) || changed;
   }
   if (!changed && ref.node->note() != 0) return false;
   return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
@@ -88,15 +93,14 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
 
 template <class Tree, class Refinement, class Sensor>
 inline bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const FewBeams& beams,
-                                                        bool takes_all) {
+                                                        const Shares& above) {
   if constexpr (Clip::kFitLanes) {
     if (beams.is_one())
       return descend(inner, lone_beam(beams.first_beam(), beams.enter_of_first(), beams.exit_of_first()),
-                     takes_all);
+                     above.takes_all);
   }
   if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
-  return update_children_of_few(inner, beams, beams.of.beams,
-                                takes_all || shares_.all_take_all(inner.index, beams));
+  return update_children_of_few(inner, beams, beams.of.beams, shares_.of_node(inner.index, beams, above));
 }
 
 /// A leaf that takes a share of few beams, all of one face. @param node the leaf's parent.
@@ -145,7 +149,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     EvidenceCell& cell = node.cell();
     const bool is_known = model.is_known(cell);
     if (is_known && model.is_settled(cell)) {
-      if (!passes) changed = update_leaf(child(), in_child, takes_all) || changed;
+      if (!passes) changed = update_leaf(child(), in_child, {&beam.face, takes_all}) || changed;
       continue;
     }
     const float share = takes_all ? 1.0f : shares_.of(child().index, beam.face, is_known);
@@ -175,14 +179,14 @@ inline bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const 
 template <class Tree, class Refinement, class Sensor>
 template <class Beams>
 inline bool ScanWalk<Tree, Refinement, Sensor>::update_leaf(const Ref& leaf, const Beams& beams,
-                                                            bool takes_all) {
-  return with_list(beams, [&](const Crossings& list) { return update_leaf(leaf, list, takes_all); });
+                                                            const Shares& shares) {
+  return with_list(beams, [&](const Crossings& list) { return update_leaf(leaf, list, shares); });
 }
 
 template <class Tree, class Refinement, class Sensor>
 inline bool ScanWalk<Tree, Refinement, Sensor>::divide(const Ref& leaf, const FewBeams& beams,
-                                                       const ScanEvidence& scan, bool takes_all) {
-  return with_list(beams, [&](const Crossings& list) { return divide(leaf, list, all_, scan, takes_all); });
+                                                       const ScanEvidence& scan, const Shares& shares) {
+  return with_list(beams, [&](const Crossings& list) { return divide(leaf, list, all_, scan, shares); });
 }
 
 template <class Tree, class Refinement, class Sensor>
@@ -190,7 +194,7 @@ bool ScanWalk<Tree, Refinement, Sensor>::divide(const Ref& leaf, const LoneBeam&
                                                 const ScanEvidence& scan, bool takes_all) {
   return with_list(beam, [&](const Crossings& list) {
     return share < 1.0f ? divide_by_share(leaf, list, {&beam.face, beam.face.end_of_beams, share}, scan)
-                        : divide(leaf, list, all_, scan, takes_all);
+                        : divide(leaf, list, all_, scan, {&beam.face, takes_all});
   });
 }
 
