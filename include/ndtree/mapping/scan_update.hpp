@@ -95,6 +95,7 @@ class ScanUpdate {
   /// Puts the beams that some cell may take into arrays, by face and chance.
   void prepare(Workers& workers) {
     std::vector<std::vector<std::uint32_t>> numbers;
+    numbers.reserve(parts_.size());
     for (Part& part : parts_) numbers.push_back(image_.join(part.image()));
     for (ScanFace<D>& face : image_.faces()) face.divide();
     const auto& geometry = tree_.geometry();
@@ -113,6 +114,7 @@ class ScanUpdate {
     if (num_beams == 0) return;
     std::vector<ScanFace<D>> faces = number_faces(numbers);
     std::vector<std::uint32_t> ends_of_faces;
+    ends_of_faces.reserve(faces.size());
     for (const ScanFace<D>& face : faces) ends_of_faces.push_back(face.end_of_beams);
     BeamBuckets buckets(ends_of_faces, largest_chance);
     std::vector<std::vector<std::uint32_t>> places(parts_.size());
@@ -186,7 +188,9 @@ class ScanUpdate {
     std::vector<std::uint32_t> kept(image_.faces().size(), 0);
     for (std::size_t p = 0; p < parts_.size(); ++p)
       for (std::size_t f = 0; f < numbers[p].size(); ++f) kept[numbers[p][f]] += parts_[p].kept_of_faces()[f];
-    std::vector<ScanFace<D>> faces{ScanFace<D>(Vector<D>::Zero(), 0, false)};
+    std::vector<ScanFace<D>> faces;
+    faces.reserve(1 + kept.size());
+    faces.emplace_back(Vector<D>::Zero(), 0, false);
     faces.front().num_beams = 1;
     std::vector<std::uint32_t> number(kept.size(), 0);
     for (std::size_t f = 0; f < kept.size(); ++f) {

@@ -140,6 +140,7 @@ class ScanImage {
   /// Numbers the faces of the first cube by their sides.
   void add_all_faces(const Vector<D>& origin) {
     const std::size_t cube = cube_of(origin);
+    faces_.reserve(2 * D);
     for (std::size_t side = 0; side < 2 * D; ++side) face_of(cube, origin, side);
   }
   [[nodiscard]] std::vector<ScanFace<D>>& faces() { return faces_; }
@@ -149,6 +150,8 @@ class ScanImage {
   /// Adds another image's faces. @returns the numbers that they have here.
   std::vector<std::uint32_t> join(const ScanImage& other) {
     std::vector<std::uint32_t> numbers;
+    numbers.reserve(other.faces_.size());
+    faces_.reserve(std::max(faces_.capacity(), other.faces_.size()));
     for (const ScanFace<D>& face : other.faces_) {
       numbers.push_back(face_of(cube_of(face.origin), face.origin,
                                 2 * static_cast<std::size_t>(face.axis) + face.negative));

@@ -52,6 +52,7 @@ class LeafEvidence {
         sensor_(sensor),
         width_(beams.width()),
         noise_sigmas_(static_cast<float>(model.noise_sigmas())) {
+    sizes_.reserve(static_cast<std::size_t>(1 - geometry.finest_level()));
     for (int level = geometry.finest_level(); level <= 0; ++level) {
       const double size = geometry.cell_size(level);
       const bool is_finest = level == geometry.finest_level();

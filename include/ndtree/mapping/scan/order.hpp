@@ -32,6 +32,7 @@ class BeamBuckets {
   BeamBuckets(const std::vector<std::uint32_t>& ends_of_faces, std::uint32_t largest) {
     int bits = 0;
     while (largest >> bits != 0) ++bits;
+    faces_.reserve(ends_of_faces.size());
     std::size_t first = 0;
     std::uint32_t begin = 0;
     for (const std::uint32_t end : ends_of_faces) {
