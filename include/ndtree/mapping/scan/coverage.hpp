@@ -63,7 +63,7 @@ class LeafCoverage {
   }
 
  private:
-  static constexpr std::size_t kChunk = 16;  // Beams, of which all sums fit 32 bits.
+  static constexpr std::size_t kChunk = 16;  // Beams, until it is asked anew; up to 64, all sums fit 32 bits.
 
   void add(const CellIndex<D>& leaf, const Crossings& list, float per_child, const BeamWidths& widths,
            Sum& sum) const {

@@ -7,7 +7,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <functional>
 #include <memory>
 #include <vector>
@@ -42,7 +41,8 @@ struct Crossings {
   }
 };
 
-/// Adds one list to another, which has room for it. @pre its beams come after those that are there.
+/// Adds one list to another, which has room for it, in the same memory only before it. @pre its beams come
+/// after those that are there.
 inline void append(const Crossings& list, Crossings& to) {
   std::copy_n(list.beam, list.size, to.beam + to.size);
   std::copy_n(list.enter(), list.size, to.enter() + to.size);
@@ -124,10 +124,9 @@ struct SiblingLists {
     std::size_t end = 0;
     for (std::size_t c = 0; c < kCount; ++c) {
       const std::size_t size = last[c] - first[c];
-      if (first[c] != end && size > 0) {
-        std::memmove(memory.beam + end, memory.beam + first[c], size * sizeof(std::uint32_t));
-        std::memmove(memory.enter() + end, memory.enter() + first[c], size * sizeof(float));
-        std::memmove(memory.exit() + end, memory.exit() + first[c], size * sizeof(float));
+      if (first[c] != end) {
+        Crossings moved = memory.part(end, end);
+        append(memory.part(first[c], last[c]), moved);
       }
       first[c] = end;
       last[c] = end + size;

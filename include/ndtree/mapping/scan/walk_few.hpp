@@ -44,12 +44,9 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
   const Children children(tree_, ref);
   const EvidenceModel& model = refinement_.model;
   const bool takes_all = above.takes_all;
-  Shares below = above;
+  const Shares below{takes_all ? above.face : shares_.only_face_of(crossings, above), takes_all};
   std::optional<typename BeamShares<N, D>::Children> shares;
-  if (!takes_all) {
-    below.face = shares_.only_face_of(crossings, above);
-    shares.emplace(shares_, ref.index, below.face);
-  }
+  if (!takes_all) shares.emplace(shares_, ref.index, below.face);
   bool changed = was_split;
 #pragma GCC unroll 1
   for (int c = 0; c < kNumChildren; ++c) {
