@@ -43,7 +43,8 @@ struct Beams {
     };
     Vector<D> origin;
     for (int a = 0; a < D; ++a) origin[a] = place(random.chance(0.3));
-    beams.resize(count, {ScanFace<D>(origin, 0, false)}, own_origins, geometry.coordinates(origin), true);
+    beams.resize(count, {ScanFace<D>(origin, 0, false)}, {0}, own_origins, geometry.coordinates(origin),
+                 true);
     Scan<D> scan;
     scan.origins.resize(D, static_cast<Eigen::Index>(count));
     scan.endpoints.resize(D, static_cast<Eigen::Index>(count));
@@ -65,7 +66,7 @@ struct Beams {
     }
     const Measurements<D, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
     for (std::size_t i = 0; i < count; ++i)
-      beams.set(i, geometry, sensor, measurements, static_cast<Eigen::Index>(i), 0.0f, 0);
+      beams.set(i, geometry, sensor, measurements, static_cast<Eigen::Index>(i), 0);
     beams.finish();
   }
   /// All beams, as far as they reach.

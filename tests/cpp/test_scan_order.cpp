@@ -8,89 +8,108 @@
 #include <tuple>
 #include <vector>
 
+#include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/order.hpp"
 
 namespace ndtree {
 namespace {
 
-auto everything_of(const KeptBeam& beam) { return std::make_tuple(beam.face, beam.chance, beam.number); }
+/// A beam before it is put in its place.
+struct Drawn {
+  std::uint32_t face, chance, number;
+};
 
-/// What threads do, one after the other: parts count and put their beams, then ranges of buckets are sorted.
-std::vector<KeptBeam> in_buckets(const std::vector<KeptBeam>& beams, std::size_t num_faces,
-                                 std::size_t num_parts, std::size_t num_ranges) {
+struct Ordered {
+  std::vector<KeptBeam> beams;
+  BeamSteps steps;
+};
+
+/// What threads do, one after the other: parts count their beams and put them where they belong.
+Ordered in_steps(const std::vector<Drawn>& beams, const std::vector<int>& shifts, std::size_t num_parts) {
   std::uint32_t largest = 0;
-  for (const KeptBeam& beam : beams) largest = std::max(largest, beam.chance);
-  std::vector<std::uint32_t> ends(num_faces, 0);
-  for (const KeptBeam& beam : beams)
-    for (std::size_t f = beam.face; f < num_faces; ++f) ++ends[f];
-  BeamBuckets buckets(ends, largest);
+  for (const Drawn& beam : beams) largest = std::max(largest, beam.chance);
+  Ordered result{std::vector<KeptBeam>(beams.size()), BeamSteps(shifts, largest)};
+  const BeamSteps& steps = result.steps;
   const auto first = [&](std::size_t part) { return beams.size() * part / num_parts; };
   std::vector<std::vector<std::uint32_t>> places(num_parts);
   for (std::size_t p = 0; p < num_parts; ++p) {
-    places[p].resize(buckets.count());
+    places[p].resize(steps.count());
     for (std::size_t i = first(p); i < first(p + 1); ++i)
-      ++places[p][buckets.of(beams[i].face, beams[i].chance)];
+      ++places[p][steps.of(beams[i].face, beams[i].chance)];
   }
-  buckets.begin(places);
-  std::vector<KeptBeam> sorted(beams.size());
+  result.steps.begin(places);
   for (std::size_t p = 0; p < num_parts; ++p)
     for (std::size_t i = first(p); i < first(p + 1); ++i)
-      sorted[places[p][buckets.of(beams[i].face, beams[i].chance)]++] = beams[i];
-  std::size_t end = 0;
-  for (std::size_t r = 0; r < num_ranges; ++r) {
-    const std::size_t begin = buckets.next_begin(beams.size() * r / num_ranges);
-    EXPECT_EQ(begin, end);  // Ranges follow each other.
-    end = buckets.next_begin(beams.size() * (r + 1) / num_ranges);
-    buckets.sort(sorted.data(), begin, end);
-  }
-  EXPECT_EQ(end, beams.size());
-  return sorted;
+      result.beams[places[p][steps.of(beams[i].face, beams[i].chance)]++] = {beams[i].face, beams[i].number};
+  return result;
 }
 
-TEST(BeamBuckets, AreInTheOrderOfASortForAllPartsAndRanges) {
+TEST(BeamSteps, AreInTheOrderOfFacesStepsAndNumbersForAllParts) {
   std::mt19937 random(1);
   int cases = 0;
   for (const std::size_t n : {1u, 2u, 3u, 7u, 180u, 3000u})
     for (const std::size_t num_faces : {1u, 2u, 5u, 181u})
       for (const std::uint32_t most : {0u, 1u, 1000u, 0xffffffu}) {
         if (num_faces > n + 1) continue;
-        std::vector<KeptBeam> beams(n);
+        std::vector<int> shifts(num_faces);
+        for (int& shift : shifts) shift = 10 + static_cast<int>(random() % 15);
+        std::vector<Drawn> beams(n);
         for (std::size_t i = 0; i < n; ++i)
-          beams[i] = {static_cast<std::uint32_t>(random() % (most + 1)),
-                      static_cast<std::uint32_t>(random() % num_faces), static_cast<std::uint32_t>(i)};
-        if (most == 1000u)  // Most are of one bucket.
-          for (std::size_t i = 0; i < n; i += 3) beams[i].chance = 0xffffff;
-        std::vector<KeptBeam> expected = beams;
-        const auto is_before = [](const auto& a, const auto& b) {
-          return everything_of(a) < everything_of(b);
+          beams[i] = {static_cast<std::uint32_t>(random() % num_faces),
+                      static_cast<std::uint32_t>(random() % (most + 1)), static_cast<std::uint32_t>(i)};
+        std::vector<Drawn> expected = beams;
+        const auto order = [&](const Drawn& beam) {
+          return std::make_tuple(beam.face, beam.chance >> shifts[beam.face], beam.number);
         };
-        std::sort(expected.begin(), expected.end(), is_before);
-        for (const std::size_t parts : {1u, 2u, 5u})
-          for (const std::size_t ranges : {1u, 2u, 7u}) {
-            std::vector<KeptBeam> sorted = in_buckets(beams, num_faces, parts, ranges);
-            ASSERT_TRUE(std::is_sorted(sorted.begin(), sorted.end())) << n << ' ' << num_faces << ' ' << most;
-            std::sort(sorted.begin(), sorted.end(), is_before);  // Equal ones are in any order.
-            for (std::size_t i = 0; i < n; ++i)
-              ASSERT_EQ(everything_of(sorted[i]), everything_of(expected[i]));
-            ++cases;
+        std::sort(expected.begin(), expected.end(),
+                  [&](const Drawn& a, const Drawn& b) { return order(a) < order(b); });
+        for (const std::size_t parts : {1u, 2u, 5u}) {
+          Ordered result = in_steps(beams, shifts, parts);
+          for (std::size_t i = 0; i < n; ++i) {
+            ASSERT_EQ(result.beams[i].face, expected[i].face);
+            ASSERT_EQ(result.beams[i].number, expected[i].number);
           }
+          // Of each face, those before a step are those of smaller steps.
+          const std::vector<std::uint32_t>& begins = result.steps.begins();
+          for (std::size_t f = 0; f < num_faces; ++f)
+            for (std::uint32_t step = 0; step <= result.steps.count_of(f); ++step) {
+              const auto before = std::count_if(expected.begin(), expected.end(), [&](const Drawn& beam) {
+                return beam.face < f || (beam.face == f && beam.chance >> shifts[f] < step);
+              });
+              ASSERT_EQ(begins[result.steps.first_of(f) + step], static_cast<std::uint32_t>(before));
+              if (n > 1000 && step > 3) step += result.steps.count_of(f) / 5;
+            }
+          ++cases;
+        }
       }
-  EXPECT_GT(cases, 500);
+  EXPECT_GT(cases, 150);
 }
 
-TEST(BeamBuckets, HoldAFewBeamsEach) {
-  const BeamBuckets dense({100'000}, 0xffffff);
-  EXPECT_GT(dense.count(), 100'000u / 4);
-  EXPECT_LE(dense.count(), 100'000u / 2);
-  const BeamBuckets small_chances({100'000}, 0xffff);
-  EXPECT_EQ(small_chances.of(0, 0xffff), small_chances.count() - 1);  // They are spread over the buckets.
+TEST(BeamSteps, AreForLargerChancesThanThereAreNotThere) {
+  const BeamSteps steps({24, 10, 4}, 0xffff);
+  EXPECT_EQ(steps.count_of(0), 1u);
+  EXPECT_EQ(steps.count_of(1), 0x40u);
+  EXPECT_EQ(steps.count_of(2), 0x1000u);
+  EXPECT_EQ(steps.count(), 0x1041u);
+  EXPECT_EQ(steps.of(2, 0xffff), steps.count() - 1);
 }
 
-TEST(BeamBuckets, AreManyForFacesOfManyBeams) {
-  const BeamBuckets buckets({0, 100'000, 100'000, 100'010}, 0xffffff);
-  EXPECT_EQ(buckets.of(1, 0), 0u);  // None for those without any.
-  EXPECT_GT(buckets.of(3, 0), 100'000u / 4);
-  EXPECT_LE(buckets.count() - buckets.of(3, 0), 5u);
+/// A face tells as many steps apart as make one to two beams of each.
+TEST(BeamSteps, AreOneOrTwoBeamsOfAFace) {
+  for (const std::uint32_t beams : {1u, 2u, 3u, 4u, 7u, 100u, 300'000u, 1u << 24, 0xffffffffu}) {
+    ScanFace<3> face(Vector<3>::Zero(), 0, false);
+    face.num_beams = beams;
+    face.lower = {-0.5f, -0.5f};
+    face.upper = {0.5f, 0.5f};
+    face.divide();
+    const double steps = static_cast<double>(face.steps_of_all());
+    EXPECT_GE(steps, std::min(0.5 * beams + 0.5, 0x1p24));
+    EXPECT_LE(steps, std::min(static_cast<double>(beams), 0x1p24));
+    EXPECT_EQ(face.step_of(0), 0u);
+    EXPECT_EQ(face.step_of(0xffffff), static_cast<std::uint32_t>(steps) - 1);
+    EXPECT_EQ(face.share_below(0), 0.0f);
+    EXPECT_EQ(face.share_below(static_cast<std::uint32_t>(steps)), 1.0f);
+  }
 }
 
 }  // namespace

@@ -89,7 +89,7 @@ void looks_over_as_one_by_one(std::uint64_t seed) {
           EXPECT_EQ(std::abs(beam.displacement[face.axis]), beam.displacement.cwiseAbs().maxCoeff());
           EXPECT_EQ(beam.displacement[face.axis] < 0.0, face.negative);
           if (beam.range < 100.0) {
-            EXPECT_EQ(kept.chance, chance_of<D>(floats<D>(beam.displacement)));
+            EXPECT_EQ(part.chance(k), chance_of<D>(floats<D>(beam.displacement)));
           }
         }
         if (::testing::Test::HasFailure()) return;
@@ -154,8 +154,8 @@ void keeps_what_some_cell_takes(std::uint64_t seed) {
           if (face.axis != axis || face.negative != (beam.displacement[axis] < 0.0)) continue;
           const float expected =
               face.expected_beams(face.depth_of(cell.lower[axis], cell.upper[axis]), 0.25f);
-          const float chance = static_cast<float>(chance_of<D>(floats<D>(beam.displacement))) * kChanceUnit;
-          if (!(chance * expected < static_cast<float>(beams_of_a_cell))) continue;
+          const std::uint32_t step = face.step_of(chance_of<D>(floats<D>(beam.displacement)));
+          if (!(face.share_below(step) * expected < static_cast<float>(beams_of_a_cell))) continue;
           EXPECT_EQ(kept.count(static_cast<std::uint32_t>(k)), 1u);
           ++taken;
         }

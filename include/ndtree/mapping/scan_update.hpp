@@ -92,7 +92,7 @@ class ScanUpdate {
   }
 
  private:
-  /// Puts the beams that some cell may take into arrays, by face and chance.
+  /// Puts the beams that some cell may take into arrays, by face and step of chance.
   void prepare(Workers& workers) {
     std::vector<std::vector<std::uint32_t>> numbers;
     numbers.reserve(parts_.size());
@@ -113,28 +113,29 @@ class ScanUpdate {
     }
     if (num_beams == 0) return;
     std::vector<ScanFace<D>> faces = number_faces(numbers);
-    std::vector<std::uint32_t> ends_of_faces;
-    ends_of_faces.reserve(faces.size());
-    for (const ScanFace<D>& face : faces) ends_of_faces.push_back(face.end_of_beams);
-    BeamBuckets buckets(ends_of_faces, largest_chance);
+    std::vector<int> shifts;
+    shifts.reserve(faces.size());
+    for (const ScanFace<D>& face : faces) shifts.push_back(face.chance_shift);
+    BeamSteps steps(shifts, largest_chance);
     std::vector<std::vector<std::uint32_t>> places(parts_.size());
     workers.for_each_task(
-        parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(buckets, numbers[p]); });
-    buckets.begin(places);
+        parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(steps, numbers[p]); });
+    steps.begin(places);
+    for (std::size_t f = 0; f < faces.size(); ++f) {
+      faces[f].first_step = steps.first_of(f);
+      faces[f].num_steps = steps.count_of(f);
+    }
     const std::unique_ptr<KeptBeam[]> kept(new KeptBeam[num_beams]);  // Not initialised: parts do that.
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { parts_[p].put(numbers[p], places[p], kept.get()); });
     parts_.clear();
     const ScanView<D>& scan = measurements_->scan();
-    beams_.resize(num_beams, std::move(faces), scan.origin_per_beam, geometry.coordinates(scan.origin(any)),
-                  ends_nearby());
+    beams_.resize(num_beams, std::move(faces), std::move(steps.begins()), scan.origin_per_beam,
+                  geometry.coordinates(scan.origin(any)), ends_nearby());
     const bool by_eights = may_go_by_eights();
     const std::size_t tasks = workers.count();
     workers.for_each_task(tasks, [&](std::size_t, std::size_t task) {
-      const std::size_t first = buckets.next_begin(num_beams * task / tasks);
-      const std::size_t last = buckets.next_begin(num_beams * (task + 1) / tasks);
-      buckets.sort(kept.get(), first, last);
-      set_beams(kept.get(), first, last, by_eights);
+      set_beams(kept.get(), num_beams * task / tasks, num_beams * (task + 1) / tasks, by_eights);
     });
     beams_.finish();
   }
@@ -159,7 +160,7 @@ class ScanUpdate {
     const auto& geometry = tree_.geometry();
     const auto set = [&](std::size_t i) {
       beams_.set(i, geometry, sensor_, *measurements_, static_cast<Eigen::Index>(kept[i].number),
-                 static_cast<float>(kept[i].chance) * kChanceUnit, kept[i].face);
+                 kept[i].face);
     };
     if (first < last) set(first);
     std::size_t i = first + 1;
@@ -172,8 +173,7 @@ class ScanUpdate {
           all_returned = all_returned &&
                          measurements_->scan().is_returned(static_cast<Eigen::Index>(kept[i + k].number));
           numbers[k] = kept[i + k].number;
-          beams_.set_chance_and_face(i + k, static_cast<float>(kept[i + k].chance) * kChanceUnit,
-                                     kept[i + k].face);
+          beams_.set_face(i + k, kept[i + k].face);
         }
         if (!all_returned || !beams_.set_eight(i, geometry, sensor_, *measurements_, numbers))
           for (std::size_t k = 0; k < 8; ++k) set(i + k);

@@ -324,8 +324,10 @@ class FlatScanMap {
   }
   [[nodiscard]] bool is_in_sample(const FlatBeam& beam, const CellIndex<D>& index,
                                   double sample_beams) const {
+    // Beams are in and out of samples by steps of chance, of one to two beams each in the mean.
     const float share = share_of(beam, index, sample_beams);
-    return share >= 1.0f || static_cast<float>(beam.chance) / 16777216.0f < share;
+    const float steps = std::exp2(std::floor(std::log2(static_cast<float>(faces_.at(beam.face).beams))));
+    return share >= 1.0f || std::floor(static_cast<float>(beam.chance) / 16777216.0f * steps) < share * steps;
   }
   [[nodiscard]] double smallest() const {
     return static_cast<double>(edge(-num_levels_)) * options_.min_cell_size;

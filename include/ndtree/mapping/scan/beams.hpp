@@ -100,15 +100,16 @@ class ScanBeams {
   }
   /// @param faces that the beams go through. Those of number 0 are alone in their faces, of which there is no
   ///   other number. @param have_own_origins whether not all begin in one place.
+  /// @param begins_of_steps the first beam of each step of the faces, and the end of the last.
   /// @param base the cell from which end points are counted. @param end_nearby see ends_nearby().
-  void resize(std::size_t n, std::vector<ScanFace<D>> faces, bool have_own_origins, const Lattice<D>& base,
-              bool end_nearby) {
+  void resize(std::size_t n, std::vector<ScanFace<D>> faces, std::vector<std::uint32_t> begins_of_steps,
+              bool have_own_origins, const Lattice<D>& base, bool end_nearby) {
     size_ = n;
     faces_ = std::move(faces);
+    begins_of_steps_ = std::move(begins_of_steps);
     ways_.reset(new BeamWay<D>[n]);  // Not initialised: set() does that.
     ends_.reset(new BeamEnd<D>[n]);
     reach_.reset(new float[n]);
-    chance_.reset(new float[n]);
     faces_of_.reset(new std::uint32_t[n]);
     cells_.reset(end_nearby ? nullptr : new Lattice<D>[n]);
     ends_nearby_ = end_nearby;
@@ -117,11 +118,10 @@ class ScanBeams {
     base_ = base;
   }
 
-  /// @param i number of the beam in the scan, valid. @param chance in [0, 1), see chance_of().
-  /// @param face by its number, see resize().
+  /// @param i number of the beam in the scan, valid. @param face by its number, see resize().
   template <int N, class Sensor>
   void set(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
-           const Measurements<D, Sensor>& measurements, Eigen::Index i, float chance, std::uint32_t face) {
+           const Measurements<D, Sensor>& measurements, Eigen::Index i, std::uint32_t face) {
     const Beam<D> beam = measurements.beam(i);
     const bool returned = beam.outcome == BeamOutcome::returned;
     float square = 0.0f;
@@ -156,7 +156,7 @@ class ScanBeams {
               returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
               returned ? static_cast<float>(static_cast<double>(end) + rounded(Sensor::kReachSigmas * sigma))
                        : end);
-    set_chance_and_face(number, chance, face);
+    set_face(number, face);
     const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
     if (!ends_nearby_) cells_[number] = cell;
     for (std::size_t a = 0; a < D; ++a)
@@ -165,8 +165,8 @@ class ScanBeams {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  /// set() of eight beams from one origin that are all returned, and have no noise of their own; their chance
-  /// and face may be set before or after. @pre all end nearby, see ends_nearby().
+  /// set() of eight beams from one origin that are all returned, and have no noise of their own; their faces
+  /// may be set before or after. @pre all end nearby, see ends_nearby().
   /// @returns false if set() has more to think about: a beam is cut, or ends on a border of a cell.
   template <int N, class Sensor>
   NDTREE_BY_EIGHTS bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry,
@@ -268,10 +268,7 @@ class ScanBeams {
     return beams.ends;
   }
 #endif
-  void set_chance_and_face(std::size_t number, float chance, std::uint32_t face) {
-    chance_[number] = chance;
-    faces_of_[number] = face;
-  }
+  void set_face(std::size_t number, std::uint32_t face) { faces_of_[number] = face; }
 
   /// After the last beam.
   void finish() {
@@ -293,6 +290,14 @@ class ScanBeams {
     return origins_[has_own_origins_ ? number : 0];
   }
   [[nodiscard]] const ScanFace<D>& face_of(std::size_t number) const { return faces_[faces_of_[number]]; }
+  /// Of the sample that is a share of a face's beams, the number of the one after the last.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE std::uint32_t end_of_share(const ScanFace<D>& face, float share) const {
+    if (!(share < 1.0f)) return face.end_of_beams;
+    const float steps = share * face.steps_of_all();
+    auto whole = static_cast<std::uint32_t>(steps);
+    whole += static_cast<float>(whole) < steps;
+    return begins_of_steps_[face.first_step + std::min(whole, face.num_steps)];
+  }
   /// The smallest cell that a beam ends in.
   [[nodiscard]] Lattice<D> end_cell(std::size_t number) const {
     if (!ends_nearby_) return cells_[number];
@@ -306,8 +311,6 @@ class ScanBeams {
   // By number of the beam:
   /// The last distance that a beam says anything about [m].
   [[nodiscard]] const float* reach() const { return reach_.get(); }
-  /// The sample that it is in, if it has a larger share than this.
-  [[nodiscard]] const float* chance() const { return chance_.get(); }
 
   /// Whether all end cells are at most kNearby smallest cells from the base on each axis.
   [[nodiscard]] bool ends_nearby() const { return ends_nearby_; }
@@ -356,11 +359,11 @@ class ScanBeams {
   std::unique_ptr<BeamWay<D>[]> ways_;
   std::unique_ptr<BeamEnd<D>[]> ends_;
   std::unique_ptr<float[]> reach_;
-  std::unique_ptr<float[]> chance_;
   std::unique_ptr<std::uint32_t[]> faces_of_;
   std::unique_ptr<Lattice<D>[]> cells_;
   std::vector<ScanFace<D>> faces_;
-  std::vector<Vector<D>> origins_;  // One, or one each.
+  std::vector<std::uint32_t> begins_of_steps_;  // And the end of the last.
+  std::vector<Vector<D>> origins_;              // One, or one each.
   Lattice<D> base_{};
   bool has_own_origins_ = false;
   bool ends_nearby_ = true;

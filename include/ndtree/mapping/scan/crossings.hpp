@@ -33,8 +33,14 @@ struct Crossings {
   [[nodiscard]] std::uint32_t last_beam() const { return beam[size - 1]; }
   /// The place of the first beam, from a place on, that has this number or more.
   [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from = 0) const {
-    if (from == size || beam[size - 1] < number) return size;
-    return static_cast<std::size_t>(std::lower_bound(beam + from, beam + size, number) - beam);
+    return find(number, from, size);
+  }
+  /// The same up to a place, which it is if none has. By halves, without a branch that nobody can foresee.
+  [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from, std::size_t to) const {
+    if (from == to || beam[to - 1] < number) return to;
+    for (std::size_t left = to - from; left > 1; left -= left / 2)
+      from += beam[from + left / 2 - 1] < number ? left / 2 : 0;
+    return from + (beam[from] < number);
   }
   [[nodiscard]] Crossings part(std::size_t first, std::size_t last) const {
     return {beam + first, stride, last - first};
@@ -74,8 +80,12 @@ struct FewCrossings {
   [[nodiscard]] std::uint32_t last_of(std::uint32_t set_of_beams) const {
     return beams.number[static_cast<std::size_t>(31 - __builtin_clz(set_of_beams))];
   }
-  [[nodiscard]] static std::uint32_t without_last(std::uint32_t set_of_beams) {
-    return set_of_beams & ~(0x80000000u >> __builtin_clz(set_of_beams));
+  /// Of all, the set of those with smaller numbers than this.
+  NDTREE_BY_EIGHTS [[nodiscard]] std::uint32_t before(std::uint32_t number) const {
+    const __m256i numbers = _mm256_load_si256(reinterpret_cast<const __m256i*>(beams.number.data()));
+    const __m256i larger = _mm256_max_epu32(numbers, _mm256_set1_epi32(static_cast<int>(number)));
+    return ~static_cast<std::uint32_t>(
+        _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(larger, numbers))));
   }
 };
 

@@ -24,6 +24,7 @@ template <int D>
 struct ScanFace {
   static constexpr std::size_t kAxes = D - 1;
   static constexpr float kSlack = 1.0f + 1e-5f;  ///< Of depths and of beams, above all rounding.
+  static constexpr int kChanceBits = 24;         ///< Of the numbers that chance_of() gives.
 
   Vector<D> origin;
   int axis = 0;
@@ -33,10 +34,13 @@ struct ScanFace {
   std::array<float, kAxes> upper;  ///< ... on each of its axes.
   float density = 0.0f;            ///< Places of one beam each, in a row of length 1.
   std::array<float, kAxes> places{};
+  int chance_shift = kChanceBits;  ///< Bits of a chance that do not count, see step_of().
   // After the beams were chosen:
   std::uint32_t end_of_beams = 0;  ///< Number of the one after the last of those that are kept.
   /// From this depth on, a cell takes all of them: one that is learning, or one that knows much [m].
   std::array<float, 2> depth_of_all{};
+  std::size_t first_step = 0;   ///< Of the beams that are kept, among those of all faces, see BeamSteps.
+  std::uint32_t num_steps = 0;  ///< Up to that of the largest chance.
 
   ScanFace(const Vector<D>& from, int along, bool is_negative)
       : origin(from), axis(along), negative(is_negative) {
@@ -55,6 +59,7 @@ struct ScanFace {
   /// After the last beam: as many square places as beams, over the part of the face that they go through.
   void divide() {
     if (num_beams == 0) return;
+    while (chance_shift > 0 && num_beams >> (kChanceBits + 1 - chance_shift) != 0) --chance_shift;
     constexpr double kNarrowest = 1e-6;
     double area = 1.0;  // Without axes that do not matter.
     double widest = 0.0;
@@ -79,6 +84,17 @@ struct ScanFace {
     return is_lone() ? 0.0f
                      : kSlack * size * density /
                            std::pow(beams, 1.0f / static_cast<float>(std::max<std::size_t>(1, kAxes)));
+  }
+  /// Chances are told apart in steps, a power of two of them, of one to two beams each in the mean: all beams
+  /// of a step are in a sample, or none.
+  [[nodiscard]] std::uint32_t step_of(std::uint32_t chance) const { return chance >> chance_shift; }
+  /// How many steps there are from chance 0 to 1.
+  [[nodiscard]] float steps_of_all() const {
+    return static_cast<float>(std::uint32_t{1} << (kChanceBits - chance_shift));
+  }
+  /// The share of beams that is below a step.
+  [[nodiscard]] float share_below(std::uint32_t step) const {
+    return static_cast<float>(step) / steps_of_all();
   }
   [[nodiscard]] float depth_of_all_in_any_cell() const { return std::max(depth_of_all[0], depth_of_all[1]); }
   /// Beams that cross a cube of this size at a depth, if they are spread evenly over the face; none, so to

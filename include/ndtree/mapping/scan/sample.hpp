@@ -39,7 +39,6 @@ template <int D>
   hash ^= hash >> 13;
   return (hash * 0xc2b2ae3du) >> 8;
 }
-inline constexpr float kChanceUnit = 0x1p-24f;
 
 /// How many beams of a scan a cell may take: fewer than `beams` for each smallest cell that lies side by side
 /// in it.
@@ -115,47 +114,45 @@ class alignas(64) ScanPart {
 #endif
     for (; i < size_; ++i)
       if (face_[i] != ScanImage<D>::kNoFace &&
-          static_cast<float>(chance_[i]) * kChanceUnit *
-                  image.face(numbers[face_[i]])
-                      .expected_beams(rounded(std::min(depth_[i], farthest) * kSlack) + behind, smallest) <
-              beams)
+          may_be_taken(image.face(numbers[face_[i]]), chance_[i],
+                       rounded(std::min(depth_[i], farthest) * kSlack) + behind, smallest, beams))
         add_kept(i);
   }
   /// How many some cell may take, ...
   [[nodiscard]] std::size_t num_kept() const { return num_kept_; }
   /// ... these, in the order of the scan, their faces by the number that they have in this part, ...
   [[nodiscard]] KeptBeam kept(std::size_t k) const {
-    const std::uint32_t place = kept_[k];
-    return {chance_[place], face_[place], static_cast<std::uint32_t>(first_) + place};
+    return {face_[kept_[k]], static_cast<std::uint32_t>(first_) + kept_[k]};
   }
+  [[nodiscard]] std::uint32_t chance(std::size_t k) const { return chance_[kept_[k]]; }
   /// ... how many there are of each face, and their largest chance.
   [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
   [[nodiscard]] std::uint32_t largest_chance() const { return largest_chance_; }
 
-  /// How many of them each bucket gets. @param numbers that this part's faces have there.
-  [[nodiscard]] std::vector<std::uint32_t> count(const BeamBuckets& buckets,
+  /// How many of them each step has. @param numbers that this part's faces have there.
+  [[nodiscard]] std::vector<std::uint32_t> count(const BeamSteps& steps,
                                                  const std::vector<std::uint32_t>& numbers) {
-    std::vector<std::uint32_t> counts(buckets.count(), 0);
-    bucket_.reset(new std::uint32_t[num_kept_]);
+    std::vector<std::uint32_t> counts(steps.count(), 0);
+    step_.reset(new std::uint32_t[num_kept_]);
     for (std::size_t k = 0; k < num_kept_; ++k) {
       const std::uint32_t place = kept_[k];
-      bucket_[k] = static_cast<std::uint32_t>(buckets.of(numbers[face_[place]], chance_[place]));
-      ++counts[bucket_[k]];
+      step_[k] = static_cast<std::uint32_t>(steps.of(numbers[face_[place]], chance_[place]));
+      ++counts[step_[k]];
     }
     return counts;
   }
-  /// Puts them into the buckets that they were counted for.
-  /// @param places where the next of each bucket belongs.
+  /// Puts them where they belong. @param places of the next of each step.
   void put(const std::vector<std::uint32_t>& numbers, std::vector<std::uint32_t>& places,
            KeptBeam* beams) const {
     for (std::size_t k = 0; k < num_kept_; ++k) {
       const KeptBeam beam = kept(k);
-      beams[places[bucket_[k]]++] = {beam.chance, numbers[beam.face], beam.number};
+      beams[places[step_[k]]++] = {numbers[beam.face], beam.number};
     }
   }
 
  private:
   static constexpr float kSlack = ScanFace<D>::kSlack;
+  static constexpr float kChanceUnit = 1.0f / (1u << ScanFace<D>::kChanceBits);
   static constexpr float kShortest = 2e-18f;  // Squares of such numbers are floats [m] ...
   static constexpr float kLongest = 1e18f;    // ... and of such.
 
@@ -221,6 +218,11 @@ class alignas(64) ScanPart {
     return in_reach ? BeamOutcome::returned : BeamOutcome::beyond_max_range;
   }
 
+  /// Whether a cell of the smallest size may take a beam at this depth.
+  [[nodiscard]] static bool may_be_taken(const ScanFace<D>& face, std::uint32_t chance, float depth,
+                                         float smallest, float beams) {
+    return rounded(face.share_below(face.step_of(chance)) * face.expected_beams(depth, smallest)) < beams;
+  }
   void add_kept(std::size_t place) {
     kept_[num_kept_++] = static_cast<std::uint32_t>(place);
     ++kept_of_faces_[face_[place]];
@@ -245,12 +247,16 @@ class alignas(64) ScanPart {
                                               const std::vector<std::uint32_t>& numbers, float smallest,
                                               float beams, float farthest, float behind) {
     OfFaces row;
+    OfFaces counts;  // Bits of a chance that count.
     std::array<OfFaces, kAxes> places;
     row.fill(0.0f);
+    counts.fill(0.0f);
     for (auto& of_axis : places) of_axis.fill(0.0f);
     for (std::size_t f = 0; f < numbers.size(); ++f) {
       const ScanFace<D>& face = image.face(numbers[f]);
       row[f] = face.is_lone() ? 0.0f : smallest * face.density;
+      const std::uint32_t bits = ~std::uint32_t{0} << face.chance_shift;
+      std::memcpy(&counts[f], &bits, sizeof bits);
       for (std::size_t k = 0; k < kAxes; ++k) places[k][f] = face.places[k];
     }
     std::size_t i = 0;
@@ -268,7 +274,8 @@ class alignas(64) ScanPart {
       for (std::size_t k = 0; k < kAxes; ++k)
         expected = _mm256_mul_ps(expected, _mm256_min_ps(in_row, of_face(places[k], face)));
       const __m256i number = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(chance_.get() + i));
-      const __m256 chance = _mm256_mul_ps(_mm256_cvtepi32_ps(number), _mm256_set1_ps(kChanceUnit));
+      const __m256i step = _mm256_and_si256(number, _mm256_castps_si256(of_face(counts, face)));
+      const __m256 chance = _mm256_mul_ps(_mm256_cvtepi32_ps(step), _mm256_set1_ps(kChanceUnit));
       const __m256 is_kept = _mm256_and_ps(
           _mm256_cmp_ps(_mm256_mul_ps(chance, expected), _mm256_set1_ps(beams), _CMP_LT_OQ),
           _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)));
@@ -460,8 +467,8 @@ class alignas(64) ScanPart {
   std::unique_ptr<float[]> depth_;
   std::unique_ptr<std::uint32_t[]> chance_;
   std::unique_ptr<std::uint32_t[]> face_;
-  std::unique_ptr<std::uint32_t[]> kept_;    // Places of those that some cell may take, in their order.
-  std::unique_ptr<std::uint32_t[]> bucket_;  // Of each of these.
+  std::unique_ptr<std::uint32_t[]> kept_;  // Places of those that some cell may take, in their order.
+  std::unique_ptr<std::uint32_t[]> step_;  // Of each of these, see BeamSteps.
   std::size_t num_kept_ = 0;
   std::vector<std::uint32_t> kept_of_faces_;
   std::uint32_t largest_chance_ = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What share of a scan's beams counts in a leaf: of each face those of the least chance.
+/// What share of a scan's beams counts in a leaf: of each face those of the lowest steps of chance.
 #pragma once
 
 #include <algorithm>
@@ -87,7 +87,7 @@ class LeafSample {
   std::vector<FaceShare<D>> of_faces_;
 };
 
-/// Tells leaves what they take of a scan. Lists are sorted by face and chance.
+/// Tells leaves what they take of a scan. Lists are sorted by face and step of chance.
 template <int N, int D>
 class BeamShares {
  public:
@@ -102,23 +102,8 @@ class BeamShares {
   [[nodiscard]] float of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
     return face.is_lone() ? 1.0f : at_depth(depth_of(leaf, face), face, is_known);
   }
-  /// How far a share of a part of a list goes, of one face: rarely far, so doubled steps from the first.
-  [[nodiscard]] std::size_t end_of_share(const Crossings& list, std::size_t first, std::size_t last,
-                                         float share) const {
-    const float* const chance = beams_.chance();
-    if (!(share < 1.0f) || chance[list.beam[last - 1]] < share) return last;
-    const auto counts = [&](std::uint32_t beam) { return chance[beam] < share; };
-    std::size_t step = 1;
-    for (; first + step < last && counts(list.beam[first + step - 1]); step *= 2) first += step;
-    return static_cast<std::size_t>(
-        std::partition_point(list.beam + first, list.beam + std::min(first + step, last), counts) -
-        list.beam);
-  }
-  /// A share of a face's beams, of which a list has those before this place.
-  /// @param last the end of the list's beams of that face.
-  [[nodiscard]] static FaceShare<D> ending_at(std::size_t end, const ScanFace<D>& face, float share,
-                                              const Crossings& list, std::size_t last) {
-    return {&face, end < last ? list.beam[end] : face.end_of_beams, share};
+  [[nodiscard]] FaceShare<D> share_of(const ScanFace<D>& face, float share) const {
+    return {&face, beams_.end_of_share(face, share), share};
   }
   /// Finds out which beams of a list count in a leaf. Calls `visit(face, share, list)` for those of each
   /// face, if there are any.
@@ -127,10 +112,10 @@ class BeamShares {
             const Visit& visit) const {
     sample.clear();
     for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
-      const float share = of(leaf, face, is_known);
-      const std::size_t end = end_of_share(list, first, last, share);
-      sample.add(ending_at(end, face, share, list, last));
-      if (first < end) visit(face, share, list.part(first, end));
+      const FaceShare<D> share = share_of(face, of(leaf, face, is_known));
+      const std::size_t end = list.find(share.end, first, last);
+      sample.add(share);
+      if (first < end) visit(face, share.share, list.part(first, end));
     });
   }
 
@@ -218,7 +203,7 @@ class BeamShares {
     if (farthest >= face.depth_of_all[0]) return last;
     constexpr float kSlack = ScanFace<D>::kSlack;
     const float expected = face.expected_beams(farthest * kSlack, smallest_size_);
-    return end_of_share(list, first, last, sample_beams_[0] * kSlack / expected);
+    return list.find(beams_.end_of_share(face, sample_beams_[0] * kSlack / expected), first, last);
   }
 
   /// Beams of a face that would cross a leaf if they were spread evenly.

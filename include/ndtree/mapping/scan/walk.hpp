@@ -230,12 +230,13 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   /// The same of a list of one face.
   bool update_by_share(const Ref& leaf, const Crossings& list, const ScanFace<D>& face, float share) {
-    const std::size_t end = shares_.end_of_share(list, 0, list.size, share);
+    const FaceShare<D> of_face = shares_.share_of(face, share);
+    const std::size_t end = list.find(of_face.end);
     ScanEvidence scan;
     if (end > 0) add(leaf, list.part(0, end), scan);
     refinement_.model.limit(scan);
     if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
-    return divide_by_share(leaf, list, shares_.ending_at(end, face, share, list, list.size), scan);
+    return divide_by_share(leaf, list, of_face, scan);
   }
   bool divide_by_share(const Ref& leaf, const Crossings& list, const FaceShare<D>& share,
                        const ScanEvidence& scan) {
@@ -359,8 +360,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                                                const HeritageOfFew* heritage = nullptr);
   bool descend(const Ref& inner, const FewBeams& beams, const Shares& above);
   bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all);
-  NDTREE_NEVER_INLINE bool update_by_share(const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams,
-                                           const ScanFace<D>& face, float share);
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE bool update_by_share(const CellIndex<D>& node, const Ref& leaf,
+                                                            const FewBeams& beams, const ScanFace<D>& face,
+                                                            float share);
   template <class Beams>
   bool update_leaf(const Ref& leaf, const Beams& beams, const Shares& shares);
   bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, const Shares& shares);

@@ -105,18 +105,13 @@ template <class Tree, class Refinement, class Sensor>
 bool ScanWalk<Tree, Refinement, Sensor>::update_by_share(const CellIndex<D>& node, const Ref& leaf,
                                                          const FewBeams& beams, const ScanFace<D>& face,
                                                          float share) {
-  std::uint32_t set = beams.set();
-  std::uint32_t end = face.end_of_beams;
-  if (share < 1.0f)  // The least chance comes first.
-    for (; set != 0 && !(beams_.chance()[beams.of.last_of(set)] < share); set = beams.of.without_last(set))
-      end = beams.of.last_of(set);
+  const FaceShare<D> of_face = shares_.share_of(face, share);
+  const std::uint32_t set = beams.set() & beams.of.before(of_face.end);
   ScanEvidence scan;
   if (set != 0) evidence_.add(node, beams.of, beams.child, set, scan);
   if (few_may_be_too_many_) refinement_.model.limit(scan);
   if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
-  return with_list(beams, [&](const Crossings& list) {
-    return divide_by_share(leaf, list, {&face, end, share}, scan);
-  });
+  return with_list(beams, [&](const Crossings& list) { return divide_by_share(leaf, list, of_face, scan); });
 }
 
 template <class Tree, class Refinement, class Sensor>
@@ -150,7 +145,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
       continue;
     }
     const float share = takes_all ? 1.0f : shares_.of(child().index, beam.face, is_known);
-    if (share < 1.0f && !(beams_.chance()[beam.number] < share)) continue;
+    if (!(beam.number < beams_.end_of_share(beam.face, share))) continue;
     ScanEvidence scan;
     if (passes)
       evidence.add_passed(in_child.enter, in_child.exit, scan);
