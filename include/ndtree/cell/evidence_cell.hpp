@@ -62,10 +62,12 @@ class EvidenceCell {
   [[nodiscard]] bool streak_is_of_hits() const { return (counts_ & kStreakOfHits) != 0; }
   NDTREE_ALWAYS_INLINE void count_scan(bool any_hits, bool any_misses) {
     if (!any_hits && !any_misses) return;
-    std::uint32_t length = 0;
-    if (any_hits != any_misses)
-      length = any_hits == streak_is_of_hits() ? std::min(kMaxStreak, streak() + 1) : 1;
-    counts_ = (counts_ & ~kStreakBits) | length << 18 | (any_hits ? kStreakOfHits : 0u);
+    // Nobody can foresee what scans say: so without a branch.
+    const std::uint32_t kind = std::uint32_t{any_hits} << 23;
+    const std::uint32_t goes_on = ((counts_ ^ kind) & kStreakOfHits) - 1;  // Top bit: the kind is the same.
+    const std::uint32_t before = counts_ & (kMaxStreak << 18) & (0u - (goes_on >> 31));
+    const std::uint32_t length = std::min(before + (1u << 18), kMaxStreak << 18);
+    counts_ = (counts_ & ~kStreakBits) | kind | (length & (0u - std::uint32_t{any_hits != any_misses}));
   }
   /// Forgets the streak: there is nothing that it could contradict.
   void end_streak() { counts_ &= ~kStreakBits; }
@@ -89,8 +91,11 @@ class EvidenceCell {
     counts_ = (counts_ & ~kPartlySeen) | kObserved;
   }
 
-  /// Whether anything is known for occupied space: evidence, or hits.
-  [[nodiscard]] bool is_hit() const { return occupied_evidence() > 0 || hits() > 0; }
+  /// Whether nothing is known for occupied space, neither evidence nor hits, of a cell that is observed or
+  /// blank.
+  [[nodiscard]] bool knows_free_alone() const {
+    return (counts_ & (kPartlySeen | kMaxCount)) == 0 && occupied_ == 0;
+  }
   /// A cell that knows of free space alone. @pre misses <= kMaxCount; else as set_evidence().
   void set_free(std::int64_t free, std::uint32_t misses, float log_odds) {
     counts_ = kObserved | misses << 9;
@@ -129,8 +134,7 @@ class EvidenceCell {
   }
 
   friend bool operator==(const EvidenceCell& a, const EvidenceCell& b) {
-    return a.counts_ == b.counts_ && a.log_odds_ == b.log_odds_ && a.occupied_ == b.occupied_ &&
-           a.free_ == b.free_;
+    return a.knows_the_same(b) && a.log_odds_ == b.log_odds_;
   }
   friend bool operator!=(const EvidenceCell& a, const EvidenceCell& b) { return !(a == b); }
 

@@ -87,6 +87,7 @@ class EvidenceModel {
         odds_min_(std::exp(sensor.log_odds_min)),
         odds_max_(std::exp(sensor.log_odds_max)),
         prior_(options.evidence_prior / EvidenceCell::kUnit),
+        log_prior_(quick_log(prior_)),
         hit_(ndtree::log_odds(sensor.probability_max)),
         miss_(units(-ndtree::log_odds(sensor.probability_min))),
         memory_(units(options.evidence_memory)),
@@ -137,9 +138,13 @@ class EvidenceModel {
   }
 
   [[nodiscard]] NDTREE_ALWAYS_INLINE float log_odds_of(std::int64_t occupied, std::int64_t free) const {
-    const auto value = static_cast<float>(
+    if (occupied == 0) return log_odds_of_free(free);
+    return clamped(
         quick_log((static_cast<double>(occupied) + prior_) / (static_cast<double>(free) + prior_)));
-    return std::clamp(value, log_odds_min_, log_odds_max_);
+  }
+  /// The same of a cell that knows of free space alone, without a quotient.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE float log_odds_of_free(std::int64_t free) const {
+    return clamped(log_prior_ - quick_log(static_cast<double>(free) + prior_));
   }
 
   /// The odds that a cell is occupied: exp(log-odds), but for rounding. 1 if it was never observed.
@@ -163,13 +168,13 @@ class EvidenceModel {
 
   /// Adds the joint evidence of a scan. @returns whether the cell changed.
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) const {
-    const bool is_only_free = !cell.is_hit() && scan.hits == 0 && scan.occupied == 0;
+    const bool is_only_free = cell.knows_free_alone() && scan.hits == 0 && scan.occupied == 0;
     if (is_only_free && forgets_nothing()) {  // So are most; the rest does the same for them.
       const std::int64_t free = std::min(cell.free_evidence() + scan.free, free_memory_);
       const std::uint32_t misses = std::min(cell.misses() + scan.misses, free_memory_beams_);
       if (cell.observed() && cell.streak() == 0 && free == cell.free_evidence() && misses == cell.misses())
         return false;
-      cell.set_free(free, misses, log_odds_of(0, free));
+      cell.set_free(free, misses, log_odds_of_free(free));
       return true;
     }
     return update_any(cell, scan);
@@ -228,9 +233,8 @@ class EvidenceModel {
   /// consecutive scans are too much alike for that to hold, so that no shorter streak than
   /// kLeastScansOfChange counts.
   [[nodiscard]] bool has_changed(const EvidenceCell& cell) const {
-    if (cell.streak() < kLeastScansOfChange || options_.change_probability == 0.0) return false;
+    if (!has_contradiction(cell) || options_.change_probability == 0.0) return false;
     const bool hit = cell.streak_is_of_hits();
-    if (cell.state() != (hit ? CellState::free : CellState::occupied)) return false;
     constexpr double kPriorBeams = 0.5;
     const double hits = effective_hits(cell) + kPriorBeams;
     const double misses = effective_misses(cell) + kPriorBeams;
@@ -323,11 +327,16 @@ class EvidenceModel {
  private:
   static constexpr std::uint32_t kLeastScansOfChange = 12;
 
+  /// Whether a streak that is long enough says the opposite of the cell.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static bool has_contradiction(const EvidenceCell& cell) {
+    return cell.streak() >= kLeastScansOfChange &&
+           cell.state() == (cell.streak_is_of_hits() ? CellState::free : CellState::occupied);
+  }
   /// update() of any cell.
   NDTREE_ALWAYS_INLINE bool update_any(EvidenceCell& cell, const ScanEvidence& scan) const {
     EvidenceCell now = cell;
     now.count_scan(scan.hits > 0, scan.misses > 0);
-    if (now.streak() >= kLeastScansOfChange && has_changed(now)) forget_but_streak(now);
+    if (has_contradiction(now) && has_changed(now)) forget_but_streak(now);
     std::int64_t occupied = now.occupied_evidence();
     std::int64_t free = now.free_evidence();
     if (kept_ < 1.0) {
@@ -374,9 +383,13 @@ class EvidenceModel {
     return static_cast<std::int64_t>(static_cast<double>(whole) * share);
   }
   [[nodiscard]] static std::int64_t units(double nats) { return std::llround(nats / EvidenceCell::kUnit); }
-  /// part * whole / sum, rounded down: what nothing adds to fades to nothing.
+  /// part * whole / sum, rounded down: what nothing adds to fades to nothing. Below 2^53 it is exact, as
+  /// quotients are then farther from whole numbers than they are rounded.
   [[nodiscard]] static std::int64_t faded(std::int64_t part, std::int64_t whole, std::int64_t sum) {
-    return part * whole / sum;
+    return static_cast<std::int64_t>(static_cast<double>(part * whole) / static_cast<double>(sum));
+  }
+  [[nodiscard]] NDTREE_ALWAYS_INLINE float clamped(double log_odds) const {
+    return std::clamp(static_cast<float>(log_odds), log_odds_min_, log_odds_max_);
   }
 
   EvidenceOptions options_;
@@ -384,7 +397,8 @@ class EvidenceModel {
   float log_odds_max_;
   double odds_min_;
   double odds_max_;
-  double prior_;         // In kUnit.
+  double prior_;  // In kUnit.
+  double log_prior_;
   double hit_;           // [nats]
   std::int64_t miss_;    // In kUnit.
   std::int64_t memory_;  // In kUnit.

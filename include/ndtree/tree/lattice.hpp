@@ -120,10 +120,12 @@ class LatticeGeometry {
   }
   [[nodiscard]] bool in_reach(const Vector<D>& point) const { return (point.array().abs() <= reach()).all(); }
   [[nodiscard]] bool contains(const CellIndex<D>& cell, const Lattice<D>& coordinates) const {
-    const std::int64_t size = edge(cell.level);
+    const auto size = static_cast<std::uint64_t>(edge(cell.level));
+    bool is_inside = true;  // A coordinate below the lower one is so far above it that no cell is as large.
     for (std::size_t a = 0; a < D; ++a)
-      if (coordinates[a] < cell.lower[a] || coordinates[a] - cell.lower[a] >= size) return false;
-    return true;
+      is_inside &=
+          static_cast<std::uint64_t>(coordinates[a]) - static_cast<std::uint64_t>(cell.lower[a]) < size;
+    return is_inside;
   }
   [[nodiscard]] Box<D> box(const CellIndex<D>& cell) const {
     Box<D> result;

@@ -89,6 +89,7 @@ struct EightBeams {
 template <int D>
 class ScanBeams {
  public:
+  static constexpr std::size_t kColumnsOfWay = sizeof(BeamWay<D>) / sizeof(float);
   static constexpr double kThinnestSurface = 5.0 / 3.0;  ///< Standard deviations; see LeafEvidence.
 
   [[nodiscard]] std::size_t size() const { return size_; }
@@ -246,6 +247,13 @@ class ScanBeams {
     ways.pass = column[D];
     return ways;
   }
+#ifdef NDTREE_HAS_SIXTEENS
+  /// Of sixteen, what a metre along an axis is along each. @param inverse of the D axes; there is room for
+  /// more.
+  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE void inverses(__m512i numbers, __m512* inverse) const {
+    detail::load_columns(ways_.get(), numbers, inverse);
+  }
+#endif
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightEnds<D> ends(__m256i numbers) const {
     __m256 column[kColumnsOfEnd];
     detail::load_columns(ends_.get(), numbers, column);
@@ -336,7 +344,6 @@ class ScanBeams {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  static constexpr std::size_t kColumnsOfWay = sizeof(BeamWay<D>) / sizeof(float);
   static constexpr std::size_t kColumnsOfEnd = sizeof(BeamEnd<D>) / sizeof(float);
 
   /// Of eight beams from a number on.

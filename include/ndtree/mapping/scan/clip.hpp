@@ -288,15 +288,14 @@ class ChildClip {
   }
   /// As eight_beams(), where one plane on each axis divides the node.
   NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void sixteen_beams(const Planes& plane,
-                                                                    const EightWays<D>& low,
-                                                                    const EightWays<D>& high, __m512 t0,
+                                                                    const __m512* inverse, __m512 t0,
                                                                     __m512 t1, __m512* enter, __m512* exit) {
     enter[0] = t0;
     exit[0] = t1;
     std::size_t made = 1;
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a, made *= 2) {
-      const __m512 inv = _mm512_insertf32x8(_mm512_castps256_ps512(low.inverse[a]), high.inverse[a], 1);
+      const __m512 inv = inverse[a];
       const __mmask16 is_down = _mm512_movepi32_mask(_mm512_castps_si512(inv));
       const __m512 at = _mm512_mul_ps(_mm512_set1_ps(plane[a][0]), inv);
       const __m512 behind = larger(at, t0);
@@ -318,27 +317,28 @@ class ChildClip {
                                             Lists& children) const {
     static_assert(Crossings::kSlack >= 16, "all of a vector is written");
     const Crossings memory = children.memory;
+    const __m512i places = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
     for (std::size_t i = 0; i < list.size; i += 16) {
       const std::size_t left = std::min<std::size_t>(list.size - i, 16);
       const auto live = static_cast<__mmask16>((1u << left) - 1);
-      const __m512i beam = _mm512_maskz_loadu_epi32(live, list.beam + i);
-      const __m512 t0 = _mm512_maskz_loadu_ps(live, list.enter() + i);
-      const __m512 t1 = _mm512_mask_loadu_ps(t0, live, list.exit() + i);
-      const EightWays<D> low = beams_.ways(detail::load_live(list.beam + i, detail::first_of_eight(left)));
-      const EightWays<D> high =
-          left > 8 ? beams_.ways(detail::load_live(list.beam + i + 8, detail::first_of_eight(left - 8)))
-                   : low;
+      // All sixteen are loaded: with a mask, processors do not find what was just stored.
+      const __m512i beam = _mm512_maskz_mov_epi32(live, _mm512_loadu_si512(list.beam + i));
+      const __m512 t0 = _mm512_loadu_ps(list.enter() + i);
+      const __m512 t1 = _mm512_mask_mov_ps(t0, live, _mm512_loadu_ps(list.exit() + i));
+      __m512 inverse[ScanBeams<D>::kColumnsOfWay];
+      beams_.inverses(beam, inverse);
       __m512 enter[std::size_t{kNumChildren}];
       __m512 exit[std::size_t{kNumChildren}];
-      sixteen_beams(plane, low, high, t0, t1, enter, exit);
+      sixteen_beams(plane, inverse, t0, t1, enter, exit);
 #pragma GCC unroll 32
       for (std::size_t c = 0; c < kNumChildren; ++c) {
         // Compressed in registers: straight to memory takes some processors a hundred cycles.
         const __mmask16 set = _mm512_cmp_ps_mask(exit[c], enter[c], _CMP_GT_OQ);
         const std::size_t place = children.last[c];
-        _mm512_storeu_si512(memory.beam + place, _mm512_maskz_compress_epi32(set, beam));
-        _mm512_storeu_ps(memory.enter() + place, _mm512_maskz_compress_ps(set, enter[c]));
-        _mm512_storeu_ps(memory.exit() + place, _mm512_maskz_compress_ps(set, exit[c]));
+        const __m512i order = _mm512_maskz_compress_epi32(set, places);
+        _mm512_storeu_si512(memory.beam + place, _mm512_maskz_permutexvar_epi32(0xffff, order, beam));
+        _mm512_storeu_ps(memory.enter() + place, _mm512_maskz_permutexvar_ps(0xffff, order, enter[c]));
+        _mm512_storeu_ps(memory.exit() + place, _mm512_maskz_permutexvar_ps(0xffff, order, exit[c]));
         children.last[c] = place + static_cast<std::size_t>(__builtin_popcount(set));
       }
     }

@@ -94,7 +94,7 @@ class Inheritance {
   /// Whether a beam has clearly not met anything where it leaves a cell.
   [[nodiscard]] bool has_passed(std::uint32_t beam, float exit) const {
     const BeamEnd<D>& end = beams_.end(beam);
-    return !end.is_returned() || exit < end.clear;
+    return static_cast<int>(!end.is_returned()) | static_cast<int>(exit < end.clear);
   }
 #ifdef NDTREE_HAS_EIGHTS
   [[nodiscard]] static std::size_t count(std::uint32_t set) {

@@ -259,6 +259,7 @@ class alignas(64) ScanPart {
       std::memcpy(&counts[f], &bits, sizeof bits);
       for (std::size_t k = 0; k < kAxes; ++k) places[k][f] = face.places[k];
     }
+    std::array<std::uint32_t, kNone + 1> kept_of_faces{};  // And of none.
     std::size_t i = 0;
     __m256i largest = _mm256_setzero_si256();
     for (; i + 8 <= size_; i += 8) {
@@ -284,14 +285,16 @@ class alignas(64) ScanPart {
       _mm256_storeu_si256(reinterpret_cast<__m256i*>(kept_.get() + num_kept_), place);
       num_kept_ += static_cast<std::size_t>(__builtin_popcount(set));
       largest = _mm256_max_epi32(largest, _mm256_and_si256(number, _mm256_castps_si256(is_kept)));
-      for (unsigned left = set; left != 0;) {  // Most go through one face.
-        const std::uint32_t one = face_[i + static_cast<std::size_t>(__builtin_ctz(left))];
+      for (unsigned left = 0xff; left != 0;) {  // Most go through one face, be they kept or not.
+        const std::uint32_t one = std::min(face_[i + static_cast<std::size_t>(__builtin_ctz(left))],
+                                           static_cast<std::uint32_t>(kNone));
         const __m256i is_one = _mm256_cmpeq_epi32(face, _mm256_set1_epi32(static_cast<int>(one)));
-        const unsigned same = left & static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(is_one)));
-        kept_of_faces_[one] += static_cast<std::uint32_t>(__builtin_popcount(same));
+        const auto same = static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(is_one)));
+        kept_of_faces[one] += static_cast<std::uint32_t>(__builtin_popcount(same & set));
         left &= ~same;
       }
     }
+    std::copy_n(kept_of_faces.begin(), kept_of_faces_.size(), kept_of_faces_.begin());
     largest_chance_ = static_cast<std::uint32_t>(most_of(_mm256_cvtepi32_ps(largest)));  // 24 bits: exactly.
     return i;
   }
