@@ -336,7 +336,7 @@ class EvidenceModel {
   NDTREE_ALWAYS_INLINE bool update_any(EvidenceCell& cell, const ScanEvidence& scan) const {
     EvidenceCell now = cell;
     now.count_scan(scan.hits > 0, scan.misses > 0);
-    if (has_contradiction(now) && has_changed(now)) forget_but_streak(now);
+    if (has_contradiction(now)) now = after_contradiction(now);
     std::int64_t occupied = now.occupied_evidence();
     std::int64_t free = now.free_evidence();
     if (kept_ < 1.0) {
@@ -369,6 +369,11 @@ class EvidenceModel {
     return cell;
   }
 
+  /// Takes and gives a copy, so that whoever asks has its cell in registers.
+  [[nodiscard]] NDTREE_NEVER_INLINE EvidenceCell after_contradiction(EvidenceCell cell) const {
+    if (has_changed(cell)) forget_but_streak(cell);
+    return cell;
+  }
   /// Leaves a cell with one beam's evidence for each scan of its streak.
   void forget_but_streak(EvidenceCell& cell) const {
     const bool hit = cell.streak_is_of_hits();

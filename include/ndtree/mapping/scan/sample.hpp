@@ -29,12 +29,13 @@ namespace ndtree {
 template <int D>
 [[nodiscard]] std::uint32_t chance_of(const std::array<float, std::size_t{D}>& displacement) {
   std::uint32_t hash = 0;
+  std::uint32_t factor = 1;
   for (const float component : displacement) {
     std::uint32_t bits = 0;
     std::memcpy(&bits, &component, sizeof bits);
-    hash = (hash ^ bits) * 0x9e3779b1u;
-    hash ^= hash >> 15;
+    hash += bits * (factor *= 0x9e3779b1u);
   }
+  hash ^= hash >> 15;
   hash *= 0x85ebca77u;
   hash ^= hash >> 13;
   return (hash * 0xc2b2ae3du) >> 8;
@@ -362,12 +363,14 @@ class alignas(64) ScanPart {
       for (std::size_t k = 0; k < kAxes; ++k) at[k] = _mm256_div_ps(at[k], depth);
 
       __m256i hash = _mm256_setzero_si256();
+      std::uint32_t factor = 1;
 #pragma GCC unroll 4
       for (std::size_t a = 0; a < D; ++a) {
-        hash = _mm256_mullo_epi32(_mm256_xor_si256(hash, _mm256_castps_si256(d[a])),
-                                  _mm256_set1_epi32(static_cast<int>(0x9e3779b1u)));
-        hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 15));
+        factor *= 0x9e3779b1u;
+        hash = _mm256_add_epi32(hash, _mm256_mullo_epi32(_mm256_castps_si256(d[a]),
+                                                         _mm256_set1_epi32(static_cast<int>(factor))));
       }
+      hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 15));
       hash = _mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0x85ebca77u)));
       hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 13));
       hash = _mm256_srli_epi32(_mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0xc2b2ae3du))), 8);
