@@ -85,6 +85,15 @@ class Simd {
   }
 };
 
+/// Lets memory be read that will be asked for soon. @tparam kCount numbers from there on.
+template <int kCount>
+NDTREE_ALWAYS_INLINE void prefetch([[maybe_unused]] const double* numbers) {
+#if defined(__GNUC__) || defined(__clang__)
+  constexpr int kOfLine = 64 / sizeof(double);
+  for (int k = 0; k < kCount; k += kOfLine) __builtin_prefetch(numbers + k);
+#endif
+}
+
 /// To the nearest whole number, the even one if two are: as vectors of numbers are rounded.
 /// @pre |x| < 2^31.
 [[nodiscard]] inline std::int32_t nearest_integer(float x) {
