@@ -26,9 +26,11 @@ struct Ordered {
 
 /// What threads do, one after the other: parts count their beams and put them where they belong.
 Ordered in_steps(const std::vector<Drawn>& beams, const std::vector<int>& shifts, std::size_t num_parts) {
-  std::uint32_t largest = 0;
-  for (const Drawn& beam : beams) largest = std::max(largest, beam.chance);
-  Ordered result{std::vector<KeptBeam>(beams.size()), BeamSteps(shifts, largest)};
+  std::vector<BeamSteps::OfFace> faces;
+  for (const int shift : shifts) faces.push_back({1, shift});
+  for (const Drawn& beam : beams)
+    faces[beam.face].count = std::max(faces[beam.face].count, (beam.chance >> shifts[beam.face]) + 1);
+  Ordered result{std::vector<KeptBeam>(beams.size()), BeamSteps(faces)};
   const BeamSteps& steps = result.steps;
   const auto first = [&](std::size_t part) { return beams.size() * part / num_parts; };
   std::vector<std::vector<std::uint32_t>> places(num_parts);
@@ -85,11 +87,10 @@ TEST(BeamSteps, AreInTheOrderOfFacesStepsAndNumbersForAllParts) {
   EXPECT_GT(cases, 150);
 }
 
-TEST(BeamSteps, AreForLargerChancesThanThereAreNotThere) {
-  const BeamSteps steps({24, 10, 4}, 0xffff);
-  EXPECT_EQ(steps.count_of(0), 1u);
+TEST(BeamSteps, OfFacesFollowEachOther) {
+  const BeamSteps steps({{1, 24}, {0x40, 10}, {0x1000, 4}});
+  EXPECT_EQ(steps.first_of(1), 1u);
   EXPECT_EQ(steps.count_of(1), 0x40u);
-  EXPECT_EQ(steps.count_of(2), 0x1000u);
   EXPECT_EQ(steps.count(), 0x1041u);
   EXPECT_EQ(steps.of(2, 0xffff), steps.count() - 1);
 }
@@ -109,6 +110,11 @@ TEST(BeamSteps, AreOneOrTwoBeamsOfAFace) {
     EXPECT_EQ(face.step_of(0xffffff), static_cast<std::uint32_t>(steps) - 1);
     EXPECT_EQ(face.share_below(0), 0.0f);
     EXPECT_EQ(face.share_below(static_cast<std::uint32_t>(steps)), 1.0f);
+    // Of the depth at which a cell expects ten beams, one of ten is as many as there are steps for.
+    if (beams < 100) continue;
+    const float depth = face.depth_for(10.0f, 0.05f);
+    EXPECT_EQ(face.steps_within(depth, 0.05f, 20.0f), static_cast<std::uint32_t>(steps));
+    EXPECT_NEAR(face.steps_within(depth, 0.05f, 1.0f), 0.1 * steps, 1.0 + 1e-3 * steps);
   }
 }
 

@@ -132,9 +132,16 @@ void keeps_what_some_cell_takes(std::uint64_t seed) {
     ScanImage<D> image;
     const auto numbers = image.join(part.image());
     for (ScanFace<D>& face : image.faces()) face.divide();
-    part.keep(image, numbers, {beams_of_a_cell, 0.25, 1.0});
+    const Sampling sampling{beams_of_a_cell, 0.25, 1.0};
+    part.keep(image, numbers, sampling);
     std::set<std::uint32_t> kept;
-    for (std::size_t k = 0; k < part.num_kept(); ++k) kept.insert(part.kept(k).number);
+    for (std::size_t k = 0; k < part.num_kept(); ++k) {
+      kept.insert(part.kept(k).number);
+      const ScanFace<D>& face = image.face(numbers[part.kept(k).face]);
+      EXPECT_LT(face.step_of(part.chance(k)),
+                face.steps_within(part.depth_of_kept(sampling), 0.25f, static_cast<float>(beams_of_a_cell)))
+          << "there is a step for each";
+    }
     left_out += 2000 - kept.size();
     for (int i = 0; i < 300; ++i) {
       const double size = 0.25 * std::pow(2.0, random.integer(0, 2));

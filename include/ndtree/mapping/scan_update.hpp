@@ -104,19 +104,22 @@ class ScanUpdate {
     workers.for_each_task(parts_.size(),
                           [&](std::size_t, std::size_t p) { parts_[p].keep(image_, numbers[p], sampling); });
     std::size_t num_beams = 0;
-    std::uint32_t largest_chance = 0;
+    float depth = 0.0f;
     Eigen::Index any = 0;
     for (const Part& part : parts_) {
       num_beams += part.num_kept();
-      largest_chance = std::max(largest_chance, part.largest_chance());
+      depth = std::max(depth, part.depth_of_kept(sampling));
       if (part.num_kept() > 0) any = static_cast<Eigen::Index>(part.kept(0).number);
     }
     if (num_beams == 0) return;
     std::vector<ScanFace<D>> faces = number_faces(numbers);
-    std::vector<int> shifts;
-    shifts.reserve(faces.size());
-    for (const ScanFace<D>& face : faces) shifts.push_back(face.chance_shift);
-    BeamSteps steps(shifts, largest_chance);
+    std::vector<BeamSteps::OfFace> steps_of_faces;
+    steps_of_faces.reserve(faces.size());
+    for (const ScanFace<D>& face : faces)
+      steps_of_faces.push_back({face.steps_within(depth, static_cast<float>(sampling.smallest_cell),
+                                                  static_cast<float>(sampling.beams)),
+                                face.chance_shift});
+    BeamSteps steps(steps_of_faces);
     std::vector<std::vector<std::uint32_t>> places(parts_.size());
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(steps, numbers[p]); });

@@ -96,6 +96,14 @@ struct ScanFace {
   [[nodiscard]] float share_below(std::uint32_t step) const {
     return static_cast<float>(step) / steps_of_all();
   }
+  /// Up to that of the largest chance that some cell up to a depth may take, of so many beams for each cell
+  /// of the smallest size.
+  [[nodiscard]] std::uint32_t steps_within(float depth, float size, float beams) const {
+    constexpr float kTwice = kSlack * kSlack;  // More than who asks whether it may.
+    const float share = beams * kTwice / expected_beams(depth, size);
+    const float steps = steps_of_all();
+    return share < 1.0f ? static_cast<std::uint32_t>(share * steps) + 1 : static_cast<std::uint32_t>(steps);
+  }
   [[nodiscard]] float depth_of_all_in_any_cell() const { return std::max(depth_of_all[0], depth_of_all[1]); }
   /// Beams that cross a cube of this size at a depth, if they are spread evenly over the face; none, so to
   /// speak, if there is but one.

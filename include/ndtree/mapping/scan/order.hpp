@@ -20,24 +20,26 @@ struct KeptBeam {
 /// scan.
 class BeamSteps {
  public:
-  /// @param shifts of each face, see ScanFace. @param largest chance; of dense scans, only small ones are
-  /// kept.
-  BeamSteps(const std::vector<int>& shifts, std::uint32_t largest) {
-    faces_.reserve(shifts.size());
+  struct OfFace {
+    std::uint32_t count;  ///< As many as there are beams for, see ScanFace::steps_within().
+    int shift;            ///< See ScanFace::chance_shift.
+  };
+  explicit BeamSteps(const std::vector<OfFace>& faces) {
+    faces_.reserve(faces.size());
     std::size_t first = 0;
-    for (const int shift : shifts) {
-      faces_.push_back({first, (largest >> shift) + 1, shift});
-      first += faces_.back().count;
+    for (const OfFace& face : faces) {
+      faces_.push_back({first, face});
+      first += face.count;
     }
     begins_.assign(first + 1, 0);
   }
 
   [[nodiscard]] std::size_t count() const { return begins_.size() - 1; }
   [[nodiscard]] std::size_t of(std::uint32_t face, std::uint32_t chance) const {
-    return faces_[face].first + (chance >> faces_[face].shift);
+    return faces_[face].first + (chance >> faces_[face].steps.shift);
   }
   [[nodiscard]] std::size_t first_of(std::size_t face) const { return faces_[face].first; }
-  [[nodiscard]] std::uint32_t count_of(std::size_t face) const { return faces_[face].count; }
+  [[nodiscard]] std::uint32_t count_of(std::size_t face) const { return faces_[face].steps.count; }
 
   /// Lets each part's beams of a step follow those of the part before.
   /// @param places of each part and step, how many beams; then, where the first of them belongs.
@@ -59,8 +61,7 @@ class BeamSteps {
  private:
   struct Face {
     std::size_t first;  // Of its steps.
-    std::uint32_t count;
-    int shift;
+    OfFace steps;
   };
   std::vector<Face> faces_;
   std::vector<std::uint32_t> begins_;

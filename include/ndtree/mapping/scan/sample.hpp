@@ -101,11 +101,10 @@ class alignas(64) ScanPart {
   /// No cell takes a beam that none takes at the depth of its end, or behind it by half a cell.
   /// @param image of the whole scan. @param numbers that this part's faces have there.
   void keep(const ScanImage<D>& image, const std::vector<std::uint32_t>& numbers, const Sampling& sampling) {
-    const float behind = reach_behind_ + rounded(0.5f * static_cast<float>(sampling.largest_cell));
+    const float behind = this->behind(sampling);
     const auto smallest = static_cast<float>(sampling.smallest_cell);
     const auto beams = static_cast<float>(sampling.beams) * kSlack;
-    const auto farthest = static_cast<float>(
-        std::min(measurements_->max_range(), static_cast<double>(std::numeric_limits<float>::max())));
+    const float farthest = this->farthest();
     kept_.reset(new std::uint32_t[size_]);
     kept_of_faces_.assign(numbers.size(), 0);
     std::size_t i = 0;
@@ -119,6 +118,10 @@ class alignas(64) ScanPart {
                        rounded(std::min(depth_[i], farthest) * kSlack) + behind, smallest, beams))
         add_kept(i);
   }
+  /// The depth up to which cells may take beams.
+  [[nodiscard]] float depth_of_kept(const Sampling& sampling) const {
+    return rounded(std::min(deepest_, farthest()) * kSlack) + behind(sampling);
+  }
   /// How many some cell may take, ...
   [[nodiscard]] std::size_t num_kept() const { return num_kept_; }
   /// ... these, in the order of the scan, their faces by the number that they have in this part, ...
@@ -126,9 +129,8 @@ class alignas(64) ScanPart {
     return {face_[kept_[k]], static_cast<std::uint32_t>(first_) + kept_[k]};
   }
   [[nodiscard]] std::uint32_t chance(std::size_t k) const { return chance_[kept_[k]]; }
-  /// ... how many there are of each face, and their largest chance.
+  /// ... and how many there are of each face.
   [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
-  [[nodiscard]] std::uint32_t largest_chance() const { return largest_chance_; }
 
   /// How many of them each step has. @param numbers that this part's faces have there.
   [[nodiscard]] std::vector<std::uint32_t> count(const BeamSteps& steps,
@@ -156,6 +158,16 @@ class alignas(64) ScanPart {
   static constexpr float kChanceUnit = 1.0f / (1u << ScanFace<D>::kChanceBits);
   static constexpr float kShortest = 2e-18f;  // Squares of such numbers are floats [m] ...
   static constexpr float kLongest = 1e18f;    // ... and of such.
+
+  /// How far behind its end a beam is asked for [m].
+  [[nodiscard]] float behind(const Sampling& sampling) const {
+    return reach_behind_ + rounded(0.5f * static_cast<float>(sampling.largest_cell));
+  }
+  /// Where beams are cut [m].
+  [[nodiscard]] float farthest() const {
+    return static_cast<float>(
+        std::min(measurements_->max_range(), static_cast<double>(std::numeric_limits<float>::max())));
+  }
 
   void look_over_one(Eigen::Index i) {
     const ScanView<D>& scan = measurements_->scan();
@@ -227,7 +239,6 @@ class alignas(64) ScanPart {
   void add_kept(std::size_t place) {
     kept_[num_kept_++] = static_cast<std::uint32_t>(place);
     ++kept_of_faces_[face_[place]];
-    largest_chance_ = std::max(largest_chance_, chance_[place]);
   }
 
 #ifdef NDTREE_HAS_EIGHTS
@@ -263,7 +274,6 @@ class alignas(64) ScanPart {
     }
     std::array<std::uint32_t, kNone + 1> kept_of_faces{};  // And of none.
     std::size_t i = 0;
-    __m256i largest = _mm256_setzero_si256();
     for (; i + 8 <= size_; i += 8) {
       const __m256i face =
           _mm256_min_epu32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(face_.get() + i)),
@@ -286,7 +296,6 @@ class alignas(64) ScanPart {
       const __m256i place = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(i)), detail::packing(set));
       _mm256_storeu_si256(reinterpret_cast<__m256i*>(kept_.get() + num_kept_), place);
       num_kept_ += static_cast<std::size_t>(__builtin_popcount(set));
-      largest = _mm256_max_epi32(largest, _mm256_and_si256(number, _mm256_castps_si256(is_kept)));
       for (unsigned left = 0xff; left != 0;) {  // Most go through one face, be they kept or not.
         const std::uint32_t one = std::min(face_[i + static_cast<std::size_t>(__builtin_ctz(left))],
                                            static_cast<std::uint32_t>(kNone));
@@ -297,7 +306,6 @@ class alignas(64) ScanPart {
       }
     }
     std::copy_n(kept_of_faces.begin(), kept_of_faces_.size(), kept_of_faces_.begin());
-    largest_chance_ = static_cast<std::uint32_t>(most_of(_mm256_cvtepi32_ps(largest)));  // 24 bits: exactly.
     return i;
   }
 
@@ -479,7 +487,6 @@ class alignas(64) ScanPart {
   std::unique_ptr<std::uint32_t[]> step_;  // Of each of these, see BeamSteps.
   std::size_t num_kept_ = 0;
   std::vector<std::uint32_t> kept_of_faces_;
-  std::uint32_t largest_chance_ = 0;
 };
 
 }  // namespace ndtree
