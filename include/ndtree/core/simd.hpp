@@ -199,8 +199,11 @@ template <class Row>
 NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, __m512i rows, __m512* columns) {
   static_assert(sizeof(Row) % 16 == 0 && alignof(Row) % 16 == 0, "Row is loaded by four numbers");
   constexpr int kStep = sizeof(Row) / sizeof(double);
-  const Offsets low(_mm256_mullo_epi32(_mm512_castsi512_si256(rows), _mm256_set1_epi32(kStep)));
-  const Offsets high(_mm256_mullo_epi32(_mm512_extracti32x8_epi32(rows, 1), _mm256_set1_epi32(kStep)));
+  constexpr __mmask16 kAll = 0xffff;  // Without a mask, GCC takes part of the result for not initialised.
+  const Offsets low(
+      _mm256_mullo_epi32(_mm512_maskz_extracti32x8_epi32(0xff, rows, 0), _mm256_set1_epi32(kStep)));
+  const Offsets high(
+      _mm256_mullo_epi32(_mm512_maskz_extracti32x8_epi32(0xff, rows, 1), _mm256_set1_epi32(kStep)));
   const auto* const doubles = reinterpret_cast<const double*>(table);
 #pragma GCC unroll 8
   for (std::size_t g = 0; g < sizeof(Row) / 16; ++g) {
@@ -215,10 +218,10 @@ NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, __m5
       row = _mm512_insertf32x4(row, four(k + 8), 2);
       quarters[k] = _mm512_insertf32x4(row, four(k + 12), 3);
     }
-    const __m512 ab = _mm512_unpacklo_ps(quarters[0], quarters[1]);
-    const __m512 cd = _mm512_unpackhi_ps(quarters[0], quarters[1]);
-    const __m512 ab_next = _mm512_unpacklo_ps(quarters[2], quarters[3]);
-    const __m512 cd_next = _mm512_unpackhi_ps(quarters[2], quarters[3]);
+    const __m512 ab = _mm512_maskz_unpacklo_ps(kAll, quarters[0], quarters[1]);
+    const __m512 cd = _mm512_maskz_unpackhi_ps(kAll, quarters[0], quarters[1]);
+    const __m512 ab_next = _mm512_maskz_unpacklo_ps(kAll, quarters[2], quarters[3]);
+    const __m512 cd_next = _mm512_maskz_unpackhi_ps(kAll, quarters[2], quarters[3]);
     columns[4 * g] = _mm512_shuffle_ps(ab, ab_next, 0x44);
     columns[4 * g + 1] = _mm512_shuffle_ps(ab, ab_next, 0xee);
     columns[4 * g + 2] = _mm512_shuffle_ps(cd, cd_next, 0x44);
