@@ -102,9 +102,8 @@ inline bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const 
 
 /// A leaf that takes a share of few beams, all of one face. @param node the leaf's parent.
 template <class Tree, class Refinement, class Sensor>
-bool ScanWalk<Tree, Refinement, Sensor>::update_by_share(const CellIndex<D>& node, const Ref& leaf,
-                                                         const FewBeams& beams, const ScanFace<D>& face,
-                                                         float share) {
+NDTREE_BY_EIGHTS bool ScanWalk<Tree, Refinement, Sensor>::update_by_share(
+    const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams, const ScanFace<D>& face, float share) {
   const FaceShare<D> of_face = shares_.share_of(face, share);
   const std::uint32_t set = beams.set() & beams.of.before(of_face.end);
   ScanEvidence scan;
