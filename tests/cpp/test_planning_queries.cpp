@@ -19,6 +19,7 @@
 #include "ndtree/query/distance_field.hpp"
 #include "ndtree/query/frontiers.hpp"
 #include "ndtree/query/nearest.hpp"
+#include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
 #include "random.hpp"
 
@@ -220,6 +221,31 @@ TEST(PlanningQueries, RaysEndWhereLeavesSay) {
   rays_end_where_leaves_say<FixedMap<2, 3>>(random, outside);
   rays_end_where_leaves_say<PaperMap<2, 2>>(random, outside);  // Its large cells reach the border of the map.
   EXPECT_GT(outside, 10);
+}
+
+/// Wherever the map goes on behind it: max_range / length * length is often not max_range.
+TEST(PlanningQueries, ARayThatEndsInFreeSpaceMeetsNothing) {
+  Random random(318);
+  SCOPED_TRACE(random.trace());
+  MapOptions options;
+  options.min_cell_size = 0.25;
+  options.max_cell_size = 1.0;
+  FixedMap<2, 2> map(options);
+  Scan<2> scan;
+  scan.origins = Vector<2>(-1.9, 0.1);
+  scan.endpoints = Vector<2>(1.9, 0.1);
+  scan.returned = {false};
+  map.insert(scan);
+  const Vector<2> origin(-1.5, 0.1);
+  ASSERT_EQ(ndtree::state(map, origin), CellState::free);
+  int shorter = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const Vector<2> direction(random.uniform(0.1, 3.0), 0.0);
+    const double range = random.uniform(0.1, 3.0);
+    shorter += range / direction.norm() * direction.norm() < range;
+    ASSERT_FALSE(trace_ray(map, origin, direction, range, true).has_value()) << direction[0] << ", " << range;
+  }
+  EXPECT_GT(shorter, 20);
 }
 
 template <class Map>

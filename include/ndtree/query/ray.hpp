@@ -90,11 +90,12 @@ template <class Map>
     return RayEnd<D>{*first.t * length, CellState::occupied, map.tree().box(first.leaf_index)};
   }
   detail::FirstNotFree<D> first;
-  traverse_beam(map.tree(), origin, direction, 0.0, max_range / length, first);
+  const double t_end = max_range / length;
+  traverse_beam(map.tree(), origin, direction, 0.0, t_end, first);
   if (!first.entered || first.t_first > 0.0) return RayEnd<D>{0.0, CellState::unknown, std::nullopt};
   if (first.t) return RayEnd<D>{*first.t * length, first.state, map.tree().box(first.leaf_index)};
   const double inside = first.t_inside * length;
-  if (!(inside < max_range)) return std::nullopt;
+  if (!(first.t_inside < t_end && inside < max_range)) return std::nullopt;  // t_end * length may be less.
   return RayEnd<D>{inside, CellState::unknown, std::nullopt};
 }
 
