@@ -239,8 +239,14 @@ class ScanBeams {
   }
   /// By their numbers.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightWays<D> ways(__m256i numbers) const {
+    return ways(ways(), numbers);
+  }
+  /// Of all beams, by number.
+  [[nodiscard]] const BeamWay<D>* ways() const { return ways_.get(); }
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static EightWays<D> ways(const BeamWay<D>* of_all,
+                                                                               __m256i numbers) {
     __m256 column[kColumnsOfWay];
-    detail::load_columns(ways_.get(), numbers, column);
+    detail::load_columns(of_all, numbers, column);
     EightWays<D> ways;
 #pragma GCC unroll 8
     for (std::size_t a = 0; a < D; ++a) ways.inverse[a] = column[a];
@@ -250,8 +256,9 @@ class ScanBeams {
 #ifdef NDTREE_HAS_SIXTEENS
   /// Of sixteen, what a metre along an axis is along each. @param inverse of the D axes; there is room for
   /// more.
-  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE void inverses(__m512i numbers, __m512* inverse) const {
-    detail::load_columns(ways_.get(), numbers, inverse);
+  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void inverses(const BeamWay<D>* of_all, __m512i numbers,
+                                                               __m512* inverse) {
+    detail::load_columns(of_all, numbers, inverse);
   }
 #endif
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightEnds<D> ends(__m256i numbers) const {

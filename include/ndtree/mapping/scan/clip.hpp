@@ -254,28 +254,35 @@ class ChildClip {
     }
   }
   NDTREE_BY_EIGHTS void eight_at_a_time(const Planes& plane, const Crossings& list, Lists& children) const {
-    const Crossings memory = children.memory;
-    for (std::size_t i = 0; i < list.size; i += 8) {
-      const __m256i live = detail::first_of_eight(list.size - i);
-      const __m256i beam = detail::load_live(list.beam + i, live);
-      const __m256 t0 = _mm256_loadu_ps(list.enter() + i);
-      const __m256 t1 = _mm256_blendv_ps(t0, _mm256_loadu_ps(list.exit() + i), _mm256_castsi256_ps(live));
+    // Compilers take what is stored for anything: copies stay in registers.
+    const Crossings from = list;
+    const Crossings to = children.memory;
+    float* const to_enter = to.enter();
+    float* const to_exit = to.exit();
+    const BeamWay<D>* const rows = beams_.ways();
+    std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
+    for (std::size_t i = 0; i < from.size; i += 8) {
+      const __m256i live = detail::first_of_eight(from.size - i);
+      const __m256i beam = detail::load_live(from.beam + i, live);
+      const __m256 t0 = _mm256_loadu_ps(from.enter() + i);
+      const __m256 t1 = _mm256_blendv_ps(t0, _mm256_loadu_ps(from.exit() + i), _mm256_castsi256_ps(live));
       __m256 enter[std::size_t{kNumChildren}];
       __m256 exit[std::size_t{kNumChildren}];
-      eight_beams(plane, beams_.ways(beam), t0, t1, enter, exit);
+      eight_beams(plane, ScanBeams<D>::ways(rows, beam), t0, t1, enter, exit);
 #pragma GCC unroll 32
       for (std::size_t c = 0; c < kNumChildren; ++c) {
         const auto set =
             static_cast<unsigned>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ)));
         const __m256i order = detail::packing(set);
-        const std::size_t place = children.last[c];
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(memory.beam + place),
+        const std::size_t place = last[c];
+        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to.beam + place),
                             _mm256_permutevar8x32_epi32(beam, order));
-        _mm256_storeu_ps(memory.enter() + place, _mm256_permutevar8x32_ps(enter[c], order));
-        _mm256_storeu_ps(memory.exit() + place, _mm256_permutevar8x32_ps(exit[c], order));
-        children.last[c] = place + static_cast<std::size_t>(__builtin_popcount(set));
+        _mm256_storeu_ps(to_enter + place, _mm256_permutevar8x32_ps(enter[c], order));
+        _mm256_storeu_ps(to_exit + place, _mm256_permutevar8x32_ps(exit[c], order));
+        last[c] = place + static_cast<std::size_t>(__builtin_popcount(set));
       }
     }
+    children.last = last;
   }
 #endif
 #ifdef NDTREE_HAS_SIXTEENS
@@ -316,17 +323,22 @@ class ChildClip {
   NDTREE_BY_SIXTEENS void sixteen_at_a_time(const Planes& plane, const Crossings& list,
                                             Lists& children) const {
     static_assert(Crossings::kSlack >= 16, "all of a vector is written");
-    const Crossings memory = children.memory;
+    const Crossings from = list;  // As in eight_at_a_time().
+    const Crossings to = children.memory;
+    float* const to_enter = to.enter();
+    float* const to_exit = to.exit();
+    const BeamWay<D>* const rows = beams_.ways();
+    std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
     const __m512i places = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-    for (std::size_t i = 0; i < list.size; i += 16) {
-      const std::size_t left = std::min<std::size_t>(list.size - i, 16);
+    for (std::size_t i = 0; i < from.size; i += 16) {
+      const std::size_t left = std::min<std::size_t>(from.size - i, 16);
       const auto live = static_cast<__mmask16>((1u << left) - 1);
       // All sixteen are loaded: with a mask, processors do not find what was just stored.
-      const __m512i beam = _mm512_maskz_mov_epi32(live, _mm512_loadu_si512(list.beam + i));
-      const __m512 t0 = _mm512_loadu_ps(list.enter() + i);
-      const __m512 t1 = _mm512_mask_mov_ps(t0, live, _mm512_loadu_ps(list.exit() + i));
+      const __m512i beam = _mm512_maskz_mov_epi32(live, _mm512_loadu_si512(from.beam + i));
+      const __m512 t0 = _mm512_loadu_ps(from.enter() + i);
+      const __m512 t1 = _mm512_mask_mov_ps(t0, live, _mm512_loadu_ps(from.exit() + i));
       __m512 inverse[ScanBeams<D>::kColumnsOfWay];
-      beams_.inverses(beam, inverse);
+      ScanBeams<D>::inverses(rows, beam, inverse);
       __m512 enter[std::size_t{kNumChildren}];
       __m512 exit[std::size_t{kNumChildren}];
       sixteen_beams(plane, inverse, t0, t1, enter, exit);
@@ -334,14 +346,15 @@ class ChildClip {
       for (std::size_t c = 0; c < kNumChildren; ++c) {
         // Compressed in registers: straight to memory takes some processors a hundred cycles.
         const __mmask16 set = _mm512_cmp_ps_mask(exit[c], enter[c], _CMP_GT_OQ);
-        const std::size_t place = children.last[c];
+        const std::size_t place = last[c];
         const __m512i order = _mm512_maskz_compress_epi32(set, places);
-        _mm512_storeu_si512(memory.beam + place, _mm512_maskz_permutexvar_epi32(0xffff, order, beam));
-        _mm512_storeu_ps(memory.enter() + place, _mm512_maskz_permutexvar_ps(0xffff, order, enter[c]));
-        _mm512_storeu_ps(memory.exit() + place, _mm512_maskz_permutexvar_ps(0xffff, order, exit[c]));
-        children.last[c] = place + static_cast<std::size_t>(__builtin_popcount(set));
+        _mm512_storeu_si512(to.beam + place, _mm512_maskz_permutexvar_epi32(0xffff, order, beam));
+        _mm512_storeu_ps(to_enter + place, _mm512_maskz_permutexvar_ps(0xffff, order, enter[c]));
+        _mm512_storeu_ps(to_exit + place, _mm512_maskz_permutexvar_ps(0xffff, order, exit[c]));
+        last[c] = place + static_cast<std::size_t>(__builtin_popcount(set));
       }
     }
+    children.last = last;
   }
 #endif
 
