@@ -19,19 +19,31 @@ struct Drawn {
   std::uint32_t face, chance, number;
 };
 
+using Faces = std::vector<ScanFace<3>>;
+
+/// Faces of so many steps each, with these shifts.
+Faces with_steps(const std::vector<int>& shifts, const std::vector<std::uint32_t>& counts) {
+  Faces faces(shifts.size(), ScanFace<3>(Vector<3>::Zero(), 0, false));
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    faces[f].chance_shift = shifts[f];
+    faces[f].num_steps = counts[f];
+  }
+  return faces;
+}
+
 struct Ordered {
   std::vector<KeptBeam> beams;
-  BeamSteps steps;
+  Faces faces;
+  std::vector<std::uint32_t> begins;
 };
 
 /// What threads do, one after the other: parts count their beams and put them where they belong.
 Ordered in_steps(const std::vector<Drawn>& beams, const std::vector<int>& shifts, std::size_t num_parts) {
-  std::vector<BeamSteps::OfFace> faces;
-  for (const int shift : shifts) faces.push_back({1, shift});
+  std::vector<std::uint32_t> counts(shifts.size(), 1);
   for (const Drawn& beam : beams)
-    faces[beam.face].count = std::max(faces[beam.face].count, (beam.chance >> shifts[beam.face]) + 1);
-  Ordered result{std::vector<KeptBeam>(beams.size()), BeamSteps(faces)};
-  const BeamSteps& steps = result.steps;
+    counts[beam.face] = std::max(counts[beam.face], (beam.chance >> shifts[beam.face]) + 1);
+  Ordered result{std::vector<KeptBeam>(beams.size()), with_steps(shifts, counts), {}};
+  BeamSteps<3> steps(result.faces);
   const auto first = [&](std::size_t part) { return beams.size() * part / num_parts; };
   std::vector<std::vector<std::uint32_t>> places(num_parts);
   for (std::size_t p = 0; p < num_parts; ++p) {
@@ -39,10 +51,11 @@ Ordered in_steps(const std::vector<Drawn>& beams, const std::vector<int>& shifts
     for (std::size_t i = first(p); i < first(p + 1); ++i)
       ++places[p][steps.of(beams[i].face, beams[i].chance)];
   }
-  result.steps.begin(places);
+  steps.begin(places);
   for (std::size_t p = 0; p < num_parts; ++p)
     for (std::size_t i = first(p); i < first(p + 1); ++i)
       result.beams[places[p][steps.of(beams[i].face, beams[i].chance)]++] = {beams[i].face, beams[i].number};
+  result.begins = steps.begins();
   return result;
 }
 
@@ -66,20 +79,19 @@ TEST(BeamSteps, AreInTheOrderOfFacesStepsAndNumbersForAllParts) {
         std::sort(expected.begin(), expected.end(),
                   [&](const Drawn& a, const Drawn& b) { return order(a) < order(b); });
         for (const std::size_t parts : {1u, 2u, 5u}) {
-          Ordered result = in_steps(beams, shifts, parts);
+          const Ordered result = in_steps(beams, shifts, parts);
           for (std::size_t i = 0; i < n; ++i) {
             ASSERT_EQ(result.beams[i].face, expected[i].face);
             ASSERT_EQ(result.beams[i].number, expected[i].number);
           }
           // Of each face, those before a step are those of smaller steps.
-          const std::vector<std::uint32_t>& begins = result.steps.begins();
           for (std::size_t f = 0; f < num_faces; ++f)
-            for (std::uint32_t step = 0; step <= result.steps.count_of(f); ++step) {
+            for (std::uint32_t step = 0; step <= result.faces[f].num_steps; ++step) {
               const auto before = std::count_if(expected.begin(), expected.end(), [&](const Drawn& beam) {
                 return beam.face < f || (beam.face == f && beam.chance >> shifts[f] < step);
               });
-              ASSERT_EQ(begins[result.steps.first_of(f) + step], static_cast<std::uint32_t>(before));
-              if (n > 1000 && step > 3) step += result.steps.count_of(f) / 5;
+              ASSERT_EQ(result.begins[result.faces[f].first_step + step], static_cast<std::uint32_t>(before));
+              if (n > 1000 && step > 3) step += result.faces[f].num_steps / 5;
             }
           ++cases;
         }
@@ -88,9 +100,10 @@ TEST(BeamSteps, AreInTheOrderOfFacesStepsAndNumbersForAllParts) {
 }
 
 TEST(BeamSteps, OfFacesFollowEachOther) {
-  const BeamSteps steps({{1, 24}, {0x40, 10}, {0x1000, 4}});
-  EXPECT_EQ(steps.first_of(1), 1u);
-  EXPECT_EQ(steps.count_of(1), 0x40u);
+  Faces faces = with_steps({24, 10, 4}, {1, 0x40, 0x1000});
+  const BeamSteps<3> steps(faces);
+  EXPECT_EQ(faces[1].first_step, 1u);
+  EXPECT_EQ(faces[1].num_steps, 0x40u);
   EXPECT_EQ(steps.count(), 0x1041u);
   EXPECT_EQ(steps.of(2, 0xffff), steps.count() - 1);
 }

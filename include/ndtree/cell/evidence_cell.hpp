@@ -63,10 +63,10 @@ class EvidenceCell {
   NDTREE_ALWAYS_INLINE void count_scan(bool any_hits, bool any_misses) {
     if (!any_hits && !any_misses) return;
     // Nobody can foresee what scans say: so without a branch.
-    const std::uint32_t kind = std::uint32_t{any_hits} << 23;
+    const std::uint32_t kind = any_hits * kStreakOfHits;
     const std::uint32_t goes_on = ((counts_ ^ kind) & kStreakOfHits) - 1;  // Top bit: the kind is the same.
-    const std::uint32_t before = counts_ & (kMaxStreak << 18) & (0u - (goes_on >> 31));
-    const std::uint32_t length = std::min(before + (1u << 18), kMaxStreak << 18);
+    const std::uint32_t before = counts_ & kLongestStreak & (0u - (goes_on >> 31));
+    const std::uint32_t length = std::min(before + kOneScan, kLongestStreak);
     counts_ = (counts_ & ~kStreakBits) | kind | (length & (0u - std::uint32_t{any_hits != any_misses}));
   }
   /// Forgets the streak: there is nothing that it could contradict.
@@ -142,7 +142,9 @@ class EvidenceCell {
   static constexpr std::uint32_t kObserved = 0x40000000u;
   static constexpr std::uint32_t kPartlySeen = 0x20000000u;
   static constexpr std::uint32_t kStreakOfHits = 0x00800000u;
-  static constexpr std::uint32_t kStreakBits = kStreakOfHits | kMaxStreak << 18;
+  static constexpr std::uint32_t kOneScan = 1u << 18;  // Of a streak.
+  static constexpr std::uint32_t kLongestStreak = kMaxStreak * kOneScan;
+  static constexpr std::uint32_t kStreakBits = kStreakOfHits | kLongestStreak;
   // From bit 0: 9 bits hits, 9 bits misses, 5 bits streak, 1 bit kind of streak; bit 29 partly seen, 30
   // observed, of which at most one is set.
   std::uint32_t counts_ = 0;

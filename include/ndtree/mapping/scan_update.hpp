@@ -113,21 +113,14 @@ class ScanUpdate {
     }
     if (num_beams == 0) return;
     std::vector<ScanFace<D>> faces = number_faces(numbers);
-    std::vector<BeamSteps::OfFace> steps_of_faces;
-    steps_of_faces.reserve(faces.size());
-    for (const ScanFace<D>& face : faces)
-      steps_of_faces.push_back({face.steps_within(depth, static_cast<float>(sampling.smallest_cell),
-                                                  static_cast<float>(sampling.beams)),
-                                face.chance_shift});
-    BeamSteps steps(steps_of_faces);
+    for (ScanFace<D>& face : faces)
+      face.num_steps = face.steps_within(depth, static_cast<float>(sampling.smallest_cell),
+                                         static_cast<float>(sampling.beams));
+    BeamSteps<D> steps(faces);
     std::vector<std::vector<std::uint32_t>> places(parts_.size());
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(steps, numbers[p]); });
     steps.begin(places);
-    for (std::size_t f = 0; f < faces.size(); ++f) {
-      faces[f].first_step = steps.first_of(f);
-      faces[f].num_steps = steps.count_of(f);
-    }
     const std::unique_ptr<KeptBeam[]> kept(new KeptBeam[num_beams]);  // Not initialised: parts do that.
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { parts_[p].put(numbers[p], places[p], kept.get()); });

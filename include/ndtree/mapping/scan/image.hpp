@@ -99,8 +99,8 @@ struct ScanFace {
   /// Up to that of the largest chance that some cell up to a depth may take, of so many beams for each cell
   /// of the smallest size.
   [[nodiscard]] std::uint32_t steps_within(float depth, float size, float beams) const {
-    constexpr float kTwice = kSlack * kSlack;  // More than who asks whether it may.
-    const float share = beams * kTwice / expected_beams(depth, size);
+    // Beams are kept with slack already; with as much again, none is kept that there is no step for.
+    const float share = beams * (kSlack * kSlack) / expected_beams(depth, size);
     const float steps = steps_of_all();
     return share < 1.0f ? static_cast<std::uint32_t>(share * steps) + 1 : static_cast<std::uint32_t>(steps);
   }

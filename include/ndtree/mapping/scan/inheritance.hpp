@@ -94,6 +94,7 @@ class Inheritance {
   /// Whether a beam has clearly not met anything where it leaves a cell.
   [[nodiscard]] bool has_passed(std::uint32_t beam, float exit) const {
     const BeamEnd<D>& end = beams_.end(beam);
+    // Without a branch, as nobody can foresee it.
     return static_cast<int>(!end.is_returned()) | static_cast<int>(exit < end.clear);
   }
 #ifdef NDTREE_HAS_EIGHTS

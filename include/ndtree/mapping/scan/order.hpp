@@ -7,6 +7,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "ndtree/mapping/scan/image.hpp"
+
 namespace ndtree {
 
 /// A beam that some cell may take.
@@ -18,28 +20,24 @@ struct KeptBeam {
 /// The steps of all faces' chances, one face after the other (see ScanFace::step_of()): each thread counts
 /// what it has for each, then puts its beams where they belong. Of a step, beams stay in the order of the
 /// scan.
+template <int D>
 class BeamSteps {
  public:
-  struct OfFace {
-    std::uint32_t count;  ///< As many as there are beams for, see ScanFace::steps_within().
-    int shift;            ///< See ScanFace::chance_shift.
-  };
-  explicit BeamSteps(const std::vector<OfFace>& faces) {
-    faces_.reserve(faces.size());
-    std::size_t first = 0;
-    for (const OfFace& face : faces) {
-      faces_.push_back({first, face});
-      first += face.count;
+  /// @param faces that know how many steps they have; they are told which is their first. They stay where
+  ///   they are as long as of() is asked.
+  explicit BeamSteps(std::vector<ScanFace<D>>& faces) : faces_(faces) {
+    std::size_t count = 0;
+    for (ScanFace<D>& face : faces) {
+      face.first_step = count;
+      count += face.num_steps;
     }
-    begins_.assign(first + 1, 0);
+    begins_.assign(count + 1, 0);
   }
 
   [[nodiscard]] std::size_t count() const { return begins_.size() - 1; }
   [[nodiscard]] std::size_t of(std::uint32_t face, std::uint32_t chance) const {
-    return faces_[face].first + (chance >> faces_[face].steps.shift);
+    return faces_[face].first_step + faces_[face].step_of(chance);
   }
-  [[nodiscard]] std::size_t first_of(std::size_t face) const { return faces_[face].first; }
-  [[nodiscard]] std::uint32_t count_of(std::size_t face) const { return faces_[face].steps.count; }
 
   /// Lets each part's beams of a step follow those of the part before.
   /// @param places of each part and step, how many beams; then, where the first of them belongs.
@@ -59,11 +57,7 @@ class BeamSteps {
   [[nodiscard]] std::vector<std::uint32_t>& begins() { return begins_; }
 
  private:
-  struct Face {
-    std::size_t first;  // Of its steps.
-    OfFace steps;
-  };
-  std::vector<Face> faces_;
+  const std::vector<ScanFace<D>>& faces_;
   std::vector<std::uint32_t> begins_;
 };
 

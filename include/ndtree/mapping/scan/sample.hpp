@@ -114,13 +114,13 @@ class alignas(64) ScanPart {
 #endif
     for (; i < size_; ++i)
       if (face_[i] != ScanImage<D>::kNoFace &&
-          may_be_taken(image.face(numbers[face_[i]]), chance_[i],
-                       rounded(std::min(depth_[i], farthest) * kSlack) + behind, smallest, beams))
+          may_be_taken(image.face(numbers[face_[i]]), chance_[i], last_depth(depth_[i], farthest, behind),
+                       smallest, beams))
         add_kept(i);
   }
   /// The depth up to which cells may take beams.
   [[nodiscard]] float depth_of_kept(const Sampling& sampling) const {
-    return rounded(std::min(deepest_, farthest()) * kSlack) + behind(sampling);
+    return last_depth(deepest_, farthest(), behind(sampling));
   }
   /// How many some cell may take, ...
   [[nodiscard]] std::size_t num_kept() const { return num_kept_; }
@@ -133,13 +133,12 @@ class alignas(64) ScanPart {
   [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
 
   /// How many of them each step has. @param numbers that this part's faces have there.
-  [[nodiscard]] std::vector<std::uint32_t> count(const BeamSteps& steps,
+  [[nodiscard]] std::vector<std::uint32_t> count(const BeamSteps<D>& steps,
                                                  const std::vector<std::uint32_t>& numbers) {
     std::vector<std::uint32_t> counts(steps.count(), 0);
     step_.reset(new std::uint32_t[num_kept_]);
     for (std::size_t k = 0; k < num_kept_; ++k) {
-      const std::uint32_t place = kept_[k];
-      step_[k] = static_cast<std::uint32_t>(steps.of(numbers[face_[place]], chance_[place]));
+      step_[k] = static_cast<std::uint32_t>(steps.of(numbers[kept(k).face], chance(k)));
       ++counts[step_[k]];
     }
     return counts;
@@ -167,6 +166,11 @@ class alignas(64) ScanPart {
   [[nodiscard]] float farthest() const {
     return static_cast<float>(
         std::min(measurements_->max_range(), static_cast<double>(std::numeric_limits<float>::max())));
+  }
+
+  /// Where a beam that ends at a depth is asked for at last [m].
+  [[nodiscard]] static float last_depth(float depth, float farthest, float behind) {
+    return rounded(std::min(depth, farthest) * kSlack) + behind;
   }
 
   void look_over_one(Eigen::Index i) {
@@ -234,7 +238,7 @@ class alignas(64) ScanPart {
   /// Whether a cell of the smallest size may take a beam at this depth.
   [[nodiscard]] static bool may_be_taken(const ScanFace<D>& face, std::uint32_t chance, float depth,
                                          float smallest, float beams) {
-    return rounded(face.share_below(face.step_of(chance)) * face.expected_beams(depth, smallest)) < beams;
+    return face.share_below(face.step_of(chance)) * face.expected_beams(depth, smallest) < beams;
   }
   void add_kept(std::size_t place) {
     kept_[num_kept_++] = static_cast<std::uint32_t>(place);
