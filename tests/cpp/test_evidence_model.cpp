@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <string>
 #include <utility>
 
@@ -65,6 +66,23 @@ TEST(EvidenceModel, LogOddsAreTheRatioWithinItsBounds) {
   EXPECT_GT(model.log_odds_of(0xffff, 0xfffe), 0.0f);
   EXPECT_LT(model.log_odds_of(0xfffe, 0xffff), 0.0f);
   EXPECT_EQ(model.log_odds_of(0xffff, 0xffff), 0.0f);
+}
+
+TEST(EvidenceModel, MoreEvidenceHasTheLargerLogarithm) {
+  for (const double prior : {1e-6, 0.01, 0.5, 4.0, 1e6}) {  // [nats]
+    const double units = prior / EvidenceCell::kUnit;
+    const std::shared_ptr<const EvidenceLogs> logs = EvidenceLogs::of_prior(units);
+    EXPECT_EQ(logs, EvidenceLogs::of_prior(units)) << "one for all models of a prior";
+    const double last = std::log(EvidenceCell::kMaxEvidence + units);
+    for (std::int64_t evidence = 0; evidence <= EvidenceCell::kMaxEvidence; ++evidence) {
+      if (evidence > 0) {
+        ASSERT_GT((*logs)[evidence], (*logs)[evidence - 1]) << evidence << ", " << prior;
+      }
+      const double difference = last - std::log(static_cast<double>(evidence) + units);
+      ASSERT_NEAR((*logs)[EvidenceCell::kMaxEvidence] - (*logs)[evidence], difference, 2e-6)
+          << evidence << ", " << prior;
+    }
+  }
 }
 
 TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {

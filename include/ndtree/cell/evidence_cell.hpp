@@ -14,6 +14,13 @@
 
 namespace ndtree {
 
+/// What beams of one scan say about a cell that they passed: of nothing but free space.
+struct PassedEvidence {
+  std::int64_t free = 0;                ///< In units of EvidenceCell::kUnit.
+  std::uint32_t misses = 0;             ///< Beams that passed all of it, ...
+  std::uint32_t resolvable_misses = 0;  ///< and of these, see ScanEvidence.
+};
+
 /// What the beams of one scan say about one cell: sums, so that their order does not matter.
 struct ScanEvidence {
   std::int64_t occupied = 0;  ///< For occupied space, in units of EvidenceCell::kUnit ...
@@ -25,6 +32,19 @@ struct ScanEvidence {
   std::uint32_t resolvable_misses = 0;
   std::uint32_t deep_hits = 0;  ///< Of the resolvable hits, those that noise cannot bring to where they are.
   std::uint32_t beams = 0;      ///< Beams that said anything.
+
+  /// Adds what beams say that passed the cell.
+  void add(const PassedEvidence& passed) {
+    free += passed.free;
+    misses += passed.misses;
+    resolvable_misses += passed.resolvable_misses;
+    beams += passed.misses;
+  }
+  [[nodiscard]] static ScanEvidence of(const PassedEvidence& passed) {
+    ScanEvidence scan;
+    scan.add(passed);
+    return scan;
+  }
 };
 
 /// Evidence of one leaf in 12 bytes: log-odds weights of all that was for occupied and of all that was for
@@ -49,8 +69,8 @@ class EvidenceCell {
   [[nodiscard]] std::uint32_t hits() const { return counts_ & kMaxCount; }
   [[nodiscard]] std::uint32_t misses() const { return (counts_ >> 9) & kMaxCount; }
   /// Evidence for occupied and for free space, in kUnit.
-  [[nodiscard]] std::int64_t occupied_evidence() const { return is_partly_seen() ? 0 : occupied_; }
-  [[nodiscard]] std::int64_t free_evidence() const { return free_; }
+  [[nodiscard]] std::int64_t occupied_evidence() const { return is_partly_seen() ? 0 : evidence_ >> 16; }
+  [[nodiscard]] std::int64_t free_evidence() const { return evidence_ & kMaxEvidence; }
 
   NDTREE_ALWAYS_INLINE void set_counts(std::uint32_t hits, std::uint32_t misses) {
     if (hits == 0) misses = std::min(misses, kMaxCount);  // There is no ratio to keep.
@@ -69,45 +89,48 @@ class EvidenceCell {
     const std::uint32_t length = std::min(before + kOneScan, kLongestStreak);
     counts_ = (counts_ & ~kStreakBits) | kind | (length & (0u - std::uint32_t{any_hits != any_misses}));
   }
-  /// Forgets the streak: there is nothing that it could contradict.
-  void end_streak() { counts_ &= ~kStreakBits; }
   /// Whether beams have passed parts of the cell, but not enough of it to know anything of the whole: it is
   /// not observed yet, and only keeps in mind which parts, and the evidence for free space in them.
   [[nodiscard]] bool is_partly_seen() const { return (counts_ & kPartlySeen) != 0; }
   /// One bit for each part that was seen. @pre is_partly_seen() or never updated.
-  [[nodiscard]] std::uint32_t seen_parts() const { return occupied_; }
+  [[nodiscard]] std::uint32_t seen_parts() const { return evidence_ >> 16; }
   /// @param parts of which enough was seen, maybe none. @param free evidence, in [0, kMaxEvidence].
   /// @pre not observed().
   void set_partly_seen(std::uint32_t parts, std::int64_t free) {
     counts_ = kPartlySeen;
-    occupied_ = static_cast<std::uint16_t>(parts);
-    free_ = static_cast<std::uint16_t>(free);
+    evidence_ = word_of(parts, free);
   }
   /// @pre both are in [0, kMaxEvidence], and log_odds is what the model makes of them.
   void set_evidence(std::int64_t occupied, std::int64_t free, float log_odds) {
-    occupied_ = static_cast<std::uint16_t>(occupied);
-    free_ = static_cast<std::uint16_t>(free);
+    evidence_ = word_of(occupied, free);
     log_odds_ = log_odds;
     counts_ = (counts_ & ~kPartlySeen) | kObserved;
+  }
+
+  /// Both at once, of a cell that keeps its streak.
+  NDTREE_ALWAYS_INLINE void set(std::int64_t occupied, std::int64_t free, float log_odds, std::uint32_t hits,
+                                std::uint32_t misses) {
+    evidence_ = word_of(occupied, free);
+    log_odds_ = log_odds;
+    set_counts(hits, misses);
   }
 
   /// Whether nothing is known for occupied space, neither evidence nor hits, of a cell that is observed or
   /// blank.
   [[nodiscard]] bool knows_free_alone() const {
-    return (counts_ & (kPartlySeen | kMaxCount)) == 0 && occupied_ == 0;
+    return (counts_ & (kPartlySeen | kMaxCount)) == 0 && evidence_ <= kMaxEvidence;
   }
-  /// A cell that knows of free space alone. @pre misses <= kMaxCount; else as set_evidence().
+  /// A cell that knows of free space alone: no streak could contradict it. @pre misses <= kMaxCount; else as
+  /// set_evidence().
   void set_free(std::int64_t free, std::uint32_t misses, float log_odds) {
     counts_ = kObserved | misses << 9;
-    occupied_ = 0;
-    free_ = static_cast<std::uint16_t>(free);
+    evidence_ = static_cast<std::uint32_t>(free);
     log_odds_ = log_odds;
   }
 
   /// The cell as words, for files; from_words() is the inverse and clears what a cell cannot hold.
   [[nodiscard]] std::array<std::uint32_t, kNumWords> words() const {
-    std::array<std::uint32_t, kNumWords> words{counts_, 0,
-                                               static_cast<std::uint32_t>(occupied_) << 16 | free_};
+    std::array<std::uint32_t, kNumWords> words{counts_, 0, evidence_};
     std::memcpy(&words[1], &log_odds_, sizeof log_odds_);
     return words;
   }
@@ -116,21 +139,19 @@ class EvidenceCell {
     cell.counts_ = words[0] & (kObserved | kPartlySeen | kStreakBits | kMaxCount << 9 | kMaxCount);
     if (cell.observed()) cell.counts_ &= ~kPartlySeen;
     std::memcpy(&cell.log_odds_, &words[1], sizeof cell.log_odds_);
-    cell.occupied_ = static_cast<std::uint16_t>(words[2] >> 16);
-    cell.free_ = static_cast<std::uint16_t>(words[2] & 0xffff);
+    cell.evidence_ = words[2];
     return cell;
   }
 
   /// The class invariant: of a cell that was not observed, nothing is known but what was seen of it.
   [[nodiscard]] bool is_consistent() const {
     if (observed()) return !is_partly_seen();
-    return (counts_ & ~kPartlySeen) == 0 && log_odds_ == 0.0f &&
-           (is_partly_seen() || (occupied_ | free_) == 0);
+    return (counts_ & ~kPartlySeen) == 0 && log_odds_ == 0.0f && (is_partly_seen() || evidence_ == 0);
   }
 
   /// Equal but for the log-odds, which follows from the rest.
   [[nodiscard]] bool knows_the_same(const EvidenceCell& other) const {
-    return counts_ == other.counts_ && occupied_ == other.occupied_ && free_ == other.free_;
+    return counts_ == other.counts_ && evidence_ == other.evidence_;
   }
 
   friend bool operator==(const EvidenceCell& a, const EvidenceCell& b) {
@@ -139,6 +160,10 @@ class EvidenceCell {
   friend bool operator!=(const EvidenceCell& a, const EvidenceCell& b) { return !(a == b); }
 
  private:
+  [[nodiscard]] static std::uint32_t word_of(std::int64_t upper, std::int64_t lower) {
+    return static_cast<std::uint32_t>(upper) << 16 | static_cast<std::uint32_t>(lower);
+  }
+
   static constexpr std::uint32_t kObserved = 0x40000000u;
   static constexpr std::uint32_t kPartlySeen = 0x20000000u;
   static constexpr std::uint32_t kStreakOfHits = 0x00800000u;
@@ -149,8 +174,8 @@ class EvidenceCell {
   // observed, of which at most one is set.
   std::uint32_t counts_ = 0;
   float log_odds_ = 0.0f;
-  std::uint16_t occupied_ = 0;  // The parts that were seen, as long as it is partly seen.
-  std::uint16_t free_ = 0;
+  // Upper half for occupied space, or the parts that were seen, as long as it is partly seen; lower for free.
+  std::uint32_t evidence_ = 0;
 };
 
 }  // namespace ndtree

@@ -7,14 +7,15 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <optional>
 
 #include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/evidence_logs.hpp"
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/core/linear_table.hpp"
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/option.hpp"
-#include "ndtree/core/quick_log.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 
@@ -87,7 +88,7 @@ class EvidenceModel {
         odds_min_(std::exp(sensor.log_odds_min)),
         odds_max_(std::exp(sensor.log_odds_max)),
         prior_(options.evidence_prior / EvidenceCell::kUnit),
-        log_prior_(quick_log(prior_)),
+        logs_(EvidenceLogs::of_prior(prior_)),
         hit_(ndtree::log_odds(sensor.probability_max)),
         miss_(units(-ndtree::log_odds(sensor.probability_min))),
         memory_(units(options.evidence_memory)),
@@ -138,13 +139,7 @@ class EvidenceModel {
   }
 
   [[nodiscard]] NDTREE_ALWAYS_INLINE float log_odds_of(std::int64_t occupied, std::int64_t free) const {
-    if (occupied == 0) return log_odds_of_free(free);
-    return clamped(
-        quick_log((static_cast<double>(occupied) + prior_) / (static_cast<double>(free) + prior_)));
-  }
-  /// The same of a cell that knows of free space alone, without a quotient.
-  [[nodiscard]] NDTREE_ALWAYS_INLINE float log_odds_of_free(std::int64_t free) const {
-    return clamped(log_prior_ - quick_log(static_cast<double>(free) + prior_));
+    return std::clamp((*logs_)[occupied] - (*logs_)[free], log_odds_min_, log_odds_max_);
   }
 
   /// The odds that a cell is occupied: exp(log-odds), but for rounding. 1 if it was never observed.
@@ -157,27 +152,22 @@ class EvidenceModel {
 
   /// A cell with this evidence, faded to what it can remember: the ratio stays, but for rounding.
   NDTREE_ALWAYS_INLINE void assign(EvidenceCell& cell, std::int64_t occupied, std::int64_t free) const {
-    if (occupied == 0) free = std::min(free, free_memory_);
-    const std::int64_t sum = occupied + free;
-    if (sum > memory_) {
-      occupied = faded(occupied, memory_, sum);
-      free = faded(free, memory_, sum);
-    }
+    fade(occupied, free);
     cell.set_evidence(occupied, free, log_odds_of(occupied, free));
   }
 
   /// Adds the joint evidence of a scan. @returns whether the cell changed.
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) const {
-    const bool is_only_free = cell.knows_free_alone() && scan.hits == 0 && scan.occupied == 0;
-    if (is_only_free && forgets_nothing()) {  // So are most; the rest does the same for them.
-      const std::int64_t free = std::min(cell.free_evidence() + scan.free, free_memory_);
-      const std::uint32_t misses = std::min(cell.misses() + scan.misses, free_memory_beams_);
-      if (cell.observed() && cell.streak() == 0 && free == cell.free_evidence() && misses == cell.misses())
-        return false;
-      cell.set_free(free, misses, log_odds_of_free(free));
-      return true;
-    }
-    return update_any(cell, scan);
+    return scan.hits == 0 && scan.occupied == 0 ? update(cell, PassedEvidence{scan.free, scan.misses, 0})
+                                                : update_any(cell, scan);
+  }
+  NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const PassedEvidence& passed) const {
+    if (!cell.knows_free_alone() || !forgets_nothing()) return update_any(cell, ScanEvidence::of(passed));
+    // So are most; the rest does the same for them.
+    const EvidenceCell before = cell;
+    const std::int64_t all = std::min(before.free_evidence() + passed.free, free_memory_);
+    cell.set_free(all, std::min(before.misses() + passed.misses, free_memory_beams_), log_odds_of(0, all));
+    return !cell.knows_the_same(before);
   }
 
   /// What beams say about the parts of a cell that they passed, of which too little was seen yet.
@@ -339,23 +329,37 @@ class EvidenceModel {
     if (has_contradiction(now)) now = after_contradiction(now);
     std::int64_t occupied = now.occupied_evidence();
     std::int64_t free = now.free_evidence();
-    if (kept_ < 1.0) {
+    if (!forgets_nothing()) {
       occupied = part(occupied, kept_);
       free = part(free, kept_);
     }
-    assign(now, occupied + scan.occupied, free + scan.free);
-    if (now.occupied_evidence() == 0 && scan.hits == 0) now.end_streak();
-    set_counts(now, now.hits() + scan.hits, now.misses() + scan.misses, scan.hits > 0);
-    const bool changed = now != cell;
+    occupied += scan.occupied;
+    free += scan.free;
+    fade(occupied, free);
+    const std::uint32_t hits = now.hits() + scan.hits;
+    const std::uint32_t misses = now.misses() + scan.misses;
+    const float log_odds = log_odds_of(occupied, free);
+    if (occupied > 0 || scan.hits > 0)
+      now.set(occupied, free, log_odds, hits, misses);
+    else
+      now.set_free(free, std::min(misses, free_memory_beams_), log_odds);
+    const bool changed = !now.knows_the_same(cell);
     cell = now;
     return changed;
   }
+  /// To what a cell can remember.
+  NDTREE_ALWAYS_INLINE void fade(std::int64_t& occupied, std::int64_t& free) const {
+    if (occupied == 0) free = std::min(free, free_memory_);
+    const std::int64_t sum = occupied + free;
+    if (sum <= memory_) return;
+    occupied = faded(occupied, memory_, sum);
+    free = faded(free, memory_, sum);
+  }
 
   /// Counts of a cell that has its evidence: without any for occupied space, no hit is left that could be
-  /// contradicted, but for one of this scan.
-  NDTREE_ALWAYS_INLINE void set_counts(EvidenceCell& cell, std::uint32_t hits, std::uint32_t misses,
-                                       bool was_hit_now = false) const {
-    if (cell.occupied_evidence() > 0 || was_hit_now)
+  /// contradicted.
+  NDTREE_ALWAYS_INLINE void set_counts(EvidenceCell& cell, std::uint32_t hits, std::uint32_t misses) const {
+    if (cell.occupied_evidence() > 0)
       cell.set_counts(hits, misses);
     else
       cell.set_counts(0, std::min(misses, free_memory_beams_));
@@ -393,9 +397,6 @@ class EvidenceModel {
   [[nodiscard]] static std::int64_t faded(std::int64_t part, std::int64_t whole, std::int64_t sum) {
     return static_cast<std::int64_t>(static_cast<double>(part * whole) / static_cast<double>(sum));
   }
-  [[nodiscard]] NDTREE_ALWAYS_INLINE float clamped(double log_odds) const {
-    return std::clamp(static_cast<float>(log_odds), log_odds_min_, log_odds_max_);
-  }
 
   EvidenceOptions options_;
   float log_odds_min_;
@@ -403,7 +404,7 @@ class EvidenceModel {
   double odds_min_;
   double odds_max_;
   double prior_;  // In kUnit.
-  double log_prior_;
+  std::shared_ptr<const EvidenceLogs> logs_;
   double hit_;           // [nats]
   std::int64_t miss_;    // In kUnit.
   std::int64_t memory_;  // In kUnit.

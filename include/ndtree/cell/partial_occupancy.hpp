@@ -8,16 +8,14 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <iterator>
-#include <map>
 #include <memory>
-#include <mutex>
 #include <stdexcept>
 #include <string>
 
 #include "ndtree/cell/split_test.hpp"
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/option.hpp"
+#include "ndtree/core/shared_table.hpp"
 
 namespace ndtree {
 
@@ -112,16 +110,9 @@ class PartialOccupancySplitTest {
     return model_(hits, misses).partial > split_probability_;
   }
   [[nodiscard]] static std::shared_ptr<Answers> answers_for(const SplitOptions& options) {
-    static std::mutex mutex;
-    static std::map<std::array<double, 3>, std::weak_ptr<Answers>> of_maps;
-    const std::lock_guard<std::mutex> lock(mutex);
-    for (auto one = of_maps.begin(); one != of_maps.end();)
-      one = one->second.expired() ? of_maps.erase(one) : std::next(one);
-    std::weak_ptr<Answers>& known =
-        of_maps[{options.hit_given_free, options.miss_given_occupied, options.split_probability}];
-    std::shared_ptr<Answers> answers = known.lock();
-    if (!answers) known = answers = std::make_shared<Answers>();
-    return answers;
+    return shared_table<Answers>(
+        std::array<double, 3>{options.hit_given_free, options.miss_given_occupied, options.split_probability},
+        [] { return std::make_shared<Answers>(); });
   }
 
   PartialOccupancyModel model_;

@@ -80,6 +80,11 @@ struct EvidenceRefinement {
     if (scan.resolvable_misses + scan.deep_hits == 0) return false;
     return split_test(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
   }
+  /// The same of beams that have passed the cell.
+  [[nodiscard]] bool splits(const EvidenceCell& cell, const PassedEvidence& passed) const {
+    return cell.state() == CellState::occupied && passed.resolvable_misses > 0 &&
+           split_test(cell.hits(), cell.misses() + passed.misses);
+  }
   /// Whether the cell splits whatever other beams of the scan say: what it knew is not that it is occupied.
   [[nodiscard]] bool splits_anyway(const EvidenceCell& cell, const ScanEvidence& scan) const {
     return cell.state() != CellState::occupied && splits(cell, scan);

@@ -113,11 +113,8 @@ class LeafEvidence {
 
     /// Of a leaf that it clearly passes, see BeamWay::pass.
     /// @param enter, exit where it crosses the leaf [m].
-    NDTREE_ALWAYS_INLINE void add_passed(float enter, float exit, ScanEvidence& sum) const {
-      sum.free += units_of_way(exit - enter, size_);
-      ++sum.misses;
-      ++sum.beams;
-      sum.resolvable_misses += is_resolvable_;
+    [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(float enter, float exit) const {
+      return {units_of_way(exit - enter, size_), 1, is_resolvable_};
     }
     /// Of any leaf.
     NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, float enter, float exit,
@@ -127,7 +124,7 @@ class LeafEvidence {
       const bool passes = end < beam_.clear;
       const bool holds_end = !passes && all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
       if (passes || !beam_.is_returned()) {
-        if (!holds_end) add_passed(enter, exit, sum);
+        if (!holds_end) sum.add(passed(enter, exit));
         return;  // A beam without return says nothing about the rest of the cell that it ends in.
       }
       const bool is_behind = !holds_end && enter >= beam_.range;
@@ -170,7 +167,16 @@ class LeafEvidence {
                                                       const Few& few)
         : all_(all), node_(node), few_(few), size_(all.size_of(node.level - 1)) {}
 
-    /// What those say that cross a child ...
+    /// What those say that cross a child, if all of them clearly pass it, ...
+    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(std::size_t child) const {
+      const __m256 enter = _mm256_load_ps(few_.enter[child].data());
+      const __m256 exit = _mm256_load_ps(few_.exit[child].data());
+      const __m256 live = _mm256_cmp_ps(exit, enter, _CMP_GT_OQ);
+      const unsigned set = few_.set[child];
+      return {sum_of(_mm256_and_si256(units_of_way(enter, exit, size_), _mm256_castps_si256(live))),
+              count(set), resolved(set)};
+    }
+    /// ... if not, ...
     NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(std::size_t child, ScanEvidence& sum) {
       const __m256 enter = _mm256_load_ps(few_.enter[child].data());
       const __m256 exit = _mm256_load_ps(few_.exit[child].data());
@@ -195,14 +201,16 @@ class LeafEvidence {
       const unsigned passed = count(missed);
       sum.misses += passed;
       sum.beams += passed;
-      if (size_.resolves_all)
-        sum.resolvable_misses += passed;
-      else if (size_.resolves_some)
-        sum.resolvable_misses +=
-            count(missed & all_.resolvable(size_, all_.beams_.ends_of(few_.beams).sigma));
+      sum.resolvable_misses += resolved(missed);
     }
 
    private:
+    /// Of a set, how many have so little noise that smaller cells could tell more.
+    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE unsigned resolved(unsigned set) const {
+      if (size_.resolves_all || !size_.resolves_some) return size_.resolves_all ? count(set) : 0;
+      return count(set & all_.resolvable(size_, all_.beams_.ends_of(few_.beams).sigma));
+    }
+
     const LeafEvidence& all_;
     const CellIndex<D>& node_;
     const Few& few_;

@@ -263,6 +263,11 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                                                      const ScanEvidence& scan) const {
     return level != finest_level_ && (is_unseen(leaf, scan) || refinement_.splits(leaf, scan));
   }
+  [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,
+                                                     const PassedEvidence& passed) const {
+    return level != finest_level_ &&
+           ((!leaf.observed() && refinement_.coverage.is_on()) || refinement_.splits(leaf, passed));
+  }
   /// Whether beams have only passed a leaf that was never observed. Those that are were seen before; hits
   /// speak for themselves.
   [[nodiscard]] bool is_unseen(const EvidenceCell& leaf, const ScanEvidence& scan) const {
@@ -279,14 +284,18 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                      const ScanEvidence& scan, const Shares& shares) {
     const CoverageVerdict seen = coverage_.judge(leaf.index, leaf.cell(), list, sample, refinement_.coverage);
     if (seen.shows_more) return split(leaf, list, sample, shares);
-    if (!seen.is_enough) return counted(refinement_.model.remember(leaf.cell(), seen.parts, scan), scan);
+    if (!seen.is_enough)
+      return counted(refinement_.model.remember(leaf.cell(), seen.parts, scan), scan.beams);
     return update(leaf.cell(), scan);
   }
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) {
-    return scan.beams > 0 && counted(refinement_.model.update(cell, scan), scan);
+    return scan.beams > 0 && counted(refinement_.model.update(cell, scan), scan.beams);
   }
-  bool counted(bool changed, const ScanEvidence& scan) {
-    counters_.updates += changed ? scan.beams : 0;
+  NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const PassedEvidence& passed) {
+    return counted(refinement_.model.update(cell, passed), passed.misses);
+  }
+  bool counted(bool changed, std::uint32_t beams) {
+    counters_.updates += changed ? beams : 0;
     return changed;
   }
 

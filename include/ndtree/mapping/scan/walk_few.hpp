@@ -43,6 +43,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
   typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
   const Children children(tree_, ref);
   const EvidenceModel& model = refinement_.model;
+  const int level = ref.index.level - 1;  // Of the children.
   const bool takes_all = above.takes_all;
   const Shares below{takes_all ? above.face : shares_.only_face_of(crossings, above), takes_all};
   std::optional<typename BeamShares<N, D>::Children> shares;
@@ -59,22 +60,31 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
       continue;
     }
     EvidenceCell& cell = node.cell();
+    const bool all_pass = of_child.all_pass();
     const bool is_known = model.is_known(cell);
     if (is_known && model.is_settled(cell)) {
-      if (of_child.all_pass()) continue;
+      if (all_pass) continue;
     } else if (takes_all ||
                (shares->face() != nullptr ? shares->takes_all(of_child.child, is_known)
                                           : shares_.takes_all(children[c].index, of_child, is_known))) {
+      if (all_pass && !few_may_be_too_many_) {
+        const PassedEvidence passed = evidence.passed(of_child.child);
+        changed =
+            (may_divide(cell, level, passed) ? divide(children[c], of_child, ScanEvidence::of(passed), below)
+                                             : update(cell, passed)) ||
+            changed;
+        continue;
+      }
       ScanEvidence scan;
       if (of_child.is_one())
-        OfBeam(evidence_, ref.index.level - 1, of_child.first_beam())
+        OfBeam(evidence_, level, of_child.first_beam())
             .add(children[c].index, of_child.enter_of_first(), of_child.exit_of_first(), scan);
       else
         evidence.add(of_child.child, scan);
       if (few_may_be_too_many_) model.limit(scan);
-      changed = (may_divide(cell, ref.index.level - 1, scan) ? divide(children[c], of_child, scan, below)
-                                                             : update(cell, scan)) ||
-                changed;
+      changed =
+          (may_divide(cell, level, scan) ? divide(children[c], of_child, scan, below) : update(cell, scan)) ||
+          changed;
       continue;
     } else if (shares->face() != nullptr) {
       changed = update_by_share(ref.index, children[c], of_child, *shares->face(),
@@ -122,7 +132,8 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
   clip_(ref.index, way, beam.enter, beam.exit, lone);
   if (heritage != nullptr) inheritance_.share_out(*heritage, beam.number, lone, tree_.children(*ref.node));
   const bool was_split = heritage != nullptr;
-  const OfBeam evidence(evidence_, ref.index.level - 1, beam.number);
+  const int level = ref.index.level - 1;  // Of the children.
+  const OfBeam evidence(evidence_, level, beam.number);
   const Children children(tree_, ref);
   const EvidenceModel& model = refinement_.model;
   bool changed = was_split;
@@ -145,14 +156,19 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     }
     const float share = takes_all ? 1.0f : shares_.of(child().index, beam.face, is_known);
     if (!(beam.number < beams_.end_of_share(beam.face, share))) continue;
+    if (passes && !few_may_be_too_many_) {
+      const PassedEvidence passed = evidence.passed(in_child.enter, in_child.exit);
+      changed = (may_divide(cell, level, passed)
+                     ? divide(child(), in_child, share, ScanEvidence::of(passed), takes_all)
+                     : update(cell, passed)) ||
+                changed;
+      continue;
+    }
     ScanEvidence scan;
-    if (passes)
-      evidence.add_passed(in_child.enter, in_child.exit, scan);
-    else
-      evidence.add(child().index, in_child.enter, in_child.exit, scan);
+    evidence.add(child().index, in_child.enter, in_child.exit, scan);
     if (few_may_be_too_many_) model.limit(scan);
-    changed = (may_divide(cell, ref.index.level - 1, scan) ? divide(child(), in_child, share, scan, takes_all)
-                                                           : update(cell, scan)) ||
+    changed = (may_divide(cell, level, scan) ? divide(child(), in_child, share, scan, takes_all)
+                                             : update(cell, scan)) ||
               changed;
   }
   if (!changed && ref.node->note() != 0) return false;
