@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <set>
 #include <utility>
 #include <vector>
@@ -43,8 +44,8 @@ struct Beams {
     };
     Vector<D> origin;
     for (int a = 0; a < D; ++a) origin[a] = place(random.chance(0.3));
-    beams.resize(count, {ScanFace<D>(origin, 0, false)}, {0}, own_origins, geometry.coordinates(origin),
-                 true);
+    beams.resize(count, {ScanFace<D>(origin, 0, false)}, std::make_unique<std::uint32_t[]>(1), own_origins,
+                 geometry.coordinates(origin), true);
     Scan<D> scan;
     scan.origins.resize(D, static_cast<Eigen::Index>(count));
     scan.endpoints.resize(D, static_cast<Eigen::Index>(count));
@@ -65,9 +66,10 @@ struct Beams {
       all.push_back(beam);
     }
     const Measurements<D, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
+    SigmaRange sigmas;
     for (std::size_t i = 0; i < count; ++i)
-      beams.set(i, geometry, sensor, measurements, static_cast<Eigen::Index>(i), 0);
-    beams.finish();
+      beams.set(i, geometry, sensor, measurements, static_cast<Eigen::Index>(i), 0, sigmas);
+    beams.finish(sigmas);
   }
   /// All beams, as far as they reach.
   [[nodiscard]] Crossings list(CrossingStack& stack) const {

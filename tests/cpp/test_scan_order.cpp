@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <random>
 #include <tuple>
 #include <vector>
 
+#include "ndtree/core/parallel.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/order.hpp"
 
@@ -43,7 +45,7 @@ Ordered in_steps(const std::vector<Drawn>& beams, const std::vector<int>& shifts
   for (const Drawn& beam : beams)
     counts[beam.face] = std::max(counts[beam.face], (beam.chance >> shifts[beam.face]) + 1);
   Ordered result{std::vector<KeptBeam>(beams.size()), with_steps(shifts, counts), {}};
-  BeamSteps<3> steps(result.faces);
+  const BeamSteps<3> steps(result.faces);
   const auto first = [&](std::size_t part) { return beams.size() * part / num_parts; };
   std::vector<std::vector<std::uint32_t>> places(num_parts);
   for (std::size_t p = 0; p < num_parts; ++p) {
@@ -51,11 +53,12 @@ Ordered in_steps(const std::vector<Drawn>& beams, const std::vector<int>& shifts
     for (std::size_t i = first(p); i < first(p + 1); ++i)
       ++places[p][steps.of(beams[i].face, beams[i].chance)];
   }
-  steps.begin(places);
+  Workers workers(num_parts);
+  const std::unique_ptr<std::uint32_t[]> begins = steps.begin(places, workers);
   for (std::size_t p = 0; p < num_parts; ++p)
     for (std::size_t i = first(p); i < first(p + 1); ++i)
       result.beams[places[p][steps.of(beams[i].face, beams[i].chance)]++] = {beams[i].face, beams[i].number};
-  result.begins = steps.begins();
+  result.begins.assign(begins.get(), begins.get() + steps.count() + 1);
   return result;
 }
 

@@ -116,24 +116,27 @@ class ScanUpdate {
     for (ScanFace<D>& face : faces)
       face.num_steps = face.steps_within(depth, static_cast<float>(sampling.smallest_cell),
                                          static_cast<float>(sampling.beams));
-    BeamSteps<D> steps(faces);
+    const BeamSteps<D> steps(faces);
     std::vector<std::vector<std::uint32_t>> places(parts_.size());
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(steps, numbers[p]); });
-    steps.begin(places);
+    std::unique_ptr<std::uint32_t[]> begins = steps.begin(places, workers);
     const std::unique_ptr<KeptBeam[]> kept(new KeptBeam[num_beams]);  // Not initialised: parts do that.
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { parts_[p].put(numbers[p], places[p], kept.get()); });
     parts_.clear();
     const ScanView<D>& scan = measurements_->scan();
-    beams_.resize(num_beams, std::move(faces), std::move(steps.begins()), scan.origin_per_beam,
+    beams_.resize(num_beams, std::move(faces), std::move(begins), scan.origin_per_beam,
                   geometry.coordinates(scan.origin(any)), ends_nearby());
     const bool by_eights = may_go_by_eights();
-    const std::size_t tasks = workers.count();
+    std::vector<SigmaRange> sigmas(workers.count());
+    const std::size_t tasks = sigmas.size();
     workers.for_each_task(tasks, [&](std::size_t, std::size_t task) {
-      set_beams(kept.get(), num_beams * task / tasks, num_beams * (task + 1) / tasks, by_eights);
+      sigmas[task] =
+          set_beams(kept.get(), num_beams * task / tasks, num_beams * (task + 1) / tasks, by_eights);
     });
-    beams_.finish();
+    for (std::size_t task = 1; task < tasks; ++task) sigmas.front().add(sigmas[task]);
+    beams_.finish(sigmas.front());
   }
 
   [[nodiscard]] bool ends_nearby() const {
@@ -151,12 +154,14 @@ class ScanUpdate {
     return false;
 #endif
   }
-  /// Sets beams by number, from the first to before the last.
-  void set_beams(const KeptBeam* kept, std::size_t first, std::size_t last, [[maybe_unused]] bool by_eights) {
+  /// Sets beams by number, from the first to before the last. @returns their noise.
+  SigmaRange set_beams(const KeptBeam* kept, std::size_t first, std::size_t last,
+                       [[maybe_unused]] bool by_eights) {
+    SigmaRange sigmas;
     const auto& geometry = tree_.geometry();
     const auto set = [&](std::size_t i) {
       beams_.set(i, geometry, sensor_, *measurements_, static_cast<Eigen::Index>(kept[i].number),
-                 kept[i].face);
+                 kept[i].face, sigmas);
     };
     if (first < last) set(first);
     std::size_t i = first + 1;
@@ -178,12 +183,13 @@ class ScanUpdate {
           numbers[k] = kept[i + k].number;
           beams_.set_face(i + k, kept[i + k].face);
         }
-        if (!all_returned || !beams_.set_eight(i, geometry, sensor_, *measurements_, numbers))
+        if (!all_returned || !beams_.set_eight(i, geometry, sensor_, *measurements_, numbers, sigmas))
           for (std::size_t k = 0; k < 8; ++k) set(i + k);
       }
     }
 #endif
     for (; i < last; ++i) set(i);
+    return sigmas;
   }
   /// The faces of which some beams are kept; those of beams that are alone are one.
   /// @param numbers of each part's faces, in the image; then, in the result.

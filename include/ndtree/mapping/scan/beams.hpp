@@ -83,6 +83,35 @@ struct EightBeams {
 };
 #endif
 
+/// The least and the largest of standard deviations [m].
+class SigmaRange {
+ public:
+  SigmaRange() {
+    smallest_.fill(std::numeric_limits<float>::infinity());
+    largest_.fill(0.0f);
+  }
+  void add(float sigma) {
+    smallest_[0] = std::min(smallest_[0], sigma);
+    largest_[0] = std::max(largest_[0], sigma);
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(__m256 sigmas) {
+    _mm256_store_ps(smallest_.data(), _mm256_min_ps(_mm256_load_ps(smallest_.data()), sigmas));
+    _mm256_store_ps(largest_.data(), _mm256_max_ps(_mm256_load_ps(largest_.data()), sigmas));
+  }
+#endif
+  void add(const SigmaRange& other) {
+    smallest_[0] = std::min(smallest_[0], other.smallest());
+    largest_[0] = std::max(largest_[0], other.largest());
+  }
+  [[nodiscard]] float smallest() const { return *std::min_element(smallest_.begin(), smallest_.end()); }
+  [[nodiscard]] float largest() const { return *std::max_element(largest_.begin(), largest_.end()); }
+
+ private:
+  alignas(32) std::array<float, 8> smallest_;  // Of eighths of them.
+  alignas(32) std::array<float, 8> largest_;
+};
+
 /// Beams by number: those of a face one after the other (see ScanFace), the least chance first. Distances are
 /// metres from the origin, along the beam. Float is enough where a beam crosses a plane: its direction is
 /// known less well.
@@ -103,7 +132,7 @@ class ScanBeams {
   ///   other number. @param have_own_origins whether not all begin in one place.
   /// @param begins_of_steps the first beam of each step of the faces, and the end of the last.
   /// @param base the cell from which end points are counted. @param end_nearby see ends_nearby().
-  void resize(std::size_t n, std::vector<ScanFace<D>> faces, std::vector<std::uint32_t> begins_of_steps,
+  void resize(std::size_t n, std::vector<ScanFace<D>> faces, std::unique_ptr<std::uint32_t[]> begins_of_steps,
               bool have_own_origins, const Lattice<D>& base, bool end_nearby) {
     size_ = n;
     faces_ = std::move(faces);
@@ -120,9 +149,11 @@ class ScanBeams {
   }
 
   /// @param i number of the beam in the scan, valid. @param face by its number, see resize().
+  /// @param sigmas to which its noise is added, for finish().
   template <int N, class Sensor>
   void set(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
-           const Measurements<D, Sensor>& measurements, Eigen::Index i, std::uint32_t face) {
+           const Measurements<D, Sensor>& measurements, Eigen::Index i, std::uint32_t face,
+           SigmaRange& sigmas) {
     const Beam<D> beam = measurements.beam(i);
     const bool returned = beam.outcome == BeamOutcome::returned;
     float square = 0.0f;
@@ -157,6 +188,7 @@ class ScanBeams {
               returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
               returned ? static_cast<float>(static_cast<double>(end) + rounded(Sensor::kReachSigmas * sigma))
                        : end);
+    sigmas.add(static_cast<float>(sigma));
     set_face(number, face);
     const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
     if (!ends_nearby_) cells_[number] = cell;
@@ -172,7 +204,7 @@ class ScanBeams {
   template <int N, class Sensor>
   NDTREE_BY_EIGHTS bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry,
                                   const Sensor& sensor, const Measurements<D, Sensor>& measurements,
-                                  const std::array<std::uint32_t, 8>& numbers) {
+                                  const std::array<std::uint32_t, 8>& numbers, SigmaRange& sigmas) {
     const ScanView<D>& scan = measurements.scan();
     const __m256 sign = _mm256_set1_ps(-0.0f);
     __m256 way[std::size_t{D}];
@@ -225,6 +257,7 @@ class ScanBeams {
     const __m256d high_sigma = sensor.sigma(high);
     const __m256d reach = _mm256_set1_pd(Sensor::kReachSigmas);
     ends.sigma = detail::joined(_mm256_cvtpd_ps(low_sigma), _mm256_cvtpd_ps(high_sigma));
+    sigmas.add(ends.sigma);
     ends.clear = detail::joined(_mm256_cvtpd_ps(sensor.clearly_free_until(low, low_sigma)),
                                 _mm256_cvtpd_ps(sensor.clearly_free_until(high, high_sigma)));
     ends.surface = _mm256_mul_ps(_mm256_set1_ps(static_cast<float>(kThinnestSurface)), ends.sigma);
@@ -285,16 +318,10 @@ class ScanBeams {
 #endif
   void set_face(std::size_t number, std::uint32_t face) { faces_of_[number] = face; }
 
-  /// After the last beam.
-  void finish() {
-    float smallest = smallest_sigma_;  // Not in memory, in which ends may lie, too.
-    float largest = largest_sigma_;
-    for (std::size_t i = 0; i < size_; ++i) {
-      smallest = std::min(smallest, ends_[i].sigma);
-      largest = std::max(largest, ends_[i].sigma);
-    }
-    smallest_sigma_ = smallest;
-    largest_sigma_ = largest;
+  /// After the last beam. @param sigmas of all of them.
+  void finish(const SigmaRange& sigmas) {
+    smallest_sigma_ = sigmas.smallest();
+    largest_sigma_ = sigmas.largest();
   }
   /// Of all beams [m].
   [[nodiscard]] float smallest_sigma() const { return smallest_sigma_; }
@@ -376,8 +403,8 @@ class ScanBeams {
   std::unique_ptr<std::uint32_t[]> faces_of_;
   std::unique_ptr<Lattice<D>[]> cells_;
   std::vector<ScanFace<D>> faces_;
-  std::vector<std::uint32_t> begins_of_steps_;  // And the end of the last.
-  std::vector<Vector<D>> origins_;              // One, or one each.
+  std::unique_ptr<std::uint32_t[]> begins_of_steps_;  // And the end of the last.
+  std::vector<Vector<D>> origins_;                    // One, or one each.
   Lattice<D> base_{};
   bool has_own_origins_ = false;
   bool ends_nearby_ = true;

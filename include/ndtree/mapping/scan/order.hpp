@@ -3,10 +3,14 @@
 /// The order of a scan's beams, by face and step of chance, found by several threads at once.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
+#include <numeric>
 #include <vector>
 
+#include "ndtree/core/parallel.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 
 namespace ndtree {
@@ -26,39 +30,54 @@ class BeamSteps {
   /// @param faces that know how many steps they have; they are told which is their first. They stay where
   ///   they are as long as of() is asked.
   explicit BeamSteps(std::vector<ScanFace<D>>& faces) : faces_(faces) {
-    std::size_t count = 0;
     for (ScanFace<D>& face : faces) {
-      face.first_step = count;
-      count += face.num_steps;
+      face.first_step = count_;
+      count_ += face.num_steps;
     }
-    begins_.assign(count + 1, 0);
   }
 
-  [[nodiscard]] std::size_t count() const { return begins_.size() - 1; }
+  [[nodiscard]] std::size_t count() const { return count_; }
   [[nodiscard]] std::size_t of(std::uint32_t face, std::uint32_t chance) const {
     return faces_[face].first_step + faces_[face].step_of(chance);
   }
 
   /// Lets each part's beams of a step follow those of the part before.
   /// @param places of each part and step, how many beams; then, where the first of them belongs.
-  void begin(std::vector<std::vector<std::uint32_t>>& places) {
-    std::uint32_t begin = 0;
-    for (std::size_t s = 0; s < count(); ++s) {
-      begins_[s] = begin;
-      for (std::vector<std::uint32_t>& of_part : places) {
-        const std::uint32_t size = of_part[s];
-        of_part[s] = begin;
-        begin += size;
+  /// @returns the first beam of each step, and the end of the last.
+  [[nodiscard]] std::unique_ptr<std::uint32_t[]> begin(std::vector<std::vector<std::uint32_t>>& places,
+                                                       Workers& workers) const {
+    std::unique_ptr<std::uint32_t[]> begins(
+        new std::uint32_t[count_ + 1]);  // Not initialised: this does that.
+    const std::size_t tasks = std::clamp<std::size_t>(count_ / kStepsOfTask, 1, workers.count());
+    const auto first = [&](std::size_t task) { return count_ * task / tasks; };
+    std::vector<std::uint32_t> before(tasks, 0);  // Each task, so many beams.
+    workers.for_each_task(tasks - 1, [&](std::size_t, std::size_t task) {
+      std::uint32_t sum = 0;
+      for (const std::vector<std::uint32_t>& of_part : places)
+        for (std::size_t s = first(task); s < first(task + 1); ++s) sum += of_part[s];
+      before[task + 1] = sum;
+    });
+    std::partial_sum(before.begin(), before.end(), before.begin());
+    workers.for_each_task(tasks, [&](std::size_t, std::size_t task) {
+      std::uint32_t begin = before[task];
+      for (std::size_t s = first(task); s < first(task + 1); ++s) {
+        begins[s] = begin;
+        for (std::vector<std::uint32_t>& of_part : places) {
+          const std::uint32_t size = of_part[s];
+          of_part[s] = begin;
+          begin += size;
+        }
       }
-    }
-    begins_.back() = begin;
+      if (task + 1 == tasks) begins[count_] = begin;
+    });
+    return begins;
   }
-  /// The first beam of each step, and the end of the last.
-  [[nodiscard]] std::vector<std::uint32_t>& begins() { return begins_; }
 
  private:
+  static constexpr std::size_t kStepsOfTask = 1 << 12;  // So many that it is worth a thread.
+
   const std::vector<ScanFace<D>>& faces_;
-  std::vector<std::uint32_t> begins_;
+  std::size_t count_ = 0;
 };
 
 }  // namespace ndtree

@@ -73,19 +73,36 @@ class ScanTasks {
     bool changed;
   };
 
+  /// Of the lists of one part of the beams, in the order of the tree, those in some node.
+  struct Range {
+    const CoarseList<D>* first;
+    const CoarseList<D>* last;
+  };
+
   void bring(std::size_t beams) {
-    const std::size_t parts = std::min(workers_.count(), beams);
+    // Some take longer than others; so there are more than workers, if that makes no short lists.
+    constexpr std::size_t kBeamsOfPart = 4096;
+    const std::size_t workers = workers_.count();
+    const std::size_t parts = std::min(std::clamp(beams / kBeamsOfPart, workers, 2 * workers), beams);
+    std::vector<std::vector<CoarseList<D>>> brought(parts);
     workers_.for_each_task(parts, [&](std::size_t worker, std::size_t part) {
       walks_[worker].bring(beams * part / parts, beams * (part + 1) / parts, part, lists_[worker]);
+      lists_[worker].move_to(brought[part]);
     });
-    std::vector<CoarseCell<D>> cells = cells_of_lists();
-    if (!cells.empty()) add_tasks(tree_.root(), cells.data(), cells.data() + cells.size());
+    std::vector<Range> ranges;
+    std::size_t count = 0;
+    for (const std::vector<CoarseList<D>>& of_part : brought) {
+      ranges.push_back({of_part.data(), of_part.data() + of_part.size()});
+      count += of_part.size();
+    }
+    joined_.emplace_back().reserve(count);  // They stay where they are.
+    if (count > 0) add_tasks(tree_.root(), ranges);
   }
   /// Finds the nodes of cells below one, and makes those that are missing.
-  /// @param first of the cells, in any order; not none.
-  void add_tasks(const Ref& ref, CoarseCell<D>* first, CoarseCell<D>* last) {
+  /// @param parts of which not all are empty.
+  void add_tasks(const Ref& ref, const std::vector<Range>& parts) {
     if (ref.index.level == coarsest_level_) {
-      tasks_.push_back({ref, *first, kNone, false});
+      tasks_.push_back({ref, joined(ref.index.lower, parts), kNone, false});
       return;
     }
     if (ref.is_leaf())
@@ -93,14 +110,32 @@ class ScanTasks {
     else if (undo_ != nullptr)
       undo_->keep(tree_, *ref.node);
     ref.node->set_note(0);  // Until the scan is done.
-    for (int c = 0; c < Tree::kNumChildren && first != last; ++c) {
+    std::vector<Range> in_child = parts;
+    for (Range& range : in_child) range.last = range.first;
+    for (int c = 0; c < Tree::kNumChildren; ++c) {
       const Ref child = tree_.child(ref, c);
-      CoarseCell<D>* const others = std::partition(first, last, [&](const CoarseCell<D>& cell) {
-        return tree_.geometry().contains(child.index, cell.lower);
-      });
-      if (others != first) add_tasks(child, first, others);
-      first = others;
+      bool is_empty = true;
+      for (std::size_t p = 0; p < parts.size(); ++p) {
+        Range& range = in_child[p];
+        range.first = range.last;
+        while (range.last != parts[p].last && tree_.geometry().contains(child.index, range.last->cell))
+          ++range.last;
+        is_empty = is_empty && range.first == range.last;
+      }
+      if (!is_empty) add_tasks(child, in_child);
     }
+  }
+  /// The lists of all parts for one cell, one after the other.
+  [[nodiscard]] CoarseCell<D> joined(const Lattice<D>& cell, const std::vector<Range>& parts) {
+    std::vector<CoarseList<D>>& lists = joined_.back();
+    const CoarseList<D>* const first = lists.data() + lists.size();
+    std::size_t size = 0;
+    for (const Range& part : parts)
+      for (const CoarseList<D>* list = part.first; list != part.last; ++list) {
+        lists.push_back(*list);
+        size += list->list.size;
+      }
+    return {cell, first, lists.data() + lists.size(), size};
   }
 
   /// Those that were brought to some cell since the last time.
