@@ -3,6 +3,8 @@
 /// Exact geometry of cells: integer lattice coordinates, their borders in metres, and the edge of each level.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <stdexcept>
@@ -60,25 +62,29 @@ class LatticeGeometry {
     if (num_levels < 0)
       throw std::invalid_argument("number of levels = " + std::to_string(num_levels) + ": must be >= 0");
     std::int64_t edge = 1;
-    edges_.push_back(edge);
+    std::vector<std::int64_t> edges{edge};  // From the finest level up.
     for (int i = 0; i < num_levels; ++i) {
       edge *= N;
-      if (edge > (std::int64_t{1} << 36))
+      if (edge > (std::int64_t{1} << kMostLevels))
         throw std::invalid_argument(
             "cells of " + describe_number(unit) + " m and " + std::to_string(num_levels) +
             " levels above them: at most 2^36 of the smallest fit along max_cell_size");
-      edges_.push_back(edge);
+      edges.push_back(edge);
     }
-    while (edges_.size() < 2 || edges_[edges_.size() - 2] <= 2 * kReach) edges_.push_back(edge *= N);
+    // Up to one above the first that is longer than the whole reach: a root of that one may still end within
+    // reach on one side, and growing once more adds that side on every axis.
+    while (edges.size() < 2 || edges[edges.size() - 2] <= 2 * kReach) edges.push_back(edge *= N);
+    std::copy(edges.begin(), edges.end(), edges_.begin() + kMostLevels - num_levels);
+    coarsest_level_ = static_cast<int>(edges.size()) - 1 - num_levels;
   }
 
   [[nodiscard]] double unit() const { return unit_; }
   [[nodiscard]] int finest_level() const { return -num_levels_; }
   /// No root grows above this level: it contains all that is in reach.
-  [[nodiscard]] int coarsest_level() const { return static_cast<int>(edges_.size()) - 1 - num_levels_; }
+  [[nodiscard]] int coarsest_level() const { return coarsest_level_; }
   /// Edge of a cell in lattice units.
   [[nodiscard]] std::int64_t edge(int level) const {
-    return edges_[static_cast<std::size_t>(level + num_levels_)];
+    return edges_[static_cast<std::size_t>(level + kMostLevels)];
   }
   /// Edge of a cell [m].
   [[nodiscard]] double cell_size(int level) const {
@@ -159,13 +165,15 @@ class LatticeGeometry {
   // Lattice units within reach; N² times the whole of it, 2 kReach, still fits a std::int64_t for N < 4096,
   // and no power of 4096 lies between 2^36 and 2 kReach.
   static constexpr std::int64_t kReach = std::int64_t{1} << 38;
+  static constexpr int kMostLevels = 36;  // Below level 0, and above it.
+  static constexpr int kMostAbove = 41;
 
   double unit_;
   double per_metre_;  // About 1 / unit_.
   int num_levels_;
-  // From the finest level up to one above the first that is longer than the whole reach: a root of that one
-  // may still end within reach on one side, and growing once more adds that side on every axis.
-  std::vector<std::int64_t> edges_;
+  int coarsest_level_ = 0;
+  // By level, so that nobody has to ask for the finest; others are 0.
+  std::array<std::int64_t, std::size_t{kMostLevels + kMostAbove + 1}> edges_{};
 };
 
 }  // namespace ndtree

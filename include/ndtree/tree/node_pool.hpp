@@ -138,8 +138,8 @@ class NodePool {
   /// @throws std::bad_alloc if they are, and there is no memory for their own; the pool is then unchanged.
   [[nodiscard]] NDTREE_ALWAYS_INLINE NodeType* block(BlockId id) {
     const std::size_t number = id >> kChunkBits;
-    Chunk* const own = entry(number).chunk_if_own();
-    return in_chunk(own != nullptr ? own : make_own(number), id);
+    const typename Entry::Both both = entry(number).both();
+    return in_chunk(both.is_shared ? make_own(number) : both.chunk, id);
   }
   [[nodiscard]] const NodeType* block(BlockId id) const {
     return in_chunk(entry(id >> kChunkBits).chunk(), id);
@@ -261,9 +261,13 @@ class NodePool {
    public:
     [[nodiscard]] Chunk* chunk() const { return reinterpret_cast<Chunk*>(word() & ~kShared); }
     [[nodiscard]] bool is_shared() const { return (word() & kShared) != 0; }
-    [[nodiscard]] Chunk* chunk_if_own() const {
+    struct Both {
+      Chunk* chunk;  // If it is not shared.
+      bool is_shared;
+    };
+    [[nodiscard]] Both both() const {  // At one moment.
       const std::uintptr_t word = this->word();
-      return (word & kShared) == 0 ? reinterpret_cast<Chunk*>(word) : nullptr;
+      return {reinterpret_cast<Chunk*>(word), (word & kShared) != 0};
     }
     void set(Chunk* chunk, bool is_shared) {
       word_.store(reinterpret_cast<std::uintptr_t>(chunk) | (is_shared ? kShared : 0),

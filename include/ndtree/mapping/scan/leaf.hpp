@@ -104,40 +104,37 @@ class LeafEvidence {
   class OfBeam {
    public:
     NDTREE_ALWAYS_INLINE OfBeam(const LeafEvidence& all, int level, std::uint32_t beam)
-        : all_(all),
-          size_(all.size_of(level)),
-          number_(beam),
-          beam_(all.beams_.end(beam)),
-          is_small_(size_.small <= kSmallCell * beam_.sigma),
-          is_resolvable_(size_.child >= all.noise_sigmas_ * beam_.sigma) {}
+        : all_(all), size_(all.size_of(level)), number_(beam) {}
 
     /// Of a leaf that it clearly passes, see BeamWay::pass.
     /// @param enter, exit where it crosses the leaf [m].
     [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(float enter, float exit) const {
-      return {units_of_way(exit - enter, size_), 1, is_resolvable_};
+      return {units_of_way(exit - enter, size_), 1, is_resolvable()};
     }
     /// Of any leaf.
     NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, float enter, float exit,
                                   ScanEvidence& sum) const {
       // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
-      const float end = is_small_ ? std::max(exit, enter + beam_.surface) : exit;
-      const bool passes = end < beam_.clear;
+      const BeamEnd<D>& beam = all_.beams_.end(number_);
+      const bool is_small = size_.small <= kSmallCell * beam.sigma;
+      const float end = is_small ? std::max(exit, enter + beam.surface) : exit;
+      const bool passes = end < beam.clear;
       const bool holds_end = !passes && all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
-      if (passes || !beam_.is_returned()) {
+      if (passes || !beam.is_returned()) {
         if (!holds_end) sum.add(passed(enter, exit));
         return;  // A beam without return says nothing about the rest of the cell that it ends in.
       }
-      const bool is_behind = !holds_end && enter >= beam_.range;
-      if (is_behind && !is_small_) return;
-      const float per_sigma = 1.0f / beam_.sigma;
-      const float before_end = (enter - beam_.range) * per_sigma;
-      EvidenceModel::add(sum, all_.sensor_.tabulated_log_odds(before_end, (end - beam_.range) * per_sigma),
-                         size_.is_inside_alike ? size_.inside : all_.inside(size_, beam_.sigma));
+      const bool is_behind = !holds_end && enter >= beam.range;
+      if (is_behind && !is_small) return;
+      const float per_sigma = 1.0f / beam.sigma;
+      const float before_end = (enter - beam.range) * per_sigma;
+      EvidenceModel::add(sum, all_.sensor_.tabulated_log_odds(before_end, (end - beam.range) * per_sigma),
+                         size_.is_inside_alike ? size_.inside : all_.inside(size_, beam.sigma));
       if (holds_end) {
         ++sum.hits;
-        sum.resolvable_hits += is_resolvable_;
+        sum.resolvable_hits += is_resolvable();
         sum.deep_hits +=
-            is_resolvable_ && (before_end < -kNoiseReach || size_.cell > kNoiseReach * beam_.sigma);
+            is_resolvable() && (before_end < -kNoiseReach || size_.cell > kNoiseReach * beam.sigma);
       } else {
         sum.misses += !is_behind;
       }
@@ -145,12 +142,15 @@ class LeafEvidence {
     }
 
    private:
+    /// Whether children could tell more, for all its noise.
+    [[nodiscard]] NDTREE_ALWAYS_INLINE bool is_resolvable() const {
+      if (size_.resolves_all || !size_.resolves_some) return size_.resolves_all;
+      return size_.child >= all_.noise_sigmas_ * all_.beams_.end(number_).sigma;
+    }
+
     const LeafEvidence& all_;
     const Size& size_;
     std::uint32_t number_;
-    const BeamEnd<D>& beam_;
-    bool is_small_;
-    bool is_resolvable_;  // Children could tell more whatever its noise.
   };
 
 #ifdef NDTREE_HAS_EIGHTS

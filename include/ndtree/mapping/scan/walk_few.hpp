@@ -62,7 +62,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     EvidenceCell& cell = node.cell();
     const bool all_pass = of_child.all_pass();
     const bool is_known = model.is_known(cell);
-    if (is_known && model.is_settled(cell)) {
+    if (model.is_settled(cell) && is_known) {
       if (all_pass) continue;
     } else if (takes_all ||
                (shares->face() != nullptr ? shares->takes_all(of_child.child, is_known)
@@ -99,8 +99,8 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
 }
 
 template <class Tree, class Refinement, class Sensor>
-inline bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const FewBeams& beams,
-                                                        const Shares& above) {
+NDTREE_ALWAYS_INLINE bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const FewBeams& beams,
+                                                                      const Shares& above) {
   if constexpr (Clip::kFitLanes) {
     if (beams.is_one())
       return descend(inner, lone_beam(beams.first_beam(), beams.enter_of_first(), beams.exit_of_first()),
@@ -176,8 +176,8 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
 }
 
 template <class Tree, class Refinement, class Sensor>
-inline bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const LoneBeam& beam,
-                                                        bool takes_all) {
+NDTREE_ALWAYS_INLINE bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref& inner, const LoneBeam& beam,
+                                                                      bool takes_all) {
   if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
   return update_children_of_one(inner, beam, takes_all || shares_.all_take_all(inner.index, beam.face));
 }
