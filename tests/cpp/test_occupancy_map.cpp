@@ -8,6 +8,7 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "flat_map.hpp"
@@ -356,6 +357,13 @@ TYPED_TEST(OccupancyMapOf, RefusedCallsChangeNothing) {
   EXPECT_EQ(cases, 11);
   // A far end point is no harm where max_range ends the beam before.
   EXPECT_EQ(map.insert(one_beam<D>(zero, Vector<D>::Constant(1e30)), 2.0).beyond_max_range, 1u);
+}
+
+TEST(OccupancyMap, IsMovedWithoutACopy) {  // So do vectors of maps and trees that grow.
+  using Map = AdaptiveMap<2, 3>;
+  static_assert(std::is_nothrow_move_constructible_v<Map> && std::is_nothrow_move_assignable_v<Map>);
+  static_assert(std::is_nothrow_move_constructible_v<Map::Tree> &&
+                std::is_nothrow_move_assignable_v<Map::Tree>);
 }
 
 TEST(OccupancyMap, OutcomesHaveTheirEffects) {

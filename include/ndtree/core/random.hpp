@@ -25,9 +25,9 @@ class Random {
   /// Standard normal by Box and Muller's transform. Takes two numbers and keeps none, so that the next draw
   /// does not depend on what was drawn before.
   double normal() {
-    constexpr double two_pi = 6.28318530717958648;
+    constexpr double kTwoPi = 6.28318530717958648;
     const double radius = std::sqrt(-2.0 * std::log(1.0 - uniform()));
-    return radius * std::cos(two_pi * uniform());
+    return radius * std::cos(kTwoPi * uniform());
   }
 
  private:
