@@ -85,6 +85,27 @@ TEST(EvidenceModel, MoreEvidenceHasTheLargerLogarithm) {
   }
 }
 
+TEST(EvidenceModel, LogOddsOfAFileThatAreNotThoseOfItsEvidenceAreAChange) {
+  const EvidenceModel model = model_with(20.0);
+  for (const std::int64_t occupied : {0, 400}) {
+    EvidenceCell cell;
+    ScanEvidence scan;
+    scan.occupied = occupied;
+    scan.free = 1000 * kMiss;
+    scan.misses = 1000;
+    while (model.update(cell, scan)) scan.occupied = 0;  // Until it remembers no more.
+    const auto words = cell.words();
+    EvidenceCell other;
+    other.set_evidence(cell.occupied_evidence(), cell.free_evidence(), 1.0f);
+    auto of_file = other.words();
+    of_file[0] = words[0];
+    EvidenceCell read = EvidenceCell::from_words(of_file);
+    ASSERT_TRUE(read.knows_the_same(cell));
+    EXPECT_TRUE(model.update(read, scan)) << "what lies above is summed up anew";
+    EXPECT_TRUE(read == cell);
+  }
+}
+
 TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
   const EvidenceModel model = model_with(200.0);
   EXPECT_EQ(model.of_miss(), kMiss);

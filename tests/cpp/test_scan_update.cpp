@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -402,6 +403,29 @@ TYPED_TEST(ScanUpdateOf, AnyNumberOfThreadsGivesTheSameMap) {
   AdaptiveMap<N, D> map(options);
   EXPECT_THROW(map.insert(random_scan<D>(random, 5, 1.0, 0.0, 0.3), 3.0, -1), std::invalid_argument);
   EXPECT_EQ(map.stats().nodes, 1u);
+}
+
+TYPED_TEST(ScanUpdateOf, ThreadsBringLargeScansInMorePartsThanTheyAre) {
+  NDTREE_SHAPE;
+  Random random(149);
+  SCOPED_TRACE(random.trace());
+  MapOptions options = spelled_out_options(0.2, 0.2 * N);
+  options.sample_beams = 1e9;  // All of them.
+  AdaptiveMap<N, D> alone(options);
+  AdaptiveMap<N, D> others[3] = {alone, alone, alone};
+  const Box<D> window{Vector<D>::Constant(-0.3), Vector<D>::Constant(0.5)};
+  for (int i = 0; i < 2; ++i) {
+    Scan<D> scan = random_scan<D>(random, 25000, 0.8, 0.0, 0.1);
+    if (i == 1) scan.origins = scan.origins.leftCols(1).eval();
+    const std::optional<Box<D>> in = i == 0 ? std::nullopt : std::optional<Box<D>>(window);
+    alone.insert(scan, 3.0, 1, in);
+    const std::string bytes = to_bytes(alone);
+    for (int t = 0; t < 3; ++t) {
+      others[t].insert(scan, 3.0, 2 + t, in);
+      ASSERT_TRUE(to_bytes(others[t]) == bytes) << i << ", " << 2 + t << " threads";
+      ASSERT_NO_THROW(others[t].check_invariants());
+    }
+  }
 }
 
 TYPED_TEST(ScanUpdateOf, ThreadsMayBeMoreThanCoarseCells) {

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -33,7 +34,9 @@ class EvidenceLogs {
                                             [&] { return std::make_shared<const EvidenceLogs>(prior); });
   }
 
+  /// @pre evidence is in [0, EvidenceCell::kMaxEvidence].
   [[nodiscard]] float operator[](std::int64_t evidence) const {
+    assert(evidence >= 0 && evidence <= EvidenceCell::kMaxEvidence);
     return logs_[static_cast<std::size_t>(evidence)];
   }
 

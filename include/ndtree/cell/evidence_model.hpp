@@ -138,6 +138,7 @@ class EvidenceModel {
     return table;
   }
 
+  /// @pre both are in [0, EvidenceCell::kMaxEvidence].
   [[nodiscard]] NDTREE_ALWAYS_INLINE float log_odds_of(std::int64_t occupied, std::int64_t free) const {
     return std::clamp((*logs_)[occupied] - (*logs_)[free], log_odds_min_, log_odds_max_);
   }
@@ -158,16 +159,13 @@ class EvidenceModel {
 
   /// Adds the joint evidence of a scan. @returns whether the cell changed.
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) const {
-    return scan.hits == 0 && scan.occupied == 0 ? update(cell, PassedEvidence{scan.free, scan.misses, 0})
-                                                : update_any(cell, scan);
+    return scan.hits == 0 && scan.occupied == 0 && stays_free_alone(cell)
+               ? update_free(cell, scan.free, scan.misses)
+               : update_any(cell, scan);
   }
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const PassedEvidence& passed) const {
-    if (!cell.knows_free_alone() || !forgets_nothing()) return update_any(cell, ScanEvidence::of(passed));
-    // So are most; the rest does the same for them.
-    const EvidenceCell before = cell;
-    const std::int64_t all = std::min(before.free_evidence() + passed.free, free_memory_);
-    cell.set_free(all, std::min(before.misses() + passed.misses, free_memory_beams_), log_odds_of(0, all));
-    return !cell.knows_the_same(before);
+    return stays_free_alone(cell) ? update_free(cell, passed.free, passed.misses)
+                                  : update_any(cell, ScanEvidence::of(passed));
   }
 
   /// What beams say about the parts of a cell that they passed, of which too little was seen yet.
@@ -322,6 +320,24 @@ class EvidenceModel {
     return cell.streak() >= kLeastScansOfChange &&
            cell.state() == (cell.streak_is_of_hits() ? CellState::free : CellState::occupied);
   }
+  /// Whether update_free() does, where beams say of nothing but free space.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE bool stays_free_alone(const EvidenceCell& cell) const {
+    return cell.knows_free_alone() && forgets_nothing();
+  }
+  /// update() of most cells, for which update_any() does the same.
+  NDTREE_ALWAYS_INLINE bool update_free(EvidenceCell& cell, std::int64_t free, std::uint32_t misses) const {
+    EvidenceCell now;
+    const std::int64_t all = std::min(cell.free_evidence() + free, free_memory_);
+    now.set_free(all, std::min(cell.misses() + misses, free_memory_beams_), log_odds_of(0, all));
+    return replace(cell, now);
+  }
+  /// @returns whether that is another cell.
+  NDTREE_ALWAYS_INLINE static bool replace(EvidenceCell& cell, const EvidenceCell& now) {
+    const EvidenceCell before = cell;
+    cell = now;
+    if (!now.knows_the_same(before)) return true;
+    return now.log_odds() != before.log_odds();  // A file may say others than those of its evidence.
+  }
   /// update() of any cell.
   NDTREE_ALWAYS_INLINE bool update_any(EvidenceCell& cell, const ScanEvidence& scan) const {
     EvidenceCell now = cell;
@@ -343,9 +359,7 @@ class EvidenceModel {
       now.set(occupied, free, log_odds, hits, misses);
     else
       now.set_free(free, std::min(misses, free_memory_beams_), log_odds);
-    const bool changed = !now.knows_the_same(cell);
-    cell = now;
-    return changed;
+    return replace(cell, now);
   }
   /// To what a cell can remember.
   NDTREE_ALWAYS_INLINE void fade(std::int64_t& occupied, std::int64_t& free) const {

@@ -65,7 +65,7 @@ class LatticeGeometry {
     std::vector<std::int64_t> edges{edge};  // From the finest level up.
     for (int i = 0; i < num_levels; ++i) {
       edge *= N;
-      if (edge > (std::int64_t{1} << kMostLevels))
+      if (edge > kLargestCell)
         throw std::invalid_argument(
             "cells of " + describe_number(unit) + " m and " + std::to_string(num_levels) +
             " levels above them: at most 2^36 of the smallest fit along max_cell_size");
@@ -74,7 +74,7 @@ class LatticeGeometry {
     // Up to one above the first that is longer than the whole reach: a root of that one may still end within
     // reach on one side, and growing once more adds that side on every axis.
     while (edges.size() < 2 || edges[edges.size() - 2] <= 2 * kReach) edges.push_back(edge *= N);
-    std::copy(edges.begin(), edges.end(), edges_.begin() + kMostLevels - num_levels);
+    std::copy(edges.begin(), edges.end(), edges_.begin() + kMostBelow - num_levels);
     coarsest_level_ = static_cast<int>(edges.size()) - 1 - num_levels;
   }
 
@@ -84,7 +84,7 @@ class LatticeGeometry {
   [[nodiscard]] int coarsest_level() const { return coarsest_level_; }
   /// Edge of a cell in lattice units.
   [[nodiscard]] std::int64_t edge(int level) const {
-    return edges_[static_cast<std::size_t>(level + kMostLevels)];
+    return edges_[static_cast<std::size_t>(level + kMostBelow)];
   }
   /// Edge of a cell [m].
   [[nodiscard]] double cell_size(int level) const {
@@ -165,7 +165,8 @@ class LatticeGeometry {
   // Lattice units within reach; N² times the whole of it, 2 kReach, still fits a std::int64_t for N < 4096,
   // and no power of 4096 lies between 2^36 and 2 kReach.
   static constexpr std::int64_t kReach = std::int64_t{1} << 38;
-  static constexpr int kMostLevels = 36;  // Below level 0, and above it.
+  static constexpr std::int64_t kLargestCell = std::int64_t{1} << 36;  // Edge of one of level 0.
+  static constexpr int kMostBelow = 36;  // Levels, for N = 2, and above level 0, if there are none below.
   static constexpr int kMostAbove = 41;
 
   double unit_;
@@ -173,7 +174,7 @@ class LatticeGeometry {
   int num_levels_;
   int coarsest_level_ = 0;
   // By level, so that nobody has to ask for the finest; others are 0.
-  std::array<std::int64_t, std::size_t{kMostLevels + kMostAbove + 1}> edges_{};
+  std::array<std::int64_t, std::size_t{kMostBelow + kMostAbove + 1}> edges_{};
 };
 
 }  // namespace ndtree

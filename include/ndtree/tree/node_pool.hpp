@@ -138,8 +138,8 @@ class NodePool {
   /// @throws std::bad_alloc if they are, and there is no memory for their own; the pool is then unchanged.
   [[nodiscard]] NDTREE_ALWAYS_INLINE NodeType* block(BlockId id) {
     const std::size_t number = id >> kChunkBits;
-    const typename Entry::Both both = entry(number).both();
-    return in_chunk(both.is_shared ? make_own(number) : both.chunk, id);
+    const typename Entry::Now now = entry(number).now();
+    return in_chunk(now.is_shared ? make_own(number) : now.chunk, id);
   }
   [[nodiscard]] const NodeType* block(BlockId id) const {
     return in_chunk(entry(id >> kChunkBits).chunk(), id);
@@ -261,11 +261,11 @@ class NodePool {
    public:
     [[nodiscard]] Chunk* chunk() const { return reinterpret_cast<Chunk*>(word() & ~kShared); }
     [[nodiscard]] bool is_shared() const { return (word() & kShared) != 0; }
-    struct Both {
-      Chunk* chunk;  // If it is not shared.
+    struct Now {
+      Chunk* chunk;  // Its address only if it is not shared.
       bool is_shared;
     };
-    [[nodiscard]] Both both() const {  // At one moment.
+    [[nodiscard]] Now now() const {
       const std::uintptr_t word = this->word();
       return {reinterpret_cast<Chunk*>(word), (word & kShared) != 0};
     }

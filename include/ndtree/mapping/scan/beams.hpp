@@ -108,7 +108,7 @@ class SigmaRange {
   [[nodiscard]] float largest() const { return *std::max_element(largest_.begin(), largest_.end()); }
 
  private:
-  alignas(32) std::array<float, 8> smallest_;  // Of eighths of them.
+  alignas(32) std::array<float, 8> smallest_;  // Of every eighth of them; the first alone without vectors.
   alignas(32) std::array<float, 8> largest_;
 };
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cassert>
 #include <cstddef>
 #include <deque>
 #include <utility>
@@ -15,7 +16,7 @@
 
 namespace ndtree {
 
-/// Every thread brings a part of the beams to the cells of the coarsest level. Nodes there do not touch each
+/// Threads bring the beams, part by part, to the cells of the coarsest level. Nodes there do not touch each
 /// other: each is a task, the ones with the most beams first. One with so many that the other threads would
 /// wait for it is opened: its beams are handed down one level, again part by part, and its children are the
 /// tasks.
@@ -112,18 +113,21 @@ class ScanTasks {
     ref.node->set_note(0);  // Until the scan is done.
     std::vector<Range> in_child = parts;
     for (Range& range : in_child) range.last = range.first;
-    for (int c = 0; c < Tree::kNumChildren; ++c) {
+    std::size_t left = 0;  // Lists that no child has had yet.
+    for (const Range& part : parts) left += static_cast<std::size_t>(part.last - part.first);
+    for (int c = 0; c < Tree::kNumChildren && left > 0; ++c) {
       const Ref child = tree_.child(ref, c);
-      bool is_empty = true;
+      const std::size_t before = left;
       for (std::size_t p = 0; p < parts.size(); ++p) {
         Range& range = in_child[p];
         range.first = range.last;
         while (range.last != parts[p].last && tree_.geometry().contains(child.index, range.last->cell))
           ++range.last;
-        is_empty = is_empty && range.first == range.last;
+        left -= static_cast<std::size_t>(range.last - range.first);
       }
-      if (!is_empty) add_tasks(child, in_child);
+      if (left < before) add_tasks(child, in_child);
     }
+    assert(left == 0);
   }
   /// The lists of all parts for one cell, one after the other.
   [[nodiscard]] CoarseCell<D> joined(const Lattice<D>& cell, const std::vector<Range>& parts) {

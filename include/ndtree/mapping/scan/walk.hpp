@@ -265,13 +265,15 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,
                                                      const PassedEvidence& passed) const {
-    return level != finest_level_ &&
-           ((!leaf.observed() && refinement_.coverage.is_on()) || refinement_.splits(leaf, passed));
+    return level != finest_level_ && (is_unseen(leaf) || refinement_.splits(leaf, passed));
   }
   /// Whether beams have only passed a leaf that was never observed. Those that are were seen before; hits
   /// speak for themselves.
   [[nodiscard]] bool is_unseen(const EvidenceCell& leaf, const ScanEvidence& scan) const {
-    return !leaf.observed() && scan.hits == 0 && scan.occupied == 0 && refinement_.coverage.is_on();
+    return scan.hits == 0 && scan.occupied == 0 && is_unseen(leaf);
+  }
+  [[nodiscard]] bool is_unseen(const EvidenceCell& leaf) const {
+    return !leaf.observed() && refinement_.coverage.is_on();
   }
   bool divide(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample, const ScanEvidence& scan,
               const Shares& shares) {

@@ -62,7 +62,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     EvidenceCell& cell = node.cell();
     const bool all_pass = of_child.all_pass();
     const bool is_known = model.is_known(cell);
-    if (model.is_settled(cell) && is_known) {
+    if (is_known && model.is_settled(cell)) {
       if (all_pass) continue;
     } else if (takes_all ||
                (shares->face() != nullptr ? shares->takes_all(of_child.child, is_known)
