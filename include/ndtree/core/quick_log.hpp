@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The natural logarithm where cells are updated: a table and a short polynomial.
+/// The natural logarithm where cells split and merge: a table and a short polynomial.
 #pragma once
 
 #include <array>
