@@ -107,14 +107,6 @@ class EvidenceCell {
     counts_ = (counts_ & ~kPartlySeen) | kObserved;
   }
 
-  /// Both at once, of a cell that keeps its streak.
-  NDTREE_ALWAYS_INLINE void set(std::int64_t occupied, std::int64_t free, float log_odds, std::uint32_t hits,
-                                std::uint32_t misses) {
-    evidence_ = word_of(occupied, free);
-    log_odds_ = log_odds;
-    set_counts(hits, misses);
-  }
-
   /// Whether nothing is known for occupied space, neither evidence nor hits, of a cell that is observed or
   /// blank.
   [[nodiscard]] bool knows_free_alone() const {

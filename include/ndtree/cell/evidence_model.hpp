@@ -355,10 +355,12 @@ class EvidenceModel {
     const std::uint32_t hits = now.hits() + scan.hits;
     const std::uint32_t misses = now.misses() + scan.misses;
     const float log_odds = log_odds_of(occupied, free);
-    if (occupied > 0 || scan.hits > 0)
-      now.set(occupied, free, log_odds, hits, misses);
-    else
+    if (occupied > 0 || scan.hits > 0) {
+      now.set_evidence(occupied, free, log_odds);
+      now.set_counts(hits, misses);
+    } else {
       now.set_free(free, std::min(misses, free_memory_beams_), log_odds);
+    }
     return replace(cell, now);
   }
   /// To what a cell can remember.

@@ -197,11 +197,8 @@ class LeafEvidence {
                                    enter, exit, misses, _mm256_castps_si256(live), sum);
         missed = set_of(_mm256_castsi256_ps(misses));
       }
-      sum.free += sum_of(_mm256_and_si256(units_of_way(enter, exit, size_), misses));
-      const unsigned passed = count(missed);
-      sum.misses += passed;
-      sum.beams += passed;
-      sum.resolvable_misses += resolved(missed);
+      sum.add(PassedEvidence{sum_of(_mm256_and_si256(units_of_way(enter, exit, size_), misses)),
+                             count(missed), resolved(missed)});
     }
 
    private:
