@@ -410,6 +410,142 @@ TEST(EvidenceModel, EvidenceIsSharedOutAsTheBeamsGo) {
   EXPECT_LT(free_of(0, 1), 20000);
 }
 
+/// A cell with evidence, and what one scan of some beams says about it.
+struct CellAndScan {
+  EvidenceCell cell;
+  ScanEvidence scan;
+};
+CellAndScan random_cell_and_scan(Random& random, const EvidenceModel& model) {
+  CellAndScan both;
+  both.cell.set_counts(static_cast<std::uint32_t>(random.integer(0, 200)),
+                       static_cast<std::uint32_t>(random.integer(0, 200)));
+  const bool is_free = random.chance(0.5);
+  model.assign(both.cell, random.integer(0, is_free ? 4000 : 30000),
+               random.integer(0, is_free ? 30000 : 6000));
+  ScanEvidence& scan = both.scan;
+  scan.hits = static_cast<std::uint32_t>(random.integer(0, 4));
+  scan.misses = static_cast<std::uint32_t>(random.integer(scan.hits == 0 ? 1 : 0, 8));
+  scan.beams = scan.hits + scan.misses;
+  scan.occupied = random.integer(0, 220) * static_cast<std::int64_t>(scan.hits);
+  scan.free = model.of_miss() * static_cast<std::int64_t>(scan.misses);
+  return both;
+}
+
+TEST(EvidenceModel, FreeSpaceSplitsInVainWhereItsHitsWouldStayFree) {
+  Random random(151);
+  SCOPED_TRACE(random.trace());
+  const EvidenceModel model = model_with(200.0, 0.5, 2.0);
+  int in_vain = 0;
+  int cases = 0;
+  for (const int divisor : {2, 3, 4})
+    for (int i = 0; i < 4000; ++i) {
+      const auto [cell, scan] = random_cell_and_scan(random, model);
+      if (cell.state() != CellState::free || scan.hits == 0) continue;
+      ++cases;
+      for (const int levels : {1, 2, 5}) {
+        const bool is_in_vain = model.splits_in_vain(cell, scan, divisor, levels);
+        in_vain += is_in_vain;
+        // The child around the hits inherits what is due to one that nobody passed, and so does its child.
+        double occupied = static_cast<double>(cell.occupied_evidence());
+        double free = static_cast<double>(cell.free_evidence());
+        for (int level = 0; level < std::min(levels, 2); ++level) {
+          const double share = 0.05 / divisor + 0.95 * (2.0 / divisor) / (scan.beams + 2.0);
+          occupied *= share;
+          free *= share;
+        }
+        const double odds = (occupied + static_cast<double>(scan.occupied) + 128.0) / (free + 128.0);
+        if (std::abs(odds - 0.75) > 1e-9) {
+          ASSERT_EQ(is_in_vain, odds < 0.75);
+        }
+        if (levels == 1 && is_in_vain) {
+          const EvidenceCell child = model.inherited(cell, divisor, 0, scan.beams);
+          if (child.observed()) {
+            EvidenceCell hit = child;
+            model.update(hit, scan);
+            ASSERT_EQ(hit.state(), CellState::free);
+          }
+        }
+        // More beams change nothing about a split that is not in vain.
+        ScanEvidence more = scan;
+        more.hits += static_cast<std::uint32_t>(random.integer(0, 3));
+        more.occupied += random.integer(0, 200);
+        more.misses += static_cast<std::uint32_t>(random.integer(0, 30));
+        more.beams = more.hits + more.misses;
+        if (!is_in_vain) {
+          ASSERT_FALSE(model.splits_in_vain(cell, more, divisor, levels));
+        }
+      }
+      EXPECT_LE(model.splits_in_vain(cell, scan, divisor, 2), model.splits_in_vain(cell, scan, divisor, 1));
+    }
+  EXPECT_GT(cases, 3000);
+  EXPECT_GT(in_vain, cases / 2);
+  EXPECT_LT(in_vain, 3 * cases - cases / 2);
+}
+
+TEST(EvidenceModel, OccupiedCellsSplitInVainUnlessAChildMayBeFree) {
+  Random random(152);
+  SCOPED_TRACE(random.trace());
+  const EvidenceModel model = model_with(200.0, 0.5, 2.0);
+  int in_vain = 0;
+  int cases = 0;
+  for (const int divisor : {2, 3, 4})
+    for (int i = 0; i < 4000; ++i) {
+      const auto [cell, scan] = random_cell_and_scan(random, model);
+      if (cell.state() != CellState::occupied) continue;
+      ++cases;
+      if (!model.splits_in_vain(cell, scan, divisor, 1)) continue;
+      ++in_vain;
+      EXPECT_LE(model.effective_misses(cell), 12.0);
+      // All that passed may have passed one child, and nothing ended there.
+      EvidenceCell child = model.inherited(cell, divisor, scan.misses, scan.beams);
+      ASSERT_TRUE(child.observed());
+      ScanEvidence passed;
+      passed.misses = passed.beams = scan.misses;
+      passed.free = 2 * scan.free;
+      model.update(child, passed);
+      ASSERT_EQ(child.state(), CellState::occupied);
+    }
+  EXPECT_GT(cases, 3000);
+  EXPECT_GT(in_vain, cases / 10);
+  EXPECT_LT(in_vain, cases / 2);
+  EXPECT_FALSE(model.splits_in_vain(EvidenceCell{}, ScanEvidence{}, 2, 1)) << "nothing is known of it";
+}
+
+TEST(EvidenceModel, WhatAnUndoneSplitLeavesIsLessOfWhatWasKnown) {
+  Random random(153);
+  SCOPED_TRACE(random.trace());
+  int cases = 0;
+  for (const double half_life : {0.0, 20.0})
+    for (int i = 0; i < 3000; ++i, ++cases) {
+      EvidenceOptions evidence;
+      evidence.evidence_half_life = half_life;
+      const EvidenceModel model(evidence, SensorOptions{});
+      const auto [before, scan] = random_cell_and_scan(random, model);
+      EvidenceCell cell = before;
+      for (int k = 0; k < 3; ++k) cell.count_scan(true, false);
+      const bool is_free = cell.state() == CellState::free;
+      const double scans_kept = half_life > 0.0 ? std::exp2(-1.0 / half_life) : 1.0;
+      const double beams = scan.beams;
+      const double kept = scans_kept * (0.05 + 0.95 * (beams - 0.75 * scan.hits + 2.0) / (beams + 2.0));
+      const double kept_hits = is_free ? kept : scans_kept;
+      const double occupied =
+          kept_hits * static_cast<double>(cell.occupied_evidence()) + static_cast<double>(scan.occupied);
+      const double free = kept * static_cast<double>(cell.free_evidence()) + static_cast<double>(scan.free);
+      model.update_whole(cell, scan);
+      const double limit = 256.0 * (occupied == 0.0 ? 50.0 : 200.0);
+      const double faded = std::min(1.0, limit / (occupied + free));
+      ASSERT_NEAR(static_cast<double>(cell.occupied_evidence()), faded * occupied, 2.0);
+      ASSERT_NEAR(static_cast<double>(cell.free_evidence()), faded * free, 2.0);
+      ASSERT_EQ(cell.log_odds(), model.log_odds_of(cell.occupied_evidence(), cell.free_evidence()));
+      ASSERT_EQ(cell.streak(), 0u);
+      if (cell.occupied_evidence() > 0) {
+        ASSERT_NEAR(cell.hits(), kept_hits * before.hits() + scan.hits + 0.5, 0.5 + 1e-6);
+        ASSERT_NEAR(cell.misses(), kept * before.misses() + scan.misses + 0.5, 0.5 + 1e-6);
+      }
+    }
+  EXPECT_EQ(cases, 6000);
+}
+
 TEST(EvidenceModel, EffectiveBeamsAreThoseThatWereAdded) {
   const EvidenceModel model = model_with(200.0);
   const auto hit = static_cast<float>(std::log(0.7 / 0.3));

@@ -202,6 +202,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
   std::uint64_t whole_again = 0;
+  std::uint64_t in_vain = 0;
   std::uint64_t sampled = 0;
   std::uint64_t for_coverage = 0;
   std::uint64_t partly_seen = 0;
@@ -241,6 +242,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       splits += flat.splits;
       merges += flat.merges;
       whole_again += flat.whole_again;
+      in_vain += flat.in_vain;
       sampled += flat.sampled;
       for_coverage += flat.for_coverage;
       partly_seen += flat.partly_seen;
@@ -251,6 +253,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_GE(splits, 30u);
   EXPECT_GE(merges, 5u);
   EXPECT_GE(whole_again, 5u);
+  EXPECT_GE(in_vain, 5u);
   EXPECT_GE(sampled, D == 1 ? 0u : 1000u);
 }
 
@@ -619,10 +622,13 @@ TYPED_TEST(ScanUpdateOf, StationaryInputSettles) {
     }
     const MapStats stats = map.stats();
     EXPECT_GT(changes, 0u);
-    EXPECT_LE(changes, 60 + 2 * stats.observed_leaves);
-    // In 120 scans, fifteen and of a hundred cells two. Noise moves end points between cells: forty.
-    const double share = noisy ? 0.4 : 0.02;
-    EXPECT_LE(static_cast<double>(in_second_half), 15.0 + share * static_cast<double>(stats.observed_leaves));
+    EXPECT_LE(changes, 100 + 5 * stats.observed_leaves / 2);
+    // In 120 scans, fifteen and of a hundred cells two. Noise moves end points between cells, two of which
+    // are all that a beam in 1-D ever ends in: half a change a cell and more, and one every other scan.
+    const double of_all = noisy && D == 1 ? 60.0 : 15.0;
+    const double share = noisy ? 0.6 : 0.02;
+    EXPECT_LE(static_cast<double>(in_second_half),
+              of_all + share * static_cast<double>(stats.observed_leaves));
   }
   EXPECT_EQ(scans, 480);
 }

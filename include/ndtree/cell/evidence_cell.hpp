@@ -40,6 +40,7 @@ struct ScanEvidence {
     resolvable_misses += passed.resolvable_misses;
     beams += passed.misses;
   }
+  [[nodiscard]] static const ScanEvidence& of(const ScanEvidence& scan) { return scan; }
   [[nodiscard]] static ScanEvidence of(const PassedEvidence& passed) {
     ScanEvidence scan;
     scan.add(passed);

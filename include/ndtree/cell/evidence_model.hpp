@@ -244,14 +244,11 @@ class EvidenceModel {
   ///   known of those parts alone.
   [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, int share_divisor, std::size_t passed,
                                        std::size_t beams, int cell_part = 0) const {
-    constexpr double kOtherWays = 0.05;
     EvidenceCell child;
     const bool was_seen = parent.is_partly_seen() && (parent.seen_parts() >> cell_part & 1u) != 0;
     if (!parent.observed() && !was_seen) return child;
     const double mean = 1.0 / share_divisor;
-    const double share_now = (static_cast<double>(passed) + rounded(options_.inherited_beams * mean)) /
-                             (static_cast<double>(beams) + options_.inherited_beams);
-    const double share = rounded(kOtherWays * mean) + rounded((1.0 - kOtherWays) * share_now);
+    const double share = share_of_ways(mean, static_cast<double>(passed), static_cast<double>(beams));
     const std::int64_t free = part(parent.free_evidence(), share);
     const bool may_be_unknown = parent.state() != CellState::occupied;
     if (may_be_unknown && free < miss_) return child;
@@ -260,6 +257,56 @@ class EvidenceModel {
     child.set_counts(static_cast<std::uint32_t>(part(parent.hits(), share_of_hits)),
                      static_cast<std::uint32_t>(part(parent.misses(), share)));
     return child;
+  }
+
+  /// Whether smaller cells, for which a scan asks, would most likely join again after it:
+  /// - in free space, if so much is known of it that even where the hits are it would stay free, if nobody
+  ///   passed there: as far as two levels below;
+  /// - in an occupied cell that few beams have passed, if those of the scan could not make a child free.
+  /// More beams that end in free space never make that true.
+  /// @pre splitting is asked for. @param share_divisor as in inherited(). @param levels there are below.
+  [[nodiscard]] bool splits_in_vain(const EvidenceCell& cell, const ScanEvidence& scan, int share_divisor,
+                                    int levels) const {
+    constexpr double kFreeOdds = 0.75;
+    constexpr double kFewMisses = 12.0;
+    constexpr double kManyTimes = 3.0;
+    const double mean = 1.0 / share_divisor;
+    const auto occupied = static_cast<double>(cell.occupied_evidence());
+    const auto free = static_cast<double>(cell.free_evidence());
+    const auto miss = static_cast<double>(miss_);
+    switch (cell.state()) {
+      case CellState::free: {
+        const double of_child = share_of_ways(mean, 0.0, scan.beams);
+        const double share = levels > 1 ? of_child * of_child : of_child;
+        return share * (rounded(kFreeOdds * free) - occupied) >=
+               static_cast<double>(scan.occupied) + rounded((1.0 - kFreeOdds) * prior_);
+      }
+      case CellState::unknown:
+        return false;
+      case CellState::occupied:
+        break;
+    }
+    const double passes =
+        rounded(share_of_ways(mean, scan.misses, scan.beams) * free) + rounded(miss * scan.misses);
+    return free <= kFewMisses * miss && mean * occupied > kManyTimes * passes;
+  }
+  /// What a split leaves of a cell whose children join again, as update(): of what beams said that went
+  /// through parts which those of the scan did not reach, as much is forgotten as the children would have
+  /// forgotten; in free space of the hits as well. The streak ends.
+  /// @returns whether the cell changed.
+  bool update_whole(EvidenceCell& cell, const ScanEvidence& scan) const {
+    constexpr double kNotReached = 0.75;  // Of a cell, by a beam that ends in it.
+    const double reached = scan.beams - rounded(kNotReached * scan.hits);
+    const double kept = kept_ * share_of_ways(1.0, reached, scan.beams);
+    const double kept_hits = cell.state() == CellState::free ? kept : kept_;
+    std::int64_t occupied = part_up(cell.occupied_evidence(), kept_hits) + scan.occupied;
+    std::int64_t free = part_up(cell.free_evidence(), kept) + scan.free;
+    fade(occupied, free);
+    EvidenceCell now;
+    now.set_evidence(occupied, free, log_odds_of(occupied, free));
+    set_counts(now, static_cast<std::uint32_t>(part_up(cell.hits(), kept_hits)) + scan.hits,
+               static_cast<std::uint32_t>(part_up(cell.misses(), kept)) + scan.misses);
+    return replace(cell, now);
   }
 
   /// The evidence of two cells of one place, of which neither is blank. Their streaks end.
@@ -406,6 +453,18 @@ class EvidenceModel {
 
   [[nodiscard]] static std::int64_t part(std::int64_t whole, double share) {
     return static_cast<std::int64_t>(static_cast<double>(whole) * share);
+  }
+  /// The same rounded up: what was seen once is not forgotten.
+  [[nodiscard]] static std::int64_t part_up(std::int64_t whole, double share) {
+    return whole - part(whole, 1.0 - share);
+  }
+  /// The share of earlier beams' ways that is due to a part of a cell, see inherited().
+  /// @param mean of all parts. @param passed of this scan's `beams`, those that passed the part.
+  [[nodiscard]] double share_of_ways(double mean, double passed, double beams) const {
+    constexpr double kOtherWays = 0.05;
+    const double share_now =
+        (passed + rounded(options_.inherited_beams * mean)) / (beams + options_.inherited_beams);
+    return rounded(kOtherWays * mean) + rounded((1.0 - kOtherWays) * share_now);
   }
   [[nodiscard]] static std::int64_t units(double nats) { return std::llround(nats / EvidenceCell::kUnit); }
   /// part * whole / sum, rounded down: what nothing adds to fades to nothing. Below 2^53 it is exact, as

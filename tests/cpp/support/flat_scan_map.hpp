@@ -27,6 +27,7 @@ class FlatScanMap {
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
   std::uint64_t whole_again = 0;   ///< Splits undone by the same scan, which count as neither.
+  std::uint64_t in_vain = 0;       ///< Cells that would have been, and stayed.
   std::uint64_t for_coverage = 0;  ///< Splits of cells of which only a part was seen ...
   std::uint64_t partly_seen = 0;   ///< ... and updates of those that did not split.
   std::uint64_t sampled = 0;       ///< Pairs of a cell and a beam that was in no sample.
@@ -71,6 +72,14 @@ class FlatScanMap {
                                                    std::llround(256.0 * std::min(options_.free_memory,
                                                                                  options_.evidence_memory))));
         ++partly_seen;
+        if (cell == before) continue;
+        mark(next);
+        updates += scan_evidence.beams;
+      } else if (next.level > -num_levels_ && !coverage.splits && splits_now(cell, scan_evidence) &&
+                 model_.splits_in_vain(cell, scan_evidence, kShare, next.level + num_levels_)) {
+        ++in_vain;
+        const EvidenceCell before = cell;
+        model_.update_whole(cell, scan_evidence);
         if (cell == before) continue;
         mark(next);
         updates += scan_evidence.beams;

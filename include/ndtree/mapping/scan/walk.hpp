@@ -217,16 +217,16 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     ScanEvidence scan;
     add(leaf, list, scan);
     refinement_.model.limit(scan);
-    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, all_, scan, shares)
-                                                           : update(leaf.cell(), scan);
+    return update_or_divide(leaf, scan,
+                            [&](const ScanEvidence& all) { return divide(leaf, list, all_, all, shares); });
   }
   bool update_by_sample(const Ref& leaf, const Crossings& list, bool is_known) {
     ScanEvidence scan;
     shares_.take(leaf.index, list, is_known, sample_,
                  [&](const ScanFace<D>&, float, const Crossings& part) { add(leaf, part, scan); });
     refinement_.model.limit(scan);
-    return may_divide(leaf.cell(), leaf.index.level, scan) ? divide(leaf, list, sample_, scan, {})
-                                                           : update(leaf.cell(), scan);
+    return update_or_divide(leaf, scan,
+                            [&](const ScanEvidence& all) { return divide(leaf, list, sample_, all, {}); });
   }
   /// The same of a list of one face.
   bool update_by_share(const Ref& leaf, const Crossings& list, const ScanFace<D>& face, float share) {
@@ -235,8 +235,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     ScanEvidence scan;
     if (end > 0) add(leaf, list.part(0, end), scan);
     refinement_.model.limit(scan);
-    if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
-    return divide_by_share(leaf, list, of_face, scan);
+    return update_or_divide(
+        leaf, scan, [&](const ScanEvidence& all) { return divide_by_share(leaf, list, of_face, all); });
   }
   bool divide_by_share(const Ref& leaf, const Crossings& list, const FaceShare<D>& share,
                        const ScanEvidence& scan) {
@@ -254,9 +254,27 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   NDTREE_NEVER_INLINE void add_some_at_once(const Ref& leaf, const Crossings& list,
                                             ScanEvidence& scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
-      if (refinement_.splits_anyway(leaf.cell(), scan)) return;
+      if (refinement_.splits_anyway(leaf.cell(), scan, kShareDivisor<Tree>, leaf.index.level - finest_level_))
+        return;
       evidence_.add(leaf.index, list.part(first, std::min(first + kToSplit, list.size)), scan);
     }
+  }
+  /// Updates a leaf, or calls `divide(scan)` if it may have to split, and not in vain.
+  template <class Scan, class Divide>
+  NDTREE_ALWAYS_INLINE bool update_or_divide(EvidenceCell& leaf, int level, const Scan& scan,
+                                             const Divide& divide) {
+    if (!may_divide(leaf, level, scan)) return update(leaf, scan);
+    const ScanEvidence& all = ScanEvidence::of(scan);  // Lives as long as the name.
+    return refinement_.model.splits_in_vain(leaf, all, kShareDivisor<Tree>, level - finest_level_)
+               ? update_whole(leaf, all)
+               : divide(all);
+  }
+  template <class Divide>
+  bool update_or_divide(const Ref& leaf, const ScanEvidence& scan, const Divide& divide) {
+    return update_or_divide(leaf.cell(), leaf.index.level, scan, divide);
+  }
+  bool update_whole(EvidenceCell& leaf, const ScanEvidence& scan) {
+    return counted(refinement_.model.update_whole(leaf, scan), scan.beams);
   }
   /// Whether a leaf may have to split.
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,

@@ -67,12 +67,12 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     } else if (takes_all ||
                (shares->face() != nullptr ? shares->takes_all(of_child.child, is_known)
                                           : shares_.takes_all(children[c].index, of_child, is_known))) {
+      const auto divide_it = [&](const ScanEvidence& scan) {
+        return divide(children[c], of_child, scan, below);
+      };
       if (all_pass && !few_may_be_too_many_) {
         const PassedEvidence passed = evidence.passed(of_child.child);
-        changed =
-            (may_divide(cell, level, passed) ? divide(children[c], of_child, ScanEvidence::of(passed), below)
-                                             : update(cell, passed)) ||
-            changed;
+        changed = update_or_divide(cell, level, passed, divide_it) || changed;
         continue;
       }
       ScanEvidence scan;
@@ -82,9 +82,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
       else
         evidence.add(of_child.child, scan);
       if (few_may_be_too_many_) model.limit(scan);
-      changed =
-          (may_divide(cell, level, scan) ? divide(children[c], of_child, scan, below) : update(cell, scan)) ||
-          changed;
+      changed = update_or_divide(cell, level, scan, divide_it) || changed;
       continue;
     } else if (shares->face() != nullptr) {
       changed = update_by_share(ref.index, children[c], of_child, *shares->face(),
@@ -119,8 +117,9 @@ NDTREE_BY_EIGHTS bool ScanWalk<Tree, Refinement, Sensor>::update_by_share(
   ScanEvidence scan;
   if (set != 0) evidence_.add(node, beams.of, beams.child, set, scan);
   if (few_may_be_too_many_) refinement_.model.limit(scan);
-  if (!may_divide(leaf.cell(), leaf.index.level, scan)) return update(leaf.cell(), scan);
-  return with_list(beams, [&](const Crossings& list) { return divide_by_share(leaf, list, of_face, scan); });
+  return update_or_divide(leaf, scan, [&](const ScanEvidence& all) {
+    return with_list(beams, [&](const Crossings& list) { return divide_by_share(leaf, list, of_face, all); });
+  });
 }
 
 template <class Tree, class Refinement, class Sensor>
@@ -156,20 +155,18 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     }
     const float share = takes_all ? 1.0f : shares_.of(child().index, beam.face, is_known);
     if (!(beam.number < beams_.end_of_share(beam.face, share))) continue;
+    const auto divide_it = [&](const ScanEvidence& scan) {
+      return divide(child(), in_child, share, scan, takes_all);
+    };
     if (passes && !few_may_be_too_many_) {
       const PassedEvidence passed = evidence.passed(in_child.enter, in_child.exit);
-      changed = (may_divide(cell, level, passed)
-                     ? divide(child(), in_child, share, ScanEvidence::of(passed), takes_all)
-                     : update(cell, passed)) ||
-                changed;
+      changed = update_or_divide(cell, level, passed, divide_it) || changed;
       continue;
     }
     ScanEvidence scan;
     evidence.add(child().index, in_child.enter, in_child.exit, scan);
     if (few_may_be_too_many_) model.limit(scan);
-    changed = (may_divide(cell, level, scan) ? divide(child(), in_child, share, scan, takes_all)
-                                             : update(cell, scan)) ||
-              changed;
+    changed = update_or_divide(cell, level, scan, divide_it) || changed;
   }
   if (!changed && ref.node->note() != 0) return false;
   return finish_children(ref, summary_.by_eights(&children.node(0)), changed, was_split);
