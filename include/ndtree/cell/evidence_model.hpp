@@ -26,7 +26,7 @@ struct EvidenceOptions {
   double free_memory = 50.0;       ///< So much if it knows of nothing but free space [nats].
   double scan_beams = 64.0;        ///< Beams of one scan that count in a cell if all of them passed it.
   double known_evidence = 50.0;    ///< A cell that knows this much counts fewer beams of a scan [nats]:
-  double sample_beams = 0.5;  ///< so many for each smallest cell side by side in it; others 6 times as many.
+  double sample_beams = 0.5;  ///< so many for each smallest cell side by side in it; others 5 times as many.
   double evidence_prior = 0.5;   ///< Evidence of both kinds that every cell begins with [nats].
   double inherited_beams = 2.0;  ///< Beams, spread evenly, that count with the scan that shares evidence out.
   double change_probability = 1e-5;  ///< A streak of scans less likely than this is a change; 0: never.
@@ -211,7 +211,7 @@ class EvidenceModel {
   }
   /// Beams of a scan that count in a cell, for each smallest cell beside each other in it.
   [[nodiscard]] double sample_beams(bool is_known) const {
-    constexpr double kLearning = 6.0;
+    constexpr double kLearning = 5.0;
     return is_known ? options_.sample_beams : kLearning * options_.sample_beams;
   }
 

@@ -345,7 +345,7 @@ class FlatScanMap {
   [[nodiscard]] double sample_beams_of(const CellIndex<D>& index, const EvidenceCell& cell) const {
     const bool is_known = static_cast<double>(cell.occupied_evidence() + cell.free_evidence()) >=
                           std::floor(options_.known_evidence * 256.0 + 0.5);
-    const double learning = 6.0 * options_.sample_beams;
+    const double learning = 5.0 * options_.sample_beams;
     std::map<std::array<double, D + 2>, std::pair<int, float>>
         ends;  // Of each face, and beams expected there.
     for (const FlatBeam& beam : beams_) {
