@@ -446,7 +446,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
 
   static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
-  static constexpr std::size_t kPiece = 768;   // Beams at once, while each child has room for all of them.
+  static constexpr std::size_t kPiece = 512;   // Beams at once, while each child has room for all of them.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
