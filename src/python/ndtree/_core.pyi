@@ -1091,7 +1091,7 @@ class AdaptiveMap(OccupancyMap):
         Beams of one scan that count in a cell if all of them passed it ("evidence").
     known_evidence, sample_beams : float
         Of a scan that is dense beside the cells, a sample counts: about sample_beams for each cell of min_cell_size
-        side by side in a cell that knows known_evidence [nats], six times as many in others ("evidence").
+        side by side in a cell that knows known_evidence [nats], five times as many in others ("evidence").
     evidence_prior : float
         Evidence for and against that every cell begins with ("evidence") [nats].
     change_probability : float
