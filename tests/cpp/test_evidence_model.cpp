@@ -431,52 +431,65 @@ CellAndScan random_cell_and_scan(Random& random, const EvidenceModel& model) {
   return both;
 }
 
+/// Calls `visit(cell, scan, share_divisor)` for many cells of a state. @returns for how many.
+template <class Visit>
+int for_each_cell_and_scan(Random& random, const EvidenceModel& model, CellState state, const Visit& visit) {
+  int cases = 0;
+  for (const int divisor : {2, 3, 4})
+    for (int i = 0; i < 4000; ++i) {
+      const CellAndScan both = random_cell_and_scan(random, model);
+      if (both.cell.state() != state) continue;
+      ++cases;
+      visit(both.cell, both.scan, divisor);
+    }
+  return cases;
+}
+
 TEST(EvidenceModel, FreeSpaceSplitsInVainWhereItsHitsWouldStayFree) {
   Random random(151);
   SCOPED_TRACE(random.trace());
   const EvidenceModel model = model_with(200.0, 0.5, 2.0);
   int in_vain = 0;
   int cases = 0;
-  for (const int divisor : {2, 3, 4})
-    for (int i = 0; i < 4000; ++i) {
-      const auto [cell, scan] = random_cell_and_scan(random, model);
-      if (cell.state() != CellState::free || scan.hits == 0) continue;
-      ++cases;
-      for (const int levels : {1, 2, 5}) {
-        const bool is_in_vain = model.splits_in_vain(cell, scan, divisor, levels);
-        in_vain += is_in_vain;
-        // The child around the hits inherits what is due to one that nobody passed, and so does its child.
-        double occupied = static_cast<double>(cell.occupied_evidence());
-        double free = static_cast<double>(cell.free_evidence());
-        for (int level = 0; level < std::min(levels, 2); ++level) {
-          const double share = 0.05 / divisor + 0.95 * (2.0 / divisor) / (scan.beams + 2.0);
-          occupied *= share;
-          free *= share;
-        }
-        const double odds = (occupied + static_cast<double>(scan.occupied) + 128.0) / (free + 128.0);
-        if (std::abs(odds - 0.75) > 1e-9) {
-          ASSERT_EQ(is_in_vain, odds < 0.75);
-        }
-        if (levels == 1 && is_in_vain) {
-          const EvidenceCell child = model.inherited(cell, divisor, 0, scan.beams);
-          if (child.observed()) {
-            EvidenceCell hit = child;
-            model.update(hit, scan);
-            ASSERT_EQ(hit.state(), CellState::free);
+  for_each_cell_and_scan(
+      random, model, CellState::free, [&](const EvidenceCell& cell, const ScanEvidence& scan, int divisor) {
+        if (scan.hits == 0) return;
+        ++cases;
+        for (const int levels : {1, 2, 5}) {
+          const bool is_in_vain = model.splits_in_vain(cell, scan, divisor, levels);
+          in_vain += is_in_vain;
+          // The child around the hits inherits what is due to one that nobody passed, and so does its child.
+          double occupied = static_cast<double>(cell.occupied_evidence());
+          double free = static_cast<double>(cell.free_evidence());
+          for (int level = 0; level < std::min(levels, 2); ++level) {
+            const double share = 0.05 / divisor + 0.95 * (2.0 / divisor) / (scan.beams + 2.0);
+            occupied *= share;
+            free *= share;
+          }
+          const double odds = (occupied + static_cast<double>(scan.occupied) + 128.0) / (free + 128.0);
+          if (std::abs(odds - 0.75) > 1e-9) {
+            ASSERT_EQ(is_in_vain, odds < 0.75);
+          }
+          if (levels == 1 && is_in_vain) {
+            const EvidenceCell child = model.inherited(cell, divisor, 0, scan.beams);
+            if (child.observed()) {
+              EvidenceCell hit = child;
+              model.update(hit, scan);
+              ASSERT_EQ(hit.state(), CellState::free);
+            }
+          }
+          // More beams change nothing about a split that is not in vain.
+          ScanEvidence more = scan;
+          more.hits += static_cast<std::uint32_t>(random.integer(0, 3));
+          more.occupied += random.integer(0, 200);
+          more.misses += static_cast<std::uint32_t>(random.integer(0, 30));
+          more.beams = more.hits + more.misses;
+          if (!is_in_vain) {
+            ASSERT_FALSE(model.splits_in_vain(cell, more, divisor, levels));
           }
         }
-        // More beams change nothing about a split that is not in vain.
-        ScanEvidence more = scan;
-        more.hits += static_cast<std::uint32_t>(random.integer(0, 3));
-        more.occupied += random.integer(0, 200);
-        more.misses += static_cast<std::uint32_t>(random.integer(0, 30));
-        more.beams = more.hits + more.misses;
-        if (!is_in_vain) {
-          ASSERT_FALSE(model.splits_in_vain(cell, more, divisor, levels));
-        }
-      }
-      EXPECT_LE(model.splits_in_vain(cell, scan, divisor, 2), model.splits_in_vain(cell, scan, divisor, 1));
-    }
+        EXPECT_LE(model.splits_in_vain(cell, scan, divisor, 2), model.splits_in_vain(cell, scan, divisor, 1));
+      });
   EXPECT_GT(cases, 3000);
   EXPECT_GT(in_vain, cases / 2);
   EXPECT_LT(in_vain, 3 * cases - cases / 2);
@@ -487,24 +500,21 @@ TEST(EvidenceModel, OccupiedCellsSplitInVainUnlessAChildMayBeFree) {
   SCOPED_TRACE(random.trace());
   const EvidenceModel model = model_with(200.0, 0.5, 2.0);
   int in_vain = 0;
-  int cases = 0;
-  for (const int divisor : {2, 3, 4})
-    for (int i = 0; i < 4000; ++i) {
-      const auto [cell, scan] = random_cell_and_scan(random, model);
-      if (cell.state() != CellState::occupied) continue;
-      ++cases;
-      if (!model.splits_in_vain(cell, scan, divisor, 1)) continue;
-      ++in_vain;
-      EXPECT_LE(model.effective_misses(cell), 12.0);
-      // All that passed may have passed one child, and nothing ended there.
-      EvidenceCell child = model.inherited(cell, divisor, scan.misses, scan.beams);
-      ASSERT_TRUE(child.observed());
-      ScanEvidence passed;
-      passed.misses = passed.beams = scan.misses;
-      passed.free = 2 * scan.free;
-      model.update(child, passed);
-      ASSERT_EQ(child.state(), CellState::occupied);
-    }
+  const int cases =
+      for_each_cell_and_scan(random, model, CellState::occupied,
+                             [&](const EvidenceCell& cell, const ScanEvidence& scan, int divisor) {
+                               if (!model.splits_in_vain(cell, scan, divisor, 1)) return;
+                               ++in_vain;
+                               EXPECT_LE(model.effective_misses(cell), 12.0);
+                               // All that passed may have passed one child, and nothing ended there.
+                               EvidenceCell child = model.inherited(cell, divisor, scan.misses, scan.beams);
+                               ASSERT_TRUE(child.observed());
+                               ScanEvidence passed;
+                               passed.misses = passed.beams = scan.misses;
+                               passed.free = 2 * scan.free;
+                               model.update(child, passed);
+                               ASSERT_EQ(child.state(), CellState::occupied);
+                             });
   EXPECT_GT(cases, 3000);
   EXPECT_GT(in_vain, cases / 10);
   EXPECT_LT(in_vain, cases / 2);

@@ -299,11 +299,9 @@ class EvidenceModel {
     const double reached = scan.beams - rounded(kNotReached * scan.hits);
     const double kept = kept_ * share_of_ways(1.0, reached, scan.beams);
     const double kept_hits = cell.state() == CellState::free ? kept : kept_;
-    std::int64_t occupied = part_up(cell.occupied_evidence(), kept_hits) + scan.occupied;
-    std::int64_t free = part_up(cell.free_evidence(), kept) + scan.free;
-    fade(occupied, free);
     EvidenceCell now;
-    now.set_evidence(occupied, free, log_odds_of(occupied, free));
+    assign(now, part_up(cell.occupied_evidence(), kept_hits) + scan.occupied,
+           part_up(cell.free_evidence(), kept) + scan.free);
     set_counts(now, static_cast<std::uint32_t>(part_up(cell.hits(), kept_hits)) + scan.hits,
                static_cast<std::uint32_t>(part_up(cell.misses(), kept)) + scan.misses);
     return replace(cell, now);

@@ -85,11 +85,9 @@ struct EvidenceRefinement {
     return cell.state() == CellState::occupied && passed.resolvable_misses > 0 &&
            split_test(cell.hits(), cell.misses() + passed.misses);
   }
-  /// Whether the cell splits whatever other beams of the scan say: what it knew is not that it is occupied.
-  [[nodiscard]] bool splits_anyway(const EvidenceCell& cell, const ScanEvidence& scan, int share_divisor,
-                                   int levels) const {
-    return cell.state() != CellState::occupied && splits(cell, scan) &&
-           !model.splits_in_vain(cell, scan, share_divisor, levels);
+  /// Whether splitting is asked for whatever other beams of the scan say: the cell is not known as occupied.
+  [[nodiscard]] bool splits_anyway(const EvidenceCell& cell, const ScanEvidence& scan) const {
+    return cell.state() != CellState::occupied && splits(cell, scan);
   }
 };
 

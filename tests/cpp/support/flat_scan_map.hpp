@@ -65,6 +65,9 @@ class FlatScanMap {
       const ScanEvidence scan_evidence = evidence(next, sample_beams);
       sampled += num_beams(next, false, next, 1e9) - num_beams(next, false, next, sample_beams);
       const Coverage coverage = coverage_of(next, cell, scan_evidence, sample_beams);
+      const bool is_asked = next.level > -num_levels_ && splits_now(cell, scan_evidence);
+      const bool is_in_vain = is_asked && !coverage.splits &&
+                              model_.splits_in_vain(cell, scan_evidence, kShare, next.level + num_levels_);
       if (!coverage.enough && !coverage.splits) {
         const EvidenceCell before = cell;
         cell.set_partly_seen(
@@ -75,15 +78,7 @@ class FlatScanMap {
         if (cell == before) continue;
         mark(next);
         updates += scan_evidence.beams;
-      } else if (next.level > -num_levels_ && !coverage.splits && splits_now(cell, scan_evidence) &&
-                 model_.splits_in_vain(cell, scan_evidence, kShare, next.level + num_levels_)) {
-        ++in_vain;
-        const EvidenceCell before = cell;
-        model_.update_whole(cell, scan_evidence);
-        if (cell == before) continue;
-        mark(next);
-        updates += scan_evidence.beams;
-      } else if (next.level > -num_levels_ && (coverage.splits || splits_now(cell, scan_evidence))) {
+      } else if (next.level > -num_levels_ && (coverage.splits || (is_asked && !is_in_vain))) {
         for_coverage += coverage.splits;
         const EvidenceCell parent = cell;
         cells.erase(next);
@@ -97,7 +92,8 @@ class FlatScanMap {
         ++splits;
       } else if (scan_evidence.beams > 0) {
         const EvidenceCell before = cell;
-        model_.update(cell, scan_evidence);
+        is_in_vain ? model_.update_whole(cell, scan_evidence) : model_.update(cell, scan_evidence);
+        in_vain += is_in_vain;
         if (cell == before) continue;
         mark(next);
         updates += scan_evidence.beams;

@@ -254,7 +254,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   NDTREE_NEVER_INLINE void add_some_at_once(const Ref& leaf, const Crossings& list,
                                             ScanEvidence& scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
-      if (refinement_.splits_anyway(leaf.cell(), scan, kShareDivisor<Tree>, leaf.index.level - finest_level_))
+      if (refinement_.splits_anyway(leaf.cell(), scan) &&
+          !splits_in_vain(leaf.cell(), leaf.index.level, scan))
         return;
       evidence_.add(leaf.index, list.part(first, std::min(first + kToSplit, list.size)), scan);
     }
@@ -265,13 +266,14 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                                              const Divide& divide) {
     if (!may_divide(leaf, level, scan)) return update(leaf, scan);
     const ScanEvidence& all = ScanEvidence::of(scan);  // Lives as long as the name.
-    return refinement_.model.splits_in_vain(leaf, all, kShareDivisor<Tree>, level - finest_level_)
-               ? update_whole(leaf, all)
-               : divide(all);
+    return splits_in_vain(leaf, level, all) ? update_whole(leaf, all) : divide(all);
   }
   template <class Divide>
   bool update_or_divide(const Ref& leaf, const ScanEvidence& scan, const Divide& divide) {
     return update_or_divide(leaf.cell(), leaf.index.level, scan, divide);
+  }
+  [[nodiscard]] bool splits_in_vain(const EvidenceCell& leaf, int level, const ScanEvidence& scan) const {
+    return refinement_.model.splits_in_vain(leaf, scan, kShareDivisor<Tree>, level - finest_level_);
   }
   bool update_whole(EvidenceCell& leaf, const ScanEvidence& scan) {
     return counted(refinement_.model.update_whole(leaf, scan), scan.beams);
