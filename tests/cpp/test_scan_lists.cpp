@@ -15,6 +15,7 @@
 #include "ndtree/core/quick_log.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/coverage.hpp"
@@ -66,20 +67,17 @@ struct Beams {
       all.push_back(beam);
     }
     const Measurements<D, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
-    SigmaRange sigmas;
+    BeamNoise noise;
     for (std::size_t i = 0; i < count; ++i)
-      beams.set(i, geometry, sensor, measurements, static_cast<Eigen::Index>(i), 0, sigmas);
-    beams.finish(sigmas);
+      beams.set(i, geometry, sensor, measurements, static_cast<Eigen::Index>(i), 0, noise);
+    beams.finish(noise);
   }
-  /// All beams, as far as they reach.
-  [[nodiscard]] Crossings list(CrossingStack& stack) const {
-    Crossings list = stack.allocate(all.size() + Crossings::kSlack);
-    for (std::size_t i = 0; i < all.size(); ++i) {
-      list.beam[i] = static_cast<std::uint32_t>(i);
-      list.enter()[i] = 0.0f;
-      list.exit()[i] = beams.reach()[i];
-    }
-    list.size = all.size();
+  /// All beams that cross a cell.
+  [[nodiscard]] BeamList list(const CellIndex<D>& cell, ListStack& stack) const {
+    BeamList list = stack.allocate(all.size() + BeamList::kSlack);
+    const CellCrossings<N, D> crossings(geometry, beams, cell);
+    for (std::uint32_t i = 0; i < all.size(); ++i)
+      if (crossings.of(i).exit > crossings.of(i).enter) list.beam[list.size++] = i;
     return list;
   }
   /// Those of a child of a cell that begins at -1 (for N = 2) or so, and is four or more cells wide.
@@ -90,6 +88,19 @@ struct Beams {
     return root;
   }
 };
+
+/// Adds the noise, the reach and what they surely pass, of eight beams.
+#ifdef NDTREE_HAS_EIGHTS
+NDTREE_BY_EIGHTS void add_by_eights(BeamNoise& noise, const std::array<std::array<float, 8>, 3>& of) {
+  noise.add(_mm256_loadu_ps(of[0].data()), _mm256_loadu_ps(of[1].data()), _mm256_loadu_ps(of[2].data()));
+}
+#endif
+void add_eight(BeamNoise& noise, const std::array<std::array<float, 8>, 3>& of) {
+#ifdef NDTREE_HAS_EIGHTS
+  if (Simd::width() >= 8) return add_by_eights(noise, of);
+#endif
+  for (std::size_t k = 0; k < 8; ++k) noise.add(of[0][k], of[1][k], of[2][k]);
+}
 
 template <class S>
 class ScanLists : public ::testing::Test {};
@@ -106,42 +117,50 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
       for (const int at_a_time : {1, 8, Simd::kWidest}) {
         const AtATime loops(at_a_time);
         const ChildClip<N, D> clip(scan.geometry, scan.beams);
-        CrossingStack stack;
-        const Crossings list = scan.list(stack);
-        auto children = clip.lists_for(scan.root(), list, stack);
-        clip(scan.root(), list, children);
+        ListStack stack;
+        const CellIndex<D> root = scan.root();
+        const BeamList list = scan.list(root, stack);
+        auto children = clip.lists_for(root, list, stack);
+        clip(root, list, children);
         std::vector<double> way(count, 0.0);
         for (int j = 0; j < ChildClip<N, D>::kNumChildren; ++j) {
-          const Crossings child = children.of(j);
+          const BeamList child = children.of(j);
           const Offset<D> offset = child_offset<N, D>(j);
-          EXPECT_TRUE(std::is_sorted(child.beam, child.beam + child.size));
-          for (std::size_t i = 0; i < child.size; ++i, ++crossings) {
-            const std::uint32_t beam = child.beam[i];
+          const CellIndex<D> index = scan.geometry.child(root, offset);
+          const CellCrossings<N, D> of_child(scan.geometry, scan.beams, index);
+          const CellCrossings<N, D> of_child_by_node(scan.geometry, scan.beams, index, children.planes, j);
+          std::size_t found = 0;
+          for (std::uint32_t beam = 0; beam < count; ++beam) {
             float enter = 0.0f;
-            float exit = scan.beams.reach()[beam];
+            float exit = scan.beams.way(beam).reach;
             for (std::size_t a = 0; a < D; ++a) {
-              const auto axis = static_cast<int>(a);
               const float inverse = scan.beams.way(beam).inverse[a];
               const auto at = [&](int plane) {
-                const double border =
-                    scan.geometry.border(scan.root().lower[a] + plane * scan.geometry.edge(0));
-                return static_cast<float>(border - scan.beams.origin(beam)[axis]) * inverse;
+                const double border = scan.geometry.border(root.lower[a] + plane * scan.geometry.edge(0));
+                return static_cast<float>(border - scan.beams.origin(beam)[static_cast<int>(a)]) * inverse;
               };
-              if (offset[a] > 0)
-                (inverse > 0.0f ? enter : exit) =
-                    inverse > 0.0f ? std::max(enter, at(offset[a])) : std::min(exit, at(offset[a]));
-              if (offset[a] < N - 1)
-                (inverse > 0.0f ? exit : enter) =
-                    inverse > 0.0f ? std::min(exit, at(offset[a] + 1)) : std::max(enter, at(offset[a] + 1));
+              const bool up = inverse > 0.0f;
+              enter = std::max(enter, at(up ? offset[a] : offset[a] + 1));
+              exit = std::min(exit, at(up ? offset[a] + 1 : offset[a]));
             }
-            ASSERT_EQ(child.enter()[i], enter);
-            ASSERT_EQ(child.exit()[i], exit);
-            ASSERT_GT(exit, enter);
+            ASSERT_EQ(of_child.of(beam).enter, enter);
+            ASSERT_EQ(of_child.of(beam).exit, exit);
+            ASSERT_EQ(of_child_by_node.of(beam).enter, enter);
+            ASSERT_EQ(of_child_by_node.of(beam).exit, exit);
+            if (!(exit > enter)) continue;
+            ASSERT_LT(found, child.size);
+            ASSERT_EQ(child.beam[found++], beam);
             way[beam] += static_cast<double>(exit) - static_cast<double>(enter);
           }
+          EXPECT_EQ(found, child.size);
+          crossings += found;
         }
-        for (std::size_t i = 0; i < count; ++i)
-          EXPECT_NEAR(way[i], static_cast<double>(scan.beams.reach()[i]), 1e-5) << "without gap or overlap";
+        const CellCrossings<N, D> of_root(scan.geometry, scan.beams, root);
+        for (std::uint32_t i = 0; i < count; ++i) {
+          const auto [enter, exit] = of_root.of(i);
+          const double whole = exit > enter ? static_cast<double>(exit) - static_cast<double>(enter) : 0.0;
+          EXPECT_NEAR(way[i], whole, 1e-5) << "without gap or overlap";
+        }
         if (this->HasFailure()) return;
       }
     }
@@ -156,13 +175,15 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
   std::uint64_t hits = 0;
   std::uint64_t misses = 0;
   std::int64_t seen = 0;
-  for (const double far_away : {0.0, 1e9 * kUnit})
-    for (const std::size_t count : {1u, 8u, 13u, 64u, 65u, 1500u}) {
-      const Beams<N, D> scan(random, count, false, far_away);
+  for (const auto& [far_away, own_origins] :
+       {std::pair{0.0, false}, std::pair{0.0, true}, std::pair{1e9 * kUnit, false}})
+    for (const std::size_t count : {1u, 8u, 13u, 64u, 65u, 1500u, 5000u}) {
+      const Beams<N, D> scan(random, count, own_origins, far_away);
       MapOptions options;
       options.noise_sigmas = random.uniform(0.5, 3.0);
       const EvidenceModel model(options, options);
-      for (int level = scan.geometry.finest_level(); level <= 0; ++level) {
+      for (int i = 0; i < 4 * (1 - scan.geometry.finest_level()); ++i) {
+        const int level = -(i / 4);
         CellIndex<D> leaf;
         leaf.level = level;
         for (auto& lower : leaf.lower)
@@ -176,15 +197,11 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
           const auto w = static_cast<std::size_t>(wide);
           const ChildClip<N, D> clip(scan.geometry, scan.beams);
           const LeafEvidence<N, D, BeamSensorModel> leaves(scan.geometry, scan.beams, model, scan.sensor);
-          CrossingStack stack;
-          // Any interval will do, in the cell or not.
-          Crossings list = scan.list(stack);
-          for (std::size_t i = 0; i < list.size; ++i) {
-            list.enter()[i] = list.exit()[i] * static_cast<float>(i % 17) / 20.0f;
-            if (i % 5 != 0) list.exit()[i] *= 0.9f;
-          }
-          leaves.add(leaf, list, evidence[w]);
-          all_pass[w] = leaves.all_pass(list);
+          ListStack stack;
+          const BeamList list = scan.list(leaf, stack);
+          const CellCrossings<N, D> crossings(scan.geometry, scan.beams, leaf);
+          leaves.add(leaf, crossings, list, evidence[w]);
+          all_pass[w] = leaves.all_pass(crossings, list);
           if (level == scan.geometry.finest_level()) continue;
           const LeafCoverage<N, D> covering(scan.beams, clip);
           for (const BeamWidths& widths : {BeamWidths{0.0f, 0.5f}, BeamWidths{0.3f, 0.0f}})
@@ -214,50 +231,84 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
   EXPECT_GT(seen, 1000000);
 }
 
-TEST(CrossingStack, GivesBackWhatWasAllocatedLast) {
-  CrossingStack stack;
-  const Crossings first = stack.allocate(10);
-  const CrossingStack::Mark mark = stack.mark();
+/// What is said of all beams together, so that none has to say it for itself, is true of each.
+TYPED_TEST(ScanLists, BeamsSurelyPassNoMoreThanTheyDo) {
+  NDTREE_SHAPE;
+  Random random(264);
+  SCOPED_TRACE(random.trace());
+  const Beams<N, D> scan(random, 200, false);
+  for (std::size_t i = 0; i < scan.all.size(); ++i) {
+    const BeamEnd<D>& end = scan.beams.end(i);
+    ASSERT_LE(scan.beams.pass_of(scan.beams.way(i).reach), end.clear - end.surface);
+  }
+}
+
+/// Where noise grows as the sensor's model says, the margin grows with it, up to what the reach lies behind
+/// the range.
+TEST(BeamNoise, HasAMarginThatGrowsWithIt) {
+  constexpr double kGrowth = 0.0015;
+  const auto beam = [](int i) {  // Its noise, reach, and what it surely passes, 5 standard deviations less.
+    const double range = 0.25 + 0.1 * i;
+    const double sigma = 0.005 + kGrowth * range * range;
+    return std::array<float, 3>{static_cast<float>(sigma), static_cast<float>(range + 3.0 * sigma),
+                                static_cast<float>(range - 2.0 * sigma)};
+  };
+  for (const int at_a_time : {1, 8}) {
+    const AtATime loops(at_a_time);
+    BeamNoise noise(static_cast<float>(5.0 * kGrowth));
+    for (int i = 0; i < 40; i += 8) {
+      std::array<std::array<float, 8>, 3> eight;
+      for (std::size_t k = 0; k < 8; ++k)
+        for (std::size_t n = 0; n < 3; ++n) eight[n][k] = beam(i + static_cast<int>(k))[n];
+      add_eight(noise, eight);
+    }
+    EXPECT_EQ(noise.smallest(), beam(0)[0]);
+    EXPECT_EQ(noise.largest(), beam(39)[0]);
+    for (int i = 0; i < 40; ++i) {
+      const float reach = beam(i)[1];
+      const PassMargin margin = noise.margin();
+      const float pass = reach - (margin.fixed + margin.growth * reach * reach);
+      EXPECT_LE(pass, beam(i)[2]);
+      EXPECT_GT(pass, beam(i)[2] - 0.01f);
+    }
+  }
+}
+
+TEST(ListStack, GivesBackWhatWasAllocatedLast) {
+  ListStack stack;
+  const BeamList first = stack.allocate(10);
+  const ListStack::Mark mark = stack.mark();
   std::set<const std::uint32_t*> places{first.beam};
   for (const std::size_t n : {100u, 16000u, 100000u, 5u}) {  // In blocks of their own, if need be.
-    const Crossings list = stack.allocate(n);
+    const BeamList list = stack.allocate(n);
     list.beam[n - 1] = 7;
-    list.enter()[n - 1] = 1.0f;
-    list.exit()[n - 1] = 2.0f;
     EXPECT_TRUE(places.insert(list.beam).second);
   }
   stack.release(mark);
-  const Crossings again = stack.allocate(100);
+  const BeamList again = stack.allocate(100);
   EXPECT_EQ(again.beam, first.beam + 10);
   EXPECT_EQ(stack.allocate(10).beam, first.beam + 110);
 }
 
 TEST(SiblingLists, MoveTogetherAsTheyAre) {
-  CrossingStack stack;
+  ListStack stack;
   SiblingLists<4> lists;
   lists.memory = stack.allocate(4 * 108);
   const std::size_t sizes[] = {0, 100, 3, 40};
   for (std::size_t c = 0; c < 4; ++c) {
     lists.first[c] = c * 108;
     lists.last[c] = c * 108 + sizes[c];
-    for (std::size_t i = lists.first[c]; i < lists.last[c]; ++i) {
+    for (std::size_t i = lists.first[c]; i < lists.last[c]; ++i)
       lists.memory.beam[i] = static_cast<std::uint32_t>(i);
-      lists.memory.enter()[i] = static_cast<float>(i) + 0.25f;
-      lists.memory.exit()[i] = static_cast<float>(i) + 0.5f;
-    }
   }
   const std::size_t used = lists.pack();
-  EXPECT_EQ(used, 143 + 4 * Crossings::kSlack);
+  EXPECT_EQ(used, 143 + 4 * BeamList::kSlack);
   stack.shrink(lists.memory, used);
   EXPECT_EQ(stack.allocate(10).beam, lists.memory.beam + used);
   for (std::size_t c = 0; c < 4; ++c) {
-    const Crossings list = lists.of(static_cast<int>(c));
+    const BeamList list = lists.of(static_cast<int>(c));
     ASSERT_EQ(list.size, sizes[c]);
-    for (std::size_t i = 0; i < list.size; ++i) {
-      ASSERT_EQ(list.beam[i], c * 108 + i);
-      ASSERT_EQ(list.enter()[i], static_cast<float>(c * 108 + i) + 0.25f);
-      ASSERT_EQ(list.exit()[i], static_cast<float>(c * 108 + i) + 0.5f);
-    }
+    for (std::size_t i = 0; i < list.size; ++i) ASSERT_EQ(list.beam[i], c * 108 + i);
   }
 }
 
@@ -268,40 +319,36 @@ TYPED_TEST(ScanLists, InPiecesTheyAreTheSame) {
   SCOPED_TRACE(random.trace());
   const Beams<N, D> scan(random, 300, false);
   const Clip clip(scan.geometry, scan.beams);
-  CrossingStack stack;
-  const Crossings list = scan.list(stack);
+  ListStack stack;
+  const BeamList list = scan.list(scan.root(), stack);
   auto whole = clip.lists_for(scan.root(), list, stack);
   clip(scan.root(), list, whole);
   PiecewiseLists<Clip::kNumChildren> pieces;
   for (const std::size_t piece : {7u, 64u, 300u}) {
     for (std::size_t first = 0; first < list.size; first += piece) {
-      const Crossings part = list.part(first, std::min(first + piece, list.size));
+      const BeamList part = list.part(first, std::min(first + piece, list.size));
       auto children = clip.lists_for(scan.root(), part, pieces.memory());
       clip(scan.root(), part, children);
       pieces.add(children);
     }
     const auto joined = pieces.join(stack);
     for (int j = 0; j < Clip::kNumChildren; ++j) {
-      const Crossings child = joined.of(j);
-      const Crossings expected = whole.of(j);
+      const BeamList child = joined.of(j);
+      const BeamList expected = whole.of(j);
       ASSERT_EQ(child.size, expected.size);
-      for (std::size_t i = 0; i < child.size; ++i) {
-        ASSERT_EQ(child.beam[i], expected.beam[i]);
-        ASSERT_EQ(child.enter()[i], expected.enter()[i]);
-        ASSERT_EQ(child.exit()[i], expected.exit()[i]);
-      }
+      for (std::size_t i = 0; i < child.size; ++i) ASSERT_EQ(child.beam[i], expected.beam[i]);
     }
     for (int j = 1; j < Clip::kNumChildren; ++j)  // Whoever frees one frees those of the children before it.
-      ASSERT_GE(joined.of(j - 1).beam, joined.of(j).beam + joined.of(j).size + Crossings::kSlack);
+      ASSERT_GE(joined.of(j - 1).beam, joined.of(j).beam + joined.of(j).size + BeamList::kSlack);
   }
 }
 
-TEST(CrossingStack, FreesFromAListOnIfItIsItsOwn) {
-  CrossingStack stack;
-  CrossingStack other;
+TEST(ListStack, FreesFromAListOnIfItIsItsOwn) {
+  ListStack stack;
+  ListStack other;
   other.free_from(stack.allocate(10));
-  const Crossings first = stack.allocate(50);
-  const Crossings second = stack.allocate(60);
+  const BeamList first = stack.allocate(50);
+  const BeamList second = stack.allocate(60);
   stack.free_from(other.allocate(10));
   EXPECT_EQ(stack.allocate(10).beam, second.beam + 60);
   stack.free_from(second);

@@ -32,8 +32,8 @@ struct BundleWalk {
   Record* record;
 
   void bring(std::size_t first, std::size_t last, std::size_t part, CoarseLists<3>& lists) const {
-    CrossingStack stack;
-    Crossings list = stack.allocate(last - first + Crossings::kSlack);
+    ListStack stack;
+    BeamList list = stack.allocate(last - first + BeamList::kSlack);
     for (std::size_t i = first; i < last; ++i) list.beam[i - first] = static_cast<std::uint32_t>(i);
     list.size = last - first;
     lists.add(tree->root().index.lower, part, list);

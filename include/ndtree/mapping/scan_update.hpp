@@ -129,14 +129,14 @@ class ScanUpdate {
     beams_.resize(num_beams, std::move(faces), std::move(begins), scan.origin_per_beam,
                   geometry.coordinates(scan.origin(any)), ends_nearby());
     const bool by_eights = may_go_by_eights();
-    std::vector<SigmaRange> sigmas(workers.count());
-    const std::size_t tasks = sigmas.size();
+    std::vector<BeamNoise> noise(workers.count());
+    const std::size_t tasks = noise.size();
     workers.for_each_task(tasks, [&](std::size_t, std::size_t task) {
-      sigmas[task] =
+      noise[task] =
           set_beams(kept.get(), num_beams * task / tasks, num_beams * (task + 1) / tasks, by_eights);
     });
-    for (std::size_t task = 1; task < tasks; ++task) sigmas.front().add(sigmas[task]);
-    beams_.finish(sigmas.front());
+    for (std::size_t task = 1; task < tasks; ++task) noise.front().add(noise[task]);
+    beams_.finish(noise.front());
   }
 
   [[nodiscard]] bool ends_nearby() const {
@@ -154,14 +154,25 @@ class ScanUpdate {
     return false;
 #endif
   }
+  /// PassMargin::growth, for noise that grows with the square of the range.
+  [[nodiscard]] float margin_growth() const {
+    if (measurements_->scan().range_sigma != nullptr) return 0.0f;
+    const double range = (reach_.upper - reach_.lower).norm();
+    const auto margin = [&](double r) {
+      const double sigma = sensor_.sigma(r);
+      return Sensor::kReachSigmas * sigma + r - sensor_.clearly_free_until(r, sigma) +
+             ScanBeams<D>::kThinnestSurface * sigma;
+    };
+    return static_cast<float>(std::max(0.0, (margin(range) - margin(0.0)) / (range * range)));
+  }
   /// Sets beams by number, from the first to before the last. @returns their noise.
-  SigmaRange set_beams(const KeptBeam* kept, std::size_t first, std::size_t last,
-                       [[maybe_unused]] bool by_eights) {
-    SigmaRange sigmas;
+  BeamNoise set_beams(const KeptBeam* kept, std::size_t first, std::size_t last,
+                      [[maybe_unused]] bool by_eights) {
+    BeamNoise noise(margin_growth());
     const auto& geometry = tree_.geometry();
     const auto set = [&](std::size_t i) {
       beams_.set(i, geometry, sensor_, *measurements_, static_cast<Eigen::Index>(kept[i].number),
-                 kept[i].face, sigmas);
+                 kept[i].face, noise);
     };
     if (first < last) set(first);
     std::size_t i = first + 1;
@@ -183,13 +194,13 @@ class ScanUpdate {
           numbers[k] = kept[i + k].number;
           beams_.set_face(i + k, kept[i + k].face);
         }
-        if (!all_returned || !beams_.set_eight(i, geometry, sensor_, *measurements_, numbers, sigmas))
+        if (!all_returned || !beams_.set_eight(i, geometry, sensor_, *measurements_, numbers, noise))
           for (std::size_t k = 0; k < 8; ++k) set(i + k);
       }
     }
 #endif
     for (; i < last; ++i) set(i);
-    return sigmas;
+    return noise;
   }
   /// The faces of which some beams are kept; those of beams that are alone are one.
   /// @param numbers of each part's faces, in the image; then, in the result.
@@ -228,7 +239,8 @@ class ScanUpdate {
     const auto n = static_cast<double>(beams_.size());
     const auto fit = [&](double way) { return n * (1.0 + D) + way * planes_per_metre < kMost; };
     if (fit(n * (reach_.upper - reach_.lower).norm())) return true;
-    return fit(std::accumulate(beams_.reach(), beams_.reach() + beams_.size(), 0.0));
+    return fit(std::accumulate(beams_.ways(), beams_.ways() + beams_.size(), 0.0,
+                               [](double sum, const BeamWay<D>& way) { return sum + way.reach; }));
   }
 
   /// Arenas of threads, which the tree gets back whatever happens.

@@ -39,12 +39,12 @@ template <int N, int D>
   return is_touched_only ? behind : cell;
 }
 
-/// What handing a beam down asks of it.
+/// Where a beam goes: what handing it down asks.
 template <int D>
 struct alignas(16) BeamWay {
   /// Range over displacement on an axis: how far it goes for a metre along it.
   std::array<float, std::size_t{D}> inverse;
-  float pass;  ///< Cells of any size that end before this distance were passed: clear - surface.
+  float reach;  ///< The last distance that it says anything about [m].
 };
 
 /// What cells near its end ask of it, in metres along it.
@@ -65,7 +65,7 @@ struct alignas(16) BeamEnd {
 template <int D>
 struct EightWays {
   __m256 inverse[std::size_t{D}];
-  __m256 pass;
+  __m256 reach;
 };
 template <int D>
 struct EightEnds {
@@ -78,38 +78,63 @@ template <int D>
 struct EightBeams {
   alignas(32) std::array<std::uint32_t, 8> number;  ///< Ascending, where a beam is.
   EightWays<D> ways;
+  __m256 pass;        ///< ScanBeams::pass_of() of them.
   EightEnds<D> ends;  ///< If they were asked for, see ScanBeams::ends_of().
   bool has_ends = false;
 };
 #endif
 
-/// The least and the largest of standard deviations [m].
-class SigmaRange {
+/// How far before its reach a beam has surely passed all cells, of any size, that end there: so much, and as
+/// noise grows with the square of the range, so much for each square metre of it.
+struct PassMargin {
+  float fixed = 0.0f;
+  float growth = 0.0f;
+};
+
+/// The least and the largest noise of some beams, and the margin that they need.
+class BeamNoise {
  public:
-  SigmaRange() {
+  explicit BeamNoise(float margin_growth = 0.0f) : growth_(margin_growth) {
     smallest_.fill(std::numeric_limits<float>::infinity());
     largest_.fill(0.0f);
+    margin_.fill(0.0f);
   }
-  void add(float sigma) {
+  /// @param pass what the beam has surely passed ends before this distance.
+  void add(float sigma, float reach, float pass) {
     smallest_[0] = std::min(smallest_[0], sigma);
     largest_[0] = std::max(largest_[0], sigma);
+    const float grown = rounded(rounded(growth_ * reach) * reach);
+    margin_[0] = std::max(margin_[0], rounded(reach * kAboveRounding) - pass - grown);
   }
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(__m256 sigmas) {
-    _mm256_store_ps(smallest_.data(), _mm256_min_ps(_mm256_load_ps(smallest_.data()), sigmas));
-    _mm256_store_ps(largest_.data(), _mm256_max_ps(_mm256_load_ps(largest_.data()), sigmas));
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(__m256 sigma, __m256 reach, __m256 pass) {
+    _mm256_store_ps(smallest_.data(), _mm256_min_ps(_mm256_load_ps(smallest_.data()), sigma));
+    _mm256_store_ps(largest_.data(), _mm256_max_ps(_mm256_load_ps(largest_.data()), sigma));
+    const __m256 grown = _mm256_mul_ps(_mm256_mul_ps(_mm256_set1_ps(growth_), reach), reach);
+    const __m256 margin =
+        _mm256_sub_ps(_mm256_sub_ps(_mm256_mul_ps(reach, _mm256_set1_ps(kAboveRounding)), pass), grown);
+    _mm256_store_ps(margin_.data(), _mm256_max_ps(_mm256_load_ps(margin_.data()), margin));
   }
 #endif
-  void add(const SigmaRange& other) {
+  void add(const BeamNoise& other) {
     smallest_[0] = std::min(smallest_[0], other.smallest());
     largest_[0] = std::max(largest_[0], other.largest());
+    margin_[0] = std::max(margin_[0], other.margin().fixed);
   }
+  // Of standard deviations [m].
   [[nodiscard]] float smallest() const { return *std::min_element(smallest_.begin(), smallest_.end()); }
   [[nodiscard]] float largest() const { return *std::max_element(largest_.begin(), largest_.end()); }
+  [[nodiscard]] PassMargin margin() const {
+    return {*std::max_element(margin_.begin(), margin_.end()), growth_};
+  }
 
  private:
-  alignas(32) std::array<float, 8> smallest_;  // Of every eighth of them; the first alone without vectors.
+  static constexpr float kAboveRounding = 1.0f + 0x1p-21f;
+  float growth_;
+  // Of every eighth of them; the first alone without vectors.
+  alignas(32) std::array<float, 8> smallest_;
   alignas(32) std::array<float, 8> largest_;
+  alignas(32) std::array<float, 8> margin_;
 };
 
 /// Beams by number: those of a face one after the other (see ScanFace), the least chance first. Distances are
@@ -139,7 +164,6 @@ class ScanBeams {
     begins_of_steps_ = std::move(begins_of_steps);
     ways_.reset(new BeamWay<D>[n]);  // Not initialised: set() does that.
     ends_.reset(new BeamEnd<D>[n]);
-    reach_.reset(new float[n]);
     faces_of_.reset(new std::uint32_t[n]);
     cells_.reset(end_nearby ? nullptr : new Lattice<D>[n]);
     ends_nearby_ = end_nearby;
@@ -149,11 +173,11 @@ class ScanBeams {
   }
 
   /// @param i number of the beam in the scan, valid. @param face by its number, see resize().
-  /// @param sigmas to which its noise is added, for finish().
+  /// @param noise to which its own is added, for finish().
   template <int N, class Sensor>
   void set(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
            const Measurements<D, Sensor>& measurements, Eigen::Index i, std::uint32_t face,
-           SigmaRange& sigmas) {
+           BeamNoise& noise) {
     const Beam<D> beam = measurements.beam(i);
     const bool returned = beam.outcome == BeamOutcome::returned;
     float square = 0.0f;
@@ -184,11 +208,11 @@ class ScanBeams {
     }
     const double sigma = measurements.sigma(i, static_cast<double>(range));
     const float end = beam.t_free < 1.0 ? static_cast<float>(beam.t_free * beam.range) : range;
-    set_range(number, returned, end, depth / length, static_cast<float>(sigma),
-              returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
-              returned ? static_cast<float>(static_cast<double>(end) + rounded(Sensor::kReachSigmas * sigma))
-                       : end);
-    sigmas.add(static_cast<float>(sigma));
+    set_range(
+        number, returned, end, depth / length, static_cast<float>(sigma),
+        returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
+        returned ? static_cast<float>(static_cast<double>(end) + rounded(Sensor::kReachSigmas * sigma)) : end,
+        noise);
     set_face(number, face);
     const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
     if (!ends_nearby_) cells_[number] = cell;
@@ -204,7 +228,7 @@ class ScanBeams {
   template <int N, class Sensor>
   NDTREE_BY_EIGHTS bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry,
                                   const Sensor& sensor, const Measurements<D, Sensor>& measurements,
-                                  const std::array<std::uint32_t, 8>& numbers, SigmaRange& sigmas) {
+                                  const std::array<std::uint32_t, 8>& numbers, BeamNoise& noise) {
     const ScanView<D>& scan = measurements.scan();
     const __m256 sign = _mm256_set1_ps(-0.0f);
     __m256 way[std::size_t{D}];
@@ -257,17 +281,15 @@ class ScanBeams {
     const __m256d high_sigma = sensor.sigma(high);
     const __m256d reach = _mm256_set1_pd(Sensor::kReachSigmas);
     ends.sigma = detail::joined(_mm256_cvtpd_ps(low_sigma), _mm256_cvtpd_ps(high_sigma));
-    sigmas.add(ends.sigma);
     ends.clear = detail::joined(_mm256_cvtpd_ps(sensor.clearly_free_until(low, low_sigma)),
                                 _mm256_cvtpd_ps(sensor.clearly_free_until(high, high_sigma)));
     ends.surface = _mm256_mul_ps(_mm256_set1_ps(static_cast<float>(kThinnestSurface)), ends.sigma);
     ends.range = range;
     ends.slant = _mm256_div_ps(depth, range);
-    ways.pass = _mm256_sub_ps(ends.clear, ends.surface);
+    ways.reach = detail::joined(_mm256_cvtpd_ps(_mm256_add_pd(low, _mm256_mul_pd(reach, low_sigma))),
+                                _mm256_cvtpd_ps(_mm256_add_pd(high, _mm256_mul_pd(reach, high_sigma))));
+    noise.add(ends.sigma, ways.reach, _mm256_sub_ps(ends.clear, ends.surface));
     store(ways, ends, number);
-    _mm256_storeu_ps(reach_.get() + number,
-                     detail::joined(_mm256_cvtpd_ps(_mm256_add_pd(low, _mm256_mul_pd(reach, low_sigma))),
-                                    _mm256_cvtpd_ps(_mm256_add_pd(high, _mm256_mul_pd(reach, high_sigma)))));
     return true;
   }
   /// By their numbers.
@@ -283,15 +305,22 @@ class ScanBeams {
     EightWays<D> ways;
 #pragma GCC unroll 8
     for (std::size_t a = 0; a < D; ++a) ways.inverse[a] = column[a];
-    ways.pass = column[D];
+    ways.reach = column[D];
     return ways;
   }
+  /// Cells of any size that end before this distance were passed. Not each beam says for itself how far that
+  /// is before its reach: a number fewer is looked up.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(__m256 reach) const {
+    const __m256 growth = _mm256_set1_ps(margin_.growth);
+    return _mm256_sub_ps(reach, _mm256_add_ps(_mm256_set1_ps(margin_.fixed),
+                                              _mm256_mul_ps(_mm256_mul_ps(growth, reach), reach)));
+  }
 #ifdef NDTREE_HAS_SIXTEENS
-  /// Of sixteen, what a metre along an axis is along each. @param inverse of the D axes; there is room for
-  /// more.
-  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void inverses(const BeamWay<D>* of_all, __m512i numbers,
-                                                               __m512* inverse) {
-    detail::load_columns(of_all, numbers, inverse);
+  /// The same of sixteen. @param column kColumnsOfWay: how far they go for a metre along each axis, and their
+  /// reach.
+  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void ways(const BeamWay<D>* of_all, __m512i numbers,
+                                                           __m512* column) {
+    detail::load_columns(of_all, numbers, column);
   }
 #endif
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightEnds<D> ends(__m256i numbers) const {
@@ -306,6 +335,7 @@ class ScanBeams {
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void look_up(__m256i numbers, EightBeams<D>& beams) const {
     _mm256_store_si256(reinterpret_cast<__m256i*>(beams.number.data()), numbers);
     beams.ways = ways(numbers);
+    beams.pass = pass_of(beams.ways.reach);
   }
   /// What is needed of them where some of them end.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE const EightEnds<D>& ends_of(
@@ -318,10 +348,11 @@ class ScanBeams {
 #endif
   void set_face(std::size_t number, std::uint32_t face) { faces_of_[number] = face; }
 
-  /// After the last beam. @param sigmas of all of them.
-  void finish(const SigmaRange& sigmas) {
-    smallest_sigma_ = sigmas.smallest();
-    largest_sigma_ = sigmas.largest();
+  /// After the last beam. @param noise of all of them.
+  void finish(const BeamNoise& noise) {
+    smallest_sigma_ = noise.smallest();
+    largest_sigma_ = noise.largest();
+    margin_ = noise.margin();
   }
   /// Of all beams [m].
   [[nodiscard]] float smallest_sigma() const { return smallest_sigma_; }
@@ -350,9 +381,10 @@ class ScanBeams {
 
   [[nodiscard]] const BeamWay<D>& way(std::size_t number) const { return ways_[number]; }
   [[nodiscard]] const BeamEnd<D>& end(std::size_t number) const { return ends_[number]; }
-  // By number of the beam:
-  /// The last distance that a beam says anything about [m].
-  [[nodiscard]] const float* reach() const { return reach_.get(); }
+  /// pass_of() one beam's reach, to the last bit.
+  [[nodiscard]] float pass_of(float reach) const {
+    return reach - (margin_.fixed + rounded(rounded(margin_.growth * reach) * reach));
+  }
 
   /// Whether all end cells are at most kNearby smallest cells from the base on each axis.
   [[nodiscard]] bool ends_nearby() const { return ends_nearby_; }
@@ -365,10 +397,10 @@ class ScanBeams {
   static constexpr float kLargestSquare = 1e37f;
 
   void set_range(std::size_t number, bool returned, float end, float slant, float sigma, float clear,
-                 float reach) {
+                 float reach, BeamNoise& noise) {
     const float surface = returned ? rounded(static_cast<float>(kThinnestSurface) * sigma) : 0.0f;
-    reach_[number] = reach;
-    ways_[number].pass = clear - surface;
+    noise.add(sigma, reach, clear - surface);
+    ways_[number].reach = reach;
     BeamEnd<D>& of_end = ends_[number];
     of_end.range = end;
     of_end.slant = slant;
@@ -390,7 +422,7 @@ class ScanBeams {
       way[a] = ways.inverse[a];
       end[5 + a] = _mm256_castsi256_ps(ends.cell[a]);
     }
-    way[D] = ways.pass;
+    way[D] = ways.reach;
     detail::store_columns(way, ways_.get() + number);
     detail::store_columns(end, ends_.get() + number);
   }
@@ -399,7 +431,6 @@ class ScanBeams {
   std::size_t size_ = 0;
   std::unique_ptr<BeamWay<D>[]> ways_;
   std::unique_ptr<BeamEnd<D>[]> ends_;
-  std::unique_ptr<float[]> reach_;
   std::unique_ptr<std::uint32_t[]> faces_of_;
   std::unique_ptr<Lattice<D>[]> cells_;
   std::vector<ScanFace<D>> faces_;
@@ -410,6 +441,7 @@ class ScanBeams {
   bool ends_nearby_ = true;
   float smallest_sigma_ = std::numeric_limits<float>::infinity();
   float largest_sigma_ = 0.0f;
+  PassMargin margin_;
 };
 
 }  // namespace ndtree

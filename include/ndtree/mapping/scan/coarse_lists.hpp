@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "ndtree/core/types.hpp"
-#include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {
@@ -20,7 +20,7 @@ template <int D>
 struct CoarseList {
   Lattice<D> cell;   ///< Its lower corner.
   std::size_t part;  ///< Of the scan; beams of a part come after those of the parts before.
-  Crossings list;    ///< Not empty.
+  BeamList list;     ///< Not empty.
 };
 
 /// Lists of the beams of some parts of a scan, which one thread has made.
@@ -28,8 +28,8 @@ template <int D>
 class alignas(128) CoarseLists {  // Threads, each with its own, share no cache line.
  public:
   /// Keeps a copy of a list.
-  void add(const Lattice<D>& cell, std::size_t part, const Crossings& list) {
-    Crossings copy = memory_.allocate(list.size + Crossings::kSlack);
+  void add(const Lattice<D>& cell, std::size_t part, const BeamList& list) {
+    BeamList copy = memory_.allocate(list.size + BeamList::kSlack);
     append(list, copy);
     lists_.push_back({cell, part, copy});
   }
@@ -40,7 +40,7 @@ class alignas(128) CoarseLists {  // Threads, each with its own, share no cache 
   }
 
  private:
-  CrossingStack memory_;
+  ListStack memory_;
   std::vector<CoarseList<D>> lists_;
 };
 

@@ -11,6 +11,7 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
@@ -39,7 +40,7 @@ class LeafCoverage {
   /// Adds what beams that cross a leaf see of its children, up to their end points, until that is certain to
   /// be enough.
   /// @param per_child 1 / edge of a child [1/m].
-  void operator()(const CellIndex<D>& leaf, const Crossings& list, float per_child, const BeamWidths& widths,
+  void operator()(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
                   Sum& sum) const {
     for (std::size_t first = 0; first < list.size && !CoverageModel::is_certain(sum); first += kChunk)
       add(leaf, list.part(first, std::min(list.size, first + kChunk)), per_child, widths, sum);
@@ -47,12 +48,12 @@ class LeafCoverage {
   /// Whether enough of a leaf was seen to update it as a whole.
   /// @param sample which beams of its list count in it.
   [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
-                                      const Crossings& list, const LeafSample<D>& sample,
+                                      const BeamList& list, const LeafSample<D>& sample,
                                       const CoverageModel& model) const {
     const LatticeGeometry<N, D>& geometry = clip_.geometry();
     const float per_child = 1.0f / static_cast<float>(geometry.cell_size(leaf.level - 1));
     Sum sum;
-    sample.for_each_share(beams_, list, [&](const ScanFace<D>& face, float share, const Crossings& part) {
+    sample.for_each_share(beams_, list, [&](const ScanFace<D>& face, float share, const BeamList& part) {
       // Those of a sample stand for those that are not in it, too.
       const BeamWidths widths{face.width_of_beam() * BeamShares<N, D>::widening(share) * per_child,
                               static_cast<float>(geometry.unit()) * per_child};
@@ -65,7 +66,7 @@ class LeafCoverage {
  private:
   static constexpr std::size_t kChunk = 16;  // Beams, until it is asked anew; up to 64, all sums fit 32 bits.
 
-  void add(const CellIndex<D>& leaf, const Crossings& list, float per_child, const BeamWidths& widths,
+  void add(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
            Sum& sum) const {
 #ifdef NDTREE_HAS_EIGHTS
     if constexpr (kNumChildren <= Clip::kMostAtOnce) {
@@ -87,7 +88,7 @@ class LeafCoverage {
     });
   }
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS void add_by_eights(const typename Clip::Planes& planes, const Crossings& list,
+  NDTREE_BY_EIGHTS void add_by_eights(const typename Clip::Planes& planes, const BeamList& list,
                                       float per_child, const BeamWidths& widths, Sum& sum) const {
     __m256i child[std::size_t{kNumChildren}];
 #pragma GCC unroll 32
@@ -100,14 +101,13 @@ class LeafCoverage {
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const __m256i beam = detail::load_live(list.beam + i, live);
+      const EightWays<D> ways = beams_.ways(beam);
       const EightEnds<D> ends = beams_.ends(beam);
-      const __m256 t0 = _mm256_loadu_ps(list.enter() + i);
-      const __m256 seen = _mm256_min_ps(_mm256_loadu_ps(list.exit() + i), ends.range);
-      const __m256 t1 = _mm256_blendv_ps(t0, seen, _mm256_castsi256_ps(live));
+      const __m256 seen = _mm256_and_ps(_mm256_min_ps(ways.reach, ends.range), _mm256_castsi256_ps(live));
       const __m256 along = ends.slant;
       __m256 enter[std::size_t{kNumChildren}];
       __m256 exit[std::size_t{kNumChildren}];
-      clip_.eight_beams(planes, beams_.ways(beam), t0, t1, enter, exit);
+      clip_.eight_beams(planes, ways, _mm256_setzero_ps(), seen, enter, exit);
 #pragma GCC unroll 32
       for (int c = 0; c < kNumChildren; ++c) {
         const __m256i sees = _mm256_castps_si256(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ));

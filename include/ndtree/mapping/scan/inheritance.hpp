@@ -10,6 +10,7 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/shares.hpp"
@@ -26,17 +27,22 @@ class Inheritance {
   using NodeType = typename Tree::NodeType;
 
  public:
-  Inheritance(const EvidenceModel& model, const ScanBeams<D>& beams) : model_(model), beams_(beams) {}
+  Inheritance(const LatticeGeometry<N, D>& geometry, const EvidenceModel& model, const ScanBeams<D>& beams)
+      : geometry_(geometry), model_(model), beams_(beams) {}
 
   /// @param leaf what it knew. @param sample which beams of its list counted.
   /// @param lists of its children.
-  void share_out(const EvidenceCell& leaf, const LeafSample<D>& sample, const Crossings& list,
-                 const SiblingLists<kNumChildren>& lists, NodeType* children) const {
+  void share_out(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
+                 const BeamList& list, const SiblingLists<kNumChildren>& lists, NodeType* children) const {
     if (!EvidenceModel::has_heirs(leaf)) return;
     std::size_t beams = 0;
-    sample.for_each_part(beams_, list, [&](const Crossings& part) { beams += part.size; });
-    for (std::size_t j = 0; j < kNumChildren; ++j)
-      children[j].cell() = inherited(leaf, count_passed(lists.of(static_cast<int>(j)), sample), beams, j);
+    sample.for_each_part(beams_, list, [&](const BeamList& part) { beams += part.size; });
+    for (std::size_t j = 0; j < kNumChildren; ++j) {
+      const auto child = static_cast<int>(j);
+      const CellIndex<D> at = geometry_.child(index, child_offset<N, D>(child));
+      const CellCrossings<N, D> crossings(geometry_, beams_, at);
+      children[j].cell() = inherited(leaf, count_passed(crossings, lists.of(child), sample), beams, j);
+    }
   }
 
 #ifdef NDTREE_HAS_EIGHTS
@@ -46,9 +52,9 @@ class Inheritance {
     std::uint32_t sample;  ///< The set of those that counted, by their places in the list.
   };
   [[nodiscard]] OfFew of_few(const EvidenceCell& leaf, const LeafSample<D>& sample,
-                             const Crossings& list) const {
+                             const BeamList& list) const {
     std::uint32_t set = 0;
-    sample.for_each_part(beams_, list, [&](const Crossings& part) {
+    sample.for_each_part(beams_, list, [&](const BeamList& part) {
       set |= ((1u << part.size) - 1) << (part.beam - list.beam);
     });
     return {leaf, set};
@@ -84,10 +90,12 @@ class Inheritance {
     return model_.inherited(leaf, kShareDivisor<Tree>, passed, beams,
                             CellParts<N, D>::of_child(static_cast<int>(child)));
   }
-  [[nodiscard]] std::size_t count_passed(const Crossings& list, const LeafSample<D>& sample) const {
+  [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list,
+                                         const LeafSample<D>& sample) const {
     std::size_t n = 0;
-    sample.for_each_part(beams_, list, [&](const Crossings& part) {
-      for (std::size_t i = 0; i < part.size; ++i) n += has_passed(part.beam[i], part.exit()[i]);
+    sample.for_each_part(beams_, list, [&](const BeamList& part) {
+      for (std::size_t i = 0; i < part.size; ++i)
+        n += has_passed(part.beam[i], crossings.of(part.beam[i]).exit);
     });
     return n;
   }
@@ -103,6 +111,7 @@ class Inheritance {
   }
 #endif
 
+  const LatticeGeometry<N, D>& geometry_;
   const EvidenceModel& model_;
   const ScanBeams<D>& beams_;
 };

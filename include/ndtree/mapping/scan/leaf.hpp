@@ -14,6 +14,7 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/linear_table.hpp"
 #include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
@@ -74,30 +75,32 @@ class LeafEvidence {
   }
 
   /// Whether every beam of a list passes its node, whatever the size of the cells in it.
-  [[nodiscard]] bool all_pass(const Crossings& list) const {
+  [[nodiscard]] bool all_pass(const CellCrossings<N, D>& crossings, const BeamList& list) const {
 #ifdef NDTREE_HAS_EIGHTS
-    if (width_ >= 8) return all_pass_by_eights(list);
+    if (width_ >= 8) return all_pass_by_eights(crossings, list);
 #endif
     for (std::size_t i = 0; i < list.size; ++i)
-      if (!(list.exit()[i] < beams_.way(list.beam[i]).pass)) return false;
+      if (!(crossings.of(list.beam[i]).exit < beams_.pass_of(beams_.way(list.beam[i]).reach))) return false;
     return true;
   }
 
   /// Adds what a list's beams say about a leaf of level 0 or below.
-  NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, const Crossings& list, ScanEvidence& sum) const {
+  NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, const CellCrossings<N, D>& crossings,
+                                const BeamList& list, ScanEvidence& sum) const {
 #ifdef NDTREE_HAS_EIGHTS
     const Size& size = size_of(leaf.level);
     if (width_ >= 8 && size.fits_32_bits) {
       if (list.size <= kMostAtOnce)
-        add_by_eights(leaf, list, size, sum);
+        add_by_eights(leaf, crossings, list, size, sum);
       else
         for (std::size_t first = 0; first < list.size; first += kMostAtOnce)
-          add_by_eights(leaf, list.part(first, std::min(first + kMostAtOnce, list.size)), size, sum);
+          add_by_eights(leaf, crossings, list.part(first, std::min(first + kMostAtOnce, list.size)), size,
+                        sum);
       return;
     }
 #endif
     for (std::size_t i = 0; i < list.size; ++i)
-      OfBeam(*this, leaf.level, list.beam[i]).add(leaf, list.enter()[i], list.exit()[i], sum);
+      OfBeam(*this, leaf.level, list.beam[i]).add(leaf, crossings.of(list.beam[i]), sum);
   }
 
   /// What one beam says about leaves of one level, of 0 or below.
@@ -106,22 +109,23 @@ class LeafEvidence {
     NDTREE_ALWAYS_INLINE OfBeam(const LeafEvidence& all, int level, std::uint32_t beam)
         : all_(all), size_(all.size_of(level)), number_(beam) {}
 
-    /// Of a leaf that it clearly passes, see BeamWay::pass.
-    /// @param enter, exit where it crosses the leaf [m].
-    [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(float enter, float exit) const {
-      return {units_of_way(exit - enter, size_), 1, is_resolvable()};
+    /// Of a leaf that it clearly passes, see ScanBeams::pass_of().
+    /// @param crossing where it crosses the leaf.
+    [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(const Crossing& crossing) const {
+      return {units_of_way(crossing.exit - crossing.enter, size_), 1, is_resolvable()};
     }
     /// Of any leaf.
-    NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, float enter, float exit,
+    NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, const Crossing& crossing,
                                   ScanEvidence& sum) const {
+      const float enter = crossing.enter;
       // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
       const BeamEnd<D>& beam = all_.beams_.end(number_);
       const bool is_small = size_.small <= kSmallCell * beam.sigma;
-      const float end = is_small ? std::max(exit, enter + beam.surface) : exit;
+      const float end = is_small ? std::max(crossing.exit, enter + beam.surface) : crossing.exit;
       const bool passes = end < beam.clear;
       const bool holds_end = !passes && all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
       if (passes || !beam.is_returned()) {
-        if (!holds_end) sum.add(passed(enter, exit));
+        if (!holds_end) sum.add(passed(crossing));
         return;  // A beam without return says nothing about the rest of the cell that it ends in.
       }
       const bool is_behind = !holds_end && enter >= beam.range;
@@ -187,7 +191,7 @@ class LeafEvidence {
                                                    ScanEvidence& sum) {
       const __m256 enter = _mm256_load_ps(few_.enter[child].data());
       const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      const __m256 clear = _mm256_cmp_ps(exit, few_.beams.ways.pass, _CMP_LT_OQ);
+      const __m256 clear = _mm256_cmp_ps(exit, few_.beams.pass, _CMP_LT_OQ);
       __m256i misses = _mm256_castps_si256(_mm256_and_ps(live, clear));
       unsigned missed = few_.passing[child] & set;
       if (missed != set) {
@@ -256,16 +260,25 @@ class LeafEvidence {
 #endif
 
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS [[nodiscard]] bool all_pass_by_eights(const Crossings& list) const {
-    for (std::size_t i = 0; i < list.size; i += 8)
-      if (!_mm256_testz_si256(not_passing(list, i), detail::first_of_eight(list.size - i))) return false;
+  NDTREE_BY_EIGHTS [[nodiscard]] bool all_pass_by_eights(const CellCrossings<N, D>& crossings,
+                                                         const BeamList& list) const {
+    for (std::size_t i = 0; i < list.size; i += 8) {
+      const __m256i live = detail::first_of_eight(list.size - i);
+      const __m256i beam = detail::load_live(list.beam + i, live);
+      const EightWays<D> ways = beams_.ways(beam);
+      __m256 enter;
+      __m256 exit;
+      crossings.of(beam, ways, enter, exit);
+      const __m256 not_passing = _mm256_cmp_ps(exit, beams_.pass_of(ways.reach), _CMP_NLT_UQ);
+      if (!_mm256_testz_si256(_mm256_castps_si256(not_passing), live)) return false;
+    }
     return true;
   }
   static constexpr std::size_t kMostAtOnce = 1024;  // Beams: sums of eighths of them fit 32 bits.
 
   /// As OfBeam, for up to kMostAtOnce beams.
-  NDTREE_BY_EIGHTS void add_by_eights(const CellIndex<D>& leaf, const Crossings& list, const Size& size,
-                                      ScanEvidence& sum) const {
+  NDTREE_BY_EIGHTS void add_by_eights(const CellIndex<D>& leaf, const CellCrossings<N, D>& crossings,
+                                      const BeamList& list, const Size& size, ScanEvidence& sum) const {
     __m256i free = _mm256_setzero_si256();
     unsigned passed = 0;
     Place place{};
@@ -273,11 +286,13 @@ class LeafEvidence {
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const __m256i beam = detail::load_live(list.beam + i, live);
-      const __m256 enter = _mm256_loadu_ps(list.enter() + i);
-      const __m256 exit = _mm256_loadu_ps(list.exit() + i);
+      const EightWays<D> ways = beams_.ways(beam);
+      __m256 enter;
+      __m256 exit;
+      crossings.of(beam, ways, enter, exit);
       const __m256i units = units_of_way(enter, exit, size);
       __m256i misses = _mm256_and_si256(
-          live, _mm256_castps_si256(_mm256_cmp_ps(exit, beams_.ways(beam).pass, _CMP_LT_OQ)));
+          live, _mm256_castps_si256(_mm256_cmp_ps(exit, beams_.pass_of(ways.reach), _CMP_LT_OQ)));
       if (!_mm256_testc_si256(misses, live)) {
         if (!has_place) place = place_of(leaf);
         has_place = true;
@@ -382,11 +397,6 @@ class LeafEvidence {
     const __m128i quarter = _mm_add_epi32(half, _mm_shuffle_epi32(half, 0x4e));
     return static_cast<std::uint32_t>(
         _mm_cvtsi128_si32(_mm_add_epi32(quarter, _mm_shuffle_epi32(quarter, 0xb1))));
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] __m256i not_passing(const Crossings& list, std::size_t i) const {
-    const __m256i beam = detail::load_live(list.beam + i, detail::first_of_eight(list.size - i));
-    return _mm256_castps_si256(
-        _mm256_cmp_ps(_mm256_loadu_ps(list.exit() + i), beams_.ways(beam).pass, _CMP_NLT_UQ));
   }
 #endif
 

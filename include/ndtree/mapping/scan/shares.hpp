@@ -12,6 +12,7 @@
 
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/image.hpp"
@@ -21,7 +22,7 @@ namespace ndtree {
 
 /// Calls `visit(face, first, last)` for each part of a list whose beams are of one face.
 template <int D, class Visit>
-void for_each_face(const ScanBeams<D>& beams, const Crossings& list, const Visit& visit) {
+void for_each_face(const ScanBeams<D>& beams, const BeamList& list, const Visit& visit) {
   for (std::size_t first = 0; first < list.size;) {
     const ScanFace<D>& face = beams.face_of(list.beam[first]);
     const std::size_t last = list.find(face.end_of_beams, first);
@@ -58,7 +59,7 @@ class LeafSample {
 
   /// Calls `visit(face, share, list)` for the parts of a list that are in the sample.
   template <class Visit>
-  void for_each_share(const ScanBeams<D>& beams, const Crossings& list, const Visit& visit) const {
+  void for_each_share(const ScanBeams<D>& beams, const BeamList& list, const Visit& visit) const {
     if (is_all_) {
       for_each_face(beams, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
         visit(face, 1.0f, list.part(first, last));
@@ -75,11 +76,11 @@ class LeafSample {
   }
   /// The same whatever faces they are of. Calls `visit(list)`.
   template <class Visit>
-  void for_each_part(const ScanBeams<D>& beams, const Crossings& list, const Visit& visit) const {
+  void for_each_part(const ScanBeams<D>& beams, const BeamList& list, const Visit& visit) const {
     if (is_all_)
       visit(list);
     else
-      for_each_share(beams, list, [&](const ScanFace<D>&, float, const Crossings& part) { visit(part); });
+      for_each_share(beams, list, [&](const ScanFace<D>&, float, const BeamList& part) { visit(part); });
   }
 
  private:
@@ -108,7 +109,7 @@ class BeamShares {
   /// Finds out which beams of a list count in a leaf. Calls `visit(face, share, list)` for those of each
   /// face, if there are any.
   template <class Visit>
-  void take(const CellIndex<D>& leaf, const Crossings& list, bool is_known, LeafSample<D>& sample,
+  void take(const CellIndex<D>& leaf, const BeamList& list, bool is_known, LeafSample<D>& sample,
             const Visit& visit) const {
     sample.clear();
     for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
@@ -121,10 +122,10 @@ class BeamShares {
 
   /// How many beams end in a leaf that is learning, of a sample, for each that would cross it if beams were
   /// spread evenly.
-  [[nodiscard]] double ends_for_each_expected(const CellIndex<D>& leaf, const Crossings& list,
+  [[nodiscard]] double ends_for_each_expected(const CellIndex<D>& leaf, const BeamList& list,
                                               LeafSample<D>& sample) const {
     double sum = 0.0;
-    take(leaf, list, false, sample, [&](const ScanFace<D>& face, float share, const Crossings& part) {
+    take(leaf, list, false, sample, [&](const ScanFace<D>& face, float share, const BeamList& part) {
       std::size_t ends = 0;
       for (std::size_t i = 0; i < part.size; ++i) {
         const std::uint32_t beam = part.beam[i];
@@ -172,7 +173,7 @@ class BeamShares {
     return static_cast<float>(face.negative ? -ahead : ahead) >= face.depth_of_all_in_any_cell();
   }
   /// ... of a list, ...
-  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const Crossings& list) const {
+  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const BeamList& list) const {
     for (std::size_t first = 0; first < list.size;) {
       const ScanFace<D>& face = beams_.face_of(list.beam[first]);
       if (!all_take_all(node, face)) return false;
@@ -196,7 +197,7 @@ class BeamShares {
 
   /// Of a part of a list, of one face, where those end that some leaf in a node may take.
   [[nodiscard]] std::size_t end_of_all_shares(const CellIndex<D>& node, const ScanFace<D>& face,
-                                              const Crossings& list, std::size_t first,
+                                              const BeamList& list, std::size_t first,
                                               std::size_t last) const {
     const double behind = std::abs(border(node, face.axis, !face.negative) - face.origin[face.axis]);
     const auto farthest = static_cast<float>(std::max(behind, 0.5 * geometry_.cell_size(node.level)));

@@ -29,7 +29,7 @@ class ScanTasks {
   /// @param arena of the tree, for what one thread does alone. @param walks one for each worker. @param undo
   /// where what one thread does alone is remembered, or null.
   /// @param most_to_open crossings of beams and children for which lists are made when cells are opened; each
-  /// takes 12 bytes.
+  /// takes four bytes.
   ScanTasks(Tree& tree, typename Tree::Arena& arena, int coarsest_level, Workers& workers,
             std::vector<Walk>& walks, UndoLog<Tree>* undo, std::size_t most_to_open = std::size_t{1} << 24)
       : tree_(tree),

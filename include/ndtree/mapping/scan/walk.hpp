@@ -13,6 +13,7 @@
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/coarse_lists.hpp"
@@ -55,7 +56,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
         evidence_(tree.geometry(), beams, refinement.model, sensor),
         coverage_(beams, clip_),
         shares_(tree.geometry(), beams, refinement.model),
-        inheritance_(refinement.model, beams),
+        inheritance_(tree.geometry(), refinement.model, beams),
         summary_(refinement.model),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
@@ -65,14 +66,14 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 
   /// The whole update.
   void run() {
-    const Crossings list = beams_from(0, beams_.size());
+    const BeamList list = beams_from(0, beams_.size());
     if (!list.empty()) descend(tree_.root(), list, {});
   }
   /// Brings the beams from the first to before the last to the cells of the coarsest level. The tree stays as
   /// it is.
   void bring(std::size_t first, std::size_t last, std::size_t part, CoarseLists<D>& lists) {
-    const CrossingStack::Mark mark = stack_.mark();
-    const Crossings list = beams_from(first, last);
+    const ListStack::Mark mark = stack_.mark();
+    const BeamList list = beams_from(first, last);
     if (!list.empty()) bring(tree_.root().index, list, {}, part, lists);
     stack_.release(mark);
   }
@@ -80,13 +81,13 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   void open(const CellIndex<D>& node, const CoarseList<D>& beams, CoarseLists<D>& lists) {
     for_each_child(
         node, beams.list, shares_.of_node(node, beams.list, {}),
-        [&](const CellIndex<D>& child, const Crossings& list) { lists.add(child.lower, beams.part, list); });
+        [&](const CellIndex<D>& child, const BeamList& list) { lists.add(child.lower, beams.part, list); });
   }
   /// What is left to do in one of these cells. @returns whether it changed.
   bool run(const Ref& ref, const CoarseCell<D>& beams) {
     if (beams.last - beams.first == 1) return descend(ref, beams.first->list, {});
-    const CrossingStack::Mark mark = stack_.mark();
-    Crossings list = stack_.allocate(beams.size + Crossings::kSlack);
+    const ListStack::Mark mark = stack_.mark();
+    BeamList list = stack_.allocate(beams.size + BeamList::kSlack);
     for (const CoarseList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
     const bool changed = descend(ref, list, {});
     stack_.release(mark);
@@ -101,17 +102,15 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
 
  private:
-  [[nodiscard]] Crossings beams_from(std::size_t first, std::size_t last) {
-    Crossings list = stack_.allocate(last - first + Crossings::kSlack);
+  [[nodiscard]] BeamList beams_from(std::size_t first, std::size_t last) {
+    BeamList list = stack_.allocate(last - first + BeamList::kSlack);
     for (std::size_t i = first; i < last; ++i) {
       list.beam[i - first] = static_cast<std::uint32_t>(i);
-      list.enter()[i - first] = 0.0f;
-      list.exit()[i - first] = beams_.reach()[i];
     }
     list.size = last - first;
     return list;
   }
-  void bring(const CellIndex<D>& node, const Crossings& list, const Shares& above, std::size_t part,
+  void bring(const CellIndex<D>& node, const BeamList& list, const Shares& above, std::size_t part,
              CoarseLists<D>& lists) {
     if (!may_change(node)) return;
     if (node.level <= coarsest_level_) {
@@ -119,15 +118,15 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       return;
     }
     const Shares shares = shares_.of_node(node, list, above);
-    for_each_child(node, list, shares, [&](const CellIndex<D>& child, const Crossings& beams) {
+    for_each_child(node, list, shares, [&](const CellIndex<D>& child, const BeamList& beams) {
       bring(child, beams, shares, part, lists);
     });
   }
   /// Calls `visit(child, list)` for the children that some of a node's beams cross; the tree stays as it is.
   template <class Visit>
-  void for_each_child(const CellIndex<D>& node, const Crossings& list, const Shares& shares,
+  void for_each_child(const CellIndex<D>& node, const BeamList& list, const Shares& shares,
                       const Visit& visit) {
-    const CrossingStack::Mark mark = stack_.mark();
+    const ListStack::Mark mark = stack_.mark();
     const Lists children = hand_down(node, list, shares, true);
     for (int c = 0; c < kNumChildren; ++c)
       if (!children.of(c).empty()) visit(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c));
@@ -141,29 +140,32 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// Hands a node's beams to its children, without those that no cell below takes.
   /// @param replaces whether long lists of the children take the place of the node's own, which is then gone.
   /// @pre if so, nothing that is still in use was allocated after it.
-  Lists hand_down(const CellIndex<D>& node, const Crossings& list, const Shares& shares, bool replaces) {
+  Lists hand_down(const CellIndex<D>& node, const BeamList& list, const Shares& shares, bool replaces) {
     pace_.spend(list.size);
     if (Clip::kHasRoomForAll && list.size > kPiece) return hand_down_in_pieces(node, list, shares, replaces);
     Lists children = clip_.lists_for(node, list, stack_);
-    for_each_taken(node, list, shares, [&](const Crossings& taken) { clip_(node, taken, children); });
+    for_each_taken(node, list, shares, [&](const BeamList& taken) { clip_(node, taken, children); });
     return children;
   }
-  NDTREE_NEVER_INLINE Lists hand_down_in_pieces(const CellIndex<D>& node, const Crossings& list,
+  NDTREE_NEVER_INLINE Lists hand_down_in_pieces(const CellIndex<D>& node, const BeamList& list,
                                                 const Shares& shares, bool replaces) {
-    for_each_taken(node, list, shares, [&](const Crossings& taken) {
+    for_each_taken(node, list, shares, [&](const BeamList& taken) {
       for (std::size_t first = 0; first < taken.size; first += kPiece) {
-        const Crossings part = taken.part(first, std::min(first + kPiece, taken.size));
+        const BeamList part = taken.part(first, std::min(first + kPiece, taken.size));
         Lists children = clip_.lists_for(node, part, pieces_.memory());
         clip_(node, part, children);
         pieces_.add(children);
       }
     });
     if (replaces) stack_.free_from(list);
-    return pieces_.join(stack_);
+    Lists children;
+    static_cast<SiblingLists<kNumChildren>&>(children) = pieces_.join(stack_);
+    children.planes = clip_.planes_of(node);
+    return children;
   }
   /// Calls `visit(part)` for those parts of a list that some cell in a node takes.
   template <class Visit>
-  void for_each_taken(const CellIndex<D>& node, const Crossings& list, const Shares& shares,
+  void for_each_taken(const CellIndex<D>& node, const BeamList& list, const Shares& shares,
                       const Visit& visit) const {
     if (shares.takes_all || list.size <= kFewBeams) return visit(list);
     if (shares.face != nullptr) {
@@ -183,11 +185,13 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 
   /// @param list not empty. @param above what is known of a node above.
   /// @returns whether a cell changed.
-  bool descend(const Ref& ref, const Crossings& list, const Shares& above) {
+  bool descend(const Ref& ref, const BeamList& list, const Shares& above) {
     if (ref.index.level >= coarsest_level_ && !may_change(ref.index)) return false;
-    if (ref.index.level <= coarsest_level_ && ref.is_leaf()) return update_leaf(ref, list, above);
+    if (ref.index.level <= coarsest_level_ && ref.is_leaf())
+      return update_leaf(ref, crossings_of(ref.index), list, above);
     if (!ref.is_leaf()) {
-      if (Summary(ref.node->note()).is_settled() && evidence_.all_pass(list)) return false;
+      if (Summary(ref.node->note()).is_settled() && evidence_.all_pass(crossings_of(ref.index), list))
+        return false;
       if (undo_ != nullptr) undo_->keep(tree_, *ref.node);
     } else {
       tree_.split_node(*ref.node, {}, arena_);
@@ -196,68 +200,75 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 #ifdef NDTREE_HAS_EIGHTS
     if (are_few(ref, list)) return update_children_of_few(ref, list, shares);
 #endif
-    const CrossingStack::Mark mark = stack_.mark();
+    const ListStack::Mark mark = stack_.mark();
     return update_children(ref, hand_down(ref.index, list, shares, true), mark, false, shares);
   }
 
-  bool update_leaf(const Ref& leaf, const Crossings& list, const Shares& shares) {
+  [[nodiscard]] CellCrossings<N, D> crossings_of(const CellIndex<D>& cell) const {
+    return {tree_.geometry(), beams_, cell};
+  }
+  bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
+                   const Shares& shares) {
     bool is_known = refinement_.model.is_known(leaf.cell());
     if (is_known && refinement_.model.is_settled(leaf.cell())) {
-      if (evidence_.all_pass(list)) return false;
+      if (evidence_.all_pass(crossings, list)) return false;
       // Unless more end in it than the sensor's errors explain: then it learns anew.
       is_known = shares_.ends_for_each_expected(leaf.index, list, sample_) <=
                  refinement_.split_test.model().free_until();
     }
     if (!shares.takes_all) {
       const ScanFace<D>* const face = shares_.only_face_of(list, shares);
-      if (face == nullptr) return update_by_sample(leaf, list, is_known);
+      if (face == nullptr) return update_by_sample(leaf, crossings, list, is_known);
       const float share = shares_.of(leaf.index, *face, is_known);
-      if (share < 1.0f) return update_by_share(leaf, list, *face, share);
+      if (share < 1.0f) return update_by_share(leaf, crossings, list, *face, share);
     }
     ScanEvidence scan;
-    add(leaf, list, scan);
+    add(leaf, crossings, list, scan);
     refinement_.model.limit(scan);
     return update_or_divide(leaf, scan,
                             [&](const ScanEvidence& all) { return divide(leaf, list, all_, all, shares); });
   }
-  bool update_by_sample(const Ref& leaf, const Crossings& list, bool is_known) {
+  bool update_by_sample(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
+                        bool is_known) {
     ScanEvidence scan;
     shares_.take(leaf.index, list, is_known, sample_,
-                 [&](const ScanFace<D>&, float, const Crossings& part) { add(leaf, part, scan); });
+                 [&](const ScanFace<D>&, float, const BeamList& part) { add(leaf, crossings, part, scan); });
     refinement_.model.limit(scan);
     return update_or_divide(leaf, scan,
                             [&](const ScanEvidence& all) { return divide(leaf, list, sample_, all, {}); });
   }
   /// The same of a list of one face.
-  bool update_by_share(const Ref& leaf, const Crossings& list, const ScanFace<D>& face, float share) {
+  bool update_by_share(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
+                       const ScanFace<D>& face, float share) {
     const FaceShare<D> of_face = shares_.share_of(face, share);
     const std::size_t end = list.find(of_face.end);
     ScanEvidence scan;
-    if (end > 0) add(leaf, list.part(0, end), scan);
+    if (end > 0) add(leaf, crossings, list.part(0, end), scan);
     refinement_.model.limit(scan);
     return update_or_divide(
         leaf, scan, [&](const ScanEvidence& all) { return divide_by_share(leaf, list, of_face, all); });
   }
-  bool divide_by_share(const Ref& leaf, const Crossings& list, const FaceShare<D>& share,
+  bool divide_by_share(const Ref& leaf, const BeamList& list, const FaceShare<D>& share,
                        const ScanEvidence& scan) {
     sample_.clear();
     sample_.add(share);
     return divide(leaf, list, sample_, scan, {share.face, false});
   }
   /// Adds what beams say about a leaf, until it is certain that it splits: then they are its children's.
-  NDTREE_ALWAYS_INLINE void add(const Ref& leaf, const Crossings& list, ScanEvidence& scan) const {
+  NDTREE_ALWAYS_INLINE void add(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
+                                ScanEvidence& scan) const {
     if (list.size > kToSplit && leaf.index.level != finest_level_)
-      add_some_at_once(leaf, list, scan);
+      add_some_at_once(leaf, crossings, list, scan);
     else
-      evidence_.add(leaf.index, list, scan);
+      evidence_.add(leaf.index, crossings, list, scan);
   }
-  NDTREE_NEVER_INLINE void add_some_at_once(const Ref& leaf, const Crossings& list,
-                                            ScanEvidence& scan) const {
+  NDTREE_NEVER_INLINE void add_some_at_once(const Ref& leaf, const CellCrossings<N, D>& crossings,
+                                            const BeamList& list, ScanEvidence& scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
       if (refinement_.splits_anyway(leaf.cell(), scan) &&
           !splits_in_vain(leaf.cell(), leaf.index.level, scan))
         return;
-      evidence_.add(leaf.index, list.part(first, std::min(first + kToSplit, list.size)), scan);
+      evidence_.add(leaf.index, crossings, list.part(first, std::min(first + kToSplit, list.size)), scan);
     }
   }
   /// Updates a leaf, or calls `divide(scan)` if it may have to split, and not in vain.
@@ -295,14 +306,14 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   [[nodiscard]] bool is_unseen(const EvidenceCell& leaf) const {
     return !leaf.observed() && refinement_.coverage.is_on();
   }
-  bool divide(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample, const ScanEvidence& scan,
+  bool divide(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const ScanEvidence& scan,
               const Shares& shares) {
     if (scan.beams == 0) return false;
     return is_unseen(leaf.cell(), scan) ? update_unseen(leaf, list, sample, scan, shares)
                                         : split(leaf, list, sample, shares);
   }
   /// A leaf that was never observed, and that beams have only passed.
-  bool update_unseen(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample,
+  bool update_unseen(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
                      const ScanEvidence& scan, const Shares& shares) {
     const CoverageVerdict seen = coverage_.judge(leaf.index, leaf.cell(), list, sample, refinement_.coverage);
     if (seen.shows_more) return split(leaf, list, sample, shares);
@@ -321,8 +332,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return changed;
   }
 
-  bool split(const Ref& leaf, const Crossings& list, const LeafSample<D>& sample, const Shares& shares) {
-    const CrossingStack::Mark mark = stack_.mark();
+  bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const Shares& shares) {
+    const ListStack::Mark mark = stack_.mark();
     const EvidenceCell parent = leaf.cell();
     ++counters_.splits;
 #ifdef NDTREE_HAS_EIGHTS
@@ -334,12 +345,12 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 #endif
     const Lists lists = hand_down(leaf.index, list, shares, false);
     tree_.split_node(*leaf.node, {}, arena_);
-    inheritance_.share_out(parent, sample, list, lists, tree_.children(*leaf.node));
+    inheritance_.share_out(parent, leaf.index, sample, list, lists, tree_.children(*leaf.node));
     return update_children(leaf, lists, mark, true, shares);
   }
 
   /// @param lists of the children, allocated after the mark.
-  bool update_children(const Ref& ref, const Lists& lists, const CrossingStack::Mark& mark, bool was_split,
+  bool update_children(const Ref& ref, const Lists& lists, const ListStack::Mark& mark, bool was_split,
                        const Shares& shares) {
     const bool are_cells = ref.index.level <= coarsest_level_;
     bool changed = was_split;
@@ -348,11 +359,13 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 #pragma GCC unroll 8
 #endif
     for (int c = 0; c < kNumChildren; ++c) {
-      const Crossings list = lists.of(c);
+      const BeamList list = lists.of(c);
       if (list.empty()) continue;
       const Ref child = children[c];
       const bool child_changed =
-          are_cells && child.is_leaf() ? update_leaf(child, list, shares) : descend(child, list, shares);
+          are_cells && child.is_leaf()
+              ? update_leaf(child, {tree_.geometry(), beams_, child.index, lists.planes, c}, list, shares)
+              : descend(child, list, shares);
       changed = child_changed || changed;
     }
     stack_.release(mark);
@@ -365,23 +378,22 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   using OfBeam = typename LeafEvidence<N, D, Sensor>::OfBeam;
 
   /// Whether a node's children are cells, or nodes of cells, and its list needs none for them.
-  [[nodiscard]] bool are_few(const Ref& ref, const Crossings& list) const {
+  [[nodiscard]] bool are_few(const Ref& ref, const BeamList& list) const {
     return list.size <= Few::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
            evidence_.takes_few(ref.index.level);
   }
   // Few beams, and those that are alone. Defined in walk_few.hpp, which whoever calls run() includes.
   using HeritageOfFew = typename Inheritance<Tree>::OfFew;
-  /// A beam that is alone in a node, and so in all nodes below; distances as in Crossings.
+  /// A beam that is alone in a node, and so in all nodes below.
   struct LoneBeam {
     std::uint32_t number;
     const ScanFace<D>& face;
-    float enter;
-    float exit;
+    Crossing crossing;
   };
-  [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, float enter, float exit) const {
-    return {number, beams_.face_of(number), enter, exit};
+  [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, const Crossing& crossing) const {
+    return {number, beams_.face_of(number), crossing};
   }
-  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const Crossings& list, const Shares& shares,
+  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const BeamList& list, const Shares& shares,
                                                const HeritageOfFew* heritage = nullptr);
   template <class SomeCrossings>
   NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const SomeCrossings& crossings,
@@ -401,8 +413,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                                   const ScanEvidence& scan, bool takes_all);
   template <class Beams, class Use>
   bool with_list(const Beams& beams, const Use& use);
-  void write(const FewBeams& beams, Crossings& list) const;
-  void write(const LoneBeam& beam, Crossings& list) const;
+  void write(const FewBeams& beams, BeamList& list) const;
+  void write(const LoneBeam& beam, BeamList& list) const;
 #endif
   /// The children of an inner node, by their numbers.
   class Children {
@@ -448,7 +460,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
 
   static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
-  static constexpr std::size_t kPiece = 512;   // Beams at once, while each child has room for all of them.
+  static constexpr std::size_t kPiece = 2048;  // Beams at once, while each child has room for all of them.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
@@ -467,7 +479,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   const bool few_may_be_too_many_;  // That so few beams count in a leaf.
   UpdateCounters counters_;
   Pace pace_;
-  CrossingStack stack_;  // Of the nodes on the path from the root, the deepest last.
+  ListStack stack_;  // Of the nodes on the path from the root, the deepest last.
   PiecewiseLists<kNumChildren> pieces_;
   const LeafSample<D> all_;
   LeafSample<D> sample_;  // Of the leaf that is looked at, until its children are.

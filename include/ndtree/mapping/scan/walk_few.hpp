@@ -17,10 +17,10 @@ namespace ndtree {
 /// @param heritage of a node that was split; else null.
 template <class Tree, class Refinement, class Sensor>
 NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_few(
-    const Ref& ref, const Crossings& list, const Shares& shares, const HeritageOfFew* heritage) {
+    const Ref& ref, const BeamList& list, const Shares& shares, const HeritageOfFew* heritage) {
   if constexpr (Clip::kFitLanes) {
     if (list.size == 1) {
-      const LoneBeam beam = lone_beam(list.beam[0], list.enter()[0], list.exit()[0]);
+      const LoneBeam beam = lone_beam(list.beam[0], crossings_of(ref.index).of(list.beam[0]));
       return update_children_of_one(ref, beam, shares.takes_all, heritage);
     }
   }
@@ -29,7 +29,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
   return update_children_of_few(ref, list, beams, shares, heritage);
 }
 
-/// @param crossings Crossings or FewBeams, of these beams.
+/// @param crossings BeamList or FewBeams, of these beams.
 template <class Tree, class Refinement, class Sensor>
 template <class SomeCrossings>
 NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_few(
@@ -78,7 +78,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
       ScanEvidence scan;
       if (of_child.is_one())
         OfBeam(evidence_, level, of_child.first_beam())
-            .add(children[c].index, of_child.enter_of_first(), of_child.exit_of_first(), scan);
+            .add(children[c].index, of_child.crossing_of_first(), scan);
       else
         evidence.add(of_child.child, scan);
       if (few_may_be_too_many_) model.limit(scan);
@@ -101,8 +101,7 @@ NDTREE_ALWAYS_INLINE bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref&
                                                                       const Shares& above) {
   if constexpr (Clip::kFitLanes) {
     if (beams.is_one())
-      return descend(inner, lone_beam(beams.first_beam(), beams.enter_of_first(), beams.exit_of_first()),
-                     above.takes_all);
+      return descend(inner, lone_beam(beams.first_beam(), beams.crossing_of_first()), above.takes_all);
   }
   if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
   return update_children_of_few(inner, beams, beams.of.beams, shares_.of_node(inner.index, beams, above));
@@ -118,7 +117,7 @@ NDTREE_BY_EIGHTS bool ScanWalk<Tree, Refinement, Sensor>::update_by_share(
   if (set != 0) evidence_.add(node, beams.of, beams.child, set, scan);
   if (few_may_be_too_many_) refinement_.model.limit(scan);
   return update_or_divide(leaf, scan, [&](const ScanEvidence& all) {
-    return with_list(beams, [&](const Crossings& list) { return divide_by_share(leaf, list, of_face, all); });
+    return with_list(beams, [&](const BeamList& list) { return divide_by_share(leaf, list, of_face, all); });
   });
 }
 
@@ -127,8 +126,9 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     const Ref& ref, const LoneBeam& beam, bool takes_all, const HeritageOfFew* heritage) {
   pace_.spend(1);
   const BeamWay<D>& way = beams_.way(beam.number);
+  const float pass = beams_.pass_of(way.reach);
   LoneCrossing lone;
-  clip_(ref.index, way, beam.enter, beam.exit, lone);
+  clip_(ref.index, way, beam.crossing, lone);
   if (heritage != nullptr) inheritance_.share_out(*heritage, beam.number, lone, tree_.children(*ref.node));
   const bool was_split = heritage != nullptr;
   const int level = ref.index.level - 1;  // Of the children.
@@ -140,8 +140,8 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     const auto c = static_cast<std::size_t>(__builtin_ctz(left));
     const auto child = [&] { return children[static_cast<int>(c)]; };  // Many are not asked where they are.
     auto& node = children.node(static_cast<int>(c));
-    const LoneBeam in_child{beam.number, beam.face, lone.enter[c], lone.exit[c]};
-    const bool passes = in_child.exit < way.pass;
+    const LoneBeam in_child{beam.number, beam.face, {lone.enter[c], lone.exit[c]}};
+    const bool passes = in_child.crossing.exit < pass;
     if (!node.is_leaf()) {
       if (Summary(node.note()).is_settled() && passes) continue;
       changed = descend(child(), in_child, takes_all) || changed;
@@ -159,12 +159,12 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
       return divide(child(), in_child, share, scan, takes_all);
     };
     if (passes && !few_may_be_too_many_) {
-      const PassedEvidence passed = evidence.passed(in_child.enter, in_child.exit);
+      const PassedEvidence passed = evidence.passed(in_child.crossing);
       changed = update_or_divide(cell, level, passed, divide_it) || changed;
       continue;
     }
     ScanEvidence scan;
-    evidence.add(child().index, in_child.enter, in_child.exit, scan);
+    evidence.add(child().index, in_child.crossing, scan);
     if (few_may_be_too_many_) model.limit(scan);
     changed = update_or_divide(cell, level, scan, divide_it) || changed;
   }
@@ -184,19 +184,20 @@ template <class Tree, class Refinement, class Sensor>
 template <class Beams>
 inline bool ScanWalk<Tree, Refinement, Sensor>::update_leaf(const Ref& leaf, const Beams& beams,
                                                             const Shares& shares) {
-  return with_list(beams, [&](const Crossings& list) { return update_leaf(leaf, list, shares); });
+  return with_list(
+      beams, [&](const BeamList& list) { return update_leaf(leaf, crossings_of(leaf.index), list, shares); });
 }
 
 template <class Tree, class Refinement, class Sensor>
 inline bool ScanWalk<Tree, Refinement, Sensor>::divide(const Ref& leaf, const FewBeams& beams,
                                                        const ScanEvidence& scan, const Shares& shares) {
-  return with_list(beams, [&](const Crossings& list) { return divide(leaf, list, all_, scan, shares); });
+  return with_list(beams, [&](const BeamList& list) { return divide(leaf, list, all_, scan, shares); });
 }
 
 template <class Tree, class Refinement, class Sensor>
 bool ScanWalk<Tree, Refinement, Sensor>::divide(const Ref& leaf, const LoneBeam& beam, float share,
                                                 const ScanEvidence& scan, bool takes_all) {
-  return with_list(beam, [&](const Crossings& list) {
+  return with_list(beam, [&](const BeamList& list) {
     return share < 1.0f ? divide_by_share(leaf, list, {&beam.face, beam.face.end_of_beams, share}, scan)
                         : divide(leaf, list, all_, scan, {&beam.face, takes_all});
   });
@@ -206,8 +207,8 @@ bool ScanWalk<Tree, Refinement, Sensor>::divide(const Ref& leaf, const LoneBeam&
 template <class Tree, class Refinement, class Sensor>
 template <class Beams, class Use>
 inline bool ScanWalk<Tree, Refinement, Sensor>::with_list(const Beams& beams, const Use& use) {
-  const CrossingStack::Mark mark = stack_.mark();
-  Crossings list = stack_.allocate(Few::kMost + Crossings::kSlack);
+  const ListStack::Mark mark = stack_.mark();
+  BeamList list = stack_.allocate(Few::kMost + BeamList::kSlack);
   write(beams, list);
   const bool result = use(list);
   stack_.release(mark);
@@ -215,14 +216,12 @@ inline bool ScanWalk<Tree, Refinement, Sensor>::with_list(const Beams& beams, co
 }
 
 template <class Tree, class Refinement, class Sensor>
-inline void ScanWalk<Tree, Refinement, Sensor>::write(const FewBeams& beams, Crossings& list) const {
+inline void ScanWalk<Tree, Refinement, Sensor>::write(const FewBeams& beams, BeamList& list) const {
   clip_.write(beams, list);
 }
 template <class Tree, class Refinement, class Sensor>
-inline void ScanWalk<Tree, Refinement, Sensor>::write(const LoneBeam& beam, Crossings& list) const {
+inline void ScanWalk<Tree, Refinement, Sensor>::write(const LoneBeam& beam, BeamList& list) const {
   list.beam[0] = beam.number;
-  list.enter()[0] = beam.enter;
-  list.exit()[0] = beam.exit;
   list.size = 1;
 }
 #endif

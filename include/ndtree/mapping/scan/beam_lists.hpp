@@ -1,0 +1,181 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Lists of the beams that cross a node, and the memory that they live in while a tree is walked.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "ndtree/core/simd.hpp"
+
+namespace ndtree {
+
+/// Beams that cross a node over more than a point, by their numbers, ascending. Where they do is found anew
+/// by whoever asks (CellCrossings): that takes less than to hand it down. Whoever reads many at a time may
+/// read, and whoever writes may write, up to kSlack behind the last.
+struct BeamList {
+  static constexpr std::size_t kSlack = 16;
+
+  std::uint32_t* beam = nullptr;
+  std::size_t size = 0;
+
+  [[nodiscard]] bool empty() const { return size == 0; }
+  [[nodiscard]] std::uint32_t first_beam() const { return beam[0]; }
+  [[nodiscard]] std::uint32_t last_beam() const { return beam[size - 1]; }
+  /// The place of the first beam, from a place on, that has this number or more.
+  [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from = 0) const {
+    return find(number, from, size);
+  }
+  /// The same up to a place, which it is if none has. By halves, without a branch that nobody can foresee.
+  [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from, std::size_t to) const {
+    if (from == to || beam[to - 1] < number) return to;
+    for (std::size_t left = to - from; left > 1; left -= left / 2)
+      from += beam[from + left / 2 - 1] < number ? left / 2 : 0;
+    return from + (beam[from] < number);
+  }
+  [[nodiscard]] BeamList part(std::size_t first, std::size_t last) const {
+    return {beam + first, last - first};
+  }
+};
+
+/// Adds one list to another, which has room for it, in other memory or in the same only before it. @pre its
+/// beams come after those that are there.
+inline void append(const BeamList& list, BeamList& to) {
+  std::copy_n(list.beam, list.size, to.beam + to.size);
+  to.size += list.size;
+}
+
+/// The lists of a node's children, in one piece of memory.
+template <int kCount>
+struct SiblingLists {
+  BeamList memory;  ///< Of all; its size does not count.
+  std::array<std::size_t, std::size_t{kCount}>
+      first;  ///< Where the list of each child begins there, and ends.
+  std::array<std::size_t, std::size_t{kCount}> last;
+
+  [[nodiscard]] BeamList of(int child) const {
+    const auto c = static_cast<std::size_t>(child);
+    return memory.part(first[c], last[c]);
+  }
+  /// Moves the lists together. @returns how much of the memory they take.
+  std::size_t pack() {
+    std::size_t end = 0;
+    for (std::size_t c = 0; c < kCount; ++c) {
+      const std::size_t size = last[c] - first[c];
+      if (first[c] != end) {
+        BeamList moved = memory.part(end, end);
+        append(memory.part(first[c], last[c]), moved);
+      }
+      first[c] = end;
+      last[c] = end + size;
+      end += size + BeamList::kSlack;
+    }
+    return end;
+  }
+};
+
+/// Memory for lists: what is allocated last is given back first.
+class ListStack {
+ public:
+  /// What was allocated up to some time.
+  struct Mark {
+    std::size_t block = 0;
+    std::size_t used = 0;
+  };
+  ListStack() = default;
+  ListStack(ListStack&&) noexcept = default;
+  ListStack& operator=(ListStack&&) noexcept = default;
+  ListStack(const ListStack&) = delete;
+  ListStack& operator=(const ListStack&) = delete;
+  ~ListStack() = default;
+
+  [[nodiscard]] Mark mark() const { return {block_, used_}; }
+  void release(const Mark& mark) {
+    block_ = mark.block;
+    used_ = mark.used;
+  }
+
+  /// Leaves room for n to the list that was allocated last.
+  void shrink(const BeamList& list, std::size_t n) {
+    used_ = static_cast<std::size_t>(list.beam - blocks_[block_].beams.get()) + n;
+  }
+
+  /// Frees a list, and what was allocated after it, if it is in the block in use.
+  void free_from(const BeamList& list) {
+    if (block_ == blocks_.size()) return;
+    const auto* const begin = blocks_[block_].beams.get();
+    if (std::less_equal<>()(begin, list.beam) && std::less<>()(list.beam, begin + used_)) shrink(list, 0);
+  }
+
+  /// An empty list with room for n, the slack included.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE BeamList allocate(std::size_t n) {
+    if (block_ == blocks_.size() || used_ + n > blocks_[block_].room) next_block(n);
+    const Block& block = blocks_[block_];
+    const BeamList list{block.beams.get() + used_, 0};
+    used_ += n;
+    return list;
+  }
+
+ private:
+  static constexpr std::size_t kBlock = std::size_t{1} << 15;
+  struct Block {
+    std::size_t room;
+    std::unique_ptr<std::uint32_t[]> beams;  // Not initialised: what is not used is not resident.
+    explicit Block(std::size_t n) : room(n), beams(new std::uint32_t[n]) {}
+  };
+
+  NDTREE_NEVER_INLINE void next_block(std::size_t n) {
+    if (block_ < blocks_.size()) ++block_;
+    while (block_ < blocks_.size() && n > blocks_[block_].room) ++block_;
+    if (block_ == blocks_.size()) blocks_.emplace_back(std::max(n, kBlock));
+    used_ = 0;
+  }
+
+  std::vector<Block> blocks_;
+  std::size_t block_ = 0;
+  std::size_t used_ = 0;  // Of the block.
+};
+
+/// Children's lists of a long list that is clipped piece by piece: so they take memory for the beams that
+/// there are, and not for those that there could be.
+template <int kCount>
+class PiecewiseLists {
+ public:
+  /// Where a piece's lists belong.
+  [[nodiscard]] ListStack& memory() { return memory_; }
+  /// @pre the piece was allocated last, and its beams come after those of the pieces before.
+  void add(SiblingLists<kCount> piece) {
+    memory_.shrink(piece.memory, piece.pack());
+    pieces_.push_back(piece);
+  }
+  /// All pieces as one, which are then forgotten; the list of the last child comes first.
+  [[nodiscard]] SiblingLists<kCount> join(ListStack& stack) {
+    SiblingLists<kCount> all;
+    std::size_t room = 0;
+    for (std::size_t c = kCount; c-- > 0;) {
+      all.first[c] = all.last[c] = room;
+      for (const SiblingLists<kCount>& piece : pieces_) room += piece.last[c] - piece.first[c];
+      room += BeamList::kSlack;
+    }
+    all.memory = stack.allocate(room);
+    for (std::size_t c = 0; c < kCount; ++c) {
+      BeamList list = all.of(static_cast<int>(c));
+      for (const SiblingLists<kCount>& piece : pieces_) append(piece.of(static_cast<int>(c)), list);
+      all.last[c] += list.size;
+    }
+    pieces_.clear();
+    memory_.release({});
+    return all;
+  }
+
+ private:
+  ListStack memory_;
+  std::vector<SiblingLists<kCount>> pieces_;
+};
+
+}  // namespace ndtree
