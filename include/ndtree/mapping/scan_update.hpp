@@ -178,15 +178,13 @@ class ScanUpdate {
     std::size_t i = first + 1;
 #ifdef NDTREE_HAS_EIGHTS
     if constexpr (std::is_same_v<Sensor, BeamSensorModel>) {
-      // Beams come in an order that is not that of the scan, of which caches may not hold all.
-      constexpr Eigen::Index kLarge = 1 << 15;
+      // Beams come in an order that is not that of the scan, of which the first cache does not hold all.
       constexpr std::size_t kAhead = 32;
       const ScanView<D>& scan = measurements_->scan();
-      const bool is_large = scan.size >= kLarge;
       for (; by_eights && i + 8 <= last; i += 8) {
         std::array<std::uint32_t, 8> numbers;
         bool all_returned = true;
-        if (is_large && i + kAhead + 8 <= last)
+        if (i + kAhead + 8 <= last)
           for (std::size_t k = 0; k < 8; ++k)
             prefetch<D>(scan.endpoints + std::size_t{D} * kept[i + kAhead + k].number);
         for (std::size_t k = 0; k < 8; ++k) {

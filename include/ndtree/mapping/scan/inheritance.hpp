@@ -12,6 +12,7 @@
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/shares.hpp"
 
@@ -25,6 +26,7 @@ class Inheritance {
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
   using NodeType = typename Tree::NodeType;
+  using Lists = typename ChildClip<N, D>::Lists;
 
  public:
   Inheritance(const LatticeGeometry<N, D>& geometry, const EvidenceModel& model, const ScanBeams<D>& beams)
@@ -33,14 +35,14 @@ class Inheritance {
   /// @param leaf what it knew. @param sample which beams of its list counted.
   /// @param lists of its children.
   void share_out(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
-                 const BeamList& list, const SiblingLists<kNumChildren>& lists, NodeType* children) const {
+                 const BeamList& list, const Lists& lists, NodeType* children) const {
     if (!EvidenceModel::has_heirs(leaf)) return;
     std::size_t beams = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) { beams += part.size; });
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const auto child = static_cast<int>(j);
       const CellIndex<D> at = geometry_.child(index, child_offset<N, D>(child));
-      const CellCrossings<N, D> crossings(geometry_, beams_, at);
+      const CellCrossings<N, D> crossings(geometry_, beams_, at, lists.planes, child);
       children[j].cell() = inherited(leaf, count_passed(crossings, lists.of(child), sample), beams, j);
     }
   }
@@ -64,12 +66,9 @@ class Inheritance {
                                                       NodeType* children) const {
     if (!EvidenceModel::has_heirs(heritage.leaf)) return;
     const EightEnds<D>& ends = beams_.ends_of(few.beams);
-    const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
-      const __m256 is_clear = _mm256_cmp_ps(_mm256_load_ps(few.exit[j].data()), ends.clear, _CMP_LT_OQ);
-      const auto passed = static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
-      children[j].cell() =
-          inherited(heritage.leaf, count(few.set[j] & heritage.sample & passed), count(heritage.sample), j);
+      const std::uint32_t set = passed(ends, _mm256_load_ps(few.exit[j].data())) & few.set[j];
+      children[j].cell() = inherited(heritage.leaf, count(set & heritage.sample), count(heritage.sample), j);
     }
   }
   /// @param lone the beam, alone in the leaf, by its number.
@@ -93,12 +92,41 @@ class Inheritance {
   [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list,
                                          const LeafSample<D>& sample) const {
     std::size_t n = 0;
-    sample.for_each_part(beams_, list, [&](const BeamList& part) {
-      for (std::size_t i = 0; i < part.size; ++i)
-        n += has_passed(part.beam[i], crossings.of(part.beam[i]).exit);
-    });
+    sample.for_each_part(beams_, list, [&](const BeamList& part) { n += count_passed(crossings, part); });
     return n;
   }
+  [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list) const {
+#ifdef NDTREE_HAS_EIGHTS
+    if (beams_.width() >= 8) return count_passed_by_eights(crossings, list);
+#endif
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < list.size; ++i)
+      n += has_passed(list.beam[i], crossings.of(list.beam[i]).exit);
+    return n;
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS [[nodiscard]] std::size_t count_passed_by_eights(const CellCrossings<N, D>& crossings,
+                                                                    const BeamList& list) const {
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < list.size; i += 8) {
+      const __m256i live = detail::first_of_eight(list.size - i);
+      const __m256i beam = detail::load_live(list.beam + i, live);
+      __m256 enter;
+      __m256 exit;
+      crossings.of(beam, beams_.ways(beam), enter, exit);
+      n += count(passed(beams_.ends(beam), exit) &
+                 static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(live))));
+    }
+    return n;
+  }
+  /// The set of those that have passed, as has_passed() says, by where they leave a cell.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static std::uint32_t passed(const EightEnds<D>& ends,
+                                                                                  __m256 exit) {
+    const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
+    const __m256 is_clear = _mm256_cmp_ps(exit, ends.clear, _CMP_LT_OQ);
+    return static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
+  }
+#endif
   /// Whether a beam has clearly not met anything where it leaves a cell.
   [[nodiscard]] bool has_passed(std::uint32_t beam, float exit) const {
     const BeamEnd<D>& end = beams_.end(beam);
