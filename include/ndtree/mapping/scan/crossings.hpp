@@ -28,7 +28,7 @@ using NodePlanes = std::array<std::array<float, std::size_t{N} + 1>, std::size_t
 /// Where beams cross one cell. A beam crosses the plane at p, on an axis, at (p - origin) * inverse: two
 /// roundings to float, of a number that depends on the plane and the beam alone, and grows from plane to
 /// plane along the beam. So cells share their borders to the last bit, and what a beam crosses of a node is
-/// the sum of what it crosses of the children, without gap or overlap.
+/// the sum of what it crosses of the children, without gap or overlap. The cell must stay where it is.
 template <int N, int D>
 class CellCrossings {
  public:

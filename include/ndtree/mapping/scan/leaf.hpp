@@ -75,6 +75,7 @@ class LeafEvidence {
   }
 
   /// Whether every beam of a list passes its node, whatever the size of the cells in it.
+  /// @param crossings where beams cross the node.
   [[nodiscard]] bool all_pass(const CellCrossings<N, D>& crossings, const BeamList& list) const {
 #ifdef NDTREE_HAS_EIGHTS
     if (width_ >= 8) return all_pass_by_eights(crossings, list);
@@ -84,7 +85,7 @@ class LeafEvidence {
     return true;
   }
 
-  /// Adds what a list's beams say about a leaf of level 0 or below.
+  /// Adds what a list's beams say about a leaf of level 0 or below. @param crossings where beams cross it.
   NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, const CellCrossings<N, D>& crossings,
                                 const BeamList& list, ScanEvidence& sum) const {
 #ifdef NDTREE_HAS_EIGHTS

@@ -187,11 +187,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// @returns whether a cell changed.
   bool descend(const Ref& ref, const BeamList& list, const Shares& above) {
     if (ref.index.level >= coarsest_level_ && !may_change(ref.index)) return false;
-    if (ref.index.level <= coarsest_level_ && ref.is_leaf())
-      return update_leaf(ref, crossings_of(ref.index), list, above);
+    if (ref.index.level <= coarsest_level_ && ref.is_leaf()) return update_leaf(ref, list, above);
     if (!ref.is_leaf()) {
-      if (Summary(ref.node->note()).is_settled() && evidence_.all_pass(crossings_of(ref.index), list))
-        return false;
+      if (Summary(ref.node->note()).is_settled() && all_pass(ref, list)) return false;
       if (undo_ != nullptr) undo_->keep(tree_, *ref.node);
     } else {
       tree_.split_node(*ref.node, {}, arena_);
@@ -206,6 +204,12 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
 
   [[nodiscard]] CellCrossings<N, D> crossings_of(const CellIndex<D>& cell) const {
     return {tree_.geometry(), beams_, cell};
+  }
+  [[nodiscard]] NDTREE_NEVER_INLINE bool all_pass(const Ref& ref, const BeamList& list) const {
+    return evidence_.all_pass(crossings_of(ref.index), list);
+  }
+  NDTREE_NEVER_INLINE bool update_leaf(const Ref& leaf, const BeamList& list, const Shares& shares) {
+    return update_leaf(leaf, crossings_of(leaf.index), list, shares);
   }
   bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
                    const Shares& shares) {

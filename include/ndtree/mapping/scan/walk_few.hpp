@@ -184,8 +184,7 @@ template <class Tree, class Refinement, class Sensor>
 template <class Beams>
 inline bool ScanWalk<Tree, Refinement, Sensor>::update_leaf(const Ref& leaf, const Beams& beams,
                                                             const Shares& shares) {
-  return with_list(
-      beams, [&](const BeamList& list) { return update_leaf(leaf, crossings_of(leaf.index), list, shares); });
+  return with_list(beams, [&](const BeamList& list) { return update_leaf(leaf, list, shares); });
 }
 
 template <class Tree, class Refinement, class Sensor>
