@@ -21,6 +21,7 @@
 #include "ndtree/mapping/scan/coverage.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/leaf.hpp"
+#include "ndtree/mapping/scan/measurements.hpp"
 #include "random.hpp"
 #include "shapes.hpp"
 
@@ -46,7 +47,7 @@ struct Beams {
     Vector<D> origin;
     for (int a = 0; a < D; ++a) origin[a] = place(random.chance(0.3));
     beams.resize(count, {ScanFace<D>(origin, 0, false)}, std::make_unique<std::uint32_t[]>(1), own_origins,
-                 geometry.coordinates(origin), true);
+                 geometry.coordinates(origin), true, true);
     Scan<D> scan;
     scan.origins.resize(D, static_cast<Eigen::Index>(count));
     scan.endpoints.resize(D, static_cast<Eigen::Index>(count));
@@ -89,19 +90,6 @@ struct Beams {
   }
 };
 
-/// Adds the noise, the reach and what they surely pass, of eight beams.
-#ifdef NDTREE_HAS_EIGHTS
-NDTREE_BY_EIGHTS void add_by_eights(BeamNoise& noise, const std::array<std::array<float, 8>, 3>& of) {
-  noise.add(_mm256_loadu_ps(of[0].data()), _mm256_loadu_ps(of[1].data()), _mm256_loadu_ps(of[2].data()));
-}
-#endif
-void add_eight(BeamNoise& noise, const std::array<std::array<float, 8>, 3>& of) {
-#ifdef NDTREE_HAS_EIGHTS
-  if (Simd::width() >= 8) return add_by_eights(noise, of);
-#endif
-  for (std::size_t k = 0; k < 8; ++k) noise.add(of[0][k], of[1][k], of[2][k]);
-}
-
 template <class S>
 class ScanLists : public ::testing::Test {};
 TYPED_TEST_SUITE(ScanLists, Shapes, ShapeNames);
@@ -121,14 +109,15 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
         const CellIndex<D> root = scan.root();
         const BeamList list = scan.list(root, stack);
         auto children = clip.lists_for(root, list, stack);
-        clip(root, list, children);
+        const auto planes = clip.planes_of(root);
+        clip(root, planes, list, children);
         std::vector<double> way(count, 0.0);
         for (int j = 0; j < ChildClip<N, D>::kNumChildren; ++j) {
           const BeamList child = children.of(j);
           const Offset<D> offset = child_offset<N, D>(j);
           const CellIndex<D> index = scan.geometry.child(root, offset);
           const CellCrossings<N, D> of_child(scan.geometry, scan.beams, index);
-          const CellCrossings<N, D> of_child_by_node(scan.geometry, scan.beams, index, children.planes, j);
+          const CellCrossings<N, D> of_child_by_node(scan.geometry, scan.beams, index, planes, j);
           std::size_t found = 0;
           for (std::uint32_t beam = 0; beam < count; ++beam) {
             float enter = 0.0f;
@@ -231,45 +220,74 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
   EXPECT_GT(seen, 1000000);
 }
 
-/// What is said of all beams together, so that none has to say it for itself, is true of each.
-TYPED_TEST(ScanLists, BeamsSurelyPassNoMoreThanTheyDo) {
-  NDTREE_SHAPE;
+#ifdef NDTREE_HAS_EIGHTS
+template <int D>
+NDTREE_BY_EIGHTS std::array<float, 8> passes_of_eight(const ScanBeams<D>& beams, std::uint32_t first) {
+  const __m256i numbers =
+      _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(first)), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+  EightBeams<D> eight;
+  beams.look_up(numbers, eight);
+  std::array<float, 8> passes;
+  _mm256_storeu_ps(passes.data(), eight.pass);
+  return passes;
+}
+#endif
+
+/// Where the sensor says how noisy beams are, one margin tells of all beams what they surely pass: not more
+/// than they do, and not much less. Beams that have noise of their own say it for themselves.
+TEST(ScanBeams, SurelyPassAlmostAllThatTheyDo) {
   Random random(264);
   SCOPED_TRACE(random.trace());
-  const Beams<N, D> scan(random, 200, false);
-  for (std::size_t i = 0; i < scan.all.size(); ++i) {
-    const BeamEnd<D>& end = scan.beams.end(i);
-    ASSERT_LE(scan.beams.pass_of(scan.beams.way(i).reach), end.clear - end.surface);
-  }
-}
-
-/// Where noise grows as the sensor's model says, the margin grows with it, up to what the reach lies behind
-/// the range.
-TEST(BeamNoise, HasAMarginThatGrowsWithIt) {
-  constexpr double kGrowth = 0.0015;
-  const auto beam = [](int i) {  // Its noise, reach, and what it surely passes, 5 standard deviations less.
-    const double range = 0.25 + 0.1 * i;
-    const double sigma = 0.005 + kGrowth * range * range;
-    return std::array<float, 3>{static_cast<float>(sigma), static_cast<float>(range + 3.0 * sigma),
-                                static_cast<float>(range - 2.0 * sigma)};
-  };
-  for (const int at_a_time : {1, 8}) {
-    const AtATime loops(at_a_time);
-    BeamNoise noise(static_cast<float>(5.0 * kGrowth));
-    for (int i = 0; i < 40; i += 8) {
-      std::array<std::array<float, 8>, 3> eight;
-      for (std::size_t k = 0; k < 8; ++k)
-        for (std::size_t n = 0; n < 3; ++n) eight[n][k] = beam(i + static_cast<int>(k))[n];
-      add_eight(noise, eight);
+  constexpr std::size_t kBeams = 400;
+  SensorOptions options;
+  options.range_sigma = 0.005;
+  options.range_sigma_quadratic = 0.0015;
+  const BeamSensorModel sensor(options);
+  const LatticeGeometry<2, 3> geometry(0.05, 5);
+  Scan<3> scan;
+  scan.origins = Eigen::Vector3d(0.1, -0.2, 0.3);
+  scan.endpoints.resize(3, kBeams);
+  for (std::size_t i = 0; i < kBeams; ++i)
+    for (int a = 0; a < 3; ++a) scan.endpoints(a, static_cast<Eigen::Index>(i)) = random.uniform(-2.5, 2.5);
+  for (const bool own_noise : {false, true}) {
+    if (own_noise) {  // One of them is far noisier than the others.
+      scan.range_sigma = Eigen::ArrayXd::Constant(kBeams, 0.01);
+      scan.range_sigma[7] = 2.0;
     }
-    EXPECT_EQ(noise.smallest(), beam(0)[0]);
-    EXPECT_EQ(noise.largest(), beam(39)[0]);
-    for (int i = 0; i < 40; ++i) {
-      const float reach = beam(i)[1];
-      const PassMargin margin = noise.margin();
-      const float pass = reach - (margin.fixed + margin.growth * reach * reach);
-      EXPECT_LE(pass, beam(i)[2]);
-      EXPECT_GT(pass, beam(i)[2] - 0.01f);
+    std::vector<float> passes;
+    for (const int at_a_time : {1, 8}) {
+      const AtATime loops(at_a_time);
+      const Measurements<3, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
+      ScanBeams<3> beams;
+      beams.resize(kBeams, {ScanFace<3>(scan.origins.col(0), 0, false)}, std::make_unique<std::uint32_t[]>(1),
+                   false, geometry.coordinates(scan.origins.col(0)), true, own_noise);
+      BeamNoise noise(static_cast<float>((3.0 + 0.26 + 5.0 / 3.0) * options.range_sigma_quadratic));
+      std::size_t by_eights = 0;
+      for (std::uint32_t i = 0; i < kBeams; i += 8) {
+        std::array<std::uint32_t, 8> numbers;
+        for (std::uint32_t k = 0; k < 8; ++k) beams.set_face(numbers[k] = i + k, 0);
+#ifdef NDTREE_HAS_EIGHTS
+        if (!own_noise && Simd::width() >= 8 &&
+            beams.set_eight(i, geometry, sensor, measurements, numbers, noise)) {
+          ++by_eights;
+          continue;
+        }
+#endif
+        for (const std::uint32_t k : numbers) beams.set(k, geometry, sensor, measurements, k, 0, noise);
+      }
+      if (!own_noise && Simd::width() >= 8) EXPECT_GT(by_eights, kBeams / 9);
+      beams.finish(noise);
+      for (std::uint32_t i = 0; i < kBeams; ++i) {
+        const BeamEnd<3>& end = beams.end(i);
+        const float pass = beams.pass_of(i);
+        ASSERT_LE(pass, end.clear - end.surface);
+        ASSERT_GT(pass, end.clear - end.surface - 0.02f);
+        if (at_a_time == 1) passes.push_back(pass);
+        ASSERT_EQ(pass, passes[i]);
+#ifdef NDTREE_HAS_EIGHTS
+        if (Simd::width() >= 8) ASSERT_EQ(pass, passes_of_eight(beams, i - i % 8)[i % 8]);
+#endif
+      }
     }
   }
 }
@@ -322,13 +340,14 @@ TYPED_TEST(ScanLists, InPiecesTheyAreTheSame) {
   ListStack stack;
   const BeamList list = scan.list(scan.root(), stack);
   auto whole = clip.lists_for(scan.root(), list, stack);
-  clip(scan.root(), list, whole);
+  const auto planes = clip.planes_of(scan.root());
+  clip(scan.root(), planes, list, whole);
   PiecewiseLists<Clip::kNumChildren> pieces;
   for (const std::size_t piece : {7u, 64u, 300u}) {
     for (std::size_t first = 0; first < list.size; first += piece) {
       const BeamList part = list.part(first, std::min(first + piece, list.size));
       auto children = clip.lists_for(scan.root(), part, pieces.memory());
-      clip(scan.root(), part, children);
+      clip(scan.root(), planes, part, children);
       pieces.add(children);
     }
     const auto joined = pieces.join(stack);

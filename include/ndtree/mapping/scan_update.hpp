@@ -127,7 +127,7 @@ class ScanUpdate {
     parts_.clear();
     const ScanView<D>& scan = measurements_->scan();
     beams_.resize(num_beams, std::move(faces), std::move(begins), scan.origin_per_beam,
-                  geometry.coordinates(scan.origin(any)), ends_nearby());
+                  geometry.coordinates(scan.origin(any)), ends_nearby(), scan.range_sigma != nullptr);
     const bool by_eights = may_go_by_eights();
     std::vector<BeamNoise> noise(workers.count());
     const std::size_t tasks = noise.size();
@@ -156,7 +156,6 @@ class ScanUpdate {
   }
   /// PassMargin::growth, for noise that grows with the square of the range.
   [[nodiscard]] float margin_growth() const {
-    if (measurements_->scan().range_sigma != nullptr) return 0.0f;
     const double range = (reach_.upper - reach_.lower).norm();
     const auto margin = [&](double r) {
       const double sigma = sensor_.sigma(r);

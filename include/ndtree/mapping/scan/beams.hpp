@@ -157,17 +157,20 @@ class ScanBeams {
   ///   other number. @param have_own_origins whether not all begin in one place.
   /// @param begins_of_steps the first beam of each step of the faces, and the end of the last.
   /// @param base the cell from which end points are counted. @param end_nearby see ends_nearby().
+  /// @param have_own_noise whether the sensor alone does not say how noisy each is.
   void resize(std::size_t n, std::vector<ScanFace<D>> faces, std::unique_ptr<std::uint32_t[]> begins_of_steps,
-              bool have_own_origins, const Lattice<D>& base, bool end_nearby) {
+              bool have_own_origins, const Lattice<D>& base, bool end_nearby, bool have_own_noise) {
     size_ = n;
     faces_ = std::move(faces);
     begins_of_steps_ = std::move(begins_of_steps);
     ways_.reset(new BeamWay<D>[n]);  // Not initialised: set() does that.
     ends_.reset(new BeamEnd<D>[n]);
+    passes_.reset(have_own_noise ? new float[n] : nullptr);
     faces_of_.reset(new std::uint32_t[n]);
     cells_.reset(end_nearby ? nullptr : new Lattice<D>[n]);
     ends_nearby_ = end_nearby;
     has_own_origins_ = have_own_origins;
+    are_alike_ = !have_own_origins && !have_own_noise;
     origins_.resize(have_own_origins ? n : std::min<std::size_t>(n, 1));
     base_ = base;
   }
@@ -296,8 +299,6 @@ class ScanBeams {
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightWays<D> ways(__m256i numbers) const {
     return ways(ways(), numbers);
   }
-  /// Of all beams, by number.
-  [[nodiscard]] const BeamWay<D>* ways() const { return ways_.get(); }
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static EightWays<D> ways(const BeamWay<D>* of_all,
                                                                                __m256i numbers) {
     __m256 column[kColumnsOfWay];
@@ -308,8 +309,9 @@ class ScanBeams {
     ways.reach = column[D];
     return ways;
   }
-  /// Cells of any size that end before this distance were passed. Not each beam says for itself how far that
-  /// is before its reach: a number fewer is looked up.
+  /// Cells of any size that end before this distance were passed. Where the sensor alone says how noisy beams
+  /// are, none says for itself how far that is before its reach: a number fewer is looked up.
+  /// @pre are_alike().
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(__m256 reach) const {
     const __m256 growth = _mm256_set1_ps(margin_.growth);
     return _mm256_sub_ps(reach, _mm256_add_ps(_mm256_set1_ps(margin_.fixed),
@@ -335,7 +337,7 @@ class ScanBeams {
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void look_up(__m256i numbers, EightBeams<D>& beams) const {
     _mm256_store_si256(reinterpret_cast<__m256i*>(beams.number.data()), numbers);
     beams.ways = ways(numbers);
-    beams.pass = pass_of(beams.ways.reach);
+    beams.pass = passes_ != nullptr ? passes_of_each(beams.number) : pass_of(beams.ways.reach);
   }
   /// What is needed of them where some of them end.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE const EightEnds<D>& ends_of(
@@ -359,6 +361,8 @@ class ScanBeams {
   [[nodiscard]] float largest_sigma() const { return largest_sigma_; }
 
   [[nodiscard]] bool has_own_origins() const { return has_own_origins_; }
+  /// Whether no beam has an origin or noise of its own.
+  [[nodiscard]] bool are_alike() const { return are_alike_; }
   [[nodiscard]] const Vector<D>& origin(std::size_t number) const {
     return origins_[has_own_origins_ ? number : 0];
   }
@@ -379,10 +383,14 @@ class ScanBeams {
     return cell;
   }
 
+  /// Of all beams, by number.
+  [[nodiscard]] const BeamWay<D>* ways() const { return ways_.get(); }
   [[nodiscard]] const BeamWay<D>& way(std::size_t number) const { return ways_[number]; }
   [[nodiscard]] const BeamEnd<D>& end(std::size_t number) const { return ends_[number]; }
-  /// pass_of() one beam's reach, to the last bit.
-  [[nodiscard]] float pass_of(float reach) const {
+  /// The same of one beam.
+  [[nodiscard]] float pass_of(std::uint32_t number) const {
+    if (passes_ != nullptr) return passes_[number];
+    const float reach = ways_[number].reach;
     return reach - (margin_.fixed + rounded(rounded(margin_.growth * reach) * reach));
   }
 
@@ -400,6 +408,7 @@ class ScanBeams {
                  float reach, BeamNoise& noise) {
     const float surface = returned ? rounded(static_cast<float>(kThinnestSurface) * sigma) : 0.0f;
     noise.add(sigma, reach, clear - surface);
+    if (passes_ != nullptr) passes_[number] = clear - surface;
     ways_[number].reach = reach;
     BeamEnd<D>& of_end = ends_[number];
     of_end.range = end;
@@ -410,6 +419,11 @@ class ScanBeams {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS [[nodiscard]] __m256 passes_of_each(const std::array<std::uint32_t, 8>& numbers) const {
+    alignas(32) std::array<float, 8> pass;
+    for (std::size_t i = 0; i < 8; ++i) pass[i] = passes_[numbers[i]];
+    return _mm256_load_ps(pass.data());
+  }
   static constexpr std::size_t kColumnsOfEnd = sizeof(BeamEnd<D>) / sizeof(float);
 
   /// Of eight beams from a number on.
@@ -431,6 +445,7 @@ class ScanBeams {
   std::size_t size_ = 0;
   std::unique_ptr<BeamWay<D>[]> ways_;
   std::unique_ptr<BeamEnd<D>[]> ends_;
+  std::unique_ptr<float[]> passes_;  // pass_of(), if each has noise of its own.
   std::unique_ptr<std::uint32_t[]> faces_of_;
   std::unique_ptr<Lattice<D>[]> cells_;
   std::vector<ScanFace<D>> faces_;
@@ -438,6 +453,7 @@ class ScanBeams {
   std::vector<Vector<D>> origins_;                    // One, or one each.
   Lattice<D> base_{};
   bool has_own_origins_ = false;
+  bool are_alike_ = true;
   bool ends_nearby_ = true;
   float smallest_sigma_ = std::numeric_limits<float>::infinity();
   float largest_sigma_ = 0.0f;

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
@@ -24,11 +25,8 @@ template <int N, int D>
 class ChildClip {
  public:
   static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
-  using Planes = NodePlanes<N, D>;
-  /// Of a node's children.
-  struct Lists : SiblingLists<kNumChildren> {
-    Planes planes;  ///< From the one origin of all beams, if there is one.
-  };
+  using Lists = SiblingLists<kNumChildren>;
+  using Planes = typename CellCrossings<N, D>::Planes;
 
   ChildClip(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams)
       : geometry_(geometry), beams_(beams), width_(beams.width()) {}
@@ -38,7 +36,6 @@ class ChildClip {
   /// Lists for the children, as long as they may get, and empty: each of few children has room for all beams.
   [[nodiscard]] Lists lists_for(const CellIndex<D>& node, const BeamList& list, ListStack& stack) const {
     Lists lists;
-    lists.planes = planes_of(node);
     std::size_t used = 0;
     if constexpr (kHasRoomForAll) {
       for (std::size_t c = 0; c < lists.last.size(); ++c, used += list.size + BeamList::kSlack)
@@ -56,19 +53,21 @@ class ChildClip {
   }
 
   /// Adds a node's beams to the lists of its children, in their order.
-  void operator()(const CellIndex<D>& node, const BeamList& list, Lists& children) const {
+  /// @param planes_of() the node, if all beams have one origin.
+  void operator()(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
+                  Lists& children) const {
 #ifdef NDTREE_HAS_EIGHTS
     if constexpr (kNumChildren <= kMostAtOnce) {
       if (goes_by_eights()) {
 #ifdef NDTREE_HAS_SIXTEENS
         if constexpr (N == 2 && kNumChildren >= 8) {  // Among four, as in the plane, it is no faster.
           if (width_ >= 16 && list.size > 8) {
-            sixteen_at_a_time(list, children);
+            sixteen_at_a_time(planes, list, children);
             return;
           }
         }
 #endif
-        eight_at_a_time(list, children);
+        eight_at_a_time(planes, list, children);
         return;
       }
     }
@@ -81,24 +80,21 @@ class ChildClip {
   /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses.
   template <class Visit>
   void for_each_crossing(const CellIndex<D>& node, const BeamList& list, const Visit& visit) const {
-    const CellCrossings<N, D> crossings(geometry_, beams_, node);
     if (beams_.has_own_origins()) {
       std::array<std::array<double, kPlanes>, std::size_t{D}> borders;
       for (std::size_t a = 0; a < D; ++a)
-        for (std::size_t i = 0; i < kPlanes; ++i) borders[a][i] = border(node, a, i);
+        for (std::size_t i = 0; i < kPlanes; ++i) borders[a][i] = geometry_.border(coordinate(node, a, i));
       for (std::size_t i = 0; i < list.size; ++i) {
         const Vector<D>& origin = beams_.origin(list.beam[i]);
-        divide<D - 1>(list.beam[i], crossings.of(list.beam[i]), 0, visit,
-                      [&](std::size_t a, std::size_t plane) {
-                        return static_cast<float>(borders[a][plane] - origin[static_cast<int>(a)]);
-                      });
+        divide(list.beam[i], visit, [&](std::size_t a, std::size_t plane) {
+          return static_cast<float>(borders[a][plane] - origin[static_cast<int>(a)]);
+        });
       }
       return;
     }
     const Planes planes = planes_of(node);
     for (std::size_t i = 0; i < list.size; ++i)
-      divide<D - 1>(list.beam[i], crossings.of(list.beam[i]), 0, visit,
-                    [&](std::size_t a, std::size_t plane) { return planes[a][plane]; });
+      divide(list.beam[i], visit, [&](std::size_t a, std::size_t plane) { return planes[a][plane]; });
   }
   static constexpr std::size_t kPlanes = N + 1;  ///< On an axis: those between children, and the outer ones.
   static constexpr int kMostAtOnce = 32;         ///< Children; among more, a beam finds its way faster alone.
@@ -191,14 +187,16 @@ class ChildClip {
 #endif
 
  private:
-  [[nodiscard]] NDTREE_ALWAYS_INLINE double border(const CellIndex<D>& node, std::size_t axis,
-                                                   std::size_t plane) const {
-    return geometry_.border(node.lower[axis] +
-                            static_cast<std::int64_t>(plane) * geometry_.edge(node.level - 1));
+  /// Of a plane of a node on the lattice.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE std::int64_t coordinate(const CellIndex<D>& node, std::size_t axis,
+                                                             std::size_t plane) const {
+    return node.lower[axis] + static_cast<std::int64_t>(plane) * geometry_.edge(node.level - 1);
   }
+  /// Where it lies, from the one origin of all beams.
   [[nodiscard]] NDTREE_ALWAYS_INLINE float plane_of(const CellIndex<D>& node, std::size_t axis,
                                                     std::size_t plane) const {
-    return static_cast<float>(border(node, axis, plane) - beams_.origin(0)[static_cast<int>(axis)]);
+    return CellCrossings<N, D>::plane(geometry_, coordinate(node, axis, plane),
+                                      beams_.origin(0)[static_cast<int>(axis)]);
   }
   [[nodiscard]] NDTREE_ALWAYS_INLINE Planes planes_of(const CellIndex<D>& node, std::size_t first,
                                                       std::size_t last) const {
@@ -211,7 +209,15 @@ class ChildClip {
     }
     return planes;
   }
-  /// Divides a beam's way among slabs of children, axis by axis.
+  /// Divides a beam's way among the children. @param plane_of `(axis, number)` planes from its origin.
+  template <class Visit, class PlaneOf>
+  void divide(std::uint32_t beam, const Visit& visit, const PlaneOf& plane_of) const {
+    const Crossing whole = CellCrossings<N, D>::clipped(
+        beams_.way(beam), [&](std::size_t a) { return plane_of(a, 0); },
+        [&](std::size_t a) { return plane_of(a, N); });
+    divide<D - 1>(beam, whole, 0, visit, plane_of);
+  }
+  /// The same among slabs of children, axis by axis.
   template <int Axis, class Visit, class PlaneOf>
   void divide(std::uint32_t beam, Crossing left, int child, const Visit& visit,
               const PlaneOf& plane_of) const {
@@ -224,8 +230,8 @@ class ChildClip {
         const int slab = up ? s : N - 1 - s;  // In the order of the beam.
         float leave = left.exit;
         if (s < N - 1)
-          leave =
-              std::min(left.exit, plane_of(Axis, static_cast<std::size_t>(up ? slab + 1 : slab)) * inverse);
+          leave = std::min(left.exit,
+                           rounded(plane_of(Axis, static_cast<std::size_t>(up ? slab + 1 : slab)) * inverse));
         if (!(leave > left.enter)) continue;
         divide<Axis - 1>(beam, {left.enter, leave}, child * N + slab, visit, plane_of);
         left.enter = leave;
@@ -250,10 +256,10 @@ class ChildClip {
           static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], few.beams.pass, _CMP_LT_OQ)));
     }
   }
-  NDTREE_BY_EIGHTS void eight_at_a_time(const BeamList& list, Lists& children) const {
+  NDTREE_BY_EIGHTS void eight_at_a_time(const Planes& planes, const BeamList& list, Lists& children) const {
     // Compilers take what is stored for anything: copies stay in registers.
     const BeamList from = list;
-    const Planes plane = children.planes;
+    const Planes plane = planes;
     std::uint32_t* const to = children.memory.beam;
     const BeamWay<D>* const rows = beams_.ways();
     std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
@@ -311,10 +317,11 @@ class ChildClip {
       }
     }
   }
-  NDTREE_BY_SIXTEENS void sixteen_at_a_time(const BeamList& list, Lists& children) const {
+  NDTREE_BY_SIXTEENS void sixteen_at_a_time(const Planes& planes, const BeamList& list,
+                                            Lists& children) const {
     static_assert(BeamList::kSlack >= 16, "all of a vector is written");
     const BeamList from = list;  // As in eight_at_a_time().
-    const Planes plane = children.planes;
+    const Planes plane = planes;
     std::uint32_t* const to = children.memory.beam;
     const BeamWay<D>* const rows = beams_.ways();
     std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
@@ -21,9 +22,14 @@ struct Crossing {
   float exit;
 };
 
-/// The planes that bound a node and its children on each axis, from one origin [m].
-template <int N, int D>
-using NodePlanes = std::array<std::array<float, std::size_t{N} + 1>, std::size_t{D}>;
+#ifdef NDTREE_HAS_EIGHTS
+/// The same of eight beams.
+struct EightCrossings {
+  __m256 enter;
+  __m256 exit;
+  __m256 pass;  ///< ScanBeams::pass_of() them.
+};
+#endif
 
 /// Where beams cross one cell. A beam crosses the plane at p, on an axis, at (p - origin) * inverse: two
 /// roundings to float, of a number that depends on the plane and the beam alone, and grows from plane to
@@ -32,83 +38,107 @@ using NodePlanes = std::array<std::array<float, std::size_t{N} + 1>, std::size_t
 template <int N, int D>
 class CellCrossings {
  public:
-  NDTREE_ALWAYS_INLINE CellCrossings(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams,
-                                     const CellIndex<D>& cell)
-      : geometry_(geometry), beams_(beams), cell_(cell) {
-    for (std::size_t a = 0; a < D; ++a) plane_[a] = planes(a, beams.origin(0));
-  }
-  /// The same of a node's child. @param planes of the node, from the one origin of all beams, if there is
-  /// one.
-  NDTREE_ALWAYS_INLINE CellCrossings(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams,
-                                     const CellIndex<D>& cell, const NodePlanes<N, D>& planes, int child)
-      : geometry_(geometry), beams_(beams), cell_(cell) {
-    auto left = static_cast<unsigned>(child);
-    for (std::size_t a = 0; a < D; ++a, left /= N) plane_[a] = {planes[a][left % N], planes[a][left % N + 1]};
-  }
+  /// The planes of a node, and between its children, on each axis, from the one origin of all beams [m].
+  using Planes = std::array<std::array<float, std::size_t{N} + 1>, std::size_t{D}>;
 
-  /// @returns an interval that is empty, or has its ends turned, where the beam does not cross the cell.
-  [[nodiscard]] NDTREE_ALWAYS_INLINE Crossing of(std::uint32_t beam) const {
-    const BeamWay<D>& way = beams_.way(beam);
+  /// Where a plane lies, seen from an origin. @param coordinate of it on the lattice.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static float plane(const LatticeGeometry<N, D>& geometry,
+                                                        std::int64_t coordinate, double origin) {
+    return static_cast<float>(geometry.border(coordinate) - origin);
+  }
+  /// What is left of a beam's way between two planes on each axis: where it enters and leaves a cell. Empty,
+  /// or with its ends turned, if it does not cross the cell.
+  /// @param lower, upper `(axis)` planes from its origin.
+  template <class Lower, class Upper>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Crossing clipped(const BeamWay<D>& way, const Lower& lower,
+                                                             const Upper& upper) {
     Crossing result{0.0f, way.reach};
     for (std::size_t a = 0; a < D; ++a) {
-      const Planes plane = beams_.has_own_origins() ? planes(a, beams_.origin(beam)) : plane_[a];
-      const float lower = plane.lower * way.inverse[a];
-      const float upper = plane.upper * way.inverse[a];
-      result.enter = std::max(result.enter, std::min(lower, upper));
-      result.exit = std::min(result.exit, std::max(lower, upper));
+      const float at_lower = rounded(lower(a) * way.inverse[a]);
+      const float at_upper = rounded(upper(a) * way.inverse[a]);
+      result.enter = std::max(result.enter, std::min(at_lower, at_upper));
+      result.exit = std::min(result.exit, std::max(at_lower, at_upper));
     }
     return result;
   }
+
+  NDTREE_ALWAYS_INLINE CellCrossings(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams,
+                                     const CellIndex<D>& cell)
+      : geometry_(geometry), beams_(beams), cell_(cell) {
+    const std::int64_t edge = geometry.edge(cell.level);
+    for (std::size_t a = 0; a < D; ++a) {
+      const double origin = beams.origin(0)[static_cast<int>(a)];
+      lower_[a] = plane(geometry, cell.lower[a], origin);
+      upper_[a] = plane(geometry, cell.lower[a] + edge, origin);
+    }
+  }
+  /// The same of a node's child. @param planes of the node, if all beams have one origin.
+  NDTREE_ALWAYS_INLINE CellCrossings(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams,
+                                     const CellIndex<D>& cell, const Planes& planes, int child)
+      : geometry_(geometry), beams_(beams), cell_(cell) {
+    auto left = static_cast<unsigned>(child);
+    for (std::size_t a = 0; a < D; ++a, left /= N) {
+      lower_[a] = planes[a][left % N];
+      upper_[a] = planes[a][left % N + 1];
+    }
+  }
+
+  /// See clipped().
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Crossing of(std::uint32_t beam) const {
+    if (beams_.has_own_origins()) {
+      const Vector<D>& origin = beams_.origin(beam);
+      const auto seen = [&](std::size_t a, std::int64_t edge) {
+        return plane(geometry_, cell_.lower[a] + edge, origin[static_cast<int>(a)]);
+      };
+      return clipped(
+          beams_.way(beam), [&](std::size_t a) { return seen(a, 0); },
+          [&](std::size_t a) { return seen(a, geometry_.edge(cell_.level)); });
+    }
+    return clipped(
+        beams_.way(beam), [&](std::size_t a) { return lower_[a]; }, [&](std::size_t a) { return upper_[a]; });
+  }
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of eight. @param ways of these beams.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void of(__m256i beams, const EightWays<D>& ways, __m256& enter,
-                                                __m256& exit) const {
-    if (beams_.has_own_origins()) return of_each(beams, enter, exit);
-    enter = _mm256_setzero_ps();
-    exit = ways.reach;
+  /// The same of eight. @param ways of these beams. @tparam kAlike ScanBeams::are_alike(), as loops know:
+  /// who may call a function for others has registers too few.
+  template <bool kAlike>
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightCrossings of([[maybe_unused]] __m256i beams,
+                                                                        const EightWays<D>& ways) const {
+    if constexpr (!kAlike) return of_each(beams);
+    EightCrossings result{_mm256_setzero_ps(), ways.reach, beams_.pass_of(ways.reach)};
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a) {
-      const __m256 lower = _mm256_mul_ps(_mm256_set1_ps(plane_[a].lower), ways.inverse[a]);
-      const __m256 upper = _mm256_mul_ps(_mm256_set1_ps(plane_[a].upper), ways.inverse[a]);
-      enter = _mm256_max_ps(enter, _mm256_min_ps(lower, upper));
-      exit = _mm256_min_ps(exit, _mm256_max_ps(lower, upper));
+      const __m256 at_lower = _mm256_mul_ps(_mm256_set1_ps(lower_[a]), ways.inverse[a]);
+      const __m256 at_upper = _mm256_mul_ps(_mm256_set1_ps(upper_[a]), ways.inverse[a]);
+      result.enter = _mm256_max_ps(result.enter, _mm256_min_ps(at_lower, at_upper));
+      result.exit = _mm256_min_ps(result.exit, _mm256_max_ps(at_lower, at_upper));
     }
+    return result;
   }
 #endif
 
  private:
-  /// Of a cell on one axis, from an origin [m].
-  struct Planes {
-    float lower;
-    float upper;
-  };
-  [[nodiscard]] NDTREE_ALWAYS_INLINE Planes planes(std::size_t axis, const Vector<D>& origin) const {
-    const double from = origin[static_cast<int>(axis)];
-    const std::int64_t lower = cell_.lower[axis];
-    const std::int64_t upper = lower + geometry_.edge(cell_.level);
-    return {static_cast<float>(geometry_.border(lower) - from),
-            static_cast<float>(geometry_.border(upper) - from)};
-  }
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void of_each(__m256i beams, __m256& enter, __m256& exit) const {
-    alignas(32) std::array<std::uint32_t, 8> number;
-    alignas(32) std::array<float, 8> from;
-    alignas(32) std::array<float, 8> to;
-    _mm256_store_si256(reinterpret_cast<__m256i*>(number.data()), beams);
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE EightCrossings of_each(__m256i beams) const {
+    const detail::Offsets number(beams);
+    alignas(32) std::array<float, 8> enter;
+    alignas(32) std::array<float, 8> exit;
+    alignas(32) std::array<float, 8> pass;
     for (std::size_t i = 0; i < 8; ++i) {
       const Crossing crossing = of(number[i]);
-      from[i] = crossing.enter;
-      to[i] = crossing.exit;
+      enter[i] = crossing.enter;
+      exit[i] = crossing.exit;
+      pass[i] = beams_.pass_of(number[i]);
     }
-    enter = _mm256_load_ps(from.data());
-    exit = _mm256_load_ps(to.data());
+    return {_mm256_load_ps(enter.data()), _mm256_load_ps(exit.data()), _mm256_load_ps(pass.data())};
   }
 #endif
 
   const LatticeGeometry<N, D>& geometry_;
   const ScanBeams<D>& beams_;
   const CellIndex<D>& cell_;
-  std::array<Planes, std::size_t{D}> plane_;  // From the one origin of all beams, if there is one.
+  // Planes of the cell, from the one origin of all beams:
+  std::array<float, std::size_t{D}> lower_;
+  std::array<float, std::size_t{D}> upper_;
 };
 
 /// So few beams fit one vector, and are not worth telling apart by what cells below take.

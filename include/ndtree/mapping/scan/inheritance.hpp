@@ -12,7 +12,6 @@
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
-#include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/shares.hpp"
 
@@ -26,23 +25,24 @@ class Inheritance {
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
   using NodeType = typename Tree::NodeType;
-  using Lists = typename ChildClip<N, D>::Lists;
+  using Planes = typename CellCrossings<N, D>::Planes;
 
  public:
   Inheritance(const LatticeGeometry<N, D>& geometry, const EvidenceModel& model, const ScanBeams<D>& beams)
-      : geometry_(geometry), model_(model), beams_(beams) {}
+      : geometry_(geometry), model_(model), beams_(beams), width_(beams.width()) {}
 
   /// @param leaf what it knew. @param sample which beams of its list counted.
-  /// @param lists of its children.
+  /// @param lists of its children. @param planes of the leaf, if all beams have one origin.
   void share_out(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
-                 const BeamList& list, const Lists& lists, NodeType* children) const {
+                 const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
+                 NodeType* children) const {
     if (!EvidenceModel::has_heirs(leaf)) return;
     std::size_t beams = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) { beams += part.size; });
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const auto child = static_cast<int>(j);
       const CellIndex<D> at = geometry_.child(index, child_offset<N, D>(child));
-      const CellCrossings<N, D> crossings(geometry_, beams_, at, lists.planes, child);
+      const CellCrossings<N, D> crossings(geometry_, beams_, at, planes, child);
       children[j].cell() = inherited(leaf, count_passed(crossings, lists.of(child), sample), beams, j);
     }
   }
@@ -97,7 +97,9 @@ class Inheritance {
   }
   [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list) const {
 #ifdef NDTREE_HAS_EIGHTS
-    if (beams_.width() >= 8) return count_passed_by_eights(crossings, list);
+    if (width_ >= 8)
+      return beams_.are_alike() ? count_passed_by_eights<true>(crossings, list)
+                                : count_passed_by_eights<false>(crossings, list);
 #endif
     std::size_t n = 0;
     for (std::size_t i = 0; i < list.size; ++i)
@@ -105,15 +107,14 @@ class Inheritance {
     return n;
   }
 #ifdef NDTREE_HAS_EIGHTS
+  template <bool kAlike>
   NDTREE_BY_EIGHTS [[nodiscard]] std::size_t count_passed_by_eights(const CellCrossings<N, D>& crossings,
                                                                     const BeamList& list) const {
     std::size_t n = 0;
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const __m256i beam = detail::load_live(list.beam + i, live);
-      __m256 enter;
-      __m256 exit;
-      crossings.of(beam, beams_.ways(beam), enter, exit);
+      const __m256 exit = crossings.template of<kAlike>(beam, beams_.ways(beam)).exit;
       n += count(passed(beams_.ends(beam), exit) &
                  static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(live))));
     }
@@ -142,6 +143,7 @@ class Inheritance {
   const LatticeGeometry<N, D>& geometry_;
   const EvidenceModel& model_;
   const ScanBeams<D>& beams_;
+  const int width_;
 };
 
 }  // namespace ndtree

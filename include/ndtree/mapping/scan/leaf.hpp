@@ -78,10 +78,12 @@ class LeafEvidence {
   /// @param crossings where beams cross the node.
   [[nodiscard]] bool all_pass(const CellCrossings<N, D>& crossings, const BeamList& list) const {
 #ifdef NDTREE_HAS_EIGHTS
-    if (width_ >= 8) return all_pass_by_eights(crossings, list);
+    if (width_ >= 8)
+      return beams_.are_alike() ? all_pass_by_eights<true>(crossings, list)
+                                : all_pass_by_eights<false>(crossings, list);
 #endif
     for (std::size_t i = 0; i < list.size; ++i)
-      if (!(crossings.of(list.beam[i]).exit < beams_.pass_of(beams_.way(list.beam[i]).reach))) return false;
+      if (!(crossings.of(list.beam[i]).exit < beams_.pass_of(list.beam[i]))) return false;
     return true;
   }
 
@@ -91,12 +93,13 @@ class LeafEvidence {
 #ifdef NDTREE_HAS_EIGHTS
     const Size& size = size_of(leaf.level);
     if (width_ >= 8 && size.fits_32_bits) {
-      if (list.size <= kMostAtOnce)
-        add_by_eights(leaf, crossings, list, size, sum);
-      else
-        for (std::size_t first = 0; first < list.size; first += kMostAtOnce)
-          add_by_eights(leaf, crossings, list.part(first, std::min(first + kMostAtOnce, list.size)), size,
-                        sum);
+      for (std::size_t first = 0; first < list.size; first += kMostAtOnce) {
+        const BeamList part = list.part(first, std::min(first + kMostAtOnce, list.size));
+        if (beams_.are_alike())
+          add_by_eights<true>(leaf, crossings, part, size, sum);
+        else
+          add_by_eights<false>(leaf, crossings, part, size, sum);
+      }
       return;
     }
 #endif
@@ -261,16 +264,14 @@ class LeafEvidence {
 #endif
 
 #ifdef NDTREE_HAS_EIGHTS
+  template <bool kAlike>
   NDTREE_BY_EIGHTS [[nodiscard]] bool all_pass_by_eights(const CellCrossings<N, D>& crossings,
                                                          const BeamList& list) const {
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const __m256i beam = detail::load_live(list.beam + i, live);
-      const EightWays<D> ways = beams_.ways(beam);
-      __m256 enter;
-      __m256 exit;
-      crossings.of(beam, ways, enter, exit);
-      const __m256 not_passing = _mm256_cmp_ps(exit, beams_.pass_of(ways.reach), _CMP_NLT_UQ);
+      const EightCrossings eight = crossings.template of<kAlike>(beam, beams_.ways(beam));
+      const __m256 not_passing = _mm256_cmp_ps(eight.exit, eight.pass, _CMP_NLT_UQ);
       if (!_mm256_testz_si256(_mm256_castps_si256(not_passing), live)) return false;
     }
     return true;
@@ -278,6 +279,7 @@ class LeafEvidence {
   static constexpr std::size_t kMostAtOnce = 1024;  // Beams: sums of eighths of them fit 32 bits.
 
   /// As OfBeam, for up to kMostAtOnce beams.
+  template <bool kAlike>
   NDTREE_BY_EIGHTS void add_by_eights(const CellIndex<D>& leaf, const CellCrossings<N, D>& crossings,
                                       const BeamList& list, const Size& size, ScanEvidence& sum) const {
     __m256i free = _mm256_setzero_si256();
@@ -287,13 +289,9 @@ class LeafEvidence {
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const __m256i beam = detail::load_live(list.beam + i, live);
-      const EightWays<D> ways = beams_.ways(beam);
-      __m256 enter;
-      __m256 exit;
-      crossings.of(beam, ways, enter, exit);
+      const auto [enter, exit, pass] = crossings.template of<kAlike>(beam, beams_.ways(beam));
       const __m256i units = units_of_way(enter, exit, size);
-      __m256i misses = _mm256_and_si256(
-          live, _mm256_castps_si256(_mm256_cmp_ps(exit, beams_.pass_of(ways.reach), _CMP_LT_OQ)));
+      __m256i misses = _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(exit, pass, _CMP_LT_OQ)));
       if (!_mm256_testc_si256(misses, live)) {
         if (!has_place) place = place_of(leaf);
         has_place = true;

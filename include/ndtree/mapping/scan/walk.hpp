@@ -37,6 +37,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   static constexpr int kNumChildren = Tree::kNumChildren;
   using Clip = ChildClip<N, D>;
   using Lists = typename Clip::Lists;
+  using Planes = typename Clip::Planes;
   using Shares = NodeShares<D>;
 
  public:
@@ -127,7 +128,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   void for_each_child(const CellIndex<D>& node, const BeamList& list, const Shares& shares,
                       const Visit& visit) {
     const ListStack::Mark mark = stack_.mark();
-    const Lists children = hand_down(node, list, shares, true);
+    const Lists children = hand_down(node, clip_.planes_of(node), list, shares, true);
     for (int c = 0; c < kNumChildren; ++c)
       if (!children.of(c).empty()) visit(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c));
     stack_.release(mark);
@@ -140,28 +141,27 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   /// Hands a node's beams to its children, without those that no cell below takes.
   /// @param replaces whether long lists of the children take the place of the node's own, which is then gone.
   /// @pre if so, nothing that is still in use was allocated after it.
-  Lists hand_down(const CellIndex<D>& node, const BeamList& list, const Shares& shares, bool replaces) {
+  Lists hand_down(const CellIndex<D>& node, const Planes& planes, const BeamList& list, const Shares& shares,
+                  bool replaces) {
     pace_.spend(list.size);
-    if (Clip::kHasRoomForAll && list.size > kPiece) return hand_down_in_pieces(node, list, shares, replaces);
+    if (Clip::kHasRoomForAll && list.size > kPiece)
+      return hand_down_in_pieces(node, planes, list, shares, replaces);
     Lists children = clip_.lists_for(node, list, stack_);
-    for_each_taken(node, list, shares, [&](const BeamList& taken) { clip_(node, taken, children); });
+    for_each_taken(node, list, shares, [&](const BeamList& taken) { clip_(node, planes, taken, children); });
     return children;
   }
-  NDTREE_NEVER_INLINE Lists hand_down_in_pieces(const CellIndex<D>& node, const BeamList& list,
-                                                const Shares& shares, bool replaces) {
+  NDTREE_NEVER_INLINE Lists hand_down_in_pieces(const CellIndex<D>& node, const Planes& planes,
+                                                const BeamList& list, const Shares& shares, bool replaces) {
     for_each_taken(node, list, shares, [&](const BeamList& taken) {
       for (std::size_t first = 0; first < taken.size; first += kPiece) {
         const BeamList part = taken.part(first, std::min(first + kPiece, taken.size));
         Lists children = clip_.lists_for(node, part, pieces_.memory());
-        clip_(node, part, children);
+        clip_(node, planes, part, children);
         pieces_.add(children);
       }
     });
     if (replaces) stack_.free_from(list);
-    Lists children;
-    static_cast<SiblingLists<kNumChildren>&>(children) = pieces_.join(stack_);
-    children.planes = clip_.planes_of(node);
-    return children;
+    return pieces_.join(stack_);
   }
   /// Calls `visit(part)` for those parts of a list that some cell in a node takes.
   template <class Visit>
@@ -199,7 +199,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     if (are_few(ref, list)) return update_children_of_few(ref, list, shares);
 #endif
     const ListStack::Mark mark = stack_.mark();
-    return update_children(ref, hand_down(ref.index, list, shares, true), mark, false, shares);
+    const Planes planes = clip_.planes_of(ref.index);
+    return update_children(ref, planes, hand_down(ref.index, planes, list, shares, true), mark, false,
+                           shares);
   }
 
   [[nodiscard]] CellCrossings<N, D> crossings_of(const CellIndex<D>& cell) const {
@@ -347,15 +349,16 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       return update_children_of_few(leaf, list, shares, &heritage);
     }
 #endif
-    const Lists lists = hand_down(leaf.index, list, shares, false);
+    const Planes planes = clip_.planes_of(leaf.index);
+    const Lists lists = hand_down(leaf.index, planes, list, shares, false);
     tree_.split_node(*leaf.node, {}, arena_);
-    inheritance_.share_out(parent, leaf.index, sample, list, lists, tree_.children(*leaf.node));
-    return update_children(leaf, lists, mark, true, shares);
+    inheritance_.share_out(parent, leaf.index, sample, list, lists, planes, tree_.children(*leaf.node));
+    return update_children(leaf, planes, lists, mark, true, shares);
   }
 
   /// @param lists of the children, allocated after the mark.
-  bool update_children(const Ref& ref, const Lists& lists, const ListStack::Mark& mark, bool was_split,
-                       const Shares& shares) {
+  bool update_children(const Ref& ref, const Planes& planes, const Lists& lists, const ListStack::Mark& mark,
+                       bool was_split, const Shares& shares) {
     const bool are_cells = ref.index.level <= coarsest_level_;
     bool changed = was_split;
     const Children children(tree_, ref);
@@ -368,7 +371,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       const Ref child = children[c];
       const bool child_changed =
           are_cells && child.is_leaf()
-              ? update_leaf(child, {tree_.geometry(), beams_, child.index, lists.planes, c}, list, shares)
+              ? update_leaf(child, {tree_.geometry(), beams_, child.index, planes, c}, list, shares)
               : descend(child, list, shares);
       changed = child_changed || changed;
     }
@@ -399,10 +402,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const BeamList& list, const Shares& shares,
                                                const HeritageOfFew* heritage = nullptr);
-  template <class SomeCrossings>
-  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const SomeCrossings& crossings,
-                                               EightBeams<D>& beams, const Shares& shares,
-                                               const HeritageOfFew* heritage = nullptr);
+  template <class SomeBeams>
+  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const SomeBeams& list, EightBeams<D>& beams,
+                                               const Shares& shares, const HeritageOfFew* heritage = nullptr);
   NDTREE_BY_EIGHTS bool update_children_of_one(const Ref& ref, const LoneBeam& beam, bool takes_all,
                                                const HeritageOfFew* heritage = nullptr);
   bool descend(const Ref& inner, const FewBeams& beams, const Shares& above);

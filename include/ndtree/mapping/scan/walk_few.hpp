@@ -29,15 +29,15 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
   return update_children_of_few(ref, list, beams, shares, heritage);
 }
 
-/// @param crossings BeamList or FewBeams, of these beams.
+/// @param list BeamList or FewBeams, of these beams.
 template <class Tree, class Refinement, class Sensor>
-template <class SomeCrossings>
+template <class SomeBeams>
 NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children_of_few(
-    const Ref& ref, const SomeCrossings& crossings, EightBeams<D>& beams, const Shares& above,
+    const Ref& ref, const SomeBeams& list, EightBeams<D>& beams, const Shares& above,
     const HeritageOfFew* heritage) {
   pace_.spend(Few::kMost);
   Few few(beams);
-  clip_(ref.index, crossings, few);
+  clip_(ref.index, list, few);
   if (heritage != nullptr) inheritance_.share_out(*heritage, few, tree_.children(*ref.node));
   const bool was_split = heritage != nullptr;
   typename LeafEvidence<N, D, Sensor>::FewEvidence evidence(evidence_, ref.index, few);
@@ -45,7 +45,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
   const EvidenceModel& model = refinement_.model;
   const int level = ref.index.level - 1;  // Of the children.
   const bool takes_all = above.takes_all;
-  const Shares below{takes_all ? above.face : shares_.only_face_of(crossings, above), takes_all};
+  const Shares below{takes_all ? above.face : shares_.only_face_of(list, above), takes_all};
   std::optional<typename BeamShares<N, D>::Children> shares;
   if (!takes_all) shares.emplace(shares_, ref.index, below.face);
   bool changed = was_split;
@@ -126,7 +126,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     const Ref& ref, const LoneBeam& beam, bool takes_all, const HeritageOfFew* heritage) {
   pace_.spend(1);
   const BeamWay<D>& way = beams_.way(beam.number);
-  const float pass = beams_.pass_of(way.reach);
+  const float pass = beams_.pass_of(beam.number);
   LoneCrossing lone;
   clip_(ref.index, way, beam.crossing, lone);
   if (heritage != nullptr) inheritance_.share_out(*heritage, beam.number, lone, tree_.children(*ref.node));
