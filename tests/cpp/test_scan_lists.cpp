@@ -275,7 +275,7 @@ TEST(ScanBeams, SurelyPassAlmostAllThatTheyDo) {
 #endif
         for (const std::uint32_t k : numbers) beams.set(k, geometry, sensor, measurements, k, 0, noise);
       }
-      if (!own_noise && Simd::width() >= 8) EXPECT_GT(by_eights, kBeams / 9);
+      EXPECT_GE(by_eights, !own_noise && Simd::width() >= 8 ? kBeams / 9 : 0);
       beams.finish(noise);
       for (std::uint32_t i = 0; i < kBeams; ++i) {
         const BeamEnd<3>& end = beams.end(i);
@@ -285,7 +285,9 @@ TEST(ScanBeams, SurelyPassAlmostAllThatTheyDo) {
         if (at_a_time == 1) passes.push_back(pass);
         ASSERT_EQ(pass, passes[i]);
 #ifdef NDTREE_HAS_EIGHTS
-        if (Simd::width() >= 8) ASSERT_EQ(pass, passes_of_eight(beams, i - i % 8)[i % 8]);
+        if (Simd::width() >= 8) {
+          ASSERT_EQ(pass, passes_of_eight(beams, i - i % 8)[i % 8]);
+        }
 #endif
       }
     }

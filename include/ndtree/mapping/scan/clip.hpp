@@ -53,7 +53,7 @@ class ChildClip {
   }
 
   /// Adds a node's beams to the lists of its children, in their order.
-  /// @param planes_of() the node, if all beams have one origin.
+  /// @param planes see planes_of(), of the node, if all beams have one origin.
   void operator()(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
                   Lists& children) const {
 #ifdef NDTREE_HAS_EIGHTS
