@@ -333,11 +333,19 @@ class ScanBeams {
     for (std::size_t a = 0; a < D; ++a) ends.cell[a] = _mm256_castps_si256(column[5 + a]);
     return ends;
   }
+  /// The same of all beams. @param numbers of those whose reach that is.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(__m256i numbers, __m256 reach) const {
+    if (passes_ == nullptr) return pass_of(reach);
+    const detail::Offsets number(numbers);
+    alignas(32) std::array<float, 8> pass;
+    for (std::size_t i = 0; i < 8; ++i) pass[i] = passes_[number[i]];
+    return _mm256_load_ps(pass.data());
+  }
   /// What is needed of beams on their way down.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void look_up(__m256i numbers, EightBeams<D>& beams) const {
     _mm256_store_si256(reinterpret_cast<__m256i*>(beams.number.data()), numbers);
     beams.ways = ways(numbers);
-    beams.pass = passes_ != nullptr ? passes_of_each(beams.number) : pass_of(beams.ways.reach);
+    beams.pass = pass_of(numbers, beams.ways.reach);
   }
   /// What is needed of them where some of them end.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE const EightEnds<D>& ends_of(
@@ -419,11 +427,6 @@ class ScanBeams {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS [[nodiscard]] __m256 passes_of_each(const std::array<std::uint32_t, 8>& numbers) const {
-    alignas(32) std::array<float, 8> pass;
-    for (std::size_t i = 0; i < 8; ++i) pass[i] = passes_[numbers[i]];
-    return _mm256_load_ps(pass.data());
-  }
   static constexpr std::size_t kColumnsOfEnd = sizeof(BeamEnd<D>) / sizeof(float);
 
   /// Of eight beams from a number on.

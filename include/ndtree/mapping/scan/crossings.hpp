@@ -103,8 +103,10 @@ class CellCrossings {
   template <bool kAlike>
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightCrossings of([[maybe_unused]] __m256i beams,
                                                                         const EightWays<D>& ways) const {
-    if constexpr (!kAlike) return of_each(beams);
-    EightCrossings result{_mm256_setzero_ps(), ways.reach, beams_.pass_of(ways.reach)};
+    if constexpr (!kAlike)
+      if (beams_.has_own_origins()) return of_each(beams, ways.reach);
+    EightCrossings result{_mm256_setzero_ps(), ways.reach,
+                          kAlike ? beams_.pass_of(ways.reach) : beams_.pass_of(beams, ways.reach)};
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a) {
       const __m256 at_lower = _mm256_mul_ps(_mm256_set1_ps(lower_[a]), ways.inverse[a]);
@@ -118,18 +120,17 @@ class CellCrossings {
 
  private:
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE EightCrossings of_each(__m256i beams) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE EightCrossings of_each(__m256i beams,
+                                                                            __m256 reach) const {
     const detail::Offsets number(beams);
     alignas(32) std::array<float, 8> enter;
     alignas(32) std::array<float, 8> exit;
-    alignas(32) std::array<float, 8> pass;
     for (std::size_t i = 0; i < 8; ++i) {
       const Crossing crossing = of(number[i]);
       enter[i] = crossing.enter;
       exit[i] = crossing.exit;
-      pass[i] = beams_.pass_of(number[i]);
     }
-    return {_mm256_load_ps(enter.data()), _mm256_load_ps(exit.data()), _mm256_load_ps(pass.data())};
+    return {_mm256_load_ps(enter.data()), _mm256_load_ps(exit.data()), beams_.pass_of(beams, reach)};
   }
 #endif
 
