@@ -47,7 +47,7 @@ struct Beams {
     Vector<D> origin;
     for (int a = 0; a < D; ++a) origin[a] = place(random.chance(0.3));
     beams.resize(count, {ScanFace<D>(origin, 0, false)}, std::make_unique<std::uint32_t[]>(1), own_origins,
-                 geometry.coordinates(origin), true, true);
+                 geometry.coordinates(origin), true, count % 2 == 1);  // Some say what they pass themselves.
     Scan<D> scan;
     scan.origins.resize(D, static_cast<Eigen::Index>(count));
     scan.endpoints.resize(D, static_cast<Eigen::Index>(count));

@@ -170,7 +170,6 @@ class ScanBeams {
     cells_.reset(end_nearby ? nullptr : new Lattice<D>[n]);
     ends_nearby_ = end_nearby;
     has_own_origins_ = have_own_origins;
-    are_alike_ = !have_own_origins && !have_own_noise;
     origins_.resize(have_own_origins ? n : std::min<std::size_t>(n, 1));
     base_ = base;
   }
@@ -309,14 +308,6 @@ class ScanBeams {
     ways.reach = column[D];
     return ways;
   }
-  /// Cells of any size that end before this distance were passed. Where the sensor alone says how noisy beams
-  /// are, none says for itself how far that is before its reach: a number fewer is looked up.
-  /// @pre are_alike().
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(__m256 reach) const {
-    const __m256 growth = _mm256_set1_ps(margin_.growth);
-    return _mm256_sub_ps(reach, _mm256_add_ps(_mm256_set1_ps(margin_.fixed),
-                                              _mm256_mul_ps(_mm256_mul_ps(growth, reach), reach)));
-  }
 #ifdef NDTREE_HAS_SIXTEENS
   /// The same of sixteen. @param column kColumnsOfWay: how far they go for a metre along each axis, and their
   /// reach.
@@ -333,7 +324,15 @@ class ScanBeams {
     for (std::size_t a = 0; a < D; ++a) ends.cell[a] = _mm256_castps_si256(column[5 + a]);
     return ends;
   }
-  /// The same of all beams. @param numbers of those whose reach that is.
+  /// Cells of any size that end before this distance were passed. Where the sensor alone says how noisy beams
+  /// are, none says for itself how far that is before its reach: a number fewer is looked up.
+  /// @pre are_alike().
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(__m256 reach) const {
+    const __m256 growth = _mm256_set1_ps(margin_.growth);
+    return _mm256_sub_ps(reach, _mm256_add_ps(_mm256_set1_ps(margin_.fixed),
+                                              _mm256_mul_ps(_mm256_mul_ps(growth, reach), reach)));
+  }
+  /// The same, alike or not. @param numbers of the beams whose reach that is.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(__m256i numbers, __m256 reach) const {
     if (passes_ == nullptr) return pass_of(reach);
     const detail::Offsets number(numbers);
@@ -370,7 +369,7 @@ class ScanBeams {
 
   [[nodiscard]] bool has_own_origins() const { return has_own_origins_; }
   /// Whether no beam has an origin or noise of its own.
-  [[nodiscard]] bool are_alike() const { return are_alike_; }
+  [[nodiscard]] bool are_alike() const { return !has_own_origins_ && passes_ == nullptr; }
   [[nodiscard]] const Vector<D>& origin(std::size_t number) const {
     return origins_[has_own_origins_ ? number : 0];
   }
@@ -395,7 +394,7 @@ class ScanBeams {
   [[nodiscard]] const BeamWay<D>* ways() const { return ways_.get(); }
   [[nodiscard]] const BeamWay<D>& way(std::size_t number) const { return ways_[number]; }
   [[nodiscard]] const BeamEnd<D>& end(std::size_t number) const { return ends_[number]; }
-  /// The same of one beam.
+  /// Cells of any size that end before this distance were passed by a beam: as of eight, to the last bit.
   [[nodiscard]] float pass_of(std::uint32_t number) const {
     if (passes_ != nullptr) return passes_[number];
     const float reach = ways_[number].reach;
@@ -456,7 +455,6 @@ class ScanBeams {
   std::vector<Vector<D>> origins_;                    // One, or one each.
   Lattice<D> base_{};
   bool has_own_origins_ = false;
-  bool are_alike_ = true;
   bool ends_nearby_ = true;
   float smallest_sigma_ = std::numeric_limits<float>::infinity();
   float largest_sigma_ = 0.0f;

@@ -256,10 +256,9 @@ class ChildClip {
           static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], few.beams.pass, _CMP_LT_OQ)));
     }
   }
-  NDTREE_BY_EIGHTS void eight_at_a_time(const Planes& planes, const BeamList& list, Lists& children) const {
+  NDTREE_BY_EIGHTS void eight_at_a_time(const Planes& plane, const BeamList& list, Lists& children) const {
     // Compilers take what is stored for anything: copies stay in registers.
     const BeamList from = list;
-    const Planes plane = planes;
     std::uint32_t* const to = children.memory.beam;
     const BeamWay<D>* const rows = beams_.ways();
     std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
@@ -317,19 +316,17 @@ class ChildClip {
       }
     }
   }
-  NDTREE_BY_SIXTEENS void sixteen_at_a_time(const Planes& planes, const BeamList& list,
+  NDTREE_BY_SIXTEENS void sixteen_at_a_time(const Planes& plane, const BeamList& list,
                                             Lists& children) const {
     static_assert(BeamList::kSlack >= 16, "all of a vector is written");
     const BeamList from = list;  // As in eight_at_a_time().
-    const Planes plane = planes;
     std::uint32_t* const to = children.memory.beam;
     const BeamWay<D>* const rows = beams_.ways();
     std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
     for (std::size_t i = 0; i < from.size; i += 16) {
       const std::size_t left = std::min<std::size_t>(from.size - i, 16);
       const auto live = static_cast<__mmask16>((1u << left) - 1);
-      // All sixteen are loaded: with a mask, processors do not find what was just stored.
-      const __m512i beam = _mm512_maskz_mov_epi32(live, _mm512_loadu_si512(from.beam + i));
+      const __m512i beam = _mm512_maskz_loadu_epi32(live, from.beam + i);
       __m512 way[ScanBeams<D>::kColumnsOfWay];
       ScanBeams<D>::ways(rows, beam, way);
       __m512 enter[std::size_t{kNumChildren}];

@@ -98,8 +98,8 @@ class CellCrossings {
         beams_.way(beam), [&](std::size_t a) { return lower_[a]; }, [&](std::size_t a) { return upper_[a]; });
   }
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of eight. @param ways of these beams. @tparam kAlike ScanBeams::are_alike(), as loops know:
-  /// who may call a function for others has registers too few.
+  /// The same of eight. @param ways of these beams. @tparam kAlike ScanBeams::are_alike(): loops are
+  /// compiled for both, as the call that others need costs registers.
   template <bool kAlike>
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightCrossings of([[maybe_unused]] __m256i beams,
                                                                         const EightWays<D>& ways) const {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
@@ -105,10 +106,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
  private:
   [[nodiscard]] BeamList beams_from(std::size_t first, std::size_t last) {
     BeamList list = stack_.allocate(last - first + BeamList::kSlack);
-    for (std::size_t i = first; i < last; ++i) {
-      list.beam[i - first] = static_cast<std::uint32_t>(i);
-    }
     list.size = last - first;
+    std::iota(list.beam, list.beam + list.size, static_cast<std::uint32_t>(first));
     return list;
   }
   void bring(const CellIndex<D>& node, const BeamList& list, const Shares& above, std::size_t part,
