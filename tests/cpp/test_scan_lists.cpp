@@ -189,7 +189,7 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
           ListStack stack;
           const BeamList list = scan.list(leaf, stack);
           const CellCrossings<N, D> crossings(scan.geometry, scan.beams, leaf);
-          leaves.add(leaf, crossings, list, evidence[w]);
+          evidence[w] = leaves.of(leaf, crossings, list);
           all_pass[w] = leaves.all_pass(crossings, list);
           if (level == scan.geometry.finest_level()) continue;
           const LeafCoverage<N, D> covering(scan.beams, clip);

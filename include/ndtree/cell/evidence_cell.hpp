@@ -40,6 +40,17 @@ struct ScanEvidence {
     resolvable_misses += passed.resolvable_misses;
     beams += passed.misses;
   }
+  /// Adds what other beams say.
+  void add(const ScanEvidence& others) {
+    occupied += others.occupied;
+    free += others.free;
+    hits += others.hits;
+    misses += others.misses;
+    resolvable_hits += others.resolvable_hits;
+    resolvable_misses += others.resolvable_misses;
+    deep_hits += others.deep_hits;
+    beams += others.beams;
+  }
   [[nodiscard]] static const ScanEvidence& of(const ScanEvidence& scan) { return scan; }
   [[nodiscard]] static ScanEvidence of(const PassedEvidence& passed) {
     ScanEvidence scan;

@@ -143,9 +143,9 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void turn_four(const __m256* row, __m256* 
   column[2] = _mm256_shuffle_ps(cd, cd_next, 0x44);
   column[3] = _mm256_shuffle_ps(cd, cd_next, 0xee);
 }
-/// All ones in the first n of eight.
+/// All ones in the first n of eight. @pre n < 2^31.
 NDTREE_BY_EIGHTS inline __m256i first_of_eight(std::size_t n) {
-  return _mm256_cmpgt_epi32(_mm256_set1_epi32(n < 8 ? static_cast<int>(n) : 8),
+  return _mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(n)),
                             _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
 }
 /// All ones in those of eight that are in a set.

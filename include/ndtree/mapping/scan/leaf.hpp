@@ -70,6 +70,8 @@ class LeafEvidence {
       of_level.resolves_some = of_level.child >= noise_sigmas_ * beams.smallest_sigma();
       of_level.fits_32_bits = beams.ends_nearby() && geometry.edge(level) <= ScanBeams<D>::kNearby;
       of_level.edge = of_level.fits_32_bits ? static_cast<std::int32_t>(geometry.edge(level)) : 0;
+      of_level.goes_by_eights = beams.width() >= 8 && of_level.fits_32_bits;
+      of_level.is_simple = of_level.goes_by_eights && beams.are_alike();
       sizes_.push_back(of_level);
     }
   }
@@ -87,24 +89,15 @@ class LeafEvidence {
     return true;
   }
 
-  /// Adds what a list's beams say about a leaf of level 0 or below. @param crossings where beams cross it.
-  NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, const CellCrossings<N, D>& crossings,
-                                const BeamList& list, ScanEvidence& sum) const {
+  /// What a list's beams say about a leaf of level 0 or below. @param crossings where beams cross it.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(const CellIndex<D>& leaf,
+                                                     const CellCrossings<N, D>& crossings,
+                                                     const BeamList& list) const {
 #ifdef NDTREE_HAS_EIGHTS
     const Size& size = size_of(leaf.level);
-    if (width_ >= 8 && size.fits_32_bits) {
-      for (std::size_t first = 0; first < list.size; first += kMostAtOnce) {
-        const BeamList part = list.part(first, std::min(first + kMostAtOnce, list.size));
-        if (beams_.are_alike())
-          add_by_eights<true>(leaf, crossings, part, size, sum);
-        else
-          add_by_eights<false>(leaf, crossings, part, size, sum);
-      }
-      return;
-    }
+    if (size.is_simple && list.size <= kMostAtOnce) return of_eights<true>(leaf, crossings, list, size);
 #endif
-    for (std::size_t i = 0; i < list.size; ++i)
-      OfBeam(*this, leaf.level, list.beam[i]).add(leaf, crossings.of(list.beam[i]), sum);
+    return of_any(leaf, crossings, list);
   }
 
   /// What one beam says about leaves of one level, of 0 or below.
@@ -185,28 +178,33 @@ class LeafEvidence {
               count(set), resolved(set)};
     }
     /// ... if not, ...
-    NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(std::size_t child, ScanEvidence& sum) {
+    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(std::size_t child) {
       const __m256 enter = _mm256_load_ps(few_.enter[child].data());
       const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      add(child, few_.set[child], _mm256_cmp_ps(exit, enter, _CMP_GT_OQ), sum);
+      return of(child, few_.set[child], _mm256_cmp_ps(exit, enter, _CMP_GT_OQ));
     }
     /// ... or a set of them. @param live its lanes.
-    NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(std::size_t child, std::uint32_t set, __m256 live,
-                                                   ScanEvidence& sum) {
+    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(std::size_t child, std::uint32_t set,
+                                                                        __m256 live) {
       const __m256 enter = _mm256_load_ps(few_.enter[child].data());
       const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      const __m256 clear = _mm256_cmp_ps(exit, few_.beams.pass, _CMP_LT_OQ);
-      __m256i misses = _mm256_castps_si256(_mm256_and_ps(live, clear));
-      unsigned missed = few_.passing[child] & set;
-      if (missed != set) {
+      const __m256i zero = _mm256_setzero_si256();
+      EightSums sums{zero, zero, zero, zero};
+      ScanEvidence sum;
+      __m256i misses =
+          _mm256_castps_si256(_mm256_and_ps(live, _mm256_cmp_ps(exit, few_.beams.pass, _CMP_LT_OQ)));
+      if ((few_.passing[child] & set) != set) {
         if (!is_near_) place_ = all_.place_of(node_);
         is_near_ = true;
         misses = all_.add_near_end(child_of(place_, child, size_), size_, all_.beams_.ends_of(few_.beams),
-                                   enter, exit, misses, _mm256_castps_si256(live), sum);
-        missed = set_of(_mm256_castsi256_ps(misses));
+                                   enter, exit, misses, _mm256_castps_si256(live), sums, sum);
       }
-      sum.add(PassedEvidence{sum_of(_mm256_and_si256(units_of_way(enter, exit, size_), misses)),
-                             count(missed), resolved(missed)});
+      sums.free = _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_way(enter, exit, size_), misses));
+      sums.passed = misses;
+      if (size_.resolves_some && !size_.resolves_all)
+        sum.resolvable_misses = resolved(set_of(_mm256_castsi256_ps(misses)));
+      finish(sums, size_, sum);
+      return sum;
     }
 
    private:
@@ -224,9 +222,10 @@ class LeafEvidence {
     Place place_{};  // Of the node, if so.
   };
   /// What a set of few beams says about a child of a node.
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void add(const CellIndex<D>& node, const Few& few, std::size_t child,
-                                                std::uint32_t set, ScanEvidence& sum) const {
-    FewEvidence(*this, node, few).add(child, set, _mm256_castsi256_ps(detail::lanes_of(set)), sum);
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of(const CellIndex<D>& node, const Few& few,
+                                                                     std::size_t child,
+                                                                     std::uint32_t set) const {
+    return FewEvidence(*this, node, few).of(child, set, _mm256_castsi256_ps(detail::lanes_of(set)));
   }
 #endif
 
@@ -239,7 +238,9 @@ class LeafEvidence {
     bool resolves_all;      // Children could tell more whatever the noise of a beam ...
     bool resolves_some;     // ... or at least that of some beams.
     bool fits_32_bits;      // Where it lies, from the base of the end cells.
-    std::int32_t edge;      // Of the cell, in smallest cells, if so.
+    bool goes_by_eights;    // Loops take eight beams at a time, ...
+    bool is_simple;         // ... and they are alike.
+    std::int32_t edge;      // Of the cell, in smallest cells, if it fits.
     bool is_inside_alike;   // Of all beams: they are equally noisy.
     float inside;           // EvidenceModel::probability_inside() of the most precise beam.
     float small;  // The cell's, or 0 if it is one of the smallest, which are small beside any noise.
@@ -250,6 +251,27 @@ class LeafEvidence {
   }
   [[nodiscard]] static std::int32_t units_of_way(float way, const Size& size) {
     return std::max(1, nearest_integer(way * size.units_per_metre));
+  }
+
+  /// of() of beams that are many, or of which some are unlike others.
+  [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of_any(const CellIndex<D>& leaf,
+                                                        const CellCrossings<N, D>& crossings,
+                                                        const BeamList& list) const {
+    ScanEvidence sum;
+#ifdef NDTREE_HAS_EIGHTS
+    const Size& size = size_of(leaf.level);
+    if (size.goes_by_eights) {
+      for (std::size_t first = 0; first < list.size; first += kMostAtOnce) {
+        const BeamList part = list.part(first, std::min(first + kMostAtOnce, list.size));
+        sum.add(size.is_simple ? of_eights<true>(leaf, crossings, part, size)
+                               : of_eights<false>(leaf, crossings, part, size));
+      }
+      return sum;
+    }
+#endif
+    for (std::size_t i = 0; i < list.size; ++i)
+      OfBeam(*this, leaf.level, list.beam[i]).add(leaf, crossings.of(list.beam[i]), sum);
+    return sum;
   }
 
   /// EvidenceModel::probability_inside() of a cell.
@@ -278,41 +300,58 @@ class LeafEvidence {
   }
   static constexpr std::size_t kMostAtOnce = 1024;  // Beams: sums of eighths of them fit 32 bits.
 
-  /// As OfBeam, for up to kMostAtOnce beams.
+  /// What beams say, lane by lane.
+  struct EightSums {
+    __m256i occupied, free;  // Evidence.
+    __m256i passed, near;    // Less the number of beams: those that passed, and others that say anything.
+  };
+
+  /// As OfBeam, of up to kMostAtOnce beams.
   template <bool kAlike>
-  NDTREE_BY_EIGHTS void add_by_eights(const CellIndex<D>& leaf, const CellCrossings<N, D>& crossings,
-                                      const BeamList& list, const Size& size, ScanEvidence& sum) const {
-    __m256i free = _mm256_setzero_si256();
-    unsigned passed = 0;
-    Place place{};
-    bool has_place = false;  // It is asked for where some beam ends.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE ScanEvidence of_eights(const CellIndex<D>& leaf,
+                                                              const CellCrossings<N, D>& crossings,
+                                                              const BeamList& list, const Size& size) const {
+    const __m256i zero = _mm256_setzero_si256();
+    EightSums sums{zero, zero, zero, zero};
+    ScanEvidence sum;
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const __m256i beam = detail::load_live(list.beam + i, live);
-      const auto [enter, exit, pass] = crossings.template of<kAlike>(beam, beams_.ways(beam));
-      const __m256i units = units_of_way(enter, exit, size);
-      __m256i misses = _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(exit, pass, _CMP_LT_OQ)));
-      if (!_mm256_testc_si256(misses, live)) {
-        if (!has_place) place = place_of(leaf);
-        has_place = true;
-        misses = add_near_end(place, size, beams_.ends(beam), enter, exit, misses, live, sum);
-      }
-      free = _mm256_add_epi32(free, _mm256_and_si256(units, misses));
-      const unsigned missed = set_of(_mm256_castsi256_ps(misses));
-      passed += count(missed);
+      const EightCrossings at = crossings.template of<kAlike>(beam, beams_.ways(beam));
+      __m256i misses =
+          _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(at.exit, at.pass, _CMP_LT_OQ)));
+      if (!_mm256_testc_si256(misses, live))
+        misses =
+            add_near_end(place_of(leaf), size, beams_.ends(beam), at.enter, at.exit, misses, live, sums, sum);
+      sums.free =
+          _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_way(at.enter, at.exit, size), misses));
+      sums.passed = _mm256_add_epi32(sums.passed, misses);
       if (size.resolves_some && !size.resolves_all)
-        sum.resolvable_misses += count(missed & resolvable(size, beams_.ends(beam).sigma));
+        sum.resolvable_misses +=
+            count(set_of(_mm256_castsi256_ps(misses)) & resolvable(size, beams_.ends(beam).sigma));
     }
-    sum.misses += passed;
-    sum.beams += passed;
-    sum.resolvable_misses += size.resolves_all ? passed : 0;
-    sum.free += sum_of(free);
+    finish(sums, size, sum);
+    return sum;
   }
-  [[nodiscard]] Place place_of(const CellIndex<D>& cell) const {
-    Place place;
+  /// Brings sums together. @param sum of what is counted otherwise.
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE static void finish(const EightSums& sums, const Size& size,
+                                                           ScanEvidence& sum) {
+    const __m256i evidence = _mm256_hadd_epi32(sums.occupied, sums.free);
+    const __m256i beams = _mm256_hadd_epi32(sums.passed, sums.near);
+    const __m256i halves = _mm256_hadd_epi32(evidence, beams);
+    const __m128i all = _mm_add_epi32(_mm256_castsi256_si128(halves), _mm256_extracti128_si256(halves, 1));
+    const auto passed = 0u - static_cast<std::uint32_t>(_mm_extract_epi32(all, 2));
+    sum.occupied = static_cast<std::uint32_t>(_mm_cvtsi128_si32(all));
+    sum.free = static_cast<std::uint32_t>(_mm_extract_epi32(all, 1));
+    sum.misses += passed;
+    sum.resolvable_misses += size.resolves_all ? passed : 0;
+    sum.beams = passed - static_cast<std::uint32_t>(_mm_extract_epi32(all, 3));
+  }
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Place place_of(const CellIndex<D>& cell) const {
+    Place place;  // It fits: what beams cross is where they reach, see ScanBeams::ends_nearby().
     for (std::size_t a = 0; a < D; ++a)
-      place[a] = static_cast<std::int32_t>(std::clamp(cell.lower[a] - beams_.base()[a],
-                                                      -2 * ScanBeams<D>::kNearby, ScanBeams<D>::kNearby + 1));
+      place[a] = static_cast<std::int32_t>(static_cast<std::uint32_t>(cell.lower[a]) -
+                                           static_cast<std::uint32_t>(beams_.base()[a]));
     return place;
   }
   /// Place of a node's child.
@@ -321,38 +360,40 @@ class LeafEvidence {
       place[a] += static_cast<std::int32_t>(child % N) * size.edge;
     return place;
   }
+  /// All ones for those of eight end cells that lie in a leaf.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i lie_in(const Place& leaf,
+                                                                            const Size& size,
+                                                                            const __m256i* cell) {
+    __m256i farthest = _mm256_sub_epi32(cell[0], _mm256_set1_epi32(leaf[0]));  // Without sign: before is far.
+#pragma GCC unroll 4
+    for (std::size_t a = 1; a < D; ++a)
+      farthest = _mm256_max_epu32(farthest, _mm256_sub_epi32(cell[a], _mm256_set1_epi32(leaf[a])));
+    const __m256i last = _mm256_set1_epi32(size.edge - 1);
+    return _mm256_cmpeq_epi32(_mm256_max_epu32(farthest, last), last);
+  }
   /// Adds what beams say of eight that do not all clearly pass.
-  /// @param misses those that do. @returns them, and others that have passed.
+  /// @param misses those that do. @returns them, and others that have passed, which are yet to be added.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE __m256i add_near_end(const Place& leaf, const Size& size,
                                                              const EightEnds<D>& beams, __m256 enter,
                                                              __m256 exit, __m256i misses, __m256i live,
-                                                             ScanEvidence& sum) const {
+                                                             EightSums& sums, ScanEvidence& sum) const {
     const __m256i others = _mm256_andnot_si256(misses, live);
-    const __m256 all = _mm256_castsi256_ps(others);
     const __m256 sigma = beams.sigma;
-    const __m256 surface = beams.surface;
     const __m256 range = beams.range;
     const __m256 is_small = _mm256_cmp_ps(_mm256_set1_ps(size.small),
                                           _mm256_mul_ps(_mm256_set1_ps(kSmallCell), sigma), _CMP_LE_OQ);
-    const __m256 end = _mm256_blendv_ps(exit, _mm256_max_ps(exit, _mm256_add_ps(enter, surface)), is_small);
+    const __m256 end = _mm256_max_ps(exit, _mm256_add_ps(enter, _mm256_and_ps(beams.surface, is_small)));
+    const __m256 no_return = _mm256_cmp_ps(beams.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
     const __m256 is_clear = _mm256_cmp_ps(end, beams.clear, _CMP_LT_OQ);
-    const __m256 no_return = _mm256_cmp_ps(surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
-    __m256i holds = _mm256_andnot_si256(_mm256_castps_si256(is_clear), others);
-#pragma GCC unroll 4
-    for (std::size_t a = 0; a < D; ++a) {
-      const __m256i at = beams.cell[a];
-      holds = _mm256_andnot_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(leaf[a]), at), holds);
-      holds = _mm256_and_si256(_mm256_cmpgt_epi32(_mm256_set1_epi32(leaf[a] + size.edge), at), holds);
-    }
-    const __m256 holds_end = _mm256_castsi256_ps(holds);
     const __m256 passes_or_not_returned = _mm256_or_ps(is_clear, no_return);
+    const __m256 holds_end = _mm256_andnot_ps(is_clear, _mm256_castsi256_ps(lie_in(leaf, size, beams.cell)));
     misses = _mm256_or_si256(
-        misses, _mm256_castps_si256(_mm256_andnot_ps(holds_end, _mm256_and_ps(all, passes_or_not_returned))));
+        misses,
+        _mm256_and_si256(others, _mm256_castps_si256(_mm256_andnot_ps(holds_end, passes_or_not_returned))));
     const __m256 is_behind = _mm256_andnot_ps(holds_end, _mm256_cmp_ps(enter, range, _CMP_GE_OQ));
-    const __m256 says =
-        _mm256_andnot_ps(_mm256_or_ps(passes_or_not_returned, _mm256_andnot_ps(is_small, is_behind)), all);
-    const unsigned said = set_of(says);
-    if (said == 0) return misses;
+    const __m256 says_nothing = _mm256_or_ps(passes_or_not_returned, _mm256_andnot_ps(is_small, is_behind));
+    if (_mm256_testc_si256(_mm256_castps_si256(says_nothing), others)) return misses;
+    const __m256 says = _mm256_andnot_ps(says_nothing, _mm256_castsi256_ps(others));
     const __m256 per_sigma = _mm256_div_ps(_mm256_set1_ps(1.0f), sigma);
     const __m256 before_end = _mm256_mul_ps(_mm256_sub_ps(enter, range), per_sigma);
     const __m256i evidence = _mm256_and_si256(
@@ -360,11 +401,12 @@ class LeafEvidence {
         EvidenceModel::units_of(
             sensor_.tabulated_log_odds(before_end, _mm256_mul_ps(_mm256_sub_ps(end, range), per_sigma)),
             size.is_inside_alike ? _mm256_set1_ps(size.inside) : inside(size, sigma)));
-    sum.occupied += sum_of(_mm256_max_epi32(evidence, _mm256_setzero_si256()));
-    sum.free += sum_of(_mm256_abs_epi32(_mm256_min_epi32(evidence, _mm256_setzero_si256())));
-    const unsigned hits = said & set_of(holds_end);
-    sum.beams += count(said);
-    sum.misses += count(said & ~hits & ~set_of(is_behind));
+    const __m256i occupied = _mm256_max_epi32(evidence, _mm256_setzero_si256());
+    sums.occupied = _mm256_add_epi32(sums.occupied, occupied);
+    sums.free = _mm256_add_epi32(sums.free, _mm256_sub_epi32(occupied, evidence));
+    sums.near = _mm256_add_epi32(sums.near, _mm256_castps_si256(says));
+    sum.misses += count(set_of(_mm256_andnot_ps(_mm256_or_ps(holds_end, is_behind), says)));
+    const unsigned hits = set_of(_mm256_and_ps(holds_end, says));
     if (hits == 0) return misses;
     const unsigned resolved = hits & resolvable(size, sigma);
     sum.hits += count(hits);

@@ -227,8 +227,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       const float share = shares_.of(leaf.index, *face, is_known);
       if (share < 1.0f) return update_by_share(leaf, crossings, list, *face, share);
     }
-    ScanEvidence scan;
-    add(leaf, crossings, list, scan);
+    ScanEvidence scan = evidence_of(leaf, crossings, list);
     refinement_.model.limit(scan);
     return update_or_divide(leaf, scan,
                             [&](const ScanEvidence& all) { return divide(leaf, list, all_, all, shares); });
@@ -236,8 +235,12 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   bool update_by_sample(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
                         bool is_known) {
     ScanEvidence scan;
-    shares_.take(leaf.index, list, is_known, sample_,
-                 [&](const ScanFace<D>&, float, const BeamList& part) { add(leaf, crossings, part, scan); });
+    shares_.take(leaf.index, list, is_known, sample_, [&](const ScanFace<D>&, float, const BeamList& part) {
+      if (is_worth_asking(leaf, part))
+        scan = some_at_once(leaf, crossings, part, scan);
+      else
+        scan.add(evidence_.of(leaf.index, crossings, part));
+    });
     refinement_.model.limit(scan);
     return update_or_divide(leaf, scan,
                             [&](const ScanEvidence& all) { return divide(leaf, list, sample_, all, {}); });
@@ -247,8 +250,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                        const ScanFace<D>& face, float share) {
     const FaceShare<D> of_face = shares_.share_of(face, share);
     const std::size_t end = list.find(of_face.end);
-    ScanEvidence scan;
-    if (end > 0) add(leaf, crossings, list.part(0, end), scan);
+    ScanEvidence scan = evidence_of(leaf, crossings, list.part(0, end));
     refinement_.model.limit(scan);
     return update_or_divide(
         leaf, scan, [&](const ScanEvidence& all) { return divide_by_share(leaf, list, of_face, all); });
@@ -259,22 +261,28 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     sample_.add(share);
     return divide(leaf, list, sample_, scan, {share.face, false});
   }
-  /// Adds what beams say about a leaf, until it is certain that it splits: then they are its children's.
-  NDTREE_ALWAYS_INLINE void add(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
-                                ScanEvidence& scan) const {
-    if (list.size > kToSplit && leaf.index.level != finest_level_)
-      add_some_at_once(leaf, crossings, list, scan);
-    else
-      evidence_.add(leaf.index, crossings, list, scan);
+  /// What beams say about a leaf, until it is certain that it splits: then they are its children's.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence evidence_of(const Ref& leaf,
+                                                              const CellCrossings<N, D>& crossings,
+                                                              const BeamList& list) const {
+    return is_worth_asking(leaf, list) ? some_at_once(leaf, crossings, list, {})
+                                       : evidence_.of(leaf.index, crossings, list);
   }
-  NDTREE_NEVER_INLINE void add_some_at_once(const Ref& leaf, const CellCrossings<N, D>& crossings,
-                                            const BeamList& list, ScanEvidence& scan) const {
+  /// Whether so many may tell that a leaf splits that it is asked before all have been looked at.
+  [[nodiscard]] bool is_worth_asking(const Ref& leaf, const BeamList& list) const {
+    return list.size > kToSplit && leaf.index.level != finest_level_;
+  }
+  /// @param scan what others say. @returns the sum.
+  [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence some_at_once(const Ref& leaf,
+                                                              const CellCrossings<N, D>& crossings,
+                                                              const BeamList& list, ScanEvidence scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
       if (refinement_.splits_anyway(leaf.cell(), scan) &&
           !splits_in_vain(leaf.cell(), leaf.index.level, scan))
-        return;
-      evidence_.add(leaf.index, crossings, list.part(first, std::min(first + kToSplit, list.size)), scan);
+        break;
+      scan.add(evidence_.of(leaf.index, crossings, list.part(first, std::min(first + kToSplit, list.size))));
     }
+    return scan;
   }
   /// Updates a leaf, or calls `divide(scan)` if it may have to split, and not in vain.
   template <class Scan, class Divide>

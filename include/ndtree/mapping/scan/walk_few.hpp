@@ -80,7 +80,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
         OfBeam(evidence_, level, of_child.first_beam())
             .add(children[c].index, of_child.crossing_of_first(), scan);
       else
-        evidence.add(of_child.child, scan);
+        scan = evidence.of(of_child.child);
       if (few_may_be_too_many_) model.limit(scan);
       changed = update_or_divide(cell, level, scan, divide_it) || changed;
       continue;
@@ -114,7 +114,7 @@ NDTREE_BY_EIGHTS bool ScanWalk<Tree, Refinement, Sensor>::update_by_share(
   const FaceShare<D> of_face = shares_.share_of(face, share);
   const std::uint32_t set = beams.set() & beams.of.before(of_face.end);
   ScanEvidence scan;
-  if (set != 0) evidence_.add(node, beams.of, beams.child, set, scan);
+  if (set != 0) scan = evidence_.of(node, beams.of, beams.child, set);
   if (few_may_be_too_many_) refinement_.model.limit(scan);
   return update_or_divide(leaf, scan, [&](const ScanEvidence& all) {
     return with_list(beams, [&](const BeamList& list) { return divide_by_share(leaf, list, of_face, all); });
