@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "ndtree/core/quick_log.hpp"
 #include "ndtree/core/simd.hpp"
@@ -47,6 +48,48 @@ TEST(QuickLog, OfFourIsThatOfEach) {
     for (int k = 0; k < 4; ++k) x[static_cast<std::size_t>(k)] = some_number(random, i + k);
     const std::array<double, 4> logs = four_logs(x);
     for (std::size_t k = 0; k < 4; ++k) ASSERT_EQ(logs[k], quick_log(x[k])) << x[k];
+  }
+}
+#endif
+
+float some_float(Random& random, int i) {
+  const auto m = static_cast<float>(1.0 + random.uniform());
+  if (i % 3 == 0) return 1.0f + (m - 1.5f) * 1e-3f;
+  return std::ldexp(m, random.integer(-126, 126));
+}
+
+TEST(RoughLog, IsWithin2em5) {
+  Random random(3);
+  SCOPED_TRACE(random.trace());
+  EXPECT_EQ(rough_log(1.0f), 0.0f);
+  const double root_half = std::sqrt(0.5);  // About there, m begins anew.
+  for (const double x : {0.5, 2.0, root_half, root_half * (1.0 + 1e-6), root_half * (1.0 - 1e-6), 1e-6, 1e6})
+    EXPECT_NEAR(static_cast<double>(rough_log(static_cast<float>(x))), std::log(x), 2e-5) << x;
+  for (const float x : {std::numeric_limits<float>::min(), std::numeric_limits<float>::max()})
+    EXPECT_NEAR(rough_log(x), std::log(x), 3e-5f) << x;
+  for (int i = 0; i < kNumbers; ++i) {
+    const float x = some_float(random, i);
+    const double log = std::log(static_cast<double>(x));
+    ASSERT_NEAR(static_cast<double>(rough_log(x)), log, 1.1e-5 + 2e-7 * std::abs(log)) << x;
+  }
+}
+
+#ifdef NDTREE_HAS_EIGHTS
+NDTREE_BY_EIGHTS std::array<float, 8> eight_logs(const std::array<float, 8>& x) {
+  std::array<float, 8> result;
+  _mm256_storeu_ps(result.data(), rough_log(_mm256_loadu_ps(x.data())));
+  return result;
+}
+
+TEST(RoughLog, OfEightIsThatOfEach) {
+  if (Simd::width() < 8) GTEST_SKIP() << "no vectors of eight floats here";
+  Random random(4);
+  SCOPED_TRACE(random.trace());
+  for (int i = 0; i < kNumbers; i += 8) {
+    std::array<float, 8> x;
+    for (int k = 0; k < 8; ++k) x[static_cast<std::size_t>(k)] = some_float(random, i + k);
+    const std::array<float, 8> logs = eight_logs(x);
+    for (std::size_t k = 0; k < 8; ++k) ASSERT_EQ(logs[k], rough_log(x[k])) << x[k];
   }
 }
 #endif

@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <string>
 
 #include "ndtree/cell/sensor_model.hpp"
+#include "ndtree/core/cubic_table.hpp"
+#include "ndtree/core/simd.hpp"
 #include "options.hpp"
 #include "random.hpp"
 
@@ -170,7 +174,7 @@ TEST(SensorModel, SigmaGrowsWithTheSquaredRange) {
   EXPECT_EQ(BeamSensorModel::kReachSigmas, 3.0);
 }
 
-TEST(BeamSensorModel, TheTablesSayTheSame) {
+TEST(BeamSensorModel, QuicklySaysTheSame) {
   Random random(76);
   SCOPED_TRACE(random.trace());
   int cases = 0;
@@ -183,30 +187,76 @@ TEST(BeamSensorModel, TheTablesSayTheSame) {
       for (int i = 0; i < 1000; ++i, ++cases) {
         const double entry = random.uniform(-8.0, 4.0);
         const double exit = entry + random.uniform(0.0, 4.0);
-        ASSERT_NEAR(model.tabulated_log_odds(static_cast<float>(entry), static_cast<float>(exit)),
+        ASSERT_NEAR(model.quick_log_odds(static_cast<float>(entry), static_cast<float>(exit)),
                     model.log_odds(normal_cdf(entry), normal_cdf(exit)), 1e-3f);
       }
     }
   EXPECT_EQ(cases, 9000);
 }
 
-TEST(LinearTable, IsWithinItsErrorAndMonotone) {
+TEST(CubicTable, IsWithinItsError) {
   int places = 0;
-  float last = 0.0f;
-  for (double x = -7.0; x < 7.0; x += 0.0037, ++places) {
-    const float value = normal_cdf_table()(static_cast<float>(x));
-    ASSERT_NEAR(static_cast<double>(value), normal_cdf(static_cast<double>(static_cast<float>(x))), 1e-6)
-        << x;
-    ASSERT_GE(value, last);
-    last = value;
+  const CubicTable sine(3.0, [](double x) { return std::sin(x); });
+  const double step = 3.0 / 8.0;
+  const double error = step * step * step * step / 1536.0 + 2e-7;
+  for (double x = 0.0; x < 3.0; x += 0.0037, ++places)
+    ASSERT_NEAR(static_cast<double>(sine(static_cast<float>(x))), std::sin(x), error) << x;
+  EXPECT_GT(places, 800);
+  // Parts share their ends.
+  for (int part = 0; part <= 8; ++part) {
+    const auto end = static_cast<float>(part * step);
+    EXPECT_NEAR(sine(std::nextafter(end, 0.0f)), sine(end), 5e-7f) << part;
+    EXPECT_NEAR(static_cast<double>(sine(end)), std::sin(part * step), 2e-7) << part;
   }
-  EXPECT_GT(places, 3000);
-  const LinearTable<4> line(-1.0, 3.0, [](double x) { return 2.0 * x + 1.0; });
-  for (const float x : {-1.0f, -0.3f, 0.0f, 1.7f, 3.0f}) EXPECT_NEAR(line(x), 2.0f * x + 1.0f, 1e-6f) << x;
-  EXPECT_EQ(line(-100.0f), -1.0f);
-  EXPECT_EQ(line(100.0f), 7.0f);
-  EXPECT_EQ(line(std::nanf("")), -1.0f);
+  const CubicTable cubic(2.0, [](double x) { return ((x - 2.0) * x + 3.0) * x - 4.0; });
+  for (const float x : {0.0f, 0.3f, 1.0f, 1.7f, 2.0f})
+    EXPECT_NEAR(cubic(x), ((x - 2.0f) * x + 3.0f) * x - 4.0f, 2e-6f) << x;
+  for (const float x : {2.1f, 1e6f, std::numeric_limits<float>::infinity(), std::nanf("")})
+    EXPECT_EQ(cubic(x), cubic(2.0f)) << x;
 }
+
+#ifdef NDTREE_HAS_EIGHTS
+using Eight = std::array<float, 8>;
+NDTREE_BY_EIGHTS Eight of_eight(const CubicTable& table, const Eight& x) {
+  Eight result;
+  _mm256_storeu_ps(result.data(), table(_mm256_loadu_ps(x.data())));
+  return result;
+}
+NDTREE_BY_EIGHTS Eight of_eight(const BeamSensorModel& model, const Eight& entry, const Eight& exit) {
+  Eight result;
+  _mm256_storeu_ps(result.data(),
+                   model.quick_log_odds(_mm256_loadu_ps(entry.data()), _mm256_loadu_ps(exit.data())));
+  return result;
+}
+
+TEST(CubicTable, OfEightIsThatOfEach) {
+  if (Simd::width() < 8) GTEST_SKIP() << "no vectors of eight floats here";
+  Random random(77);
+  SCOPED_TRACE(random.trace());
+  const CubicTable sine(3.0, [](double x) { return std::sin(x); });
+  SensorOptions options;
+  options.probability_min = 0.2;
+  const BeamSensorModel model(options);
+  for (int i = 0; i < 20'000; ++i) {
+    Eight entry;
+    Eight exit;
+    Eight x;
+    for (std::size_t k = 0; k < 8; ++k) {
+      entry[k] = static_cast<float>(random.uniform(-8.0, 6.0));
+      exit[k] = entry[k] + static_cast<float>(random.uniform(0.0, 4.0));
+      x[k] = k == 0 ? 0.0f : std::abs(entry[k]);
+    }
+    const Eight sines = of_eight(sine, x);
+    const Eight log_odds = of_eight(model, entry, exit);
+    for (std::size_t k = 0; k < 8; ++k) {
+      ASSERT_EQ(sines[k], sine(x[k])) << x[k];
+      ASSERT_EQ(log_odds[k], model.quick_log_odds(entry[k], exit[k])) << entry[k] << " to " << exit[k];
+    }
+  }
+  const float nan = std::nanf("");
+  EXPECT_EQ(of_eight(sine, {nan, 1e9f, 3.0f})[0], sine(nan));
+}
+#endif
 
 TEST(SensorOptions, BadValuesAreRefusedByName) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();

@@ -13,7 +13,7 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_logs.hpp"
 #include "ndtree/cell/sensor_model.hpp"
-#include "ndtree/core/linear_table.hpp"
+#include "ndtree/core/cubic_table.hpp"
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/rounded.hpp"
@@ -132,9 +132,9 @@ class EvidenceModel {
   }
 
   /// probability_inside() of cells at least one standard deviation wide, by 1 / u, within 1e-5.
-  [[nodiscard]] static const LinearTable<512>& probability_inside_table() {
-    static const LinearTable<512> table(
-        0.0, 1.0, [](double sigmas) { return sigmas == 0.0 ? 1.0 : probability_inside(1.0 / sigmas); });
+  [[nodiscard]] static const CubicTable& probability_inside_table() {
+    static const CubicTable table(
+        1.0, [](double sigmas) { return sigmas == 0.0 ? 1.0 : probability_inside(1.0 / sigmas); });
     return table;
   }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The natural logarithm where cells split and merge: a table and a short polynomial.
+/// The natural logarithm where cells split and merge: a table and a short polynomial; and where beams weigh.
 #pragma once
 
 #include <array>
@@ -102,6 +102,51 @@ NDTREE_BY_EIGHTS [[nodiscard]] inline __m256d quick_log(__m256d x) {
                     _mm256_sub_pd(_mm256_set1_pd(1.0 / 3.0), _mm256_mul_pd(r, _mm256_set1_pd(1.0 / 4.0))));
   return _mm256_add_pd(_mm256_add_pd(_mm256_mul_pd(exponent, _mm256_set1_pd(detail::kLog2)), log),
                        _mm256_add_pd(low, high));
+}
+#endif
+
+namespace detail {
+/// log(1 + x) / x within 3e-5 for 1 + x in [1 / sqrt 2, sqrt 2], and the product with x within 1.1e-5.
+inline constexpr std::array<float, 5> kRoughLog{0.999919f, -0.4992329f, 0.3373424f, -0.2735059f, 0.1751486f};
+inline constexpr std::int32_t kSqrtHalf = 0x3f3504f3;  // As a float.
+inline constexpr int kMantissaBitsOfFloat = 23;
+}  // namespace detail
+
+/// log x within 2e-5, for normal floats x > 0.
+[[nodiscard]] NDTREE_ALWAYS_INLINE float rough_log(float x) {
+  constexpr auto& c = detail::kRoughLog;
+  std::int32_t bits = 0;
+  std::memcpy(&bits, &x, sizeof bits);
+  const std::int32_t exponent = (bits - detail::kSqrtHalf) >> detail::kMantissaBitsOfFloat;
+  bits -= static_cast<std::int32_t>(static_cast<std::uint32_t>(exponent) << detail::kMantissaBitsOfFloat);
+  float m = 0.0f;
+  std::memcpy(&m, &bits, sizeof m);
+  const float r = m - 1.0f;
+  const float r2 = rounded(r * r);
+  const float low = c[0] + rounded(c[1] * r);
+  const float high = (c[2] + rounded(c[3] * r)) + rounded(c[4] * r2);
+  return (rounded(static_cast<float>(exponent) * static_cast<float>(detail::kLog2)) + rounded(low * r)) +
+         rounded(high * rounded(r2 * r));
+}
+#ifdef NDTREE_HAS_EIGHTS
+/// Of eight numbers, to the same bits.
+NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 rough_log(__m256 x) {
+  constexpr auto& c = detail::kRoughLog;
+  const __m256i bits = _mm256_castps_si256(x);
+  const __m256i exponent = _mm256_srai_epi32(_mm256_sub_epi32(bits, _mm256_set1_epi32(detail::kSqrtHalf)),
+                                             detail::kMantissaBitsOfFloat);
+  const __m256 m =
+      _mm256_castsi256_ps(_mm256_sub_epi32(bits, _mm256_slli_epi32(exponent, detail::kMantissaBitsOfFloat)));
+  const __m256 r = _mm256_sub_ps(m, _mm256_set1_ps(1.0f));
+  const __m256 r2 = _mm256_mul_ps(r, r);
+  const __m256 low = _mm256_add_ps(_mm256_set1_ps(c[0]), _mm256_mul_ps(_mm256_set1_ps(c[1]), r));
+  const __m256 high =
+      _mm256_add_ps(_mm256_add_ps(_mm256_set1_ps(c[2]), _mm256_mul_ps(_mm256_set1_ps(c[3]), r)),
+                    _mm256_mul_ps(_mm256_set1_ps(c[4]), r2));
+  return _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(_mm256_cvtepi32_ps(exponent),
+                                                   _mm256_set1_ps(static_cast<float>(detail::kLog2))),
+                                     _mm256_mul_ps(low, r)),
+                       _mm256_mul_ps(high, _mm256_mul_ps(r2, r)));
 }
 #endif
 

@@ -244,19 +244,6 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void store_columns(const __m256* columns, 
     }
   }
 }
-/// from[at] and from[at + 1].
-NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void load_pairs(const float* from, __m256i places, __m256& first,
-                                                      __m256& second) {
-  const Offsets at(places);
-  const auto pair = [&](std::size_t k) { return reinterpret_cast<const __m64*>(from + at[k]); };
-  const __m128 none = _mm_setzero_ps();
-  const __m256 even = joined(_mm_loadh_pi(_mm_loadl_pi(none, pair(0)), pair(1)),
-                             _mm_loadh_pi(_mm_loadl_pi(none, pair(4)), pair(5)));
-  const __m256 odd = joined(_mm_loadh_pi(_mm_loadl_pi(none, pair(2)), pair(3)),
-                            _mm_loadh_pi(_mm_loadl_pi(none, pair(6)), pair(7)));
-  first = _mm256_shuffle_ps(even, odd, 0x88);
-  second = _mm256_shuffle_ps(even, odd, 0xdd);
-}
 
 }  // namespace detail
 #endif

@@ -154,7 +154,7 @@ class FlatScanMap {
       }
       const float per_sigma = 1.0f / beam.sigma;
       const float nats =
-          sensor_.tabulated_log_odds((enter - beam.range) * per_sigma, (exit - beam.range) * per_sigma);
+          sensor_.quick_log_odds((enter - beam.range) * per_sigma, (exit - beam.range) * per_sigma);
       const bool hit = contains(index, cell_of_hit(beam));
       const bool behind = !hit && enter >= beam.range;
       if (behind && !small) continue;

@@ -12,7 +12,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
-#include "ndtree/core/linear_table.hpp"
+#include "ndtree/core/cubic_table.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/beams.hpp"
@@ -129,7 +129,7 @@ class LeafEvidence {
       if (is_behind && !is_small) return;
       const float per_sigma = 1.0f / beam.sigma;
       const float before_end = (enter - beam.range) * per_sigma;
-      EvidenceModel::add(sum, all_.sensor_.tabulated_log_odds(before_end, (end - beam.range) * per_sigma),
+      EvidenceModel::add(sum, all_.sensor_.quick_log_odds(before_end, (end - beam.range) * per_sigma),
                          size_.is_inside_alike ? size_.inside : all_.inside(size_, beam.sigma));
       if (holds_end) {
         ++sum.hits;
@@ -399,7 +399,7 @@ class LeafEvidence {
     const __m256i evidence = _mm256_and_si256(
         _mm256_castps_si256(says),
         EvidenceModel::units_of(
-            sensor_.tabulated_log_odds(before_end, _mm256_mul_ps(_mm256_sub_ps(end, range), per_sigma)),
+            sensor_.quick_log_odds(before_end, _mm256_mul_ps(_mm256_sub_ps(end, range), per_sigma)),
             size.is_inside_alike ? _mm256_set1_ps(size.inside) : inside(size, sigma)));
     const __m256i occupied = _mm256_max_epi32(evidence, _mm256_setzero_si256());
     sums.occupied = _mm256_add_epi32(sums.occupied, occupied);
@@ -444,7 +444,7 @@ class LeafEvidence {
   const LatticeGeometry<N, D>& geometry_;
   const ScanBeams<D>& beams_;
   const Sensor& sensor_;
-  const LinearTable<512>& inside_table_ = EvidenceModel::probability_inside_table();
+  const CubicTable& inside_table_ = EvidenceModel::probability_inside_table();
   int width_;
   float noise_sigmas_;
   std::vector<Size> sizes_;  // Of levels from the finest up to 0.

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Functions that are needed for every beam, from tables that fit registers.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+
+#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/simd.hpp"
+
+namespace ndtree {
+
+/// A smooth function of x >= 0 by eight cubics, each of an eighth of [0, upper], behind which it keeps the
+/// value that it has there, but for rounding. A cubic has the function's values at both ends of its part and
+/// at a quarter of it from each, so that the error is at most max |f''''| h⁴ / 1536 for parts of length h,
+/// and rounding to float. Eight numbers are found in a register by others, without asking memory for each.
+class CubicTable {
+ public:
+  template <class Function>
+  CubicTable(double upper, Function&& function) : parts_per_unit_(static_cast<float>(kParts / upper)) {
+    for (std::size_t part = 0; part < kParts; ++part) {
+      const auto at = [&](double quarters) {
+        return function(upper * ((static_cast<double>(part) + rounded(0.25 * quarters)) / kParts));
+      };
+      const double first = at(0.0);
+      const double low = at(1.0) - first;
+      const double high = at(3.0) - first;
+      const double last = at(4.0) - first;
+      // With t = 1/4, 3/4 and 1 in their equations.
+      factors_[0][part] = static_cast<float>(first);
+      factors_[1][part] = static_cast<float>(8.0 * low - 8.0 / 3.0 * high + last);
+      factors_[2][part] = static_cast<float>(-56.0 / 3.0 * low + 40.0 / 3.0 * high - 16.0 / 3.0 * last);
+      factors_[3][part] = static_cast<float>(32.0 / 3.0 * low - 32.0 / 3.0 * high + 16.0 / 3.0 * last);
+    }
+  }
+
+  /// @pre x >= 0.
+  [[nodiscard]] float operator()(float x) const {
+    const float place = std::min(kEnd, rounded(x * parts_per_unit_));  // Of NaN, the end.
+    const auto part = static_cast<std::size_t>(static_cast<int>(place));
+    const float t = place - static_cast<float>(static_cast<int>(part));
+    const auto factor = [&](std::size_t power) { return factors_[power][part]; };
+    return rounded((rounded((rounded(factor(3) * t) + factor(2)) * t) + factor(1)) * t) + factor(0);
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  /// The same of eight numbers, to the last bit.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 operator()(__m256 x) const {
+    const __m256 place =
+        _mm256_min_ps(_mm256_mul_ps(x, _mm256_set1_ps(parts_per_unit_)), _mm256_set1_ps(kEnd));
+    const __m256i part = _mm256_cvttps_epi32(place);
+    const __m256 t = _mm256_sub_ps(place, _mm256_cvtepi32_ps(part));
+    __m256 value = _mm256_permutevar8x32_ps(_mm256_loadu_ps(factors_[3].data()), part);
+#pragma GCC unroll 4
+    for (std::size_t left = 3; left > 0; --left)
+      value = _mm256_add_ps(_mm256_mul_ps(value, t),
+                            _mm256_permutevar8x32_ps(_mm256_loadu_ps(factors_[left - 1].data()), part));
+    return value;
+  }
+#endif
+
+ private:
+  static constexpr std::size_t kParts = 8;
+  static constexpr float kEnd = 0x1.fffffep2f;  // The largest below 8.
+  float parts_per_unit_;
+  std::array<std::array<float, kParts>, 4> factors_;  // Of each power of the place in a part, from 0 to 1.
+};
+
+}  // namespace ndtree
