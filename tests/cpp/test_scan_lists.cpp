@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 #include <memory>
+#include <numeric>
 #include <set>
 #include <utility>
 #include <vector>
@@ -46,8 +47,10 @@ struct Beams {
     };
     Vector<D> origin;
     for (int a = 0; a < D; ++a) origin[a] = place(random.chance(0.3));
-    beams.resize(count, {ScanFace<D>(origin, 0, false)}, std::make_unique<std::uint32_t[]>(1), own_origins,
-                 geometry.coordinates(origin), true, count % 2 == 1);  // Some say what they pass themselves.
+    ScanFace<D> face(origin, 0, false);
+    face.end_of_beams = static_cast<std::uint32_t>(count);
+    beams.resize(count, {face}, {0}, own_origins, geometry.coordinates(origin), true,
+                 count % 2 == 1);  // Some say what they pass themselves.
     Scan<D> scan;
     scan.origins.resize(D, static_cast<Eigen::Index>(count));
     scan.endpoints.resize(D, static_cast<Eigen::Index>(count));
@@ -70,7 +73,7 @@ struct Beams {
     const Measurements<D, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
     BeamNoise noise;
     for (std::size_t i = 0; i < count; ++i)
-      beams.set(i, geometry, sensor, measurements, static_cast<Eigen::Index>(i), 0, noise);
+      beams.set(i, geometry, sensor, measurements, static_cast<Eigen::Index>(i), noise);
     beams.finish(noise);
   }
   /// All beams that cross a cell.
@@ -259,21 +262,22 @@ TEST(ScanBeams, SurelyPassAlmostAllThatTheyDo) {
       const AtATime loops(at_a_time);
       const Measurements<3, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
       ScanBeams<3> beams;
-      beams.resize(kBeams, {ScanFace<3>(scan.origins.col(0), 0, false)}, std::make_unique<std::uint32_t[]>(1),
-                   false, geometry.coordinates(scan.origins.col(0)), true, own_noise);
+      ScanFace<3> face(scan.origins.col(0), 0, false);
+      face.end_of_beams = kBeams;
+      beams.resize(kBeams, {face}, {0}, false, geometry.coordinates(scan.origins.col(0)), true, own_noise);
       BeamNoise noise(static_cast<float>((3.0 + 0.26 + 5.0 / 3.0) * options.range_sigma_quadratic));
       std::size_t by_eights = 0;
       for (std::uint32_t i = 0; i < kBeams; i += 8) {
         std::array<std::uint32_t, 8> numbers;
-        for (std::uint32_t k = 0; k < 8; ++k) beams.set_face(numbers[k] = i + k, 0);
+        std::iota(numbers.begin(), numbers.end(), i);
 #ifdef NDTREE_HAS_EIGHTS
         if (!own_noise && Simd::width() >= 8 &&
-            beams.set_eight(i, geometry, sensor, measurements, numbers, noise)) {
+            beams.set_eight(i, geometry, sensor, measurements, numbers.data(), noise)) {
           ++by_eights;
           continue;
         }
 #endif
-        for (const std::uint32_t k : numbers) beams.set(k, geometry, sensor, measurements, k, 0, noise);
+        for (const std::uint32_t k : numbers) beams.set(k, geometry, sensor, measurements, k, noise);
       }
       EXPECT_GE(by_eights, !own_noise && Simd::width() >= 8 ? kBeams / 9 : 0);
       beams.finish(noise);

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <random>
 #include <tuple>
 #include <vector>
@@ -34,7 +33,7 @@ Faces with_steps(const std::vector<int>& shifts, const std::vector<std::uint32_t
 }
 
 struct Ordered {
-  std::vector<KeptBeam> beams;
+  std::vector<Drawn> beams;
   Faces faces;
   std::vector<std::uint32_t> begins;
 };
@@ -44,21 +43,21 @@ Ordered in_steps(const std::vector<Drawn>& beams, const std::vector<int>& shifts
   std::vector<std::uint32_t> counts(shifts.size(), 1);
   for (const Drawn& beam : beams)
     counts[beam.face] = std::max(counts[beam.face], (beam.chance >> shifts[beam.face]) + 1);
-  Ordered result{std::vector<KeptBeam>(beams.size()), with_steps(shifts, counts), {}};
+  Ordered result{std::vector<Drawn>(beams.size()), with_steps(shifts, counts), {}};
   const BeamSteps<3> steps(result.faces);
   const auto first = [&](std::size_t part) { return beams.size() * part / num_parts; };
   std::vector<std::vector<std::uint32_t>> places(num_parts);
   for (std::size_t p = 0; p < num_parts; ++p) {
-    places[p].resize(steps.count());
+    places[p] = steps.counts();
     for (std::size_t i = first(p); i < first(p + 1); ++i)
-      ++places[p][steps.of(beams[i].face, beams[i].chance)];
+      ++places[p][1 + steps.of(beams[i].face, beams[i].chance)];
   }
   Workers workers(num_parts);
-  const std::unique_ptr<std::uint32_t[]> begins = steps.begin(places, workers);
+  steps.begin(places, workers);
   for (std::size_t p = 0; p < num_parts; ++p)
     for (std::size_t i = first(p); i < first(p + 1); ++i)
-      result.beams[places[p][steps.of(beams[i].face, beams[i].chance)]++] = {beams[i].face, beams[i].number};
-  result.begins.assign(begins.get(), begins.get() + steps.count() + 1);
+      result.beams[places[p][1 + steps.of(beams[i].face, beams[i].chance)]++] = beams[i];
+  result.begins = places.back();
   return result;
 }
 

@@ -81,10 +81,9 @@ void looks_over_as_one_by_one(std::uint64_t seed) {
         part.keep(image, numbers, {1e9, 0.05, 0.4});
         EXPECT_EQ(part.num_kept(), exact.num_valid());
         for (std::size_t k = 0; k < part.num_kept(); ++k) {
-          const KeptBeam kept = part.kept(k);
-          const auto i = static_cast<Eigen::Index>(kept.number);
+          const auto i = static_cast<Eigen::Index>(part.kept(k));
           const Beam<D> beam = measurements.beam(i);
-          const ScanFace<D>& face = image.face(kept.face);
+          const ScanFace<D>& face = image.face(numbers[part.face(k)]);
           EXPECT_EQ(face.origin, beam.origin);
           EXPECT_EQ(std::abs(beam.displacement[face.axis]), beam.displacement.cwiseAbs().maxCoeff());
           EXPECT_EQ(beam.displacement[face.axis] < 0.0, face.negative);
@@ -136,8 +135,8 @@ void keeps_what_some_cell_takes(std::uint64_t seed) {
     part.keep(image, numbers, sampling);
     std::set<std::uint32_t> kept;
     for (std::size_t k = 0; k < part.num_kept(); ++k) {
-      kept.insert(part.kept(k).number);
-      const ScanFace<D>& face = image.face(numbers[part.kept(k).face]);
+      kept.insert(part.kept(k));
+      const ScanFace<D>& face = image.face(numbers[part.face(k)]);
       EXPECT_LT(face.step_of(part.chance(k)),
                 face.steps_within(part.depth_of_kept(sampling), 0.25f, static_cast<float>(beams_of_a_cell)))
           << "there is a step for each";

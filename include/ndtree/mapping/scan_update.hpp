@@ -109,7 +109,7 @@ class ScanUpdate {
     for (const Part& part : parts_) {
       num_beams += part.num_kept();
       depth = std::max(depth, part.depth_of_kept(sampling));
-      if (part.num_kept() > 0) any = static_cast<Eigen::Index>(part.kept(0).number);
+      if (part.num_kept() > 0) any = static_cast<Eigen::Index>(part.kept(0));
     }
     if (num_beams == 0) return;
     std::vector<ScanFace<D>> faces = number_faces(numbers);
@@ -120,13 +120,13 @@ class ScanUpdate {
     std::vector<std::vector<std::uint32_t>> places(parts_.size());
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(steps, numbers[p]); });
-    std::unique_ptr<std::uint32_t[]> begins = steps.begin(places, workers);
-    const std::unique_ptr<KeptBeam[]> kept(new KeptBeam[num_beams]);  // Not initialised: parts do that.
-    workers.for_each_task(
-        parts_.size(), [&](std::size_t, std::size_t p) { parts_[p].put(numbers[p], places[p], kept.get()); });
+    steps.begin(places, workers);
+    const std::unique_ptr<std::uint32_t[]> kept(new std::uint32_t[num_beams]);  // Parts initialise that.
+    workers.for_each_task(parts_.size(),
+                          [&](std::size_t, std::size_t p) { parts_[p].put(places[p], kept.get()); });
     parts_.clear();
     const ScanView<D>& scan = measurements_->scan();
-    beams_.resize(num_beams, std::move(faces), std::move(begins), scan.origin_per_beam,
+    beams_.resize(num_beams, std::move(faces), std::move(places.back()), scan.origin_per_beam,
                   geometry.coordinates(scan.origin(any)), ends_nearby(), scan.range_sigma != nullptr);
     const bool by_eights = may_go_by_eights();
     std::vector<BeamNoise> noise(workers.count());
@@ -165,13 +165,12 @@ class ScanUpdate {
     return static_cast<float>(std::max(0.0, (margin(range) - margin(0.0)) / (range * range)));
   }
   /// Sets beams by number, from the first to before the last. @returns their noise.
-  BeamNoise set_beams(const KeptBeam* kept, std::size_t first, std::size_t last,
+  BeamNoise set_beams(const std::uint32_t* kept, std::size_t first, std::size_t last,
                       [[maybe_unused]] bool by_eights) {
     BeamNoise noise(margin_growth());
     const auto& geometry = tree_.geometry();
     const auto set = [&](std::size_t i) {
-      beams_.set(i, geometry, sensor_, *measurements_, static_cast<Eigen::Index>(kept[i].number),
-                 kept[i].face, noise);
+      beams_.set(i, geometry, sensor_, *measurements_, static_cast<Eigen::Index>(kept[i]), noise);
     };
     if (first < last) set(first);
     std::size_t i = first + 1;
@@ -181,17 +180,13 @@ class ScanUpdate {
       constexpr std::size_t kAhead = 32;
       const ScanView<D>& scan = measurements_->scan();
       for (; by_eights && i + 8 <= last; i += 8) {
-        std::array<std::uint32_t, 8> numbers;
-        bool all_returned = true;
         if (i + kAhead + 8 <= last)
           for (std::size_t k = 0; k < 8; ++k)
-            prefetch<D>(scan.endpoints + std::size_t{D} * kept[i + kAhead + k].number);
-        for (std::size_t k = 0; k < 8; ++k) {
-          all_returned = all_returned && scan.is_returned(static_cast<Eigen::Index>(kept[i + k].number));
-          numbers[k] = kept[i + k].number;
-          beams_.set_face(i + k, kept[i + k].face);
-        }
-        if (!all_returned || !beams_.set_eight(i, geometry, sensor_, *measurements_, numbers, noise))
+            prefetch<D>(scan.endpoints + std::size_t{D} * kept[i + kAhead + k]);
+        bool all_returned = true;
+        for (std::size_t k = 0; k < 8; ++k)
+          all_returned = all_returned && scan.is_returned(static_cast<Eigen::Index>(kept[i + k]));
+        if (!all_returned || !beams_.set_eight(i, geometry, sensor_, *measurements_, kept + i, noise))
           for (std::size_t k = 0; k < 8; ++k) set(i + k);
       }
     }

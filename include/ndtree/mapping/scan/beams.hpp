@@ -158,7 +158,7 @@ class ScanBeams {
   /// @param begins_of_steps the first beam of each step of the faces, and the end of the last.
   /// @param base the cell from which end points are counted. @param end_nearby see ends_nearby().
   /// @param have_own_noise whether the sensor alone does not say how noisy each is.
-  void resize(std::size_t n, std::vector<ScanFace<D>> faces, std::unique_ptr<std::uint32_t[]> begins_of_steps,
+  void resize(std::size_t n, std::vector<ScanFace<D>> faces, std::vector<std::uint32_t> begins_of_steps,
               bool have_own_origins, const Lattice<D>& base, bool end_nearby, bool have_own_noise) {
     size_ = n;
     faces_ = std::move(faces);
@@ -167,6 +167,9 @@ class ScanBeams {
     ends_.reset(new BeamEnd<D>[n]);
     passes_.reset(have_own_noise ? new float[n] : nullptr);
     faces_of_.reset(new std::uint32_t[n]);
+    std::uint32_t number = 0;
+    for (std::size_t first = 0; number < faces_.size(); first = faces_[number++].end_of_beams)
+      std::fill(faces_of_.get() + first, faces_of_.get() + faces_[number].end_of_beams, number);
     cells_.reset(end_nearby ? nullptr : new Lattice<D>[n]);
     ends_nearby_ = end_nearby;
     has_own_origins_ = have_own_origins;
@@ -174,12 +177,10 @@ class ScanBeams {
     base_ = base;
   }
 
-  /// @param i number of the beam in the scan, valid. @param face by its number, see resize().
-  /// @param noise to which its own is added, for finish().
+  /// @param i number of the beam in the scan, valid. @param noise to which its own is added, for finish().
   template <int N, class Sensor>
   void set(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
-           const Measurements<D, Sensor>& measurements, Eigen::Index i, std::uint32_t face,
-           BeamNoise& noise) {
+           const Measurements<D, Sensor>& measurements, Eigen::Index i, BeamNoise& noise) {
     const Beam<D> beam = measurements.beam(i);
     const bool returned = beam.outcome == BeamOutcome::returned;
     float square = 0.0f;
@@ -215,7 +216,6 @@ class ScanBeams {
         returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
         returned ? static_cast<float>(static_cast<double>(end) + rounded(Sensor::kReachSigmas * sigma)) : end,
         noise);
-    set_face(number, face);
     const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
     if (!ends_nearby_) cells_[number] = cell;
     for (std::size_t a = 0; a < D; ++a)
@@ -224,13 +224,13 @@ class ScanBeams {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  /// set() of eight beams from one origin that are all returned, and have no noise of their own; their faces
-  /// may be set before or after. @pre all end nearby, see ends_nearby().
+  /// set() of eight beams from one origin that are all returned, and have no noise of their own.
+  /// @param numbers of these beams in the scan. @pre all end nearby, see ends_nearby().
   /// @returns false if set() has more to think about: a beam is cut, or ends on a border of a cell.
   template <int N, class Sensor>
   NDTREE_BY_EIGHTS bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry,
                                   const Sensor& sensor, const Measurements<D, Sensor>& measurements,
-                                  const std::array<std::uint32_t, 8>& numbers, BeamNoise& noise) {
+                                  const std::uint32_t* numbers, BeamNoise& noise) {
     const ScanView<D>& scan = measurements.scan();
     const __m256 sign = _mm256_set1_ps(-0.0f);
     __m256 way[std::size_t{D}];
@@ -355,7 +355,6 @@ class ScanBeams {
     return beams.ends;
   }
 #endif
-  void set_face(std::size_t number, std::uint32_t face) { faces_of_[number] = face; }
 
   /// After the last beam. @param noise of all of them.
   void finish(const BeamNoise& noise) {
@@ -451,8 +450,8 @@ class ScanBeams {
   std::unique_ptr<std::uint32_t[]> faces_of_;
   std::unique_ptr<Lattice<D>[]> cells_;
   std::vector<ScanFace<D>> faces_;
-  std::unique_ptr<std::uint32_t[]> begins_of_steps_;  // And the end of the last.
-  std::vector<Vector<D>> origins_;                    // One, or one each.
+  std::vector<std::uint32_t> begins_of_steps_;  // And the end of the last.
+  std::vector<Vector<D>> origins_;              // One, or one each.
   Lattice<D> base_{};
   bool has_own_origins_ = false;
   bool ends_nearby_ = true;

@@ -124,32 +124,32 @@ class alignas(64) ScanPart {
   }
   /// How many some cell may take, ...
   [[nodiscard]] std::size_t num_kept() const { return num_kept_; }
-  /// ... these, in the order of the scan, their faces by the number that they have in this part, ...
-  [[nodiscard]] KeptBeam kept(std::size_t k) const {
-    return {face_[kept_[k]], static_cast<std::uint32_t>(first_) + kept_[k]};
+  /// ... these, in the order of the scan, ...
+  [[nodiscard]] std::uint32_t kept(std::size_t k) const {
+    return static_cast<std::uint32_t>(first_) + kept_[k];
   }
-  [[nodiscard]] std::uint32_t chance(std::size_t k) const { return chance_[kept_[k]]; }
+  /// ... the faces that they go through, by the number that those have in this part, ...
+  [[nodiscard]] std::uint32_t face(std::size_t k) const { return face_[k]; }
+  /// ... their chances, until count(), ...
+  [[nodiscard]] std::uint32_t chance(std::size_t k) const { return chance_[k]; }
   /// ... and how many there are of each face.
   [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
 
   /// How many of them each step has. @param numbers that this part's faces have there.
   [[nodiscard]] std::vector<std::uint32_t> count(const BeamSteps<D>& steps,
                                                  const std::vector<std::uint32_t>& numbers) {
-    std::vector<std::uint32_t> counts(steps.count(), 0);
-    step_.reset(new std::uint32_t[num_kept_]);
-    for (std::size_t k = 0; k < num_kept_; ++k) {
-      step_[k] = static_cast<std::uint32_t>(steps.of(numbers[kept(k).face], chance(k)));
-      ++counts[step_[k]];
-    }
+    std::vector<std::uint32_t> counts = steps.counts();
+    std::size_t k = 0;
+#ifdef NDTREE_HAS_EIGHTS
+    if (Simd::width() >= 8 && numbers.size() <= kNone) k = find_steps_by_eights(steps, numbers);
+#endif
+    for (; k < num_kept_; ++k) chance_[k] = static_cast<std::uint32_t>(steps.of(numbers[face(k)], chance(k)));
+    for (k = 0; k < num_kept_; ++k) ++counts[1 + chance_[k]];
     return counts;
   }
   /// Puts them where they belong. @param places of the next of each step.
-  void put(const std::vector<std::uint32_t>& numbers, std::vector<std::uint32_t>& places,
-           KeptBeam* beams) const {
-    for (std::size_t k = 0; k < num_kept_; ++k) {
-      const KeptBeam beam = kept(k);
-      beams[places[step_[k]]++] = {numbers[beam.face], beam.number};
-    }
+  void put(std::vector<std::uint32_t>& places, std::uint32_t* numbers) const {
+    for (std::size_t k = 0; k < num_kept_; ++k) numbers[places[1 + chance_[k]]++] = kept(k);
   }
 
  private:
@@ -241,7 +241,9 @@ class alignas(64) ScanPart {
     return face.share_below(face.step_of(chance)) * face.expected_beams(depth, smallest) < beams;
   }
   void add_kept(std::size_t place) {
-    kept_[num_kept_++] = static_cast<std::uint32_t>(place);
+    kept_[num_kept_] = static_cast<std::uint32_t>(place);
+    chance_[num_kept_] = chance_[place];
+    face_[num_kept_++] = face_[place];
     ++kept_of_faces_[face_[place]];
   }
 
@@ -297,9 +299,6 @@ class alignas(64) ScanPart {
           _mm256_cmp_ps(_mm256_mul_ps(chance, expected), _mm256_set1_ps(beams), _CMP_LT_OQ),
           _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)));
       const auto set = static_cast<unsigned>(_mm256_movemask_ps(is_kept));
-      const __m256i place = _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(i)), detail::packing(set));
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(kept_.get() + num_kept_), place);
-      num_kept_ += static_cast<std::size_t>(__builtin_popcount(set));
       for (unsigned left = 0xff; left != 0;) {  // Most go through one face, be they kept or not.
         const std::uint32_t one = std::min(face_[i + static_cast<std::size_t>(__builtin_ctz(left))],
                                            static_cast<std::uint32_t>(kNone));
@@ -308,9 +307,41 @@ class alignas(64) ScanPart {
         kept_of_faces[one] += static_cast<std::uint32_t>(__builtin_popcount(same & set));
         left &= ~same;
       }
+      const __m256i order = detail::packing(set);
+      const auto put = [this](std::unique_ptr<std::uint32_t[]>& column) {
+        return reinterpret_cast<__m256i*>(column.get() + num_kept_);
+      };
+      _mm256_storeu_si256(put(kept_), _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(i)), order));
+      _mm256_storeu_si256(put(chance_), _mm256_permutevar8x32_epi32(number, order));
+      _mm256_storeu_si256(put(face_), _mm256_permutevar8x32_epi32(face, order));
+      num_kept_ += static_cast<std::size_t>(__builtin_popcount(set));
     }
     std::copy_n(kept_of_faces.begin(), kept_of_faces_.size(), kept_of_faces_.begin());
     return i;
+  }
+
+  /// Finds the steps of those that are kept, of few faces. @returns the first that is left.
+  NDTREE_BY_EIGHTS std::size_t find_steps_by_eights(const BeamSteps<D>& steps,
+                                                    const std::vector<std::uint32_t>& numbers) {
+    OfFaces first;
+    OfFaces shift;
+    first.fill(0.0f);
+    shift.fill(0.0f);
+    for (std::size_t f = 0; f < numbers.size(); ++f) {
+      const ScanFace<D>& face = steps.face(numbers[f]);
+      const auto first_step = static_cast<std::uint32_t>(face.first_step);
+      std::memcpy(&first[f], &first_step, sizeof first_step);
+      std::memcpy(&shift[f], &face.chance_shift, sizeof face.chance_shift);
+    }
+    std::size_t k = 0;
+    for (; k + 8 <= num_kept_; k += 8) {
+      const __m256i face = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(face_.get() + k));
+      auto* const chance = reinterpret_cast<__m256i*>(chance_.get() + k);
+      const __m256i step =
+          _mm256_srlv_epi32(_mm256_loadu_si256(chance), _mm256_castps_si256(of_face(shift, face)));
+      _mm256_storeu_si256(chance, _mm256_add_epi32(step, _mm256_castps_si256(of_face(first, face))));
+    }
+    return k;
   }
 
   /// look_over_one() for beams of one origin. @returns the first that is left.
@@ -485,10 +516,10 @@ class alignas(64) ScanPart {
   std::size_t size_ = 0;          // Beams.
   // Of each, not initialised; kNoFace of those that say nothing:
   std::unique_ptr<float[]> depth_;
-  std::unique_ptr<std::uint32_t[]> chance_;
-  std::unique_ptr<std::uint32_t[]> face_;
+  std::unique_ptr<std::uint32_t[]>
+      chance_;                             // Then of those that are kept alone, and then their steps instead.
+  std::unique_ptr<std::uint32_t[]> face_;  // Then of those that are kept alone.
   std::unique_ptr<std::uint32_t[]> kept_;  // Places of those that some cell may take, in their order.
-  std::unique_ptr<std::uint32_t[]> step_;  // Of each of these, see BeamSteps.
   std::size_t num_kept_ = 0;
   std::vector<std::uint32_t> kept_of_faces_;
 };
