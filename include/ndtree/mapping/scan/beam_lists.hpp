@@ -20,6 +20,7 @@ namespace ndtree {
 /// read, and whoever writes may write, up to kSlack behind the last.
 struct BeamList {
   static constexpr std::size_t kSlack = 16;
+  static constexpr std::uint32_t kAll = 0xffffffff;  ///< No beam has this number.
 
   std::uint32_t* beam = nullptr;
   std::size_t size = 0;

@@ -373,13 +373,17 @@ class ScanBeams {
     return origins_[has_own_origins_ ? number : 0];
   }
   [[nodiscard]] const ScanFace<D>& face_of(std::size_t number) const { return faces_[faces_of_[number]]; }
+  /// The first beams of a face's steps, and the one after its last.
+  [[nodiscard]] const std::uint32_t* begins_of_steps(const ScanFace<D>& face) const {
+    return begins_of_steps_.data() + face.first_step;
+  }
   /// Of the sample that is a share of a face's beams, the number of the one after the last.
   [[nodiscard]] NDTREE_ALWAYS_INLINE std::uint32_t end_of_share(const ScanFace<D>& face, float share) const {
     if (!(share < 1.0f)) return face.end_of_beams;
     const float steps = share * face.steps_of_all();
     auto whole = static_cast<std::uint32_t>(steps);
     whole += static_cast<float>(whole) < steps;
-    return begins_of_steps_[face.first_step + std::min(whole, face.num_steps)];
+    return begins_of_steps(face)[std::min(whole, face.num_steps)];
   }
   /// The smallest cell that a beam ends in.
   [[nodiscard]] Lattice<D> end_cell(std::size_t number) const {

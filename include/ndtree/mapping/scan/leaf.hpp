@@ -90,14 +90,17 @@ class LeafEvidence {
   }
 
   /// What a list's beams say about a leaf of level 0 or below. @param crossings where beams cross it.
+  /// @param end number of the one after the last that counts.
   [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(const CellIndex<D>& leaf,
                                                      const CellCrossings<N, D>& crossings,
-                                                     const BeamList& list) const {
+                                                     const BeamList& list,
+                                                     std::uint32_t end = BeamList::kAll) const {
 #ifdef NDTREE_HAS_EIGHTS
     const Size& size = size_of(leaf.level);
-    if (size.is_simple && list.size <= kMostAtOnce) return of_eights<true>(leaf, crossings, list, size);
+    if (size.is_simple && list.size - 1 < kMostAtOnce)
+      return of_eights<true>(leaf, crossings, list, end, size);
 #endif
-    return of_any(leaf, crossings, list);
+    return of_any(leaf, crossings, list.part(0, list.find(end)));
   }
 
   /// What one beam says about leaves of one level, of 0 or below.
@@ -263,8 +266,8 @@ class LeafEvidence {
     if (size.goes_by_eights) {
       for (std::size_t first = 0; first < list.size; first += kMostAtOnce) {
         const BeamList part = list.part(first, std::min(first + kMostAtOnce, list.size));
-        sum.add(size.is_simple ? of_eights<true>(leaf, crossings, part, size)
-                               : of_eights<false>(leaf, crossings, part, size));
+        sum.add(size.is_simple ? of_eights<true>(leaf, crossings, part, BeamList::kAll, size)
+                               : of_eights<false>(leaf, crossings, part, BeamList::kAll, size));
       }
       return sum;
     }
@@ -306,17 +309,23 @@ class LeafEvidence {
     __m256i passed, near;    // Less the number of beams: those that passed, and others that say anything.
   };
 
-  /// As OfBeam, of up to kMostAtOnce beams.
+  /// As OfBeam, of those before an end, of up to kMostAtOnce beams, not none.
   template <bool kAlike>
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE ScanEvidence of_eights(const CellIndex<D>& leaf,
                                                               const CellCrossings<N, D>& crossings,
-                                                              const BeamList& list, const Size& size) const {
+                                                              const BeamList& list, std::uint32_t end,
+                                                              const Size& size) const {
+    constexpr std::uint32_t kMostBeams = 0x7fffffff;  // See ScanBeams::width().
+    const __m256i last = _mm256_set1_epi32(static_cast<int>(std::min(end, kMostBeams)));
     const __m256i zero = _mm256_setzero_si256();
     EightSums sums{zero, zero, zero, zero};
     ScanEvidence sum;
-    for (std::size_t i = 0; i < list.size; i += 8) {
-      const __m256i live = detail::first_of_eight(list.size - i);
-      const __m256i beam = detail::load_live(list.beam + i, live);
+    std::size_t i = 0;
+    do {
+      const __m256i number = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(list.beam + i));
+      const __m256i live =
+          _mm256_and_si256(detail::first_of_eight(list.size - i), _mm256_cmpgt_epi32(last, number));
+      const __m256i beam = _mm256_and_si256(number, live);
       const EightCrossings at = crossings.template of<kAlike>(beam, beams_.ways(beam));
       __m256i misses =
           _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(at.exit, at.pass, _CMP_LT_OQ)));
@@ -329,7 +338,8 @@ class LeafEvidence {
       if (size.resolves_some && !size.resolves_all)
         sum.resolvable_misses +=
             count(set_of(_mm256_castsi256_ps(misses)) & resolvable(size, beams_.ends(beam).sigma));
-    }
+      i += 8;
+    } while (i < list.size && list.beam[i] < end);
     finish(sums, size, sum);
     return sum;
   }

@@ -95,13 +95,14 @@ class BeamShares {
   BeamShares(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams, const EvidenceModel& model)
       : geometry_(geometry),
         beams_(beams),
+        width_(beams.width()),
         smallest_size_(static_cast<float>(geometry.unit())),
         sample_beams_{static_cast<float>(model.sample_beams(false)),
                       static_cast<float>(model.sample_beams(true))} {}
 
   /// The share of a face's beams that count in a leaf: so many for each smallest cell side by side in it.
   [[nodiscard]] float of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
-    return face.is_lone() ? 1.0f : at_depth(depth_of(leaf, face), face, is_known);
+    return at_depth(depth_of(leaf, face), face, is_known);
   }
   [[nodiscard]] FaceShare<D> share_of(const ScanFace<D>& face, float share) const {
     return {&face, beams_.end_of_share(face, share), share};
@@ -219,42 +220,102 @@ class BeamShares {
     return std::pow(share, -1.0f / static_cast<float>(D - 1));
   }
 
-  /// What children of a node take of its few beams, where those are of one face.
+  /// What children of a node take of its beams, where those are of one face: the same in all children side
+  /// by side.
   class Children {
    public:
-    /// @param face null if there are several.
-    NDTREE_ALWAYS_INLINE Children(const BeamShares& shares, const CellIndex<D>& node, const ScanFace<D>* face)
+    NDTREE_ALWAYS_INLINE Children(const BeamShares& shares, const CellIndex<D>& node, const ScanFace<D>& face)
         : shares_(shares), face_(face) {
-      if (face_ == nullptr) return;
       const LatticeGeometry<N, D>& geometry = shares.geometry_;
       const std::int64_t edge = geometry.edge(node.level - 1);
-      std::int64_t at = node.lower[static_cast<std::size_t>(face_->axis)];
+      std::int64_t at = node.lower[static_cast<std::size_t>(face_.axis)];
       double lower = geometry.border(at);
       for (float& depth : depths_) {
         const double upper = geometry.border(at += edge);
-        depth = face_->depth_of(lower, upper);
+        depth = face_.depth_of(lower, upper);
         lower = upper;
       }
     }
-    /// Null if there are several.
-    [[nodiscard]] const ScanFace<D>* face() const { return face_; }
-    // If there is one:
     [[nodiscard]] bool takes_all(std::size_t child, bool is_known) const {
-      return depths_[slab_of(child)] >= face_->depth_of_all[is_known];
+      return depths_[slab_of(child)] >= face_.depth_of_all[is_known];
     }
-    [[nodiscard]] float share(std::size_t child, bool is_known) const {
-      return shares_.at_depth(depths_[slab_of(child)], *face_, is_known);
+    [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_known) const {
+      return of_slab(slab_of(child), is_known);
     }
+    /// of() all of them.
+    class All {
+     public:
+      explicit All(const Children& children) : children_(children) {
+#ifdef NDTREE_HAS_EIGHTS
+        if constexpr (kCount <= 8) {
+          if (children.shares_.width_ >= 8) {
+            children.by_eights(of_.data(), ends_.data());
+            return;
+          }
+        }
+#endif
+        for (std::size_t i = 0; i < kCount; ++i) {
+          const FaceShare<D> share = children.of_slab(i / 2, i % 2 != 0);
+          of_[i] = share.share;
+          ends_[i] = share.end;
+        }
+      }
+      [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_known) const {
+        const std::size_t place = 2 * children_.slab_of(child) + is_known;
+        return {&children_.face_, ends_[place], of_[place]};
+      }
+
+     private:
+      static constexpr std::size_t kCount = 2 * N;
+      const Children& children_;
+      // Of cells that are learning and of those that know much, slab by slab.
+      std::array<float, std::max<std::size_t>(kCount, 8)> of_;
+      std::array<std::uint32_t, kCount> ends_;
+    };
 
    private:
+    [[nodiscard]] FaceShare<D> of_slab(std::size_t slab, bool is_known) const {
+      return shares_.share_of(face_, shares_.at_depth(depths_[slab], face_, is_known));
+    }
+#ifdef NDTREE_HAS_EIGHTS
+    /// The same of up to four slabs, to the last bit.
+    NDTREE_BY_EIGHTS void by_eights(float* shares, std::uint32_t* ends) const {
+      const ScanFace<D>& face = face_;
+      alignas(32) std::array<float, 8> depths{};
+      std::copy(depths_.begin(), depths_.end(), depths.begin());
+      const __m256 depth =
+          _mm256_permutevar8x32_ps(_mm256_load_ps(depths.data()), _mm256_setr_epi32(0, 0, 1, 1, 2, 2, 3, 3));
+      const __m256 one = _mm256_set1_ps(1.0f);
+      const __m256 row = _mm256_div_ps(_mm256_set1_ps(shares_.smallest_size_ * face.density), depth);
+      __m256 expected = one;
+      for (const float n : face.places)
+        expected = _mm256_mul_ps(expected, _mm256_min_ps(row, _mm256_set1_ps(n)));
+      const auto alternate = [](const std::array<float, 2>& values) {
+        return reinterpret_cast<const double*>(values.data());
+      };
+      const __m256 beams = _mm256_castpd_ps(_mm256_broadcast_sd(alternate(shares_.sample_beams_)));
+      const __m256 of_all = _mm256_castpd_ps(_mm256_broadcast_sd(alternate(face.depth_of_all)));
+      const __m256 of_some = _mm256_min_ps(_mm256_div_ps(beams, expected), one);
+      const __m256 share = _mm256_blendv_ps(of_some, one, _mm256_cmp_ps(depth, of_all, _CMP_GE_OQ));
+      const __m256 steps = _mm256_mul_ps(share, _mm256_set1_ps(face.steps_of_all()));
+      const __m256i below = _mm256_cvttps_epi32(steps);
+      const __m256i is_above =
+          _mm256_castps_si256(_mm256_cmp_ps(_mm256_cvtepi32_ps(below), steps, _CMP_LT_OQ));
+      const detail::Offsets step(_mm256_min_epu32(_mm256_sub_epi32(below, is_above),
+                                                  _mm256_set1_epi32(static_cast<int>(face.num_steps))));
+      _mm256_storeu_ps(shares, share);
+      const std::uint32_t* const begins = shares_.beams_.begins_of_steps(face);
+      for (std::size_t i = 0; i < std::size_t{2} * N; ++i) ends[i] = begins[step[i]];
+    }
+#endif
     /// On the face's axis.
     [[nodiscard]] std::size_t slab_of(std::size_t child) const {
-      if constexpr (N == 2) return child >> face_->axis & 1u;
-      for (int a = 0; a < face_->axis; ++a) child /= N;
+      if constexpr (N == 2) return child >> face_.axis & 1u;
+      for (int a = 0; a < face_.axis; ++a) child /= N;
       return child % N;
     }
     const BeamShares& shares_;
-    const ScanFace<D>* face_;
+    const ScanFace<D>& face_;
     std::array<float, std::size_t{N}> depths_;  // Of the children, slab by slab.
   };
 
@@ -267,13 +328,15 @@ class BeamShares {
     return face.depth_of(border(cell, face.axis, false), border(cell, face.axis, true));
   }
   /// The share that counts in a leaf at a depth.
-  [[nodiscard]] float at_depth(float depth, const ScanFace<D>& face, bool is_known) const {
-    if (depth >= face.depth_of_all[is_known]) return 1.0f;
+  [[nodiscard]] NDTREE_ALWAYS_INLINE float at_depth(float depth, const ScanFace<D>& face,
+                                                    bool is_known) const {
+    if (face.is_lone() || depth >= face.depth_of_all[is_known]) return 1.0f;
     return std::min(1.0f, sample_beams_[is_known] / face.expected_beams(depth, smallest_size_));
   }
 
   const LatticeGeometry<N, D>& geometry_;
   const ScanBeams<D>& beams_;
+  const int width_;
   const float smallest_size_;
   const std::array<float, 2> sample_beams_;  // Of leaves that are learning, and that know much.
 };

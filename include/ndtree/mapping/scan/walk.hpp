@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <numeric>
+#include <optional>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
@@ -40,6 +41,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   using Lists = typename Clip::Lists;
   using Planes = typename Clip::Planes;
   using Shares = NodeShares<D>;
+  using ChildrenShares = typename BeamShares<N, D>::Children;
+  using AllShares = typename ChildrenShares::All;
 
  public:
   using Ref = typename Tree::Ref;
@@ -224,13 +227,25 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     if (!shares.takes_all) {
       const ScanFace<D>* const face = shares_.only_face_of(list, shares);
       if (face == nullptr) return update_by_sample(leaf, crossings, list, is_known);
-      const float share = shares_.of(leaf.index, *face, is_known);
-      if (share < 1.0f) return update_by_share(leaf, crossings, list, *face, share);
+      return update_by_share(leaf, crossings, list,
+                             shares_.share_of(*face, shares_.of(leaf.index, *face, is_known)));
     }
     ScanEvidence scan = evidence_of(leaf, crossings, list);
     refinement_.model.limit(scan);
     return update_or_divide(leaf, scan,
                             [&](const ScanEvidence& all) { return divide(leaf, list, all_, all, shares); });
+  }
+  /// The same of a node's child. @param of_siblings what its children take; null if nobody knows.
+  bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
+                   const Shares& shares, int child, const AllShares* of_siblings) {
+    const bool is_known = refinement_.model.is_known(leaf.cell());
+    if (of_siblings == nullptr || (is_known && refinement_.model.is_settled(leaf.cell())))
+      return update_some_leaf(leaf, crossings, list, shares);
+    return update_by_share(leaf, crossings, list, of_siblings->of(static_cast<std::size_t>(child), is_known));
+  }
+  NDTREE_NEVER_INLINE bool update_some_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings,
+                                            const BeamList& list, const Shares& shares) {
+    return update_leaf(leaf, crossings, list, shares);
   }
   bool update_by_sample(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
                         bool is_known) {
@@ -246,11 +261,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                             [&](const ScanEvidence& all) { return divide(leaf, list, sample_, all, {}); });
   }
   /// The same of a list of one face.
-  bool update_by_share(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
-                       const ScanFace<D>& face, float share) {
-    const FaceShare<D> of_face = shares_.share_of(face, share);
-    const std::size_t end = list.find(of_face.end);
-    ScanEvidence scan = evidence_of(leaf, crossings, list.part(0, end));
+  NDTREE_ALWAYS_INLINE bool update_by_share(const Ref& leaf, const CellCrossings<N, D>& crossings,
+                                            const BeamList& list, const FaceShare<D>& of_face) {
+    ScanEvidence scan = evidence_of(leaf, crossings, list, of_face.end);
     refinement_.model.limit(scan);
     return update_or_divide(
         leaf, scan, [&](const ScanEvidence& all) { return divide_by_share(leaf, list, of_face, all); });
@@ -262,11 +275,13 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return divide(leaf, list, sample_, scan, {share.face, false});
   }
   /// What beams say about a leaf, until it is certain that it splits: then they are its children's.
+  /// @param end number of the one after the last that counts.
   [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence evidence_of(const Ref& leaf,
                                                               const CellCrossings<N, D>& crossings,
-                                                              const BeamList& list) const {
-    return is_worth_asking(leaf, list) ? some_at_once(leaf, crossings, list, {})
-                                       : evidence_.of(leaf.index, crossings, list);
+                                                              const BeamList& list,
+                                                              std::uint32_t end = BeamList::kAll) const {
+    return is_worth_asking(leaf, list) ? some_at_once(leaf, crossings, list.part(0, list.find(end)), {})
+                                       : evidence_.of(leaf.index, crossings, list, end);
   }
   /// Whether so many may tell that a leaf splits that it is asked before all have been looked at.
   [[nodiscard]] bool is_worth_asking(const Ref& leaf, const BeamList& list) const {
@@ -369,6 +384,11 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     const bool are_cells = ref.index.level <= coarsest_level_;
     bool changed = was_split;
     const Children children(tree_, ref);
+    std::optional<ChildrenShares> depths;
+    std::optional<AllShares> of_children;
+    if (are_cells && shares.face != nullptr && !shares.face->is_lone() && !shares.takes_all)
+      of_children.emplace(depths.emplace(shares_, ref.index, *shares.face));
+    const AllShares* const known = of_children ? &*of_children : nullptr;
 #ifdef __GNUC__
 #pragma GCC unroll 8
 #endif
@@ -378,7 +398,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       const Ref child = children[c];
       const bool child_changed =
           are_cells && child.is_leaf()
-              ? update_leaf(child, {tree_.geometry(), beams_, child.index, planes, c}, list, shares)
+              ? update_leaf(child, {tree_.geometry(), beams_, child.index, planes, c}, list, shares, c, known)
               : descend(child, list, shares);
       changed = child_changed || changed;
     }
@@ -417,8 +437,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   bool descend(const Ref& inner, const FewBeams& beams, const Shares& above);
   bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all);
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE bool update_by_share(const CellIndex<D>& node, const Ref& leaf,
-                                                            const FewBeams& beams, const ScanFace<D>& face,
-                                                            float share);
+                                                            const FewBeams& beams,
+                                                            const FaceShare<D>& of_face);
   template <class Beams>
   bool update_leaf(const Ref& leaf, const Beams& beams, const Shares& shares);
   bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, const Shares& shares);

@@ -46,8 +46,8 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
   const int level = ref.index.level - 1;  // Of the children.
   const bool takes_all = above.takes_all;
   const Shares below{takes_all ? above.face : shares_.only_face_of(list, above), takes_all};
-  std::optional<typename BeamShares<N, D>::Children> shares;
-  if (!takes_all) shares.emplace(shares_, ref.index, below.face);
+  std::optional<ChildrenShares> shares;
+  if (!takes_all && below.face != nullptr) shares.emplace(shares_, ref.index, *below.face);
   bool changed = was_split;
 #pragma GCC unroll 1
   for (int c = 0; c < kNumChildren; ++c) {
@@ -64,9 +64,8 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     const bool is_known = model.is_known(cell);
     if (is_known && model.is_settled(cell)) {
       if (all_pass) continue;
-    } else if (takes_all ||
-               (shares->face() != nullptr ? shares->takes_all(of_child.child, is_known)
-                                          : shares_.takes_all(children[c].index, of_child, is_known))) {
+    } else if (takes_all || (shares ? shares->takes_all(of_child.child, is_known)
+                                    : shares_.takes_all(children[c].index, of_child, is_known))) {
       const auto divide_it = [&](const ScanEvidence& scan) {
         return divide(children[c], of_child, scan, below);
       };
@@ -84,10 +83,9 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
       if (few_may_be_too_many_) model.limit(scan);
       changed = update_or_divide(cell, level, scan, divide_it) || changed;
       continue;
-    } else if (shares->face() != nullptr) {
-      changed = update_by_share(ref.index, children[c], of_child, *shares->face(),
-                                shares->share(of_child.child, is_known)) ||
-                changed;
+    } else if (shares) {
+      changed =
+          update_by_share(ref.index, children[c], of_child, shares->of(of_child.child, is_known)) || changed;
       continue;
     }
     changed = update_leaf(children[c], of_child, below) || changed;
@@ -109,9 +107,10 @@ NDTREE_ALWAYS_INLINE bool ScanWalk<Tree, Refinement, Sensor>::descend(const Ref&
 
 /// A leaf that takes a share of few beams, all of one face. @param node the leaf's parent.
 template <class Tree, class Refinement, class Sensor>
-NDTREE_BY_EIGHTS bool ScanWalk<Tree, Refinement, Sensor>::update_by_share(
-    const CellIndex<D>& node, const Ref& leaf, const FewBeams& beams, const ScanFace<D>& face, float share) {
-  const FaceShare<D> of_face = shares_.share_of(face, share);
+NDTREE_BY_EIGHTS bool ScanWalk<Tree, Refinement, Sensor>::update_by_share(const CellIndex<D>& node,
+                                                                          const Ref& leaf,
+                                                                          const FewBeams& beams,
+                                                                          const FaceShare<D>& of_face) {
   const std::uint32_t set = beams.set() & beams.of.before(of_face.end);
   ScanEvidence scan;
   if (set != 0) scan = evidence_.of(node, beams.of, beams.child, set);
