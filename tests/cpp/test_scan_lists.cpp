@@ -82,6 +82,7 @@ struct Beams {
     const CellCrossings<N, D> crossings(geometry, beams, cell);
     for (std::uint32_t i = 0; i < all.size(); ++i)
       if (crossings.of(i).exit > crossings.of(i).enter) list.beam[list.size++] = i;
+    list.close();
     return list;
   }
   /// Those of a child of a cell that begins at -1 (for N = 2) or so, and is four or more cells wide.
@@ -93,12 +94,20 @@ struct Beams {
   }
 };
 
+/// Behind the last beam, those who read many at a time find numbers of some.
+template <int N, int D>
+void expect_closed(const BeamList& list, const ScanBeams<D>& beams) {
+  const bool by_sixteens = N == 2 && D >= 3 && Simd::width() >= 16;
+  for (std::size_t i = 0; i < (by_sixteens ? 16 : 8); ++i) ASSERT_LT(list.beam[list.size + i], beams.size());
+}
+
 template <class S>
 class ScanLists : public ::testing::Test {};
 TYPED_TEST_SUITE(ScanLists, Shapes, ShapeNames);
 
 TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
   NDTREE_SHAPE;
+  constexpr std::size_t kAll = 20'000;  // Numbers that lists of the children may take.
   Random random(260);
   SCOPED_TRACE(random.trace());
   std::size_t crossings = 0;
@@ -111,6 +120,9 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
         ListStack stack;
         const CellIndex<D> root = scan.root();
         const BeamList list = scan.list(root, stack);
+        const auto mark = stack.mark();
+        std::fill_n(stack.allocate(kAll).beam, kAll, 0xffffffffu);
+        stack.release(mark);
         auto children = clip.lists_for(root, list, stack);
         const auto planes = clip.planes_of(root);
         clip(root, planes, list, children);
@@ -145,6 +157,7 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
             way[beam] += static_cast<double>(exit) - static_cast<double>(enter);
           }
           EXPECT_EQ(found, child.size);
+          expect_closed<N, D>(child, scan.beams);
           crossings += found;
         }
         const CellCrossings<N, D> of_root(scan.geometry, scan.beams, root);
@@ -226,10 +239,10 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
 #ifdef NDTREE_HAS_EIGHTS
 template <int D>
 NDTREE_BY_EIGHTS std::array<float, 8> passes_of_eight(const ScanBeams<D>& beams, std::uint32_t first) {
-  const __m256i numbers =
-      _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(first)), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+  std::array<std::uint32_t, 8> numbers;
+  std::iota(numbers.begin(), numbers.end(), first);
   EightBeams<D> eight;
-  beams.look_up(numbers, eight);
+  beams.look_up(numbers.data(), eight);
   std::array<float, 8> passes;
   _mm256_storeu_ps(passes.data(), eight.pass);
   return passes;
@@ -362,6 +375,7 @@ TYPED_TEST(ScanLists, InPiecesTheyAreTheSame) {
       const BeamList expected = whole.of(j);
       ASSERT_EQ(child.size, expected.size);
       for (std::size_t i = 0; i < child.size; ++i) ASSERT_EQ(child.beam[i], expected.beam[i]);
+      expect_closed<N, D>(child, scan.beams);
     }
     for (int j = 1; j < Clip::kNumChildren; ++j)  // Whoever frees one frees those of the children before it.
       ASSERT_GE(joined.of(j - 1).beam, joined.of(j).beam + joined.of(j).size + BeamList::kSlack);

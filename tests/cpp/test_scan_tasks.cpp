@@ -36,6 +36,7 @@ struct BundleWalk {
     BeamList list = stack.allocate(last - first + BeamList::kSlack);
     for (std::size_t i = first; i < last; ++i) list.beam[i - first] = static_cast<std::uint32_t>(i);
     list.size = last - first;
+    list.close();
     lists.add(tree->root().index.lower, part, list);
   }
   void open(const CellIndex<3>& node, const CoarseList<3>& beams, CoarseLists<3>& lists) const {

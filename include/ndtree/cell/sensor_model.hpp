@@ -60,7 +60,9 @@ class BeamSensorModel {
         probability_min_(static_cast<float>(options.probability_min)),
         probability_max_(static_cast<float>(options.probability_max)),
         log_odds_free_(static_cast<float>(ndtree::log_odds(options.probability_min))),
-        log_odds_occupied_(static_cast<float>(ndtree::log_odds(options.probability_max))) {}
+        log_odds_occupied_(static_cast<float>(ndtree::log_odds(options.probability_max))),
+        quick_log_odds_min_(quick_log_odds(probability_min_)),
+        quick_log_odds_max_(quick_log_odds(probability_max_)) {}
 
   /// Standard deviation of a measured range [m].
   [[nodiscard]] double sigma(double range) const {
@@ -114,8 +116,9 @@ class BeamSensorModel {
   /// deviations: from a probability within 5e-5.
   [[nodiscard]] float quick_log_odds(float entry, float exit) const {
     const float p = 0.25f + (upper_cdf(exit) - rounded(0.5f * upper_cdf(entry)));
-    const float clamped = std::min(std::max(p, probability_min_), probability_max_);
-    return rough_log(clamped / (1.0f - clamped));
+    if (p <= probability_min_) return quick_log_odds_min_;
+    if (p >= probability_max_) return quick_log_odds_max_;
+    return quick_log_odds(p);
   }
 #ifdef NDTREE_HAS_EIGHTS
   /// The same of eight cells, to the last bit.
@@ -133,6 +136,7 @@ class BeamSensorModel {
   [[nodiscard]] float log_odds_free() const { return log_odds_free_; }
 
  private:
+  [[nodiscard]] static float quick_log_odds(float p) { return rough_log(p / (1.0f - p)); }
   /// normal_cdf() - 1/2 within 3.5e-5.
   [[nodiscard]] float upper_cdf(float x) const { return std::copysign((*upper_cdf_)(std::abs(x)), x); }
 #ifdef NDTREE_HAS_EIGHTS
@@ -152,6 +156,8 @@ class BeamSensorModel {
   float probability_max_;
   float log_odds_free_;
   float log_odds_occupied_;
+  float quick_log_odds_min_;
+  float quick_log_odds_max_;
   const CubicTable* upper_cdf_ = &upper_cdf_table();  // One of all models.
 };
 

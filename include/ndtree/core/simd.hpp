@@ -153,9 +153,8 @@ NDTREE_BY_EIGHTS inline __m256i lanes_of(unsigned set) {
   const __m256i bit = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
   return _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(static_cast<int>(set)), bit), bit);
 }
-/// The first n of up to eight whole numbers at p, and 0 for the rest. @param live first_of_eight(n).
-NDTREE_BY_EIGHTS inline __m256i load_live(const std::uint32_t* p, __m256i live) {
-  return _mm256_and_si256(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(p)), live);
+NDTREE_BY_EIGHTS inline __m256i load(const std::uint32_t* eight) {
+  return _mm256_loadu_si256(reinterpret_cast<const __m256i*>(eight));
 }
 // Many processors gather numbers from different places more slowly than plain loads do. So what belongs
 // together lies in one row of a table, and eight rows are turned into columns.
@@ -173,22 +172,21 @@ struct Offsets {
 };
 
 /// The columns of a table whose rows are made of floats, or of numbers as large.
-/// @param rows of the table, eight of them, each below 2^32 / (sizeof(Row) / 8).
+/// @param rows of the table, eight of them, in memory: each is loaded by itself. As a vector, they would be
+/// waited for until all that has just been written there, which was not all at once.
 template <class Row>
-NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, __m256i rows, __m256* columns) {
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, const std::uint32_t* rows,
+                                                        __m256* columns) {
   static_assert(sizeof(Row) % 16 == 0 && alignof(Row) % 16 == 0, "Row is loaded by four numbers");
-  constexpr int kStep = sizeof(Row) / sizeof(double);  // Offsets in doubles: so an address takes no more.
-  const Offsets at(_mm256_mullo_epi32(rows, _mm256_set1_epi32(kStep)));
   constexpr std::size_t kGroups = sizeof(Row) / 16;
   __m256 pair[kGroups][4];
 #pragma GCC unroll 4
   for (std::size_t k = 0; k < 4; ++k) {
-    const auto* const low = reinterpret_cast<const double*>(table) + at[k];
-    const auto* const high = reinterpret_cast<const double*>(table) + at[k + 4];
+    const auto* const low = reinterpret_cast<const float*>(table + rows[k]);
+    const auto* const high = reinterpret_cast<const float*>(table + rows[k + 4]);
 #pragma GCC unroll 8
     for (std::size_t g = 0; g < kGroups; ++g)
-      pair[g][k] = joined(_mm_load_ps(reinterpret_cast<const float*>(low + 2 * g)),
-                          _mm_load_ps(reinterpret_cast<const float*>(high + 2 * g)));
+      pair[g][k] = joined(_mm_load_ps(low + 4 * g), _mm_load_ps(high + 4 * g));
   }
 #pragma GCC unroll 8
   for (std::size_t g = 0; g < kGroups; ++g) turn_four(pair[g], columns + 4 * g);
@@ -196,19 +194,14 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, __m256
 #ifdef NDTREE_HAS_SIXTEENS
 /// The same of sixteen rows.
 template <class Row>
-NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, __m512i rows, __m512* columns) {
+NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, const std::uint32_t* rows,
+                                                          __m512* columns) {
   static_assert(sizeof(Row) % 16 == 0 && alignof(Row) % 16 == 0, "Row is loaded by four numbers");
-  constexpr int kStep = sizeof(Row) / sizeof(double);
   constexpr __mmask16 kAll = 0xffff;  // Without a mask, GCC takes part of the result for not initialised.
-  const Offsets low(
-      _mm256_mullo_epi32(_mm512_maskz_extracti32x8_epi32(0xff, rows, 0), _mm256_set1_epi32(kStep)));
-  const Offsets high(
-      _mm256_mullo_epi32(_mm512_maskz_extracti32x8_epi32(0xff, rows, 1), _mm256_set1_epi32(kStep)));
-  const auto* const doubles = reinterpret_cast<const double*>(table);
 #pragma GCC unroll 8
   for (std::size_t g = 0; g < sizeof(Row) / 16; ++g) {
     const auto four = [&](std::size_t k) {
-      return _mm_load_ps(reinterpret_cast<const float*>(doubles + (k < 8 ? low[k] : high[k - 8]) + 2 * g));
+      return _mm_load_ps(reinterpret_cast<const float*>(table + rows[k]) + 4 * g);
     };
     __m512 quarters[4];  // Of the rows k, k + 4, k + 8 and k + 12.
 #pragma GCC unroll 4

@@ -16,8 +16,9 @@
 namespace ndtree {
 
 /// Beams that cross a node over more than a point, by their numbers, ascending. Where they do is found anew
-/// by whoever asks (CellCrossings): that takes less than to hand it down. Whoever reads many at a time may
-/// read, and whoever writes may write, up to kSlack behind the last.
+/// by whoever asks (CellCrossings): that takes less than to hand it down. Whoever writes many at a time may
+/// write up to kSlack behind the last; then the list is closed, so that whoever reads may read so many there,
+/// and finds numbers of beams.
 struct BeamList {
   static constexpr std::size_t kSlack = 16;
   static constexpr std::uint32_t kAll = 0xffffffff;  ///< No beam has this number.
@@ -28,6 +29,7 @@ struct BeamList {
   [[nodiscard]] bool empty() const { return size == 0; }
   [[nodiscard]] std::uint32_t first_beam() const { return beam[0]; }
   [[nodiscard]] std::uint32_t last_beam() const { return beam[size - 1]; }
+  void close() { std::fill_n(beam + size, kSlack, 0u); }
   /// The place of the first beam, from a place on, that has this number or more.
   [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from = 0) const {
     return find(number, from, size);
@@ -44,8 +46,9 @@ struct BeamList {
   }
 };
 
-/// Adds one list to another, which has room for it, in other memory or in the same only before it. @pre its
-/// beams come after those that are there.
+/// Adds one list to another, not closed, which has room for it, in other memory or in the same only before
+/// it.
+/// @pre its beams come after those that are there.
 inline void append(const BeamList& list, BeamList& to) {
   std::copy_n(list.beam, list.size, to.beam + to.size);
   to.size += list.size;
@@ -63,7 +66,10 @@ struct SiblingLists {
     const auto c = static_cast<std::size_t>(child);
     return memory.part(first[c], last[c]);
   }
-  /// Moves the lists together. @returns how much of the memory they take.
+  void close() {
+    for (int c = 0; c < kCount; ++c) of(c).close();
+  }
+  /// Moves the lists together, not closed. @returns how much of the memory they take.
   std::size_t pack() {
     std::size_t end = 0;
     for (std::size_t c = 0; c < kCount; ++c) {
@@ -167,6 +173,7 @@ class PiecewiseLists {
     for (std::size_t c = 0; c < kCount; ++c) {
       BeamList list = all.of(static_cast<int>(c));
       for (const SiblingLists<kCount>& piece : pieces_) append(piece.of(static_cast<int>(c)), list);
+      list.close();
       all.last[c] += list.size;
     }
     pieces_.clear();

@@ -147,12 +147,9 @@ class ScanBeams {
   static constexpr double kThinnestSurface = 5.0 / 3.0;  ///< Standard deviations; see LeafEvidence.
 
   [[nodiscard]] std::size_t size() const { return size_; }
-  /// How many of them loops may take at a time: of more than detail::load_columns() tells apart, one.
-  [[nodiscard]] int width() const {
-    constexpr std::size_t kMost =
-        std::numeric_limits<std::uint32_t>::max() / (sizeof(BeamEnd<D>) / sizeof(double));
-    return size_ <= kMost ? Simd::width() : 1;
-  }
+  /// How many of them loops may take at a time: of more than they can count, one.
+  [[nodiscard]] int width() const { return size_ <= kMostInLoops ? Simd::width() : 1; }
+  static constexpr std::uint32_t kMostInLoops = 0x7fffffff;
   /// @param faces that the beams go through. Those of number 0 are alone in their faces, of which there is no
   ///   other number. @param have_own_origins whether not all begin in one place.
   /// @param begins_of_steps the first beam of each step of the faces, and the end of the last.
@@ -294,12 +291,12 @@ class ScanBeams {
     store(ways, ends, number);
     return true;
   }
-  /// By their numbers.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightWays<D> ways(__m256i numbers) const {
+  /// Of eight beams, by their numbers.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightWays<D> ways(const std::uint32_t* numbers) const {
     return ways(ways(), numbers);
   }
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static EightWays<D> ways(const BeamWay<D>* of_all,
-                                                                               __m256i numbers) {
+                                                                               const std::uint32_t* numbers) {
     __m256 column[kColumnsOfWay];
     detail::load_columns(of_all, numbers, column);
     EightWays<D> ways;
@@ -311,12 +308,12 @@ class ScanBeams {
 #ifdef NDTREE_HAS_SIXTEENS
   /// The same of sixteen. @param column kColumnsOfWay: how far they go for a metre along each axis, and their
   /// reach.
-  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void ways(const BeamWay<D>* of_all, __m512i numbers,
-                                                           __m512* column) {
+  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void ways(const BeamWay<D>* of_all,
+                                                           const std::uint32_t* numbers, __m512* column) {
     detail::load_columns(of_all, numbers, column);
   }
 #endif
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightEnds<D> ends(__m256i numbers) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightEnds<D> ends(const std::uint32_t* numbers) const {
     __m256 column[kColumnsOfEnd];
     detail::load_columns(ends_.get(), numbers, column);
     EightEnds<D> ends{column[0], column[1], column[2], column[3], column[4], {}};
@@ -333,24 +330,24 @@ class ScanBeams {
                                               _mm256_mul_ps(_mm256_mul_ps(growth, reach), reach)));
   }
   /// The same, alike or not. @param numbers of the beams whose reach that is.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(__m256i numbers, __m256 reach) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(const std::uint32_t* numbers,
+                                                                     __m256 reach) const {
     if (passes_ == nullptr) return pass_of(reach);
-    const detail::Offsets number(numbers);
     alignas(32) std::array<float, 8> pass;
-    for (std::size_t i = 0; i < 8; ++i) pass[i] = passes_[number[i]];
+    for (std::size_t i = 0; i < 8; ++i) pass[i] = passes_[numbers[i]];
     return _mm256_load_ps(pass.data());
   }
   /// What is needed of beams on their way down.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void look_up(__m256i numbers, EightBeams<D>& beams) const {
-    _mm256_store_si256(reinterpret_cast<__m256i*>(beams.number.data()), numbers);
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void look_up(const std::uint32_t* numbers,
+                                                     EightBeams<D>& beams) const {
+    std::copy_n(numbers, beams.number.size(), beams.number.begin());
     beams.ways = ways(numbers);
     beams.pass = pass_of(numbers, beams.ways.reach);
   }
   /// What is needed of them where some of them end.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE const EightEnds<D>& ends_of(
       EightBeams<D>& beams) const {
-    if (!beams.has_ends)
-      beams.ends = ends(_mm256_load_si256(reinterpret_cast<const __m256i*>(beams.number.data())));
+    if (!beams.has_ends) beams.ends = ends(beams.number.data());
     beams.has_ends = true;
     return beams.ends;
   }

@@ -52,7 +52,7 @@ class ChildClip {
     return lists;
   }
 
-  /// Adds a node's beams to the lists of its children, in their order.
+  /// Adds a node's beams to the lists of its children, in their order, and closes those.
   /// @param planes see planes_of(), of the node, if all beams have one origin.
   void operator()(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
                   Lists& children) const {
@@ -60,8 +60,8 @@ class ChildClip {
     if constexpr (kNumChildren <= kMostAtOnce) {
       if (goes_by_eights()) {
 #ifdef NDTREE_HAS_SIXTEENS
-        if constexpr (N == 2 && kNumChildren >= 8) {  // Among four, as in the plane, it is no faster.
-          if (width_ >= 16 && list.size > 8) {
+        if constexpr (kHasSixteens) {
+          if (may_go_by_sixteens() && list.size > 8) {
             sixteen_at_a_time(planes, list, children);
             return;
           }
@@ -75,6 +75,7 @@ class ChildClip {
     for_each_crossing(node, list, [&](std::size_t child, std::uint32_t beam, float, float) {
       children.memory.beam[children.last[child]++] = beam;
     });
+    children.close();
   }
 
   /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses.
@@ -239,6 +240,9 @@ class ChildClip {
     }
   }
 
+  /// Among four children, as in the plane, sixteen beams at a time are no faster than eight.
+  static constexpr bool kHasSixteens = N == 2 && kNumChildren >= 8;
+  [[nodiscard]] bool may_go_by_sixteens() const { return kHasSixteens && width_ >= 16; }
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void few_beams(const Planes& planes, __m256 from, __m256 to,
                                                        Few& few) const {
@@ -264,8 +268,8 @@ class ChildClip {
     std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
     for (std::size_t i = 0; i < from.size; i += 8) {
       const __m256i live = detail::first_of_eight(from.size - i);
-      const __m256i beam = detail::load_live(from.beam + i, live);
-      const EightWays<D> ways = ScanBeams<D>::ways(rows, beam);
+      const __m256i beam = detail::load(from.beam + i);
+      const EightWays<D> ways = ScanBeams<D>::ways(rows, from.beam + i);
       __m256 enter[std::size_t{kNumChildren}];
       __m256 exit[std::size_t{kNumChildren}];
       eight_beams(plane, ways, _mm256_setzero_ps(), _mm256_and_ps(ways.reach, _mm256_castsi256_ps(live)),
@@ -281,6 +285,13 @@ class ChildClip {
       }
     }
     children.last = last;
+#pragma GCC unroll 32
+    for (const std::size_t place : last)
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(to + place), _mm256_setzero_si256());
+    if (!may_go_by_sixteens()) return;  // Nobody reads more than eight.
+#pragma GCC unroll 32
+    for (const std::size_t place : last)
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(to + place + 8), _mm256_setzero_si256());
   }
 #endif
 #ifdef NDTREE_HAS_SIXTEENS
@@ -318,7 +329,7 @@ class ChildClip {
   }
   NDTREE_BY_SIXTEENS void sixteen_at_a_time(const Planes& plane, const BeamList& list,
                                             Lists& children) const {
-    static_assert(BeamList::kSlack >= 16, "all of a vector is written");
+    static_assert(BeamList::kSlack == 16, "all of a vector is written, and read");
     const BeamList from = list;  // As in eight_at_a_time().
     std::uint32_t* const to = children.memory.beam;
     const BeamWay<D>* const rows = beams_.ways();
@@ -328,7 +339,7 @@ class ChildClip {
       const auto live = static_cast<__mmask16>((1u << left) - 1);
       const __m512i beam = _mm512_maskz_loadu_epi32(live, from.beam + i);
       __m512 way[ScanBeams<D>::kColumnsOfWay];
-      ScanBeams<D>::ways(rows, beam, way);
+      ScanBeams<D>::ways(rows, from.beam + i, way);
       __m512 enter[std::size_t{kNumChildren}];
       __m512 exit[std::size_t{kNumChildren}];
       sixteen_beams(plane, way, enter, exit);
@@ -342,6 +353,8 @@ class ChildClip {
       }
     }
     children.last = last;
+#pragma GCC unroll 32
+    for (const std::size_t place : last) _mm512_storeu_si512(to + place, _mm512_setzero_si512());
   }
 #endif
 

@@ -31,6 +31,7 @@ class alignas(128) CoarseLists {  // Threads, each with its own, share no cache 
   void add(const Lattice<D>& cell, std::size_t part, const BeamList& list) {
     BeamList copy = memory_.allocate(list.size + BeamList::kSlack);
     append(list, copy);
+    copy.close();
     lists_.push_back({cell, part, copy});
   }
   /// Moves what was added since the last time to others. The lists last as long as this.

@@ -100,9 +100,8 @@ class LeafCoverage {
     const __m256 half = _mm256_set1_ps(0.5f);
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
-      const __m256i beam = detail::load_live(list.beam + i, live);
-      const EightWays<D> ways = beams_.ways(beam);
-      const EightEnds<D> ends = beams_.ends(beam);
+      const EightWays<D> ways = beams_.ways(list.beam + i);
+      const EightEnds<D> ends = beams_.ends(list.beam + i);
       const __m256 seen = _mm256_and_ps(_mm256_min_ps(ways.reach, ends.range), _mm256_castsi256_ps(live));
       const __m256 along = ends.slant;
       __m256 enter[std::size_t{kNumChildren}];

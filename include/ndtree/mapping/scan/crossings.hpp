@@ -101,8 +101,8 @@ class CellCrossings {
   /// The same of eight. @param ways of these beams. @tparam kAlike ScanBeams::are_alike(): loops are
   /// compiled for both, as the call that others need costs registers.
   template <bool kAlike>
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightCrossings of([[maybe_unused]] __m256i beams,
-                                                                        const EightWays<D>& ways) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightCrossings
+  of([[maybe_unused]] const std::uint32_t* beams, const EightWays<D>& ways) const {
     if constexpr (!kAlike)
       if (beams_.has_own_origins()) return of_each(beams, ways.reach);
     EightCrossings result{_mm256_setzero_ps(), ways.reach,
@@ -120,13 +120,12 @@ class CellCrossings {
 
  private:
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE EightCrossings of_each(__m256i beams,
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE EightCrossings of_each(const std::uint32_t* beams,
                                                                             __m256 reach) const {
-    const detail::Offsets number(beams);
     alignas(32) std::array<float, 8> enter;
     alignas(32) std::array<float, 8> exit;
     for (std::size_t i = 0; i < 8; ++i) {
-      const Crossing crossing = of(number[i]);
+      const Crossing crossing = of(beams[i]);
       enter[i] = crossing.enter;
       exit[i] = crossing.exit;
     }

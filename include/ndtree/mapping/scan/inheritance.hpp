@@ -113,7 +113,7 @@ class Inheritance {
     std::size_t n = 0;
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
-      const __m256i beam = detail::load_live(list.beam + i, live);
+      const std::uint32_t* const beam = list.beam + i;
       const __m256 exit = crossings.template of<kAlike>(beam, beams_.ways(beam)).exit;
       n += count(passed(beams_.ends(beam), exit) &
                  static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(live))));

@@ -294,7 +294,7 @@ class LeafEvidence {
                                                          const BeamList& list) const {
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
-      const __m256i beam = detail::load_live(list.beam + i, live);
+      const std::uint32_t* const beam = list.beam + i;
       const EightCrossings eight = crossings.template of<kAlike>(beam, beams_.ways(beam));
       const __m256 not_passing = _mm256_cmp_ps(eight.exit, eight.pass, _CMP_NLT_UQ);
       if (!_mm256_testz_si256(_mm256_castps_si256(not_passing), live)) return false;
@@ -315,17 +315,15 @@ class LeafEvidence {
                                                               const CellCrossings<N, D>& crossings,
                                                               const BeamList& list, std::uint32_t end,
                                                               const Size& size) const {
-    constexpr std::uint32_t kMostBeams = 0x7fffffff;  // See ScanBeams::width().
-    const __m256i last = _mm256_set1_epi32(static_cast<int>(std::min(end, kMostBeams)));
+    const __m256i last = _mm256_set1_epi32(static_cast<int>(std::min(end, ScanBeams<D>::kMostInLoops)));
     const __m256i zero = _mm256_setzero_si256();
     EightSums sums{zero, zero, zero, zero};
     ScanEvidence sum;
     std::size_t i = 0;
     do {
-      const __m256i number = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(list.beam + i));
-      const __m256i live =
-          _mm256_and_si256(detail::first_of_eight(list.size - i), _mm256_cmpgt_epi32(last, number));
-      const __m256i beam = _mm256_and_si256(number, live);
+      const std::uint32_t* const beam = list.beam + i;
+      const __m256i live = _mm256_and_si256(detail::first_of_eight(list.size - i),
+                                            _mm256_cmpgt_epi32(last, detail::load(beam)));
       const EightCrossings at = crossings.template of<kAlike>(beam, beams_.ways(beam));
       __m256i misses =
           _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(at.exit, at.pass, _CMP_LT_OQ)));

@@ -245,17 +245,18 @@ class BeamShares {
     /// of() all of them.
     class All {
      public:
-      explicit All(const Children& children) : children_(children) {
+      All(const BeamShares& shares, const CellIndex<D>& node, const ScanFace<D>& face)
+          : children_(shares, node, face) {
 #ifdef NDTREE_HAS_EIGHTS
         if constexpr (kCount <= 8) {
-          if (children.shares_.width_ >= 8) {
-            children.by_eights(of_.data(), ends_.data());
+          if (shares.width_ >= 8) {
+            children_.by_eights(of_.data(), ends_.data());
             return;
           }
         }
 #endif
         for (std::size_t i = 0; i < kCount; ++i) {
-          const FaceShare<D> share = children.of_slab(i / 2, i % 2 != 0);
+          const FaceShare<D> share = children_.of_slab(i / 2, i % 2 != 0);
           of_[i] = share.share;
           ends_[i] = share.end;
         }
@@ -267,7 +268,7 @@ class BeamShares {
 
      private:
       static constexpr std::size_t kCount = 2 * N;
-      const Children& children_;
+      const Children children_;
       // Of cells that are learning and of those that know much, slab by slab.
       std::array<float, std::max<std::size_t>(kCount, 8)> of_;
       std::array<std::uint32_t, kCount> ends_;
@@ -281,10 +282,9 @@ class BeamShares {
     /// The same of up to four slabs, to the last bit.
     NDTREE_BY_EIGHTS void by_eights(float* shares, std::uint32_t* ends) const {
       const ScanFace<D>& face = face_;
-      alignas(32) std::array<float, 8> depths{};
-      std::copy(depths_.begin(), depths_.end(), depths.begin());
-      const __m256 depth =
-          _mm256_permutevar8x32_ps(_mm256_load_ps(depths.data()), _mm256_setr_epi32(0, 0, 1, 1, 2, 2, 3, 3));
+      // Loaded one by one: as a vector, what was just written so would be waited for.
+      const auto d = [&](std::size_t slab) { return depths_[std::min<std::size_t>(slab, N - 1)]; };
+      const __m256 depth = _mm256_setr_ps(d(0), d(0), d(1), d(1), d(2), d(2), d(3), d(3));
       const __m256 one = _mm256_set1_ps(1.0f);
       const __m256 row = _mm256_div_ps(_mm256_set1_ps(shares_.smallest_size_ * face.density), depth);
       __m256 expected = one;

@@ -42,7 +42,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   using Planes = typename Clip::Planes;
   using Shares = NodeShares<D>;
   using ChildrenShares = typename BeamShares<N, D>::Children;
-  using AllShares = typename ChildrenShares::All;
+  using SharesOfAll = typename ChildrenShares::All;
 
  public:
   using Ref = typename Tree::Ref;
@@ -94,6 +94,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     const ListStack::Mark mark = stack_.mark();
     BeamList list = stack_.allocate(beams.size + BeamList::kSlack);
     for (const CoarseList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
+    list.close();
     const bool changed = descend(ref, list, {});
     stack_.release(mark);
     return changed;
@@ -111,6 +112,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     BeamList list = stack_.allocate(last - first + BeamList::kSlack);
     list.size = last - first;
     std::iota(list.beam, list.beam + list.size, static_cast<std::uint32_t>(first));
+    list.close();
     return list;
   }
   void bring(const CellIndex<D>& node, const BeamList& list, const Shares& above, std::size_t part,
@@ -237,7 +239,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   /// The same of a node's child. @param of_siblings what its children take; null if nobody knows.
   bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
-                   const Shares& shares, int child, const AllShares* of_siblings) {
+                   const Shares& shares, int child, const SharesOfAll* of_siblings) {
     const bool is_known = refinement_.model.is_known(leaf.cell());
     if (of_siblings == nullptr || (is_known && refinement_.model.is_settled(leaf.cell())))
       return update_some_leaf(leaf, crossings, list, shares);
@@ -384,11 +386,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     const bool are_cells = ref.index.level <= coarsest_level_;
     bool changed = was_split;
     const Children children(tree_, ref);
-    std::optional<ChildrenShares> depths;
-    std::optional<AllShares> of_children;
-    if (are_cells && shares.face != nullptr && !shares.face->is_lone() && !shares.takes_all)
-      of_children.emplace(depths.emplace(shares_, ref.index, *shares.face));
-    const AllShares* const known = of_children ? &*of_children : nullptr;
+    const bool have_shares =
+        kAskTogether && shares.face != nullptr && !shares.face->is_lone() && !shares.takes_all;
+    std::optional<SharesOfAll> of_leaves;  // For the first of them.
 #ifdef __GNUC__
 #pragma GCC unroll 8
 #endif
@@ -396,11 +396,14 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
       const BeamList list = lists.of(c);
       if (list.empty()) continue;
       const Ref child = children[c];
-      const bool child_changed =
-          are_cells && child.is_leaf()
-              ? update_leaf(child, {tree_.geometry(), beams_, child.index, planes, c}, list, shares, c, known)
-              : descend(child, list, shares);
-      changed = child_changed || changed;
+      if (!are_cells || !child.is_leaf()) {
+        changed = descend(child, list, shares) || changed;
+        continue;
+      }
+      if (have_shares && !of_leaves) of_leaves.emplace(shares_, ref.index, *shares.face);
+      changed = update_leaf(child, {tree_.geometry(), beams_, child.index, planes, c}, list, shares, c,
+                            have_shares ? &*of_leaves : nullptr) ||
+                changed;
     }
     stack_.release(mark);
     if (!changed && ref.node->note() != 0) return false;
@@ -492,6 +495,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     return true;
   }
 
+  static constexpr bool kAskTogether = kNumChildren >= 8;  // So many leaves that it is worth it for them.
   static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
   static constexpr std::size_t kPiece = 2048;  // Beams at once, while each child has room for all of them.
 

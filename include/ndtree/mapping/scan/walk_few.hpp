@@ -25,7 +25,7 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     }
   }
   EightBeams<D> beams;
-  beams_.look_up(detail::load_live(list.beam, detail::first_of_eight(list.size)), beams);
+  beams_.look_up(list.beam, beams);
   return update_children_of_few(ref, list, beams, shares, heritage);
 }
 
@@ -208,6 +208,7 @@ inline bool ScanWalk<Tree, Refinement, Sensor>::with_list(const Beams& beams, co
   const ListStack::Mark mark = stack_.mark();
   BeamList list = stack_.allocate(Few::kMost + BeamList::kSlack);
   write(beams, list);
+  list.close();
   const bool result = use(list);
   stack_.release(mark);
   return result;
