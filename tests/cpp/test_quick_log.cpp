@@ -58,7 +58,7 @@ float some_float(Random& random, int i) {
   return std::ldexp(m, random.integer(-126, 126));
 }
 
-TEST(RoughLog, IsWithin2em5) {
+TEST(RoughLog, IsWithinItsError) {
   Random random(3);
   SCOPED_TRACE(random.trace());
   EXPECT_EQ(rough_log(1.0f), 0.0f);

@@ -22,7 +22,7 @@ class CubicTable {
   CubicTable(double upper, Function&& function) : parts_per_unit_(static_cast<float>(kParts / upper)) {
     for (std::size_t part = 0; part < kParts; ++part) {
       const auto at = [&](double quarters) {
-        return function(upper * ((static_cast<double>(part) + rounded(0.25 * quarters)) / kParts));
+        return function(upper * ((static_cast<double>(part) + 0.25 * quarters) / kParts));
       };
       const double first = at(0.0);
       const double low = at(1.0) - first;
@@ -30,9 +30,11 @@ class CubicTable {
       const double last = at(4.0) - first;
       // With t = 1/4, 3/4 and 1 in their equations.
       factors_[0][part] = static_cast<float>(first);
-      factors_[1][part] = static_cast<float>(8.0 * low - 8.0 / 3.0 * high + last);
-      factors_[2][part] = static_cast<float>(-56.0 / 3.0 * low + 40.0 / 3.0 * high - 16.0 / 3.0 * last);
-      factors_[3][part] = static_cast<float>(32.0 / 3.0 * low - 32.0 / 3.0 * high + 16.0 / 3.0 * last);
+      factors_[1][part] = static_cast<float>(rounded(8.0 * low) - rounded(8.0 / 3.0 * high) + last);
+      factors_[2][part] = static_cast<float>(rounded(40.0 / 3.0 * high) - rounded(56.0 / 3.0 * low) -
+                                             rounded(16.0 / 3.0 * last));
+      factors_[3][part] = static_cast<float>(rounded(32.0 / 3.0 * low) - rounded(32.0 / 3.0 * high) +
+                                             rounded(16.0 / 3.0 * last));
     }
   }
 

@@ -106,13 +106,13 @@ NDTREE_BY_EIGHTS [[nodiscard]] inline __m256d quick_log(__m256d x) {
 #endif
 
 namespace detail {
-/// log(1 + x) / x within 3e-5 for 1 + x in [1 / sqrt 2, sqrt 2], and the product with x within 1.1e-5.
+/// log(1 + x) / x for 1 + x in [1 / sqrt 2, sqrt 2], so that the product with x is within 1.1e-5.
 inline constexpr std::array<float, 5> kRoughLog{0.999919f, -0.4992329f, 0.3373424f, -0.2735059f, 0.1751486f};
 inline constexpr std::int32_t kSqrtHalf = 0x3f3504f3;  // As a float.
 inline constexpr int kMantissaBitsOfFloat = 23;
 }  // namespace detail
 
-/// log x within 2e-5, for normal floats x > 0.
+/// log x within 1.1e-5, and rounding to float, for normal floats x > 0.
 [[nodiscard]] NDTREE_ALWAYS_INLINE float rough_log(float x) {
   constexpr auto& c = detail::kRoughLog;
   std::int32_t bits = 0;

@@ -75,7 +75,7 @@ class ChildClip {
     for_each_crossing(node, list, [&](std::size_t child, std::uint32_t beam, float, float) {
       children.memory.beam[children.last[child]++] = beam;
     });
-    children.close();
+    if (width_ >= 8) children.close();  // Else nobody reads more than one.
   }
 
   /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses.

@@ -97,6 +97,7 @@ class LeafEvidence {
                                                      std::uint32_t end = BeamList::kAll) const {
 #ifdef NDTREE_HAS_EIGHTS
     const Size& size = size_of(leaf.level);
+    // Of an empty list, one less is more than that.
     if (size.is_simple && list.size - 1 < kMostAtOnce)
       return of_eights<true>(leaf, crossings, list, end, size);
 #endif
@@ -256,7 +257,7 @@ class LeafEvidence {
     return std::max(1, nearest_integer(way * size.units_per_metre));
   }
 
-  /// of() of beams that are many, or of which some are unlike others.
+  /// of() of any list, leaf and beams.
   [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of_any(const CellIndex<D>& leaf,
                                                         const CellCrossings<N, D>& crossings,
                                                         const BeamList& list) const {
@@ -301,12 +302,12 @@ class LeafEvidence {
     }
     return true;
   }
-  static constexpr std::size_t kMostAtOnce = 1024;  // Beams: sums of eighths of them fit 32 bits.
+  static constexpr std::size_t kMostAtOnce = 1024;  // Beams, whose sums fit 32 bits.
 
   /// What beams say, lane by lane.
   struct EightSums {
     __m256i occupied, free;  // Evidence.
-    __m256i passed, near;    // Less the number of beams: those that passed, and others that say anything.
+    __m256i passed, near;    // Minus the number of beams: those that passed, and others that say anything.
   };
 
   /// As OfBeam, of those before an end, of up to kMostAtOnce beams, not none.

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
 #include "ndtree/cell/evidence_model.hpp"
@@ -291,10 +292,12 @@ class BeamShares {
       for (const float n : face.places)
         expected = _mm256_mul_ps(expected, _mm256_min_ps(row, _mm256_set1_ps(n)));
       const auto alternate = [](const std::array<float, 2>& values) {
-        return reinterpret_cast<const double*>(values.data());
+        double both = 0.0;
+        std::memcpy(&both, values.data(), sizeof both);
+        return both;
       };
-      const __m256 beams = _mm256_castpd_ps(_mm256_broadcast_sd(alternate(shares_.sample_beams_)));
-      const __m256 of_all = _mm256_castpd_ps(_mm256_broadcast_sd(alternate(face.depth_of_all)));
+      const __m256 beams = _mm256_castpd_ps(_mm256_set1_pd(alternate(shares_.sample_beams_)));
+      const __m256 of_all = _mm256_castpd_ps(_mm256_set1_pd(alternate(face.depth_of_all)));
       const __m256 of_some = _mm256_min_ps(_mm256_div_ps(beams, expected), one);
       const __m256 share = _mm256_blendv_ps(of_some, one, _mm256_cmp_ps(depth, of_all, _CMP_GE_OQ));
       const __m256 steps = _mm256_mul_ps(share, _mm256_set1_ps(face.steps_of_all()));
