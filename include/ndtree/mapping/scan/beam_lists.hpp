@@ -17,8 +17,8 @@ namespace ndtree {
 
 /// Beams that cross a node over more than a point, by their numbers, ascending. Where they do is found anew
 /// by whoever asks (CellCrossings): that takes less than to hand it down. Whoever writes many at a time may
-/// write up to kSlack behind the last; then the list is closed: whoever reads as many as the loops take at a
-/// time finds numbers of beams there.
+/// write up to kSlack behind the last; then the list is closed: whoever reads many at a time may read so many
+/// there, and finds numbers of beams.
 struct BeamList {
   static constexpr std::size_t kSlack = 16;
   static constexpr std::uint32_t kAll = 0xffffffff;  ///< No beam has this number.

@@ -61,7 +61,7 @@ class ChildClip {
       if (goes_by_eights()) {
 #ifdef NDTREE_HAS_SIXTEENS
         if constexpr (kHasSixteens) {
-          if (may_go_by_sixteens() && list.size > 8) {
+          if (width_ >= 16 && list.size > 8) {
             sixteen_at_a_time(planes, list, children);
             return;
           }
@@ -242,7 +242,6 @@ class ChildClip {
 
   /// Among four children, as in the plane, sixteen beams at a time are no faster than eight.
   static constexpr bool kHasSixteens = N == 2 && kNumChildren >= 8;
-  [[nodiscard]] bool may_go_by_sixteens() const { return kHasSixteens && width_ >= 16; }
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void few_beams(const Planes& planes, __m256 from, __m256 to,
                                                        Few& few) const {
@@ -285,13 +284,7 @@ class ChildClip {
       }
     }
     children.last = last;
-#pragma GCC unroll 32
-    for (const std::size_t place : last)
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(to + place), _mm256_setzero_si256());
-    if (!may_go_by_sixteens()) return;  // Nobody reads more than eight.
-#pragma GCC unroll 32
-    for (const std::size_t place : last)
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(to + place + 8), _mm256_setzero_si256());
+    children.close();
   }
 #endif
 #ifdef NDTREE_HAS_SIXTEENS
@@ -353,8 +346,7 @@ class ChildClip {
       }
     }
     children.last = last;
-#pragma GCC unroll 32
-    for (const std::size_t place : last) _mm512_storeu_si512(to + place, _mm512_setzero_si512());
+    children.close();
   }
 #endif
 

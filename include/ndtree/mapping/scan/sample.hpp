@@ -282,8 +282,7 @@ class alignas(64) ScanPart {
     std::size_t i = 0;
     for (; i + 8 <= size_; i += 8) {
       const __m256i face =
-          _mm256_min_epu32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(face_.get() + i)),
-                           _mm256_set1_epi32(static_cast<int>(kNone)));
+          _mm256_min_epu32(detail::load(face_.get() + i), _mm256_set1_epi32(static_cast<int>(kNone)));
       const __m256 depth = _mm256_add_ps(
           _mm256_mul_ps(_mm256_min_ps(_mm256_loadu_ps(depth_.get() + i), _mm256_set1_ps(farthest)),
                         _mm256_set1_ps(kSlack)),
@@ -292,7 +291,7 @@ class alignas(64) ScanPart {
       __m256 expected = _mm256_set1_ps(1.0f);
       for (std::size_t k = 0; k < kAxes; ++k)
         expected = _mm256_mul_ps(expected, _mm256_min_ps(in_row, of_face(places[k], face)));
-      const __m256i number = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(chance_.get() + i));
+      const __m256i number = detail::load(chance_.get() + i);
       const __m256i step = _mm256_and_si256(number, _mm256_castps_si256(of_face(counts, face)));
       const __m256 chance = _mm256_mul_ps(_mm256_cvtepi32_ps(step), _mm256_set1_ps(kChanceUnit));
       const __m256 is_kept = _mm256_and_ps(
@@ -335,10 +334,10 @@ class alignas(64) ScanPart {
     }
     std::size_t k = 0;
     for (; k + 8 <= num_kept_; k += 8) {
-      const __m256i face = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(face_.get() + k));
+      const __m256i face = detail::load(face_.get() + k);
       auto* const chance = reinterpret_cast<__m256i*>(chance_.get() + k);
       const __m256i step =
-          _mm256_srlv_epi32(_mm256_loadu_si256(chance), _mm256_castps_si256(of_face(shift, face)));
+          _mm256_srlv_epi32(detail::load(chance_.get() + k), _mm256_castps_si256(of_face(shift, face)));
       _mm256_storeu_si256(chance, _mm256_add_epi32(step, _mm256_castps_si256(of_face(first, face))));
     }
     return k;

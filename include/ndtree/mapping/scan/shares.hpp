@@ -333,7 +333,7 @@ class BeamShares {
   /// The share that counts in a leaf at a depth.
   [[nodiscard]] NDTREE_ALWAYS_INLINE float at_depth(float depth, const ScanFace<D>& face,
                                                     bool is_known) const {
-    if (face.is_lone() || depth >= face.depth_of_all[is_known]) return 1.0f;
+    if (depth >= face.depth_of_all[is_known]) return 1.0f;
     return std::min(1.0f, sample_beams_[is_known] / face.expected_beams(depth, smallest_size_));
   }
 

@@ -217,8 +217,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   NDTREE_NEVER_INLINE bool update_leaf(const Ref& leaf, const BeamList& list, const Shares& shares) {
     return update_leaf(leaf, crossings_of(leaf.index), list, shares);
   }
-  bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
-                   const Shares& shares) {
+  NDTREE_NEVER_INLINE bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings,
+                                       const BeamList& list, const Shares& shares) {
     bool is_known = refinement_.model.is_known(leaf.cell());
     if (is_known && refinement_.model.is_settled(leaf.cell())) {
       if (evidence_.all_pass(crossings, list)) return false;
@@ -242,12 +242,8 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
                    const Shares& shares, int child, const SharesOfAll* of_siblings) {
     const bool is_known = refinement_.model.is_known(leaf.cell());
     if (of_siblings == nullptr || (is_known && refinement_.model.is_settled(leaf.cell())))
-      return update_some_leaf(leaf, crossings, list, shares);
+      return update_leaf(leaf, crossings, list, shares);
     return update_by_share(leaf, crossings, list, of_siblings->of(static_cast<std::size_t>(child), is_known));
-  }
-  NDTREE_NEVER_INLINE bool update_some_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings,
-                                            const BeamList& list, const Shares& shares) {
-    return update_leaf(leaf, crossings, list, shares);
   }
   bool update_by_sample(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
                         bool is_known) {
@@ -386,8 +382,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     const bool are_cells = ref.index.level <= coarsest_level_;
     bool changed = was_split;
     const Children children(tree_, ref);
-    const bool have_shares =
-        kAskTogether && shares.face != nullptr && !shares.face->is_lone() && !shares.takes_all;
+    const bool have_shares = kAskTogether && shares.face != nullptr && !shares.takes_all;
     std::optional<SharesOfAll> of_leaves;  // For the first of them.
 #ifdef __GNUC__
 #pragma GCC unroll 8
