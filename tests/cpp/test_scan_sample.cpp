@@ -1,14 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <set>
+#include <tuple>
 #include <vector>
 
+#include "at_a_time.hpp"
+#include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/measurements.hpp"
+#include "ndtree/mapping/scan/order.hpp"
 #include "ndtree/mapping/scan/sample.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 #include "ndtree/tree/lattice.hpp"
@@ -103,6 +111,67 @@ TEST(ScanSample, LooksOverAsOneByOne) {
   looks_over_as_one_by_one<2>(171);
   looks_over_as_one_by_one<3>(172);
   looks_over_as_one_by_one<4>(173);
+}
+
+/// Parts put their beams where they belong: by face and step of chance, else in the order of the scan.
+template <int D>
+void puts_beams_where_they_belong(std::uint64_t seed) {
+  Random random(seed);
+  SCOPED_TRACE(random.trace());
+  const LatticeGeometry<2, D> geometry(0.05, 3);
+  const SensorOptions options;
+  const BeamSensorModel sensor(options);
+  std::size_t put = 0;
+  for (int kind = 0; kind < 4; ++kind)
+    for (const int count : {1, 9, 40, 700, 5000}) {
+      const Scan<D> scan = random_scan<D>(random, count, kind);
+      const Measurements<D, BeamSensorModel> measurements(scan.view(), 6.0, sensor);
+      const Sampling sampling{random.uniform(0.1, 2.0), 0.05, 0.4};
+      for (const int at_a_time : {1, 8}) {
+        const AtATime loops(at_a_time);
+        std::vector<ScanPart<D, BeamSensorModel>> parts(3);
+        ScanImage<D> image;
+        std::vector<std::vector<std::uint32_t>> numbers;
+        for (std::size_t p = 0; p < parts.size(); ++p) {
+          parts[p].look_over(measurements, measurements.part(p, parts.size()), sensor, geometry);
+          numbers.push_back(image.join(parts[p].image()));
+        }
+        for (ScanFace<D>& face : image.faces()) face.divide();
+        std::vector<ScanFace<D>> faces = image.faces();
+        for (ScanFace<D>& face : faces) face.num_steps = static_cast<std::uint32_t>(face.steps_of_all());
+        const BeamSteps<D> steps(faces);
+        std::vector<std::tuple<std::size_t, std::uint32_t>> expected;  // Step and number.
+        std::vector<std::vector<std::uint32_t>> places;
+        for (std::size_t p = 0; p < parts.size(); ++p) {
+          parts[p].keep(image, numbers[p], sampling);
+          for (std::size_t k = 0; k < parts[p].num_kept(); ++k)
+            expected.emplace_back(steps.of(numbers[p][parts[p].face(k)], parts[p].chance(k)),
+                                  parts[p].kept(k));
+          places.push_back(parts[p].count(steps, numbers[p]));
+        }
+        std::sort(expected.begin(), expected.end());
+        Workers workers(1);
+        steps.begin(places, workers);
+        std::vector<std::uint32_t> beams(expected.size());
+        for (std::size_t p = 0; p < parts.size(); ++p) parts[p].put(places[p], beams.data());
+        for (std::size_t i = 0; i < beams.size(); ++i) ASSERT_EQ(beams[i], std::get<1>(expected[i]));
+        std::size_t i = 0;  // The last part's places tell where steps begin.
+        for (std::size_t step = 0; step < steps.count(); ++step) {
+          ASSERT_EQ(places.back()[step], i);
+          while (i < expected.size() && std::get<0>(expected[i]) == step) ++i;
+        }
+        EXPECT_EQ(places.back().back(), expected.size());
+        put += beams.size();
+      }
+    }
+  EXPECT_GT(put, 2000u);
+}
+
+TEST(ScanSample, PutsBeamsWhereTheyBelong) {
+  puts_beams_where_they_belong<1>(174);
+  puts_beams_where_they_belong<2>(175);
+  puts_beams_where_they_belong<3>(176);
+  puts_beams_where_they_belong<4>(177);
 }
 
 /// Of beams that are denser than cells need, those that no cell of some size takes are not kept; but all that
