@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstddef>
@@ -33,6 +34,46 @@ TEST(Workers, DoEachTaskOnce) {
   }
 }
 
+TEST(Workers, BeginWithTheirShares) {
+  constexpr std::size_t kWorkers = 3;
+  Workers workers(kWorkers);
+  for (const std::size_t nobodys : {0u, 1u, 7u})
+    for (const std::vector<std::size_t>& sizes : {std::vector<std::size_t>{2, 3, 4},
+                                                  {0, 4, 0},
+                                                  {4, 0, 4},
+                                                  {7, 0, 0},
+                                                  {3, 3},
+                                                  {0, 1},
+                                                  {5},
+                                                  {0, 0, 0},
+                                                  {}}) {
+      std::vector<std::size_t> ends;
+      for (const std::size_t size : sizes) ends.push_back((ends.empty() ? nobodys : ends.back()) + size);
+      const std::size_t tasks = ends.empty() ? nobodys : ends.back();
+      std::vector<std::atomic<std::size_t>> done_by(tasks);
+      for (auto& worker : done_by) worker = kWorkers;
+      std::vector<std::vector<std::size_t>> tasks_of(kWorkers);
+      std::atomic<std::size_t> begun{0};
+      workers.for_each_task(nobodys, ends, [&](std::size_t worker, std::size_t task) {
+        EXPECT_LT(worker, std::max<std::size_t>(1, ends.size()));
+        EXPECT_EQ(done_by.at(task).exchange(worker), kWorkers) << "twice";
+        tasks_of.at(worker).push_back(task);
+        // All begin with something before anybody is done with it.
+        const std::size_t at_once = std::min(ends.size(), tasks);
+        for (++begun; begun < at_once;) std::this_thread::sleep_for(std::chrono::microseconds(50));
+      });
+      for (const auto& worker : done_by) EXPECT_LT(worker, kWorkers) << "not done";
+      // Who has nothing of its own may be there before others, and help them.
+      const bool have_all = std::count(sizes.begin(), sizes.end(), 0u) == 0;
+      for (std::size_t i = 0; have_all && nobodys == 0 && i < ends.size(); ++i)
+        EXPECT_EQ(tasks_of[i].at(0), i == 0 ? 0 : ends[i - 1]) << "of worker " << i;
+      for (const std::vector<std::size_t>& of_worker : tasks_of)
+        EXPECT_TRUE(std::is_partitioned(of_worker.begin(), of_worker.end(), [&](std::size_t task) {
+          return task < nobodys;
+        })) << "nobody's come first";
+    }
+}
+
 TEST(Workers, WorkAtTheSameTime) {
   Workers workers(2);
   std::atomic<int> begun{0};
@@ -49,6 +90,7 @@ TEST(Workers, ThrowWhatTheFirstTaskThrows) {
     for (int i = 0; i < 200; ++i) {
       try {
         workers.for_each_task(100, [&](std::size_t, std::size_t task) {
+          if (task == 7) std::this_thread::sleep_for(std::chrono::microseconds(100));  // Others fail first.
           if (task >= 7) throw std::runtime_error(std::to_string(task));
         });
         ADD_FAILURE() << "nothing was thrown";

@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/cancel.hpp"
 
 namespace ndtree {
@@ -41,41 +42,69 @@ class Workers {
 
   [[nodiscard]] std::size_t count() const { return count_; }
 
-  /// Calls `work(worker, task)` once for each task in [0, tasks), handed out in their order to whoever is
-  /// free. There are no more workers than tasks. Returns when all are done.
-  /// @throws what the first of the tasks that failed has thrown; later ones may then not have begun. Or
-  ///   Cancelled, see CancelScope.
+  /// Calls `work(worker, task)` once for each task in [0, tasks). Each worker has a share of them, one behind
+  /// the other, and begins with that; who is done takes what others have not begun. So whoever hands out
+  /// tasks in the same order again finds them where their data still is, in a worker's own cache. There are
+  /// no more workers than tasks. Returns when all are done.
+  /// @throws what the first of the tasks that fail has thrown, whoever fails earlier; later ones may then not
+  ///   have begun. Or Cancelled, see CancelScope.
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
-    if (count_ <= 1 || tasks <= 1) {
+    const std::size_t sharing = std::min(count_, tasks);
+    std::vector<std::size_t> ends(sharing);
+    for (std::size_t i = 0; i < sharing; ++i) ends[i] = tasks * (i + 1) / sharing;
+    for_each_task(0, ends, work);
+  }
+  /// The same with shares of any size, and before them tasks that are nobody's: who is free takes the next.
+  /// @param first of the tasks in shares. @param ends of the shares, one behind the other, of as many workers
+  ///   as are to work, not more than there are; the last is the number of tasks.
+  template <class Work>
+  void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {
+    const std::size_t tasks = ends.empty() ? first : ends.back();
+    if (ends.size() <= 1 || tasks <= 1) {
       for (std::size_t task = 0; task < tasks; ++task) work(std::size_t{0}, task);
       return;
     }
-    std::atomic<std::size_t> next{0};
+    Share nobodys;
+    nobodys.end = first;
+    std::vector<Share> shares(ends.size());
+    for (std::size_t i = 0; i < shares.size(); ++i) {
+      shares[i].next = i == 0 ? first : ends[i - 1];
+      shares[i].end = ends[i];
+    }
     std::mutex failing;
-    std::size_t failed = tasks;
+    std::atomic<std::size_t> failed{tasks};
     std::exception_ptr error;
     CancelScope* const scope = CancelScope::current();
     run([&](std::size_t worker) {
-      if (worker >= tasks) return;
+      if (worker >= shares.size()) return;
       std::optional<CancelScope::Lent> lent;
       if (worker > 0) lent.emplace(scope);
-      for (std::size_t task = next++; task < tasks; task = next++) {
-        try {
-          work(worker, task);
-        } catch (...) {
-          next = tasks;
-          const std::lock_guard<std::mutex> lock(failing);
-          if (task < failed) error = std::current_exception();
-          failed = std::min(failed, task);
+      const auto work_off = [&](Share& share) {
+        for (std::size_t task = share.next++; task < share.end && task < failed; task = share.next++) {
+          try {
+            work(worker, task);
+          } catch (...) {
+            const std::lock_guard<std::mutex> lock(failing);
+            if (task < failed) error = std::current_exception();
+            failed = std::min<std::size_t>(failed, task);
+          }
         }
-      }
+      };
+      work_off(nobodys);
+      for (std::size_t i = 0; i < shares.size(); ++i) work_off(shares[(worker + i) % shares.size()]);
     });
     if (error) std::rethrow_exception(error);
     checkpoint();
   }
 
  private:
+  /// Tasks side by side that workers take one by one.
+  struct alignas(kCacheLines) Share {
+    std::atomic<std::size_t> next{0};
+    std::size_t end = 0;
+  };
+
   /// Calls `job(worker)` once for each worker.
   void run(std::function<void(std::size_t)> job) {
     bool any_asleep = false;

@@ -85,12 +85,12 @@ class Simd {
   }
 };
 
-/// Lets memory be read that will be asked for soon. @tparam kCount numbers from there on.
-template <int kCount>
-NDTREE_ALWAYS_INLINE void prefetch([[maybe_unused]] const double* numbers) {
+/// Lets memory be read that will be asked for soon. @tparam kCount values from there on.
+template <int kCount, class T>
+NDTREE_ALWAYS_INLINE void prefetch([[maybe_unused]] const T* values) {
 #if defined(__GNUC__) || defined(__clang__)
-  constexpr int kOfLine = 64 / sizeof(double);
-  for (int k = 0; k < kCount; k += kOfLine) __builtin_prefetch(numbers + k);
+  constexpr int kOfLine = 64 / sizeof(T);
+  for (int k = 0; k < kCount; k += kOfLine) __builtin_prefetch(values + k);
 #endif
 }
 

@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
@@ -237,19 +238,23 @@ class ScanUpdate {
   /// Arenas of threads, which the tree gets back whatever happens.
   class Arenas {
    public:
+    struct alignas(kCacheLines) Lent {
+      typename Tree::Arena arena;
+    };
+
     Arenas(Tree& tree, std::size_t count) : tree_(tree), arenas_(count) {
-      for (typename Tree::Arena& arena : arenas_) tree_.lend(arena);
+      for (Lent& lent : arenas_) tree_.lend(lent.arena);
     }
     Arenas(const Arenas&) = delete;
     Arenas& operator=(const Arenas&) = delete;
     ~Arenas() {
-      for (typename Tree::Arena& arena : arenas_) tree_.absorb(arena);
+      for (Lent& lent : arenas_) tree_.absorb(lent.arena);
     }
-    [[nodiscard]] std::vector<typename Tree::Arena>& all() { return arenas_; }
+    [[nodiscard]] std::vector<Lent>& all() { return arenas_; }
 
    private:
     Tree& tree_;
-    std::vector<typename Tree::Arena> arenas_;
+    std::vector<Lent> arenas_;
   };
 
   [[nodiscard]] int coarsest_level() const {
@@ -260,9 +265,9 @@ class ScanUpdate {
     Arenas arenas(tree_, workers.count());
     std::vector<Walk> walks;
     walks.reserve(arenas.all().size());
-    for (typename Tree::Arena& arena : arenas.all())
-      walks.emplace_back(tree_, arena, refinement_, sensor_, beams_, log(1 + walks.size()), window_);
-    ScanTasks<Tree, Walk>(tree_, arenas.all().front(), coarsest_level(), workers, walks, log(0))
+    for (typename Arenas::Lent& lent : arenas.all())
+      walks.emplace_back(tree_, lent.arena, refinement_, sensor_, beams_, log(1 + walks.size()), window_);
+    ScanTasks<Tree, Walk>(tree_, arenas.all().front().arena, coarsest_level(), workers, walks, log(0))
         .run(beams_.size());
     for (const Walk& walk : walks) add(walk.counters());
   }

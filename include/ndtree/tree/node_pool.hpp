@@ -363,18 +363,19 @@ class NodePool {
     ++num_chunks_;
   }
 
-  std::vector<std::unique_ptr<Entry[]>> directories_;  // The last one is in use.
+  // Whoever looks up a block reads the first, so what threads write while others do stands far behind it.
   std::atomic<Entry*> directory_{nullptr};
-  std::vector<Chunk*> replaced_;                // As long as arenas are lent.
-  mutable std::atomic<bool> may_share_{false};  // Some chunk, with another pool.
-  std::size_t num_chunks_ = 0;
+  std::vector<std::unique_ptr<Entry[]>> directories_;  // The last one is in use.
   std::size_t capacity_ = 0;
-  std::size_t limit_ = kUnlimitedMemory;  // Bytes, of which ...
-  std::size_t others_ = 0;                // ... so many are not the pool's.
-  int num_lent_ = 0;                      // Arenas that threads work with.
+  std::size_t limit_ = kUnlimitedMemory;        // Bytes, of which ...
+  std::size_t others_ = 0;                      // ... so many are not the pool's.
+  mutable std::atomic<bool> may_share_{false};  // Some chunk, with another pool.
+  int num_lent_ = 0;                            // Arenas that threads work with.
+  std::mutex entries_mutex_;      // Of chunks that take the place of others, and of directories.
+  std::vector<Chunk*> replaced_;  // As long as arenas are lent.
+  std::mutex mutex_;              // Of what arenas share; who has it may ask for the other one.
+  std::size_t num_chunks_ = 0;
   Arena main_;
-  std::mutex mutex_;          // Of what arenas share; who has it may ask for the other one.
-  std::mutex entries_mutex_;  // Of chunks that take the place of others, and of directories.
 };
 
 }  // namespace ndtree

@@ -9,6 +9,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "ndtree/core/cache_lines.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
 namespace ndtree {
@@ -16,7 +17,7 @@ namespace ndtree {
 /// Blocks of siblings as they were. Of every inner node whose children may change, or be merged, the block of
 /// its children is kept first, once; then undo() can bring all of a tree back, without new memory.
 template <class Tree>
-class UndoLog {
+class alignas(kCacheLines) UndoLog {  // One for each thread.
   using NodeType = typename Tree::NodeType;
   static_assert(std::is_trivially_copyable_v<NodeType>);
 

@@ -59,8 +59,8 @@ void run(const std::vector<Scan<D>>& scans, const MapOptions& options, int repet
     double work = 0.0;
     double alone = 0.0;
     for (const WorkPhase& phase : phases) {
-      seconds += phase.seconds(static_cast<std::size_t>(workers));
-      work += phase.seconds(1);
+      seconds += phase.seconds();
+      work += phase.work();
       alone += phase.alone;
     }
     if (workers == 1) of_one = seconds;

@@ -401,6 +401,14 @@ class ScanBeams {
     return reach - (margin_.fixed + rounded(rounded(margin_.growth * reach) * reach));
   }
 
+  /// Asks for what is known of beams before it is needed, for all at once: another core may have written it.
+  void fetch(const std::uint32_t* numbers, std::size_t count) const {
+    for (std::size_t i = 0; i < count; ++i) {
+      prefetch<1>(&ways_[numbers[i]]);
+      prefetch<1>(&ends_[numbers[i]]);
+    }
+  }
+
   /// Whether all end cells are at most kNearby smallest cells from the base on each axis.
   [[nodiscard]] bool ends_nearby() const { return ends_nearby_; }
   [[nodiscard]] const Lattice<D>& base() const { return base_; }

@@ -9,6 +9,7 @@
 #include <tuple>
 #include <vector>
 
+#include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/tree/lattice.hpp"
@@ -25,7 +26,7 @@ struct CoarseList {
 
 /// Lists of the beams of some parts of a scan, which one thread has made.
 template <int D>
-class alignas(128) CoarseLists {  // Threads, each with its own, share no cache line.
+class alignas(kCacheLines) CoarseLists {
  public:
   /// Keeps a copy of a list.
   void add(const Lattice<D>& cell, std::size_t part, const BeamList& list) {

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
@@ -51,7 +52,7 @@ struct Sampling {
 
 /// Some beams of a scan, looked over by one thread.
 template <int D, class Sensor>
-class alignas(64) ScanPart {
+class alignas(kCacheLines) ScanPart {
   static constexpr std::size_t kAxes = D - 1;
 
  public:

@@ -6,7 +6,9 @@
 #include <algorithm>
 #include <cassert>
 #include <cstddef>
+#include <cstdint>
 #include <deque>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -17,9 +19,8 @@
 namespace ndtree {
 
 /// Threads bring the beams, part by part, to the cells of the coarsest level. Nodes there do not touch each
-/// other: each is a task, the ones with the most beams first. One with so many that the other threads would
-/// wait for it is opened: its beams are handed down one level, again part by part, and its children are the
-/// tasks.
+/// other: each is a task. One with so many beams that the other threads would wait for it is opened: its
+/// beams are handed down one level, again part by part, and its children are the tasks.
 template <class Tree, class Walk>
 class ScanTasks {
   static constexpr int D = Tree::kDim;
@@ -45,10 +46,10 @@ class ScanTasks {
   void run(std::size_t beams) {
     bring(beams);
     open_large();
-    std::stable_sort(tasks_.begin(), tasks_.end(),
-                     [](const Task& a, const Task& b) { return a.beams.size > b.beams.size; });
-    workers_.for_each_task(tasks_.size(), [&](std::size_t worker, std::size_t task) {
-      tasks_[task].changed = walks_[worker].run(tasks_[task].ref, tasks_[task].beams);
+    const Order order = share_out();
+    workers_.for_each_task(order.num_large, order.ends, [&](std::size_t worker, std::size_t i) {
+      Task& task = tasks_[order.tasks[i]];
+      task.changed = walks_[worker].run(task.ref, task.beams);
     });
     for (const Task& task : tasks_)
       if (task.opened != kNone) opened_[task.opened].changed |= task.changed;
@@ -153,44 +154,43 @@ class ScanTasks {
     constexpr std::size_t kFew = 200;  // Beams that are not worth it.
     constexpr std::size_t kTasksOfWorker = 2;
     constexpr std::size_t kMostChildren = 1 + D * (Tree::kBranching - 1);  // That one beam crosses.
-    std::size_t made = 0;
-    for (std::size_t first = 0; first < tasks_.size();) {
-      const std::size_t large = std::max(kFew, crossings(0) / (kTasksOfWorker * workers_.count()));
+    for (std::size_t made = 0;;) {
+      const std::size_t before = crossings();
+      const std::size_t large = std::max(kFew, before / (kTasksOfWorker * workers_.count()));
       std::size_t to_open = 0;
-      for (std::size_t t = first; t < tasks_.size(); ++t)
-        if (is_to_open(tasks_[t], large)) to_open += tasks_[t].beams.size;
-      if (made + kMostChildren * to_open > most_to_open_) return;
-      first = open(first, large);
-      made += crossings(first);
+      for (const Task& task : tasks_)
+        if (is_to_open(task, large)) to_open += task.beams.size;
+      if (to_open == 0 || made + kMostChildren * to_open > most_to_open_) return;
+      open(large);
+      made += crossings() - (before - to_open);
     }
   }
   static bool is_to_open(const Task& task, std::size_t large) {
     return task.beams.size > large && !task.ref.is_leaf();
   }
-  /// Of beams and tasks, from the first one on.
-  [[nodiscard]] std::size_t crossings(std::size_t first) const {
-    std::size_t sum = 0;
-    for (std::size_t t = first; t < tasks_.size(); ++t) sum += tasks_[t].beams.size;
-    return sum;
+  /// Of beams and tasks.
+  [[nodiscard]] std::size_t crossings() const {
+    return std::accumulate(tasks_.begin(), tasks_.end(), std::size_t{0},
+                           [](std::size_t sum, const Task& task) { return sum + task.beams.size; });
   }
-  /// Opens those of the tasks, from the first on, that have more beams than that. @returns the first new one.
-  std::size_t open(std::size_t first, std::size_t large) {
-    const auto begin =
-        std::stable_partition(tasks_.begin() + static_cast<std::ptrdiff_t>(first), tasks_.end(),
-                              [&](const Task& task) { return !is_to_open(task, large); });
-    const std::vector<Task> opened(begin, tasks_.end());
-    tasks_.erase(begin, tasks_.end());
-    if (opened.empty()) return tasks_.size();
+  /// Opens those that have more beams than that: their children take their place.
+  void open(std::size_t large) {
     std::vector<std::pair<const Task*, const CoarseList<D>*>> parts;
-    for (const Task& task : opened)
-      for (const CoarseList<D>* part = task.beams.first; part != task.beams.last; ++part)
-        parts.emplace_back(&task, part);
+    for (const Task& task : tasks_)
+      if (is_to_open(task, large))
+        for (const CoarseList<D>* part = task.beams.first; part != task.beams.last; ++part)
+          parts.emplace_back(&task, part);
     workers_.for_each_task(parts.size(), [&](std::size_t worker, std::size_t p) {
       walks_[worker].open(parts[p].first->ref.index, *parts[p].second, lists_[worker]);
     });
     const std::vector<CoarseCell<D>> cells = cells_of_lists();
-    first = tasks_.size();
-    for (const Task& task : opened) {
+    std::vector<Task> tasks;
+    tasks.reserve(tasks_.size() + cells.size());
+    for (const Task& task : tasks_) {
+      if (!is_to_open(task, large)) {
+        tasks.push_back(task);
+        continue;
+      }
       if (undo_ != nullptr) undo_->keep(tree_, *task.ref.node);
       for (int c = 0; c < Tree::kNumChildren; ++c) {
         const Ref child = tree_.child(task.ref, c);
@@ -198,11 +198,44 @@ class ScanTasks {
             std::lower_bound(cells.begin(), cells.end(), child.index.lower,
                              [](const CoarseCell<D>& a, const Lattice<D>& b) { return a.lower < b; });
         if (cell != cells.end() && cell->lower == child.index.lower)
-          tasks_.push_back({child, *cell, opened_.size(), false});
+          tasks.push_back({child, *cell, opened_.size(), false});
       }
       opened_.push_back({task.ref, task.opened, false});
     }
-    return first;
+    tasks_ = std::move(tasks);
+  }
+
+  struct Order {
+    std::vector<std::uint32_t> tasks;
+    std::size_t num_large;          ///< That come first, and are for whoever is free.
+    std::vector<std::size_t> ends;  ///< Of each worker's share of the others.
+  };
+  /// The largest tasks come first. Of the others each worker gets those that lie side by side in the tree: so
+  /// a beam's row in the table is mostly read by one of them, and a cell is mostly changed by the one that
+  /// has changed it with the last scan. Where cores are far from each other, what one has in its cache takes
+  /// the other long to get.
+  [[nodiscard]] Order share_out() const {
+    constexpr std::size_t kSmallOfWorker = 64;  // Or more, to be shared out evenly.
+    const std::size_t workers = std::clamp<std::size_t>(tasks_.size(), 1, workers_.count());
+    const std::size_t large = crossings() / (kSmallOfWorker * workers);
+    Order order{std::vector<std::uint32_t>(tasks_.size()), 0, {}};
+    std::iota(order.tasks.begin(), order.tasks.end(), 0u);
+    const auto size = [&](std::uint32_t task) { return tasks_[task].beams.size; };
+    const auto small = std::stable_partition(order.tasks.begin(), order.tasks.end(),
+                                             [&](std::uint32_t task) { return size(task) > large; });
+    std::stable_sort(order.tasks.begin(), small,
+                     [&](std::uint32_t a, std::uint32_t b) { return size(a) > size(b); });
+    order.num_large = static_cast<std::size_t>(small - order.tasks.begin());
+    const auto sum = [&](std::size_t before, std::uint32_t task) { return before + size(task); };
+    const std::size_t all = std::accumulate(small, order.tasks.end(), std::size_t{0}, sum);
+    std::size_t before = 0;
+    for (auto task = small; task != order.tasks.end(); ++task) {
+      before += size(*task);
+      while (before * workers > all * (order.ends.size() + 1))
+        order.ends.push_back(static_cast<std::size_t>(task - order.tasks.begin()));
+    }
+    order.ends.resize(workers, tasks_.size());
+    return order;
   }
 
   Tree& tree_;

@@ -13,6 +13,7 @@
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/cell/evidence_summary.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
@@ -33,7 +34,7 @@ namespace ndtree {
 
 /// The part of an update that goes down the tree: what one thread does. See ScanUpdate.
 template <class Tree, class Refinement, class Sensor>
-class alignas(128) ScanWalk {  // Threads, each with its own, share no cache line.
+class alignas(kCacheLines) ScanWalk {
   static constexpr int N = Tree::kBranching;
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
@@ -90,11 +91,9 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   }
   /// What is left to do in one of these cells. @returns whether it changed.
   bool run(const Ref& ref, const CoarseCell<D>& beams) {
-    if (beams.last - beams.first == 1) return descend(ref, beams.first->list, {});
     const ListStack::Mark mark = stack_.mark();
-    BeamList list = stack_.allocate(beams.size + BeamList::kSlack);
-    for (const CoarseList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
-    list.close();
+    const BeamList list = beams.last - beams.first == 1 ? beams.first->list : joined(beams);
+    if (list.size <= kFetched) beams_.fetch(list.beam, list.size);
     const bool changed = descend(ref, list, {});
     stack_.release(mark);
     return changed;
@@ -112,6 +111,12 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
     BeamList list = stack_.allocate(last - first + BeamList::kSlack);
     list.size = last - first;
     std::iota(list.beam, list.beam + list.size, static_cast<std::uint32_t>(first));
+    list.close();
+    return list;
+  }
+  [[nodiscard]] BeamList joined(const CoarseCell<D>& beams) {
+    BeamList list = stack_.allocate(beams.size + BeamList::kSlack);
+    for (const CoarseList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
     list.close();
     return list;
   }
@@ -493,6 +498,7 @@ class alignas(128) ScanWalk {  // Threads, each with its own, share no cache lin
   static constexpr bool kAskTogether = kNumChildren >= 8;  // So many leaves that it is worth it for them.
   static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
   static constexpr std::size_t kPiece = 2048;  // Beams at once, while each child has room for all of them.
+  static constexpr std::size_t kFetched = 1024;  // Beams that the nearest cache has room for.
 
   Tree& tree_;
   typename Tree::Arena& arena_;

@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstddef>
 #include <functional>
+#include <numeric>
 #include <queue>
 #include <utility>
 #include <vector>
@@ -15,19 +16,38 @@ namespace ndtree {
 
 /// What workers had to do, in the order of time [s].
 struct WorkPhase {
-  double alone = 0.0;         ///< Before it, in one thread.
-  std::vector<double> tasks;  ///< As they are handed out.
+  double alone = 0.0;             ///< Before it, in one thread.
+  std::vector<double> tasks;      ///< As they are numbered.
+  std::size_t first = 0;          ///< Of those in shares; those before it are nobody's.
+  std::vector<std::size_t> ends;  ///< Of the share of each worker among them.
 
-  /// Until so many workers are done, each of which takes the next task when it is free.
-  [[nodiscard]] double seconds(std::size_t workers) const {
-    std::priority_queue<double, std::vector<double>, std::greater<>> free_at;
-    for (std::size_t i = 0; i < workers; ++i) free_at.push(0.0);
+  [[nodiscard]] double work() const { return std::accumulate(tasks.begin(), tasks.end(), alone); }
+  /// Until all workers are done, of which each takes what is nobody's, then its share, and then helps others.
+  [[nodiscard]] double seconds() const {
+    struct Worker {
+      double free_at;
+      std::size_t number;
+      std::size_t helps;  // The worker that many places behind.
+      bool operator>(const Worker& other) const { return free_at > other.free_at; }
+    };
+    std::priority_queue<Worker, std::vector<Worker>, std::greater<>> free;
+    std::size_t nobodys = 0;
+    std::vector<std::size_t> next(ends.size(), first);
+    for (std::size_t i = 0; i < ends.size(); ++i) {
+      free.push({0.0, i, 0});
+      if (i > 0) next[i] = ends[i - 1];
+    }
     double end = 0.0;
-    for (const double task : tasks) {
-      const double done = free_at.top() + task;
-      free_at.pop();
-      free_at.push(done);
-      end = std::max(end, done);
+    while (!free.empty()) {
+      Worker worker = free.top();
+      free.pop();
+      std::size_t share = (worker.number + worker.helps) % ends.size();
+      while (nobodys == first && worker.helps < ends.size() && next[share] == ends[share])
+        share = (worker.number + ++worker.helps) % ends.size();
+      if (worker.helps == ends.size()) continue;
+      worker.free_at += tasks[nobodys < first ? nobodys++ : next[share]++];
+      end = std::max(end, worker.free_at);
+      free.push(worker);
     }
     return alone + end;
   }
@@ -40,12 +60,23 @@ class Workers {
   [[nodiscard]] std::size_t count() const { return count_; }
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
+    const std::size_t sharing = std::min(count_, tasks);
+    std::vector<std::size_t> ends(sharing);
+    for (std::size_t i = 0; i < sharing; ++i) ends[i] = tasks * (i + 1) / sharing;
+    for_each_task(0, ends, work);
+  }
+  template <class Work>
+  void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {
     WorkPhase& phase = next_phase();
-    for (std::size_t task = 0; task < tasks; ++task) {
-      const Clock::time_point begin = Clock::now();
-      work(task % count_, task);
-      phase.tasks.push_back(seconds_since(begin));
-    }
+    phase.first = first;
+    phase.ends = ends;
+    std::size_t task = 0;
+    for (std::size_t worker = 0; worker < ends.size(); ++worker)
+      for (; task < ends[worker]; ++task) {
+        const Clock::time_point begin = Clock::now();
+        work(worker, task);
+        phase.tasks.push_back(seconds_since(begin));
+      }
     last_ = Clock::now();
   }
 
@@ -66,7 +97,7 @@ class Workers {
     return std::chrono::duration<double>(Clock::now() - begin).count();
   }
   static WorkPhase& next_phase() {
-    phases_.push_back({seconds_since(last_), {}});
+    phases_.push_back({seconds_since(last_), {}, {}});
     return phases_.back();
   }
 
