@@ -17,6 +17,8 @@
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/mapping/scan/beam_noise.hpp"
+#include "ndtree/mapping/scan/beam_rows.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/tree/lattice.hpp"
@@ -38,104 +40,6 @@ template <int N, int D>
   }
   return is_touched_only ? behind : cell;
 }
-
-/// Where a beam goes: what handing it down asks.
-template <int D>
-struct alignas(16) BeamWay {
-  /// Range over displacement on an axis: how far it goes for a metre along it.
-  std::array<float, std::size_t{D}> inverse;
-  float reach;  ///< The last distance that it says anything about [m].
-};
-
-/// What cells near its end ask of it, in metres along it.
-template <int D>
-struct alignas(16) BeamEnd {
-  float range;    ///< Of the end point, or of the end of what was seen free.
-  float slant;    ///< How much of its way it goes along the axis of its face, in [1 / sqrt D, 1].
-  float clear;    ///< Cells that end before this distance were passed ...
-  float surface;  ///< ... small ones only if they end by so much before it. 0: without return.
-  float sigma;    ///< Standard deviation of the range.
-  std::array<std::int32_t, std::size_t{D}> cell;  ///< That it ends in, from the base; see ends_nearby().
-
-  [[nodiscard]] bool is_returned() const { return surface != 0.0f; }
-};
-
-#ifdef NDTREE_HAS_EIGHTS
-/// The same of eight beams.
-template <int D>
-struct EightWays {
-  __m256 inverse[std::size_t{D}];
-  __m256 reach;
-};
-template <int D>
-struct EightEnds {
-  __m256 range, slant, clear, surface, sigma;
-  __m256i cell[std::size_t{D}];
-};
-
-/// Up to eight beams on their way down to the leaves together: what is known of them is looked up once.
-template <int D>
-struct EightBeams {
-  alignas(32) std::array<std::uint32_t, 8> number;  ///< Ascending, where a beam is.
-  EightWays<D> ways;
-  __m256 pass;        ///< ScanBeams::pass_of() of them.
-  EightEnds<D> ends;  ///< If they were asked for, see ScanBeams::ends_of().
-  bool has_ends = false;
-};
-#endif
-
-/// How far before its reach a beam has surely passed all cells, of any size, that end there: so much, and as
-/// noise grows with the square of the range, so much for each square metre of it.
-struct PassMargin {
-  float fixed = 0.0f;
-  float growth = 0.0f;
-};
-
-/// The least and the largest noise of some beams, and the margin that they need.
-class BeamNoise {
- public:
-  explicit BeamNoise(float margin_growth = 0.0f) : growth_(margin_growth) {
-    smallest_.fill(std::numeric_limits<float>::infinity());
-    largest_.fill(0.0f);
-    margin_.fill(0.0f);
-  }
-  /// @param pass what the beam has surely passed ends before this distance.
-  void add(float sigma, float reach, float pass) {
-    smallest_[0] = std::min(smallest_[0], sigma);
-    largest_[0] = std::max(largest_[0], sigma);
-    const float grown = rounded(rounded(growth_ * reach) * reach);
-    margin_[0] = std::max(margin_[0], rounded(reach * kAboveRounding) - pass - grown);
-  }
-#ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(__m256 sigma, __m256 reach, __m256 pass) {
-    _mm256_store_ps(smallest_.data(), _mm256_min_ps(_mm256_load_ps(smallest_.data()), sigma));
-    _mm256_store_ps(largest_.data(), _mm256_max_ps(_mm256_load_ps(largest_.data()), sigma));
-    const __m256 grown = _mm256_mul_ps(_mm256_mul_ps(_mm256_set1_ps(growth_), reach), reach);
-    const __m256 margin =
-        _mm256_sub_ps(_mm256_sub_ps(_mm256_mul_ps(reach, _mm256_set1_ps(kAboveRounding)), pass), grown);
-    _mm256_store_ps(margin_.data(), _mm256_max_ps(_mm256_load_ps(margin_.data()), margin));
-  }
-#endif
-  void add(const BeamNoise& other) {
-    smallest_[0] = std::min(smallest_[0], other.smallest());
-    largest_[0] = std::max(largest_[0], other.largest());
-    margin_[0] = std::max(margin_[0], other.margin().fixed);
-  }
-  // Of standard deviations [m].
-  [[nodiscard]] float smallest() const { return *std::min_element(smallest_.begin(), smallest_.end()); }
-  [[nodiscard]] float largest() const { return *std::max_element(largest_.begin(), largest_.end()); }
-  [[nodiscard]] PassMargin margin() const {
-    return {*std::max_element(margin_.begin(), margin_.end()), growth_};
-  }
-
- private:
-  static constexpr float kAboveRounding = 1.0f + 0x1p-21f;
-  float growth_;
-  // Of every eighth of them; the first alone without vectors.
-  alignas(32) std::array<float, 8> smallest_;
-  alignas(32) std::array<float, 8> largest_;
-  alignas(32) std::array<float, 8> margin_;
-};
 
 /// Beams by number: those of a face one after the other (see ScanFace), the least chance first. Distances are
 /// metres from the origin, along the beam. Float is enough where a beam crosses a plane: its direction is
