@@ -60,7 +60,10 @@ TEST(Workers, BeginWithTheirShares) {
         tasks_of.at(worker).push_back(task);
         // All begin with something before anybody is done with it.
         const std::size_t at_once = std::min(ends.size(), tasks);
-        for (++begun; begun < at_once;) std::this_thread::sleep_for(std::chrono::microseconds(50));
+        ++begun;
+        for (int i = 0; i < 100'000 && begun < at_once; ++i)
+          std::this_thread::sleep_for(std::chrono::microseconds(50));
+        EXPECT_GE(begun, at_once);
       });
       for (const auto& worker : done_by) EXPECT_LT(worker, kWorkers) << "not done";
       // Who has nothing of its own may be there before others, and help them.
@@ -101,6 +104,47 @@ TEST(Workers, ThrowWhatTheFirstTaskThrows) {
     std::atomic<int> done{0};
     workers.for_each_task(10, [&](std::size_t, std::size_t) { ++done; });
     EXPECT_EQ(done, 10) << "after a failure";
+  }
+}
+
+TEST(Workers, BeginNothingAfterTheyHaveFailed) {
+  constexpr std::size_t kWorkers = 3;
+  Workers workers(kWorkers);
+  for (int i = 0; i < 200; ++i) {
+    std::vector<std::atomic<bool>> has_failed(kWorkers);
+    EXPECT_THROW(workers.for_each_task(100,
+                                       [&](std::size_t worker, std::size_t task) {
+                                         EXPECT_FALSE(has_failed.at(worker));
+                                         if (task % 10 != static_cast<std::size_t>(i % 10)) return;
+                                         has_failed.at(worker) = true;
+                                         throw std::runtime_error("failed");
+                                       }),
+                 std::runtime_error);
+  }
+}
+
+/// Whoever is told to stop because the question has thrown elsewhere says less than what was thrown.
+TEST(Workers, PassOnWhatTheQuestionInATaskThrows) {
+  Workers workers(2);
+  for (const std::size_t asking : {0u, 1u}) {
+    std::atomic<int> begun{0};
+    std::atomic<bool> has_thrown{false};
+    const CancelScope scope([] { return true; });
+    EXPECT_THROW(workers.for_each_task(2,
+                                       [&](std::size_t, std::size_t task) {
+                                         ++begun;
+                                         for (int i = 0; i < 10000 && begun < 2; ++i)
+                                           std::this_thread::sleep_for(std::chrono::milliseconds(1));
+                                         if (task == asking) {
+                                           has_thrown = true;
+                                           throw std::runtime_error("asked");
+                                         }
+                                         for (int i = 0; i < 10000 && !has_thrown; ++i)
+                                           std::this_thread::sleep_for(std::chrono::milliseconds(1));
+                                         throw Cancelled();
+                                       }),
+                 std::runtime_error)
+        << "in task " << asking;
   }
 }
 

@@ -1,15 +1,20 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <mutex>
+#include <numeric>
 #include <vector>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/parallel.hpp"
+#include "ndtree/mapping/scan/task_order.hpp"
 #include "ndtree/mapping/scan/tasks.hpp"
 #include "ndtree/tree/nd_tree.hpp"
+#include "random.hpp"
 
 namespace ndtree::test::test_scan_tasks {
 namespace {
@@ -104,6 +109,57 @@ TEST(ScanTasks, MakesNoMoreListsThanItMay) {
     EXPECT_LE(record.made, most);
     EXPECT_EQ(record.run.size(), most < 4000 ? 1u : most < 20000 ? 4u : 16u);
   }
+}
+
+/// The large ones first, by size; of the others, which stay in the order of the tree, as much for each.
+TEST(TaskOrder, SharesOutWhatIsSmall) {
+  Random random(420);
+  SCOPED_TRACE(random.trace());
+  std::size_t large = 0;
+  std::size_t small = 0;
+  for (int i = 0; i < 400; ++i) {
+    std::vector<std::size_t> sizes(static_cast<std::size_t>(random.integer(0, i % 2 == 0 ? 10 : 2000)));
+    for (std::size_t& size : sizes)
+      size = static_cast<std::size_t>(std::pow(10.0, random.uniform(0.0, i % 3 == 0 ? 5.0 : 1.0)));
+    const auto workers = static_cast<std::size_t>(random.integer(1, 9));
+    const TaskOrder order(sizes, workers);
+    const std::size_t all = std::accumulate(sizes.begin(), sizes.end(), std::size_t{0});
+    const auto size = [&](std::size_t place) { return sizes[order.tasks[place]]; };
+    ASSERT_EQ(order.ends.size(), std::clamp<std::size_t>(sizes.size(), 1, workers));
+    ASSERT_EQ(order.ends.back(), sizes.size());
+    ASSERT_LE(order.num_large, order.ends.front());
+    ASSERT_TRUE(std::is_sorted(order.ends.begin(), order.ends.end()));
+    std::vector<std::uint32_t> tasks = order.tasks;
+    std::sort(tasks.begin(), tasks.end());
+    for (std::size_t t = 0; t < sizes.size(); ++t) ASSERT_EQ(tasks[t], t) << "each once";
+    const double most_of_small = static_cast<double>(all) / (64.0 * static_cast<double>(order.ends.size()));
+    std::size_t all_small = 0;
+    for (std::size_t t = 0; t < sizes.size(); ++t) {
+      if (t < order.num_large) {
+        EXPECT_GT(size(t) + 1, most_of_small);
+        if (t > 0) {
+          EXPECT_LE(size(t), size(t - 1));
+        }
+        continue;
+      }
+      EXPECT_LE(size(t), most_of_small);
+      if (t > order.num_large) {
+        EXPECT_LT(order.tasks[t - 1], order.tasks[t]);
+      }
+      all_small += size(t);
+    }
+    for (std::size_t worker = 0, t = order.num_large; worker < order.ends.size(); ++worker) {
+      double share = 0.0;
+      for (; t < order.ends[worker]; ++t) share += static_cast<double>(size(t));
+      EXPECT_NEAR(share, static_cast<double>(all_small) / static_cast<double>(order.ends.size()),
+                  most_of_small + 1.0);
+    }
+    large += order.num_large;
+    small += sizes.size() - order.num_large;
+    if (::testing::Test::HasFailure()) return;
+  }
+  EXPECT_GT(large, 1000u);
+  EXPECT_GT(small, 10000u);
 }
 
 }  // namespace

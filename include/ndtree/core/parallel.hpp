@@ -44,13 +44,15 @@ class Workers {
 
   /// Calls `work(worker, task)` once for each task in [0, tasks). Each worker has a share of them, one behind
   /// the other, and begins with that; who is done takes what others have not begun. So whoever hands out
-  /// tasks in the same order again finds them where their data still is, in a worker's own cache. There are
+  /// tasks in the same order again may find them where their data still is, in a core's own cache. There are
   /// no more workers than tasks. Returns when all are done.
   /// @throws what the first of the tasks that fail has thrown, whoever fails earlier; later ones may then not
-  ///   have begun. Or Cancelled, see CancelScope.
+  ///   have begun, and a worker that has failed begins none. Or Cancelled, see CancelScope, if nothing else
+  ///   was thrown.
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
     const std::size_t sharing = std::min(count_, tasks);
+    if (sharing <= 1) return do_alone(tasks, work);
     std::vector<std::size_t> ends(sharing);
     for (std::size_t i = 0; i < sharing; ++i) ends[i] = tasks * (i + 1) / sharing;
     for_each_task(0, ends, work);
@@ -61,10 +63,7 @@ class Workers {
   template <class Work>
   void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {
     const std::size_t tasks = ends.empty() ? first : ends.back();
-    if (ends.size() <= 1 || tasks <= 1) {
-      for (std::size_t task = 0; task < tasks; ++task) work(std::size_t{0}, task);
-      return;
-    }
+    if (ends.size() <= 1 || tasks <= 1) return do_alone(tasks, work);
     Share nobodys;
     nobodys.end = first;
     std::vector<Share> shares(ends.size());
@@ -73,26 +72,37 @@ class Workers {
       shares[i].end = ends[i];
     }
     std::mutex failing;
-    std::atomic<std::size_t> failed{tasks};
+    std::atomic<std::size_t> failed{tasks};  // Tasks from here on are not begun.
     std::exception_ptr error;
+    std::size_t failed_first = tasks;  // Whose error that is; none's if it is Cancelled.
     CancelScope* const scope = CancelScope::current();
     run([&](std::size_t worker) {
       if (worker >= shares.size()) return;
       std::optional<CancelScope::Lent> lent;
       if (worker > 0) lent.emplace(scope);
+      /// Whether all went well.
       const auto work_off = [&](Share& share) {
         for (std::size_t task = share.next++; task < share.end && task < failed; task = share.next++) {
           try {
             work(worker, task);
+          } catch (const Cancelled&) {
+            const std::lock_guard<std::mutex> lock(failing);
+            if (!error) error = std::current_exception();
+            failed = 0;
+            return false;
           } catch (...) {
             const std::lock_guard<std::mutex> lock(failing);
-            if (task < failed) error = std::current_exception();
+            if (task < failed_first) error = std::current_exception();
+            failed_first = std::min(failed_first, task);
             failed = std::min<std::size_t>(failed, task);
+            return false;
           }
         }
+        return true;
       };
-      work_off(nobodys);
-      for (std::size_t i = 0; i < shares.size(); ++i) work_off(shares[(worker + i) % shares.size()]);
+      bool is_well = work_off(nobodys);
+      for (std::size_t i = 0; is_well && i < shares.size(); ++i)
+        is_well = work_off(shares[(worker + i) % shares.size()]);
     });
     if (error) std::rethrow_exception(error);
     checkpoint();
@@ -105,6 +115,10 @@ class Workers {
     std::size_t end = 0;
   };
 
+  template <class Work>
+  static void do_alone(std::size_t tasks, Work&& work) {
+    for (std::size_t task = 0; task < tasks; ++task) work(std::size_t{0}, task);
+  }
   /// Calls `job(worker)` once for each worker.
   void run(std::function<void(std::size_t)> job) {
     bool any_asleep = false;

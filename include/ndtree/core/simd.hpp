@@ -90,6 +90,7 @@ template <int kCount, class T>
 NDTREE_ALWAYS_INLINE void prefetch([[maybe_unused]] const T* values) {
 #if defined(__GNUC__) || defined(__clang__)
   constexpr int kOfLine = 64 / sizeof(T);
+  static_assert(kOfLine > 0, "values that fit a cache line");
   for (int k = 0; k < kCount; k += kOfLine) __builtin_prefetch(values + k);
 #endif
 }

@@ -363,7 +363,8 @@ class NodePool {
     ++num_chunks_;
   }
 
-  // Whoever looks up a block reads the first, so what threads write while others do stands far behind it.
+  // Whoever looks up a block reads the first, so what threads write while others do, from the mutexes on, is
+  // not in the same cache line.
   std::atomic<Entry*> directory_{nullptr};
   std::vector<std::unique_ptr<Entry[]>> directories_;  // The last one is in use.
   std::size_t capacity_ = 0;
@@ -371,11 +372,11 @@ class NodePool {
   std::size_t others_ = 0;                      // ... so many are not the pool's.
   mutable std::atomic<bool> may_share_{false};  // Some chunk, with another pool.
   int num_lent_ = 0;                            // Arenas that threads work with.
+  Arena main_;
   std::mutex entries_mutex_;      // Of chunks that take the place of others, and of directories.
   std::vector<Chunk*> replaced_;  // As long as arenas are lent.
   std::mutex mutex_;              // Of what arenas share; who has it may ask for the other one.
   std::size_t num_chunks_ = 0;
-  Arena main_;
 };
 
 }  // namespace ndtree

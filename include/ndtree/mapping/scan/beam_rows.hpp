@@ -19,9 +19,9 @@ struct alignas(16) BeamWay {
   float reach;  ///< The last distance that it says anything about [m].
 };
 
-/// What cells near its end ask of it, in metres along it.
+/// What cells near its end ask of it, in metres along it. Rows of 32 bytes lie in one cache line each.
 template <int D>
-struct alignas(16) BeamEnd {
+struct alignas(D <= 3 ? 32 : 16) BeamEnd {
   float range;    ///< Of the end point, or of the end of what was seen free.
   float slant;    ///< How much of its way it goes along the axis of its face, in [1 / sqrt D, 1].
   float clear;    ///< Cells that end before this distance were passed ...

@@ -47,15 +47,14 @@ struct LookedOver {
   ScanImage<D> image;
   float deepest = 0.0f;       ///< Of all of them, along the axis of its face [m].
   float reach_behind = 0.0f;  ///< The end of a beam, at most [m].
-  // Of each, not initialised but of those that say something:
   std::size_t size = 0;
-  std::unique_ptr<float[]> depth;           ///< Along the axis of the face [m].
-  std::unique_ptr<std::uint32_t[]> chance;  ///< See chance_of().
-  std::unique_ptr<std::uint32_t[]> face;    ///< ScanImage::kNoFace of those that say nothing.
+  std::unique_ptr<std::uint32_t[]> face;    ///< Of each; ScanImage::kNoFace of those that say nothing.
+  std::unique_ptr<float[]> depth;           ///< Of those that do, along the axis of the face [m].
+  std::unique_ptr<std::uint32_t[]> chance;  ///< Of those that do, see chance_of().
 
   LookedOver() = default;
   explicit LookedOver(std::size_t n)
-      : size(n), depth(new float[n]), chance(new std::uint32_t[n]), face(new std::uint32_t[n]) {}
+      : size(n), face(new std::uint32_t[n]), depth(new float[n]), chance(new std::uint32_t[n]) {}
 };
 
 /// Looks over some beams of a scan, in one thread.
@@ -67,9 +66,9 @@ class ScanLook {
   ScanLook(const Measurements<D, Sensor>& measurements, const BeamRange& range)
       : measurements_(measurements), range_(range), beams_(static_cast<std::size_t>(range.size())) {}
 
-  /// Counts the beams and finds out where they point. @throws as survey_exactly().
+  /// Counts the beams and finds out where they point, once. @throws as survey_exactly().
   template <class Geometry>
-  LookedOver<D> operator()(const Sensor& sensor, const Geometry& geometry) {
+  [[nodiscard]] LookedOver<D> operator()(const Sensor& sensor, const Geometry& geometry) && {
     const ScanView<D>& scan = measurements_.scan();
     Eigen::Index i = range_.first;
     if (!scan.origin_per_beam && beams_.size > 0) beams_.image.add_all_faces(scan.origin(0));

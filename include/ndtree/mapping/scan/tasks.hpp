@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cassert>
 #include <cstddef>
-#include <cstdint>
 #include <deque>
 #include <numeric>
 #include <utility>
@@ -14,6 +13,7 @@
 
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/mapping/scan/coarse_lists.hpp"
+#include "ndtree/mapping/scan/task_order.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
@@ -46,7 +46,10 @@ class ScanTasks {
   void run(std::size_t beams) {
     bring(beams);
     open_large();
-    const Order order = share_out();
+    std::vector<std::size_t> sizes;
+    sizes.reserve(tasks_.size());
+    for (const Task& task : tasks_) sizes.push_back(task.beams.size);
+    const TaskOrder order(sizes, workers_.count());
     workers_.for_each_task(order.num_large, order.ends, [&](std::size_t worker, std::size_t i) {
       Task& task = tasks_[order.tasks[i]];
       task.changed = walks_[worker].run(task.ref, task.beams);
@@ -203,39 +206,6 @@ class ScanTasks {
       opened_.push_back({task.ref, task.opened, false});
     }
     tasks_ = std::move(tasks);
-  }
-
-  struct Order {
-    std::vector<std::uint32_t> tasks;
-    std::size_t num_large;          ///< That come first, and are for whoever is free.
-    std::vector<std::size_t> ends;  ///< Of each worker's share of the others.
-  };
-  /// The largest tasks come first. Of the others each worker gets those that lie side by side in the tree: so
-  /// a beam's row in the table is mostly read by one of them, and a cell is mostly changed by the one that
-  /// has changed it with the last scan. Where cores are far from each other, what one has in its cache takes
-  /// the other long to get.
-  [[nodiscard]] Order share_out() const {
-    constexpr std::size_t kSmallOfWorker = 64;  // Or more, to be shared out evenly.
-    const std::size_t workers = std::clamp<std::size_t>(tasks_.size(), 1, workers_.count());
-    const std::size_t large = crossings() / (kSmallOfWorker * workers);
-    Order order{std::vector<std::uint32_t>(tasks_.size()), 0, {}};
-    std::iota(order.tasks.begin(), order.tasks.end(), 0u);
-    const auto size = [&](std::uint32_t task) { return tasks_[task].beams.size; };
-    const auto small = std::stable_partition(order.tasks.begin(), order.tasks.end(),
-                                             [&](std::uint32_t task) { return size(task) > large; });
-    std::stable_sort(order.tasks.begin(), small,
-                     [&](std::uint32_t a, std::uint32_t b) { return size(a) > size(b); });
-    order.num_large = static_cast<std::size_t>(small - order.tasks.begin());
-    const auto sum = [&](std::size_t before, std::uint32_t task) { return before + size(task); };
-    const std::size_t all = std::accumulate(small, order.tasks.end(), std::size_t{0}, sum);
-    std::size_t before = 0;
-    for (auto task = small; task != order.tasks.end(); ++task) {
-      before += size(*task);
-      while (before * workers > all * (order.ends.size() + 1))
-        order.ends.push_back(static_cast<std::size_t>(task - order.tasks.begin()));
-    }
-    order.ends.resize(workers, tasks_.size());
-    return order;
   }
 
   Tree& tree_;

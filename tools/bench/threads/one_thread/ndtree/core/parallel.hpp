@@ -69,10 +69,10 @@ class Workers {
   void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {
     WorkPhase& phase = next_phase();
     phase.first = first;
-    phase.ends = ends;
+    phase.ends = ends.empty() ? std::vector<std::size_t>{first} : ends;
     std::size_t task = 0;
-    for (std::size_t worker = 0; worker < ends.size(); ++worker)
-      for (; task < ends[worker]; ++task) {
+    for (std::size_t worker = 0; worker < phase.ends.size(); ++worker)
+      for (; task < phase.ends[worker]; ++task) {
         const Clock::time_point begin = Clock::now();
         work(worker, task);
         phase.tasks.push_back(seconds_since(begin));
@@ -97,8 +97,9 @@ class Workers {
     return std::chrono::duration<double>(Clock::now() - begin).count();
   }
   static WorkPhase& next_phase() {
-    phases_.push_back({seconds_since(last_), {}, {}});
-    return phases_.back();
+    WorkPhase& phase = phases_.emplace_back();
+    phase.alone = seconds_since(last_);
+    return phase;
   }
 
   inline static std::vector<WorkPhase> phases_;
