@@ -13,7 +13,6 @@
 #include "at_a_time.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
-#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/image.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/scan/order.hpp"
@@ -68,10 +67,11 @@ void looks_over_as_one_by_one(std::uint64_t seed) {
       const Measurements<D, BeamSensorModel> measurements(scan.view(), 6.0, sensor);
       const ScanSurvey<D> exact = survey_exactly(geometry, measurements, measurements.all());
       for (const int at_a_time : {1, 8}) {
-        Simd::limit(at_a_time);
         ScanPart<D, BeamSensorModel> part;
-        part.look_over(measurements, measurements.all(), sensor, geometry);
-        Simd::limit(Simd::kWidest);
+        {
+          const AtATime loops(at_a_time);
+          part.look_over(measurements, measurements.all(), sensor, geometry);
+        }
         const ScanSurvey<D>& survey = part.survey();
         EXPECT_EQ(survey.outcomes, exact.outcomes);
         if (exact.num_valid() == 0) continue;

@@ -18,6 +18,7 @@
 
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/even_shares.hpp"
 
 namespace ndtree {
 
@@ -53,9 +54,7 @@ class Workers {
   void for_each_task(std::size_t tasks, Work&& work) {
     const std::size_t sharing = std::min(count_, tasks);
     if (sharing <= 1) return do_alone(tasks, work);
-    std::vector<std::size_t> ends(sharing);
-    for (std::size_t i = 0; i < sharing; ++i) ends[i] = tasks * (i + 1) / sharing;
-    for_each_task(0, ends, work);
+    for_each_task(0, even_shares(tasks, sharing), work);
   }
   /// The same with shares of any size, and before them tasks that are nobody's: who is free takes the next.
   /// @param first of the tasks in shares. @param ends of the shares, one behind the other, of as many workers

@@ -157,15 +157,17 @@ class ScanTasks {
     constexpr std::size_t kFew = 200;  // Beams that are not worth it.
     constexpr std::size_t kTasksOfWorker = 2;
     constexpr std::size_t kMostChildren = 1 + D * (Tree::kBranching - 1);  // That one beam crosses.
+    std::size_t all = crossings();
     for (std::size_t made = 0;;) {
-      const std::size_t before = crossings();
-      const std::size_t large = std::max(kFew, before / (kTasksOfWorker * workers_.count()));
+      const std::size_t large = std::max(kFew, all / (kTasksOfWorker * workers_.count()));
       std::size_t to_open = 0;
       for (const Task& task : tasks_)
         if (is_to_open(task, large)) to_open += task.beams.size;
       if (to_open == 0 || made + kMostChildren * to_open > most_to_open_) return;
       open(large);
-      made += crossings() - (before - to_open);
+      const std::size_t others = all - to_open;
+      all = crossings();
+      made += all - others;
     }
   }
   static bool is_to_open(const Task& task, std::size_t large) {

@@ -12,6 +12,8 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/core/even_shares.hpp"
+
 namespace ndtree {
 
 /// What workers had to do, in the order of time [s].
@@ -60,10 +62,7 @@ class Workers {
   [[nodiscard]] std::size_t count() const { return count_; }
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
-    const std::size_t sharing = std::min(count_, tasks);
-    std::vector<std::size_t> ends(sharing);
-    for (std::size_t i = 0; i < sharing; ++i) ends[i] = tasks * (i + 1) / sharing;
-    for_each_task(0, ends, work);
+    for_each_task(0, even_shares(tasks, std::min(count_, tasks)), work);
   }
   template <class Work>
   void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {
