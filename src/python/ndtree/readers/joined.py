@@ -18,6 +18,8 @@ class JoinedLog(Log):
         If there is none, or they differ in dimension.
     """
 
+    may_be_padded = False
+
     def __init__(self, logs: Sequence[Log]) -> None:
         if not logs:
             raise ValueError("logs: expected at least one")

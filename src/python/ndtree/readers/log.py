@@ -6,13 +6,14 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
 from ndtree.readers.archive import save_archive
 from ndtree.readers.failures import readable
+from ndtree.readers.padding import without_padding
 from ndtree.readers.plain_file import DamagedStream, open_plain
 from ndtree.readers.selection import Selection
 from ndtree.scan import Scan
@@ -63,6 +64,9 @@ class Log(ABC):
         Whether ranges are from structured light or stereo, whose noise grows with the squared range.
     is_raw : bool
         Whether scans are as a robot recorded them, and nobody has prepared them for mapping.
+    may_be_padded : bool
+        Whether beams that end nearer than 1 mm to their sensor are padding, and become invalid. Not where the
+        unit of length is not known, nor where another log has looked at it.
     skipped : dict of str to Skipped
         By kind, what the last loop has passed over so far.
     """
@@ -73,6 +77,7 @@ class Log(ABC):
     knows_no_returns = True
     is_depth_camera = False
     is_raw = False
+    may_be_padded = True
 
     def __init__(self, path: str | None, dim: int) -> None:
         self.path = path
@@ -97,7 +102,7 @@ class Log(ABC):
             with readable(self.path, f"cannot be read as a {self.format} log"):
                 for scan in self._scans():
                     self._done += 1
-                    yield scan
+                    yield _without_padding(scan) if self.may_be_padded else scan
             if self._unposed and not self._done:
                 self._sum_up_unposed()
                 left_out = self.skipped[UNPOSED]
@@ -250,6 +255,11 @@ class Log(ABC):
         return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D>"
 
 
+def _without_padding(scan: Scan) -> Scan:
+    ends = without_padding(scan.endpoints, scan.origin)
+    return scan if ends is scan.endpoints else replace(scan, endpoints=ends)
+
+
 class LineLog(Log):
     """A text file, packed by gzip or not, whose lines a parser turns into scans."""
 
@@ -295,6 +305,8 @@ class SizedLog(Log):
 
 class SelectedLog(Log):
     """The part of a log that `Log.select` chose; it is read as lazily as the log."""
+
+    may_be_padded = False
 
     def __init__(self, log: Log, selection: Selection) -> None:
         super().__init__(log.path, log.dim)

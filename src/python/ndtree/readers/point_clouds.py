@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ndtree.readers.cloud_files import kind_of_file, kind_of_name, pcd_viewpoint, points_of_file
 from ndtree.readers.folder import TIME_OFFSET, FolderLog, PosesOfFiles, number_in, stamp_in, stem_of
+from ndtree.readers.padding import without_zeros
 from ndtree.readers.pose import Pose
 from ndtree.readers.source import Format, ReaderOption, Source, require_dim
 from ndtree.readers.trajectory_files import TRAJECTORY, read_pose, trajectory_kind
@@ -119,7 +120,7 @@ class PointCloudLog(FolderLog):
         return self._trajectory.stamp(i) if self._trajectory else stamp_in(stem_of(self._files[i])) or 0.0
 
     def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
-        return T_map_sensor.apply(points) if self._points_in == "sensor" else points
+        return T_map_sensor.apply(points) if self._points_in == "sensor" else without_zeros(points)
 
 
 def _in_order(name: str) -> tuple[float, str]:

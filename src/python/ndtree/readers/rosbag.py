@@ -172,6 +172,7 @@ class RosbagLog(SizedLog):
         for error in self._damaged:
             self._skip("damaged messages", error)
         self._endless = 0
+        self._senseless: dict[str, tuple[int, str]] = {}
         watched = {
             sensor.topic.name: Standing(sensor.is_planar)
             for sensor in self.sensors
@@ -187,7 +188,7 @@ class RosbagLog(SizedLog):
             messages = bag.messages(list(by_name), on_damage=lambda error: self._skip("damaged bags", error))
             if len(by_name) > 1:
                 messages = in_order(messages, self.clock)
-            numbers = dict.fromkeys(by_name, -1)
+            numbers = self._numbers = dict.fromkeys(by_name, -1)
             for raw in messages:
                 name = raw.connection.topic
                 sensor, place = by_name[name], self._places[name]
@@ -215,6 +216,10 @@ class RosbagLog(SizedLog):
                     self._leave_out_unposed(NoPose(f"{where}: {error}", error.where, error.seconds))
                     continue
                 self._endless += beams.endless
+                if beams.senseless and self.sweeps[name].is_used and not place.stands:
+                    first = f"message {numbers[name]}: {beams.senseless}"
+                    count, first = self._senseless.get(name, (0, first))
+                    self._senseless[name] = count + 1, first
                 if name in watched:
                     watched[name].add(beams)
                 sigma = None if sensor.sigma is None else np.full(len(ends), sensor.sigma)
@@ -225,6 +230,11 @@ class RosbagLog(SizedLog):
             self.notes.append(
                 f"{self._endless} beams met nothing, but range_max is infinite: they say nothing; with "
                 "--max-range they are free up to there"
+            )
+        for name, (count, first) in self._senseless.items():
+            self.notes.append(
+                f"{name}: the times of single beams make no sense in {count} of {self._numbers[name] + 1} "
+                f"messages, all of whose beams count as measured at the stamp; the first: {first}"
             )
         for name, standing in watched.items():
             warning = standing.warning(name, self._places[name])

@@ -24,6 +24,7 @@ class SimulatedLog(SizedLog):
     """A log that measures each scan when it is asked for, and knows the world that it measures."""
 
     format = "simulated"
+    may_be_padded = False
 
     def __init__(self, world: str, simulation: Any) -> None:
         self.world = world

@@ -139,6 +139,8 @@ class SfmLog(SizedLog):
     in ``skipped``.
     """
 
+    may_be_padded = False  # Models may have any unit of length.
+
     def __init__(self, path: str, pixel_sigma: float) -> None:
         if not (pixel_sigma > 0 and np.isfinite(pixel_sigma)):
             raise ValueError(f"pixel_sigma = {pixel_sigma:g} px: must be > 0 and finite")

@@ -29,6 +29,8 @@ CLOUDS = (POINT_CLOUD, *LIVOX)
 #: Measure in one plane.
 PLANAR = (LASER, MULTI_ECHO_LASER, RANGE)
 IMAGES = (IMAGE, COMPRESSED_IMAGE)
+#: No sensor takes longer for one scan [s]; what says so is in another unit, or wrong.
+LONGEST_SWEEP = 1.0
 #: The best first: of several sensors in a bag one of an earlier type is read.
 SENSORS = (LASER, MULTI_ECHO_LASER, POINT_CLOUD, *LIVOX, IMAGE, COMPRESSED_IMAGE, RANGE)
 SENSOR_NAMES = "LaserScan, MultiEchoLaserScan, PointCloud2, Livox CustomMsg, depth Image or Range"
@@ -49,6 +51,8 @@ class Beams:
     is_guess : bool
         The message does not say `times` but only how long the sweep may have taken: they count if the log
         bears them out.
+    senseless : str
+        What is wrong with the message's times of its beams, where they can be none: `times` is None then.
     endless : int
         Beams that met nothing, but of which the message does not say up to where: they are invalid.
     """
@@ -58,6 +62,7 @@ class Beams:
     times: Floats | None = None
     endless: int = 0
     is_guess: bool = False
+    senseless: str = ""
 
 
 def stamp_of(message: Any, received: int) -> float:
@@ -70,3 +75,25 @@ def stamp_of(message: Any, received: int) -> float:
 def short(type: str) -> str:
     """A type's own name."""
     return type.rpartition("/")[2]
+
+
+def pitch_of(said: int, rows: int, width: int, size: int) -> int:
+    """How many bytes after a row the next begins.
+
+    What the message says counts, unless it leaves no room for a row or needs more bytes than there are, or
+    the rows fill all bytes without space between them.
+
+    Parameters
+    ----------
+    said : int
+        By the message.
+    rows : int
+    width : int
+        Bytes of a row.
+    size : int
+        Bytes that there are.
+    """
+    fits = said >= width and (rows - 1) * said + width <= size
+    if size == rows * width or (size > rows * width and not fits):
+        return width
+    return said

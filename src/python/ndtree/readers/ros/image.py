@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ndtree.readers.depth_image import Camera, points_of
 from ndtree.readers.ros import rvl
-from ndtree.readers.ros.beams import COMPRESSED_IMAGE, Beams
+from ndtree.readers.ros.beams import COMPRESSED_IMAGE, Beams, pitch_of
 
 #: Images that hold depths: type of a pixel, and its values in a metre.
 DEPTH_ENCODINGS = {"16UC1": ("u2", 1000.0), "mono16": ("u2", 1000.0), "32FC1": ("f4", 1.0)}
@@ -63,6 +63,8 @@ def depth_of(message: Any) -> NDArray[Any]:
     kind = np.dtype((">" if message.is_bigendian else "<") + DEPTH_ENCODINGS[message.encoding][0])
     height, width, step = int(message.height), int(message.width), int(message.step)
     data = np.ascontiguousarray(message.data, dtype=np.uint8)
+    if height and width:
+        step = pitch_of(step, height, width * kind.itemsize, len(data))
     needed = (height - 1) * step + width * kind.itemsize if height and width else 0
     if step < width * kind.itemsize or len(data) < needed:
         raise ValueError(

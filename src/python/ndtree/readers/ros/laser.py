@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.readers.ros.beams import Beams, Floats
+from ndtree.readers.ros.beams import LONGEST_SWEEP, Beams, Floats
 
 #: A laser that turns this far [rad] looks all around.
 FULL_TURN = math.radians(350)
 #: So many beams of a message at exactly range_max are not measured there.
 LEAST_CUT_OFF = 2
-#: No sensor takes longer for one scan [s]; what says so is in another unit.
-LONGEST_SWEEP = 1.0
 
 
 def laser_beams(message: Any, no_return_range: float | None = None) -> Beams:
@@ -60,13 +58,15 @@ def range_beams(message: Any, no_return_range: float | None = None) -> Beams:
 
 def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_range: float | None) -> Beams:
     n = len(ranges)
-    step = float(message.angle_increment)
-    if n > 1 and not (math.isfinite(step) and step != 0):
-        raise ValueError(f"angle_increment = {step:g} rad of {n} ranges: must be finite and not 0")
-    ways = _directions(float(message.angle_min), step, n)
+    turn = float(message.angle_increment)
+    if n > 1 and not (math.isfinite(turn) and turn != 0):
+        raise ValueError(f"angle_increment = {turn:g} rad of {n} ranges: must be finite and not 0")
+    ways = _directions(float(message.angle_min), turn, n)
     limits = (float(message.range_min), float(message.range_max))
     beams = _measured(ranges, limits, ways, _times(message, n), no_return_range)
-    return replace(beams, is_guess=beams.times is not None and float(message.time_increment) == 0)
+    step = float(message.time_increment)
+    senseless = f"time_increment = {step:g} s of {n} beams" if beams.times is None and step and n > 1 else ""
+    return replace(beams, is_guess=beams.times is not None and step == 0, senseless=senseless)
 
 
 def _measured(

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.readers.ros.beams import LIVOX, Beams
+from ndtree.readers.padding import without_padding
+from ndtree.readers.ros.beams import LIVOX, LONGEST_SWEEP, Beams
 from ndtree.readers.ros.head import Header, header_of, order_of
 
 TYPES = LIVOX
@@ -51,6 +52,11 @@ def decoded(data: bytes, *, is_ros1: bool) -> CustomMsg:
 
 def beams(message: Any) -> Beams:
     """Points of a CustomMsg, each with its own time; those in the sensor's origin are no measurement."""
-    points = message.points.copy()
-    points[~points.any(axis=1)] = np.nan
-    return Beams(points, times=1e-9 * message.offset_times.astype(np.float64))
+    points = without_padding(message.points)
+    times = 1e-9 * message.offset_times.astype(np.float64)
+    measured = np.isfinite(points).all(axis=1)
+    times[~measured] = times[measured].min(initial=np.inf) if measured.any() else 0.0
+    lasts = float(np.ptp(times)) if len(times) else 0.0
+    if lasts > LONGEST_SWEEP:
+        return Beams(points, senseless=f"offset_time over {lasts:.3g} s")
+    return Beams(points, times=times)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ndtree.readers.padding import without_zeros
 from ndtree.readers.ros.advice import HOW_TO_MOUNT, listed, standing, unconnected
 from ndtree.readers.ros.bag import Topic
 from ndtree.readers.ros.beams import CLOUDS, Beams, Floats
@@ -78,7 +79,8 @@ class Placement:
         if self.observer is None:
             return in_map(self.tree, self.fixed_frame, frame, beams, stamp)
         # Whoever moved the points into a fixed frame knew when each was measured.
-        ends, _ = in_map(self.tree, self.fixed_frame, frame, replace(beams, times=None), stamp)
+        beams = replace(beams, points=without_zeros(beams.points), times=None)
+        ends, _ = in_map(self.tree, self.fixed_frame, frame, beams, stamp)
         return ends, self.tree.pose_at(self.fixed_frame, self.observer, stamp).position
 
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import islice
+
 import numpy as np
 
 from ndtree.readers.ros.bag import Bag, open_bag
@@ -14,6 +16,8 @@ from ndtree.readers.ros.sweep import AS_SAID, GROUP, OFF, Sweep, sharpest, turni
 
 #: A sweep that lasts so much longer than the time from scan to scan is none.
 LONGER_THAN_INTERVAL = 1.2
+#: So many messages of a topic are asked how long a sweep takes.
+FIRST_MESSAGES = 20
 
 
 def understood(
@@ -68,15 +72,19 @@ def understood(
 
 
 def _duration(bag: Bag, sensor: Sensor) -> tuple[float, bool]:
-    """How long the first whole message's beams take [s], 0 if all come at once; whether it is a guess."""
-    try:
-        message = bag.first(sensor.topic.name)
-        beams = sensor.beams(message, stamp_of(message, 0))
-    except ValueError:
-        return 0.0, False
-    if beams.times is None or not len(beams.times):
-        return 0.0, False
-    return float(np.ptp(beams.times)), beams.is_guess
+    """How long the beams of the first message take that has times for them [s]; whether it is a guess.
+
+    0 where none of the first messages has.
+    """
+    for raw in islice(sensor.own_messages(bag), FIRST_MESSAGES):
+        try:
+            message = bag.decoded(raw)
+            beams = sensor.beams(message, stamp_of(message, raw.received))
+        except ValueError:
+            continue
+        if beams.times is not None and len(beams.times) > 1:
+            return float(np.ptp(beams.times)), beams.is_guess
+    return 0.0, False
 
 
 def _groups(
