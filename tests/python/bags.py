@@ -153,7 +153,8 @@ class Messages:
     def image(
         self, stamp: float, frame: str, values: Any, encoding: str, *, big: bool = False, padding: int = 0
     ) -> Any:
-        code = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4", "mono8": "u1", "rgb8": "u1"}[encoding]
+        codes = {"mono8": "u1", "rgb8": "u1", "16SC1": "i2", "32FC1": "f4"}
+        code = codes.get(encoding, "u2")
         rows = [row.astype((">" if big else "<") + code).tobytes() + bytes(padding) for row in values]
         return self.of(
             "sensor_msgs/msg/Image",

@@ -122,13 +122,14 @@ def print_contents(path: Path, held: dict[str, Any]) -> None:
             str(topic["messages"]),
             topic["frame"] or "",
             "" if topic["rate"] is None else f"{topic['rate']:.3g} Hz",
+            topic["encoding"] or "",
         )
         for topic in held["topics"]
     ]
-    widths = [max((len(row[i]) for row in rows), default=0) for i in range(4)]
-    for name, type_, messages, frame, rate in rows:
+    widths = [max((len(row[i]) for row in rows), default=0) for i in range(5)]
+    for name, type_, messages, frame, rate, encoding in rows:
         line = f"  {name:<{widths[0]}}  {type_:<{widths[1]}}  {messages:>{widths[2]}}  "
-        line += f"{frame:<{widths[3]}}  {rate}"
+        line += f"{frame:<{widths[3]}}  {rate:<{widths[4]}}  {encoding}"
         print(line.rstrip())
     if held["frames"]:
         print("  frames:")

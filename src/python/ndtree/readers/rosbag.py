@@ -16,7 +16,7 @@ from ndtree.readers.ros.level import dimension_of
 from ndtree.readers.ros.merging import in_order
 from ndtree.readers.ros.placement import Asked, Placement
 from ndtree.readers.ros.placing import find_places, poses_topic
-from ndtree.readers.ros.sensors import Sensor, Wanted, chosen, listed, readable
+from ndtree.readers.ros.sensors import Sensor, Wanted, chosen, encodings_in, listed, readable
 from ndtree.readers.ros.standing import Standing
 from ndtree.readers.ros.survey import Survey
 from ndtree.readers.ros.sweep_choice import understood
@@ -27,6 +27,9 @@ from ndtree.scan import Scan
 
 #: Stamps and poses that are further apart are of two clocks [s].
 TWO_CLOCKS = 1.0
+#: What is told of messages with senseless times of beams, or a senseless largest range.
+_SENSELESS = "the times of beams make no sense, and all beams count as measured at the stamp"
+_UNLIMITED = "the largest range makes no sense, and counts as not given"
 
 
 class RosbagLog(SizedLog):
@@ -86,7 +89,7 @@ class RosbagLog(SizedLog):
             self._damage = bag.damage
             topics = chosen(bag, wanted) if wanted else readable(bag)
             if not topics:
-                raise ValueError(without_sensors(bag.path, bag.topics))
+                raise ValueError(without_sensors(bag.path, bag.topics, encodings_in(bag)))
             names = ", ".join(one.name for one in topics)
             if camera is not None and not any(one.type in IMAGES for one in topics):
                 raise WrongOption(f"{path}: camera: {names} has no depth images")
@@ -127,7 +130,8 @@ class RosbagLog(SizedLog):
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
         self._elsewhere = {one.topic.name: self._unplaced(one, asked) for one in self.sensors}
         self.sweeps, said = understood(path, self.sensors, self._places, self.clock, self.time_offset, deskew)
-        self.notes = [*notes, *first.notes, *self._damage, *said]
+        units = [sensor.note for sensor in self.sensors if sensor.note]
+        self.notes = [*notes, *units, *first.notes, *self._damage, *said]
         self.hint = _clocks(self.sensors[0], survey, self.spans)
         self.fixed_note = len(self.notes)
 
@@ -172,7 +176,7 @@ class RosbagLog(SizedLog):
         for error in self._damaged:
             self._skip("damaged messages", error)
         self._endless = 0
-        self._senseless: dict[str, tuple[int, str]] = {}
+        self._told: dict[tuple[str, str], tuple[int, str]] = {}
         watched = {
             sensor.topic.name: Standing(sensor.is_planar)
             for sensor in self.sensors
@@ -217,24 +221,28 @@ class RosbagLog(SizedLog):
                     continue
                 self._endless += beams.endless
                 if beams.senseless and self.sweeps[name].is_used and not place.stands:
-                    first = f"message {numbers[name]}: {beams.senseless}"
-                    count, first = self._senseless.get(name, (0, first))
-                    self._senseless[name] = count + 1, first
+                    self._tell(name, numbers[name], _SENSELESS, beams.senseless)
+                if beams.unlimited:
+                    self._tell(name, numbers[name], _UNLIMITED, beams.unlimited)
                 if name in watched:
                     watched[name].add(beams)
                 sigma = None if sensor.sigma is None else np.full(len(ends), sensor.sigma)
                 yield Scan(ends[:, : self.dim], origins[..., : self.dim], beams.returned, stamp, sigma)
 
+    def _tell(self, name: str, number: int, what: str, said: str) -> None:
+        """Count messages of a topic in which something is wrong that they are mapped in spite of."""
+        count, first = self._told.get((name, what), (0, f"message {number}: {said}"))
+        self._told[name, what] = count + 1, first
+
     def _note_what_was_seen(self, watched: dict[str, Standing]) -> None:
         if self._endless:
             self.notes.append(
-                f"{self._endless} beams met nothing, but range_max is infinite: they say nothing; with "
-                "--max-range they are free up to there"
+                f"{self._endless} beams met nothing, but range_max is infinite or not given: they say "
+                "nothing; with --max-range they are free up to there"
             )
-        for name, (count, first) in self._senseless.items():
+        for (name, what), (count, first) in self._told.items():
             self.notes.append(
-                f"{name}: the times of single beams make no sense in {count} of {self._numbers[name] + 1} "
-                f"messages, all of whose beams count as measured at the stamp; the first: {first}"
+                f"{name}: in {count} of {self._numbers[name] + 1} messages {what}; the first: {first}"
             )
         for name, standing in watched.items():
             warning = standing.warning(name, self._places[name])

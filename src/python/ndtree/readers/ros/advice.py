@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from ndtree.readers.ros.bag import Topic
 from ndtree.readers.ros.beams import SENSOR_NAMES, short
+from ndtree.readers.ros.image import DEPTH_ENCODINGS
 from ndtree.readers.ros.registered import bases_in
 from ndtree.readers.transforms import TransformTree
 
@@ -47,9 +48,9 @@ def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: 
     )
 
 
-def without_sensors(path: str, topics: list[Topic]) -> str:
-    """The error of a bag that has nothing to map."""
-    held = ", ".join(f"{one.name} ({short(one.type)})" for one in topics[:12]) + (
+def without_sensors(path: str, topics: list[Topic], encodings: dict[str, str]) -> str:
+    """The error of a bag that has nothing to map; `encodings` are those of its images, by topic."""
+    held = ", ".join(_named(one, encodings.get(one.name)) for one in topics[:12]) + (
         ", ..." if len(topics) > 12 else ""
     )
     packets = next((one.name for one in topics if one.messages and short(one.type) in PACKETS), None)
@@ -58,7 +59,13 @@ def without_sensors(path: str, topics: list[Topic]) -> str:
         if packets is None
         else f"; {packets} has a lidar's raw packets: its driver makes PointCloud2 of them"
     )
+    if encodings:
+        remedy += f"; images with depths are {', '.join(DEPTH_ENCODINGS)}, or PNG of 16 bits and one channel"
     return f"{path}: no {SENSOR_NAMES} in it, found {held or 'none'}{remedy}"
+
+
+def _named(topic: Topic, encoding: str | None) -> str:
+    return f"{topic.name} ({short(topic.type)}{f' of {encoding}' if encoding else ''})"
 
 
 def standing(

@@ -53,6 +53,8 @@ class Beams:
         bears them out.
     senseless : str
         What is wrong with the message's times of its beams, where they can be none: `times` is None then.
+    unlimited : str
+        What is wrong with the message's largest range, where it can be none: it counts as not given.
     endless : int
         Beams that met nothing, but of which the message does not say up to where: they are invalid.
     """
@@ -63,6 +65,7 @@ class Beams:
     endless: int = 0
     is_guess: bool = False
     senseless: str = ""
+    unlimited: str = ""
 
 
 def stamp_of(message: Any, received: int) -> float:

@@ -16,10 +16,19 @@ from ndtree.readers.ros import rvl
 from ndtree.readers.ros.beams import COMPRESSED_IMAGE, Beams, pitch_of
 
 #: Images that hold depths: type of a pixel, and its values in a metre.
-DEPTH_ENCODINGS = {"16UC1": ("u2", 1000.0), "mono16": ("u2", 1000.0), "32FC1": ("f4", 1.0)}
+DEPTH_ENCODINGS = {
+    "16UC1": ("u2", 1000.0),
+    "mono16": ("u2", 1000.0),
+    "Z16": ("u2", 1000.0),
+    "16SC1": ("i2", 1000.0),
+    "32FC1": ("f4", 1.0),
+}
+_BY_LOWER_CASE = {name.lower(): name for name in DEPTH_ENCODINGS}
 #: What stands before the picture in compressedDepth: a number, and two of its quantisation.
 _CONFIG = struct.Struct("<iff")
 _PNG = b"\x89PNG"
+#: Where a PNG says how many bits a value has, and which colours: grey is 0.
+_BITS, _GREY_OF_16_BITS = slice(24, 26), bytes([16, 0])
 
 
 def depth_beams(message: Any, camera: Camera, pixel_stride: int) -> Beams:
@@ -28,10 +37,29 @@ def depth_beams(message: Any, camera: Camera, pixel_stride: int) -> Beams:
 
 
 def encoding_of(message: Any) -> str:
-    """How the pixels of an Image or a CompressedImage are encoded, "" where it does not say."""
-    if message.__msgtype__ == COMPRESSED_IMAGE:
-        return str(message.format).split(";")[0].strip()
-    return str(message.encoding)
+    """How the pixels of an Image or a CompressedImage are encoded, "" where it does not say.
+
+    Of depths one of `DEPTH_ENCODINGS`, in whatever case it is written. A CompressedImage may say only that it
+    is a PNG: one of 16 bits and one channel holds depths.
+    """
+    is_packed = message.__msgtype__ == COMPRESSED_IMAGE
+    said = str(message.format).split(";")[0].strip() if is_packed else str(message.encoding).strip()
+    known = _BY_LOWER_CASE.get(said.lower())
+    if known is None and is_packed and _is_grey_of_16_bits(message.data):
+        return "16UC1"
+    return known or said
+
+
+def _is_grey_of_16_bits(data: Any) -> bool:
+    head = np.asarray(data[:64], dtype=np.uint8).tobytes()
+    return any(
+        part.startswith(_PNG) and part[_BITS] == _GREY_OF_16_BITS for part in (head, head[_CONFIG.size :])
+    )
+
+
+def is_integer(message: Any) -> bool:
+    """Whether depths are integers, whose unit may be any."""
+    return DEPTH_ENCODINGS[encoding_of(message)][0] != "f4"
 
 
 def has_depth(message: Any) -> bool:
@@ -60,7 +88,7 @@ def depth_of(message: Any) -> NDArray[Any]:
     scale_of(message)
     if message.__msgtype__ == COMPRESSED_IMAGE:
         return _unpacked(message)
-    kind = np.dtype((">" if message.is_bigendian else "<") + DEPTH_ENCODINGS[message.encoding][0])
+    kind = np.dtype((">" if message.is_bigendian else "<") + DEPTH_ENCODINGS[encoding_of(message)][0])
     height, width, step = int(message.height), int(message.width), int(message.step)
     data = np.ascontiguousarray(message.data, dtype=np.uint8)
     if height and width:

@@ -23,9 +23,9 @@ def laser_beams(message: Any, no_return_range: float | None = None) -> Beams:
     """Beams of a LaserScan by the rules of REP 117.
 
     A range within [range_min, range_max] is a surface. +inf is no return: free up to range_max, and where
-    that is no length, up to `no_return_range` [m] if it is given. NaN, -inf (too close to be measured) and
-    other ranges are invalid. Several beams of a message at exactly range_max did not return either: a driver
-    cut them off there.
+    that is no length above range_min, up to `no_return_range` [m] if it is given. NaN, -inf (too close to be
+    measured) and other ranges are invalid. Several beams of a message at exactly range_max did not return
+    either: a driver cut them off there.
 
     A beam's time is that of the message and its number times time_increment. Of a laser that looks all
     around and has no time_increment, but a scan_time, the beams may be spread over that: it is a guess, for
@@ -41,7 +41,8 @@ def multi_echo_beams(message: Any, no_return_range: float | None = None) -> Beam
     of its echoes is +inf.
     """
     echoes, numbers = message.echoes, message.numbers
-    valid = (echoes >= message.range_min) & (echoes <= message.range_max)
+    (least, most), _ = _limits(message.range_min, message.range_max, "range_max")
+    valid = (echoes >= least) & (echoes <= most) & np.isfinite(echoes)
     nearest = np.full(message.beams, np.nan, dtype=np.float32)
     nearest[numbers[np.isposinf(echoes)]] = np.inf
     nearest[numbers[valid]] = np.inf
@@ -51,9 +52,12 @@ def multi_echo_beams(message: Any, no_return_range: float | None = None) -> Beam
 
 def range_beams(message: Any, no_return_range: float | None = None) -> Beams:
     """The beam of a Range, along x in the middle of its cone: ranges as of a LaserScan."""
-    limits = (float(message.min_range), float(message.max_range))
+    limits, said = (float(message.min_range), float(message.max_range)), ""
+    if not limits[0] == limits[1] > 0:  # As of sensors that only tell whether something is nearer than that.
+        limits, said = _limits(*limits, "max_range")
     ranges = np.array([message.range], dtype=np.float32)
-    return _measured(ranges, limits, np.array([[1.0, 0, 0]]), None, no_return_range, least_cut_off=1)
+    beams = _measured(ranges, limits, np.array([[1.0, 0, 0]]), None, no_return_range, least_cut_off=1)
+    return replace(beams, unlimited=said)
 
 
 def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_range: float | None) -> Beams:
@@ -62,11 +66,23 @@ def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_ran
     if n > 1 and not (math.isfinite(turn) and turn != 0):
         raise ValueError(f"angle_increment = {turn:g} rad of {n} ranges: must be finite and not 0")
     ways = _directions(float(message.angle_min), turn, n)
-    limits = (float(message.range_min), float(message.range_max))
+    limits, said = _limits(message.range_min, message.range_max, "range_max")
     beams = _measured(ranges, limits, ways, _times(message, n), no_return_range)
     step = float(message.time_increment)
     senseless = f"time_increment = {step:g} s of {n} beams" if beams.times is None and step and n > 1 else ""
-    return replace(beams, is_guess=beams.times is not None and step == 0, senseless=senseless)
+    is_guess = beams.times is not None and step == 0
+    return replace(beams, is_guess=is_guess, senseless=senseless, unlimited=said)
+
+
+def _limits(nearest: float, farthest: float, name: str) -> tuple[tuple[float, float], str]:
+    """Between which ranges [m] a surface is; what is wrong with the largest where it counts as not given.
+
+    Drivers that know none say 0, or NaN: it would make all beams invalid.
+    """
+    least = float(nearest) if nearest > 0 else 0.0
+    if farthest > least:
+        return (float(nearest), float(farthest)), ""
+    return (least, math.inf), f"{name} = {farthest:g} m, expected more than {least:g} m"
 
 
 def _measured(

@@ -7,6 +7,7 @@ from typing import Any
 
 from ndtree.readers.ros.bag import Bag
 from ndtree.readers.ros.beams import CAMERA_INFO, SENSORS
+from ndtree.readers.ros.sensors import encodings_in
 from ndtree.readers.ros.survey import POSES, Survey
 
 
@@ -16,12 +17,14 @@ def outline(bag: Bag) -> dict[str, Any]:
     Returns
     -------
     dict
-        "start" and "end" [s]; "topics", each with "topic", "type", "messages", "frame" and "rate" [Hz], None
-        where it is not known; "frames", the lines of a tree; "damage", lines about files that are not whole.
+        "start" and "end" [s]; "topics", each with "topic", "type", "messages", "frame", "rate" [Hz] and of
+        images "encoding", None where it is not known; "frames", the lines of a tree; "damage", lines about
+        files that are not whole.
     """
     framed = [one.name for one in bag.topics if one.messages and one.type in (*SENSORS, *POSES, CAMERA_INFO)]
     survey = Survey(bag, framed)
     topics = []
+    encodings = encodings_in(bag)
     for topic in bag.topics:
         seen = survey.seen.get(topic.name)
         infos = survey.infos.get(topic.name)
@@ -36,6 +39,7 @@ def outline(bag: Bag) -> dict[str, Any]:
                 "messages": topic.messages,
                 "frame": frame,
                 "rate": rate,
+                "encoding": encodings.get(topic.name),
             }
         )
     return {

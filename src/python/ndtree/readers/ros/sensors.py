@@ -30,6 +30,7 @@ from ndtree.readers.ros.head import head_of
 from ndtree.readers.ros.laser import laser_beams, multi_echo_beams, range_beams
 from ndtree.readers.ros.storage import Raw
 from ndtree.readers.ros.survey import Survey
+from ndtree.readers.ros.units import recorded_unit
 from ndtree.readers.source import WrongOption
 from ndtree.readers.transforms import plain
 
@@ -75,6 +76,8 @@ class Sensor:
     ----------
     camera_topic : str or None
         Where its cameras are from.
+    note : str
+        What was found out of the unit of its depths.
     """
 
     def __init__(
@@ -90,11 +93,15 @@ class Sensor:
         self.topic, self.sigma = topic, sigma
         self.seen = survey.seen[topic.name]
         self.camera_topic: str | None = None
+        self.note = ""
         self._pixel_stride = pixel_stride
         self._cameras: tuple[np.ndarray[Any, Any], list[Camera]] | None = None
         if topic.type in IMAGES:
             first = bag.first(topic.name)
             scale = image.scale_of(first)
+            if image.is_integer(first) and (recorded := recorded_unit(bag, topic.name)) is not None:
+                scale = 1 / recorded[0]
+                self.note = f"{topic.name}: depths are in units of {recorded[0]:g} m, as {recorded[1]} says"
             if camera is not None:
                 self._cameras = np.zeros(1), [camera_of(camera, scale=scale)]
             else:
@@ -150,6 +157,17 @@ def readable(bag: Bag) -> list[Topic]:
         if topic.type not in IMAGES or image.has_depth(bag.first(topic.name))
     ]
     return sorted(topics, key=lambda one: (SENSORS.index(one.type), plain(one.name).count("/"), one.name))
+
+
+def encodings_in(bag: Bag) -> dict[str, str]:
+    """How the pixels of each topic with images are encoded, by the first message that is whole."""
+    found = {}
+    for topic in bag.of_type(*IMAGES):
+        try:
+            found[topic.name] = image.encoding_of(bag.first(topic.name))
+        except ValueError:
+            continue
+    return found
 
 
 def chosen(bag: Bag, wanted: list[Wanted]) -> list[Topic]:
