@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -67,6 +68,27 @@ map_options = _adds_flags(
 )
 
 
+_NAMES = "|".join([option.name for option in READER_OPTIONS] + ["dim", "format", "strict", "keep_going"])
+#: How readers name their options in errors, for Python.
+_NAMED = re.compile(
+    rf"(?<![\w/.-])(?:(?P<set>{_NAMES}) ?= ?(?=\S)|(?:(?<=^)|(?<=: ))(?P<of>{_NAMES})(?=: )"
+    rf"|(?P<as>{_NAMES})(?= as one of)|(?:the )?option (?P<option>{_NAMES})\b)"
+)
+#: Several of them: those that exclude each other, and those that a format takes.
+_LISTED = re.compile(rf"(?:{_NAMES})(?: and (?:{_NAMES}))+(?=: expected one of them)|(?<=it takes )[\w, ]+$")
+
+
+def in_flags(text: str) -> str:
+    """An error of a reader with its options named as flags."""
+    text = _NAMED.sub(lambda found: flag_of(found[found.lastgroup or 0]) + " " * bool(found["set"]), text)
+    return _LISTED.sub(lambda found: re.sub(_NAMES, lambda one: flag_of(one[0]), found[0]), text)
+
+
+def flag_of(name: str) -> str:
+    """The flag of an option."""
+    return f"--{name.replace('_', '-')}"
+
+
 @dataclass(frozen=True)
 class Reading:
     """What of a log is read, and how."""
@@ -95,7 +117,9 @@ class Reading:
                 **self.options,
             )
         except WrongOption as error:
-            raise WrongCall(str(error)) from None
+            raise WrongCall(in_flags(str(error))) from None
+        except ValueError as error:
+            raise ValueError(in_flags(str(error))) from error
         log.no_return_range = max_range
         if not self.selection:
             return log

@@ -12,6 +12,8 @@ from ndtree.readers.log import SizedLog
 from ndtree.readers.ros.advice import without_sensors
 from ndtree.readers.ros.bag import open_bag
 from ndtree.readers.ros.beams import IMAGES, SENSOR_NAMES, SENSORS, stamp_of
+from ndtree.readers.ros.choice import in_order as in_order_of_sight
+from ndtree.readers.ros.choice import poor, sights
 from ndtree.readers.ros.level import dimension_of
 from ndtree.readers.ros.merging import in_order
 from ndtree.readers.ros.placement import Asked, Placement
@@ -88,6 +90,8 @@ class RosbagLog(SizedLog):
         with open_bag(path) as bag:
             self._damage = bag.damage
             topics = chosen(bag, wanted) if wanted else readable(bag)
+            seen = sights(bag, topics) if not wanted and len(topics) > 1 else {}
+            topics = in_order_of_sight(topics, seen) if seen else topics
             if not topics:
                 raise ValueError(without_sensors(bag.path, bag.topics, encodings_in(bag)))
             names = ", ".join(one.name for one in topics)
@@ -102,7 +106,7 @@ class RosbagLog(SizedLog):
             def surveyed(poses: str | None) -> Survey:
                 return Survey(bag, [one.name for one in topics], poses, self.time_offset)
 
-            found = find_places(bag, surveyed, topics, asked, choose=not wanted)
+            found = find_places(bag, surveyed, topics, asked, None if wanted else poor(seen))
             survey, self._places = found.survey, found.places
             self.clock, self._damaged = survey.clock, survey.damaged
             notes = [_begun_again(stamp) for stamp in self.clock.falls] + found.notes

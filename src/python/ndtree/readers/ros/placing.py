@@ -48,8 +48,13 @@ class Placed:
     notes: list[str] = field(default_factory=list)
 
 
-def find_places(bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: Asked, choose: bool) -> Placed:
-    """Where sensors are: all of them, or with `choose` the best one of which it is known.
+def find_places(
+    bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: Asked, poor: set[str] | None
+) -> Placed:
+    """Where sensors are: all of them, or the first of which it is known where `poor` is not None.
+
+    `poor` has the names of those that make no map beside the others: they are not taken in the place of a
+    better one of which it is not known where it is.
 
     Where nothing was said of poses and the transforms do not tell, a topic with Odometry counts whose
     messages say of which frame they are, if the sensor is connected with that.
@@ -61,7 +66,7 @@ def find_places(bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: Asked,
     """
     survey = surveyed(asked.poses)
     try:
-        return _placed(bag, survey, topics, asked, choose)
+        return _placed(bag, survey, topics, asked, poor)
     except ValueError as error:
         wrong = error
     if not (asked.still or asked.poses or asked.trajectory or asked.fixed_frame):
@@ -71,7 +76,7 @@ def find_places(bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: Asked,
             if not (other.poses and (other.poses[0].child or asked.mount)):
                 continue
             try:
-                found = _placed(bag, other, topics, replace(asked, poses=source.name), choose)
+                found = _placed(bag, other, topics, replace(asked, poses=source.name), poor)
             except ValueError:
                 continue
             left = [one for one in sources if one is not source]
@@ -83,8 +88,8 @@ def find_places(bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: Asked,
     raise wrong
 
 
-def _placed(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked, choose: bool) -> Placed:
-    if not choose:
+def _placed(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked, poor: set[str] | None) -> Placed:
+    if poor is None:
         return Placed(topics, _together(bag, survey, topics, asked), survey)
     wrong: ValueError | None = None
     registered: list[tuple[Topic, dict[str, Placement]]] = []
@@ -95,6 +100,8 @@ def _placed(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked, choose:
             wrong = wrong or error
             continue
         if places[topic.name].observer is None:
+            if wrong is not None and topic.name in poor:
+                raise ValueError(f"{wrong}; --topic {topic.name} maps a sensor that sees far less")
             return Placed([topic], places, survey)
         registered.append((topic, places))
     if registered:  # Of clouds in a fixed frame the rare ones are whole maps.
