@@ -84,7 +84,7 @@ SAID = {
     "ros2_scan_only_db3/mydata": "expected --trajectory FILE, or --still",
     "ros1_pointcloud2_embag/array_test.bag": "found /array_test (Arrays)",
     "ros1_multiecho_cartographer/b0-2014-07-21-12-42-53-short.bag": "nor any other poses",
-    "mcap_pointcloud2_pointcloudset/test.mcap": "fixed_frame as one of os1_imu, os1_lidar, os1_sensor",
+    "mcap_pointcloud2_pointcloudset/test.mcap": "--fixed-frame as one of os1_imu, os1_lidar, os1_sensor",
 }
 
 

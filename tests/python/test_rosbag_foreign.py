@@ -240,3 +240,46 @@ def test_texts_that_only_look_like_options_stay() -> None:
     assert in_flags("x: mount: a log takes no such option, it takes topic, poses").endswith(
         "--topic, --poses"
     )
+
+
+# --- Time -------------------------------------------------------------------------------------------
+
+
+def drive(make: Messages, path: Path, begins: float, first: float | None = None) -> Path:
+    """1 m/s for 2 s by a clock that begins somewhere, recorded by the wall's; two scans at a time.
+
+    `first` is the stamp of the first messages instead.
+    """
+    content: list[tuple[str, float, Any]] = []
+    for number in range(20):
+        t = begins + 0.1 * number
+        stamp = first if first is not None and not number else t
+        moved = make.transform(stamp, "odom", "laser", [0.1 * number, 0, 0], [0, 0, 0, 1])
+        content.append(("/tf", START + 0.1 * number, make.tf(moved)))
+        for side in (-1.0, 1.0):
+            laser = make.laser(stamp, "laser", np.full(30, 4 + 0.1 * side))
+            content.append(("/scan", START + 0.1 * number, laser))
+    return write_bag(path, make, content)
+
+
+def test_a_clock_that_begins_at_0_is_a_clock(ros2: Messages, tmp_path: Path) -> None:
+    log = read(drive(ros2, tmp_path / "zero", 0.0))
+    scans = list(log)
+    assert log.notes == [] and len(scans) == 40 and not log.skipped
+    np.testing.assert_allclose([scan.stamp for scan in scans[::2]], 0.1 * np.arange(20), atol=1e-9)
+    np.testing.assert_allclose([scan.origin[0] for scan in scans[::2]], 0.1 * np.arange(20), atol=1e-9)
+    assert log.spans == {"scans": pytest.approx((0, 1.9)), "poses": pytest.approx((0, 1.9))}
+
+
+def test_a_stamp_of_0_before_others_of_today_says_nothing(ros2: Messages, tmp_path: Path) -> None:
+    log = read(drive(ros2, tmp_path / "bag", START, first=0.0))
+    stamps = [scan.stamp for scan in log]
+    assert log.notes == []
+    np.testing.assert_allclose(stamps[::2], START + 0.1 * np.arange(20), atol=1e-6)
+
+
+def test_the_rate_is_messages_over_their_time(ros2: Messages, tmp_path: Path) -> None:
+    """Not over the usual time between two: here every second message comes with the one before it."""
+    held = contents(drive(ros2, tmp_path / "bag", START))
+    rates = {one["topic"]: one["rate"] for one in held["topics"]}
+    assert rates["/scan"] == pytest.approx(39 / 1.9)

@@ -178,7 +178,8 @@ def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:
                 continue
             try:
                 message = bag.decoded(raw)
-                stamp = stamp_of(message, raw.received)
+                stream = (sensor.topic.name, sensor.seen.frame)
+                stamp = log.clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
                 beams = thinned(log.sweeps[sensor.topic.name].applied(sensor.beams(message, stamp)))
             except ValueError:
                 continue
@@ -186,10 +187,7 @@ def _sample(log: RosbagLog) -> tuple[Floats, Floats, NDArray[np.int64]]:
             points.append(np.asarray(beams.points, dtype=np.float64)[::stride])
             times = np.zeros(len(points[-1])) if beams.times is None else beams.times[::stride]
             steps, which = np.unique(np.round(times / TIME_STEP), return_inverse=True)
-            begin = (
-                log.clock.time((sensor.topic.name, sensor.seen.frame), 1e-9 * raw.received, stamp)
-                + log.time_offset
-            )
+            begin = log.clock.time(stream, 1e-9 * raw.received, stamp) + log.time_offset
             stamps.append(begin + TIME_STEP * steps)
             numbers.append(known + which)
             known += len(steps)

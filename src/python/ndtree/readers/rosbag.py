@@ -206,12 +206,12 @@ class RosbagLog(SizedLog):
                     if raw.connection.type not in SENSORS:
                         raise ValueError(f"is of type {raw.connection.type}, expected {SENSOR_NAMES}")
                     message = bag.decoded(raw)
-                    stamp = stamp_of(message, raw.received)
+                    own = plain(message.header.frame_id)
+                    stamp = self.clock.stamp((name, own), 1e-9 * raw.received, stamp_of(message))
                     beams = self.sweeps[name].applied(sensor.beams(message, stamp, self.no_return_range))
                 except ValueError as error:
                     self._skip("damaged messages", ValueError(f"{where}: {error}"))
                     continue
-                own = plain(message.header.frame_id)
                 if own in self._elsewhere[name]:
                     wrong = ValueError(f"{where}: is in {own}, expected {sensor.seen.frame}")
                     self._leave_out("messages in other frames", wrong, self._elsewhere_said(sensor))

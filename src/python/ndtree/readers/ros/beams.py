@@ -68,11 +68,10 @@ class Beams:
     unlimited: str = ""
 
 
-def stamp_of(message: Any, received: int) -> float:
-    """When a message was measured [s]; when it was received [ns] if it does not say."""
+def stamp_of(message: Any) -> float:
+    """When a message was measured [s]; 0 where it does not say, or at the beginning of a clock."""
     stamp = message.header.stamp
-    seconds = stamp.sec + 1e-9 * stamp.nanosec
-    return seconds if seconds else 1e-9 * received
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def short(type: str) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bags whose clock begins again, as where a simulator was reset or a recording was played in a loop."""
+"""Bags whose clock begins at 0, or again, as where a simulator was reset or a recording played in a loop."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ LASTS = 6
 TOGETHER = 2.0
 #: What is put between what came before, and what is measured again [s].
 BETWEEN = 60.0
+#: A stamp of 0 is a time where others of its stream begin before this [s]; else nobody said a time.
+BEGINS = 60.0
 
 #: When messages were received, and their stamps, in the order of receiving [s].
 Stream = Sequence[tuple[float, float]]
@@ -21,6 +23,9 @@ Stream = Sequence[tuple[float, float]]
 
 class Clock:
     """Makes one time of stamps that begin again: those after are moved behind those before.
+
+    A stamp of 0 says nothing, and the message counts as measured when it was received; unless its clock
+    begins at 0, as a simulator's does.
 
     Parameters
     ----------
@@ -34,6 +39,15 @@ class Clock:
     """
 
     def __init__(self, streams: Mapping[Hashable, Stream]) -> None:
+        self._zero_is_time = {name: _begins_at_zero(stream) for name, stream in streams.items()}
+        self._zero_of_others = any(self._zero_is_time.values())
+        for name, stream in streams.items():  # One message alone cannot tell.
+            if len(stream) < 2:
+                del self._zero_is_time[name]
+        streams = {
+            name: [(received, self.stamp(name, received, stamp)) for received, stamp in stream]
+            for name, stream in streams.items()
+        }
         fallen = {name: _falls(stream) for name, stream in streams.items()}
         when = sorted(at for times in fallen.values() for at in times)
         begins: list[float] = []
@@ -62,11 +76,23 @@ class Clock:
 
     def time(self, name: Hashable, received: float, stamp: float) -> float:
         """When a message of a stream was measured [s]."""
+        stamp = self.stamp(name, received, stamp)
         return stamp + self._shifts[self._number(name, received)] if self._usual else stamp
+
+    def stamp(self, name: Hashable, received: float, stamp: float) -> float:
+        """What the stamp of a message says, by its own clock: when it was received if it says nothing [s]."""
+        return stamp if stamp or self._zero_is_time.get(name, self._zero_of_others) else received
 
     def _number(self, name: Hashable, received: float) -> int:
         """How often the clock had begun again when a message was received."""
         return bisect_right(self._own.get(name, self._usual), received)
+
+
+def _begins_at_zero(stream: Stream) -> bool:
+    """Whether some stamps are 0 because a clock begins there."""
+    stamps = [stamp for _, stamp in stream]
+    others = [stamp for stamp in stamps if stamp]
+    return bool(others) and len(others) < len(stamps) and 0 < min(others) < BEGINS
 
 
 def _falls(stream: Stream) -> list[float]:

@@ -52,10 +52,12 @@ def header_of(data: bytes, is_ros1: bool) -> tuple[Header, int]:
 
 
 def head_of(raw: Raw) -> tuple[float, str] | None:
-    """Stamp [s] and frame of a message, from its first bytes; None where it is too short to have one."""
+    """Stamp [s] and frame of a message, from its first bytes; None where it is too short to have one.
+
+    The stamp is 0 where the message does not say when it was measured, or at the beginning of a clock.
+    """
     try:
         header, _ = header_of(raw.data, raw.connection.encoding == "ros1")
     except ValueError:
         return None
-    stamp = header.stamp.sec + 1e-9 * header.stamp.nanosec
-    return stamp if stamp else 1e-9 * raw.received, plain(header.frame_id)
+    return header.stamp.sec + 1e-9 * header.stamp.nanosec, plain(header.frame_id)

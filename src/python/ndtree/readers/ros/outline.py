@@ -31,14 +31,13 @@ def outline(bag: Bag) -> dict[str, Any]:
         frame = seen.frame if seen is not None and seen.frames else None
         if infos:
             frame = infos[0][1].header.frame_id.lstrip("/")
-        rate = 1 / seen.interval if seen is not None and seen.interval > 0 else None
         topics.append(
             {
                 "topic": topic.name,
                 "type": topic.type,
                 "messages": topic.messages,
                 "frame": frame,
-                "rate": rate,
+                "rate": None if seen is None else seen.rate,
                 "encoding": encodings.get(topic.name),
             }
         )

@@ -44,6 +44,8 @@ class Seen:
     ----------
     stamps : list of float
         In the order of recording [s].
+    received : list of float
+        When each message was recorded [s].
     lags : list of float
         How long after its stamp each was recorded [s].
     frames : dict of str to int
@@ -55,6 +57,7 @@ class Seen:
     """
 
     stamps: list[float] = field(default_factory=list)
+    received: list[float] = field(default_factory=list)
     lags: list[float] = field(default_factory=list)
     frames: dict[str, int] = field(default_factory=dict)
     each: list[str] = field(default_factory=list)
@@ -70,6 +73,14 @@ class Seen:
         """Those of messages in the frame of most: of another sensor's in the topic the clock may differ."""
         most = self.frame
         return [stamp for stamp, frame in zip(self.stamps, self.each) if frame == most]
+
+    @property
+    def rate(self) -> float | None:
+        """Messages in a second of the time in which there are some [Hz]; None where that is not known."""
+        for times in (self.received, self.stamps):
+            if len(times) > 1 and (span := max(times) - min(times)) > 0:
+                return (len(times) - 1) / span
+        return None
 
     @property
     def interval(self) -> float:
@@ -152,7 +163,7 @@ class Survey:
                 self.damaged.append(error)
                 continue
             if topic == poses:
-                pose_rows += [(received, row) for row in _poses_in(message, raw.received)]
+                pose_rows += [(received, row) for row in _poses_in(message)]
             elif type in TF:
                 self._note_transforms(topic, message, raw.received)
             elif type == CAMERA_INFO:
@@ -166,17 +177,21 @@ class Survey:
         self.clock = Clock(streams)
         for topic, ones in heads.items():
             for received, stamp, frame in ones:
+                stamp = self.clock.stamp((topic, frame), received, stamp)
                 self.seen[topic].stamps.append(self.clock.time((topic, frame), received, stamp) + offset)
+                self.seen[topic].received.append(received)
                 self.seen[topic].lags.append(received - stamp)
                 self.seen[topic].frames[frame] = self.seen[topic].frames.get(frame, 0) + 1
                 self.seen[topic].each.append(frame)
         for received, row in pose_rows:
-            self.lags.append(received - row.stamp)
+            self.lags.append(received - self.clock.stamp(POSES_STREAM, received, row.stamp))
             self.poses.append(replace(row, stamp=self.clock.time(POSES_STREAM, received, row.stamp)))
-        for rows in self._moving.values():
-            self.lags += [received - stamp for received, stamp, _, _ in rows]
+        for edge, rows in self._moving.items():
+            self.lags += [
+                received - self.clock.stamp(edge, received, stamp) for received, stamp, _, _ in rows
+            ]
         for topic, received, message in infos:
-            stamp = self.clock.time(topic, received, stamp_of(message, round(1e9 * received)))
+            stamp = self.clock.time(topic, received, stamp_of(message))
             self.infos.setdefault(topic, []).append((stamp, message))
         self.tree = self._tree(None)
         for seen in self.seen.values():
@@ -218,13 +233,13 @@ class Survey:
                 self._fixed.append((topic, parent, child, Pose.from_quaternion(position, quaternion)))
             else:
                 rows = self._moving.setdefault((topic, parent, child), [])
-                rows.append((1e-9 * received, stamp_of(one, received), position, quaternion))
+                rows.append((1e-9 * received, stamp_of(one), position, quaternion))
 
 
-def _poses_in(message: Any, received: int) -> list[PoseRow]:
+def _poses_in(message: Any) -> list[PoseRow]:
     """The poses that a message of one of the types `POSES` holds."""
     if message.__msgtype__ == PATH:
-        return [row for one in message.poses for row in _poses_in(one, received)]
+        return [row for one in message.poses for row in _poses_in(one)]
     if hasattr(message, "transform"):
         position, quaternion = _numbers(message.transform.translation, message.transform.rotation)
     else:
@@ -233,7 +248,7 @@ def _poses_in(message: Any, received: int) -> list[PoseRow]:
     if not is_transform(position, quaternion):
         return []
     child = plain(getattr(message, "child_frame_id", ""))
-    return [PoseRow(plain(message.header.frame_id), child, stamp_of(message, received), position, quaternion)]
+    return [PoseRow(plain(message.header.frame_id), child, stamp_of(message), position, quaternion)]
 
 
 def _space(topic: str) -> str:

@@ -45,7 +45,7 @@ def understood(
             sweeps[name] = OFF
             continue
         with open_bag(path) as bag:
-            lasts, is_guess = _duration(bag, sensor)
+            lasts, is_guess = _duration(bag, sensor, clock)
             if not lasts:
                 continue
             base = OFF if is_guess else AS_SAID
@@ -71,15 +71,17 @@ def understood(
     return sweeps, lines
 
 
-def _duration(bag: Bag, sensor: Sensor) -> tuple[float, bool]:
+def _duration(bag: Bag, sensor: Sensor, clock: Clock) -> tuple[float, bool]:
     """How long the beams of the first message take that has times for them [s]; whether it is a guess.
 
     0 where none of the first messages has.
     """
+    stream = (sensor.topic.name, sensor.seen.frame)
     for raw in islice(sensor.own_messages(bag), FIRST_MESSAGES):
         try:
             message = bag.decoded(raw)
-            beams = sensor.beams(message, stamp_of(message, raw.received))
+            stamp = clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
+            beams = sensor.beams(message, stamp)
         except ValueError:
             continue
         if beams.times is not None and len(beams.times) > 1:
@@ -95,16 +97,17 @@ def _groups(
         return []
     groups: dict[int, list[tuple[Beams, float]]] = {start: [] for start in starts}
     wanted = {start + i: start for start in starts for i in range(GROUP)}
+    stream = (sensor.topic.name, sensor.seen.frame)
     for number, raw in enumerate(sensor.own_messages(bag)):
         if number > starts[-1] + GROUP:
             break
         if number in wanted:
             try:
                 message = bag.decoded(raw)
-                stamp = stamp_of(message, raw.received)
+                stamp = clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
                 beams = sensor.beams(message, stamp)
             except ValueError:
                 continue
-            at = clock.time((sensor.topic.name, sensor.seen.frame), 1e-9 * raw.received, stamp) + time_offset
+            at = clock.time(stream, 1e-9 * raw.received, stamp) + time_offset
             groups[wanted[number]].append((beams, at))
     return [group for group in groups.values() if len(group) > 1]
