@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import json
 from pathlib import Path
 from typing import Any
 
@@ -283,3 +285,138 @@ def test_the_rate_is_messages_over_their_time(ros2: Messages, tmp_path: Path) ->
     held = contents(drive(ros2, tmp_path / "bag", START))
     rates = {one["topic"]: one["rate"] for one in held["topics"]}
     assert rates["/scan"] == pytest.approx(39 / 1.9)
+
+
+# --- MCAP of others ---------------------------------------------------------------------------------
+
+
+def mcap(path: Path, rows: list[tuple[str, str, float, bytes]], packing: str = "json") -> Path:
+    """Messages, each with its topic, type and time [s], by the library of the format."""
+    writer_module = pytest.importorskip("mcap.writer")
+    with path.open("wb") as file:
+        writer = writer_module.Writer(file)
+        writer.start()
+        channels: dict[str, int] = {}
+        for topic, type_, time, data in rows:
+            if topic not in channels:
+                schema = writer.register_schema(type_, "omgidl" if packing == "cdr" else "jsonschema", b"{}")
+                channels[topic] = writer.register_channel(topic, packing, schema)
+            writer.add_message(channels[topic], round(1e9 * time), data, round(1e9 * time))
+        writer.finish()
+    return path
+
+
+def vector(*values: float) -> dict[str, float]:
+    return dict(zip("xyzw", map(float, values)))
+
+
+def stamped(t: float) -> dict[str, Any]:
+    return {"timestamp": {"sec": int(t), "nsec": round(1e9 * (t % 1))}}
+
+
+def foxglove_log(path: Path, sensor: str, **changes: Any) -> Path:
+    """A second in which a sensor moves by 1 m along x, a metre above its base, in Foxglove's words."""
+    packed_points = np.column_stack([POINTS, np.zeros(12)]).astype("<f4").tobytes()
+    said: dict[str, Any] = {
+        "foxglove.LaserScan": {"start_angle": -1, "end_angle": 1, "ranges": [2, 3, None, 4, 5]},
+        "foxglove.PointCloud": {
+            "point_stride": 16, "data": base64.b64encode(packed_points).decode(),
+            "fields": [{"name": name, "offset": 4 * i, "type": 7} for i, name in enumerate("xyz")],
+        },
+        "foxglove.RawImage": {
+            "width": 3, "height": 2, "encoding": "16UC1", "step": 6,
+            "data": base64.b64encode(DEPTHS.tobytes()).decode(),
+        },
+    }  # fmt: skip
+    rows: list[tuple[str, str, float, bytes]] = []
+
+    def add(topic: str, type_: str, t: float, message: dict[str, Any]) -> None:
+        rows.append((topic, type_, t, json.dumps(message).encode()))
+
+    for number in range(11):
+        t = START + 0.1 * number
+        moved = {
+            "parent_frame_id": "odom", "child_frame_id": "base",
+            "translation": vector(0.1 * number, 0, 0), "rotation": vector(0, 0, 0, 1),
+        }  # fmt: skip
+        held = {**moved, "parent_frame_id": "base", "child_frame_id": "eye", "translation": vector(0, 0, 1)}
+        add("/tf", "foxglove.FrameTransforms", t, {"transforms": [{**stamped(t), **moved}]})
+        add("/held", "foxglove.FrameTransform", t, {**stamped(t), **held})
+        f, g, cx, cy = CAMERA
+        k = [f, 0, cx, 0, g, cy, 0, 0, 1]
+        camera = {"frame_id": "eye", "width": 3, "height": 2, "K": k, "P": [0.0] * 12}
+        add("/eye/calibration", "foxglove.CameraCalibration", t, {**stamped(t), **camera})
+        add("/eye/data", sensor, t, {**stamped(t), "frame_id": "eye", **said[sensor], **changes})
+    return mcap(path, rows)
+
+
+@pytest.mark.parametrize("sensor", ["foxglove.LaserScan", "foxglove.PointCloud", "foxglove.RawImage"])
+def test_messages_in_json_by_foxglove(sensor: str, tmp_path: Path) -> None:
+    angles = np.linspace(-1, 1, 5)[[0, 1, 3, 4]]
+    ranges = np.array([2, 3, 4, 5])
+    expected = {
+        "foxglove.LaserScan": ranges[:, None]
+        * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1),
+        "foxglove.PointCloud": POINTS,
+        "foxglove.RawImage": of_depths(0.001),
+    }[sensor]
+    log = read(foxglove_log(tmp_path / "a.mcap", sensor), dim=3)
+    assert log.notes == []
+    scans = list(log)
+    assert len(scans) == 11
+    for number, scan in enumerate(scans):
+        ends = scan.endpoints[np.isfinite(scan.endpoints).all(axis=1)]
+        np.testing.assert_allclose(
+            ends - expected, np.tile([0.1 * number, 0, 1], (len(expected), 1)), atol=1e-6
+        )
+        np.testing.assert_allclose(scan.origin, [0.1 * number, 0, 1], atol=1e-6)
+        assert scan.stamp == pytest.approx(START + 0.1 * number, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        ({"pose": {"position": vector(1, 0, 0), "orientation": vector(0, 0, 0, 1)}}, "a pose of the sensor"),
+        ({"ranges": "none"}, "no whole sensor_msgs/msg/LaserScan in JSON"),
+        ({"start_angle": None}, "no whole"),
+        ({"timestamp": {"sec": 1}}, "a time .* expected sec and nsec"),
+        ({"timestamp": "2024-01-01T00:00:00Z"}, "expected sec and nsec"),
+    ],
+)
+def test_damaged_json_is_named(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
+    path = foxglove_log(tmp_path / "a.mcap", "foxglove.LaserScan", **changes)
+    with pytest.raises(ValueError, match=f"a.mcap: /eye/data: .*{said}"):
+        list(read(path, still=True))
+
+
+def test_messages_of_ros_in_json(tmp_path: Path) -> None:
+    header = {"stamp": {"sec": 5, "nanosec": 0}, "frame_id": "laser"}
+    laser = {
+        "header": header, "angle_min": 0, "angle_max": 1, "angle_increment": 0.5, "time_increment": 0,
+        "scan_time": 0, "range_min": 0.1, "range_max": 9, "ranges": [1, None, 2], "intensities": [],
+    }  # fmt: skip
+    rows = [("/scan", name, 5.0, json.dumps(laser).encode()) for name in ("sensor_msgs/LaserScan",)]
+    (scan,) = read(mcap(tmp_path / "a.mcap", rows), still=True)
+    np.testing.assert_allclose(np.linalg.norm(scan.endpoints, axis=1), [1, np.nan, 2], atol=1e-6)
+
+
+def test_types_and_topics_by_the_names_of_dds(ros2: Messages, tmp_path: Path) -> None:
+    laser = ros2.store.serialize_cdr(ros2.laser(START, "laser", [1, 2, 3]), "sensor_msgs/msg/LaserScan")
+    for number, (topic, type_) in enumerate(
+        [
+            ("rt/scan", "sensor_msgs::msg::dds_::LaserScan_"),
+            ("/scan", "sensor_msgs::msg::dds_::LaserScan_"),
+            ("/scan", "sensor_msgs::msg::LaserScan"),
+        ]
+    ):
+        path = mcap(tmp_path / f"{number}.mcap", [(topic, type_, START, bytes(laser))], "cdr")
+        (scan,) = read(path, topic="/scan", still=True)
+        np.testing.assert_allclose(np.linalg.norm(scan.endpoints, axis=1), [1, 2, 3], atol=1e-6)
+
+
+def test_what_cannot_be_read_is_named_with_its_packing(tmp_path: Path) -> None:
+    path = mcap(tmp_path / "a.mcap", [("/scan", "foxglove.LaserScan", START, b"\x08\x01")], "protobuf")
+    with pytest.raises(ValueError, match=r"/scan \(foxglove.LaserScan as protobuf\); expected ros1, cdr"):
+        read(path)
+    (topic,) = contents(path)["topics"]
+    assert (topic["type"], topic["messages"], topic["encoding"]) == ("foxglove.LaserScan", 1, "protobuf")

@@ -93,7 +93,7 @@ class RosbagLog(SizedLog):
             seen = sights(bag, topics) if not wanted and len(topics) > 1 else {}
             topics = in_order_of_sight(topics, seen) if seen else topics
             if not topics:
-                raise ValueError(without_sensors(bag.path, bag.topics, encodings_in(bag)))
+                raise ValueError(without_sensors(bag.path, bag.topics, encodings_in(bag), bag.unread))
             names = ", ".join(one.name for one in topics)
             if camera is not None and not any(one.type in IMAGES for one in topics):
                 raise WrongOption(f"{path}: camera: {names} has no depth images")

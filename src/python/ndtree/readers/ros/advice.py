@@ -48,8 +48,14 @@ def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: 
     )
 
 
-def without_sensors(path: str, topics: list[Topic], encodings: dict[str, str]) -> str:
-    """The error of a bag that has nothing to map; `encodings` are those of its images, by topic."""
+def without_sensors(
+    path: str, topics: list[Topic], encodings: dict[str, str], unread: list[tuple[Topic, str]]
+) -> str:
+    """The error of a bag that has nothing to map.
+
+    `encodings` are those of its images, by topic, and `unread` are topics that cannot be read, each with how
+    its messages are packed.
+    """
     held = ", ".join(_named(one, encodings.get(one.name)) for one in topics[:12]) + (
         ", ..." if len(topics) > 12 else ""
     )
@@ -59,6 +65,10 @@ def without_sensors(path: str, topics: list[Topic], encodings: dict[str, str]) -
         if packets is None
         else f"; {packets} has a lidar's raw packets: its driver makes PointCloud2 of them"
     )
+    if unread:
+        some = ", ".join(f"{one.name} ({one.type} as {packing})" for one, packing in unread[:6])
+        some += ", ..." if len(unread) > 6 else ""
+        remedy += f"; not read: {some}; expected ros1, cdr, or json of ROS's or Foxglove's types"
     if encodings:
         remedy += f"; images with depths are {', '.join(DEPTH_ENCODINGS)}, or PNG of 16 bits and one channel"
     return f"{path}: no {SENSOR_NAMES} in it, found {held or 'none'}{remedy}"

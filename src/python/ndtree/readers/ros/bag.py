@@ -15,7 +15,7 @@ from functools import lru_cache
 from typing import Any
 
 from ndtree.readers.plain_file import FREE_BYTES, MOST_PACKED
-from ndtree.readers.ros import livox, mcap_file, multi_echo, ros1_file, sqlite_file
+from ndtree.readers.ros import foxglove, livox, mcap_file, multi_echo, ros1_file, sqlite_file
 from ndtree.readers.ros.chunks import Damaged, unpacked_message
 from ndtree.readers.ros.storage import Connection, OnDamage, Raw, Storage, line_of
 from ndtree.readers.transforms import plain
@@ -48,6 +48,8 @@ class Bag:
         When the first and the last message were recorded [s].
     damage : list of str
         A line for each file of which not everything can be read.
+    unread : list of (Topic, str)
+        Topics whose messages are packed so that they cannot be read, and how they are packed.
     """
 
     def __init__(self, path: str, files: list[Storage]) -> None:
@@ -64,6 +66,11 @@ class Bag:
         spans = [file.span for file in files if file.span is not None]
         self.start = 1e-9 * min((span[0] for span in spans), default=0)
         self.end = 1e-9 * max((span[1] for span in spans), default=0)
+        self.unread = [
+            (Topic(one.topic, one.type, file.counts.get(one.id, 0)), one.encoding)
+            for file in files
+            for one in file.unread
+        ]
         self.damage = [f"{file.path}: {file.damage}" for file in files if file.damage]
 
     def of_type(self, *types: str) -> list[Topic]:
@@ -98,6 +105,8 @@ class Bag:
     def decoded(self, raw: Raw) -> Any:
         """A message of one of ROS's own types, or of a Livox lidar; ValueError if it is damaged."""
         one = raw.connection
+        if one.encoding == "json":
+            return foxglove.decoded(raw.data, one.type)
         for ours in (livox, multi_echo):
             if one.type in ours.TYPES:
                 return ours.decoded(raw.data, is_ros1=one.encoding == "ros1")

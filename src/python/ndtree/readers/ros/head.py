@@ -6,6 +6,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
+from ndtree.readers.ros import foxglove
 from ndtree.readers.ros.storage import Raw
 from ndtree.readers.transforms import plain
 
@@ -56,6 +57,9 @@ def head_of(raw: Raw) -> tuple[float, str] | None:
 
     The stamp is 0 where the message does not say when it was measured, or at the beginning of a clock.
     """
+    if raw.connection.encoding == "json":
+        head = foxglove.head_of(raw.data)
+        return None if head is None else (head[0], plain(head[1]))
     try:
         header, _ = header_of(raw.data, raw.connection.encoding == "ros1")
     except ValueError:

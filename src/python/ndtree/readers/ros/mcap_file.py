@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from ndtree.readers.ros import foxglove
 from ndtree.readers.ros.chunks import Damaged, in_order, unpacked
 from ndtree.readers.ros.storage import Connection, FileStorage, OnDamage, Raw, line_of, ros2_type
 
@@ -74,6 +75,7 @@ class McapFile(FileStorage):
         if self._read_summary():
             return
         self._chunks, self.connections, self.counts, self.span = [], [], {}, None
+        self.unread = []
         self.damage = "it has no summary, it was never closed or is cut off"
         schemas: dict[int, Any] = {}
         reason = "no message"
@@ -95,17 +97,22 @@ class McapFile(FileStorage):
             self._note_damage(self.damage, " (mcap recover mends it)")
 
     def _add(self, channel: Any, schema: Any) -> None:
-        """Note a channel with messages of ROS."""
+        """Note a channel, and whether its messages are those of ROS or can be turned into such."""
         encoding = channel.message_encoding
-        if encoding not in ("ros1", "cdr") or schema is None:
+        if any(one.id == channel.id for one in (*self.connections, *self.unread)):
             return
-        if any(one.id == channel.id for one in self.connections):
+        name = schema.name if schema is not None else ""
+        known = foxglove.type_of(name) if encoding == "json" else ros2_type(name)
+        if encoding not in ("ros1", "cdr", "json") or not name or known is None:
+            self.unread.append(
+                Connection(channel.id, channel.topic, name or "no type", encoding or "nothing")
+            )
             return
         definition = (
             schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
         )
         self.connections.append(
-            Connection(channel.id, channel.topic, ros2_type(schema.name), encoding, definition or None)
+            Connection(channel.id, _topic_of(channel.topic, name), known, encoding, definition or None)
         )
 
     def _read_summary(self) -> bool:
@@ -165,3 +172,8 @@ class McapFile(FileStorage):
         data = unpacked(chunk.compression, chunk.data, chunk.uncompressed_size)
         records: list[Any] = self._stream.breakup_chunk(replace(chunk, compression="", data=data))
         return records
+
+
+def _topic_of(name: str, type: str) -> str:
+    """A topic as ROS calls it: DDS puts "rt" before it."""
+    return name[2:] if name.startswith("rt/") and "::" in type else name

@@ -18,8 +18,8 @@ def outline(bag: Bag) -> dict[str, Any]:
     -------
     dict
         "start" and "end" [s]; "topics", each with "topic", "type", "messages", "frame", "rate" [Hz] and of
-        images "encoding", None where it is not known; "frames", the lines of a tree; "damage", lines about
-        files that are not whole.
+        images and of what cannot be read "encoding", None where it is not known; "frames", the lines of a
+        tree; "damage", lines about files that are not whole.
     """
     framed = [one.name for one in bag.topics if one.messages and one.type in (*SENSORS, *POSES, CAMERA_INFO)]
     survey = Survey(bag, framed)
@@ -41,6 +41,9 @@ def outline(bag: Bag) -> dict[str, Any]:
                 "encoding": encodings.get(topic.name),
             }
         )
+    for topic, packing in bag.unread:
+        about = {"messages": topic.messages, "frame": None, "rate": None, "encoding": packing}
+        topics.append({"topic": topic.name, "type": topic.type, **about})
     return {
         "start": bag.start,
         "end": bag.end,

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import IO
 #: What is called with the damage that reading ran into; it raises it, or notes it and lets reading go on.
 OnDamage = Callable[[ValueError], None]
 
+_DDS = re.compile(r"(\w+)::msg::(?:dds_::(?=\w+_$))?(\w+?)_?")
 #: What is read of a message of which only stamp and frame are wanted [bytes].
 HEAD_BYTES = 512
 
@@ -27,7 +29,7 @@ class Connection:
     topic : str
     type : str
         As ROS 2 spells it: package/msg/Name.
-    encoding : {"ros1", "cdr"}
+    encoding : {"ros1", "cdr", "json"}
         How its messages are packed.
     definition : str or None
         The text of its type where the file has it in the form of .msg files.
@@ -66,6 +68,8 @@ class Storage(ABC):
         When the first and the last message were recorded [ns]; None where there is none.
     damage : str or None
         Why the file was read without its index, and what is missing then.
+    unread : list of Connection
+        Those whose messages are packed so that nobody here can read them; `type` is as the file spells it.
     """
 
     def __init__(self, name: str) -> None:
@@ -74,6 +78,7 @@ class Storage(ABC):
         self.counts: dict[int, int] = {}
         self.span: tuple[int, int] | None = None
         self.damage: str | None = None
+        self.unread: list[Connection] = []
 
     @abstractmethod
     def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
@@ -124,7 +129,9 @@ class FileStorage(Storage):
 
 
 def ros2_type(name: str) -> str:
-    """A type's name as ROS 2 spells it."""
+    """A type's name as ROS 2 spells it, also where it is as DDS does: package::msg::dds_::Name_."""
+    if (dds := _DDS.fullmatch(name)) is not None:
+        return f"{dds[1]}/msg/{dds[2]}"
     package, _, type_ = name.rpartition("/")
     return name if "/msg" in package else f"{package}/msg/{type_}"
 
