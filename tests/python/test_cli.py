@@ -463,6 +463,20 @@ def test_without_matplotlib_maps_are_made_and_pictures_refused(log: Path, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == ["a.ndt"]
 
 
+def test_the_map_is_there_when_its_picture_fails(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any, **__: Any) -> None:
+        assert [path.name for path in tmp_path.iterdir()] == ["a.ndt"], "nor is there a hidden file by then"
+        raise MemoryError
+
+    monkeypatch.setattr("ndtree.plot.overview", fails)
+    done = run("map", log, "-o", tmp_path / "a.ndt", "--picture", tmp_path / "a.png")
+    assert done.exit_code == 1
+    assert ndtree.load(tmp_path / "a.ndt").stats().observed_leaves > 0
+    assert [path.name for path in tmp_path.iterdir()] == ["a.ndt"]
+
+
 def test_a_terminal_sees_how_far_the_map_is(log: Path, tmp_path: Path) -> None:
     pty = pytest.importorskip("pty")
     code = "import ndtree.commands.progress; ndtree.commands.progress.REFRESH = 0\n"
