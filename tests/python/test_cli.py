@@ -436,6 +436,20 @@ def start(*arguments: object, code: str = "") -> subprocess.CompletedProcess[str
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.parametrize("unbuffered", [False, True])
+def test_a_reader_that_leaves_does_not_stop_the_work(unbuffered: bool, log: Path, tmp_path: Path) -> None:
+    program = "import sys; sys.argv[0] = 'ndtree'; from ndtree.cli import main; main()"
+    read, write = os.pipe()
+    os.close(read)
+    call = [sys.executable, *(["-u"] if unbuffered else []), "-c", program, "demo", log, "-o", tmp_path / "d"]
+    done = subprocess.run(call, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {path.name for path in (tmp_path / "d").iterdir()} == {
+        "adaptive-fixed.png", "adaptive-fixed-0.1.png"
+    }  # fmt: skip
+
+
 def test_the_process_has_the_exit_status(log: Path, tmp_path: Path) -> None:
     done = start("info", log)
     assert (done.returncode, done.stderr) == (0, ""), "no progress bar where nobody looks"
@@ -460,6 +474,20 @@ def test_without_matplotlib_maps_are_made_and_pictures_refused(log: Path, tmp_pa
     done = start("map", log, "-o", tmp_path / "b.ndt", "--picture", tmp_path / "b.png", code=code)
     assert done.returncode == 2
     assert "pip install 'ndtree-mapping[plot]'" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["a.ndt"]
+
+
+def test_the_map_is_there_when_its_picture_fails(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any, **__: Any) -> None:
+        assert [path.name for path in tmp_path.iterdir()] == ["a.ndt"], "nor is there a hidden file by then"
+        raise MemoryError
+
+    monkeypatch.setattr("ndtree.plot.overview", fails)
+    done = run("map", log, "-o", tmp_path / "a.ndt", "--picture", tmp_path / "a.png")
+    assert done.exit_code == 1
+    assert ndtree.load(tmp_path / "a.ndt").stats().observed_leaves > 0
     assert [path.name for path in tmp_path.iterdir()] == ["a.ndt"]
 
 

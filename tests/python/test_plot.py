@@ -429,3 +429,71 @@ def test_pages_for_print_are_whole_pdf_files(flat: Any, tmp_path: Path) -> None:
     plot.overview(flat, target)
     content = target.read_bytes()
     assert content.startswith(b"%PDF-") and content.rstrip().endswith(b"%%EOF")
+
+
+# --- What is in the frame ---------------------------------------------------------------------------
+
+
+def beside_a_wall(length: float = 4.0, scans: int = 10) -> Any:
+    """One straight wall, seen from a place where beams meet nothing else for 5 m."""
+    m = ndtree.AdaptiveMap(dim=2)
+    angle = np.linspace(-np.pi, np.pi, 360, endpoint=False)
+    way = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    for _ in range(scans):
+        with np.errstate(divide="ignore"):
+            to_wall = np.where(way[:, 1] > 0, 1.02 / way[:, 1], np.inf)
+        returned = (to_wall < 5) & (np.abs(to_wall * way[:, 0]) < length / 2)
+        m.insert(np.where(returned, to_wall, 5.0)[:, None] * way, np.zeros(2), returned=returned)
+    return m
+
+
+def test_all_that_was_observed_is_in_the_frame() -> None:
+    m = beside_a_wall()
+    leaves = m.leaves()
+    seen = leaves.lower[leaves.observed], (leaves.lower + leaves.size[:, None])[leaves.observed]
+    assert np.ptp(leaves.lower[leaves.state == 1][:, 1]) < 0.2, "the wall is straight"
+    for ax in (plot.overview(m).axes[0], plot.occupancy(m), plot.cells(m), plot.cell_sizes(m)):
+        (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+        assert (seen[0] >= (left, bottom)).all() and (seen[1] <= (right, top)).all()
+    ax = plot.overview(m, track=[(0.0, 0.0), (60.0, 1.0)]).axes[0]
+    assert ax.get_xlim()[1] > 60 and ax.get_xlim()[0] < seen[0][:, 0].min()
+
+
+def test_single_beams_that_went_far_do_not_shrink_the_rest() -> None:
+    m = beside_a_wall()
+    m.insert(np.array([[900.0, 3.0]]), np.zeros(2), returned=np.zeros(1, dtype=bool))
+    assert np.ptp(plot.overview(m).axes[0].get_xlim()) < 20
+
+
+@pytest.mark.parametrize("length", [1.0, 100.0, 20_000.0])
+def test_nothing_but_a_wall_is_a_picture_of_bounded_size(length: float, tmp_path: Path) -> None:
+    m = ndtree.FixedMap(dim=2, cell_size=0.1)
+    ends = np.stack([np.full(4, 0.02), np.array([-0.5, -0.25, 0.25, 0.5]) * length], axis=1)
+    for _ in range(3):
+        m.insert(ends, ends * (0, 1) - (0.03, 0))
+        m.insert(ends, ends * (0, 0.99))
+    figure = plot.overview(m, tmp_path / "a.png")
+    shape = np.array(figure.get_size_inches()) * figure.dpi
+    assert shape.max() < 8000 and shape.min() > 400
+    assert (tmp_path / "a.png").stat().st_size > 3000
+
+
+def test_no_picture_has_more_pixels_than_the_bound(flat: Any, tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    from ndtree.plot.figures import MAX_PIXELS
+
+    target = tmp_path / "a.png"
+    plot.overview(flat, target, width=90, dpi=400)
+    height, width = imread(target).shape[:2]
+    assert 0.9 * MAX_PIXELS < height * width <= 1.01 * MAX_PIXELS
+    figure = plot.overview(flat, region=(0.0, 1e-3, -1e3, 1e3))
+    assert np.prod(figure.get_size_inches()) * figure.dpi**2 <= 1.01 * MAX_PIXELS
+
+
+def test_one_row_of_cells_is_an_image_of_bounded_size() -> None:
+    from ndtree.plot.images import image_of
+
+    one = Cells.of(beside_a_wall())
+    image, _ = image_of(one, (0.0, 0.01, -1e8, 1e8))
+    assert image.size <= MAX_IMAGE_CELLS

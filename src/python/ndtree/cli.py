@@ -5,9 +5,37 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn, TextIO
 
-from ndtree.exit_status import DONE, WRONG_CALL
+from ndtree.exit_status import WRONG_CALL
+
+
+class _Heard:
+    """Output whose reader may leave when it has seen enough: the work goes on without it."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        try:
+            return self._stream.write(text)
+        except BrokenPipeError:
+            self._leave()
+            return len(text)
+
+    def flush(self) -> None:
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            self._leave()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def _leave(self) -> None:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self._stream.fileno())
+        os.close(nowhere)
 
 
 def main() -> NoReturn:
@@ -23,11 +51,11 @@ def main() -> NoReturn:
             file=sys.stderr,
         )
         sys.exit(WRONG_CALL)
-    try:
-        app()
-    except BrokenPipeError:  # The reader of our output has seen enough.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(DONE)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is not None:
+            setattr(sys, name, _Heard(stream))
+    app()
 
 
 if __name__ == "__main__":

@@ -50,6 +50,8 @@ class FirstLook:
         That the look took, and of these the reading of the log.
     sample : list of Scan
         That was looked at.
+    cut_off : float or None
+        The log's largest range, where readings are taken for beams without return [m].
     """
 
     dim: int
@@ -63,6 +65,7 @@ class FirstLook:
     seconds: float
     read_seconds: float
     sample: list[Scan] = field(repr=False, compare=False)
+    cut_off: float | None = None
 
     @property
     def options(self) -> dict[str, float]:
@@ -153,6 +156,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         seconds=time.perf_counter() - begin,
         read_seconds=read_seconds,
         sample=sample,
+        cut_off=log.cut_off,
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.lattice import Cells, Integers
-from ndtree.regions import ceiling, found_region
+from ndtree.regions import ceiling, found_region, observed_region
 from ndtree.writers.mesh import height_colors
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def png(m: OccupancyMap) -> bytes | None:
     if m.dim not in (2, 3) or not m.stats().observed_leaves:
         return None
     cells = Cells.of(m)
-    region = found_region(cells)
+    region = observed_region(cells) if m.dim == 2 else found_region(cells)
     cells = cells.where(cells.known if m.dim == 2 else cells.occupied).inside(region)
     if m.dim == 3 and len(cells):
         cut = ceiling(cells)

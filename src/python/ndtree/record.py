@@ -14,7 +14,7 @@ import numpy as np
 from ndtree import _core, plot
 from ndtree._core import OccupancyMap
 from ndtree.lattice import Cells, Floats
-from ndtree.regions import found_region
+from ndtree.regions import found_region, picture_region
 
 if TYPE_CHECKING:
     from ndtree.scan import Scan
@@ -127,7 +127,8 @@ class Recorder:
         every = Cells.of(m)
         if not every.occupied.any():
             return
-        self._grow(np.asarray(found_region(every)).reshape(-1, 2))
+        region = picture_region(every, self._track) if m.dim == 2 else found_region(every)
+        self._grow(np.asarray(region).reshape(-1, 2))
         assert self._region is not None
         self._figure.clear()
         ax = self._figure.add_axes((0.0, 0.0, 1.0, 0.94))

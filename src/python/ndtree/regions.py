@@ -1,31 +1,85 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What of a map a picture shows: where something was found, below the ceiling."""
+"""What of a map a picture shows: what was observed, or where something was found, below the ceiling."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ndtree.lattice import Cells, Floats, Integers
+
+#: Around what is shown, of its longest side.
+MARGIN = 0.03
+#: Of the observed volume, what may be left out at each end of an axis, where showing it would make the
+#: picture this many times as long.
+STRAYS, MOST_LONGER = 0.005, 1.5
+#: No frame is longer than so many times its width.
+MOST_LONG = 4.0
+
+
+def picture_region(every: Cells, track: ArrayLike | None = None) -> tuple[float, ...]:
+    """`observed_region` with a margin, and no side shorter than a quarter of the longest."""
+    low, high = np.array(observed_region(every, track)).reshape(-1, 2).T
+    longest = float(np.max(high - low))
+    half = np.maximum(0.5 * (high - low) + MARGIN * longest, 0.5 * (1 + 2 * MARGIN) * longest / MOST_LONG)
+    middle = 0.5 * (low + high)
+    return tuple(np.stack([middle - half, middle + half], axis=1).ravel().tolist())
+
+
+def observed_region(every: Cells, track: ArrayLike | None = None) -> tuple[float, ...]:
+    """Bounds [m] of what was observed and of where the robot drove.
+
+    What was observed is in it whole. Only where single beams went so far that it would be 1.5 times as long,
+    the last 0.5 % of the observed volume at each end are left out, but neither what was hit (0.2 % excepted)
+    nor the track.
+
+    Parameters
+    ----------
+    every : Cells
+        Of which at least one was observed.
+    track : array_like, (n, dim), optional
+        Where the robot drove [m].
+    """
+    seen = every.where(every.observed)
+    volume = seen.size.astype(np.float64) ** every.dim
+    low, high = _bounds_of_hits(every)
+    for a in range(every.dim):
+        low[a] = min(low[a], quantile(seen.lower[:, a], volume, STRAYS))
+        high[a] = max(high[a], quantile(seen.upper[:, a], volume, 1 - STRAYS))
+        first, last = float(seen.lower[:, a].min()), float(seen.upper[:, a].max())
+        if last - first <= MOST_LONGER * (high[a] - low[a]):
+            low[a], high[a] = first, last
+    low, high = low * every.unit, high * every.unit
+    if track is not None:
+        points = np.asarray(track, dtype=np.float64).reshape(-1, every.dim)
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points):
+            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
+    return tuple(np.stack([low, high], axis=1).ravel().tolist())
 
 
 def found_region(every: Cells) -> tuple[float, ...]:
     """Bounds [m] of what was found: nearly all occupied cells, and some more; few strays are left out."""
+    low, high = _bounds_of_hits(every)
+    margin = max(MARGIN * float(np.max(high - low)), 2.0)
+    seen = every.where(every.observed)
+    low = np.maximum(low - margin, seen.lower.min(axis=0)) * every.unit
+    high = np.minimum(high + margin, seen.upper.max(axis=0)) * every.unit
+    return tuple(np.stack([low, high], axis=1).ravel().tolist())
+
+
+def _bounds_of_hits(every: Cells) -> tuple[Floats, Floats]:
+    """In units, where nearly all beams ended; without any, where something was observed."""
     hit = every.where(every.occupied & (every.hits > 0))
     if not len(hit.size):
         hit = every.where(every.occupied)
     if not len(hit.size):
         hit = every.where(every.observed)
     weight = np.maximum(hit.hits, 1).astype(np.float64)
-    seen = every.where(every.observed)
-    bounds: list[float] = []
-    for a in range(every.lower.shape[1]):
-        # Half a cell is enough: what was hit is in it, and large cells reach far behind it.
-        middle = hit.lower[:, a] + hit.size // 2
-        low, high = (quantile(middle, weight, share) for share in (0.002, 0.998))
-        margin = 0.03 * (high - low) + 2.0
-        bounds.append(max(low - margin, float(seen.lower[:, a].min())) * every.unit)
-        bounds.append(min(high + margin, float(seen.upper[:, a].max())) * every.unit)
-    return tuple(bounds)
+    # Half a cell is enough: what was hit is in it, and large cells reach far behind it.
+    middles = (hit.lower + (hit.size // 2)[:, None]).T
+    low, high = (np.array([quantile(row, weight, share) for row in middles]) for share in (0.002, 0.998))
+    return low, high
 
 
 def ceiling(cubes: Cells) -> float | None:

@@ -49,6 +49,10 @@ class Settings:
             lines[0] += f" (sigma is {how})"
         if any(flag.startswith("--no-return ") for flag in self.chosen):
             lines.append(str(self.look.no_returns))
+        if self.look.cut_off is not None:
+            lines.append(
+                f"readings of {self.look.cut_off:.4g} m, the log's largest range, are beams without return"
+            )
         return lines
 
 

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Optional
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ndtree._core import OccupancyMap
 from ndtree.commands.figures import counted, map_figures, print_map
 from ndtree.commands.logs import made, new_map, settled, skipped, timed
 from ndtree.commands.pictures import draw
 from ndtree.commands.progress import mapping_progress
-from ndtree.files import replaced
 from ndtree.readers import Log
 from ndtree.scan import Scan
 from ndtree.settings import BEYOND_MEMORY, Settings
@@ -28,6 +30,7 @@ class Mapped:
     scans: int
     seconds: float
     read_seconds: float
+    track: NDArray[np.float64]  # (2, dim): least and largest coordinates of the sensor [m].
 
     def figures(self) -> dict[str, Any]:
         return {
@@ -113,21 +116,24 @@ def mapped(
     target = new_map(log.dim, fixed, settings.options)
     counts = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds = 0.0
+    track = np.full((2, log.dim), np.nan)
     passage = Passage(log, settings, read_seconds)
     with mapping_progress(log, target) as advance:
         for scan, one in passage.into(lambda scan: scan.insert_into(target, max_range=settings.max_range)):
             counts = {key: count + getattr(one, key) for key, count in counts.items()}
             seconds += one.seconds
+            origins = np.atleast_2d(scan.origin)
+            if len(origins):
+                track = np.stack([np.fmin(track[0], origins.min(0)), np.fmax(track[1], origins.max(0))])
             for observer in observers:
                 observer.update(target, scan)
             advance(passage.scans, counts["beams"])
     report = passage.report(counts)
-    return Mapped(log, target, settings, report, passage.scans, seconds, passage.read_seconds)
+    return Mapped(log, target, settings, report, passage.scans, seconds, passage.read_seconds, track)
 
 
 def written(done: Mapped, output: Path, plot: Any = None, picture: Optional[Path] = None) -> None:
-    """Write the map, and its picture before it."""
-    if plot and picture:
-        with replaced(picture) as path:
-            draw(plot, done.target, path)
+    """Write the map, and then its picture: where that fails, the map is there."""
     done.target.save(output)
+    if plot and picture:
+        draw(plot, done.target, picture, track=done.track)

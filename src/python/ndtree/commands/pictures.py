@@ -13,7 +13,6 @@ from ndtree.commands.logs import made
 from ndtree.commands.options import CellColor
 from ndtree.commands.output import is_stdout
 from ndtree.exit_status import WrongCall
-from ndtree.files import replaced
 
 
 @contextmanager
@@ -93,11 +92,13 @@ def draw(
     color: Optional[CellColor] = None,
     axis: Optional[int] = None,
     at: Optional[float] = None,
+    *,
+    track: Any = None,
 ) -> None:
-    """Draws a map, cut at a slice if there is one."""
+    """Draws a map, cut at a slice if there is one; a flat one with the robot's track in the frame."""
     more: dict[str, Any] = {} if color is None else {"color": color.value}
     if m.dim == 2:
-        plot.overview(m, path, **more)
+        plot.overview(m, path, track=track, **more)
         return
     if axis is not None:
         more.update(slice_axis=axis, slice_at=at)
@@ -108,5 +109,4 @@ def draw(
 
 def draw_side_by_side(plot: Any, one: OccupancyMap, other: OccupancyMap, target: Path) -> None:
     draw = plot.side_by_side if one.dim == 2 else plot.side_by_side_3d
-    with replaced(target) as path:
-        draw(one, other, path)
+    draw(one, other, target)

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from ndtree.files import replaced
 from ndtree.map_comparison.blocks import common_grid
 from ndtree.maps import PlacedMap
+from ndtree.plot.figures import written
 
 # What is shown of a cell: states in a and b, color and words. Of a column that has occupied cells, those are
 # shown, and what most of them are.
@@ -65,8 +65,7 @@ def draw_differences(a: PlacedMap, b: PlacedMap, cell_size: float, path: Path) -
         if text and i in there
     ]
     figure.legend(handles=patches, loc="lower center", ncol=3, fontsize=8, frameon=False)
-    with replaced(path) as part:
-        figure.savefig(part, dpi=150)
+    written(figure, path, 150)
 
 
 def _differences(

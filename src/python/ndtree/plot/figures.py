@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import io
+import math
 import os
 from collections.abc import Sequence
 from typing import Any, Union
@@ -25,6 +27,10 @@ FORMATS = tuple(f".{ending}" for ending in sorted(FigureCanvasBase.get_supported
 UNKNOWN = 0.5
 BORDER_COLOR = "#2b5c8a"
 SIZE_COLORS = "viridis_r"
+#: Of a picture, whatever it shows: more dots an inch than fit into it are not drawn.
+MAX_PIXELS = 30_000_000
+#: A panel is at most so many times as high as wide, and the other way round.
+MOST_LONG = 8.0
 WITHOUT_BAR = 0.9  # Share of a picture's width that is left beside a bar of colors.
 
 
@@ -60,13 +66,24 @@ def add_bar(
 
 
 def written(figure: Figure, path: Path | None, dpi: float) -> Figure:
-    """The same figure, in a file if there is a path: whole or not at all."""
+    """The same figure, in a file if there is a path: whole or not at all, and of at most `MAX_PIXELS`.
+
+    It is drawn into memory first, so that whoever ends the program while it draws leaves no hidden file.
+    """
+    dpi = min(dpi, math.sqrt(MAX_PIXELS / float(np.prod(figure.get_size_inches()))))
     figure.set_dpi(dpi)
     if path is not None:
+        drawn = io.BytesIO()
+        figure.draw_without_rendering()  # Labels have their place only after the axes have theirs.
+        figure.savefig(drawn, dpi=dpi, format=os.path.splitext(path)[1][1:].lower() or "png")
         with replaced(path) as part:
-            figure.draw_without_rendering()  # Labels have their place only after the axes have theirs.
-            figure.savefig(part, dpi=dpi)
+            part.write_bytes(drawn.getbuffer())
     return figure
+
+
+def shape_of(region: Region) -> float:
+    """Height of a panel that shows a region, by its width: of very long ones it has room at their sides."""
+    return float(np.clip((region[3] - region[2]) / (region[1] - region[0]), 1 / MOST_LONG, MOST_LONG))
 
 
 def axes_or_new(ax: Axes | None) -> Axes:
@@ -100,10 +117,10 @@ def panels(count: int, in_row: bool, shape: float, width: float) -> tuple[Figure
 
 
 def title_of(one: Cells, kind: str) -> str:
-    """For example "adaptive, 0.05 to 1.6 m: 16,390 cells"."""
+    """For example "adaptive, 16,390 cells of 0.05 m to 1.6 m"."""
     low, high = (float(edge(one.size[one.observed])) * one.unit for edge in (np.min, np.max))
-    sizes = f"{low:g} m" if low == high else f"{low:g} to {high:g} m"
-    return f"{kind}, {sizes}: {np.count_nonzero(one.observed):,} cells"
+    sizes = f"{low:g} m" if low == high else f"{low:g} m to {high:g} m"
+    return f"{kind}, {np.count_nonzero(one.observed):,} cells of {sizes}"
 
 
 def framed(ax: Axes, region: Region) -> Axes:

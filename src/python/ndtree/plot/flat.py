@@ -25,7 +25,7 @@ from ndtree.plot.figures import (
 )
 from ndtree.plot.images import PooledImage, draw_borders, draw_occupancy, image_of, smallest_of
 from ndtree.plot.legends import name_axes
-from ndtree.regions import found_region
+from ndtree.regions import picture_region
 
 
 def cells(
@@ -45,7 +45,7 @@ def cells(
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure if left out.
     region : (x_min, x_max, y_min, y_max), optional
-        What to show [m]; left out, where something was found.
+        What to show [m]; left out, what was observed.
     color : str
         Of the lines.
     linewidth : float
@@ -73,7 +73,7 @@ def occupancy(
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure if left out.
     region : (x_min, x_max, y_min, y_max), optional
-        What to show [m]; left out, where something was found.
+        What to show [m]; left out, what was observed.
     borders : bool
         Draw the leaves' borders, too.
 
@@ -101,7 +101,7 @@ def cell_sizes(
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure if left out.
     region : (x_min, x_max, y_min, y_max), optional
-        What to show [m]; left out, where something was found.
+        What to show [m]; left out, what was observed.
     colormap : str
         Of matplotlib.
 
@@ -112,7 +112,7 @@ def cell_sizes(
     """
     require_dim(m, 2)
     every, given, ax = Cells.of(m), ax, axes_or_new(ax)
-    region = tuple(region) if region is not None else found_region(every)
+    region = tuple(region) if region is not None else picture_region(every)
     shown = every.where(every.observed).inside(region)
     largest = float(every.size[every.observed].max()) * every.unit
     # The image keeps the largest value of a pixel: sizes go in as their inverses.
@@ -150,7 +150,7 @@ def slice(
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure if left out.
     region : (min, max, min, max), optional
-        What to show of the other two coordinates [m]; left out, where something was found.
+        What to show of the other two coordinates [m]; left out, what was observed.
     borders : bool
         Draw the leaves' borders, too, but not of leaves so small that nothing else would be seen.
 

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from ndtree.lattice import Cells, Floats, Integers
 from ndtree.plot.figures import BORDER_COLOR, UNKNOWN, Region, framed
-from ndtree.regions import found_region
+from ndtree.regions import picture_region
 
 MAX_IMAGE_CELLS = 16_000_000
+_LARGE_CELL = 10_000  # Pixels of a cell that is filled alone, not with those of its size.
 
 
 def _brightness(probability: Floats) -> Floats:
@@ -35,7 +36,7 @@ def draw_borders(
     color: str = BORDER_COLOR,
     linewidth: float = 0.35,
 ) -> Axes:
-    region = tuple(region) if region is not None else found_region(every)
+    region = tuple(region) if region is not None else picture_region(every)
     shown = every.inside(region)
     lines = []
     for along in (0, 1):
@@ -67,7 +68,7 @@ def _joined(lines: Integers) -> Integers:
 
 
 def draw_occupancy(every: Cells, ax: Axes, region: Region | None) -> Axes:
-    region = tuple(region) if region is not None else found_region(every)
+    region = tuple(region) if region is not None else picture_region(every)
     seen = every.where(every.observed)
     seen = replace(seen, probability=_brightness(seen.probability))
     image, extent = image_of(seen.inside(region), region)
@@ -131,6 +132,8 @@ def image_of(
     low = np.floor(np.asarray(region[0::2]) / shown.unit).astype(np.int64)
     high = np.ceil(np.asarray(region[1::2]) / shown.unit).astype(np.int64)
     step = max(1, math.ceil(math.sqrt(float(np.prod((high - low).astype(np.float64))) / MAX_IMAGE_CELLS)))
+    while int(np.prod(-(-(high - low) // step).astype(np.float64))) > MAX_IMAGE_CELLS:
+        step *= 2  # One row of cells is one of pixels, however long it is.
     width, height = (int(n) for n in -(-(high - low) // step))
     image = np.full((height, width), -1.0, dtype=np.float32)
     flat = image.reshape(-1)
@@ -142,6 +145,12 @@ def image_of(
     for alike in np.split(order, np.flatnonzero(np.diff(kind[order])) + 1):
         shape = extents[alike[0]] if len(alike) else np.zeros(2, dtype=np.int64)
         if not shape.all():
+            continue
+        if shape.prod() > _LARGE_CELL:
+            for i in alike:
+                (x0, y0), (x1, y1) = begin[i], end[i]
+                part = image[y0:y1, x0:x1]
+                np.maximum(part, np.float32(shown.probability[i]), out=part)
             continue
         offsets = (np.arange(shape[1])[:, None] * width + np.arange(shape[0])).ravel()
         for part in np.array_split(alike, max(1, len(alike) * len(offsets) // 4_000_000)):

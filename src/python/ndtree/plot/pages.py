@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from ndtree._core import OccupancyMap
 from ndtree.lattice import Cells
@@ -22,13 +23,14 @@ from ndtree.plot.figures import (
     kind_of,
     panels,
     require_dim,
+    shape_of,
     title_of,
     written,
 )
 from ndtree.plot.flat import cell_sizes, occupancy, slice
 from ndtree.plot.images import draw_borders, draw_occupancy
 from ndtree.plot.legends import explain_states, name_axes, scale_bar
-from ndtree.regions import ceiling, found_region
+from ndtree.regions import ceiling, found_region, picture_region
 
 
 def side_by_side(
@@ -50,7 +52,7 @@ def side_by_side(
     path : str or path, optional
         The picture to write; its ending chooses the format.
     region : (x_min, x_max, y_min, y_max), optional
-        What to show [m]; left out, where something was found.
+        What to show [m]; left out, what was observed.
     row : bool, optional
         The panels in a row, or one below the other. Left out, as suits the region's shape.
     width : float
@@ -66,8 +68,8 @@ def side_by_side(
     for m in (adaptive, fixed):
         require_dim(m, 2)
     fine, even = Cells.of(adaptive), Cells.of(fixed)
-    shown = tuple(region) if region is not None else found_region(fine)
-    shape = (shown[3] - shown[2]) / (shown[1] - shown[0])
+    shown = tuple(region) if region is not None else picture_region(fine)
+    shape = shape_of(shown)
     in_row = shape > 0.4 if row is None else row
     figure, axes = panels(3, in_row, shape, width)
     draw_borders(fine, axes[0], shown)
@@ -85,6 +87,7 @@ def overview(
     path: Path | None = None,
     *,
     region: Region | None = None,
+    track: ArrayLike | None = None,
     color: str = "probability",
     width: float = 12.0,
     dpi: float = 150.0,
@@ -98,7 +101,9 @@ def overview(
     path : str or path, optional
         The picture to write; its ending chooses the format.
     region : (x_min, x_max, y_min, y_max), optional
-        What to show [m]; left out, where something was found.
+        What to show [m]; left out, what was observed.
+    track : array_like, (n, 2), optional
+        Where the robot drove [m]: that is shown, too, if `region` is left out.
     color : {"probability", "size"}
         What the colors say.
     width : float
@@ -115,8 +120,8 @@ def overview(
     if draw is None:
         raise ValueError(f"color = {color!r}: must be probability or size where the map is 2-D")
     every = Cells.of(m)
-    shown = tuple(region) if region is not None else found_region(every)
-    shape = (shown[3] - shown[2]) / (shown[1] - shown[0])
+    shown = tuple(region) if region is not None else picture_region(every, track)
+    shape = shape_of(shown)
     axes_width = width * (WITHOUT_BAR if color == "size" else 1.0)
     figure = Figure(figsize=(width, axes_width * shape + 0.6), layout="constrained")
     FigureCanvasAgg(figure)
@@ -223,7 +228,12 @@ def _draw_3d(
         require_dim(m, 3)
     held = axis_number(plane[0])
     every = [Cells.of(m) for m in maps.values()]
-    region = tuple(region) if region is not None else found_region(every[0])
+    others = [a for a in range(3) if a != held]
+    if region is None:
+        region = found_region(every[0])
+        flat_region = picture_region(every[0].along(others))
+    else:
+        flat_region = tuple(edge for a in others for edge in region[2 * a : 2 * a + 2])
     if cut_above == "auto":
         cut_above = ceiling(every[0].where(every[0].occupied).inside(region))
     chosen = [chosen_cubes(one, region, cut_above) for one in every]
@@ -232,12 +242,8 @@ def _draw_3d(
     if at is None:
         middle = (chosen[0][0].lower[:, held] + 0.5 * chosen[0][0].size) * every[0].unit
         at = float(np.mean(np.percentile(middle, (1, 99))))
-    flat_region = [edge for a in range(3) if a != held for edge in region[2 * a : 2 * a + 2]]
     corners = bounds_on_screen(*chosen[0], *view)
-    shapes = (
-        (corners[3] - corners[2]) / (corners[1] - corners[0]),
-        (flat_region[3] - flat_region[2]) / (flat_region[1] - flat_region[0]),
-    )
+    shapes = (shape_of(corners), shape_of(flat_region))
     column_width = WITHOUT_BAR * width / len(maps)
     pixel = (corners[1] - corners[0]) / (column_width * dpi)
     figure = Figure(figsize=(width, column_width * sum(shapes) + 1.0), layout="constrained")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from abc import abstractmethod
@@ -14,12 +15,17 @@ from numpy.typing import NDArray
 
 from ndtree.readers.log import SizedLog
 from ndtree.readers.pose import Pose
+from ndtree.readers.silence import CutOff, cut_off_of
 from ndtree.readers.source import ReaderOption
 from ndtree.readers.trajectory import NoPose, Trajectory
 from ndtree.readers.trajectory_files import read_times, read_trajectory, trajectory_kind
 from ndtree.scan import Scan
 
 TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to find their poses [s].")
+
+
+#: Files that are looked at for where the ranges of all end.
+_SAMPLE = 8
 
 
 class FolderLog(SizedLog):
@@ -35,14 +41,18 @@ class FolderLog(SizedLog):
         Paths, in the order of the scans.
     """
 
-    knows_no_returns = False
-
     def __init__(self, path: str, files: Sequence[str]) -> None:
         super().__init__(path, dim=3)
         self._files = files
 
     def __len__(self) -> int:
         return len(self._files)
+
+    @property
+    def knows_no_returns(self) -> bool:  # type: ignore[override]
+        """Where ranges are cut off: of beams without return there is no point in a file."""
+        self._search_cut_off()
+        return self._cut_off is not None
 
     def _scans(self) -> Iterator[Scan]:
         for i in range(len(self)):
@@ -60,6 +70,17 @@ class FolderLog(SizedLog):
                 self._skip("damaged scans", error)
                 continue
             yield Scan(self._in_map(points, T_map_sensor), T_map_sensor.position, stamp=self._stamp(i))
+
+    def _found_cut_off(self) -> CutOff | None:
+        """From some of the files, evenly spread: they may be large."""
+        chosen = sorted({i * (len(self) - 1) // max(_SAMPLE - 1, 1) for i in range(_SAMPLE)})
+        return cut_off_of(self._some(chosen), says_itself=False, least_scans=min(2, len(chosen)))
+
+    def _some(self, numbers: Sequence[int]) -> Iterator[Scan]:
+        for i in numbers:
+            with contextlib.suppress(ValueError, OSError):
+                pose = self._pose(i)
+                yield Scan(self._in_map(self._points(i), pose), pose.position)
 
     @abstractmethod
     def _pose(self, i: int) -> Pose:

@@ -42,6 +42,11 @@ class JoinedLog(Log):
         self._at = 0
 
     @property
+    def cut_off(self) -> float | None:
+        """The largest of all logs."""
+        return max((limit for log in self._logs if (limit := log.cut_off) is not None), default=None)
+
+    @property
     def share_read(self) -> float | None:
         """Each log counts alike; None where one does not know how much of it is read."""
         if self._at >= len(self._logs):

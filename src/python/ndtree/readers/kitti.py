@@ -40,6 +40,7 @@ class KittiLog(FolderLog):
     """
 
     format = "kitti"
+    may_be_cut_off = True
 
     def __init__(self, source: Source, trajectory: str | None = None, time_offset: float = 0.0) -> None:
         folder = source.inside(SCANS)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -16,6 +17,7 @@ from ndtree.readers.failures import readable
 from ndtree.readers.padding import without_padding
 from ndtree.readers.plain_file import DamagedStream, open_plain
 from ndtree.readers.selection import Selection
+from ndtree.readers.silence import CutOff, cut_off_of
 from ndtree.scan import Scan
 
 if TYPE_CHECKING:
@@ -62,6 +64,10 @@ class Log(ABC):
         Whether the scans may say of beams that nothing was hit.
     is_depth_camera : bool
         Whether ranges are from structured light or stereo, whose noise grows with the squared range.
+    may_be_cut_off : bool
+        Whether readings at the log's largest range may be a driver's way to say that nothing was hit.
+    marks_no_returns : bool
+        Whether the format has a mark for beams without return.
     is_raw : bool
         Whether scans are as a robot recorded them, and nobody has prepared them for mapping.
     may_be_padded : bool
@@ -78,6 +84,8 @@ class Log(ABC):
     is_depth_camera = False
     is_raw = False
     may_be_padded = True
+    may_be_cut_off = False
+    marks_no_returns = False
 
     def __init__(self, path: str | None, dim: int) -> None:
         self.path = path
@@ -88,6 +96,8 @@ class Log(ABC):
         self.notes: list[str] = []
         self.skipped: dict[str, Skipped] = {}
         self._done = 0
+        self._cut_off: CutOff | None = None
+        self._is_searched = not self.may_be_cut_off
 
     @property
     def name(self) -> str:
@@ -100,9 +110,14 @@ class Log(ABC):
         self._done = 0
         try:
             with readable(self.path, f"cannot be read as a {self.format} log"):
+                self._search_cut_off()
                 for scan in self._scans():
                     self._done += 1
-                    yield _without_padding(scan) if self.may_be_padded else scan
+                    if self.may_be_padded:
+                        scan = _without_padding(scan)
+                    if self._cut_off is not None:
+                        scan = self._cut_off.applied(scan)
+                    yield scan
             if self._unposed and not self._done:
                 self._sum_up_unposed()
                 left_out = self.skipped[UNPOSED]
@@ -114,6 +129,29 @@ class Log(ABC):
             self._skip("ends that cannot be read", error)
         finally:
             self._sum_up_unposed()
+
+    def _search_cut_off(self) -> None:
+        """Read the log once for where its ranges end; what is damaged is told of by the loop that follows."""
+        if self._is_searched:
+            return
+        self._is_searched = True
+        self._cut_off = self._found_cut_off()
+        self._done = 0
+        self.skipped.clear()
+        self._unposed = {}
+
+    def _found_cut_off(self) -> CutOff | None:
+        def whole() -> Iterator[Scan]:
+            with contextlib.suppress(ValueError, OSError):
+                yield from self._scans()
+
+        return cut_off_of(whole(), says_itself=self.marks_no_returns)
+
+    @property
+    def cut_off(self) -> float | None:
+        """The log's largest range [m], if readings there are taken for beams that met nothing."""
+        self._search_cut_off()
+        return None if self._cut_off is None else self._cut_off.at
 
     @property
     def spans(self) -> dict[str, tuple[float, float]]:
@@ -264,6 +302,7 @@ class LineLog(Log):
     """A text file, packed by gzip or not, whose lines a parser turns into scans."""
 
     path: str
+    may_be_cut_off = True
     _place = 0
 
     @property
@@ -321,6 +360,11 @@ class SelectedLog(Log):
     def name(self) -> str:
         """How reports call the log: as the whole one."""
         return self._log.name
+
+    @property
+    def cut_off(self) -> float | None:
+        """As of the whole log."""
+        return self._log.cut_off
 
     @property
     def spans(self) -> dict[str, tuple[float, float]]:

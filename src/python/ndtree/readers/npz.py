@@ -35,6 +35,8 @@ class NpzLog(SizedLog):
     """
 
     format = "npz"
+    may_be_cut_off = True
+    marks_no_returns = True
 
     def __init__(self, path: str, dim: int | None = None) -> None:
         arrays = _load(path)

@@ -29,6 +29,7 @@ class OctomapGraphLog(SizedLog):
     """
 
     format = "octomap_graph"
+    may_be_cut_off = True
     path: str
 
     def __init__(self, path: str, nodes: int) -> None:

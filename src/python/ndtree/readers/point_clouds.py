@@ -51,6 +51,7 @@ class PointCloudLog(FolderLog):
     """
 
     format = "point_clouds"
+    may_be_cut_off = True
 
     def __init__(
         self,

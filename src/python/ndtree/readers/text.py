@@ -18,6 +18,7 @@ class TextLog(LineLog):
     """Consecutive lines with the same origin are one scan."""
 
     format = "text"
+    marks_no_returns = True
 
     def _scans(self) -> Iterator[Scan]:
         parser = _core.XyzParser2() if self.dim == 2 else _core.XyzParser3()

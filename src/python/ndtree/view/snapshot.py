@@ -26,7 +26,7 @@ from ndtree.lattice import (
     with_rim,
 )
 from ndtree.plot import Coloring, coloring
-from ndtree.regions import found_region
+from ndtree.regions import found_region, picture_region
 from ndtree.view.layers import Kept, Layer, Part, current
 from ndtree.view.look import IN_PLANE, Look, shown_kinds
 from ndtree.view.picking import first_on_ray
@@ -43,7 +43,8 @@ class _Whole:
     """What concerns all of a map: made anew only when much of it has changed."""
 
     def __init__(self, cells: Cells) -> None:
-        region = np.asarray(found_region(cells)).reshape(-1, 2)
+        bounds = picture_region(cells) if cells.dim == 2 else found_region(cells)
+        region = np.asarray(bounds).reshape(-1, 2)
         #: Bounds [m] of what was found, (3, 2) in the map's frame.
         self.region = np.vstack([region, np.zeros((3 - cells.dim, 2))])
         self._count, self._changed = len(cells), 0

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Readings at the largest range of a log did not return, whatever the format."""
+
+from __future__ import annotations
+
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.readers.log import Log
+
+LIMIT = 50.0
+
+
+def ranges_of(scans: int = 12, beams: int = 180, cut: int = 20, seed: int = 3) -> list[np.ndarray]:
+    """Of each scan, in centimetres as lasers measure; some of every second scan at the limit."""
+    generator = np.random.default_rng(seed)
+    made = [np.round(generator.uniform(1, 30, beams), 2) for _ in range(scans)]
+    for ranges in made[1::2]:
+        ranges[generator.choice(beams, cut, replace=False)] = LIMIT
+    return made
+
+
+def poses(count: int) -> np.ndarray:
+    return np.stack([np.linspace(0, 3, count), np.linspace(1, -2, count), np.linspace(0, 2, count)], axis=1)
+
+
+def carmen(path: Path, ranges: list[np.ndarray], record: str = "FLASER") -> Path:
+    lines = []
+    for i, (some, (x, y, yaw)) in enumerate(zip(ranges, poses(len(ranges)))):
+        pose = f"{x:.6f} {y:.6f} {yaw:.6f}"
+        numbers = " ".join(f"{value:.2f}" for value in some)
+        lines.append(f"{record} {len(some)} {numbers} {pose} {pose} {i}.0 host {i}.0\n")
+    data = "".join(lines).encode()
+    path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+    return path
+
+
+def ends(ranges: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    angle = pose[2] - math.pi / 2 + np.arange(len(ranges)) * math.pi / len(ranges)
+    return pose[:2] + ranges[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def text(path: Path, ranges: list[np.ndarray]) -> Path:
+    lines = []
+    for some, pose in zip(ranges, np.round(poses(len(ranges)), 4)):
+        lines += [f"{pose[0]:.4f} {pose[1]:.4f} {x:.4f} {y:.4f}\n" for x, y in ends(some, pose)]
+    path.write_text("".join(lines))
+    return path
+
+
+def npz(path: Path, ranges: list[np.ndarray], far: float = 0.0, **more: np.ndarray) -> Path:
+    np.savez(
+        path,
+        origins=poses(len(ranges))[:, :2] + far,
+        points=np.concatenate([ends(*one) + far for one in zip(ranges, poses(len(ranges)))]).astype("f4"),
+        offsets=np.cumsum([0, *map(len, ranges)]),
+        **more,
+    )
+    return path
+
+
+def kitti(path: Path, ranges: list[np.ndarray]) -> Path:
+    scans = path / "velodyne"
+    scans.mkdir(parents=True)
+    for i, some in enumerate(ranges):
+        points = np.zeros((len(some), 4), dtype="<f4")
+        points[:, :2] = ends(some, np.zeros(3))
+        points.tofile(scans / f"{i:06d}.bin")
+    (path / "calib.txt").write_text("Tr: 1 0 0 0 0 1 0 0 0 0 1 0\n")
+    row = "1 0 0 {} 0 1 0 0 0 0 1 0"
+    (path / "poses.txt").write_text("".join(row.format(0.1 * i) + "\n" for i in range(len(ranges))))
+    return path
+
+
+def made(kind: str, folder: Path, ranges: list[np.ndarray]) -> Log:
+    return ndtree.read({
+        "carmen": lambda: carmen(folder / "a.log", ranges),
+        "packed": lambda: carmen(folder / "a.log.gz", ranges),
+        "text": lambda: text(folder / "a.txt", ranges),
+        "npz": lambda: npz(folder / "a.npz", ranges),
+        "kitti": lambda: kitti(folder / "run", ranges),
+    }[kind]())  # fmt: skip
+
+
+def silent(log: Log) -> list[np.ndarray]:
+    return [np.zeros(len(scan), bool) if scan.returned is None else ~scan.returned for scan in log]
+
+
+KINDS = ("carmen", "packed", "text", "npz", "kitti")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_readings_at_the_largest_range_did_not_return(kind: str, tmp_path: Path) -> None:
+    ranges = ranges_of()
+    log = made(kind, tmp_path, ranges)
+    for _ in range(2):  # Every loop is the same.
+        found = silent(log)
+        assert len(found) == len(ranges)
+        for mine, right in zip(found, ranges):
+            np.testing.assert_array_equal(mine, right == LIMIT)
+        assert log.cut_off == pytest.approx(LIMIT, abs=1e-3)
+    assert log.knows_no_returns and not log.skipped
+    half = log.select(every=2)
+    assert not np.concatenate(silent(half)).any()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_largest_range_that_was_measured_is_a_surface(kind: str, tmp_path: Path) -> None:
+    """One reading a scan may be there, and several may be at any other range."""
+    ranges = ranges_of(cut=1)
+    for some in ranges:
+        some[:9] = 17.0
+    log = made(kind, tmp_path, ranges)
+    assert not np.concatenate(silent(log)).any() and log.cut_off is None
+
+
+def test_a_round_room_is_not_open_space(tmp_path: Path) -> None:
+    log = ndtree.read(npz(tmp_path / "a.npz", [np.full(90, 5.0)] * 3))
+    assert not np.concatenate(silent(log)).any()
+
+
+def test_ranges_in_whole_steps_come_twice_without_being_a_limit(tmp_path: Path) -> None:
+    ranges = [2 + 0.01 * ((i * np.arange(60)) % 50) for i in range(20)]
+    for log in (carmen(tmp_path / "a.log", ranges), npz(tmp_path / "a.npz", ranges)):
+        assert ndtree.read(log).cut_off is None
+
+
+def test_marks_of_the_file_say_it_all(tmp_path: Path) -> None:
+    ranges = ranges_of()
+    marks = np.concatenate(ranges) == LIMIT
+    marks[np.flatnonzero(marks)[5:]] = False
+    log = ndtree.read(npz(tmp_path / "a.npz", ranges, no_return=marks))
+    np.testing.assert_array_equal(np.concatenate(silent(log)), marks)
+
+
+def test_far_from_the_origin_float32_still_tells(tmp_path: Path) -> None:
+    ranges = ranges_of()
+    log = ndtree.read(npz(tmp_path / "a.npz", ranges, far=2000.0))
+    np.testing.assert_array_equal(np.concatenate(silent(log)), np.concatenate(ranges) == LIMIT)
+
+
+def test_damage_is_told_of_once_and_where_it_is(tmp_path: Path) -> None:
+    path = carmen(tmp_path / "a.log", ranges_of())
+    lines = path.read_text().splitlines(keepends=True)
+    lines[7] = "FLASER 3 1 2\n"
+    path.write_text("".join(lines))
+    log = ndtree.read(path)
+    scans = iter(log)
+    for _ in range(7):
+        next(scans)
+    with pytest.raises(ValueError, match="line 8"):
+        next(scans)
+    kept = ndtree.read(path, keep_going=True)
+    assert len(list(kept)) == 11 and kept.skipped["damaged lines"].count == 1
+    assert "line 8" in kept.skipped["damaged lines"].first
+
+
+def test_ignored_ones_are_left_out_whatever_the_range(tmp_path: Path) -> None:
+    """Not even up to `max_range` do they say that space is free."""
+    log = made("carmen", tmp_path, ranges_of())
+    report = ndtree.compare(log, ["adaptive"], no_return="ignore", max_range=40, held_out=0)
+    assert report["beams"]["not_returned"] == 0 and report["beams"]["beyond_max_range"] == 0
