@@ -152,11 +152,52 @@ def test_foreign_images_are_read_by_their_own_rules(
     assert opened.cell_size == 0.5
 
 
-def test_transparent_pixels_and_colors(tmp_path: Path) -> None:
+def nav2_state(pixel: list[int], mode: str, has_alpha: bool) -> int:
+    """What nav2's map_io.cpp makes of one pixel with the usual thresholds, line by line."""
+    channels = pixel[:3]
+    if mode == "trinary" and has_alpha:
+        channels = pixel
+    shade = sum(channels) / len(channels) / 255
+    occupied = round(shade * 255) / 100 if mode == "raw" else 1 - shade
+    if mode == "scale" and has_alpha and pixel[3] != 255:
+        return -1
+    if mode == "raw" and occupied > 1:
+        return -1
+    return 1 if occupied > 0.65 else 0 if occupied < 0.196 else -1
+
+
+@pytest.mark.parametrize("mode", ["trinary", "scale", "raw"])
+@pytest.mark.parametrize("kind", ["RGBA", "LA", "L with a transparent grey", "RGB"])
+def test_pixels_with_an_alpha_channel_are_read_as_nav2_does(tmp_path: Path, mode: str, kind: str) -> None:
     pytest.importorskip("yaml")
-    pixels = np.array([[[0, 0, 0, 255], [0, 0, 0, 0], [255, 255, 240, 255]]], dtype=np.uint8)
-    opened = open_map(write_image(tmp_path, pixels))
-    np.testing.assert_array_equal(opened.state(np.array([[0.1, 0.1], [0.6, 0.1], [1.1, 0.1]])), [1, -1, 0])
+    image_module = pytest.importorskip("PIL.Image")
+    random = np.random.default_rng(4)
+    pixels = random.choice([0, 1, 60, 64, 100, 128, 205, 254, 255], (40, 30, 4)).astype(np.uint8)
+    pixels[:10, :, 3] = 255
+    path = write_image(tmp_path, pixels, mode=mode)
+    (picture,) = path.parent.glob("*.png")
+    if kind == "LA":
+        pixels[..., 1:3] = pixels[..., :1]
+        image_module.fromarray(pixels[..., [0, 3]], "LA").save(picture)
+    elif kind == "RGB":
+        pixels[..., 3] = 255
+        image_module.fromarray(pixels[..., :3], "RGB").save(picture)
+    elif kind != "RGBA":
+        pixels[..., 1:3] = pixels[..., :1]
+        pixels[..., 3] = np.where(pixels[..., 0] == 205, 0, 255)
+        image_module.fromarray(pixels[..., 0], "L").save(picture, transparency=205)
+    row, column = np.indices(pixels.shape[:2])
+    points = np.stack([(column + 0.5) * 0.5, (len(pixels) - 1 - row + 0.5) * 0.5], axis=-1)
+    expected = [nav2_state(one.tolist(), mode, kind != "RGB") for one in pixels.reshape(-1, 4)]
+    assert len(set(expected)) == 3
+    np.testing.assert_array_equal(open_map(path).state(points.reshape(-1, 2)), expected)
+
+
+@pytest.mark.parametrize("yaw", ["1.0e-17", "-1.2e-16", "6.283185307179586"])
+def test_a_yaw_that_turns_nothing_is_harmless(tmp_path: Path, yaw: str) -> None:
+    pytest.importorskip("yaml")
+    opened = open_map(write_image(tmp_path, np.array([[0, 255]], dtype=np.uint8), origin=f"[0, 0, {yaw}]"))
+    np.testing.assert_array_equal(opened.state(np.array([[0.1, 0.1], [0.6, 0.1]])), [1, 0])
 
 
 def test_origins_between_pixels_are_kept_until_they_are_sampled(tmp_path: Path) -> None:

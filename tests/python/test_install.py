@@ -165,6 +165,47 @@ def test_without_eigen_one_line_says_what_to_install(tmp_path: Path) -> None:
     assert message.count("CMake Error") == 1
 
 
+@pytest.mark.parametrize("provides", ["a target", "FetchContent"])
+def test_eigen_that_a_project_brings_along_is_taken(tmp_path: Path, installed: Path, provides: str) -> None:
+    """With nothing installed that find_package() could find; ndtree as a folder, as an installed copy, and
+    installed together with the project."""
+    headers = run(program("pkg-config"), "--cflags-only-I", "eigen3").strip().removeprefix("-I")
+    eigen = tmp_path / "eigen"
+    eigen.mkdir()
+    (eigen / "CMakeLists.txt").write_text(
+        f"""
+        add_library(eigen INTERFACE)
+        target_include_directories(eigen SYSTEM INTERFACE "{headers}")
+        add_library(Eigen3::Eigen ALIAS eigen)
+        """
+    )
+    bring = {
+        "a target": "add_subdirectory(eigen)\nset(CMAKE_DISABLE_FIND_PACKAGE_Eigen3 ON)",
+        "FetchContent": """include(FetchContent)
+        FetchContent_Declare(Eigen3 SOURCE_DIR "${CMAKE_SOURCE_DIR}/eigen" OVERRIDE_FIND_PACKAGE)""",
+    }[provides]
+    take = {
+        "folder": f'set(NDTREE_INSTALL ON)\nadd_subdirectory("{ROOT}" ndtree)',
+        "installed": f'find_package(ndtree REQUIRED PATHS "{installed}" NO_DEFAULT_PATH)',
+    }
+    for name, line in take.items():
+        (tmp_path / "CMakeLists.txt").write_text(
+            f"""
+            cmake_minimum_required(VERSION 3.24)
+            project(consumer CXX)
+            {bring}
+            {line}
+            add_executable(header "{CONSUMER}/header.cpp")
+            target_link_libraries(header ndtree::ndtree)
+            """
+        )
+        cmake = program("cmake")
+        run(cmake, "-S", tmp_path, "-B", tmp_path / name, "-DNDTREE_BUILD_PREBUILT=OFF")
+        run(cmake, "--build", tmp_path / name, "--target", "header")
+    targets = run(cmake, "--install", tmp_path / "folder", "--prefix", tmp_path / "prefix")
+    assert "ndtreeTargets.cmake" in targets
+
+
 def test_cpack_makes_a_debian_package_of_the_headers(tmp_path: Path) -> None:
     dpkg = program("dpkg-deb")
     cmake = program("cmake")

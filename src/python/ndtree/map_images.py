@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import os
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,9 @@ _MOST_NESTED = 8
 #: Pillow reads others, too, some of them by calling programs.
 _IMAGES = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF")
 _ROWS_AT_ONCE = 256
+_WITH_ALPHA = ("RGBA", "LA", "PA", "La", "RGBa")
+#: Yaws of less turn no image by as much as a pixel [rad].
+_STRAIGHT = 1e-6
 
 
 def states_of_image(name: str) -> tuple[NDArray[np.int8], NDArray[np.float64], float]:
@@ -65,22 +69,21 @@ def states_of_image(name: str) -> tuple[NDArray[np.int8], NDArray[np.float64], f
     if len(coordinates) != 3 or None in coordinates:
         raise ValueError(f"{name}: origin: found {shown(repr(origin))}, expected [x, y, yaw]")
     x, y, yaw = coordinates
-    if yaw != 0:
+    if abs(math.remainder(yaw, math.tau)) > _STRAIGHT:
         raise ValueError(f"{name}: origin: found a yaw of {yaw:g}, expected 0: turned images are not read")
 
-    def state(values: NDArray[Any]) -> NDArray[np.int8]:
-        """Of sums of three colors."""
-        grey = values / 3.0
+    def state(grey: NDArray[np.float64]) -> NDArray[np.int8]:
+        """Of greys from 0 to 255."""
         if mode == "raw":
             share = np.where(grey <= 100, grey, np.nan) / 100.0
         else:
             share = (grey if negate else 255.0 - grey) / 255.0
-        states = np.full(values.shape, -1, dtype=np.int8)
+        states = np.full(grey.shape, -1, dtype=np.int8)
         states[share < free] = 0
         states[share > occupied] = 1
         return states
 
-    states = _pixels(os.path.join(os.path.dirname(name), image), state(np.arange(3 * 255 + 1)))
+    states = _pixels(os.path.join(os.path.dirname(name), image), state, mode)
     return states[::-1].T, np.array([x, y]), size
 
 
@@ -140,8 +143,14 @@ def _number(name: str, entries: dict[Any, Any], key: str, default: float | None 
     return number
 
 
-def _pixels(path: str, states: NDArray[np.int8]) -> NDArray[np.int8]:
-    """(rows, columns): of each pixel the state for the sum of its three colors, -1 of transparent ones."""
+def _pixels(
+    path: str, state: Callable[[NDArray[np.float64]], NDArray[np.int8]], mode: str
+) -> NDArray[np.int8]:
+    """(rows, columns) states of an image's greys, which are the means of a pixel's colors.
+
+    As nav2 has it, the opaqueness of an image that has one counts as a fourth color where `mode` is trinary;
+    where it is scale, pixels that are not opaque are unknown; where it is raw, it says nothing.
+    """
     try:
         from PIL import Image, UnidentifiedImageError
     except ImportError as error:
@@ -153,11 +162,12 @@ def _pixels(path: str, states: NDArray[np.int8]) -> NDArray[np.int8]:
                 image = Image.open(file, formats=_IMAGES)
             if image.mode in ("I", "F") or image.mode.startswith("I;"):
                 raise ValueError(f"{path}: pixels of more than 8 bits, expected 0 to 255")
-            grey = image.mode in ("1", "L")
-            if grey:
-                states = states[::3]
-            elif image.mode != "RGBA":
+            has_alpha = "transparency" in image.info or image.mode in _WITH_ALPHA
+            grey = image.mode in ("1", "L") and not has_alpha
+            if not grey and image.mode != "RGBA":
                 image = image.convert("RGBA")
+            channels = 1 if grey else 4 if has_alpha and mode == "trinary" else 3
+            states = state(np.arange(channels * 255 + 1) / channels)  # By the sum of a pixel's channels.
             columns, rows = image.size
             found = np.empty((rows, columns), dtype=np.int8)
             for first in range(0, rows, _ROWS_AT_ONCE):
@@ -166,8 +176,9 @@ def _pixels(path: str, states: NDArray[np.int8]) -> NDArray[np.int8]:
                 if grey:
                     found[first:last] = states[part.astype(np.uint8) * (255 if image.mode == "1" else 1)]
                 else:
-                    found[first:last] = states[part[..., :3].sum(axis=2, dtype=np.uint16)]
-                    found[first:last][part[..., 3] == 0] = -1
+                    found[first:last] = states[part[..., :channels].sum(axis=2, dtype=np.uint16)]
+                    if mode == "scale":
+                        found[first:last][part[..., 3] < 255] = -1
         except UnidentifiedImageError:
             raise ValueError(f"{path}: not an image, expected PGM or PNG") from None
         except Image.DecompressionBombError:

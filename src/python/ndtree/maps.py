@@ -121,7 +121,8 @@ def open_map(path: str | os.PathLike[str]) -> PlacedMap:
     Of a map in tiles, all are read into one.
 
     A pixel of an image becomes a free, an occupied or an unknown cell by the YAML file's thresholds and
-    mode, as map_server has it; transparent ones are unknown.
+    mode, as nav2's map_server has it: where an image has an alpha channel, the mode trinary takes that for a
+    fourth color, and the mode scale calls all pixels unknown that are not opaque.
 
     Raises
     ------
