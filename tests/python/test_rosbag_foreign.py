@@ -20,6 +20,7 @@ from bags import Messages, write_bag
 from ndtree.commands.flags import in_flags
 from ndtree.readers import contents, read
 from ndtree.readers.ros.beams import pitch_of
+from ndtree.readers.ros.foxglove import decoded, type_of
 
 START = 1.7e9
 POINTS = np.random.default_rng(5).uniform(1, 9, (12, 3)).astype(np.float32)
@@ -66,16 +67,18 @@ def test_rows_with_space_between_them_are_read_as_they_are_said() -> None:
 
 
 def test_empty_clouds_need_no_fields(ros2: Messages, tmp_path: Path) -> None:
-    """Between others, and first: a driver's placeholders."""
+    """Between others, and first: a driver's placeholders. One row may be said to be none."""
     content = [placed(ros2, "lidar")]
-    for number in range(4):
+    for number, size in enumerate([(0, 0), None, (1, 0), None, (1, 1), (0, 12)]):
         cloud = ros2.cloud(START + 0.1 * number, "lidar", POINTS)
-        if number % 2 == 0:
-            empty = {"height": number // 2, "width": 0, "fields": [], "point_step": 0, "row_step": 0}
-            cloud = changed(cloud, **empty, data=np.zeros(0, np.uint8))
+        if size is not None:
+            cloud = changed(cloud, height=size[0], width=size[1])
+        if size is not None and size[1] < 12:
+            empty = {"fields": [], "point_step": 0, "row_step": 0, "data": np.zeros(0, np.uint8)}
+            cloud = changed(cloud, **empty)
         content.append(("/points", START + 0.1 * number, cloud))
     log = read(write_bag(tmp_path / "bag", ros2, content), still=True)
-    assert [len(scan) for scan in log] == [0, 12, 0, 12]
+    assert [len(scan) for scan in log] == [0, 12, 0, 12, 0, 12]
 
 
 # --- Depth images -----------------------------------------------------------------------------------
@@ -389,15 +392,44 @@ def test_damaged_json_is_named(changes: dict[str, Any], said: str, tmp_path: Pat
         list(read(path, still=True))
 
 
-def test_messages_of_ros_in_json(tmp_path: Path) -> None:
-    header = {"stamp": {"sec": 5, "nanosec": 0}, "frame_id": "laser"}
+def ros_log() -> dict[str, tuple[str, dict[str, Any]]]:
+    """By topic a message of ROS with its type, in JSON: a laser, and Odometry."""
+    stamp = {"sec": 5, "nanosec": 0}
+    pose = {"position": vector(1, 2, 0), "orientation": vector(0, 0, 0, 1)}
     laser = {
-        "header": header, "angle_min": 0, "angle_max": 1, "angle_increment": 0.5, "time_increment": 0,
-        "scan_time": 0, "range_min": 0.1, "range_max": 9, "ranges": [1, None, 2], "intensities": [],
+        "header": {"stamp": stamp, "frame_id": "laser"}, "angle_min": 0, "angle_max": 1,
+        "angle_increment": 0.5, "time_increment": 0, "scan_time": 0, "range_min": 0.1, "range_max": 9,
+        "ranges": [1, None, 2],
     }  # fmt: skip
-    rows = [("/scan", name, 5.0, json.dumps(laser).encode()) for name in ("sensor_msgs/LaserScan",)]
-    (scan,) = read(mcap(tmp_path / "a.mcap", rows), still=True)
-    np.testing.assert_allclose(np.linalg.norm(scan.endpoints, axis=1), [1, np.nan, 2], atol=1e-6)
+    odometry = {
+        "header": {"stamp": stamp, "frame_id": "odom"}, "child_frame_id": "laser", "pose": {"pose": pose},
+    }  # fmt: skip
+    return {"/scan": ("sensor_msgs/LaserScan", laser), "/odom": ("nav_msgs/msg/Odometry", odometry)}
+
+
+def test_messages_of_ros_in_json(tmp_path: Path) -> None:
+    rows = [(topic, type_, 5.0, json.dumps(said).encode()) for topic, (type_, said) in ros_log().items()]
+    (scan,) = read(mcap(tmp_path / "a.mcap", rows))
+    np.testing.assert_array_equal(scan.origin, [1, 2])
+    np.testing.assert_allclose(np.linalg.norm(scan.endpoints - [1, 2], axis=1), [1, np.nan, 2], atol=1e-6)
+
+
+def test_messages_in_json_lack_no_field() -> None:
+    """Of each message, each field left out, and in its place an object, or a list of one."""
+    cases = 0
+    for type_, said in ros_log().values():
+        kind = type_of(type_)
+        assert kind is not None
+        for name in said:
+            left = {key: value for key, value in said.items() if key != name}
+            for changes in ({}, {name: {"x": []}}, {name: [{}]}):
+                with pytest.raises(ValueError, match=f"no whole {kind} in JSON"):
+                    decoded(json.dumps({**left, **changes}).encode(), kind)
+                cases += 1
+    assert cases >= 36
+    for data in (b"", b"{", b"[]", b"3", b'"a"', b"{}", b"\xff", b"[" * 100_000):
+        with pytest.raises(ValueError, match="in JSON"):
+            decoded(data, "sensor_msgs/msg/LaserScan")
 
 
 def test_types_and_topics_by_the_names_of_dds(ros2: Messages, tmp_path: Path) -> None:

@@ -71,8 +71,8 @@ class Log(ABC):
     is_raw : bool
         Whether scans are as a robot recorded them, and nobody has prepared them for mapping.
     may_be_padded : bool
-        Whether beams that end nearer than 1 mm to their sensor are padding, and become invalid. Not where the
-        unit of length is not known, nor where another log has looked at it.
+        Whether beams that end nearer than 1 mm to their sensor are padding, and become invalid; those of no
+        length are so already. Not where the unit of length is not known, nor where another log has looked.
     skipped : dict of str to Skipped
         By kind, what the last loop has passed over so far.
     """
@@ -294,8 +294,13 @@ class Log(ABC):
 
 
 def _without_padding(scan: Scan) -> Scan:
+    """The scan without padding; beams of no length stay as they are, for they are invalid already."""
     ends = without_padding(scan.endpoints, scan.origin)
-    return scan if ends is scan.endpoints else replace(scan, endpoints=ends)
+    if ends is scan.endpoints:
+        return scan
+    without_length = (scan.endpoints == scan.origin).all(axis=1)
+    ends[without_length] = scan.endpoints[without_length]
+    return replace(scan, endpoints=ends)
 
 
 class LineLog(Log):

@@ -25,8 +25,11 @@ def cloud_beams(message: Any, stamp: float) -> Beams:
     NaN is invalid, and so is padding. A message without points may be without fields, too. Where the points
     without space between rows need all bytes, `row_step` is not asked: many drivers set it wrong.
     """
-    height, width = int(message.height), int(message.width)
-    if not height or not width:
+    height, width, step = int(message.height), int(message.width), int(message.point_step)
+    data = np.asarray(message.data, dtype=np.uint8)
+    if width and not height and len(data) == width * step:  # Of one row some say that it is none.
+        height = 1
+    if not height or not width or not (len(data) or message.fields):
         return Beams(np.zeros((0, 3), dtype=np.float32))
     by_name = {field.name: field for field in message.fields}
     missing = [name for name in ("x", "y", "z") if name not in by_name]
@@ -44,8 +47,6 @@ def cloud_beams(message: Any, stamp: float) -> Beams:
             raise ValueError(f"field {name} of the cloud has type {field.datatype}, expected 1 to 8")
         formats.append(order + _FIELD_TYPES[field.datatype])
         offsets.append(int(field.offset))
-    step = int(message.point_step)
-    data = np.asarray(message.data, dtype=np.uint8)
     row_step = pitch_of(int(message.row_step), height, width * step, len(data))
     ends = [offset + np.dtype(kind).itemsize for offset, kind in zip(offsets, formats)]
     needed = (height - 1) * row_step + width * step

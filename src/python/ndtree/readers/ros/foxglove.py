@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import base64
 import json
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,8 +16,8 @@ from ndtree.readers.ros.beams import (
     COMPRESSED_IMAGE,
     IMAGE,
     LASER,
-    MULTI_ECHO_LASER,
     POINT_CLOUD,
+    RANGE,
 )
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -32,10 +33,14 @@ TYPES = {
     "foxglove.FrameTransforms": TRANSFORMS,
     "foxglove.PoseInFrame": POSE,
 }
-_PACKAGES = ("sensor_msgs/", "geometry_msgs/", "nav_msgs/", "tf2_msgs/", "tf/")
 #: Numbers of types of fields, by Foxglove and by ROS: signed and unsigned are the other way round.
 _FIELD_TYPES = {1: 2, 2: 1, 3: 4, 4: 3, 5: 6, 6: 5, 7: 7, 8: 8}
-_FLOATS = ("ranges", "D", "K", "R", "P", "d", "k", "r", "p")
+
+
+class Message(SimpleNamespace):
+    """A message, or a part of one, by the names of its fields."""
+
+    __msgtype__ = ""
 
 
 def type_of(name: str) -> str | None:
@@ -45,9 +50,7 @@ def type_of(name: str) -> str | None:
     """
     package, _, type_ = name.rpartition("/")
     ros = name if "/msg" in package else f"{package}/msg/{type_}"
-    if ros.startswith(_PACKAGES) and ros != MULTI_ECHO_LASER:  # Its echoes are lists of lists.
-        return ros
-    return TYPES.get(name)
+    return ros if ros in _FIELDS else TYPES.get(name)
 
 
 def decoded(data: bytes, type: str) -> Any:
@@ -56,10 +59,13 @@ def decoded(data: bytes, type: str) -> Any:
         found = json.loads(data)
         if not isinstance(found, dict):
             raise ValueError("expected an object")
-        message = _of_ros(found) if _is_of_ros(found) else _MAKERS[type](found)
+        if _is_of_ros(found, type):
+            message = _made(_FIELDS[type], found)
+        else:
+            message = _made(_FIELDS[type], _MAKERS[type](found))
         message.__msgtype__ = type
         return message
-    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError, RecursionError) as error:
         what = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
         raise ValueError(f"no whole {type} in JSON ({what})") from None
 
@@ -71,137 +77,172 @@ def head_of(data: bytes) -> tuple[float, str] | None:
         header = found.get("header", found)
         stamp = _time(header["stamp" if "header" in found else "timestamp"])
         return stamp.sec + 1e-9 * stamp.nanosec, str(header["frame_id"])
-    except (KeyError, TypeError, AttributeError, ValueError, RecursionError):
+    except (KeyError, TypeError, AttributeError, ValueError, OverflowError, RecursionError):
         return None
 
 
-def _is_of_ros(message: dict[str, Any]) -> bool:
+def _is_of_ros(message: dict[str, Any], type: str) -> bool:
     """Whether its fields are those of ROS."""
+    if type not in _MAKERS:
+        return True
     transforms = message.get("transforms")
     return "header" in (transforms[0] if isinstance(transforms, list) and transforms else message)
 
 
-def _of_ros(value: Any, name: str = "") -> Any:
-    if isinstance(value, dict):
-        if "sec" in value or "secs" in value:
-            return _time(value)
-        return SimpleNamespace(**{key: _of_ros(one, key) for key, one in value.items()})
-    if name == "data" and isinstance(value, (str, list)):
-        return _bytes(value)
-    if isinstance(value, list):
-        return _numbers(value) if name in _FLOATS else [_of_ros(one) for one in value]
-    if value is None:  # JSON has no NaN.
-        return float("nan")
-    return value
+def _made(fields: Any, value: Any) -> Any:
+    """A value as a table of fields says: by a function, a list of one kind, or a part with fields."""
+    if isinstance(fields, list):
+        if not isinstance(value, list):
+            raise ValueError(f"found {str(value)[:60]}, expected a list")
+        return [_made(fields[0], one) for one in value]
+    if isinstance(fields, dict):
+        return Message(**{name: _made(of, value[name]) for name, of in fields.items()})
+    return fields(value)
 
 
-def _laser(message: dict[str, Any]) -> SimpleNamespace:
-    ranges = _numbers(message["ranges"]).astype(np.float32)
-    begin, end = float(message["start_angle"]), float(message["end_angle"])
-    return SimpleNamespace(
-        header=_header(message), ranges=ranges, angle_min=begin, angle_max=end,
-        angle_increment=(end - begin) / max(len(ranges) - 1, 1), time_increment=0.0, scan_time=0.0,
-        range_min=0.0, range_max=float("inf"),
-    )  # fmt: skip
+# --- What is needed of each type --------------------------------------------------------------------
 
 
-def _cloud(message: dict[str, Any]) -> SimpleNamespace:
-    data, step = _bytes(message["data"]), int(message["point_stride"])
-    if step < 1 or len(data) % step:
-        raise ValueError(f"{len(data)} bytes, expected a multiple of point_stride = {step}")
-    fields = [
-        SimpleNamespace(
-            name=one["name"], offset=int(one["offset"]), datatype=_FIELD_TYPES.get(one["type"], 0), count=1
-        )
-        for one in message["fields"]
-    ]
-    count = len(data) // step
-    return SimpleNamespace(
-        header=_header(message), height=1, width=count, fields=fields, is_bigendian=False, point_step=step,
-        row_step=count * step, data=data,
-    )  # fmt: skip
-
-
-def _image(message: dict[str, Any]) -> SimpleNamespace:
-    return SimpleNamespace(
-        header=_header(message), height=int(message["height"]), width=int(message["width"]),
-        encoding=message["encoding"], is_bigendian=0, step=int(message["step"]), data=_bytes(message["data"]),
-    )  # fmt: skip
-
-
-def _compressed(message: dict[str, Any]) -> SimpleNamespace:
-    return SimpleNamespace(header=_header(message), format=message["format"], data=_bytes(message["data"]))
-
-
-def _camera(message: dict[str, Any]) -> SimpleNamespace:
-    size = {name: int(message[name]) for name in ("height", "width")}
-    return SimpleNamespace(
-        header=_header(message), **size, k=_numbers(message["K"]), p=_numbers(message.get("P", []))
-    )
-
-
-def _transforms(message: dict[str, Any]) -> SimpleNamespace:
-    rows = message["transforms"] if "transforms" in message else [message]
-    return SimpleNamespace(
-        transforms=[
-            SimpleNamespace(
-                header=SimpleNamespace(stamp=_time(row["timestamp"]), frame_id=row["parent_frame_id"]),
-                child_frame_id=row["child_frame_id"],
-                transform=SimpleNamespace(
-                    translation=_vector(row["translation"]), rotation=_vector(row["rotation"])
-                ),
-            )
-            for row in rows
-        ]
-    )
-
-
-def _pose(message: dict[str, Any]) -> SimpleNamespace:
-    at = message["pose"]
-    pose = SimpleNamespace(position=_vector(at["position"]), orientation=_vector(at["orientation"]))
-    header = SimpleNamespace(stamp=_time(message["timestamp"]), frame_id=message["frame_id"])
-    return SimpleNamespace(header=header, pose=pose)
-
-
-_MAKERS = {
-    LASER: _laser,
-    POINT_CLOUD: _cloud,
-    IMAGE: _image,
-    COMPRESSED_IMAGE: _compressed,
-    CAMERA_INFO: _camera,
-    TRANSFORMS: _transforms,
-    POSE: _pose,
-}
-
-
-def _header(message: dict[str, Any]) -> SimpleNamespace:
-    """Of a measurement, whose pose in its frame must change nothing: nobody says so of the beams' origin."""
-    pose = message.get("pose") or {}
-    position, turn = pose.get("position") or {}, pose.get("orientation") or {}
-    if any(position.values()) or any(turn.get(axis, 0) for axis in "xyz"):
-        raise ValueError(
-            "a pose of the sensor in its frame, expected none, but a transform to a frame of its own"
-        )
-    return SimpleNamespace(stamp=_time(message["timestamp"]), frame_id=str(message["frame_id"]))
-
-
-def _time(value: Any) -> SimpleNamespace:
+def _time(value: Any) -> Message:
     for seconds, rest in (("sec", "nsec"), ("sec", "nanosec"), ("secs", "nsecs")):
         if seconds in value and rest in value:
-            return SimpleNamespace(sec=int(value[seconds]), nanosec=int(value[rest]))
+            made = Message(sec=int(value[seconds]), nanosec=int(value[rest]))
+            if 0 <= made.sec < 1 << 33 and 0 <= made.nanosec < 1 << 33:
+                return made
     raise ValueError(f"a time {str(value)[:60]}, expected sec and nsec")
 
 
-def _vector(value: Any) -> SimpleNamespace:
-    return SimpleNamespace(**{axis: float(number) for axis, number in value.items()})
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"found {str(value)[:60]}, expected a text")
+    return value
 
 
-def _numbers(values: list[Any]) -> np.ndarray[Any, Any]:
-    """Numbers, NaN where one is null: JSON has no other word for it."""
-    return np.array([np.nan if one is None else float(one) for one in values], dtype=np.float64)
+def _number(value: Any) -> float:
+    """NaN where it is null: JSON has no other word for it."""
+    return np.nan if value is None else float(value)
+
+
+def _numbers(values: Any) -> np.ndarray[Any, Any]:
+    return np.array([_number(one) for one in values], dtype=np.float64)
 
 
 def _bytes(value: str | list[int]) -> np.ndarray[Any, Any]:
     if isinstance(value, str):
         return np.frombuffer(base64.b64decode(value, validate=True), dtype=np.uint8)
     return np.array(value, dtype=np.uint8)
+
+
+_HEADER = {"stamp": _time, "frame_id": _text}
+_VECTOR = dict.fromkeys("xyz", float)
+_TURN = dict.fromkeys("xyzw", float)
+_POSE = {"position": _VECTOR, "orientation": _TURN}
+_POSE_STAMPED = {"header": _HEADER, "pose": _POSE}
+_TRANSFORM = {
+    "header": _HEADER,
+    "child_frame_id": _text,
+    "transform": {"translation": _VECTOR, "rotation": _TURN},
+}
+_FIELDS: dict[str, dict[str, Any]] = {
+    LASER: {
+        "header": _HEADER, "angle_min": float, "angle_max": float, "angle_increment": float,
+        "time_increment": float, "scan_time": float, "range_min": _number, "range_max": _number,
+        "ranges": lambda values: _numbers(values).astype(np.float32),
+    },
+    RANGE: {"header": _HEADER, "min_range": _number, "max_range": _number, "range": _number},
+    POINT_CLOUD: {
+        "header": _HEADER, "height": int, "width": int, "is_bigendian": bool, "point_step": int,
+        "row_step": int, "data": _bytes,
+        "fields": [{"name": _text, "offset": int, "datatype": int, "count": int}],
+    },
+    IMAGE: {
+        "header": _HEADER, "height": int, "width": int, "encoding": _text, "is_bigendian": int, "step": int,
+        "data": _bytes,
+    },
+    COMPRESSED_IMAGE: {"header": _HEADER, "format": _text, "data": _bytes},
+    CAMERA_INFO: {"header": _HEADER, "height": int, "width": int, "k": _numbers, "p": _numbers},
+    TRANSFORMS: {"transforms": [_TRANSFORM]},
+    "geometry_msgs/msg/TransformStamped": _TRANSFORM,
+    POSE: _POSE_STAMPED,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": {"header": _HEADER, "pose": {"pose": _POSE}},
+    "nav_msgs/msg/Odometry": {"header": _HEADER, "child_frame_id": _text, "pose": {"pose": _POSE}},
+    "nav_msgs/msg/Path": {"header": _HEADER, "poses": [_POSE_STAMPED]},
+}  # fmt: skip
+
+
+# --- Foxglove's messages in the words of ROS --------------------------------------------------------
+
+
+def _header(message: dict[str, Any]) -> dict[str, Any]:
+    """Of a measurement, whose pose in its frame must change nothing: its beams would come from there."""
+    pose = message.get("pose") or {}
+    position, turn = pose.get("position") or {}, pose.get("orientation") or {}
+    if any(position.values()) or any(turn.get(axis, 0) for axis in "xyz"):
+        raise ValueError("a pose of the sensor in its frame, expected none, but a frame of its own")
+    return {"stamp": message["timestamp"], "frame_id": message["frame_id"]}
+
+
+def _laser(message: dict[str, Any]) -> dict[str, Any]:
+    begin, end = float(message["start_angle"]), float(message["end_angle"])
+    step = (end - begin) / max(len(message["ranges"]) - 1, 1)
+    limits = {"range_min": 0.0, "range_max": float("inf")}
+    return {
+        "header": _header(message), "ranges": message["ranges"], "angle_min": begin, "angle_max": end,
+        "angle_increment": step, "time_increment": 0.0, "scan_time": 0.0, **limits,
+    }  # fmt: skip
+
+
+def _cloud(message: dict[str, Any]) -> dict[str, Any]:
+    data, step = _bytes(message["data"]), int(message["point_stride"])
+    if step < 1 or len(data) % step:
+        raise ValueError(f"{len(data)} bytes, expected a multiple of point_stride = {step}")
+    fields = [
+        {
+            "name": one["name"],
+            "offset": one["offset"],
+            "datatype": _FIELD_TYPES.get(one["type"], 0),
+            "count": 1,
+        }
+        for one in message["fields"]
+    ]
+    return {
+        "header": _header(message), "height": 1, "width": len(data) // step, "fields": fields,
+        "is_bigendian": False, "point_step": step, "row_step": len(data), "data": message["data"],
+    }  # fmt: skip
+
+
+def _image(message: dict[str, Any]) -> dict[str, Any]:
+    return {**message, "header": _header(message), "is_bigendian": 0}
+
+
+def _camera(message: dict[str, Any]) -> dict[str, Any]:
+    return {**message, "header": _header(message), "k": message["K"], "p": message.get("P", [])}
+
+
+def _transforms(message: dict[str, Any]) -> dict[str, Any]:
+    rows = message["transforms"] if "transforms" in message else [message]
+    return {
+        "transforms": [
+            {
+                "header": {"stamp": row["timestamp"], "frame_id": row["parent_frame_id"]},
+                "child_frame_id": row["child_frame_id"],
+                "transform": row,
+            }
+            for row in rows
+        ]
+    }
+
+
+def _pose(message: dict[str, Any]) -> dict[str, Any]:
+    return {**message, "header": {"stamp": message["timestamp"], "frame_id": message["frame_id"]}}
+
+
+_MAKERS: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
+    LASER: _laser,
+    POINT_CLOUD: _cloud,
+    IMAGE: _image,
+    COMPRESSED_IMAGE: _image,
+    CAMERA_INFO: _camera,
+    TRANSFORMS: _transforms,
+    POSE: _pose,
+}
