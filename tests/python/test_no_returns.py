@@ -56,6 +56,39 @@ def test_wrong_poses_do_not_make_no_returns_wrong() -> None:
     assert found.expected > 0.05 and found.choice == "free"
 
 
+@pytest.mark.parametrize("first, last", [(0, 20), (300, 320), (100, 160)])
+@pytest.mark.parametrize("behind", [np.inf, 9.0])
+def test_what_came_and_left_contradicts_only_while_it_was_there(first: int, last: int, behind: float) -> None:
+    """A laser that stands, an object before it for some scans, and else nothing within its range."""
+    generator = np.random.default_rng(7)
+    angles = np.radians(np.arange(-90, 90))
+    way = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    scans = []
+    for i in range(320):
+        is_there = first <= i < last
+        length = np.where((np.abs(angles) < np.pi / 4) & is_there, 3 / np.cos(angles), np.inf)
+        length = np.where(np.abs(angles) > np.radians(80), behind, length)
+        returned = np.isfinite(length)
+        length = np.where(returned, length + generator.normal(0, 0.01, 180), 10.0)
+        scans.append(Scan(length[:, None] * way, np.zeros(2), returned))
+    found = judge(scans)
+    assert found.choice == "free" and found.crossing < 0.01 and "free space" in str(found)
+    lost = [  # The same object, dark enough to swallow a beam now and then while it is there.
+        Scan(s.endpoints, s.origin, s.returned & (generator.random(180) < 0.7)) for s in scans[first:last]
+    ]
+    dark = [Scan(np.where(s.returned[:, None], s.endpoints, 10 * way), s.origin, s.returned) for s in lost]
+    assert judge(dark * 4).choice == "ignore"
+
+
+def test_a_simulated_laser_that_loses_beams_is_judged_as_any_other() -> None:
+    log = ndtree.simulate("office", scans=160, no_return_rate=0.1)
+    assert first_look(log).no_returns.choice == "ignore"
+    found = ndtree.compare(log, ["fixed"], held_out=0)
+    assert found["parameters"]["no_return"] == "ignore"
+    clean = ndtree.simulate("street", scans=40, no_return_rate=0.0)
+    assert first_look(clean).no_returns.choice == "free"
+
+
 def test_few_beams_tell_nothing() -> None:
     assert judge(room(0.003, scans=20)).choice == "free"
 

@@ -497,3 +497,29 @@ def test_one_row_of_cells_is_an_image_of_bounded_size() -> None:
     one = Cells.of(beside_a_wall())
     image, _ = image_of(one, (0.0, 0.01, -1e8, 1e8))
     assert image.size <= MAX_IMAGE_CELLS
+
+
+# --- Styles -----------------------------------------------------------------------------------------
+
+
+def test_the_ros_style_has_the_colors_of_map_server(flat: Any, tmp_path: Path) -> None:
+    """Each pixel is black, 254 or 205 as the map's state there is, whatever the probability."""
+    ax = plot.occupancy(flat, style="ros")
+    image, extent = shown_image(ax)
+    states = flat.state(centres(image, extent)).reshape(image.shape)
+    drawn = ax.images[0].to_rgba(image, bytes=True)[..., :3]
+    for state, grey in ((1, 0), (0, 254), (-1, 205)):
+        assert (states == state).any() and (drawn[states == state] == grey).all()
+    legend = plot.overview(flat, style="ros").axes[0].get_legend()
+    shown = {
+        text.get_text(): round(255 * patch.get_facecolor()[0])
+        for text, patch in zip(legend.get_texts(), legend.get_patches())
+    }
+    assert shown == {"occupied": 0, "free": 254, "unknown": 205}
+    with pytest.raises(ValueError, match="style = 'rviz': must be paper or ros"):
+        plot.overview(flat, style="rviz")
+
+
+def test_titles_say_how_many_cells_of_which_sizes_in_metres(flat: Any) -> None:
+    title = plot.overview(flat).axes[0].get_title("left")
+    assert title == f"adaptive, {flat.stats().observed_leaves:,} cells of 0.05 m to 0.8 m"

@@ -75,7 +75,7 @@ def settle(
     max_range : float
         Infinite where it was not given [m].
     no_return : {"free", "ignore", "auto"}
-        With "auto" the log decides. Simulated logs mean what they say: "free".
+        With "auto" the log decides.
     with_sigma : bool
         Whether the noise of the ranges, and how far beams without return are believed, are chosen, too, where
         they were not given and the log is as a robot recorded it.
@@ -84,7 +84,7 @@ def settle(
     """
     choose_sigma = with_sigma and log.is_raw
     choose_sigma &= not {"range_sigma", "range_sigma_quadratic"} & options.keys()
-    choose_no_return = no_return == AUTO and log.knows_no_returns and log.path is not None
+    choose_no_return = no_return == AUTO and log.knows_no_returns
     if not (choose_sigma or choose_no_return):
         return Settings(options, max_range, "free" if no_return == AUTO else no_return)
     look = first_look(log, progress=progress)

@@ -42,7 +42,8 @@ def calibrate(
         Longer beams say only that the space up to there is free [m].
     no_return : str
         What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
-        "auto", of a log from a file what `ndtree.no_returns.judge` finds, else "free".
+        "auto", of a log from a file what `ndtree.no_returns.judge` finds. Of others "free": a simulation
+        loses as many beams as it was told to, and that is a rate to be found.
     min_cell_size : float, optional
         Of the map that the error rates are from [m]. Left out: the adaptive map's own default.
     limit : int, optional
@@ -90,7 +91,7 @@ def calibrate(
     if not (cell > 0 and math.isfinite(cell)):
         raise ValueError(f"min_cell_size = {cell:g} m: must be > 0 and finite")
     if no_return == AUTO:
-        no_return = believed(log, log)
+        no_return = believed(log, log) if isinstance(log, Log) and log.path is not None else "free"
     if not isinstance(log, Log):
         log = Scans(log)
     source = Source(log, limit, progress or no_progress)

@@ -15,7 +15,16 @@ from ndtree.commands.flags import Reading, map_options, reading_options
 from ndtree.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
 from ndtree.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
 from ndtree.commands.mapping import Mapped, mapped, written
-from ndtree.commands.options import Dim, GivenLogs, Json, MaxRange, NoReturnKind, NoReturnOption, Port
+from ndtree.commands.options import (
+    Dim,
+    GivenLogs,
+    Json,
+    MaxRange,
+    NoReturnKind,
+    NoReturnOption,
+    Port,
+    StyleOption,
+)
 from ndtree.commands.output import check_picture, check_target, is_stdout, write_json
 from ndtree.commands.pictures import observers_of, plotting, stay
 from ndtree.exit_status import BAD_INPUT, WrongCall
@@ -56,6 +65,7 @@ def map_(
     ] = False,
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
     picture: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Draw the map, too.")] = None,
+    style: StyleOption = None,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
     port: Port = None,
     record: Annotated[
@@ -90,6 +100,8 @@ def map_(
 
     A map in tiles may be larger than memory, and one that was killed goes on where it was.
     """
+    if style is not None and picture is None:
+        raise WrongCall("--style: is for --picture")
     wanted = _Wanted(fixed, options, dim, max_range, limit_of(max_range), no_return.value, reading)
     if len(logs) > 1 and not merge:
         alone = {"--picture": picture, "--record": record, "--watch": watch or None}
@@ -132,7 +144,7 @@ def map_(
         return
     with observers_of(watch, port, record, record_every) as observers:
         done = wanted.map(opened, read_seconds, observers)
-    written(done, output, plot, picture)
+    written(done, output, plot, picture, style)
     figures = done.figures()
     if not is_stdout(json_file):
         done.print(output, picture, record)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ndtree._core import OccupancyMap
 from ndtree.commands.figures import counted, map_figures, print_map
 from ndtree.commands.logs import made, new_map, settled, skipped, timed
+from ndtree.commands.options import PictureStyle
 from ndtree.commands.pictures import draw
 from ndtree.commands.progress import mapping_progress
 from ndtree.readers import Log
@@ -132,8 +133,14 @@ def mapped(
     return Mapped(log, target, settings, report, passage.scans, seconds, passage.read_seconds, track)
 
 
-def written(done: Mapped, output: Path, plot: Any = None, picture: Optional[Path] = None) -> None:
+def written(
+    done: Mapped,
+    output: Path,
+    plot: Any = None,
+    picture: Optional[Path] = None,
+    style: Optional[PictureStyle] = None,
+) -> None:
     """Write the map, and then its picture: where that fails, the map is there."""
     done.target.save(output)
     if plot and picture:
-        draw(plot, done.target, picture, track=done.track)
+        draw(plot, done.target, picture, track=done.track, style=style)

@@ -10,7 +10,7 @@ from typing import Any, Optional
 
 from ndtree._core import OccupancyMap
 from ndtree.commands.logs import made
-from ndtree.commands.options import CellColor
+from ndtree.commands.options import CellColor, PictureStyle
 from ndtree.commands.output import is_stdout
 from ndtree.exit_status import WrongCall
 
@@ -94,9 +94,15 @@ def draw(
     at: Optional[float] = None,
     *,
     track: Any = None,
+    style: Optional[PictureStyle] = None,
 ) -> None:
-    """Draws a map, cut at a slice if there is one; a flat one with the robot's track in the frame."""
+    """Draws a map, cut at a slice if there is one; a flat one with the robot's track in the frame.
+
+    In ROS's colors, unless its probabilities were asked for, which only the paper's grey levels show.
+    """
     more: dict[str, Any] = {} if color is None else {"color": color.value}
+    usual = PictureStyle.paper if m.dim == 2 and color is CellColor.probability else PictureStyle.ros
+    more["style"] = (style or usual).value
     if m.dim == 2:
         plot.overview(m, path, track=track, **more)
         return

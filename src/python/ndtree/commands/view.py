@@ -11,7 +11,7 @@ import typer
 from ndtree.commands.app import app, examples, reports_errors
 from ndtree.commands.flags import reading_options
 from ndtree.commands.logs import length_of, load_map
-from ndtree.commands.options import CellColor, Port
+from ndtree.commands.options import CellColor, Port, StyleOption
 from ndtree.commands.output import check_picture
 from ndtree.commands.pictures import draw, parsed_slice, plotting, suited
 from ndtree.commands.progress import progress
@@ -41,6 +41,7 @@ def view(
     png: Annotated[
         Optional[Path], typer.Option(metavar="FILE", help="Draw it into this file instead of a page.")
     ] = None,
+    style: StyleOption = None,
     free: Annotated[
         Optional[bool], typer.Option("--free/--no-free", help="Show free cells.", show_default=False)
     ] = None,
@@ -70,9 +71,11 @@ def view(
         plot = plotting()
         check_picture(plot, png, "--png")
         m = suited(load_map(map_file), color, axis)
-        draw(plot, m, png, color, axis, at)
+        draw(plot, m, png, color, axis, at, style=style)
         print(f"wrote {png}")
         return
+    if style is not None:
+        raise WrongCall("--style: is for --png")
     from ndtree.view import PORT, Look, Viewer
 
     m = suited(load_map(map_file), color, axis)

@@ -70,7 +70,7 @@ def compare(
         Longer beams say only that the space up to there is free [m].
     no_return : str
         What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
-        "auto", of a log from a file what `ndtree.no_returns.judge` finds, else "free".
+        "auto": what `ndtree.no_returns.judge` finds.
     repeat : int
         How often each map is made, in turns, for the times. Updates and cells do not depend on it.
     cell_size : float, optional

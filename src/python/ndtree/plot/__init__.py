@@ -16,7 +16,7 @@ except ImportError as error:
 
 from ndtree.plot.colors import COLORS, Coloring, coloring
 from ndtree.plot.cubes import occupied, projected
-from ndtree.plot.figures import FORMATS
+from ndtree.plot.figures import FORMATS, STYLES
 from ndtree.plot.flat import cell_sizes, cells, occupancy, slice
 from ndtree.plot.pages import overview, overview_3d, side_by_side, side_by_side_3d
 from ndtree.plot.truth import truth_against_cells, truth_by_cell_size
@@ -24,6 +24,7 @@ from ndtree.plot.truth import truth_against_cells, truth_by_cell_size
 __all__ = [
     "COLORS",
     "FORMATS",
+    "STYLES",
     "Coloring",
     "cell_sizes",
     "cells",

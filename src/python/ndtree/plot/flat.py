@@ -60,7 +60,12 @@ def cells(
 
 
 def occupancy(
-    m: OccupancyMap, ax: Axes | None = None, *, region: Region | None = None, borders: bool = False
+    m: OccupancyMap,
+    ax: Axes | None = None,
+    *,
+    region: Region | None = None,
+    borders: bool = False,
+    style: str = "paper",
 ) -> Axes:
     """Draw a 2-D map: occupied white, free black, unknown grey, as in the paper's Figs. 4b and 4c.
 
@@ -76,6 +81,9 @@ def occupancy(
         What to show [m]; left out, what was observed.
     borders : bool
         Draw the leaves' borders, too.
+    style : {"paper", "ros"}
+        "paper": occupied white, free black, unknown grey, in grey levels of the probability; "ros", as
+        map_server and RViz have it: occupied black, free white, unknown grey, by the state alone.
 
     Returns
     -------
@@ -83,7 +91,7 @@ def occupancy(
     """
     require_dim(m, 2)
     every = Cells.of(m)
-    drawn = draw_occupancy(every, axes_or_new(ax), region)
+    drawn = draw_occupancy(every, axes_or_new(ax), region, style)
     if borders:
         draw_borders(every, drawn, (*drawn.get_xlim(), *drawn.get_ylim()))
     return _named(drawn, ax)
@@ -136,6 +144,7 @@ def slice(
     *,
     region: Region | None = None,
     borders: bool = False,
+    style: str = "paper",
 ) -> Axes:
     """Draw the plane through a 3-D map where one coordinate has a value.
 
@@ -153,6 +162,8 @@ def slice(
         What to show of the other two coordinates [m]; left out, what was observed.
     borders : bool
         Draw the leaves' borders, too, but not of leaves so small that nothing else would be seen.
+    style : {"paper", "ros"}
+        As for `occupancy`.
 
     Returns
     -------
@@ -164,7 +175,7 @@ def slice(
     flat = Cells.of(m).through(held, value).along(others)
     if not flat.observed.any():
         raise ValueError(f"{'xyz'[held]} = {value:g} m: the map was not observed there")
-    ax = draw_occupancy(flat, axes_or_new(ax), region)
+    ax = draw_occupancy(flat, axes_or_new(ax), region, style)
     if borders:
         shown = (*ax.get_xlim(), *ax.get_ylim())
         span = max(shown[1] - shown[0], shown[3] - shown[2])

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from ndtree.lattice import Cells, Floats, Integers
-from ndtree.plot.figures import BORDER_COLOR, UNKNOWN, Region, framed
+from ndtree.plot.figures import BORDER_COLOR, STATE_COLORS, UNKNOWN, Region, framed, require_style
 from ndtree.regions import picture_region
 
 MAX_IMAGE_CELLS = 16_000_000
@@ -67,16 +67,26 @@ def _joined(lines: Integers) -> Integers:
     return np.stack([at[begins], start[begins], reach[ends] - line[begins] * span + start.min()], axis=1)
 
 
-def draw_occupancy(every: Cells, ax: Axes, region: Region | None) -> Axes:
+def draw_occupancy(every: Cells, ax: Axes, region: Region | None, style: str = "paper") -> Axes:
+    require_style(style)
     region = tuple(region) if region is not None else picture_region(every)
     seen = every.where(every.observed)
-    seen = replace(seen, probability=_brightness(seen.probability))
+    level = _brightness(seen.probability) if style == "paper" else 0.5 * (1 + _signs(seen))
+    seen = replace(seen, probability=level)
     image, extent = image_of(seen.inside(region), region)
-    ax.set_facecolor(str(UNKNOWN))
-    drawn = PooledImage(ax, _most_occupied, cmap="gray", norm=Normalize(0.0, 1.0), extent=extent)
+    colors = STATE_COLORS[style]
+    ax.set_facecolor(colors["unknown"])
+    in_order = [colors[state] for state in ("free", "unknown", "occupied")]
+    cmap = "gray" if style == "paper" else ListedColormap(in_order)
+    drawn = PooledImage(ax, _most_occupied, cmap=cmap, norm=Normalize(0.0, 1.0), extent=extent)
     drawn.set_data(image)
     ax.add_image(drawn)
     return framed(ax, region)
+
+
+def _signs(some: Cells) -> Floats:
+    """1 for occupied cells, -1 for free ones, 0 for those of which too little is known."""
+    return np.where(some.occupied, 1.0, np.where(some.free, -1.0, 0.0))
 
 
 class PooledImage(AxesImage):

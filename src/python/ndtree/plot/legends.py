@@ -10,11 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
-from ndtree.plot.figures import UNKNOWN
+from ndtree.plot.figures import STATE_COLORS
 
 #: A scale bar takes at most this share of the width.
 _WIDEST = 0.25
-_STATES = (("occupied", "1.0"), ("free", "0.0"), ("unknown", str(UNKNOWN)))
 
 
 def scale_bar(ax: Axes) -> Any:
@@ -61,10 +60,11 @@ def name_axes(ax: Axes, names: str = "xy") -> None:
         ax.set_ylabel(f"{names[1]} [m]")
 
 
-def explain_states(ax: Axes) -> None:
+def explain_states(ax: Axes, style: str = "paper") -> None:
     """A legend above the picture: what is white, black and grey."""
     patches = [
-        Patch(facecolor=color, edgecolor="0.4", linewidth=0.6, label=state) for state, color in _STATES
+        Patch(facecolor=color, edgecolor="0.4", linewidth=0.6, label=state)
+        for state, color in STATE_COLORS[style].items()
     ]
     ax.legend(
         handles=patches,

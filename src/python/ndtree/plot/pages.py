@@ -23,6 +23,7 @@ from ndtree.plot.figures import (
     kind_of,
     panels,
     require_dim,
+    require_style,
     shape_of,
     title_of,
     written,
@@ -89,6 +90,7 @@ def overview(
     region: Region | None = None,
     track: ArrayLike | None = None,
     color: str = "probability",
+    style: str = "paper",
     width: float = 12.0,
     dpi: float = 150.0,
 ) -> Figure:
@@ -106,6 +108,8 @@ def overview(
         Where the robot drove [m]: that is shown, too, if `region` is left out.
     color : {"probability", "size"}
         What the colors say.
+    style : {"paper", "ros"}
+        Of the occupancy, as for `occupancy`.
     width : float
         Of the picture [inches].
     dpi : float
@@ -116,8 +120,8 @@ def overview(
     matplotlib.figure.Figure
     """
     require_dim(m, 2)
-    draw = {"probability": occupancy, "size": cell_sizes}.get(color)
-    if draw is None:
+    require_style(style)
+    if color not in ("probability", "size"):
         raise ValueError(f"color = {color!r}: must be probability or size where the map is 2-D")
     every = Cells.of(m)
     shown = tuple(region) if region is not None else picture_region(every, track)
@@ -125,12 +129,16 @@ def overview(
     axes_width = width * (WITHOUT_BAR if color == "size" else 1.0)
     figure = Figure(figsize=(width, axes_width * shape + 0.6), layout="constrained")
     FigureCanvasAgg(figure)
-    ax = draw(m, figure.add_subplot(), region=shown)
+    ax = figure.add_subplot()
+    if color == "size":
+        cell_sizes(m, ax, region=shown)
+    else:
+        occupancy(m, ax, region=shown, style=style)
     ax.set_title(title_of(every, kind_of(m.refinement)), loc="left")
     name_axes(ax)
     scale_bar(ax)
     if color == "probability":
-        explain_states(ax)
+        explain_states(ax, style)
     return written(figure, path, dpi)
 
 
@@ -187,6 +195,7 @@ def overview_3d(
     cut_above: CutAbove = "auto",
     region: Region | None = None,
     color: str = "height",
+    style: str = "paper",
     slice_axis: str | int = "z",
     slice_at: float | None = None,
     width: float = 12.0,
@@ -200,6 +209,8 @@ def overview_3d(
         With ``dim`` 3.
     path, azimuth, elevation, cut_above, region, color, slice_axis, slice_at, width, dpi
         As for `side_by_side_3d`.
+    style : {"paper", "ros"}
+        Of the slice, as for `occupancy`.
 
     Returns
     -------
@@ -207,9 +218,9 @@ def overview_3d(
         With two axes, and a bar that says what the colors mean.
     """
     view = (azimuth, elevation)
-    return _draw_3d(
-        {kind_of(m.refinement): m}, view, cut_above, region, color, (slice_axis, slice_at), path, width, dpi
-    )
+    plane = (slice_axis, slice_at)
+    maps = {kind_of(m.refinement): m}
+    return _draw_3d(maps, view, cut_above, region, color, plane, path, width, dpi, style)
 
 
 def _draw_3d(
@@ -222,6 +233,7 @@ def _draw_3d(
     path: Path | None,
     width: float,
     dpi: float,
+    style: str = "paper",
 ) -> Figure:
     """A column for each map: its cubes, and below them its slice; the first map chooses what is shown."""
     for m in maps.values():
@@ -254,8 +266,8 @@ def _draw_3d(
         framed(draw_cubes(*one, above, *view, colors, pixel), corners)
         above.set_title(title_of(whole, kind))
         scale_bar(above)
-        slice(m, held, at, below, region=flat_region, borders=kind != "fixed")
+        slice(m, held, at, below, region=flat_region, borders=kind != "fixed", style=style)
         below.set_title(f"slice at {'xyz'[held]} = {at:.2f} m", loc="left")
-        explain_states(below)
+        explain_states(below, style)
     add_bar(colors.legend(), list(axes[0]), colors.label, colors.ticks, shrink=0.7)
     return written(figure, path, dpi)
