@@ -5,6 +5,7 @@
 
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
+#include "ndtree/io/coarser.hpp"
 #include "ndtree/io/dense_grid.hpp"
 #include "ndtree/io/layer_file.hpp"
 #include "ndtree/io/map_file.hpp"

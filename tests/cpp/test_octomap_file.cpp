@@ -69,9 +69,9 @@ std::vector<Vector<3>> centres(double cell_size) {
   return result;
 }
 
-TYPED_TEST(OctomapFile, ReadBackEveryCellIsWhatTheMapSaysAtItsCentre) {
+TYPED_TEST(OctomapFile, ReadBackEveryCellIsWhatTheMapSays) {
   const auto map = room<TypeParam>();
-  for (const double size : {0.1, 0.25}) {
+  for (const double size : {0.1, 0.07}) {
     std::size_t known = 0;
     const auto full = octomap_from_bytes<PaperMap<2, 3>>(octomap_bytes(map, OctomapFormat::full, size));
     const auto binary = octomap_from_bytes<PaperMap<2, 3>>(octomap_bytes(map, OctomapFormat::binary, size));
@@ -84,7 +84,7 @@ TYPED_TEST(OctomapFile, ReadBackEveryCellIsWhatTheMapSaysAtItsCentre) {
       ASSERT_EQ(state(binary, point), cell.state()) << point.transpose();
       known += cell.state() != CellState::unknown;
     }
-    EXPECT_GT(known, size == 0.1 ? 20000u : 1000u);
+    EXPECT_GT(known, 20000u);
   }
 }
 
@@ -204,7 +204,7 @@ TEST(OctomapFile, WhatLiesTooFarIsRefused) {
     EXPECT_NE(std::string(error.what()).find("16 levels end 3276.8"), std::string::npos) << error.what();
   }
   const auto coarse = octomap_from_bytes<PaperMap<2, 3>>(octomap_bytes(map, OctomapFormat::full, 0.3));
-  EXPECT_EQ(coarse.stats().observed_leaves, 0u) << "no centre of a larger cell lies in the one";
+  EXPECT_EQ(coarse.stats().observed_leaves, 1u);
   EXPECT_THROW(static_cast<void>(octomap_bytes(map, OctomapFormat::full, 0.0)), std::invalid_argument);
   EXPECT_THROW(static_cast<void>(octomap_bytes(map, OctomapFormat::full, NAN)), std::invalid_argument);
 }
@@ -298,7 +298,7 @@ std::map<std::tuple<long, long, long, long>, float> leaves_of(const OctomapBasel
 
 TYPED_TEST(OctomapFile, OctomapItselfReadsIt) {
   const auto map = room<TypeParam>();
-  for (const double size : {0.1, 0.25}) {
+  for (const double size : {0.1, 0.07}) {
     std::size_t known = 0;
     std::istringstream ot(octomap_bytes(map, OctomapFormat::full, size));
     std::istringstream bt(octomap_bytes(map, OctomapFormat::binary, size));
@@ -312,7 +312,7 @@ TYPED_TEST(OctomapFile, OctomapItselfReadsIt) {
       ASSERT_EQ(binary.log_odds(point).has_value(), cell.state() != CellState::unknown);
       known += cell.state() != CellState::unknown;
     }
-    EXPECT_GT(known, size == 0.1 ? 20000u : 1000u);
+    EXPECT_GT(known, 20000u);
     EXPECT_EQ(full.stats().leaves, full.stats().leaves_pruned) << "nothing is left to prune";
     std::ostringstream again;
     full.write_ot(again);

@@ -27,11 +27,11 @@ def centres(lower: np.ndarray, shape: tuple[int, ...], cell_size: float) -> np.n
     return lower + (indices + 0.5) * cell_size
 
 
-def test_grids_hold_what_the_map_says_at_the_centres(shape: tuple[int, int]) -> None:
+def test_grids_of_cells_no_larger_than_the_maps_hold_what_it_says_at_their_centres(shape: tuple[int, int]) -> None:
     branching, dim = shape
     m = room(dim, branching)
     lower = np.array([-2.3, -1.7, -0.4, 0.0])[:dim]
-    for cell_size, counts in ((0.1, (40, 33, 12, 2)), (0.35, (11, 9, 5, 3))):
+    for cell_size, counts in ((0.1, (40, 33, 12, 2)), (0.035, (51, 39, 15, 3))):
         upper = lower + np.array(counts[:dim]) * cell_size
         grid = m.to_grid([lower, upper], cell_size)
         assert grid.dtype == np.int8 and grid.shape == counts[:dim]

@@ -17,6 +17,7 @@
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/io/coarser.hpp"
 #include "ndtree/io/map_builder.hpp"
 #include "ndtree/tree/visit.hpp"
 
@@ -52,18 +53,29 @@ struct GridGeometry {
   }
 };
 
-/// What the map says at the centres of the grid's cells; outside the map, what it says of unknown space.
-/// O(leaves in the grid + cells).
-/// @param value_of what is stored for a cell of the map: T(const Map::Cell&).
-/// @param out grid.size() values.
-/// @throws std::invalid_argument as GridGeometry::validate().
+namespace detail {
+
+/// Calls `visit(i)` for the numbers, in a grid's array, of its cells from `first` to `last`, half-open.
+template <int D, class Visit>
+void for_each_in_grid(const GridGeometry<D>& grid, const std::array<std::size_t, std::size_t{D}>& first,
+                      const std::array<std::size_t, std::size_t{D}>& last, const Visit& visit) {
+  for (auto at = first;;) {  // Row by row along the last axis.
+    std::size_t row = 0;
+    for (std::size_t a = 0; a < D; ++a) row = row * grid.shape[a] + at[a];
+    for (std::size_t i = row; i < row + (last[D - 1] - first[D - 1]); ++i) visit(i);
+    int a = D - 2;
+    while (a >= 0 && ++at[static_cast<std::size_t>(a)] == last[static_cast<std::size_t>(a)]) {
+      at[static_cast<std::size_t>(a)] = first[static_cast<std::size_t>(a)];
+      --a;
+    }
+    if (a < 0) return;
+  }
+}
+
+/// What cells have that are no larger than the map's.
 template <class Map, class T, class ValueOf>
-void to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf& value_of, T* out) {
+void sample_at_centres(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf& value_of, T* out) {
   constexpr int D = Map::kDim;
-  grid.validate();
-  const std::size_t size = grid.size();
-  std::fill(out, out + size, value_of(typename Map::Cell{}));
-  if (size == 0) return;
   Box<D> region;
   std::array<std::vector<double>, std::size_t{D}> centres;
   for (int a = 0; a < D; ++a) {
@@ -74,7 +86,7 @@ void to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf&
   }
   for_each_leaf_in(map.tree(), region, [&](const auto& leaf) {
     const Box<D> box = map.tree().box(leaf.index);
-    std::array<std::size_t, std::size_t{D}> first, last, at;
+    std::array<std::size_t, std::size_t{D}> first, last;
     for (int a = 0; a < D; ++a) {
       const auto axis = static_cast<std::size_t>(a);
       const auto& all = centres[axis];
@@ -84,18 +96,60 @@ void to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf&
       if (first[axis] == last[axis]) return;
     }
     const T value = value_of(leaf.cell());
-    for (at = first;;) {  // Row by row along the last axis.
-      std::size_t row = 0;
-      for (std::size_t a = 0; a < D; ++a) row = row * grid.shape[a] + at[a];
-      std::fill(out + row, out + row + (last[D - 1] - first[D - 1]), value);
-      int a = D - 2;
-      while (a >= 0 && ++at[static_cast<std::size_t>(a)] == last[static_cast<std::size_t>(a)]) {
-        at[static_cast<std::size_t>(a)] = first[static_cast<std::size_t>(a)];
-        --a;
-      }
-      if (a < 0) break;
-    }
+    for_each_in_grid<D>(grid, first, last, [&](std::size_t i) { out[i] = value; });
   });
+}
+
+/// What larger cells have: of the known ones that overlap them, that with the largest log-odds.
+template <class Map, class T, class ValueOf>
+void take_largest(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf& value_of, T* out) {
+  constexpr int D = Map::kDim;
+  std::vector<float> largest(grid.size(), -std::numeric_limits<float>::infinity());
+  std::vector<CellsAlong> axes;
+  Box<D> region{grid.lower, grid.lower};
+  for (int a = 0; a < D; ++a) {
+    axes.emplace_back(map.options().min_cell_size, grid.lower[a], grid.cell_size);
+    region.upper[a] += static_cast<double>(grid.shape[static_cast<std::size_t>(a)]) * grid.cell_size;
+  }
+  for_each_leaf_in(map.tree(), region, [&](const auto& leaf) {
+    if (leaf.cell().state() == CellState::unknown) return;
+    const std::int64_t edge = map.tree().geometry().edge(leaf.index.level);
+    std::array<std::size_t, std::size_t{D}> first, last;
+    for (std::size_t a = 0; a < D; ++a) {
+      const auto cells = static_cast<std::int64_t>(grid.shape[a]);
+      const std::int64_t begin = leaf.index.lower[a];
+      first[a] = static_cast<std::size_t>(std::clamp<std::int64_t>(axes[a].first(begin), 0, cells));
+      last[a] = static_cast<std::size_t>(std::clamp<std::int64_t>(axes[a].last(begin + edge), 0, cells));
+      if (first[a] >= last[a]) return;
+    }
+    const float log_odds = leaf.cell().log_odds();
+    const T value = value_of(leaf.cell());
+    for_each_in_grid<D>(grid, first, last, [&](std::size_t i) {
+      if (log_odds <= largest[i]) return;
+      largest[i] = log_odds;
+      out[i] = value;
+    });
+  });
+}
+
+}  // namespace detail
+
+/// What the map says of the grid's cells, by the rule of coarser.hpp: at the centres of those that are no
+/// larger than the map's smallest; a larger one is as the known cell with the largest log-odds of those that
+/// overlap it. Where nothing is known, what the map says of unknown space. O(leaves in the grid + cells).
+/// @param value_of what is stored for a cell of the map: T(const Map::Cell&).
+/// @param out grid.size() values.
+/// @throws std::invalid_argument as GridGeometry::validate().
+template <class Map, class T, class ValueOf>
+void to_grid(const Map& map, const GridGeometry<Map::kDim>& grid, const ValueOf& value_of, T* out) {
+  grid.validate();
+  const std::size_t size = grid.size();
+  std::fill(out, out + size, value_of(typename Map::Cell{}));
+  if (size == 0) return;
+  if (CellsAlong(map.options().min_cell_size, 0.0, grid.cell_size).are_coarser())
+    detail::take_largest(map, grid, value_of, out);
+  else
+    detail::sample_at_centres(map, grid, value_of, out);
 }
 
 /// A map with the states of a grid's cells: free ones get log_odds_min, occupied ones log_odds_max (see

@@ -58,16 +58,15 @@ class MapBuilder {
   /// is filled twice has the second value; a log-odds of 0 is nothing known.
   /// @throws std::invalid_argument if the box is beyond what the lattice can address, MemoryLimitReached.
   void fill(const Lattice<D>& lower, const Lattice<D>& upper, float log_odds) {
-    Vector<D> first, last;
-    for (int a = 0; a < D; ++a) {
-      const auto axis = static_cast<std::size_t>(a);
-      if (upper[axis] <= lower[axis]) return;
-      first[a] = tree_.geometry().border(lower[axis]);
-      last[a] = tree_.geometry().border(upper[axis] - 1);
-    }
-    tree_.grow_to_contain(first);
-    tree_.grow_to_contain(last);
-    fill_node(tree_.root(), lower, upper, cell_of(log_odds));
+    fill_box(lower, upper, [cell = cell_of(log_odds)](const Cell&) { return cell; });
+  }
+  /// The same, but what is known already stays where its log-odds are no less.
+  void raise(const Lattice<D>& lower, const Lattice<D>& upper, float log_odds) {
+    const Cell raised = cell_of(log_odds);
+    fill_box(lower, upper, [&](const Cell& cell) {
+      const bool stays = cell.state() != CellState::unknown && cell.log_odds() >= raised.log_odds();
+      return stays ? cell : raised;
+    });
   }
 
   [[nodiscard]] Map finish() && {
@@ -101,7 +100,22 @@ class MapBuilder {
     return cell;
   }
 
-  void fill_node(const Ref& ref, const Lattice<D>& lower, const Lattice<D>& upper, const Cell& cell) {
+  template <class Changed>
+  void fill_box(const Lattice<D>& lower, const Lattice<D>& upper, const Changed& changed) {
+    Vector<D> first, last;
+    for (int a = 0; a < D; ++a) {
+      const auto axis = static_cast<std::size_t>(a);
+      if (upper[axis] <= lower[axis]) return;
+      first[a] = tree_.geometry().border(lower[axis]);
+      last[a] = tree_.geometry().border(upper[axis] - 1);
+    }
+    tree_.grow_to_contain(first);
+    tree_.grow_to_contain(last);
+    fill_node(tree_.root(), lower, upper, changed);
+  }
+  /// @param changed what a cell becomes: Cell(const Cell&).
+  template <class Changed>
+  void fill_node(const Ref& ref, const Lattice<D>& lower, const Lattice<D>& upper, const Changed& changed) {
     pace_.spend();
     const std::int64_t edge = tree_.geometry().edge(ref.index.level);
     bool inside = ref.index.level <= coarsest_;
@@ -111,15 +125,16 @@ class MapBuilder {
       inside = inside && lower[a] <= begin && begin + edge <= upper[a];
     }
     if (ref.is_leaf()) {
-      if (ref.cell() == cell) return;
+      const Cell before = ref.cell();
+      const Cell cell = changed(before);
+      if (before == cell) return;
       if (inside) {
         ref.cell() = cell;
         return;
       }
-      const Cell before = ref.cell();
       tree_.split(ref, before);
     }
-    for (int j = 0; j < Tree::kNumChildren; ++j) fill_node(tree_.child(ref, j), lower, upper, cell);
+    for (int j = 0; j < Tree::kNumChildren; ++j) fill_node(tree_.child(ref, j), lower, upper, changed);
   }
 
   /// Siblings that are leaves and alike become one, as far up as the map has observed cells; unknown space to

@@ -19,6 +19,7 @@
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/io/byte_stream.hpp"
+#include "ndtree/io/coarser.hpp"
 #include "ndtree/tree/visit.hpp"
 
 namespace ndtree {
@@ -64,39 +65,6 @@ struct MapServerImage {
   }
 };
 
-namespace detail {
-
-/// Numbers of pixels, along one axis, that overlap an interval of lattice coordinates. Sizes are decimal
-/// numbers that no double holds exactly: a ratio within 1e-9 of a whole one is taken for it.
-class PixelAxis {
- public:
-  PixelAxis(double unit, double pixel)
-      : pixels_per_unit_(whole(unit / pixel)), units_per_pixel_(whole(pixel / unit)) {}
-
-  /// First pixel that overlaps [k, ...).
-  [[nodiscard]] std::int64_t first(std::int64_t k) const {
-    return static_cast<std::int64_t>(std::floor(pixels(k)));
-  }
-  /// One behind the last that overlaps [..., k).
-  [[nodiscard]] std::int64_t last(std::int64_t k) const {
-    return static_cast<std::int64_t>(std::ceil(pixels(k)));
-  }
-  [[nodiscard]] static double whole(double ratio) {
-    const double nearest = std::round(ratio);
-    return std::abs(ratio - nearest) <= 1e-9 * std::max(1.0, std::abs(ratio)) ? nearest : ratio;
-  }
-
- private:
-  [[nodiscard]] double pixels(std::int64_t k) const {
-    return units_per_pixel_ >= 1.0 ? static_cast<double>(k) / units_per_pixel_
-                                   : static_cast<double>(k) * pixels_per_unit_;
-  }
-  double pixels_per_unit_;
-  double units_per_pixel_;
-};
-
-}  // namespace detail
-
 /// The image of a 2-D map, or of a slice through a 3-D one: a pixel is occupied if some occupied cell
 /// overlaps it, else free if some free one does, else unknown. It is as large as what is known.
 /// @throws std::invalid_argument if an option is out of bounds or does not fit the map, if nothing is known
@@ -107,8 +75,7 @@ template <class Map>
   static_assert(D == 2 || D == 3, "an image is of a 2-D map, or of a slice through a 3-D one");
   const double unit = map.options().min_cell_size;
   const double pixel = options.cell_size.value_or(unit);
-  if (!(pixel > 0.0) || !std::isfinite(pixel))
-    throw std::invalid_argument("cell_size = " + describe_number(pixel) + " m: must be > 0 and finite");
+  const CellsAlong axis(unit, 0.0, pixel);
   double bottom = -std::numeric_limits<double>::infinity();
   double top = std::numeric_limits<double>::infinity();
   if (options.height) {
@@ -116,10 +83,9 @@ template <class Map>
     if (!(options.height->first < options.height->second))
       throw std::invalid_argument("height = " + describe_number(options.height->first) + " to " +
                                   describe_number(options.height->second) + " m: must be from low to high");
-    bottom = detail::PixelAxis::whole(options.height->first / unit);
-    top = detail::PixelAxis::whole(options.height->second / unit);
+    bottom = CellsAlong::whole(options.height->first / unit);
+    top = CellsAlong::whole(options.height->second / unit);
   }
-  const detail::PixelAxis axis(unit, pixel);
   const auto& geometry = map.tree().geometry();
   // Calls visit(first x, last x, first y, last y, state) for what is known, in pixels about 0.
   const auto for_each_known = [&](const auto& visit) {

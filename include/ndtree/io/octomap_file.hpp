@@ -24,6 +24,7 @@
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/io/byte_stream.hpp"
+#include "ndtree/io/coarser.hpp"
 #include "ndtree/io/map_builder.hpp"
 #include "ndtree/tree/visit.hpp"
 
@@ -62,7 +63,8 @@ struct OctomapNode {
   std::uint32_t size = 1;     ///< Nodes of the subtree, this one included.
 };
 
-/// Asks a map for the centres of OctoMap's cells, and divides no cube in which all answers are the same.
+/// Asks a map for OctoMap's cells by the rule of coarser.hpp, and divides no cube in which all answers are
+/// the same.
 template <class Map>
 class OctomapSampler {
   using Tree = typename Map::Tree;
@@ -70,9 +72,11 @@ class OctomapSampler {
 
  public:
   OctomapSampler(const Map& map, OctomapFormat format, double cell_size)
-      : tree_(map.tree()), binary_(format == OctomapFormat::binary), cell_size_(cell_size) {
-    if (!(cell_size > 0.0) || !std::isfinite(cell_size))
-      throw std::invalid_argument("cell_size = " + describe_number(cell_size) + " m: must be > 0 and finite");
+      : tree_(map.tree()),
+        cells_(map.options().min_cell_size, 0.0, cell_size),
+        binary_(format == OctomapFormat::binary),
+        coarser_(cells_.are_coarser()),
+        cell_size_(cell_size) {
     const double reach = static_cast<double>(kOctomapZero) * cell_size;
     for_each_leaf(tree_, [&](const auto& leaf) {
       if (leaf.cell().state() == CellState::unknown) return;
@@ -115,20 +119,17 @@ class OctomapSampler {
   /// Appends the nodes of a cube, if anything in it is known. @returns whether it is.
   bool sample(const OctomapKey& key, int level) {
     pace_.spend(kSteps);
-    const std::int64_t edge = std::int64_t{1} << level;
-    Box<3> centres;
-    for (int a = 0; a < 3; ++a) {
-      const auto axis = static_cast<std::size_t>(a);
-      centres.lower[a] = centre(key[axis]);
-      centres.upper[a] = centre(key[axis] + edge - 1);
-    }
+    const Asked asked = asked_of(key, std::int64_t{1} << level);
     std::optional<float> value;
-    if (level == 0) {
-      const auto leaf = tree_.find_leaf(centres.lower);
+    if (level == 0 && coarser_) {
+      value = 0.0f;
+      take_largest(tree_.root(), asked, *value);
+    } else if (level == 0) {
+      const auto leaf = tree_.find_leaf(asked.centres.lower);
       value = leaf ? value_of(leaf->cell()) : 0.0f;
     } else {
-      if (!tree_.box(tree_.root().index).encloses(centres)) value = 0.0f;
-      if (!is_uniform(tree_.root(), centres, value)) value.reset();
+      if (!tree_.box(tree_.root().index).encloses(asked.centres)) value = 0.0f;
+      if (!is_uniform(tree_.root(), asked, value)) value.reset();
     }
     if (value) {
       if (*value == 0.0f) return false;
@@ -164,11 +165,36 @@ class OctomapSampler {
     return true;
   }
 
-  /// Whether all leaves that share a point with the closed box have one value, and that of `value` if it has
-  /// one already; else `value` becomes theirs.
-  bool is_uniform(const typename Tree::ConstRef& ref, const Box<3>& region,
-                  std::optional<float>& value) const {
-    if (!region.touches(tree_.box(ref.index))) return true;
+  /// The cells of a cube.
+  struct Asked {
+    Box<3> centres;                      ///< From the first to the last, closed [m].
+    std::array<double, 3> lower, upper;  ///< Of the cube, half-open, in the map's smallest cells.
+  };
+  [[nodiscard]] Asked asked_of(const OctomapKey& key, std::int64_t edge) const {
+    Asked asked;
+    for (std::size_t a = 0; a < 3; ++a) {
+      asked.centres.lower[static_cast<int>(a)] = centre(key[a]);
+      asked.centres.upper[static_cast<int>(a)] = centre(key[a] + edge - 1);
+      asked.lower[a] = cells_.border(key[a] - kOctomapZero);
+      asked.upper[a] = cells_.border(key[a] - kOctomapZero + edge);
+    }
+    return asked;
+  }
+  /// Whether a node says anything of what is asked.
+  [[nodiscard]] bool matters(const typename Tree::ConstRef& ref, const Asked& asked) const {
+    if (!coarser_) return asked.centres.touches(tree_.box(ref.index));
+    const std::int64_t edge = tree_.geometry().edge(ref.index.level);
+    for (std::size_t a = 0; a < 3; ++a) {
+      const std::int64_t begin = ref.index.lower[a];
+      if (static_cast<double>(begin) >= asked.upper[a] || static_cast<double>(begin + edge) <= asked.lower[a])
+        return false;
+    }
+    return true;
+  }
+  /// Whether all leaves that matter have one value, and that of `value` if it has one already; else `value`
+  /// becomes theirs.
+  bool is_uniform(const typename Tree::ConstRef& ref, const Asked& asked, std::optional<float>& value) const {
+    if (!matters(ref, asked)) return true;
     const Summary summary = Summary::of(*ref.node);
     const bool unknown = !summary.may_contain(CellState::free) && !summary.may_contain(CellState::occupied);
     if (ref.is_leaf() || unknown) {
@@ -177,12 +203,26 @@ class OctomapSampler {
       return *value == here;
     }
     for (int j = 0; j < Tree::kNumChildren; ++j)
-      if (!is_uniform(tree_.child(ref, j), region, value)) return false;
+      if (!is_uniform(tree_.child(ref, j), asked, value)) return false;
     return true;
+  }
+  /// The largest value of the leaves that matter, but for those that are unknown.
+  void take_largest(const typename Tree::ConstRef& ref, const Asked& asked, float& value) const {
+    if (!matters(ref, asked)) return;
+    const Summary summary = Summary::of(*ref.node);
+    if (!summary.may_contain(CellState::free) && !summary.may_contain(CellState::occupied)) return;
+    if (ref.is_leaf()) {
+      const float here = value_of(ref.cell());
+      if (here != 0.0f && (value == 0.0f || here > value)) value = here;
+      return;
+    }
+    for (int j = 0; j < Tree::kNumChildren; ++j) take_largest(tree_.child(ref, j), asked, value);
   }
 
   const Tree& tree_;
+  CellsAlong cells_;
   bool binary_;
+  bool coarser_;
   double cell_size_;
   std::vector<OctomapNode> nodes_;
   Pace pace_;
@@ -345,7 +385,7 @@ inline OctomapHeader read_octomap_header(std::string_view bytes) {
 
 /// A 3-D map as the bytes of an OctoMap file.
 ///
-/// A cell of OctoMap's takes what the map says at its centre. For N = 2 and the map's own min_cell_size that
+/// Cells of OctoMap's follow from the map's by the rule of coarser.hpp. With the map's own min_cell_size that
 /// is exact: cells of both have the same borders. Equal siblings are joined, so that leaves of every size
 /// stay as large as they are, or become larger. Unknown space, and a log-odds of exactly 0, has no node.
 /// @param cell_size OctoMap's resolution [m]; the map's min_cell_size if left out.

@@ -116,8 +116,10 @@ void bind_exports(py::module_& module) {
       .def("to_grid", &grid_of, "box"_a, "cell_size"_a = py::none(), py::kw_only(), "values"_a = "state",
            R"(A part of the map as a dense array.
 
-Entry [i, j, ...] is what the map says at the centre of the cell from lower + (i, j, ...) * cell_size to
-lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z.
+Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to
+lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is
+what it says at the cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell
+overlaps it, else free if some free one does, else unknown, and has the largest log-odds of those known cells.
 
 Parameters
 ----------
@@ -204,8 +206,8 @@ Returns
           },
           "path"_a, py::kw_only(), "cell_size"_a = py::none(), R"(Write an OctoMap file of a 3-D map.
 
-A cell of OctoMap's takes what the map says at its centre; with branching 2 and the map's own cell size that is
-exact. Unknown space stays unknown. The file appears whole or not at all.
+With the map's own cell size that is exact; other cells follow from the map's as in to_grid(), so that thin
+walls stay. Unknown space stays unknown. The file appears whole or not at all.
 
 Parameters
 ----------

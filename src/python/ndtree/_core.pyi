@@ -543,8 +543,10 @@ class OccupancyMap:
     ) -> NDArray[np.int8]:
         """A part of the map as a dense array.
 
-        Entry [i, j, ...] is what the map says at the centre of the cell from lower + (i, j, ...) * cell_size to
-        lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z.
+        Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to lower + (i + 1, j +
+        1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is what it says at the
+        cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell overlaps it, else
+        free if some free one does, else unknown, and has the largest log-odds of those known cells.
 
         Parameters
         ----------
@@ -572,8 +574,10 @@ class OccupancyMap:
     ) -> NDArray[np.float32]:
         """A part of the map as a dense array.
 
-        Entry [i, j, ...] is what the map says at the centre of the cell from lower + (i, j, ...) * cell_size to
-        lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z.
+        Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to lower + (i + 1, j +
+        1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is what it says at the
+        cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell overlaps it, else
+        free if some free one does, else unknown, and has the largest log-odds of those known cells.
 
         Parameters
         ----------
@@ -934,8 +938,8 @@ class OccupancyMap:
     def save_octomap(self, path: str | os.PathLike[str], *, cell_size: float | None = None) -> None:
         """Write an OctoMap file of a 3-D map.
 
-        A cell of OctoMap's takes what the map says at its centre; with branching 2 and the map's own cell size that is
-        exact. Unknown space stays unknown. The file appears whole or not at all.
+        With the map's own cell size that is exact; other cells follow from the map's as in to_grid(), so that thin
+        walls stay. Unknown space stays unknown. The file appears whole or not at all.
 
         Parameters
         ----------

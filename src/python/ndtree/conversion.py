@@ -38,9 +38,8 @@ def convert(
         One of "ndtree", "octomap", "map_server", "rosbag", "ply", "pcd", "gltf", "vtk", "leaves" and "grid",
         where the ending does not say.
     cell_size : float, optional
-        Of OctoMap's files, images, Octomaps and grids [m]; left out, the map's smallest cells. Larger cells
-        are sampled at their centre, so that thin surfaces may be lost; but an image's pixels are occupied if
-        some occupied cell overlaps them.
+        Of OctoMap's files, images, Octomaps and grids [m]; left out, the map's smallest cells. A larger cell
+        is occupied if some occupied cell overlaps it, else free if some free one does, else unknown.
     height : (low, high), optional
         Of an image or an OccupancyGrid of a 3-D map: only cells that overlap low <= z < high [m].
     states : sequence of {"occupied", "free", "frontier"}, optional
