@@ -14,7 +14,7 @@ import pytest
 
 import ndtree
 from ndtree.readers import read
-from ndtree.readers.folder import number_in, stamp_in
+from ndtree.readers.folder import number_in, stamp_in, stamps_in
 
 pypcd4 = pytest.importorskip("pypcd4", reason="no pypcd4: no PCD can be written")
 laspy = pytest.importorskip("laspy", reason="no laspy: no LAS can be written")
@@ -335,6 +335,54 @@ def test_names_say_numbers_and_times() -> None:
         None,
         None,
     ]
+
+
+NAMED = {
+    "seconds and nanoseconds": (["a_1583836592_182590976", "a_1583836591_9825909"], [592.182591, 591.009826]),
+    "without zeros in front": (["1583836591_82590976", "1583836591_182590976"], [591.0825909, 591.1825909]),
+    "a simulator's clock": (["c-12-500000000", "c-3-000000000"], [12.5 - 1583836000, 3 - 1583836000]),
+    "microseconds": (["a_1583836591_500000", "a_1583836591_000000"], [591.5, 591]),
+    "milliseconds": (["1583836591500"], [591.5]),
+    "behind a word": (["scan_1583836591.25", "scan_1583836590.75"], [591.25, 590.75]),
+    "nanoseconds behind a word": (["scan_1583836591250000000"], [591.25]),
+    "numbers": (["run_12_345", "run_13_000000001"], None),
+    "numbers with zeros": (["seq_00_000000001", "seq_00_000000123"], None),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", NAMED)
+def test_names_of_a_folder_tell_times(case: str) -> None:
+    names, expected = NAMED[case]
+    found = stamps_in(names)
+    if expected is None:
+        assert found == [None] * len(names)
+    else:
+        np.testing.assert_allclose(np.array(found) - 1583836000, expected, atol=1e-6)
+
+
+def test_seconds_and_a_number_of_unknown_unit_are_refused() -> None:
+    with pytest.raises(
+        ValueError, match=r"a_1583836591_12: a name of seconds and a number of 3 digits or fewer"
+    ):
+        stamps_in(["a_1583836591_12", "a_1583836591_123"])
+
+
+def test_clouds_named_by_seconds_and_nanoseconds_come_in_their_order(tmp_path: Path) -> None:
+    """The nanoseconds of the later scans are the smaller ones."""
+    names = ["cloud_1583836591_182590976", "cloud_1583836591_982590976", "cloud_1583836592_082590976"]
+    stamps = [1583836591.182590976, 1583836591.982590976, 1583836592.082590976]
+    for i, name in enumerate(names):
+        BINARY(tmp_path / name, cloud(i))
+        with_viewpoint(tmp_path / f"{name}.pcd", pose_matrix(i))
+    scans = check(read(tmp_path), [0, 1, 2])
+    assert [scan.stamp for scan in scans] == stamps
+    (tmp_path / "poses.tum").write_text(tum_lines(stamps))
+    check(read(tmp_path), [0, 1, 2])
+    (tmp_path / "poses.tum").unlink()
+    rows = [line.split() for line in tum_lines(stamps).splitlines()[1:]]
+    lines = [",".join([*name.split("_")[1:], *row[1:]]) for name, row in zip(names, rows)]
+    (tmp_path / "poses.csv").write_text("#sec,nsec,x,y,z,qx,qy,qz,qw\n" + "\n".join(lines) + "\n")
+    check(read(tmp_path), [0, 1, 2])
 
 
 # --- KITTI ------------------------------------------------------------------------------------------

@@ -54,6 +54,17 @@ def test_carmen_plain_and_packed_are_the_same(tmp_path: Path) -> None:
         assert scans[0].stamp == 12.5
 
 
+@pytest.mark.parametrize(
+    "first", ["ROBOTSTATE 1 2 3 host 4\nMESSAGE hello\n", "my log\n", "1 2 3\n", "\ufeff"]
+)
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_carmen_is_recognised_behind_lines_of_others(first: str, end: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_bytes(f"{first}{FLASER}\n{FLASER}\n".replace("\n", end).encode())
+    log = read(path)
+    assert (log.format, len(list(log))) == ("carmen", 2)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_text_has_the_scans_of_npz(tmp_path: Path, dim: int) -> None:
     content = arrays(dim)

@@ -11,7 +11,7 @@ import pytest
 
 from ndtree.readers.pose import Pose, matrices_of, quaternions_of
 from ndtree.readers.trajectory import STAMP_TOLERANCE, Trajectory
-from ndtree.readers.trajectory_files import read_trajectory
+from ndtree.readers.trajectory_files import read_trajectory, trajectory_kind
 
 spatial = pytest.importorskip("scipy.spatial.transform")
 
@@ -96,7 +96,88 @@ def test_files_of_tum_and_kitti_say_the_same(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_trajectory(kitti).stamps, np.arange(40))
 
 
+POSE = {"t": 1.6e9, "x": 1.5, "y": -2.5, "z": 3.5, "qx": 0.1, "qy": -0.3, "qz": 0.3, "qw": 0.9, "-": 77.0}
+#: A header, what its columns are, and how many of its unit are a second.
+HEADERS = {
+    "w first": ("# t,x,y,z,qw,qx,qy,qz", "t x y z qw qx qy qz", 1),
+    "EuRoC": (
+        "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], "
+        "v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], b_a_RS_S_x [m s^-2]",
+        "t x y z qw qx qy qz - - - - -",
+        10**9,
+    ),
+    "TUM VI": (
+        "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x, q_RS_y, q_RS_z",
+        "t x y z qw qx qy qz",
+        10**9,
+    ),
+    "no comment": ("timestamp tx ty tz qx qy qz qw", "t x y z qx qy qz qw", 1),
+    "time last": ("qw;qx;qy;qz;px;py;pz;time_us", "qw qx qy qz x y z t", 10**6),
+    "a number first": ("# num timestamp(ms) tx ty tz qw qx qy qz", "- t x y z qw qx qy qz", 10**3),
+    "units behind blanks": ("# Time (s)  X (m)  Y (m)  Z (m)  QW  QX  QY  QZ", "t x y z qw qx qy qz", 1),
+    "bare names": ("time,tx,ty,tz,w,x,y,z", "t x y z qw qx qy qz", 1),
+    "behind a colon": ("# columns: t z y x qw qz qy qx", "t z y x qw qz qy qx", 1),
+    "words": ("stamp,position.x,position.y,position.z,quat.x,quat.y,quat.z,quat.w", "t x y z qx qy qz qw", 1),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+@pytest.mark.parametrize("case", HEADERS)
+def test_a_header_says_the_order_of_columns_and_the_unit(
+    case: str, mark: bytes, end: str, tmp_path: Path
+) -> None:
+    header, columns, per_second = HEADERS[case]
+    by = "," if "," in header else ";" if ";" in header else " "
+    lines = [header, "# another comment"]
+    for i in range(5):
+        values = {
+            **POSE,
+            "t": round((POSE["t"] + i / 8) * per_second) if per_second > 1 else POSE["t"] + i / 8,
+        }
+        lines.append(by.join(repr(values[name]) for name in columns.split()))
+    path = tmp_path / "poses.csv"
+    path.write_bytes(mark + (end.join(lines) + end).encode())
+    found = read_trajectory(path)
+    assert trajectory_kind(path) == "tum"
+    np.testing.assert_allclose(found.stamps, 1.6e9 + np.arange(5) / 8, atol=1e-6, rtol=0)
+    np.testing.assert_array_equal(found.positions, np.tile([1.5, -2.5, 3.5], (5, 1)))
+    wanted = np.array([0.1, -0.3, 0.3, 0.9])
+    np.testing.assert_allclose(found.quaternions[0], wanted, atol=1e-12)
+
+
+def test_words_in_other_columns_are_passed_over(tmp_path: Path) -> None:
+    """As `rostopic echo -p` writes poses."""
+    path = tmp_path / "poses.csv"
+    at, turn = "field.pose.position", "field.pose.orientation"
+    path.write_text(
+        f"%time,field.header.seq,field.header.stamp,field.header.frame_id,{at}.x,{at}.y,{at}.z,"
+        f"{turn}.x,{turn}.y,{turn}.z,{turn}.w\n1600000009000000000,7,1600000000500000000,map,1,2,3,0,0,0,1\n"
+    )
+    found = read_trajectory(path)
+    assert found.stamps.tolist() == [1600000000.5] and found.positions.tolist() == [[1, 2, 3]]
+
+
+@pytest.mark.parametrize("per_second", [1, 10**3, 10**6, 10**9])
+def test_stamps_since_1970_need_no_unit(per_second: int, tmp_path: Path) -> None:
+    path = tmp_path / "poses.txt"
+    path.write_text("".join(f"{1600000000 * per_second + i * per_second} 0 0 0 0 0 0 1\n" for i in range(4)))
+    assert read_trajectory(path).stamps.tolist() == [1.6e9, 1.6e9 + 1, 1.6e9 + 2, 1.6e9 + 3]
+
+
 BROKEN = {
+    "nanoseconds of nobody knows when": (
+        "0 0 0 0 0 0 0 1\n100000000 0 0 0 0 0 0 1\n200000000 0 0 0 0 0 0 1\n",
+        r"poses are 1e\+08 apart at times around 1e\+08, expected seconds, or a first line",
+    ),
+    "a header with more columns": (
+        "# t,x,y,z,qw,qx,qy,qz\n1,0,0,0,1,0,0\n",
+        "line 2: found 7 numbers, expected 8 as the header names columns",
+    ),
+    "a header half understood": (
+        "# when,x,y,z,qw,qx,qy,qz\n1,0,0,0,1,0,0,0\n",
+        "line 1: the header names qw before qx, but not one time, x y z and",
+    ),
     "empty": ("# nothing\n\n", "no poses, expected 8 numbers a line"),
     "seven columns": ("0 0 0 0 0 0 1\n", "line 1: found 7 numbers, expected 8 numbers a line"),
     "a shorter line": (

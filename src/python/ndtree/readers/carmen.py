@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from ndtree import _core
@@ -11,11 +12,15 @@ from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.text import first_fields
 from ndtree.scan import Scan
 
-#: Records of the format; lines that start otherwise make a file something else.
+#: Records of the format.
 KEYWORDS = frozenset(
     "PARAM SYNC ODOM RAWLASER1 RAWLASER2 RAWLASER3 RAWLASER4 ROBOTLASER1 ROBOTLASER2 FLASER RLASER "
     "LASER3 LASER4 LASER5 REMISSIONFLASER REMISSIONRLASER TRUEPOS GLOBALPOS NMEA-GGA NMEA-RMC "
     "NMEAGGA NMEARMC SONAR BUMPER IMU".split()
+)
+#: What makes a file one whose first lines are records that nobody has heard of.
+_LASER_RECORD = re.compile(
+    rb"^(?:FLASER[ \t]+\d+(?:[ \t]+[-+0-9.einfa]+)+|ROBOTLASER1(?:[ \t]+[-+0-9.einfa]+){8,})", re.MULTILINE
 )
 
 
@@ -46,7 +51,9 @@ class CarmenLog(LineLog):
 
 def _recognises(source: Source) -> bool:
     fields = first_fields(source)
-    return bool(fields) and fields[0] in KEYWORDS
+    if not fields:
+        return False
+    return fields[0] in KEYWORDS or _LASER_RECORD.search(source.head) is not None
 
 
 def _open(source: Source, *, dim: int | None = None) -> CarmenLog:

@@ -103,7 +103,7 @@ class PosesOfFiles:
 
     Of a KITTI trajectory (a pose a line), the pose on the line of the number at the end of the file's name,
     from 0. Of a TUM trajectory (poses with times), the pose at the file's time, which is its whole name
-    (seconds with a point, or 16 digits of microseconds, or 19 of nanoseconds), or the time on the line of its
+    (see `stamps_in`), or the time on the line of its
     number. Files without a number are counted in their order, and there must be a line for each.
 
     Parameters
@@ -126,9 +126,9 @@ class PosesOfFiles:
         self._times_path = times
         self._time_offset = time_offset
         stems = [stem_of(file) for file in files]
-        stamps = [stamp_in(stem) for stem in stems]
+        stamps = stamps_in(stems)
         self._stamps = [stamp for stamp in stamps if stamp is not None]
-        self._named_by_stamps = len(self._stamps) == len(files)
+        self._named_by_stamps = len(self._stamps) == len(files) > 0
         numbers = [number_in(stem) for stem in stems]
         known = [number for number in numbers if number is not None]
         self._numbered = len(known) == len(files) and not self._named_by_stamps
@@ -189,10 +189,49 @@ def number_in(stem: str) -> int | None:
     return int(found.group()) if found else None
 
 
+def stamps_in(stems: Sequence[str]) -> list[float | None]:
+    """The times that the names of a folder's files are or end in [s]; None where a name has none.
+
+    Seconds with a point, or 13 digits of milliseconds, 16 of microseconds, 19 of nanoseconds, each behind
+    a word or not; or seconds and nanoseconds as in ``cloud_1583836591_182590976``. Nanoseconds may lack
+    leading zeros.
+
+    Raises
+    ------
+    ValueError
+        If names end in seconds since 1970 and another number that is too short for nanoseconds in all.
+    """
+    stamps = [stamp_in(stem) for stem in stems]
+    if None not in stamps:
+        return stamps
+    pairs = [re.fullmatch(r"(?:.*[^0-9])?(\d{1,10})[_-](\d{1,9})", stem) for stem in stems]
+    found = [pair for pair in pairs if pair]
+    are_epoch = [len(pair.group(1)) == 10 for pair in found]
+    if not found or len(found) < len(stems):
+        return stamps
+    digits = {len(pair.group(2)) for pair in found}
+    if max(digits) < 7:
+        if not all(are_epoch):
+            return stamps
+        if digits not in ({3}, {6}):
+            raise ValueError(
+                f"{stems[0]}: a name of seconds and a number of {max(digits)} digits or fewer, expected "
+                "milliseconds (3), microseconds (6) or nanoseconds (up to 9)"
+            )
+    elif not all(are_epoch) and (max(digits) != 9 or max(int(pair.group(2)) for pair in found) < 10**7):
+        return stamps  # Numbers with many zeros in front.
+    per_second = 10 ** (max(digits) if digits in ({3}, {6}) else 9)
+    return [int(pair.group(1)) + int(pair.group(2)) / per_second for pair in found]
+
+
 def stamp_in(stem: str) -> float | None:
-    """The time that a name is [s]."""
+    """The time that a name alone tells [s]."""
     if re.fullmatch(r"\d+\.\d+", stem):
         return float(stem)
-    if re.fullmatch(r"\d{16}|\d{19}", stem):
-        return int(stem) / (10**6 if len(stem) == 16 else 10**9)
+    behind_word = re.fullmatch(r"(?:.*[^0-9.])?(\d{9,10}\.\d+)", stem)
+    if behind_word:
+        return float(behind_word.group(1))
+    count = re.fullmatch(r"(?:.*[^0-9])?(\d{13}|\d{16}|\d{19})", stem)
+    if count:
+        return int(count.group(1)) / 10 ** (len(count.group(1)) - 10)
     return None

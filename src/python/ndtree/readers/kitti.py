@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +25,9 @@ TIMES = "times.txt"
 
 class KittiLog(FolderLog):
     """``velodyne/000000.bin`` and so on (float32 x y z intensity), with ``times.txt`` if it is there.
+
+    Other data sets have such folders with a ring, a time or both behind the intensity: whether a point has
+    3 to 6 numbers is told from the content (`floats_a_point`).
 
     ``poses.txt`` has the poses of the camera, and ``calib.txt`` where the Velodyne sits beside it (``Tr``,
     from the Velodyne to the camera); the map's frame is where the Velodyne would be at the pose that changes
@@ -66,12 +70,87 @@ class KittiLog(FolderLog):
         path = self._files[i]
         with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size
-            if size % 16:
-                raise ValueError(f"{path}: {size} bytes, expected a multiple of 16 (float32 x y z intensity)")
-            return np.fromfile(file, dtype="<f4").reshape(-1, 4)[:, :3]
+            width = self._width
+            if size % (4 * width):
+                raise ValueError(
+                    f"{path}: {size} bytes, expected a multiple of {4 * width} (float32 {_WIDTHS[width]})"
+                )
+            return np.fromfile(file, dtype="<f4").reshape(-1, width)[:, :3]
+
+    @cached_property
+    def _width(self) -> int:
+        """How many numbers a point has, in all files."""
+        width = floats_a_point(self._files)
+        if width != 4:
+            self.notes.append(f"{width} numbers a point in {SCANS}, as the content tells: {_WIDTHS[width]}")
+        return width
 
     def _stamp(self, i: int) -> float:
         return self._poses.stamp(i)
+
+
+def floats_a_point(files: Sequence[str]) -> int:
+    """How many float32 a point has, told from files of one kind: 4 where nothing speaks against it.
+
+    With the right number, each column is one quantity; with another one, columns mix coordinates, intensity
+    and rings, and spread more. Compared is the mean logarithm of the columns' standard deviations.
+
+    Raises
+    ------
+    ValueError
+        If another number than 4 fits better, though not clearly.
+    """
+    samples, sizes, path = [], [], files[0]
+    for path in _spread_out(files):
+        with open_regular(path) as file:
+            sizes.append(os.fstat(file.fileno()).st_size)
+            part = np.fromfile(file, dtype="<f4", count=_SAMPLE)
+        if len(part) >= _FEWEST:
+            samples.append(np.clip(np.nan_to_num(part.astype(np.float64), posinf=0.0, neginf=0.0), -1e4, 1e4))
+    if not samples:
+        return 4
+    spreads = {width: float(np.mean([_spread(one, width) for one in samples])) for width in _WIDTHS}
+    best = min(spreads, key=lambda width: spreads[width])
+    if best == 6 and spreads[3] - spreads[6] <= _CLEARLY:
+        best = 3  # Every second point of the same is as good.
+    gain = spreads[4] - spreads[best]
+    if gain <= 0.0:
+        return 4
+    if gain > _CLEARLY:
+        return best
+    fitting = [width for width in _WIDTHS if not any(size % (4 * width) for size in sizes)]
+    if 4 in fitting and gain < _CLEARLY / 4:
+        return 4
+    if fitting == [best]:
+        return best
+    raise ValueError(
+        f"{path}: cannot tell whether points have 4 or {best} numbers, expected float32 {_WIDTHS[4]}"
+    )
+
+
+#: What the numbers of a point are.
+_WIDTHS = {
+    3: "x y z",
+    4: "x y z intensity",
+    5: "x y z intensity and one more",
+    6: "x y z intensity and two more",
+}
+#: Numbers that are looked at in a file, and how many there must be.
+_SAMPLE, _FEWEST = 60_000, 60
+#: Mean logarithm by which columns spread less with the right number.
+_CLEARLY = 0.1
+
+
+def _spread_out(files: Sequence[str], count: int = 5) -> list[str]:
+    """Up to so many files, from the first to the last."""
+    return [files[i] for i in sorted({round(i * (len(files) - 1) / (count - 1)) for i in range(count)})]
+
+
+def _spread(sample: NDArray[np.float64], width: int) -> float:
+    """Mean logarithm of the columns' standard deviations; that of a constant one is 0.001 of the sample's."""
+    table = sample[: len(sample) // width * width].reshape(-1, width)
+    floor = max(1e-3 * float(sample.std()), 1e-12)
+    return float(np.log(np.maximum(table.std(axis=0), floor)).mean())
 
 
 def _poses_of(source: Source) -> str:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import bz2
+import codecs
 import gzip
 import io
 import os
@@ -68,9 +69,10 @@ def _opened(path: str, flags: int) -> int:
 class PlainFile:
     """Content of a file, unpacked on the way.
 
-    Iterating gives its lines, each with its end. Reading stops with a ValueError that names file and line
-    where the file is damaged, where a line is longer than `LINE_BYTES`, and where it unpacks to more than any
-    log does: beyond `FREE_BYTES`, `MOST_PACKED` for each byte that is packed.
+    Iterating gives its lines, each with its end, the first without a byte order mark. Reading stops with a
+    ValueError that names file and line where the file is damaged, where a line is longer than `LINE_BYTES`,
+    and where it unpacks to more than any log does: beyond `FREE_BYTES`, `MOST_PACKED` for each byte that is
+    packed.
 
     Attributes
     ----------
@@ -110,6 +112,8 @@ class PlainFile:
             if not line:
                 return
             self.line += 1
+            if self.line == 1 and line.startswith(codecs.BOM_UTF8):
+                line = line[len(codecs.BOM_UTF8) :] or b"\n"
             if len(line) > LINE_BYTES:
                 raise ValueError(
                     f"{self.path}: line {self.line}: longer than {LINE_BYTES >> 20} MiB, expected text"

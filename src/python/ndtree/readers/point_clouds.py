@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.readers.cloud_files import kind_of_file, kind_of_name, pcd_viewpoint, points_of_file
-from ndtree.readers.folder import TIME_OFFSET, FolderLog, PosesOfFiles, number_in, stamp_in, stem_of
+from ndtree.readers.folder import TIME_OFFSET, FolderLog, PosesOfFiles, number_in, stamps_in, stem_of
 from ndtree.readers.padding import without_zeros
 from ndtree.readers.pose import Pose
 from ndtree.readers.source import Format, ReaderOption, Source, require_dim
@@ -64,13 +64,14 @@ class PointCloudLog(FolderLog):
             raise ValueError(f"points_in = {points_in!r}: must be one of {', '.join(FRAMES)}")
         self._points_in = points_in
         if source.is_folder:
-            names = sorted((name for name in source.names if kind_of_name(name)), key=_in_order)
+            names = _in_order([name for name in source.names if kind_of_name(name)])
             super().__init__(source.path, [source.inside(name) for name in names])
             _require_one_kind(source.path, names)
             neighbours = source.names
         else:
             super().__init__(source.path, [source.path])
             neighbours = tuple(os.listdir(os.path.dirname(source.path) or "."))
+        self._stamps = stamps_in([stem_of(file) for file in self._files])
         folder = source.path if source.is_folder else os.path.dirname(source.path)
         self._beside: list[str | None] = [None] * len(self._files)
         self._trajectory: PosesOfFiles | None = None
@@ -118,16 +119,20 @@ class PointCloudLog(FolderLog):
         return points_of_file(self._files[i])
 
     def _stamp(self, i: int) -> float:
-        return self._trajectory.stamp(i) if self._trajectory else stamp_in(stem_of(self._files[i])) or 0.0
+        return self._trajectory.stamp(i) if self._trajectory else self._stamps[i] or 0.0
 
     def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
         return T_map_sensor.apply(points) if self._points_in == "sensor" else without_zeros(points)
 
 
-def _in_order(name: str) -> tuple[float, str]:
-    stem = stem_of(name)
-    stamp = stamp_in(stem)
-    return (stamp if stamp is not None else float(number_in(stem) or 0), name)
+def _in_order(names: list[str]) -> list[str]:
+    """Names by the times that they are, else by their numbers."""
+    stems = [stem_of(name) for name in names]
+    keys = [
+        (stamp if stamp is not None else float(number_in(stem) or 0), name)
+        for stamp, stem, name in zip(stamps_in(stems), stems, names)
+    ]
+    return [name for _, name in sorted(keys)]
 
 
 def _require_one_kind(path: str, names: list[str]) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,8 +27,8 @@ class Source:
     path : str
         Its name as it was given.
     head : bytes
-        The first 256 KiB of a file, unpacked by gzip, cut at the end of a line where there is more; empty
-        for a folder.
+        The first 256 KiB of a file, unpacked by gzip, without a byte order mark, cut at the end of a line
+        where there is more; empty for a folder.
     names : tuple of str
         Names of a folder's entries, sorted; empty for a file.
     is_folder : bool
@@ -119,6 +120,7 @@ def _head(path: str, expected: str) -> bytes:
     if len(head) == HEAD_BYTES or damage:
         whole = head[: head.rfind(b"\n") + 1]
         head = whole if damage else whole or head
+    head = head.removeprefix(codecs.BOM_UTF8)
     if damage and not (damage.is_cut_off and head):  # What there is may still tell the format.
         what = "cut off" if damage.is_cut_off else "damaged"
         raise ValueError(f"{path}: the {damage.kind} stream is {what}, expected {expected}")
