@@ -13,6 +13,7 @@ from ndtree.readers.failures import one_line
 from ndtree.readers.folder import TIME_OFFSET, FolderLog, PosesOfFiles
 from ndtree.readers.plain_file import open_regular, text_lines
 from ndtree.readers.pose import Pose
+from ndtree.readers.row_length import row_lengths
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.trajectory_files import TRAJECTORY
 
@@ -20,10 +21,15 @@ SCANS = "velodyne"
 CALIBRATION = "calib.txt"
 POSES = "poses.txt"
 TIMES = "times.txt"
+#: Numbers of a file that tell how many a point has.
+_LOOKED_AT = 840 * 1000
 
 
 class KittiLog(FolderLog):
     """``velodyne/000000.bin`` and so on (float32 x y z intensity), with ``times.txt`` if it is there.
+
+    Points of other lengths, as those of nuScenes (x y z intensity ring), are told from the numbers; what is
+    behind x y z is not used.
 
     ``poses.txt`` has the poses of the camera, and ``calib.txt`` where the Velodyne sits beside it (``Tr``,
     from the Velodyne to the camera); the map's frame is where the Velodyne would be at the pose that changes
@@ -62,15 +68,51 @@ class KittiLog(FolderLog):
         return T_camera_velodyne.inverse() @ self._poses.pose(i) @ T_camera_velodyne
 
     def _points(self, i: int) -> NDArray[np.floating]:
-        path = self._files[i]
+        path, length = self._files[i], self._floats_a_point
         with open_regular(path) as file:
             size = os.fstat(file.fileno()).st_size
-            if size % 16:
-                raise ValueError(f"{path}: {size} bytes, expected a multiple of 16 (float32 x y z intensity)")
-            return np.fromfile(file, dtype="<f4").reshape(-1, 4)[:, :3]
+            if size % (4 * length):
+                columns = "x y z intensity" if length == 4 else f"{length} numbers a point"
+                raise ValueError(
+                    f"{path}: {size} bytes, expected a multiple of {4 * length} (float32 {columns})"
+                )
+            return np.fromfile(file, dtype="<f4").reshape(-1, length)[:, :3]
+
+    @cached_property
+    def _floats_a_point(self) -> int:
+        """Numbers of a point, as the first and the largest files say.
+
+        Where they leave it open, as files of a few points do, it is what fits the most files' sizes; among
+        several, 4 if it is the likeliest.
+        """
+        sizes = [(_size(path), path) for path in self._files]
+        chosen = [path for _, path in sizes[:1] + sorted(sizes, reverse=True)[:2]]
+        streams = [_floats(path) for path in dict.fromkeys(chosen)]
+        allowed = row_lengths(streams)
+        if len(allowed) == 1:
+            return allowed[0]
+        fits = {n: sum(size % (4 * n) == 0 for size, _ in sizes) for n in allowed}
+        best = [n for n in allowed if fits[n] == max(fits.values())]
+        if len(best) == 1 or best[0] == 4 or (4 in best and fits[4] == 0):
+            return best[0] if len(best) == 1 else 4
+        raise ValueError(
+            f"{self._files[0]}: {_size(self._files[0])} bytes may be points of "
+            f"{' or '.join(str(n) for n in sorted(best))} numbers, "
+            "expected 4 (float32 x y z intensity)"
+        )
 
     def _stamp(self, i: int) -> float:
         return self._poses.stamp(i)
+
+
+def _size(path: str) -> int:
+    with open_regular(path) as file:
+        return os.fstat(file.fileno()).st_size
+
+
+def _floats(path: str) -> NDArray[np.float32]:
+    with open_regular(path) as file:
+        return np.fromfile(file, dtype="<f4", count=_LOOKED_AT)
 
 
 def _poses_of(source: Source) -> str:
