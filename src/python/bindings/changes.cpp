@@ -186,8 +186,9 @@ Parameters
 other : OccupancyMap
     Of the same kind, with cells of the same sizes.
 box : (2, dim) array of float, optional
-    Lower and upper corner [m]: only cells in it are taken over, that is, in all cubes of `max_cell_size` that share a
-    volume with it, and the counts of `stats` stay this map's. Default: all, and the counts add up.
+    Lower and upper corner [m]: only cells in it are taken over, that is, in all cubes of `max_cell_size` (of a fixed
+    map: all cells) that share a volume with it, and the counts of `stats` stay this map's. Default: all, and the
+    counts add up.
 
 Raises
 ------
