@@ -149,10 +149,11 @@ class OccupancyMap {
                                     Refinement::coarsest_level(tree_.geometry().finest_level()),
                                     sizeof(*this) - sizeof(tree_));
     const CompressReport report = compression.run(budget);
+    forget_summaries(compressed);
+    summarise_unknown(compressed, *compressed.root().node, settled());
+    last_checkpoint();
     tree_ = std::move(compressed);
     counters_.merges += report.merges;
-    forget_summaries(tree_);
-    summarise_unknown(tree_, *tree_.root().node, settled());
     return report;
   }
 
@@ -191,12 +192,15 @@ class OccupancyMap {
     joining.grow_around(tree_, other.tree_);
     joining.add(tree_);
     joining.add(other.tree_);
-    counters_.merges += other.counters_.merges + joining.merge();
+    const auto merges = joining.merge();
+    Tree& joined = joining.tree();
+    joined.limit_memory(kUnlimitedMemory);
+    summarise_unknown(joined, *joined.root().node, settled());
+    last_checkpoint();
+    tree_ = std::move(joined);
+    counters_.merges += other.counters_.merges + merges;
     counters_.updates += other.counters_.updates;
     counters_.splits += other.counters_.splits;
-    tree_ = std::move(joining.tree());
-    tree_.limit_memory(kUnlimitedMemory);
-    summarise_unknown(tree_, *tree_.root().node, settled());
   }
 
   /// Takes over what another map holds of places of which this one holds nothing: every cell stays what it
@@ -311,6 +315,7 @@ class OccupancyMap {
     Tree changed = tree_;
     detail::Forgetting<Tree, decltype(is_settled), Rule>(changed, is_settled, rule).run();
     changed.shrink_if_half_empty();
+    last_checkpoint();
     tree_ = std::move(changed);
   }
   static void check(const Box<D>& box) {
@@ -399,7 +404,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
     if (window)
       cells = tree_.geometry().cells_in(*window, Refinement::coarsest_level(tree_.geometry().finest_level()));
     update.finish(workers, is_undone ? &undo : nullptr, window ? &cells : nullptr);
-    tree_.shrink_if_half_empty();
+    if (!tree_.shrink_if_half_empty()) last_checkpoint();
   } catch (...) {
     tree_.limit_memory(kUnlimitedMemory);
     if (is_undone) {
