@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Maps beside each other: snapshots, what has changed, and maps that are put together.
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <utility>
 
@@ -51,7 +50,7 @@ py::object transformed(const PythonMap& map, const py::object& pose) {
 
 struct PythonFrontierSearch {
   std::unique_ptr<AnyFrontierSearch> search;
-  mutable std::mutex mutex;
+  mutable SharedLock lock;
 };
 
 }  // namespace
@@ -248,7 +247,7 @@ ValueError
           "update",
           [](PythonFrontierSearch& search, const PythonMap& map) {
             map.read([&](const MapInterface& m) {
-              const std::lock_guard lock(search.mutex);
+              const SharedLock::Holder holder(search.lock, SharedLock::Use::change);
               search.search->update(*m.queries());
             });
           },
@@ -272,7 +271,8 @@ KeyboardInterrupt
             AnyFrontiers all;
             {
               const Released released;
-              const std::lock_guard lock(search.mutex);
+              const CallInProgress call;
+              const SharedLock::Holder holder(search.lock, SharedLock::Use::look);
               all = search.search->frontiers(min_cells);
             }
             return to_python(std::move(all));
