@@ -172,3 +172,46 @@ def test_a_child_can_use_a_map_that_a_thread_was_changing() -> None:
         finished.set()
         for thread in threads:
             thread.join()
+
+
+class Bad:
+    """An array that fails."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.error = error
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise self.error
+
+
+class OfItsOwn(ValueError):
+    """An error of an array's own."""
+
+
+@pytest.mark.parametrize(
+    "error", [KeyboardInterrupt(), MemoryError("none"), SystemExit(3), OSError("gone"), OfItsOwn("lost")]
+)
+def test_what_an_array_raises_is_passed_on(error: BaseException) -> None:
+    m = mapped(100, 3.0)
+    grid = ndtree.from_grid
+    for call in (
+        lambda bad: m.insert(bad, np.zeros(2)),
+        lambda bad: m.insert(np.ones((1, 2)), bad),
+        lambda bad: m.insert(np.ones((1, 2)), np.zeros(2), returned=bad),
+        lambda bad: m.crop(bad),
+        lambda bad: m.transformed(bad),
+        lambda bad: grid(bad, [0, 0], 0.1),
+    ):
+        with pytest.raises(type(error)) as raised:
+            call(Bad(error))
+        assert raised.value is error
+
+
+def test_an_argument_that_is_no_array_keeps_the_cause() -> None:
+    m = mapped(100, 3.0)
+    with pytest.raises(TypeError, match="box: must be an array of numbers") as raised:
+        m.crop([[1, 2], [3]])
+    assert isinstance(raised.value.__cause__, ValueError)
+    with pytest.raises(TypeError, match="box: must be an array of numbers") as raised:
+        m.crop(Bad(TypeError("not now")))
+    assert str(raised.value.__cause__) == "not now"

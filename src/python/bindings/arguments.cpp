@@ -96,7 +96,10 @@ LayerArguments::LayerArguments(const py::object& object, py::ssize_t n) {
   for (const auto& [key, value] : as_layers(object, "arrays")) {
     const auto name = key.cast<std::string>();
     const std::string argument = "layers['" + name + "']";
-    if (py::hasattr(value, "mask"))
+    const py::object mask = py::reinterpret_steal<py::object>(PyObject_GetAttrString(value.ptr(), "mask"));
+    if (!mask && PyErr_ExceptionMatches(PyExc_AttributeError) == 0) throw py::error_already_set();
+    PyErr_Clear();
+    if (mask)
       throw py::type_error(argument +
                            " is a masked array: must be a plain one, with what is not masked alone");
     const DoubleArray array = as_doubles(py::reinterpret_borrow<py::object>(value), argument.c_str());
