@@ -67,7 +67,7 @@ class TiledMap:
     """
 
     def __init__(self, storage: Storage, manifest: Manifest, cache_bytes: int = CACHE_BYTES) -> None:
-        if cache_bytes < 0:
+        if not cache_bytes >= 0:  # nan, too.
             raise ValueError(f"cache_bytes = {cache_bytes}: must be >= 0")
         self.manifest = manifest
         self._storage = storage
