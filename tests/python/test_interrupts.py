@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -215,3 +216,29 @@ def test_an_argument_that_is_no_array_keeps_the_cause() -> None:
     with pytest.raises(TypeError, match="box: must be an array of numbers") as raised:
         m.crop(Bad(TypeError("not now")))
     assert str(raised.value.__cause__) == "not now"
+
+
+@pytest.mark.parametrize("start", [["-m", "ndtree"], ["ndtree"]])
+def test_ctrl_c_while_the_command_is_imported_is_no_traceback(start: list[str], tmp_path: Any) -> None:
+    site = tmp_path / "typer.py"  # Imported by the command, late: says that it is there, and waits.
+    site.write_text("import sys, time\nprint('here', flush=True)\ntime.sleep(20)\n")
+    script = tmp_path / "ndtree"
+    script.write_text("from ndtree.cli import main\nmain()\n")
+    command = [sys.executable, *(start if len(start) > 1 else [str(script)]), "--help"]
+    folder = os.path.dirname(os.path.dirname(ndtree.__file__))
+    path = os.pathsep.join([str(tmp_path), folder, os.environ.get("PYTHONPATH", "")])
+    if len(start) == 1:
+        (tmp_path / "run").mkdir()
+        script = script.rename(tmp_path / "run" / "ndtree")
+        command[1] = str(script)
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    ) as process:
+        assert process.stdout is not None and process.stdout.readline() == "here\n"
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=20)
+    assert (process.returncode, errors) == (130, "")

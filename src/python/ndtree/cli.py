@@ -7,6 +7,7 @@ import os
 import sys
 from typing import NoReturn
 
+from ndtree import _interrupt
 from ndtree.exit_status import DONE, WRONG_CALL
 
 
@@ -23,6 +24,7 @@ def main() -> NoReturn:
             file=sys.stderr,
         )
         sys.exit(WRONG_CALL)
+    _interrupt.raise_again()
     try:
         app()
     except BrokenPipeError:  # The reader of our output has seen enough.
