@@ -15,8 +15,8 @@ from typing import NamedTuple
 #: What stands in the package's own folder is a room's by its name here.
 ROOMS: Mapping[str, tuple[set[str], set[str]]] = {
     "core": (
-        {"_core", "_arguments", "_calls", "_compiled", "_signatures", "exit_status", "files", "results"}
-        | {"sampling", "scan", "typing"},
+        {"_core", "_arguments", "_calls", "_compiled", "_interrupt", "_signatures", "exit_status", "files"}
+        | {"results", "sampling", "scan", "typing"},
         set(),
     ),
     "cells": ({"lattice", "regions"}, {"core"}),

@@ -130,6 +130,34 @@ TYPED_TEST(Adopted, WhatIsPutAsideComesBackAndMappingGoesOn) {
   }
 }
 
+TYPED_TEST(Adopted, CellsInABoxAreThoseThatAWindowOfItWouldHaveMapped) {
+  constexpr int N = TypeParam::kBranching;
+  constexpr int D = TypeParam::kDim;
+  const MapOptions options = some_options<N>();
+  const Box<D> everywhere{Vector<D>::Constant(-500.0), Vector<D>::Constant(500.0)};
+  Random random(25);
+  std::size_t taken = 0;
+  for (int round = 0; round < 8; ++round) {
+    const Scan<D> scan = random_scan<D>(random);
+    Box<D> box;
+    for (int a = 0; a < D; ++a) {
+      box.lower[a] = scan.origins(a, 0) + random.uniform(-3.0, 0.0);
+      box.upper[a] = box.lower[a] + random.uniform(0.1, 4.0);
+    }
+    TypeParam whole(options);
+    TypeParam part(options);
+    TypeParam expected(options);
+    TypeParam adopted(options);
+    whole.insert(scan);
+    part.insert(scan, kUnlimitedRange, 1, box);
+    expected.adopt(part, everywhere);  // With a root around what is known.
+    adopted.adopt(whole, box);
+    ASSERT_EQ(to_bytes(adopted), to_bytes(expected)) << "round " << round;
+    taken += adopted.stats().observed_leaves;
+  }
+  EXPECT_GT(taken, 20u);
+}
+
 TEST(AdoptedCells, AreOfOneMapAlone) {
   using Map = AdaptiveMap<2, 2>;
   Random random(23);

@@ -10,6 +10,8 @@
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "ndtree/core/cancel.hpp"
@@ -232,6 +234,68 @@ TEST(Limits, CompressionThatIsCancelledLeavesTheMapAsItWas) {
   }
   EXPECT_TRUE(to_bytes(map) == before);
   map.check_invariants();
+}
+
+TYPED_TEST(Limits, AWishToStopThatComesRightBeforeTheEndLeavesTheMapAsItWas) {
+  constexpr int D = TypeParam::kDim;
+  using Map = TypeParam;
+  Random random(10);
+  const MapOptions options = spelled_out_options(0.05, 0.8);
+  Map map(options);
+  Map other(options);
+  Map elsewhere(options);
+  Scan<D> far = random_scan<D>(random, 400, 3.0);
+  far.origins.array() += 50.0;
+  far.endpoints.array() += 50.0;
+  for (int i = 0; i < 3; ++i) map.insert(random_scan<D>(random, 400, 3.0));
+  other.insert(random_scan<D>(random, 400, 3.0));
+  elsewhere.insert(far);
+  const Scan<D> scan = random_scan<D>(random, 400, 3.0);
+  const Box<D> box{Vector<D>::Constant(-1.0), Vector<D>::Constant(1.5)};
+  std::vector<std::pair<std::string, std::function<void(Map&)>>> changes = {
+      {"insert", [&](Map& m) { m.insert(scan, kUnlimitedRange, 2); }},
+      {"insert in a window", [&](Map& m) { m.insert(scan, kUnlimitedRange, 1, box); }},
+      {"merge", [&](Map& m) { m.merge(other); }},
+      {"adopt", [&](Map& m) { m.adopt(elsewhere); }},
+      {"crop", [&](Map& m) { m.crop(box); }},
+      {"clear", [&](Map& m) { m.clear(box); }},
+      {"keep_near", [&](Map& m) { m.keep_near(Vector<D>::Zero(), 1.0); }},
+  };
+  if constexpr (std::is_same_v<typename Map::RefinementType, EvidenceRefinement>)
+    changes.push_back({"compress", [](Map& m) { m.compress({1e3, {}, {}}); }});
+  for (const auto& [name, change] : changes) {
+    Map changed = map;
+    change(changed);
+    EXPECT_TRUE(to_bytes(changed) != to_bytes(map)) << name << " should have something to do";
+    // stop() never stops; what is asked in the end does, the last time that it is asked.
+    int last = 0;
+    {
+      Map tried = map;
+      const CancelScope scope([] { return false; }, [&] { return ++last < 0; });
+      change(tried);
+      ASSERT_TRUE(to_bytes(tried) == to_bytes(changed)) << name;
+      ASSERT_GE(last, 1) << name;
+    }
+    Map tried = map;
+    int asked = 0;
+    {
+      const CancelScope scope([] { return false; }, [&] { return ++asked == last; });
+      EXPECT_THROW(change(tried), Cancelled) << name;
+    }
+    ASSERT_TRUE(to_bytes(tried) == to_bytes(map)) << name;
+    ASSERT_NO_THROW(tried.check_invariants()) << name;
+  }
+}
+
+TEST(CancelScopes, AreAskedAtOnceInTheEndAndOnlyNowAndThenBefore) {
+  int asked = 0;
+  const CancelScope outer([&] { return ++asked < 0; });
+  for (int i = 0; i < 5; ++i) last_checkpoint();
+  EXPECT_EQ(asked, 5);
+  for (int i = 0; i < 5; ++i) checkpoint();
+  EXPECT_LE(asked, 6) << "20 ms have hardly gone by";
+  asked = -1000000;
+  EXPECT_THROW(last_checkpoint(), Cancelled);
 }
 
 TEST(CancelScopes, AreAskedFromTheInnermostToTheOutermost) {

@@ -109,7 +109,7 @@ def test_one_pose_and_grids_of_poses_are_taken(dim: int) -> None:
     else:
         planar = [[*pose[:2, 2], 0.0] for pose in poses[0]]
         assert [bool(m.collides(body, pose)) for pose in planar] == flat[:6].tolist()
-    with pytest.raises(ValueError, match="poses: shape"):
+    with pytest.raises(ValueError, match="poses has shape"):
         m.collides(body, np.zeros((2, 2, 2, 5)))
 
 

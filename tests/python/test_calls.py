@@ -35,14 +35,6 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
         "AdaptiveMap(): refinement = 1: must be a text",
     ),
     "none at all": (lambda: M.save(None), "save(): path = None: must be a path"),
-    "out of bounds": (
-        lambda: ndtree.AdaptiveMap(dim=10**300),
-        "AdaptiveMap(): dim = an integer of 997 bits: a value is out of bounds",
-    ),
-    "a large array": (
-        lambda: M.insert(np.zeros((1000, 2)), ORIGIN, threads=10**20),
-        "insert(): points = array of shape (1000, 2) and dtype float64, ",
-    ),
     "a long text": (lambda: M.insert(POINTS, ORIGIN, max_range="x" * 10**6), "insert(): max_range = 'xxxx"),
 }
 
@@ -54,6 +46,40 @@ def test_what_is_wrong_is_said_in_one_line(case: str) -> None:
         call()
     said = str(caught.value)
     assert said.startswith(expected) and "\n" not in said and len(said) < 300
+    assert caught.value.__cause__ is None and caught.value.__context__ is None
+
+
+BEYOND: dict[str, tuple[Callable[[], Any], str]] = {
+    "dim": (
+        lambda: ndtree.AdaptiveMap(dim=10**300),
+        "AdaptiveMap(): dim = an integer of 997 bits: must be from 2 to 4",
+    ),
+    "threads": (
+        lambda: M.insert(np.zeros((1000, 2)), ORIGIN, threads=2**31),
+        "insert(): threads = 2147483648: must be from 0 to 2147483647",
+    ),
+    "max_leaves": (
+        lambda: M.compress(max_leaves=-1),
+        "compress(): max_leaves = -1: must be from 0 to 18446744073709551615",
+    ),
+    "max_bytes": (
+        lambda: M.compress(max_bytes=10**30),
+        f"compress(): max_bytes = {10**30}: must be from 0 to 18446744073709551615",
+    ),
+    "max_loss": (lambda: M.compress(max_loss=float("nan")), "max_loss = nan: must be >= 0 bits"),
+    "scans": (
+        lambda: ndtree._core.simulate("office", scans=-3),
+        "simulate(): scans = -3: must be from 0 to 18446744073709551615",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BEYOND)
+def test_numbers_out_of_bounds_are_values_that_are_wrong(name: str) -> None:
+    call, expected = BEYOND[name]
+    with pytest.raises(ValueError) as caught:
+        call()
+    assert str(caught.value) == expected
     assert caught.value.__cause__ is None and caught.value.__context__ is None
 
 

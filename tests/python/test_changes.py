@@ -70,7 +70,7 @@ def test_what_cannot_be_compared_is_told() -> None:
         m.merge(ndtree.AdaptiveMap(dim=2, min_cell_size=0.1))
     with pytest.raises(TypeError):
         m.changes(since=3)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"pose: shape \(1, 2\)"):
+    with pytest.raises(ValueError, match=r"pose has shape \(2,\): must be \(3, 3\), or \(3,\) of x, y"):
         m.transformed([1.0, 2.0])
     with pytest.raises(ValueError, match="rotation is not one"):
         m.transformed(np.diag([2.0, 1.0, 1.0]))

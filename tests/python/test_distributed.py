@@ -180,8 +180,8 @@ def test_new_poses_map_what_they_touch_anew(tmp_path):
     for wrong, said in (
         ({"joe": {}}, "log 'joe': must be one of ann, bob, eve"),
         ({"bob": {24: np.eye(3)}}, "log 'bob': scan 24: there are 24"),
-        ({"bob": {1: np.eye(4)}}, r"pose has shape \(4, 4\): must be \(3, 3\)"),
-        ({"bob": {1: 2 * np.eye(3)}}, "scan 1: the pose is no rigid motion"),
+        ({"bob": {1: np.eye(4)}}, r"scan 1: pose has shape \(4, 4\): must be \(3, 3\)"),
+        ({"bob": {1: 2 * np.eye(3)}}, "scan 1: pose: its rotation is not one"),
     ):
         with pytest.raises(ValueError, match=said):
             distributed.remap(url, wrong, engine="local")

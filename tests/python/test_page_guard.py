@@ -73,6 +73,7 @@ def opened(viewer: view.Viewer, origin: str | None) -> Any:
 
 GOOD_HOSTS = ("127.0.0.1:{}", "localhost:{}", "LOCALHOST:{}", "[::1]:{}", "localhost:9", "localhost")
 BAD_HOSTS = (
+    *("localhost/evil", "localhost?evil", "localhost#evil", "127.0.0.1:{}/..", "localhost\\evil"),
     *("evil.example:{}", "evil.example", "127.0.0.1.evil.example", "localhost.evil.example:{}", ""),
     *("10.0.0.1:{}", "localhost@evil.example", "evil.example@localhost", "[::1", "0.0.0.0:{}"),
 )

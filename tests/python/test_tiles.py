@@ -200,6 +200,9 @@ def test_answers_are_those_of_the_whole_map(both, parts):
     whole, folder = both
     size = sum(entry.bytes for entry in open_tiles(folder).manifest.tiles.values())
     tiles = open_tiles(folder, cache_bytes=1 << 30 if parts == 1 else size // parts)
+    for wrong in (-1, math.nan):
+        with pytest.raises(ValueError, match=f"cache_bytes = {wrong}: must be >= 0"):
+            open_tiles(folder, cache_bytes=wrong)
     random = np.random.default_rng(1)
     points = random.uniform(-14.0, 14.0, (300, 3))
     points[::7] = np.round(points[::7] / 3.2) * 3.2  # On borders of tiles.

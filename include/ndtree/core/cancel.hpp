@@ -31,8 +31,13 @@ class Cancelled : public std::exception {
 class CancelScope {
  public:
   /// @param stop is called in the thread that makes the scope, and no other. What it throws is passed on.
-  explicit CancelScope(std::function<bool()> stop)
-      : stop_(std::move(stop)), outer_(here().scope), outer_is_borrowed_(here().is_borrowed) {
+  /// @param stop_now is called by last_checkpoint() in place of `stop`, if given: for a `stop` that does not
+  ///   look each time it is called.
+  explicit CancelScope(std::function<bool()> stop, std::function<bool()> stop_now = {})
+      : stop_(std::move(stop)),
+        stop_now_(std::move(stop_now)),
+        outer_(here().scope),
+        outer_is_borrowed_(here().is_borrowed) {
     here() = {this, false};
   }
   CancelScope(const CancelScope&) = delete;
@@ -63,7 +68,13 @@ class CancelScope {
   static bool is_cancelled() {
     const Lent::Here now = here();
     if (now.scope == nullptr) return false;
-    return now.is_borrowed ? now.scope->was_stopped() : now.scope->asks(Clock::now());
+    return now.is_borrowed ? now.scope->was_stopped() : now.scope->asks(Clock::now(), false);
+  }
+  /// Asks, however short ago it last did.
+  static bool is_cancelled_now() {
+    const Lent::Here now = here();
+    if (now.scope == nullptr) return false;
+    return now.is_borrowed ? now.scope->was_stopped() : now.scope->asks(Clock::now(), true);
   }
 
  private:
@@ -77,21 +88,22 @@ class CancelScope {
   [[nodiscard]] bool was_stopped() const {
     return stopped_.load(std::memory_order_relaxed) || (outer_ != nullptr && outer_->was_stopped());
   }
-  bool asks(Clock::time_point now) {
+  bool asks(Clock::time_point now, bool at_once) {
     if (was_stopped()) return true;
-    if (now >= next_) {
+    if (at_once || now >= next_) {
       next_ = now + kPause;
       try {
-        if (stop_()) stopped_.store(true, std::memory_order_relaxed);
+        if (at_once && stop_now_ ? stop_now_() : stop_()) stopped_.store(true, std::memory_order_relaxed);
       } catch (...) {  // Then other threads stop, as well.
         stopped_.store(true, std::memory_order_relaxed);
         throw;
       }
     }
-    return was_stopped() || (outer_ != nullptr && !outer_is_borrowed_ && outer_->asks(now));
+    return was_stopped() || (outer_ != nullptr && !outer_is_borrowed_ && outer_->asks(now, at_once));
   }
 
   std::function<bool()> stop_;
+  std::function<bool()> stop_now_;
   std::atomic<bool> stopped_{false};
   Clock::time_point next_{};
   CancelScope* outer_;
@@ -101,6 +113,13 @@ class CancelScope {
 /// Stops a call that is to stop. @throws Cancelled.
 inline void checkpoint() {
   if (CancelScope::is_cancelled()) throw Cancelled();
+}
+
+/// The checkpoint of a call right before what it changes becomes final. It asks at once, so that a wish to
+/// stop that came shortly before, and would be noticed as soon as the call has returned, still leaves
+/// everything as it was. The call makes no checkpoint after this one. @throws Cancelled.
+inline void last_checkpoint() {
+  if (CancelScope::is_cancelled_now()) throw Cancelled();
 }
 
 /// Checkpoints of a loop, of which most cost a subtraction: one for about a millisecond of work.

@@ -196,6 +196,7 @@ class LayeredMap {
   auto change(const Change& change) {
     LayeredMap changed = *this;
     const auto result = change(changed);
+    last_checkpoint();
     *this = std::move(changed);
     return result;
   }

@@ -83,7 +83,7 @@ class Joining {
   void add_below(const Tree& other, const typename Tree::ConstRef& ref) {
     if (ref.index.level == 0) {
       if (is_blank_below(other, *ref.node)) return;
-      const Ref target = cube_at(tree_, ref.index.lower, [](const Ref&) {});
+      const Ref target = cube_at(tree_, 0, ref.index.lower, [](const Ref&) {});
       add_node(target, other, *ref.node);
     } else if (!ref.is_leaf()) {
       for (int j = 0; j < Tree::kNumChildren; ++j) add_below(other, other.child(ref, j));

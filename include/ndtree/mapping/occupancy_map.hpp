@@ -149,10 +149,11 @@ class OccupancyMap {
                                     Refinement::coarsest_level(tree_.geometry().finest_level()),
                                     sizeof(*this) - sizeof(tree_));
     const CompressReport report = compression.run(budget);
+    forget_summaries(compressed);
+    summarise_unknown(compressed, *compressed.root().node, settled());
+    last_checkpoint();
     tree_ = std::move(compressed);
     counters_.merges += report.merges;
-    forget_summaries(tree_);
-    summarise_unknown(tree_, *tree_.root().node, settled());
     return report;
   }
 
@@ -191,30 +192,38 @@ class OccupancyMap {
     joining.grow_around(tree_, other.tree_);
     joining.add(tree_);
     joining.add(other.tree_);
-    counters_.merges += other.counters_.merges + joining.merge();
+    const auto merges = joining.merge();
+    Tree& joined = joining.tree();
+    joined.limit_memory(kUnlimitedMemory);
+    summarise_unknown(joined, *joined.root().node, settled());
+    last_checkpoint();
+    tree_ = std::move(joined);
+    counters_.merges += other.counters_.merges + merges;
     counters_.updates += other.counters_.updates;
     counters_.splits += other.counters_.splits;
-    tree_ = std::move(joining.tree());
-    tree_.limit_memory(kUnlimitedMemory);
-    summarise_unknown(tree_, *tree_.root().node, settled());
   }
 
   /// Takes over what another map holds of places of which this one holds nothing: every cell stays what it
   /// is, bit for bit, so that parts of space that were mapped apart become the map that one would have made.
-  /// @param box if given, only of the cubes of max_cell_size that share a volume with it, and counters stay
+  /// @param box if given, only of the cubes of max_cell_size (of a fixed map: the cells) that share a volume
+  /// with
+  ///   it, as with the window of insert(), and counters stay
   ///   this map's; else counters add up. O(what is taken over, and nodes of both above it).
-  /// @throws std::invalid_argument if an option but max_memory differs, both hold cells in one cube, or the
+  /// @throws std::invalid_argument if an option but max_memory differs, both hold cells in one such cube, or
+  /// the
   ///   box has no volume, MemoryLimitReached, std::bad_alloc, Cancelled; the map is then unchanged.
   void adopt(const OccupancyMap& other, const std::optional<Box<D>>& box = std::nullopt) {
     require_same_sizes(other, "adopted by");
     require_same_options(other);
     if (box) check(*box);
-    const auto window = box ? std::optional(tree_.geometry().cells_in(*box, 0)) : std::nullopt;
+    const int coarsest = Refinement::coarsest_level(tree_.geometry().finest_level());
+    const auto window = box ? std::optional(tree_.geometry().cells_in(*box, coarsest)) : std::nullopt;
     Tree changed = tree_;
     changed.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
-    detail::Adopting<Tree>(changed).run(other.tree_, window ? &*window : nullptr);
+    detail::Adopting<Tree>(changed, coarsest).run(other.tree_, window ? &*window : nullptr);
     changed.limit_memory(kUnlimitedMemory);
     summarise_unknown(changed, *changed.root().node, settled());
+    last_checkpoint();
     tree_ = std::move(changed);
     if (box) return;
     counters_.updates += other.counters_.updates;
@@ -306,6 +315,7 @@ class OccupancyMap {
     Tree changed = tree_;
     detail::Forgetting<Tree, decltype(is_settled), Rule>(changed, is_settled, rule).run();
     changed.shrink_if_half_empty();
+    last_checkpoint();
     tree_ = std::move(changed);
   }
   static void check(const Box<D>& box) {
@@ -394,7 +404,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
     if (window)
       cells = tree_.geometry().cells_in(*window, Refinement::coarsest_level(tree_.geometry().finest_level()));
     update.finish(workers, is_undone ? &undo : nullptr, window ? &cells : nullptr);
-    tree_.shrink_if_half_empty();
+    if (!tree_.shrink_if_half_empty()) last_checkpoint();
   } catch (...) {
     tree_.limit_memory(kUnlimitedMemory);
     if (is_undone) {

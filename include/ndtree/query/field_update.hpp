@@ -245,8 +245,9 @@ void update(DistanceField<Map::kDim>& field, const Map& map, const std::vector<C
     if (box.touches(reach)) (is_obstacle ? came : went).push_back(box);
   }
   if (came.empty() && went.empty()) return;
-  for (const auto& [index, value] : detail::FieldUpdate<Map>(map, field, came, went).run())
-    field.values()[index] = value;
+  const auto new_values = detail::FieldUpdate<Map>(map, field, came, went).run();
+  last_checkpoint();
+  for (const auto& [index, value] : new_values) field.values()[index] = value;
 }
 
 }  // namespace ndtree

@@ -212,16 +212,20 @@ class NdTree {
     fresh.allocate();
     Pace pace;
     copy_node(*pool_.block(kRootBlock), fresh, *fresh.block(kRootBlock), pace);
+    last_checkpoint();
     pool_.swap(fresh);
   }
   /// shrink_to_fit(), if less than half of the memory is used. So memory follows what the tree holds, at a
   /// cost of O(1) for each merge. Pointers to nodes may not hold.
-  void shrink_if_half_empty() {
+  /// @returns whether it did, after its last_checkpoint(). @throws Cancelled; the tree is then as it was.
+  bool shrink_if_half_empty() {
     constexpr std::size_t kSmall = 1024;  // Blocks that are not worth it.
-    if (pool_.capacity_in_blocks() <= 2 * pool_.num_blocks() + kSmall) return;
+    if (pool_.capacity_in_blocks() <= 2 * pool_.num_blocks() + kSmall) return false;
     try {
       shrink_to_fit();
+      return true;
     } catch (const std::bad_alloc&) {  // Then not now.
+      return false;
     }
   }
   /// Bytes that a tree with so many inner nodes holds after shrink_to_fit().

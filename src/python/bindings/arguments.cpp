@@ -1,11 +1,22 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "arguments.hpp"
 
+#include <Eigen/Core>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <string>
 
 namespace ndtree::python {
+
+namespace {
+
+// Larger departures are mistakes, smaller ones rounding.
+constexpr double kRotationTolerance = 1e-4;
+constexpr double kQuaternionTolerance = 1e-3;
+constexpr double kBottomTolerance = 1e-9;
+
+}  // namespace
 
 BoxArgument::BoxArgument(const py::object& box, int dim, const char* name)
     : corners_(as_corners(box, name, dim)) {
@@ -18,39 +29,106 @@ BoxArgument::BoxArgument(const py::object& box, int dim, const char* name)
                             ": must be finite, the lower corner first");
 }
 
+namespace {
+
+/// What is wrong with a matrix (dim, dim) as a rotation; empty if nothing. @param step from row to row.
+std::string wrong_with_rotation(const double* matrix, int dim, py::ssize_t step) {
+  Eigen::MatrixXd rotation(dim, dim);
+  for (int row = 0; row < dim; ++row)
+    for (int column = 0; column < dim; ++column) rotation(row, column) = matrix[row * step + column];
+  const double off =
+      (rotation * rotation.transpose() - Eigen::MatrixXd::Identity(dim, dim)).cwiseAbs().maxCoeff();
+  if (!(off <= kRotationTolerance))
+    return "its rotation is not one: rows must have length 1 and be at right angles, up to " +
+           number_text(kRotationTolerance) + ", and are off by " + number_text(off);
+  if (!(rotation.determinant() > 0.0))
+    return "its rotation is not one: it mirrors, its determinant must be 1 and is -1";
+  return {};
+}
+
+/// Of one pose, see poses_from(). @throws ValueError that begins with `which`.
+class PoseReader {
+ public:
+  PoseReader(int dim, const py::array& array, py::ssize_t first_axis, const std::string& name) : dim_(dim) {
+    const py::ssize_t axes = array.ndim() - first_axis;
+    const py::ssize_t last = array.ndim() > 0 ? array.shape(array.ndim() - 1) : 0;
+    is_matrix_ = axes == 2 && last == dim + 1 && array.shape(array.ndim() - 2) == dim + 1;
+    if (is_matrix_ || (axes == 1 && ((dim == 2 && last == 3) || (dim == 3 && last == 7)))) return;
+    const std::string n = first_axis == 1 ? "n, " : "";
+    const std::string edge = std::to_string(dim + 1);
+    std::string expected = "(" + n + edge + ", " + edge + ")";
+    if (dim == 2) expected += ", or (" + n + (n.empty() ? "3,)" : "3)") + " of x, y and yaw";
+    if (dim == 3) expected += ", or (" + n + (n.empty() ? "7,)" : "7)") + " of x, y, z, qx, qy, qz and qw";
+    throw py::value_error(name + " has shape " + shape_text(array) + ": must be " + expected);
+  }
+  [[nodiscard]] py::ssize_t numbers() const {
+    return is_matrix_ ? (dim_ + 1) * (dim_ + 1) : dim_ == 2 ? 3 : 7;
+  }
+  /// Adds rotation and translation.
+  void read(const double* from, const std::string& which, std::vector<double>& to) const {
+    if (!std::all_of(from, from + numbers(), [](double x) { return std::isfinite(x); }))
+      throw py::value_error(which + ": must be finite");
+    if (is_matrix_)
+      matrix(from, which, to);
+    else if (dim_ == 2)
+      to.insert(to.end(), {std::cos(from[2]), -std::sin(from[2]), std::sin(from[2]), std::cos(from[2]),
+                           from[0], from[1]});
+    else
+      quaternion(from, which, to);
+  }
+
+ private:
+  void matrix(const double* from, const std::string& which, std::vector<double>& to) const {
+    const int edge = dim_ + 1;
+    const std::string wrong = wrong_with_rotation(from, dim_, edge);
+    if (!wrong.empty()) throw py::value_error(which + ": " + wrong);
+    for (int column = 0; column < edge; ++column) {
+      const double expected = column == dim_ ? 1.0 : 0.0;
+      const double found = from[dim_ * edge + column];
+      if (std::abs(found - expected) > kBottomTolerance)
+        throw py::value_error(which + ": its last row has " + number_text(found) + " in column " +
+                              std::to_string(column) + ": must be " + (column == dim_ ? "1" : "0") +
+                              "; is it transposed?");
+    }
+    for (int row = 0; row < dim_; ++row) to.insert(to.end(), from + row * edge, from + row * edge + dim_);
+    for (int row = 0; row < dim_; ++row) to.push_back(from[row * edge + dim_]);
+  }
+  static void quaternion(const double* from, const std::string& which, std::vector<double>& to) {
+    const double* const q = from + 3;
+    const double length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(std::abs(length - 1.0) <= kQuaternionTolerance))
+      throw py::value_error(which + ": its quaternion has length " + number_text(length) + ": must be 1");
+    const double x = q[0] / length;
+    const double y = q[1] / length;
+    const double z = q[2] / length;
+    const double w = q[3] / length;
+    to.insert(to.end(), {1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
+                         2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
+                         2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)});
+    to.insert(to.end(), from, from + 3);
+  }
+
+  int dim_;
+  bool is_matrix_ = false;
+};
+
+}  // namespace
+
 Poses poses_from(const py::object& object, int dim, const char* name) {
   const DoubleArray poses = as_doubles(object, name);
-  const bool is_planar = dim == 2 && poses.ndim() == 2 && poses.shape(1) == 3;
-  const bool is_matrix = poses.ndim() == 3 && poses.shape(1) == dim + 1 && poses.shape(2) == dim + 1;
-  if (!is_planar && !is_matrix)
-    throw py::value_error(std::string(name) + ": shape " + shape_text(poses) + ", expected " +
-                          (dim == 2
-                               ? "(n, 3), x, y and yaw, or (n, 3, 3)"
-                               : "(n, " + std::to_string(dim + 1) + ", " + std::to_string(dim + 1) + ")"));
+  const PoseReader reader(dim, poses, 1, name);
   Poses result{{}, static_cast<std::size_t>(poses.shape(0))};
   result.numbers.reserve(static_cast<std::size_t>(poses.shape(0) * (dim * dim + dim)));
-  for (py::ssize_t i = 0; i < poses.shape(0); ++i) {
-    const double* const from = poses.data() + i * (is_planar ? 3 : (dim + 1) * (dim + 1));
-    const py::ssize_t numbers = is_planar ? 3 : (dim + 1) * (dim + 1);
-    if (!std::all_of(from, from + numbers, [](double x) { return std::isfinite(x); }))
-      throw py::value_error("pose " + std::to_string(i) + ": must be finite");
-    if (is_planar) {
-      const double c = std::cos(from[2]);
-      const double s = std::sin(from[2]);
-      result.numbers.insert(result.numbers.end(), {c, -s, s, c, from[0], from[1]});
-      continue;
-    }
-    for (int row = 0; row < dim; ++row)
-      for (int other = 0; other < dim; ++other) {
-        double product = 0.0;
-        for (int k = 0; k < dim; ++k) product += from[row * (dim + 1) + k] * from[other * (dim + 1) + k];
-        if (std::abs(product - (row == other ? 1.0 : 0.0)) > 1e-4)
-          throw py::value_error("pose " + std::to_string(i) + ": its rotation is not one");
-      }
-    for (int row = 0; row < dim; ++row)
-      result.numbers.insert(result.numbers.end(), from + row * (dim + 1), from + row * (dim + 1) + dim);
-    for (int row = 0; row < dim; ++row) result.numbers.push_back(from[row * (dim + 1) + dim]);
-  }
+  for (py::ssize_t i = 0; i < poses.shape(0); ++i)
+    reader.read(poses.data() + i * reader.numbers(), "pose " + std::to_string(i), result.numbers);
+  return result;
+}
+
+Poses pose_from(const py::object& object, int dim, const char* name) {
+  const DoubleArray pose = as_doubles(object, name);
+  const PoseReader reader(dim, pose, 0, name);
+  Poses result{{}, 1};
+  reader.read(pose.data(), name, result.numbers);
   return result;
 }
 
@@ -96,7 +174,10 @@ LayerArguments::LayerArguments(const py::object& object, py::ssize_t n) {
   for (const auto& [key, value] : as_layers(object, "arrays")) {
     const auto name = key.cast<std::string>();
     const std::string argument = "layers['" + name + "']";
-    if (py::hasattr(value, "mask"))
+    const py::object mask = py::reinterpret_steal<py::object>(PyObject_GetAttrString(value.ptr(), "mask"));
+    if (!mask && PyErr_ExceptionMatches(PyExc_AttributeError) == 0) throw py::error_already_set();
+    PyErr_Clear();
+    if (mask)
       throw py::type_error(argument +
                            " is a masked array: must be a plain one, with what is not masked alone");
     const DoubleArray array = as_doubles(py::reinterpret_borrow<py::object>(value), argument.c_str());

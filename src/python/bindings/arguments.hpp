@@ -29,9 +29,13 @@ struct Poses {
   std::size_t count;
 };
 
-/// From (n, 3) of x, y, yaw, or from (n, dim + 1, dim + 1). @throws ValueError naming the first that is
-/// wrong.
+/// From (n, 3) of x, y and yaw in the plane, (n, 7) of x, y, z and a quaternion x, y, z, w in space, or
+/// (n, dim + 1, dim + 1) in both: a rotation, a translation, and zeros and a one below.
+/// @throws ValueError naming the first that is wrong, what is wrong with it, and what is expected.
 Poses poses_from(const py::object& object, int dim, const char* name = "poses");
+
+/// One of them, without the first axis. @throws as poses_from().
+Poses pose_from(const py::object& object, int dim, const char* name = "pose");
 
 /// The layers that a map is to have, from a dict of names and rules, or None. @throws ValueError or
 /// TypeError.

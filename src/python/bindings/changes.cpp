@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Maps beside each other: snapshots, what has changed, and maps that are put together.
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <utility>
 
@@ -43,20 +42,52 @@ Changes changes(const PythonMap& map, const PythonMap& since, const std::string&
 }
 
 py::object transformed(const PythonMap& map, const py::object& pose) {
-  const DoubleArray one = as_doubles(pose, "pose");
-  const py::object batch = one.attr("__getitem__")(py::none());  // poses_from() takes several.
-  const Poses poses = poses_from(batch, map.constant().dim(), "pose");
-  return to_python(map.read([&](const MapInterface& m) { return m.transformed(poses.numbers.data()); }));
+  const Poses one = pose_from(pose, map.constant().dim());
+  return to_python(map.read([&](const MapInterface& m) { return m.transformed(one.numbers.data()); }));
 }
 
 struct PythonFrontierSearch {
   std::unique_ptr<AnyFrontierSearch> search;
-  mutable std::mutex mutex;
+  mutable SharedLock lock;
 };
+
+py::array_t<double> pose_matrix(const py::object& pose, int dim, const std::string& name) {
+  if (dim < 2 || dim > 4) throw py::value_error("dim = " + std::to_string(dim) + ": must be 2, 3 or 4");
+  const Poses one = pose_from(pose, dim, name.c_str());
+  py::array_t<double> matrix({dim + 1, dim + 1});
+  for (int row = 0; row < dim; ++row) {
+    for (int column = 0; column < dim; ++column)
+      matrix.mutable_at(row, column) = one.numbers[static_cast<std::size_t>(row * dim + column)];
+    matrix.mutable_at(row, dim) = one.numbers[static_cast<std::size_t>(dim * dim + row)];
+  }
+  for (int column = 0; column <= dim; ++column) matrix.mutable_at(dim, column) = column == dim ? 1.0 : 0.0;
+  return matrix;
+}
 
 }  // namespace
 
 void bind_changes(py::module_& module) {
+  module.def("pose_matrix", &pose_matrix, "pose"_a, py::kw_only(), "dim"_a, "name"_a = "pose",
+             R"(A pose as a homogeneous matrix, checked as all are that maps are given.
+
+Parameters
+----------
+pose : (dim + 1, dim + 1) array of float; or (3,) in 2-D, (7,) in 3-D
+    As of `OccupancyMap.transformed`.
+dim : int
+    2, 3 or 4.
+name : str
+    What errors call it.
+
+Returns
+-------
+(dim + 1, dim + 1) float64
+
+Raises
+------
+ValueError
+    As of `OccupancyMap.transformed`.
+)");
   py::class_<Changes>(module, "Changes", "Regions whose state, or cell, is another one, one entry each.")
       .def_readonly("lower", &Changes::lower, "(n, dim) float64: lower corners [m].")
       .def_readonly("size", &Changes::size, "(n,) float64: edge lengths [m].")
@@ -186,8 +217,9 @@ Parameters
 other : OccupancyMap
     Of the same kind, with cells of the same sizes.
 box : (2, dim) array of float, optional
-    Lower and upper corner [m]: only cells in it are taken over, that is, in all cubes of `max_cell_size` that share a
-    volume with it, and the counts of `stats` stay this map's. Default: all, and the counts add up.
+    Lower and upper corner [m]: only cells in it are taken over, that is, in all cubes of `max_cell_size` (of a fixed
+    map: all cells) that share a volume with it, and the counts of `stats` stay this map's. Default: all, and the
+    counts add up.
 
 Raises
 ------
@@ -199,13 +231,16 @@ MemoryError
 )");
   base.def("transformed", &transformed, "pose"_a, R"(The map in another frame: moved by a rigid motion.
 
-Borders and surfaces are moved to the nearest smallest cell, by at most half its diagonal more than the motion; nothing
+A motion by right angles and whole cells of max_cell_size (of a fixed map: whole cells) moves every cell as it is, with
+what it carries, bit for bit, and keeps the counters; the identity gives a map of the same bytes. After any other,
+borders and surfaces are moved to the nearest smallest cell, by at most half its diagonal more than the motion; nothing
 is blurred, and nothing unknown becomes known.
 
 Parameters
 ----------
-pose : (dim + 1, dim + 1) array of float, or for dim = 2 (3,)
-    Every point x of this map is at `pose * x` in the other; x, y and yaw if (3,) [m, rad].
+pose : (dim + 1, dim + 1) array of float; or (3,) in 2-D, (7,) in 3-D
+    Every point x of this map is at `pose * x` in the other: a homogeneous matrix; or x, y and yaw; or x, y, z and a
+    quaternion qx, qy, qz, qw [m, rad].
 
 Returns
 -------
@@ -215,7 +250,11 @@ OccupancyMap
 Raises
 ------
 ValueError
-    The pose is no rigid motion, or moves cells to where the lattice of cells does not reach.
+    The pose is not finite, its rotation mirrors or is none, the last row of its matrix is not 0, ..., 0, 1, or it moves
+    cells to where the lattice of cells does not reach; or borders and surfaces would go through more than 2**24 of the
+    smallest cells, and 16 more for each leaf.
+MemoryError
+    The map, with what its cells carry, would hold more than max_memory.
 )");
   py::class_<PythonFrontierSearch>(module, "FrontierSearch",
                                    R"(Frontiers that follow a map.
@@ -247,7 +286,7 @@ ValueError
           "update",
           [](PythonFrontierSearch& search, const PythonMap& map) {
             map.read([&](const MapInterface& m) {
-              const std::lock_guard lock(search.mutex);
+              const SharedLock::Holder holder(search.lock, SharedLock::Use::change);
               search.search->update(*m.queries());
             });
           },
@@ -271,7 +310,8 @@ KeyboardInterrupt
             AnyFrontiers all;
             {
               const Released released;
-              const std::lock_guard lock(search.mutex);
+              const CallInProgress call;
+              const SharedLock::Holder holder(search.lock, SharedLock::Use::look);
               all = search.search->frontiers(min_cells);
             }
             return to_python(std::move(all));

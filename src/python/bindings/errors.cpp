@@ -19,7 +19,7 @@ namespace ndtree::python {
 
 namespace {
 
-std::atomic<unsigned long> main_thread{0};  // Also of a process that is forked from this one.
+std::atomic<unsigned long> main_thread{0};
 
 /// Numbers with more digits than any double has are said in the few that it has: 1e+300, not 301 digits.
 std::string with_short_numbers(std::string_view text) {
@@ -106,6 +106,16 @@ void bind_errors(pybind11::module_&) {
   main_thread =
       pybind11::module_::import("threading").attr("main_thread")().attr("ident").cast<unsigned long>();
   pybind11::register_exception_translator(translate);
+  namespace py = pybind11;
+  const py::module_ os = py::module_::import("os");
+  if (!py::hasattr(os, "register_at_fork")) return;
+  os.attr("register_at_fork")(
+      py::arg("before") = py::cpp_function(&CallInProgress::before_fork),
+      py::arg("after_in_parent") = py::cpp_function(&CallInProgress::after_fork_in_parent),
+      py::arg("after_in_child") = py::cpp_function([] {
+        CallInProgress::after_fork_in_child();
+        main_thread = PyThread_get_thread_ident();
+      }));
 }
 
 }  // namespace ndtree::python

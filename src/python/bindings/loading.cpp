@@ -97,9 +97,9 @@ py::object map_of_grid(const py::array_t<std::int8_t, py::array::c_style>& state
 py::object map_from_grid(const py::object& states, const py::object& lower, double cell_size,
                          const std::string& refinement) {
   using States = py::array_t<std::int8_t, py::array::c_style>;
-  const py::array given = py::array::ensure(states);
-  if (!given || (given.dtype().kind() != 'i' && given.dtype().kind() != 'u'))
-    throw py::type_error("states: must be an array of whole numbers");
+  const char* const expected = "states: must be an array of whole numbers";
+  const py::array given = as_array(states, expected);
+  if (given.dtype().kind() != 'i' && given.dtype().kind() != 'u') throw py::type_error(expected);
   if (given.ndim() != 2 && given.ndim() != 3)
     throw py::value_error("states has shape " + shape_text(given) + ": must have two or three axes");
   const auto dim = static_cast<int>(given.ndim());
@@ -110,7 +110,7 @@ py::object map_from_grid(const py::object& states, const py::object& lower, doub
       throw py::value_error("states holds " + std::to_string(extreme) +
                             ": must be -1 unknown, 0 free and 1 occupied");
   }
-  const auto narrow = States::ensure(given.attr("astype")("int8"));
+  const States narrow(py::object(given.attr("astype")("int8")));
   const DoubleArray corner = as_doubles(lower, "lower");
   if (corner.ndim() != 1 || corner.shape(0) != dim)
     throw py::value_error("lower has shape " + shape_text(corner) + ": must be (" + std::to_string(dim) +

@@ -253,13 +253,14 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   auto change(const Change& change, bool may_add = false) {
     if (layers_.empty() && !may_add) {
       Layers none;
-      const auto result = change(map_, none);
+      const auto result = change(map_, none);  // Which has made its last checkpoint.
       layers_ = std::move(none);
       return result;
     }
     Map map = map_;
     Layers layers = layers_;
     const auto result = change(map, layers);
+    last_checkpoint();
     map_ = std::move(map);
     layers_ = std::move(layers);
     return result;

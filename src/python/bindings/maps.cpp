@@ -218,8 +218,13 @@ MapOptions options_from_keywords(const py::kwargs& keywords, std::string_view re
       known = true;
       const double number = PyFloat_AsDouble(value.ptr());
       if (PyErr_Occurred() != nullptr) {
-        PyErr_Clear();
-        throw py::type_error(name + " = " + py::repr(value).cast<std::string>() + ": must be a number");
+        py::error_already_set error;
+        if (!error.matches(PyExc_TypeError) && !error.matches(PyExc_ValueError) &&
+            !error.matches(PyExc_OverflowError))
+          throw error;
+        const std::string text = name + " = " + py::repr(value).cast<std::string>() + ": must be a number";
+        py::raise_from(error, PyExc_TypeError, text.c_str());
+        throw py::error_already_set();
       }
       place = number;
     });

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "numpy.hpp"
 
-#include <new>
-
 namespace ndtree::python {
 
 std::string number_text(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
@@ -13,20 +11,37 @@ std::string shape_text(const py::array& array) {
   return text + (array.ndim() == 1 ? ",)" : ")");
 }
 
+namespace {
+
+/// @param type of the elements, or null: the object's own. @param flags of NumPy.
+py::object converted(const py::object& object, PyObject* type, int flags) {
+  const auto& numpy = py::detail::npy_api::get();
+  return py::reinterpret_steal<py::object>(
+      numpy.PyArray_FromAny_(object.ptr(), type, 0, 0, numpy.NPY_ARRAY_ENSUREARRAY_ | flags, nullptr));
+}
+
+}  // namespace
+
+py::array as_array(const py::object& object, const std::string& what_is_wrong) {
+  const py::object array = converted(object, nullptr, 0);
+  if (array) return py::reinterpret_borrow<py::array>(array);
+  const PyObject* const type = PyErr_Occurred();
+  if (type == PyExc_TypeError ||
+      type == PyExc_ValueError)  // Not of a kind derived from them: those are others'.
+    py::raise_from(PyExc_TypeError, what_is_wrong.c_str());
+  throw py::error_already_set();
+}
+
 DoubleArray as_doubles(const py::object& object, const char* name) {
-  py::array array = py::array::ensure(object);
-  if (!array) {
-    PyErr_Clear();
-    throw py::type_error(std::string(name) + ": must be an array of numbers");
-  }
+  const py::array array = as_array(object, std::string(name) + ": must be an array of numbers");
   const char kind = array.dtype().kind();
   const bool empty_list = array.size() == 0;
   if (kind != 'f' && kind != 'i' && kind != 'u' && !empty_list)
     throw py::type_error(std::string(name) + " has dtype " + py::str(array.dtype()).cast<std::string>() +
                          ": must be an array of real numbers");
   constexpr int kPlain = py::array::c_style | py::array::forcecast | py::detail::npy_api::NPY_ARRAY_ALIGNED_;
-  auto doubles = py::array_t<double, kPlain>::ensure(array);
-  if (!doubles) throw std::bad_alloc();
+  const py::object doubles = converted(array, py::dtype::of<double>().release().ptr(), kPlain);
+  if (!doubles) throw py::error_already_set();
   return py::reinterpret_borrow<DoubleArray>(doubles);
 }
 
@@ -59,11 +74,9 @@ DoubleArray as_points_or_one(const py::object& object, const char* name, int dim
 
 py::object as_mask(const py::object& object, const char* name, py::ssize_t n) {
   if (object.is_none()) return py::none();
-  py::array array = py::array::ensure(object);
-  if (!array || array.dtype().kind() != 'b') {
-    PyErr_Clear();
-    throw py::type_error(std::string(name) + ": must be an array of bool, or None");
-  }
+  const std::string expected = std::string(name) + ": must be an array of bool, or None";
+  const py::array array = as_array(object, expected);
+  if (array.dtype().kind() != 'b') throw py::type_error(expected);
   if (array.ndim() != 1 || array.shape(0) != n)
     throw py::value_error(std::string(name) + " has shape " + shape_text(array) + ": must be (" +
                           std::to_string(n) + ",), one for each point");

@@ -26,7 +26,13 @@ std::string number_text(double value);
 /// "(3, 2)", as NumPy writes it.
 std::string shape_text(const py::array& array);
 
-/// An array of numbers as contiguous float64. @throws TypeError naming the argument for anything but numbers.
+/// What NumPy makes of an object. @throws TypeError with this text where it is none of NumPy's arrays, with
+/// NumPy's error as its cause; whatever else the conversion raises, such as KeyboardInterrupt, MemoryError or
+/// an error of the object's own, is passed on.
+py::array as_array(const py::object& object, const std::string& what_is_wrong);
+
+/// An array of numbers as contiguous float64. @throws TypeError naming the argument for anything but numbers,
+/// and as as_array().
 DoubleArray as_doubles(const py::object& object, const char* name);
 
 /// An (n, dim) array. @throws ValueError naming the argument, its shape and the one expected.

@@ -3,12 +3,11 @@
 /// The object behind a Python distance field, guarded so that threads may share it.
 #pragma once
 
-#include <mutex>
-#include <shared_mutex>
 #include <utility>
 
 #include "map_queries.hpp"
 #include "released.hpp"
+#include "shared_lock.hpp"
 
 namespace ndtree::python {
 
@@ -21,15 +20,15 @@ class PythonField {
   template <class Function>
   auto read(Function&& function) const {
     const Released released;
-    std::shared_lock lock(mutex_, std::try_to_lock);
-    wait_for(lock);
+    const CallInProgress call;
+    const SharedLock::Holder holder(lock_, SharedLock::Use::look);
     return function(std::as_const(field_));
   }
   template <class Function>
   auto write(Function&& function) {
     const Released released;
-    std::unique_lock lock(mutex_, std::try_to_lock);
-    wait_for(lock);
+    const CallInProgress call;
+    const SharedLock::Holder holder(lock_, SharedLock::Use::change);
     return function(field_);
   }
   /// Of which all but the values never changes.
@@ -37,7 +36,7 @@ class PythonField {
 
  private:
   AnyField field_;
-  mutable SharedMutex mutex_;
+  mutable SharedLock lock_;
 };
 
 }  // namespace ndtree::python

@@ -8,13 +8,13 @@
 #include <exception>
 #include <memory>
 #include <mutex>
-#include <shared_mutex>
 #include <string>
 #include <string_view>
 #include <utility>
 
 #include "map_interface.hpp"
 #include "released.hpp"
+#include "shared_lock.hpp"
 
 namespace ndtree::python {
 
@@ -24,7 +24,8 @@ namespace ndtree::python {
 /// are no more copies.
 ///
 /// All leave the interpreter's lock to others, and take this one only after that: so they cannot wait for
-/// each other in a circle. Whoever waits for it hears signals meanwhile, see wait_for().
+/// each other in a circle. Who waits for it hears signals meanwhile. A fork waits until no other thread is in
+/// a call, see CallInProgress, so that the child can go on with the map.
 class PythonMap {
  public:
   explicit PythonMap(std::unique_ptr<MapInterface> map) : map_(std::move(map)) {}
@@ -33,25 +34,20 @@ class PythonMap {
   template <class Function>
   auto read(Function&& function) const {
     const Released released;
-    if (const auto copy = left_behind()) return function(*copy);
-    std::shared_lock lock(mutex_, std::try_to_lock);
-    if (!lock.owns_lock()) {
-      expect_company();
-      wait_for(lock);
+    const CallInProgress call;
+    std::shared_ptr<const MapInterface> copy = left_behind();
+    if (!copy) {
+      const SharedLock::Holder holder(lock_, SharedLock::Use::look, [this] { expect_company(); });
+      if (!has_company()) return function(std::as_const(*map_));
+      copy = map_->clone();
     }
-    if (!has_company()) return function(std::as_const(*map_));
-    const std::shared_ptr<const MapInterface> copy = map_->clone();
-    lock.unlock();
     return function(*copy);
   }
   template <class Function>
   auto write(Function&& function) {
     const Released released;
-    std::unique_lock lock(mutex_, std::try_to_lock);
-    if (!lock.owns_lock()) {
-      expect_company();
-      wait_for(lock);
-    }
+    const CallInProgress call;
+    const SharedLock::Holder holder(lock_, SharedLock::Use::change, [this] { expect_company(); });
     const CopyInTheEnd copy(*this);
     return function(*map_);
   }
@@ -96,7 +92,7 @@ class PythonMap {
   }
 
   std::unique_ptr<MapInterface> map_;
-  mutable SharedMutex mutex_;
+  mutable SharedLock lock_;
   // Of all below:
   mutable std::mutex copy_mutex_;
   mutable int patience_ = 0;                  // > 0: there may be several who look and write.

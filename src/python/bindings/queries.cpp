@@ -528,8 +528,9 @@ Parameters
 ----------
 shape : Shape
     Sphere, Capsule, Box, or several by ``a | b``.
-poses : (n, 3) array of float in 2-D; (n, dim + 1, dim + 1) in 2-D and 3-D
-    x, y [m] and yaw [rad], or homogeneous matrices: from the body's frame to the map's.
+poses : (n, dim + 1, dim + 1) array of float; or (n, 3) in 2-D, (n, 7) in 3-D
+    From the body's frame to the map's: homogeneous matrices; or x, y and yaw; or x, y, z and a quaternion qx, qy,
+    qz, qw [m, rad].
 unknown : str
     What unknown space, outside the map too, is taken for: "free" or "occupied".
 
@@ -537,6 +538,12 @@ Returns
 -------
 (n,) bool
     Exact for cells of any size; touching counts.
+
+Raises
+------
+ValueError
+    A pose is not finite, its rotation mirrors or is none, or the last row of its matrix is not 0, ..., 0, 1; it is
+    named.
 )")
       .def(
           "path_collides",

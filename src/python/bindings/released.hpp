@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// How a call leaves the interpreter to other threads, and waits for what they hold, without growing deaf.
+/// How a call leaves the interpreter to other threads without growing deaf to signals.
 #pragma once
 
 #include <pybind11/pybind11.h>
 
 #include <chrono>
 #include <optional>
-#include <shared_mutex>
 
 #include "ndtree/core/cancel.hpp"
 
@@ -19,7 +18,7 @@ namespace ndtree::python {
 class Released {
  public:
   Released() {
-    if (hears_signals()) scope_.emplace([this] { return was_raised(); });
+    if (hears_signals()) scope_.emplace([this] { return was_raised(); }, [this] { return is_raised(); });
   }
 
  private:
@@ -27,8 +26,8 @@ class Released {
   static constexpr std::chrono::milliseconds kPause{100};  // Who asks has to wait for the interpreter.
 
   [[nodiscard]] static bool hears_signals();
-  [[nodiscard]] bool was_raised() {
-    if (Clock::now() < next_) return false;
+  [[nodiscard]] bool was_raised() { return Clock::now() >= next_ && is_raised(); }
+  [[nodiscard]] bool is_raised() {
     const pybind11::gil_scoped_acquire held;
     const bool raised = PyErr_CheckSignals() != 0;
     next_ = Clock::now() + kPause;
@@ -39,15 +38,5 @@ class Released {
   pybind11::gil_scoped_release released_;
   std::optional<CancelScope> scope_;
 };
-
-/// What threads share, each of them Released: any number look, or one writes.
-using SharedMutex = std::shared_timed_mutex;
-
-/// Waits until the lock is held, however long others hold it. @throws Cancelled, see Released.
-template <class Lock>
-void wait_for(Lock& lock) {
-  constexpr std::chrono::milliseconds kPatience{20};
-  while (!lock.owns_lock() && !lock.try_lock_for(kPatience)) checkpoint();
-}
 
 }  // namespace ndtree::python

@@ -10,6 +10,11 @@ Lengths are in metres, arrays are (n, dim), everything is in the map frame.
 2
 """
 
+from . import _interrupt
+
+if _interrupt.is_command():
+    _interrupt.end_quietly()
+
 from . import _compiled as _compiled  # Before anybody takes a function of the compiled module.
 from . import _methods as _methods
 from ._core import (

@@ -70,12 +70,14 @@ def flattened(
         return given, None
     own = axes[first]
     array = _array(given[first])
-    if array is None or array.ndim == own + 1:
+    if array is None or (array.ndim == own + 1 and first != "poses"):
         return given, None
-    if first == "poses":  # In the plane also x, y and yaw.
-        planar = dim() == 2 and array.shape == (3,)
-        own = 1 if planar else 2
-        fits = planar or (array.ndim >= 2 and array.shape[-2:] == (dim() + 1, dim() + 1))
+    if first == "poses":  # In the plane also x, y and yaw, in space x, y, z and a quaternion.
+        flat = (dim() == 2 and array.shape == (3,)) or (dim() == 3 and array.shape[-1:] == (7,))
+        own = 1 if flat else 2
+        if array.ndim == own + 1:
+            return given, None
+        fits = flat or (array.ndim >= 2 and array.shape[-2:] == (dim() + 1, dim() + 1))
         fits = fits and not (dim() == 2 and array.ndim == 2)
     else:
         fits = array.ndim >= own and array.shape[-1] == dim()

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Callable
 from typing import Any
@@ -21,10 +22,32 @@ _WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("bool", lambda value: isinstance(value, bool), "True or False"),
 )
 _MOST_SHOWN = 60
+#: Of integers: what the compiled functions' types hold.
+_OF_INT = (-(2**31), 2**31 - 1)
+_BOUNDS = {
+    "dim": (2, 4),
+    "branching": (2, 4),
+    "threads": (0, 2**31 - 1),
+    **dict.fromkeys(("max_leaves", "max_bytes", "samples", "seed", "scans", "i"), (0, 2**64 - 1)),
+}
 
 
-def said(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
-    """What is wrong with the call that pybind11 describes in several lines."""
+def error_of(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> Exception:
+    """What is wrong with the call that pybind11 describes in several lines.
+
+    Returns
+    -------
+    Exception
+        ValueError for an integer out of bounds, else TypeError.
+    """
+    try:
+        return TypeError(_said(text, arguments, keywords))
+    except ValueError as error:
+        error.__context__ = None  # That of pybind11, in several lines.
+        return error.with_traceback(None)
+
+
+def _said(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:
     lines = text.splitlines()
     found = parameters_of(lines[1]) if len(lines) > 1 else []
     known = [(name, annotation, default is not None) for name, annotation, default in found if name != "/"]
@@ -59,9 +82,17 @@ def said(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str
             if word in wanted:
                 if not suits(value):
                     return f"{name}(): {one} = {_shown(value)}: must be {words}"
+                if word == "SupportsInt":
+                    _check_bounds(f"{name}(): {one}", value, _BOUNDS.get(one, _OF_INT))
                 break
     shown = ", ".join(f"{key} = {_shown(value)}" for key, value in given.items())
     return f"{name}(): {shown or 'no arguments'}: a value is out of bounds, or of another kind than expected"
+
+
+def _check_bounds(what: str, value: Any, bounds: tuple[int, int]) -> None:
+    number = operator.index(value)
+    if not bounds[0] <= number <= bounds[1]:
+        raise ValueError(f"{what} = {_shown(number)}: must be from {bounds[0]} to {bounds[1]}")
 
 
 def _called(text: str) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 
 from ndtree import _core, results
 from ndtree._arguments import TAKEN, flattened, refuse_masked, shaped
-from ndtree._calls import MISMATCH, said
+from ndtree._calls import MISMATCH, error_of
 from ndtree._signatures import signature_of, text_of
 
 #: By the compiled type of a result: the one that takes its place.
@@ -83,8 +83,8 @@ def _wrapped(
             text = str(error)
             if not MISMATCH.search(text):
                 raise
-            line = said(text, arguments, keywords)
-        raise TypeError(line)
+            refused: Exception = error_of(text, arguments, keywords)
+        raise refused
 
     call.__qualname__ = name  # pybind11's own is that of a class of its.
     call.__doc__ = text_of(function.__doc__)

@@ -746,8 +746,9 @@ class OccupancyMap:
         ----------
         shape : Shape
             Sphere, Capsule, Box, or several by ``a | b``.
-        poses : (n, 3) array of float in 2-D; (n, dim + 1, dim + 1) in 2-D and 3-D
-            x, y [m] and yaw [rad], or homogeneous matrices: from the body's frame to the map's.
+        poses : (n, dim + 1, dim + 1) array of float; or (n, 3) in 2-D, (n, 7) in 3-D
+            From the body's frame to the map's: homogeneous matrices; or x, y and yaw; or x, y, z and a quaternion qx, qy,
+            qz, qw [m, rad].
         unknown : str
             What unknown space, outside the map too, is taken for: "free" or "occupied".
 
@@ -755,6 +756,12 @@ class OccupancyMap:
         -------
         (n,) bool
             Exact for cells of any size; touching counts.
+
+        Raises
+        ------
+        ValueError
+            A pose is not finite, its rotation mirrors or is none, or the last row of its matrix is not 0, ..., 0, 1; it is
+            named.
         """
     def path_collides(self, shape: Shape, poses: ArrayLike, *, unknown: UnknownAs = "free") -> int:
         """The first pose of a path that a body cannot move to.
@@ -876,8 +883,9 @@ class OccupancyMap:
         other : OccupancyMap
             Of the same kind, with cells of the same sizes.
         box : (2, dim) array of float, optional
-            Lower and upper corner [m]: only cells in it are taken over, that is, in all cubes of `max_cell_size` that share a
-            volume with it, and the counts of `stats` stay this map's. Default: all, and the counts add up.
+            Lower and upper corner [m]: only cells in it are taken over, that is, in all cubes of `max_cell_size` (of a fixed
+            map: all cells) that share a volume with it, and the counts of `stats` stay this map's. Default: all, and the
+            counts add up.
 
         Raises
         ------
@@ -890,13 +898,16 @@ class OccupancyMap:
     def transformed(self, pose: ArrayLike) -> Self:
         """The map in another frame: moved by a rigid motion.
 
-        Borders and surfaces are moved to the nearest smallest cell, by at most half its diagonal more than the motion; nothing
+        A motion by right angles and whole cells of max_cell_size (of a fixed map: whole cells) moves every cell as it is, with
+        what it carries, bit for bit, and keeps the counters; the identity gives a map of the same bytes. After any other,
+        borders and surfaces are moved to the nearest smallest cell, by at most half its diagonal more than the motion; nothing
         is blurred, and nothing unknown becomes known.
 
         Parameters
         ----------
-        pose : (dim + 1, dim + 1) array of float, or for dim = 2 (3,)
-            Every point x of this map is at `pose * x` in the other; x, y and yaw if (3,) [m, rad].
+        pose : (dim + 1, dim + 1) array of float; or (3,) in 2-D, (7,) in 3-D
+            Every point x of this map is at `pose * x` in the other: a homogeneous matrix; or x, y and yaw; or x, y, z and a
+            quaternion qx, qy, qz, qw [m, rad].
 
         Returns
         -------
@@ -906,7 +917,11 @@ class OccupancyMap:
         Raises
         ------
         ValueError
-            The pose is no rigid motion, or moves cells to where the lattice of cells does not reach.
+            The pose is not finite, its rotation mirrors or is none, the last row of its matrix is not 0, ..., 0, 1, or it moves
+            cells to where the lattice of cells does not reach; or borders and surfaces would go through more than 2**24 of the
+            smallest cells, and 16 more for each leaf.
+        MemoryError
+            The map, with what its cells carry, would hold more than max_memory.
         """
     def __eq__(self, other: object) -> bool: ...
     __hash__: ClassVar[None]  # type: ignore[assignment]
@@ -1325,6 +1340,28 @@ class SimulatedLog3:
         self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = ...
     ) -> NDArray[np.float64]:
         """(n,) metres from origins to the first surface along directions; nan where there is none."""
+
+def pose_matrix(pose: ArrayLike, *, dim: int, name: str = "pose") -> NDArray[np.float64]:
+    """A pose as a homogeneous matrix, checked as all are that maps are given.
+
+    Parameters
+    ----------
+    pose : (dim + 1, dim + 1) array of float; or (3,) in 2-D, (7,) in 3-D
+        As of `OccupancyMap.transformed`.
+    dim : int
+        2, 3 or 4.
+    name : str
+        What errors call it.
+
+    Returns
+    -------
+    (dim + 1, dim + 1) float64
+
+    Raises
+    ------
+    ValueError
+        As of `OccupancyMap.transformed`.
+    """
 
 @overload
 def simulate(

@@ -7,6 +7,7 @@ import os
 import sys
 from typing import Any, NoReturn, TextIO
 
+from ndtree import _interrupt
 from ndtree.exit_status import WRONG_CALL
 
 
@@ -55,6 +56,7 @@ def main() -> NoReturn:
         stream = getattr(sys, name)
         if stream is not None:
             setattr(sys, name, _Heard(stream))
+    _interrupt.raise_again()
     app()
 
 

@@ -18,6 +18,8 @@ from websockets.http11 import Request, Response
 
 #: Names that only this computer has; through a tunnel its port may be another.
 LOCAL_NAMES = ("127.0.0.1", "localhost", "::1")
+#: A name or an address, that of IPv6 in brackets, and perhaps a port; nothing else is a Host (RFC 9110, 7.2).
+_HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z.-]+)(?::[0-9]{1,5})?")
 #: Each open page has a thread, and what it shows in memory.
 MOST_PAGES = 16
 #: What a page says is where its camera is, and what was clicked.
@@ -70,11 +72,9 @@ def why_not(headers: Headers) -> str | None:
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
     if len(hosts) != 1 or len(origins) > 1:
         return "expected one Host, and one Origin at most"
-    try:
-        name = urllib.parse.urlsplit(f"http://{hosts[0]}").hostname
-    except ValueError:
-        name = None
-    if name not in LOCAL_NAMES or "@" in hosts[0]:
+    found = _HOST.fullmatch(hosts[0])
+    name = found and found["name"].strip("[]").lower()
+    if name not in LOCAL_NAMES:
         return f"expected {', '.join(LOCAL_NAMES)} as Host"
     if origins and origins[0].lower() != f"http://{hosts[0].lower()}":
         return "pages from elsewhere may not ask"

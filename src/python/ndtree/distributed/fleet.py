@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ndtree import _core
-from ndtree._core import OccupancyMap
+from ndtree._core import OccupancyMap, pose_matrix
 from ndtree.distributed import plan
 from ndtree.distributed.engines import Engine, engine_of
 from ndtree.distributed.run import Progress, run_all, run_chains
@@ -230,8 +230,8 @@ def remap(
     ----------
     url : str or path
     poses : mapping
-        Of a log's name and of the number of a scan in it, among those that were taken, to a
-        (dim + 1, dim + 1) rigid motion: from where its log had it to where it is. Those left out stay.
+        Of a log's name and of the number of a scan in it, among those that were taken, to a pose as of
+        `OccupancyMap.transformed`: from where its log had it to where it is. Those left out stay.
     engine, workers, progress
         As for `map`.
 
@@ -277,7 +277,7 @@ def remap(
         for number, pose in sorted(of_log.items()):
             if not 0 <= number < len(index.scans):
                 raise ValueError(f"log {log!r}: scan {number}: there are {len(index.scans)}")
-            matrix = _rigid(pose, job.kind.dim, f"log {log!r}: scan {number}")
+            matrix = pose_matrix(pose, dim=job.kind.dim, name=f"log {log!r}: scan {number}: pose")
             if np.array_equal(matrix, motions[number]):
                 continue
             motions[number] = matrix
@@ -435,14 +435,3 @@ def _motions(storage: Storage, name: str | None, scans: int, dim: int) -> Any:
     if name is None:
         return np.broadcast_to(np.eye(dim + 1), (scans, dim + 1, dim + 1)).copy()
     return np.load(io.BytesIO(storage.read(name)), allow_pickle=False)
-
-
-def _rigid(pose: ArrayLike, dim: int, what: str) -> Any:
-    matrix = np.asarray(pose, dtype=np.float64)
-    if matrix.shape != (dim + 1, dim + 1):
-        raise ValueError(f"{what}: pose has shape {matrix.shape}: must be ({dim + 1}, {dim + 1})")
-    turn = matrix[:-1, :-1]
-    rigid = np.isfinite(matrix).all() and np.allclose(turn @ turn.T, np.eye(dim), rtol=0.0, atol=1e-6)
-    if not rigid or np.linalg.det(turn) < 0 or not np.array_equal(matrix[-1], np.eye(dim + 1)[-1]):
-        raise ValueError(f"{what}: the pose is no rigid motion: must be a rotation and a translation")
-    return matrix

@@ -67,7 +67,7 @@ class TiledMap:
     """
 
     def __init__(self, storage: Storage, manifest: Manifest, cache_bytes: int = CACHE_BYTES) -> None:
-        if cache_bytes < 0:
+        if not cache_bytes >= 0:  # nan, too.
             raise ValueError(f"cache_bytes = {cache_bytes}: must be >= 0")
         self.manifest = manifest
         self._storage = storage
@@ -244,7 +244,12 @@ class TiledMap:
         if bounds is None:
             return found
         distance, point = found.distance.copy(), found.point.copy()
-        left = np.flatnonzero(np.isfinite(points).all(axis=1))
+        with np.errstate(over="ignore", invalid="ignore"):
+            near = np.clip(points, *bounds)
+            is_far = np.isinf(np.sum((points - near) ** 2, axis=1))
+        if is_far.any() and max_distance == math.inf:  # Then the distance is inf, as maps say.
+            point[is_far] = self.nearest_occupied(near[is_far]).point
+        left = np.flatnonzero(np.isfinite(points).all(axis=1) & ~is_far)
         radius = min(0.25 * self.grid.size, max_distance)
         while left.size:
             one = self._at(
@@ -312,8 +317,8 @@ class TiledMap:
     def _about(self, poses: ArrayLike, shape: Shape) -> OccupancyMap:
         """Tiles that a body may touch in some poses."""
         array = np.asarray(poses, dtype=np.float64)
-        planar = array.ndim < 3 and array.shape[-1:] == (3,)
-        places = array[..., :2] if planar else array[..., : self.dim, -1]
+        flat = (array.ndim < 3 and array.shape[-1:] == (3,)) or (self.dim == 3 and array.shape[-1:] == (7,))
+        places = array[..., : self.dim] if flat else array[..., : self.dim, -1]
         places = places.reshape(-1, places.shape[-1] if places.ndim else 1)
         if places.shape[1] != self.dim or not np.isfinite(places).all() or not len(places):
             return self._frame  # Which says what is wrong.
