@@ -225,5 +225,33 @@ TYPED_TEST(LatticeOf, CellContainsItsHalfOpenRange) {
   }
 }
 
+TEST(LatticeGeometry, CornersBesideABorderLieOnIt) {
+  int on_border = 0;
+  int beside = 0;
+  for (const double unit : units()) {
+    const LatticeGeometry<2, 1> geometry(unit, 3);
+    double sum = 0.0;  // As a user adds cell sizes up.
+    for (std::int64_t k = 0; k < 2000; ++k, sum += unit) {
+      const double upper = sum + unit;
+      const auto box = geometry.on_borders({Vector<1>(sum), Vector<1>(upper)});
+      on_border += box.lower[0] == geometry.border(k) && box.upper[0] == geometry.border(k + 1);
+      const auto again = geometry.on_borders(box);
+      EXPECT_TRUE(again.lower == box.lower && again.upper == box.upper);
+      const auto cells = geometry.cells_in({Vector<1>(sum), Vector<1>(upper)}, geometry.finest_level());
+      EXPECT_EQ(cells.lower[0], k) << unit;
+      EXPECT_EQ(cells.upper[0], k + 1) << unit;
+      const Box<1> inside{Vector<1>(sum + 1e-5 * unit), Vector<1>(upper - 1e-5 * unit)};
+      const auto same = geometry.on_borders(inside);
+      beside += same.lower == inside.lower && same.upper == inside.upper;
+    }
+    const Box<1> thin{Vector<1>(3.0 * unit - 1e-8 * unit), Vector<1>(3.0 * unit + 1e-8 * unit)};
+    EXPECT_EQ(geometry.on_borders(thin).lower, thin.lower);
+    const Box<1> all{Vector<1>(-kInfinity), Vector<1>(kInfinity)};
+    EXPECT_EQ(geometry.on_borders(all).upper, all.upper);
+  }
+  EXPECT_EQ(on_border, 20000);
+  EXPECT_EQ(beside, 20000);
+}
+
 }  // namespace
 }  // namespace ndtree::test::test_lattice

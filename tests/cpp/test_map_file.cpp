@@ -152,7 +152,7 @@ TEST(MapFileContent, ErrorsNameWhatIsWrong) {
   } rows[] = {
       {"", "the file is empty: not an ndtree map"},
       {"hello, world", "not an ndtree map"},
-      {version, "format version 7: this ndtree reads versions 2 to 4"},
+      {version, "format version 7: this ndtree reads versions 2 to 6"},
       {good.substr(0, good.size() - 3), "truncated or overlong"},
       {damaged, "damaged: the checksum does not match"},
       {to_bytes(PaperMap<2, 3>()),

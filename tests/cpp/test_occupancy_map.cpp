@@ -381,16 +381,16 @@ TEST(OccupancyMap, OutcomesHaveTheirEffects) {
   const int none = -1;
   const Row rows[] = {
       {"returned", {1.75, 0.25}, true, kInfinity, "returned", {free, free, free, hit, none}},
-      {"not returned: not the cell it ends in",
+      {"not returned: the cell it ends in, too",
        {1.75, 0.25},
        false,
        kInfinity,
        "not",
-       {free, free, free, none}},
+       {free, free, free, free, none}},
       {"not returned, ends on a border", {1.5, 0.25}, false, kInfinity, "not", {free, free, free, none}},
-      {"beyond max_range", {1.75, 0.25}, true, 1.0, "beyond", {free, free, none, none}},
+      {"beyond max_range", {1.75, 0.25}, true, 1.0, "beyond", {free, free, free, none}},
       {"exactly max_range", {1.75, 0.25}, true, 1.5, "returned", {free, free, free, hit, none}},
-      {"not returned, cut by max_range", {1.75, 0.25}, false, 1.0, "not", {free, free, none, none}},
+      {"not returned, cut by max_range", {1.75, 0.25}, false, 1.0, "not", {free, free, free, none}},
       {"max_range ends on a border", {1.75, 0.25}, true, 0.75, "beyond", {free, free, none, none}},
       {"too short to leave its cell", {0.375, 0.25}, true, kInfinity, "returned", {hit, none}},
       {"NaN", {kNan, 0.25}, true, kInfinity, "invalid", {none, none}},
@@ -428,7 +428,7 @@ TEST(OccupancyMap, OutcomesHaveTheirEffects) {
 }
 
 TEST(OccupancyMap, EndPointsOnBordersAndCornersCountOneHit) {
-  // Cells of 1 m. A returned beam that only touches the cell of its end point hits the next one along it.
+  // Cells of 1 m. A surface on a border is the front of the cell behind it, seen from either side.
   struct Row {
     const char* what;
     Vector<2> origin, endpoint, hit;  // `hit`: centre of the cell.
@@ -436,11 +436,11 @@ TEST(OccupancyMap, EndPointsOnBordersAndCornersCountOneHit) {
   };
   const Row rows[] = {
       {"right, onto a border", {0.5, 0.5}, {2.0, 0.5}, {2.5, 0.5}, 2},
-      {"left, onto a border", {3.5, 0.5}, {2.0, 0.5}, {2.5, 0.5}, 1},
+      {"left, onto a border", {3.5, 0.5}, {2.0, 0.5}, {1.5, 0.5}, 2},
       {"up, onto a border", {0.5, 0.5}, {0.5, 2.0}, {0.5, 2.5}, 2},
-      {"down, onto a border", {0.5, 3.5}, {0.5, 2.0}, {0.5, 2.5}, 1},
+      {"down, onto a border", {0.5, 3.5}, {0.5, 2.0}, {0.5, 1.5}, 2},
       {"up right into a corner", {0.5, 0.5}, {2.0, 2.0}, {2.5, 2.5}, 2},
-      {"down left into a corner", {3.5, 3.5}, {2.0, 2.0}, {2.5, 2.5}, 1},
+      {"down left into a corner", {3.5, 3.5}, {2.0, 2.0}, {1.5, 1.5}, 2},
       {"down right into a corner, whose cell it only touches", {0.5, 3.5}, {2.0, 2.0}, {2.5, 1.5}, 2},
       {"up left into a corner, whose cell it only touches", {3.5, 0.5}, {2.0, 2.0}, {1.5, 2.5}, 2},
       {"along a face", {0.5, 2.0}, {2.5, 2.0}, {2.5, 2.5}, 2}};

@@ -67,7 +67,7 @@ const std::map<std::string, std::string>& option_help() {
       {"evidence_prior", "evidence for and against that every cell begins with [nats]"},
       {"change_probability", "a streak of scans less likely than this is a change; 0: never"},
       {"evidence_half_life", "a cell's evidence halves in so many scans of it; 0: never"},
-      {"covered_share", "a large cell is known once so much of it was seen; 0: once a beam passed"},
+      {"covered_share", "a cell is known once so much was seen of each of its halves; 0: once a beam passed"},
       {"coverage_cells", "cells of more than so many smallest ones split to show what was seen"},
       {"max_memory", "scans for which a map would need more are refused; 0: 3/4 of the machine's [bytes]"},
   };

@@ -87,7 +87,7 @@ class EvidenceCell {
   NDTREE_ALWAYS_INLINE void set_counts(std::uint32_t hits, std::uint32_t misses) {
     if (hits == 0) misses = std::min(misses, kMaxCount);  // There is no ratio to keep.
     halve_to_fit(hits, misses, kMaxCount);
-    counts_ = (counts_ & kStreakBits) | kObserved | misses << 9 | hits;
+    counts_ = (counts_ & (kStreakBits | kNotCovered)) | kObserved | misses << 9 | hits;
   }
   /// Consecutive scans of which all beams ended in the cell, or all passed it; up to kMaxStreak.
   [[nodiscard]] std::uint32_t streak() const { return (counts_ >> 18) & kMaxStreak; }
@@ -112,6 +112,10 @@ class EvidenceCell {
     counts_ = kPartlySeen;
     evidence_ = word_of(parts, free);
   }
+  /// Whether all of the cell was seen: then its children know what it knew, wherever they lie in it.
+  [[nodiscard]] bool is_covered() const { return (counts_ & kNotCovered) == 0; }
+  /// @pre observed(), or is about to be.
+  void set_covered(bool is_covered) { counts_ = (counts_ & ~kNotCovered) | (is_covered ? 0u : kNotCovered); }
   /// @pre both are in [0, kMaxEvidence], and log_odds is what the model makes of them.
   void set_evidence(std::int64_t occupied, std::int64_t free, float log_odds) {
     evidence_ = word_of(occupied, free);
@@ -127,7 +131,7 @@ class EvidenceCell {
   /// A cell that knows of free space alone: no streak could contradict it. @pre misses <= kMaxCount; else as
   /// set_evidence().
   void set_free(std::int64_t free, std::uint32_t misses, float log_odds) {
-    counts_ = kObserved | misses << 9;
+    counts_ = (counts_ & kNotCovered) | kObserved | misses << 9;
     evidence_ = static_cast<std::uint32_t>(free);
     log_odds_ = log_odds;
   }
@@ -140,7 +144,8 @@ class EvidenceCell {
   }
   [[nodiscard]] static EvidenceCell from_words(const std::array<std::uint32_t, kNumWords>& words) {
     EvidenceCell cell;
-    cell.counts_ = words[0] & (kObserved | kPartlySeen | kStreakBits | kMaxCount << 9 | kMaxCount);
+    cell.counts_ =
+        words[0] & (kObserved | kPartlySeen | kNotCovered | kStreakBits | kMaxCount << 9 | kMaxCount);
     if (cell.observed()) cell.counts_ &= ~kPartlySeen;
     std::memcpy(&cell.log_odds_, &words[1], sizeof cell.log_odds_);
     cell.evidence_ = words[2];
@@ -158,6 +163,13 @@ class EvidenceCell {
     return counts_ == other.counts_ && evidence_ == other.evidence_;
   }
 
+  /// The same but for whether all of the cell was seen.
+  [[nodiscard]] bool is_as_free_as(const EvidenceCell& other) const {
+    return ((counts_ ^ other.counts_) & ~kNotCovered) == 0 && evidence_ == other.evidence_;
+  }
+  /// The first word without what is_as_free_as() does not compare.
+  static constexpr std::uint32_t kComparedBits = ~0x01000000u;
+
   friend bool operator==(const EvidenceCell& a, const EvidenceCell& b) {
     return a.knows_the_same(b) && a.log_odds_ == b.log_odds_;
   }
@@ -170,12 +182,13 @@ class EvidenceCell {
 
   static constexpr std::uint32_t kObserved = 0x40000000u;
   static constexpr std::uint32_t kPartlySeen = 0x20000000u;
+  static constexpr std::uint32_t kNotCovered = ~kComparedBits;
   static constexpr std::uint32_t kStreakOfHits = 0x00800000u;
   static constexpr std::uint32_t kOneScan = 1u << 18;  // Of a streak.
   static constexpr std::uint32_t kLongestStreak = kMaxStreak * kOneScan;
   static constexpr std::uint32_t kStreakBits = kStreakOfHits | kLongestStreak;
-  // From bit 0: 9 bits hits, 9 bits misses, 5 bits streak, 1 bit kind of streak; bit 29 partly seen, 30
-  // observed, of which at most one is set.
+  // From bit 0: 9 bits hits, 9 bits misses, 5 bits streak, 1 bit kind of streak, 1 bit not covered; bit 29
+  // partly seen, 30 observed, of which at most one is set.
   std::uint32_t counts_ = 0;
   float log_odds_ = 0.0f;
   // Upper half for occupied space, or the parts that were seen, as long as it is partly seen; lower for free.

@@ -96,6 +96,7 @@ class EvidenceMergeRule {
     std::int64_t free = 0;
     std::int64_t hits = 0;
     std::int64_t misses = 0;
+    bool are_covered = true;
     for (int j = 0; j < count; ++j) {
       const EvidenceCell& cell = siblings[j].cell();
       joined.observed += cell.observed();
@@ -104,6 +105,7 @@ class EvidenceMergeRule {
       free += cell.free_evidence();
       hits += cell.hits();
       misses += cell.misses();
+      are_covered = are_covered && cell.is_covered();
     }
     if (joined.observed == 0) return joined;
     joined.mixes_unknown = joined.observed < count;
@@ -113,6 +115,7 @@ class EvidenceMergeRule {
     model_.assign(joined.cell, scaled(occupied, share_divisor, count), scaled(free, share_divisor, count));
     joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, share_divisor, count)),
                            static_cast<std::uint32_t>(scaled(misses, share_divisor, count)));
+    joined.cell.set_covered(are_covered && !joined.mixes_unknown);
     joined.loss += std::max(0.0, divergence(siblings, count, joined.cell) / detail::kLog2);
     return joined;
   }

@@ -197,7 +197,7 @@ class EvidenceModel {
   /// Whether scans of which all beams pass the cell leave it as it is: it knows as much free space as a cell
   /// can remember, and nothing else.
   [[nodiscard]] bool is_settled(const EvidenceCell& cell) const {
-    return cell.knows_the_same(settled_) && forgets_nothing();
+    return cell.is_as_free_as(settled_) && forgets_nothing();
   }
 
   /// The cell that is, but for its log-odds; none is unless the model forgets nothing.
@@ -240,10 +240,14 @@ class EvidenceModel {
   /// child of a free cell to which less than one beam is due, nothing is known.
   /// @param share_divisor one in so many of a parent's beams crosses one of its children, in the mean.
   /// @param passed of this scan's `beams` in the parent, those that passed the child.
+  ///
+  /// Free space is claimed only where it was seen: of a parent that was not covered, nothing is known of a
+  /// child that would be free and that none of this scan's beams has passed.
   /// @param cell_part of the parent that the child lies in: if it was but partly seen, what is known of it is
   ///   known of those parts alone.
+  /// @param is_finest the child cannot be divided: a beam sees all of it.
   [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, int share_divisor, std::size_t passed,
-                                       std::size_t beams, int cell_part = 0) const {
+                                       std::size_t beams, int cell_part = 0, bool is_finest = true) const {
     EvidenceCell child;
     const bool was_seen = parent.is_partly_seen() && (parent.seen_parts() >> cell_part & 1u) != 0;
     if (!parent.observed() && !was_seen) return child;
@@ -256,6 +260,9 @@ class EvidenceModel {
     assign(child, part(parent.occupied_evidence(), share_of_hits), free);
     child.set_counts(static_cast<std::uint32_t>(part(parent.hits(), share_of_hits)),
                      static_cast<std::uint32_t>(part(parent.misses(), share)));
+    const bool is_covered = parent.observed() && parent.is_covered();
+    if (!is_covered && !was_seen && passed == 0 && child.state() == CellState::free) return EvidenceCell();
+    child.set_covered(is_covered || is_finest);
     return child;
   }
 
@@ -300,6 +307,7 @@ class EvidenceModel {
     const double kept = kept_ * share_of_ways(1.0, reached, scan.beams);
     const double kept_hits = cell.state() == CellState::free ? kept : kept_;
     EvidenceCell now;
+    now.set_covered(cell.is_covered());
     assign(now, part_up(cell.occupied_evidence(), kept_hits) + scan.occupied,
            part_up(cell.free_evidence(), kept) + scan.free);
     set_counts(now, static_cast<std::uint32_t>(part_up(cell.hits(), kept_hits)) + scan.hits,
@@ -319,6 +327,7 @@ class EvidenceModel {
     }
     assign(both, one.occupied_evidence() + other.occupied_evidence(), free);
     set_counts(both, one.hits() + other.hits(), one.misses() + other.misses());
+    both.set_covered((one.observed() && one.is_covered()) || (other.observed() && other.is_covered()));
     return both;
   }
   /// A cell of a model with other options, as far as this one can remember; of the same options, the same.
@@ -345,16 +354,21 @@ class EvidenceModel {
     assign(part, occupied, free);
     set_counts(part, static_cast<std::uint32_t>(share(cell.hits())),
                static_cast<std::uint32_t>(share(cell.misses())));
+    part.set_covered(cell.observed() && cell.is_covered());
     return part;
   }
 
+  /// Beams that evidence for free space is worth.
+  [[nodiscard]] double beams_of(std::int64_t free) const {
+    return static_cast<double>(free) / static_cast<double>(miss_);
+  }
   [[nodiscard]] double noise_sigmas() const { return options_.noise_sigmas; }
   /// Beams that a cell's evidence is worth, of those that end in it and of those that pass it.
   [[nodiscard]] double effective_hits(const EvidenceCell& cell) const {
     return static_cast<double>(cell.occupied_evidence()) * EvidenceCell::kUnit / hit_;
   }
   [[nodiscard]] double effective_misses(const EvidenceCell& cell) const {
-    return static_cast<double>(cell.free_evidence()) / static_cast<double>(miss_);
+    return beams_of(cell.free_evidence());
   }
 
  private:
@@ -371,7 +385,7 @@ class EvidenceModel {
   }
   /// update() of most cells, for which update_any() does the same.
   NDTREE_ALWAYS_INLINE bool update_free(EvidenceCell& cell, std::int64_t free, std::uint32_t misses) const {
-    EvidenceCell now;
+    EvidenceCell now = cell;
     const std::int64_t all = std::min(cell.free_evidence() + free, free_memory_);
     now.set_free(all, std::min(cell.misses() + misses, free_memory_beams_), log_odds_of(0, all));
     return replace(cell, now);

@@ -114,7 +114,9 @@ class EvidenceSummary {
       const auto [first, second, third] = words_of_eight(nodes, from);
       const __m256i is_inner = _mm256_srai_epi32(first, 31);
       const __m256i sign = _mm256_srli_epi32(second, 31);
-      const __m256i is_settled = _mm256_and_si256(_mm256_cmpeq_epi32(first, load(settled_first_)),
+      const __m256i compared =
+          _mm256_and_si256(first, _mm256_set1_epi32(static_cast<int>(EvidenceCell::kComparedBits)));
+      const __m256i is_settled = _mm256_and_si256(_mm256_cmpeq_epi32(compared, load(settled_first_)),
                                                   _mm256_cmpeq_epi32(third, load(settled_third_)));
       const __m256i is_unknown =
           _mm256_castps_si256(_mm256_cmp_ps(_mm256_castsi256_ps(second), _mm256_setzero_ps(), _CMP_EQ_OQ));

@@ -4,6 +4,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstdint>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -22,6 +24,10 @@ struct ScanView {
       nullptr;            ///< Standard deviation of each range [m]; null: the map's options say.
   Eigen::Index size = 0;  ///< Number of beams.
   bool origin_per_beam = false;
+  /// The scan's number in its log, from 0: each number samples other beams of a dense scan. Empty: one more
+  /// than that of the scan before. Maps that take only some of a log's scans, as the parts of a distributed
+  /// one do, give it, and sample as the map of all scans does.
+  std::optional<std::uint64_t> number;
 
   [[nodiscard]] Eigen::Map<const Vector<D>> endpoint(Eigen::Index i) const {
     return Eigen::Map<const Vector<D>>(endpoints + i * D);

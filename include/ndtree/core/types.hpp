@@ -21,6 +21,9 @@ using Points = Eigen::Matrix<double, D, Eigen::Dynamic>;
 template <int D>
 using Lattice = std::array<std::int64_t, std::size_t{D}>;
 
+/// A corner of a box as near as this to a border of cells, in cells, is meant to lie on it.
+inline constexpr double kOnBorder = 1e-6;
+
 /// Axis-aligned, half-open box [lower, upper).
 template <int D>
 struct Box {

@@ -30,18 +30,20 @@ struct MapFileHeader {
 };
 
 // Layout, little-endian: 8 bytes magic, u32 version, u64 length of all that follows but the checksum,
-// u32 branching, u32 dim, text refinement, u32 number of options, each text name and f64 value, 3 u64
+// u32 branching, u32 dim, text refinement, u32 number of options, each text name and f64 value, 4 u64
 // counters, i32 level and D i64 lower corner of the root, the nodes depth first, u32 CRC-32 of all before it.
 // A text is u16 length and bytes. A node is the u32 0x80000000 if it has children, which follow; 0 for a leaf
 // that no beam has passed; else the cell's words, each u32: first its counts, then its log-odds as f32.
-// Only where there are layers is the version 4; after the nodes stand then u32 number of layers, of each text
-// name, text rule, u64 number of bytes, and these: root and nodes as those of the map.
+// Only where there are layers is the version 6; after the nodes stand then u32 number of layers, of each text
+// name, text rule, u64 number of bytes, and these: root and nodes as those of the map. Versions 3 and 4 have
+// 3 counters, without that of scans.
 namespace detail {
 
 inline constexpr std::string_view kMapFileMagic{"\x89NDT\r\n\x1a\n", 8};
-inline constexpr std::uint32_t kMapFileVersion = 4;        // There are layers.
-inline constexpr std::uint32_t kMapFileVersionOfMap = 3;   // There are none.
-inline constexpr std::uint32_t kOldestMapFileVersion = 2;  // No cell was partly seen.
+inline constexpr std::uint32_t kMapFileVersion = 6;          // There are layers.
+inline constexpr std::uint32_t kMapFileVersionOfMap = 5;     // There are none.
+inline constexpr std::uint32_t kMapFileVersionOfLayers = 4;  // There are layers, and scans are not counted.
+inline constexpr std::uint32_t kOldestMapFileVersion = 2;    // No cell was partly seen.
 inline constexpr std::uint32_t kInnerNode = 0x80000000u;
 inline constexpr std::size_t kMapFilePreamble = 20;
 inline constexpr std::size_t kStepsOfNode = 4;  // Of a Pace.
@@ -166,6 +168,7 @@ template <class Map>
   payload.put(map.counters().updates);
   payload.put(map.counters().splits);
   payload.put(map.counters().merges);
+  payload.put(map.counters().scans);
   detail::write_tree(map.tree(), Map::RefinementType::coarsest_level(map.tree().geometry().finest_level()),
                      payload);
   if (!layers.empty()) payload.put(static_cast<std::uint32_t>(layers.size()));
@@ -247,12 +250,14 @@ template <class Map>
   counters.updates = in.get<std::uint64_t>();
   counters.splits = in.get<std::uint64_t>();
   counters.merges = in.get<std::uint64_t>();
+  if (header.version >= detail::kMapFileVersionOfMap) counters.scans = in.get<std::uint64_t>();
   try {
     options.validate();
     Tree tree(options.min_cell_size, options.num_levels(Map::kBranching));
     detail::read_tree(tree, in);
     std::vector<StoredLayer> stored;
-    if (header.version >= detail::kMapFileVersion) stored = detail::read_layers(in);
+    if (header.version == detail::kMapFileVersion || header.version == detail::kMapFileVersionOfLayers)
+      stored = detail::read_layers(in);
     if (!in.at_end())
       throw std::runtime_error("nodes end at byte " + std::to_string(in.position()) + " too early");
     Map map(options, std::move(tree), counters);

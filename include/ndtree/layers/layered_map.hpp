@@ -146,10 +146,10 @@ class LayeredMap {
 
   /// What OccupancyMap does, with the values as well. @throws as it does.
   void crop(const Box<kDim>& box) {
-    forget(CropRule<kDim>{box}, [&](Map& map) { map.crop(box); });
+    forget(CropRule<kDim>{map_.tree().geometry().on_borders(box)}, [&](Map& map) { map.crop(box); });
   }
   void clear(const Box<kDim>& box) {
-    forget(ClearRule<kDim>{box}, [&](Map& map) { map.clear(box); });
+    forget(ClearRule<kDim>{map_.tree().geometry().on_borders(box)}, [&](Map& map) { map.clear(box); });
   }
   void keep_near(const Vector<kDim>& center, double radius) {
     forget(NearRule<kDim>{center, radius}, [&](Map& map) { map.keep_near(center, radius); });

@@ -80,7 +80,7 @@ class BeamUpdate : public BeamVisitor {
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
     pace_.spend();
-    if (is_outside(leaf)) return pass_outside(leaf, t_exit);
+    if (is_outside(leaf)) return pass_outside(t_exit);
     auto& cell = leaf.cell();
     if (t_exit < t_clearly_free_) {
       cell.update(sensor_.log_odds_free(), log_odds_min_, log_odds_max_);
@@ -91,17 +91,15 @@ class BeamUpdate : public BeamVisitor {
       t_known_ = t_exit;
       cdf_known_ = Sensor::cdf(rounded(t_exit * range_), range_, sigma_);
       cell.update(sensor_.log_odds(cdf_entry, cdf_known_), log_odds_min_, log_odds_max_);
-      if (!hit_counted_ && (t_exit > 1.0 || (t_exit == 1.0 && holds_end(leaf)))) {
+      if (!hit_counted_ && t_exit >= t_hit_) {
         cell.count_hit();
         hit_counted_ = true;
       } else if (!hit_counted_) {
         cell.count_miss();
       }
-    } else if (!holds_end(leaf)) {
+    } else {  // A beam without return passes every leaf up to where it ends.
       cell.update(sensor_.log_odds_free(), log_odds_min_, log_odds_max_);
       cell.count_miss();
-    } else {
-      return true;  // Where a beam without return ends, nothing is said about the rest of the cell.
     }
     ++counters_.updates;
     if (leaf.index.level > finest_level_ && refinement_.splits(cell)) {
@@ -126,6 +124,10 @@ class BeamUpdate : public BeamVisitor {
   }
 
  private:
+  /// A leaf that ends at the end point, within rounding, lies before the surface: the next one counts the
+  /// hit.
+  static constexpr double kBehindEnd = 1.0 + 1e-12;
+
   /// @param sigma of the range [m]. @pre the beam is valid, and the tree contains it up to t_end().
   void add(const Beam<D>& beam, double sigma) {
     range_ = beam.range;
@@ -135,8 +137,9 @@ class BeamUpdate : public BeamVisitor {
     t_known_ = -1.0;
     sigma_ = sigma;
     t_clearly_free_ = returned_ ? sensor_.clearly_free_until(range_, sigma_) / range_ : beam.t_free;
-    free_end_ = beam.free_end();
-    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, Sensor::t_end(beam, sigma), *this);
+    const double t_end = Sensor::t_end(beam, sigma);
+    t_hit_ = std::min(kBehindEnd, t_end);
+    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, t_end, *this);
   }
 
   /// Whether nothing of a node is to change.
@@ -145,15 +148,10 @@ class BeamUpdate : public BeamVisitor {
     return window_ != nullptr && !window_->overlaps(ref.index, tree_.geometry().edge(ref.index.level));
   }
   /// A leaf that only may take the hit, which others then do not.
-  template <class Ref>
-  bool pass_outside(const Ref& leaf, double t_exit) {
+  bool pass_outside(double t_exit) {
     if (t_exit < t_clearly_free_) return true;
-    if (returned_) hit_counted_ = hit_counted_ || t_exit > 1.0 || (t_exit == 1.0 && holds_end(leaf));
+    if (returned_) hit_counted_ = hit_counted_ || t_exit >= t_hit_;
     return true;
-  }
-  template <class Ref>
-  [[nodiscard]] bool holds_end(const Ref& leaf) const {
-    return tree_.geometry().contains(leaf.index, tree_.geometry().coordinates(free_end_));
   }
 
   Tree& tree_;
@@ -170,7 +168,7 @@ class BeamUpdate : public BeamVisitor {
   double range_ = 0.0;
   double sigma_ = 0.0;
   double t_clearly_free_ = 0.0;
-  Vector<D> free_end_ = Vector<D>::Zero();
+  double t_hit_ = 0.0;     // The first leaf that ends there, or behind, counts the hit.
   double t_known_ = -1.0;  // The last leaf's exit, where cdf_known_ holds.
   double cdf_known_ = 0.0;
   bool returned_ = false;

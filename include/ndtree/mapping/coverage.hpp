@@ -15,7 +15,7 @@
 namespace ndtree {
 
 struct CoverageOptions {
-  double covered_share = 1.0;   ///< Of a cell without its rim, to be known; 0: whatever a beam passes.
+  double covered_share = 0.25;  ///< Of each half of a cell, to be known; 0: whatever a beam passes.
   double coverage_cells = 2.0;  ///< To show what was seen, cells of more than so many smallest ones split.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
@@ -77,7 +77,6 @@ class ScanCoverage {
   /// What one beam, or several, have seen, in whole numbers of kUnit.
   struct Seen {
     std::int64_t child = 0;  ///< Of the child.
-    std::int64_t cell = 0;   ///< Of the cell: its width may be more than the child's.
     std::int64_t way = 0;    ///< Through the child.
   };
   static constexpr std::int64_t kOne = 1 << 20;
@@ -88,12 +87,10 @@ class ScanCoverage {
   [[nodiscard]] static Seen seen(float way, float width) {
     const float units = way * kUnitsOfOne;
     return {static_cast<std::int64_t>(std::nearbyint(units * across(std::min(width, 1.0f)))),
-            static_cast<std::int64_t>(std::nearbyint(units * across(std::min(width, static_cast<float>(N))))),
             static_cast<std::int64_t>(std::nearbyint(units))};
   }
   void add(int child, const Seen& seen) {
     of_child_[static_cast<std::size_t>(child)] += seen.child;
-    of_cell_ += seen.cell;
     way_ += seen.way;
   }
   /// Seen share of a child; more than 1 where beams are closer than they are elsewhere.
@@ -103,8 +100,6 @@ class ScanCoverage {
   [[nodiscard]] std::int64_t units_of_child(int number) const {
     return of_child_[static_cast<std::size_t>(number)];
   }
-  /// The same of the whole cell.
-  [[nodiscard]] double of_cell() const { return static_cast<double>(of_cell_) * kUnit / kNumChildren; }
   /// Beams that would pass straight through one child if it was seen like those that were.
   [[nodiscard]] double beams_for_child() const {
     std::int64_t seen = 0;
@@ -122,7 +117,6 @@ class ScanCoverage {
   }
 
   std::array<std::int64_t, std::size_t{kNumChildren}> of_child_{};
-  std::int64_t of_cell_ = 0;
   std::int64_t way_ = 0;
 };
 
@@ -131,89 +125,99 @@ struct CoverageVerdict {
   std::uint32_t parts = 0;  ///< Seen by now, one bit for each of CellParts.
   bool is_enough = true;    ///< What the beams say holds for the whole cell.
   bool shows_more = false;  ///< If not: smaller cells would tell what was seen from what was not.
+  bool is_covered = false;  ///< This scan has seen all of the cell, but for a smallest cell in depth.
 };
 
 /// When a cell may be called free as a whole. A beam through a corner has seen the corner; what it says must
 /// not become the state of a cell in which nobody has looked.
 ///
-/// A child is *missing* if less than a quarter of it was seen, and if that is more than chance: n beams would
-/// pass it if it was seen like the rest of the cell, and their number scatters by sqrt(n); with sqrt(2) times
-/// that, only a child that more than two would pass can be missing. So "half of the cell was never looked
-/// into" is told from "few beams, but spread all over it". A cell of which a child is missing splits if it is
-/// larger than coverage_cells.
+/// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
+/// children is missing. A cell is known when all its parts were seen, by one scan or by several; one of two
+/// smallest cells side by side when half of them were, or any by beams so far apart that fewer than two would
+/// pass a smallest cell. Until then it keeps in mind which.
 ///
-/// Other cells are known as soon as enough of them was seen, by one scan, or in parts by several; until then
-/// they keep in mind which. Enough of a cell that is s smallest cells wide is covered_share (1 - 1 / s)^D,
-/// the volume without a rim half a smallest cell wide: of a smallest cell, whatever a beam passes, as in a
-/// map of equal cells; of large ones, nearly all.
+/// A cell that is not known, and larger than coverage_cells, splits where the unseen part is no accident:
+/// - by one scan, if a child is missing: less than covered_share of it was seen, and n beams would pass it if
+/// it
+///   was seen like the rest of the cell: their number scatters by sqrt(n); with sqrt(2) times that, only a
+///   child that at least two would pass can be missing;
+/// - by all scans so far, if kBeamsOfPart beams would have passed each part if all were seen alike.
 class CoverageModel {
  public:
   explicit CoverageModel(const CoverageOptions& options)
-      : share_(options.covered_share * kRounding), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
+      : share_(options.covered_share), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
 
   /// Whether cells have to be seen, and not only passed.
   [[nodiscard]] bool is_on() const { return share_ > 0.0; }
 
   /// Whether so much was seen of every child that judge() says the same whatever other beams see.
+  /// @param size as in judge().
   template <int N, int D>
-  [[nodiscard]] static bool is_certain(const ScanCoverage<N, D>& scan) {
-    constexpr auto kEnough = static_cast<std::int64_t>(kLeast * ScanCoverage<N, D>::kOne);
-    bool is_enough = true;
-    for (int j = 0; j < ScanCoverage<N, D>::kNumChildren; ++j) is_enough &= scan.units_of_child(j) >= kEnough;
-    return is_enough;
+  [[nodiscard]] bool is_certain(const ScanCoverage<N, D>& scan, double size) const {
+    return all_seen(scan, std::max(share_, covered<N>(size)));
   }
   /// Whether so many parts of a cell are enough to know it. @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool are_enough(std::uint32_t parts, double size) const {
-    return share_of<N, D>(parts) >= enough<D>(size);
+    using Parts = CellParts<N, D>;
+    int children = 0;
+    for (int p = 0; p < Parts::kCount; ++p) children += (parts >> p & 1u) != 0 ? Parts::num_children(p) : 0;
+    return children >= Parts::kNumChildren * (size < kLeastForAllParts ? 0.5 : 1.0);
   }
   /// @param seen_before parts of the cell, one bit each. @param size the cell's edge, in smallest cells.
+  /// @param beams that have passed the cell so far, those of the scan among them.
   template <int N, int D>
-  [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before,
-                                      double size) const {
+  [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before, double size,
+                                      double beams) const {
     using Parts = CellParts<N, D>;
     constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
     const double missing_below =
-        kOne * std::min(kLeast, 1.0 - std::sqrt(2.0 / scan.beams_for_child()));  // In units.
+        kOne * std::min(share_, 1.0 - std::sqrt(2.0 * kRounding / scan.beams_for_child()));  // In units.
     std::int64_t least = kOne;  // Seen of a child, of those in parts that were not seen before.
     std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
+    std::uint32_t with_missing = 0;                  // Parts of which a child is missing.
     for (int j = 0; j < Parts::kNumChildren; ++j) {
       const auto part = static_cast<std::size_t>(Parts::of_child(j));
       const std::int64_t of_child = std::min(kOne, scan.units_of_child(j));
       seen[part] += of_child;
       least = std::min(least, (seen_before >> part & 1u) == 0 ? of_child : kOne);
+      with_missing |= static_cast<std::uint32_t>(static_cast<double>(of_child) < missing_below) << part;
     }
-    const bool is_missing = static_cast<double>(least) < missing_below;
     CoverageVerdict verdict{seen_before};
     for (int p = 0; p < Parts::kCount; ++p) {
-      const int children = Parts::num_children(p);
-      const bool is_seen =
-          static_cast<double>(seen[static_cast<std::size_t>(p)]) >= kLeast * kRounding * kOne * children;
-      verdict.parts |= static_cast<std::uint32_t>(is_seen) << p;
+      const bool is_seen = static_cast<double>(seen[static_cast<std::size_t>(p)]) >=
+                           share_ * kRounding * kOne * Parts::num_children(p);
+      verdict.parts |= static_cast<std::uint32_t>(is_seen && (with_missing >> p & 1u) == 0) << p;
     }
-    verdict.shows_more = is_missing && size > least_to_split_;
-    const double share = std::max(scan.of_cell(), share_of<N, D>(verdict.parts));
-    verdict.is_enough = !verdict.shows_more && share >= enough<D>(size);
+    // Beams so far apart that fewer than two would pass a smallest cell.
+    const bool are_few = size < N + 0.5 && scan.beams_for_child() < 2.0 && verdict.parts != 0;
+    const bool may_split = size > least_to_split_;
+    const bool has_enough = are_enough<N, D>(verdict.parts, size) || (are_few && !may_split);
+    const bool is_missing = static_cast<double>(least) < missing_below ||
+                            (!has_enough && (are_few || beams > kBeamsOfPart * (Parts::kCount / 2)));
+    verdict.shows_more = is_missing && may_split;
+    verdict.is_enough = !verdict.shows_more && has_enough;
+    verdict.is_covered = verdict.is_enough && all_seen(scan, covered<N>(size));
     return verdict;
   }
 
  private:
   template <int N, int D>
-  [[nodiscard]] static double share_of(std::uint32_t parts) {
-    using Parts = CellParts<N, D>;
-    int children = 0;
-    for (int p = 0; p < Parts::kCount; ++p) children += (parts >> p & 1u) != 0 ? Parts::num_children(p) : 0;
-    return static_cast<double>(children) / Parts::kNumChildren;
+  [[nodiscard]] static bool all_seen(const ScanCoverage<N, D>& scan, double share) {
+    const auto least = static_cast<std::int64_t>(share * kRounding * ScanCoverage<N, D>::kOne);
+    bool are_seen = true;
+    for (int j = 0; j < ScanCoverage<N, D>::kNumChildren; ++j) are_seen &= scan.units_of_child(j) >= least;
+    return are_seen;
   }
-  template <int D>
-  [[nodiscard]] double enough(double size) const {
-    double share = share_;
-    for (int a = 0; a < D; ++a) share *= 1.0 - 1.0 / size;
-    return share;
+  /// Share of each child of a covered cell that was seen: all but one smallest cell in depth.
+  template <int N>
+  [[nodiscard]] static double covered(double size) {
+    return 1.0 - std::min(0.5, N / size);
   }
 
-  static constexpr double kLeast = 0.25;           // Of a child, so that it is not missing.
-  static constexpr double kRounding = 1.0 - 1e-4;  // Of ways through cells.
+  static constexpr double kRounding = 1.0 - 1e-4;   // Of ways through cells.
+  static constexpr double kLeastForAllParts = 2.5;  // Smallest cells side by side.
+  static constexpr double kBeamsOfPart = 8.0;
 
   double share_;
   double least_to_split_;

@@ -77,6 +77,7 @@ struct MapStats {
   std::size_t leaves = 0;           ///< All leaves, unknown space included.
   std::size_t observed_leaves = 0;  ///< Leaves that at least one beam updated: the cells that results count.
   std::size_t nodes = 0;            ///< Leaves and inner nodes.
+  std::uint64_t scans = 0;          ///< Scans inserted; the number of the next one.
   std::uint64_t updates = 0;        ///< As in InsertReport, over the map's life.
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
@@ -162,13 +163,13 @@ class OccupancyMap {
   ///   unchanged.
   void crop(const Box<D>& box) {
     check(box);
-    forget(CropRule<D>{box});
+    forget(CropRule<D>{tree_.geometry().on_borders(box)});
   }
   /// Forgets the space in a box: larger cells on its border are divided, and of smallest cells there those go
   /// that share a volume with it. @throws as crop().
   void clear(const Box<D>& box) {
     check(box);
-    forget(ClearRule<D>{box});
+    forget(ClearRule<D>{tree_.geometry().on_borders(box)});
   }
   /// Forgets all cells that are farther than `radius` > 0 [m] from a point: a window that moves with a robot;
   /// infinity keeps everything. O(what goes, and what lies on its border). @throws std::invalid_argument if
@@ -201,17 +202,16 @@ class OccupancyMap {
     counters_.merges += other.counters_.merges + merges;
     counters_.updates += other.counters_.updates;
     counters_.splits += other.counters_.splits;
+    counters_.scans += other.counters_.scans;
   }
 
   /// Takes over what another map holds of places of which this one holds nothing: every cell stays what it
   /// is, bit for bit, so that parts of space that were mapped apart become the map that one would have made.
   /// @param box if given, only of the cubes of max_cell_size (of a fixed map: the cells) that share a volume
-  /// with
-  ///   it, as with the window of insert(), and counters stay
-  ///   this map's; else counters add up. O(what is taken over, and nodes of both above it).
+  ///   with it, as with the window of insert(), and counters stay this map's; else counters add up.
+  ///   O(what is taken over, and nodes of both above it).
   /// @throws std::invalid_argument if an option but max_memory differs, both hold cells in one such cube, or
-  /// the
-  ///   box has no volume, MemoryLimitReached, std::bad_alloc, Cancelled; the map is then unchanged.
+  ///   the box has no volume, MemoryLimitReached, std::bad_alloc, Cancelled; the map is then unchanged.
   void adopt(const OccupancyMap& other, const std::optional<Box<D>>& box = std::nullopt) {
     require_same_sizes(other, "adopted by");
     require_same_options(other);
@@ -229,6 +229,7 @@ class OccupancyMap {
     counters_.updates += other.counters_.updates;
     counters_.splits += other.counters_.splits;
     counters_.merges += other.counters_.merges;
+    counters_.scans = std::max(counters_.scans, other.counters_.scans);
   }
 
   /// The map as it is now, to be read by any thread while this one goes on. See changes().
@@ -247,6 +248,7 @@ class OccupancyMap {
     stats.updates = counters_.updates;
     stats.splits = counters_.splits;
     stats.merges = counters_.merges;
+    stats.scans = counters_.scans;
     stats.memory_bytes = memory_bytes();
     return stats;
   }
@@ -383,7 +385,8 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   using Update = typename Refinement::template Update<Tree, Sensor>;
   Workers workers(std::min(static_cast<std::size_t>(threads), Update::most_workers(scan.size)));
   Update update(tree_, refinement_, sensor_, options_, counters_);
-  const Measurements<D, Sensor> measurements(scan, max_range, sensor_);
+  const std::uint64_t scan_number = scan.number.value_or(counters_.scans);
+  const Measurements<D, Sensor> measurements(scan, max_range, sensor_, scan_number);
   // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, or a
   // wish from outside, can still stop it half-way.
   const ScanSurvey<D> survey = update.look_over(measurements, workers);
@@ -418,6 +421,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   }
   tree_.limit_memory(kUnlimitedMemory);
   summarise_unknown(tree_, *tree_.root().node, settled());
+  counters_.scans = scan_number + 1;
   report.updates = counters_.updates - before.updates;
   report.splits = counters_.splits - before.splits;
   report.merges = counters_.merges - before.merges;

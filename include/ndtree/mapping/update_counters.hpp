@@ -12,6 +12,7 @@ struct UpdateCounters {
   std::uint64_t updates = 0;  ///< (beam, leaf) pairs whose occupancy was updated.
   std::uint64_t splits = 0;   ///< Leaves split because the refinement asked for it.
   std::uint64_t merges = 0;   ///< Parents that took the place of their children.
+  std::uint64_t scans = 0;    ///< Scans inserted; the number that the next one has, see ScanView::number.
 };
 
 }  // namespace ndtree

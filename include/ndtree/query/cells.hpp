@@ -35,10 +35,11 @@ template <class NodeType>
 }
 
 /// Calls `visit(leaf)` for each leaf of one of these states that shares a point with the closed box, depth
-/// first. Nodes without any are not entered.
+/// first; corners as LatticeGeometry::on_borders() takes them. Nodes without any are not entered.
 template <class Map, class Visit>
-void for_each_leaf_of(const Map& map, const Box<Map::kDim>& region, const RegionStates& states,
+void for_each_leaf_of(const Map& map, const Box<Map::kDim>& box, const RegionStates& states,
                       const Visit& visit) {
+  const Box<Map::kDim> region = map.tree().geometry().on_borders(box);
   Pace pace;
   detail::for_each_node_touching(map.tree(), map.tree().root(), region, [&](const auto& ref, bool) {
     pace.spend();
@@ -92,8 +93,9 @@ template <int D>
 /// The space in a region that has one of these states, as boxes: leaves, as they are, and parts of the space
 /// outside the map, which is unknown.
 template <class Map>
-[[nodiscard]] std::vector<Box<Map::kDim>> boxes_of(const Map& map, const Box<Map::kDim>& region,
+[[nodiscard]] std::vector<Box<Map::kDim>> boxes_of(const Map& map, const Box<Map::kDim>& box,
                                                    const RegionStates& states) {
+  const Box<Map::kDim> region = map.tree().geometry().on_borders(box);
   std::vector<Box<Map::kDim>> boxes;
   for_each_leaf_of(map, region, states,
                    [&](const auto& leaf) { boxes.push_back(map.tree().box(leaf.index)); });

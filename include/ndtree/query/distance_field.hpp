@@ -265,7 +265,7 @@ template <class Map>
   for (int a = 0; a < D; ++a) {
     const double extent = box.upper[a] - box.lower[a];
     require(extent > 0.0 && std::isfinite(extent), "extent of the box", extent, "must be > 0 and finite");
-    const double count = std::max(1.0, std::ceil(extent / cell_size - 1e-9));
+    const double count = std::max(1.0, std::ceil(extent / cell_size - kOnBorder));
     cells *= count;
     require(cells <= 4e9, "cell_size", cell_size, "the box has more than 4e9 such cells");
     shape[static_cast<std::size_t>(a)] = static_cast<std::size_t>(count);

@@ -91,9 +91,10 @@ class FrontierSearch {
   /// @param box free cells that share a point with it count; none: all.
   /// @throws std::invalid_argument if the box is upside down. O(cells log cells).
   explicit FrontierSearch(const Map& map, const std::optional<Box<D>>& box = std::nullopt)
-      : seen_(map.snapshot()), box_(box) {
+      : seen_(map.snapshot()) {
     if (box && !(box->lower.array() <= box->upper.array()).all())
       throw std::invalid_argument("box: its lower corner must not lie above the upper one");
+    if (box) box_ = seen_.tree().geometry().on_borders(*box);
     add_all();
   }
 

@@ -42,9 +42,11 @@ bool contains(const Tree& tree, const Box<D>& region) {
 }  // namespace detail
 
 /// Which states the cells have that share a point with the closed box. Nodes that lie in it as a whole are
-/// not entered, nor those that can add nothing. @pre lower <= upper.
+/// not entered, nor those that can add nothing. Corners as LatticeGeometry::on_borders() takes them.
+/// @pre lower <= upper.
 template <class Map>
-[[nodiscard]] RegionStates states_in(const Map& map, const Box<Map::kDim>& region) {
+[[nodiscard]] RegionStates states_in(const Map& map, const Box<Map::kDim>& box) {
+  const Box<Map::kDim> region = map.tree().geometry().on_borders(box);
   RegionStates states;
   states.unknown = !detail::contains(map.tree(), region);
   detail::for_each_node_touching(map.tree(), map.tree().root(), region, [&](const auto& ref, bool is_inside) {
@@ -66,7 +68,8 @@ template <class Map>
 /// The largest probability of a cell that shares a point with the closed box; 0.5 counts for space outside
 /// the map. Nodes without a larger one than was found are not entered. @pre lower <= upper.
 template <class Map>
-[[nodiscard]] double max_probability(const Map& map, const Box<Map::kDim>& region) {
+[[nodiscard]] double max_probability(const Map& map, const Box<Map::kDim>& box) {
+  const Box<Map::kDim> region = map.tree().geometry().on_borders(box);
   float most = detail::contains(map.tree(), region) ? -std::numeric_limits<float>::infinity() : 0.0f;
   detail::for_each_node_touching(map.tree(), map.tree().root(), region, [&](const auto& ref, bool) {
     if (ref.is_leaf()) {

@@ -105,9 +105,14 @@ class LatticeGeometry {
     if (border(k + 1) <= x) ++k;
     return k;
   }
+  /// How far a coordinate that was meant to lie on a border may lie beside it: some units in its last place,
+  /// and in that of an origin some hundred metres away [m].
+  [[nodiscard]] double rounding_at(double x) const {
+    return rounded(kRounding * std::abs(x)) + rounded(kRoundingOfUnit * unit_);
+  }
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of four numbers, as floating point. @param is_on_border whether x lies on the cell's lower
-  /// border.
+  /// The same of four numbers, as floating point. @param is_on_border whether x lies on a border of the cell,
+  /// within rounding_at().
   NDTREE_BY_EIGHTS [[nodiscard]] __m256d coordinate(__m256d x, __m256d& is_on_border) const {
     const __m256d unit = _mm256_set1_pd(unit_);
     const __m256d one = _mm256_set1_pd(1.0);
@@ -115,7 +120,13 @@ class LatticeGeometry {
     const __m256d lower = _mm256_mul_pd(k, unit);
     k = _mm256_sub_pd(k, _mm256_and_pd(one, _mm256_cmp_pd(lower, x, _CMP_GT_OQ)));
     const __m256d upper = _mm256_mul_pd(_mm256_add_pd(k, one), unit);
-    is_on_border = _mm256_or_pd(_mm256_cmp_pd(lower, x, _CMP_EQ_OQ), _mm256_cmp_pd(upper, x, _CMP_EQ_OQ));
+    const __m256d sign = _mm256_set1_pd(-0.0);
+    const __m256d rounding =
+        _mm256_add_pd(_mm256_mul_pd(_mm256_set1_pd(kRounding), _mm256_andnot_pd(sign, x)),
+                      _mm256_set1_pd(kRoundingOfUnit * unit_));
+    const __m256d to_lower = _mm256_andnot_pd(sign, _mm256_sub_pd(x, lower));
+    const __m256d to_upper = _mm256_andnot_pd(sign, _mm256_sub_pd(x, upper));
+    is_on_border = _mm256_cmp_pd(_mm256_min_pd(to_lower, to_upper), rounding, _CMP_LE_OQ);
     return _mm256_add_pd(k, _mm256_and_pd(one, _mm256_cmp_pd(upper, x, _CMP_LE_OQ)));
   }
 #endif
@@ -142,8 +153,24 @@ class LatticeGeometry {
     }
     return result;
   }
-  /// All cells of a level up to 0 that share a volume with a box, of which only what is in reach counts.
-  [[nodiscard]] LatticeBox<D> cells_in(const Box<D>& box, int level) const {
+  /// The box with each corner coordinate that lies within kOnBorder cells of a border moved onto that border:
+  /// decimal corners, as 0.3 = 3 * 0.1 and sums of cell sizes are none in doubles, mean the border. Every
+  /// query and change of a region takes its box so. A box thinner than that stays as it is. Idempotent.
+  [[nodiscard]] Box<D> on_borders(const Box<D>& box) const {
+    Box<D> result = box;
+    for (int a = 0; a < D; ++a) {
+      const double lower = on_border(box.lower[a]);
+      const double upper = on_border(box.upper[a]);
+      if (!(lower < upper) && box.lower[a] < box.upper[a]) continue;
+      result.lower[a] = lower;
+      result.upper[a] = upper;
+    }
+    return result;
+  }
+  /// All cells of a level up to 0 that share a volume with a box, see on_borders(), of which only what is in
+  /// reach counts.
+  [[nodiscard]] LatticeBox<D> cells_in(const Box<D>& region, int level) const {
+    const Box<D> box = on_borders(region);
     const std::int64_t edge = this->edge(level);
     const auto floor = [edge](std::int64_t k) { return k - ((k % edge) + edge) % edge; };
     LatticeBox<D> cells;
@@ -162,12 +189,21 @@ class LatticeGeometry {
   }
 
  private:
+  /// @returns x, or the border next to it.
+  [[nodiscard]] double on_border(double x) const {
+    if (!in_reach(x)) return x;
+    const double nearest = border(static_cast<std::int64_t>(std::nearbyint(x * per_metre_)));
+    return std::abs(x - nearest) <= rounded(kOnBorder * unit_) + rounding_at(x) ? nearest : x;
+  }
+
   // Lattice units within reach; N² times the whole of it, 2 kReach, still fits a std::int64_t for N < 4096,
   // and no power of 4096 lies between 2^36 and 2 kReach.
   static constexpr std::int64_t kReach = std::int64_t{1} << 38;
   static constexpr std::int64_t kLargestCell = std::int64_t{1} << 36;  // Edge of one of level 0.
   static constexpr int kMostBelow = 36;  // Levels, for N = 2, and above level 0, if there are none below.
   static constexpr int kMostAbove = 41;
+  static constexpr double kRounding = 0x1p-49;  // See rounding_at().
+  static constexpr double kRoundingOfUnit = 0x1p-40;
 
   double unit_;
   double per_metre_;  // About 1 / unit_.

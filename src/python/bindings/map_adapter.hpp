@@ -213,11 +213,11 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     return std::make_unique<MapQueriesOf<Map>>(map_);
   }
   void crop(const double* lower, const double* upper) override {
-    const Box<D> region = box(lower, upper);
+    const Box<D> region = map_.tree().geometry().on_borders(box(lower, upper));
     forget(CropRule<D>{region}, [&](Map& map) { map.crop(region); });
   }
   void clear(const double* lower, const double* upper) override {
-    const Box<D> region = box(lower, upper);
+    const Box<D> region = map_.tree().geometry().on_borders(box(lower, upper));
     forget(ClearRule<D>{region}, [&](Map& map) { map.clear(region); });
   }
   void keep_near(const double* center, double radius) override {

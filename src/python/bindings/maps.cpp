@@ -284,6 +284,8 @@ void bind_maps(py::module_& module) {
       .def_readonly("observed_leaves", &PythonStats::observed_leaves,
                     "Leaves that at least one beam updated: the cells that results count.")
       .def_readonly("nodes", &PythonStats::nodes, "Leaves and inner nodes.")
+      .def_readonly("scans", &PythonStats::scans,
+                    "Scans inserted; the number of the next one. 0 for OctoMap.")
       .def_readonly("updates", &PythonStats::updates, "As in InsertReport, over the map's life.")
       .def_readonly("splits", &PythonStats::splits, "As in InsertReport, over the map's life.")
       .def_readonly("merges", &PythonStats::merges, "As in InsertReport, over the map's life.")
@@ -293,9 +295,10 @@ void bind_maps(py::module_& module) {
       .def("__repr__", [](const PythonStats& s) {
         return "MapStats(leaves=" + std::to_string(s.leaves) +
                ", observed_leaves=" + std::to_string(s.observed_leaves) +
-               ", nodes=" + std::to_string(s.nodes) + ", updates=" + std::to_string(s.updates) +
-               ", splits=" + std::to_string(s.splits) + ", merges=" + std::to_string(s.merges) +
-               ", memory_bytes=" + std::to_string(s.memory_bytes) + ")";
+               ", nodes=" + std::to_string(s.nodes) + ", scans=" + std::to_string(s.scans) +
+               ", updates=" + std::to_string(s.updates) + ", splits=" + std::to_string(s.splits) +
+               ", merges=" + std::to_string(s.merges) + ", memory_bytes=" + std::to_string(s.memory_bytes) +
+               ")";
       });
 
   py::class_<Leaves>(module, "Leaves", "The leaves of a map, one entry each, depth first.")
@@ -303,8 +306,9 @@ void bind_maps(py::module_& module) {
       .def_readonly("size", &Leaves::size, "(n,) float64: edge lengths [m].")
       .def_readonly("log_odds", &Leaves::log_odds, "(n,) float32: 0 where unknown.")
       .def_readonly("probability", &Leaves::probability, "(n,) float32: 0.5 where unknown.")
-      .def_readonly("hits", &Leaves::hits, "(n,) uint32: beams that ended in the leaf.")
-      .def_readonly("misses", &Leaves::misses, "(n,) uint32: beams that passed through it.")
+      .def_readonly("hits", &Leaves::hits,
+                    "(n,) uint32: beams that ended in the leaf, as far as the split test remembers them.")
+      .def_readonly("misses", &Leaves::misses, "(n,) uint32: beams that passed through it, likewise.")
       .def_readonly("observed", &Leaves::observed, "(n,) bool: at least one beam updated it.")
       .def_readonly("state", &Leaves::state, "(n,) int8: -1 unknown, 0 free, 1 occupied.")
       .def("__len__", [](const Leaves& leaves) { return leaves.size.size(); });
@@ -388,8 +392,11 @@ void bind_maps(py::module_& module) {
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
              const py::object& range_sigma, double max_range, int threads, const py::object& window,
-             const py::object& layers) {
-            const BeamArrays beams(points, origin, returned, map.constant().dim(), range_sigma);
+             const py::object& layers, const std::optional<std::int64_t>& number) {
+            BeamArrays beams(points, origin, returned, map.constant().dim(), range_sigma);
+            if (number && *number < 0)
+              throw py::value_error("number = " + std::to_string(*number) + ": must be at least 0");
+            if (number) beams.number = static_cast<std::uint64_t>(*number);
             const LayerArguments of_layers(layers, beams.endpoints.shape(0));
             std::optional<BoxArgument> box;
             if (!window.is_none()) box.emplace(window, map.constant().dim(), "window");
@@ -399,6 +406,7 @@ void bind_maps(py::module_& module) {
           },
           "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "range_sigma"_a = py::none(),
           "max_range"_a = kInfinity, "threads"_a = 0, "window"_a = py::none(), "layers"_a = py::none(),
+          "number"_a = py::none(),
           R"(Integrate a scan.
 
 All beams together, so that their order does not matter; a fixed map, and one refined as the paper has it,
@@ -426,6 +434,9 @@ window : (2, dim) array of float, optional
 layers : dict of str and array, optional
     By the name of a layer of the map, what each beam says to the cell in which it ends: (n,), or (n, 3) for
     "mean3". What is said of beams that did not return does not count. See `layer`.
+number : int, optional
+    The scan's number among all scans, from 0: each number samples other beams of a dense scan. For maps that
+    take only some of the scans, as the parts of a distributed one do. Default: ``stats().scans``.
 
 Returns
 -------
@@ -738,7 +749,7 @@ change_probability : float
 evidence_half_life : float
     A cell's evidence halves in so many scans that observe it; 0 for never ("evidence") [scans].
 covered_share : float
-    A large cell is known once so much of it was seen, a small one once less; 0: as soon as a beam passed it
+    A cell is known once so much was seen of each of its halves, along every axis; 0: as soon as a beam passed it
     ("evidence").
 coverage_cells : float
     A cell of which a part was not seen splits to show it if it is larger than so many of min_cell_size

@@ -54,8 +54,9 @@ py::object as_one_each(const py::object& object, const char* name, py::ssize_t n
 struct BeamArrays {
   DoubleArray endpoints;
   DoubleArray origins;
-  py::object returned;     // None or BoolArray
-  py::object range_sigma;  // None or DoubleArray
+  py::object returned;                  // None or BoolArray
+  py::object range_sigma;               // None or DoubleArray
+  std::optional<std::uint64_t> number;  ///< See ScanView::number.
 
   BeamArrays(const py::object& points, const py::object& origin, const py::object& mask, int dimension,
              const py::object& sigma = py::none());
@@ -69,6 +70,7 @@ struct BeamArrays {
     scan.range_sigma = sigma_data_;
     scan.size = size_;
     scan.origin_per_beam = origin_per_beam_;
+    scan.number = number;
     return scan;
   }
 

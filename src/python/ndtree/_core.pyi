@@ -282,6 +282,7 @@ class OccupancyMap:
         threads: int = 0,
         window: ArrayLike | None = None,
         layers: Mapping[str, ArrayLike] | None = None,
+        number: int | None = None,
     ) -> InsertReport:
         """Integrate a scan.
 
@@ -310,6 +311,9 @@ class OccupancyMap:
         layers : dict of str and array, optional
             By the name of a layer of the map, what each beam says to the cell in which it ends: (n,), or (n, 3) for
             "mean3". What is said of beams that did not return does not count. See `layer`.
+        number : int, optional
+            The scan's number among all scans, from 0: each number samples other beams of a dense scan. For maps that
+            take only some of the scans, as the parts of a distributed one do. Default: ``stats().scans``.
 
         Returns
         -------
@@ -1119,7 +1123,7 @@ class AdaptiveMap(OccupancyMap):
     evidence_half_life : float
         A cell's evidence halves in so many scans that observe it; 0 for never ("evidence") [scans].
     covered_share : float
-        A large cell is known once so much of it was seen, a small one once less; 0: as soon as a beam passed it
+        A cell is known once so much was seen of each of its halves, along every axis; 0: as soon as a beam passed it
         ("evidence").
     coverage_cells : float
         A cell of which a part was not seen splits to show it if it is larger than so many of min_cell_size

@@ -46,7 +46,7 @@ MAP_OPTIONS = (
     MapOption("evidence_prior", float, "Evidence that a cell begins with [nats]."),
     MapOption("change_probability", float, "A streak of scans less likely is a change; 0: never."),
     MapOption("evidence_half_life", float, "A cell's evidence halves in so many scans; 0: never."),
-    MapOption("covered_share", float, "A large cell is known once so much of it was seen; 0: once passed."),
+    MapOption("covered_share", float, "A cell is known once so much was seen of each half; 0: once passed."),
     MapOption("coverage_cells", float, "Cells of more smallest ones than this split to show what was seen."),
     MapOption("max_memory", float, "No map holds more [bytes]; 0: 3/4 of the machine's memory."),
     MapOption("significance", float, "Confidence of the split test."),

@@ -44,17 +44,13 @@ class FlatMap {
     if (!std::isfinite(range) || range == 0.0) return;
     const bool cut = range > max_range;
     const double t_free = cut ? max_range / range : 1.0;
-    const Vector<D> free_end = cut ? Vector<D>(origin + t_free * path) : endpoint;
     returned = returned && !cut;
     const double sigma = options_.range_sigma + options_.range_sigma_quadratic * range * range;
     const auto crossed = crossings(origin, path, returned ? 1.0 + 3.0 * sigma / range : t_free);
 
     const Crossing* hit = nullptr;
-    for (const Crossing& c : crossed)
-      if (contains(c.index, endpoint)) hit = &c;
-    if (!hit)
-      for (const Crossing& c : crossed)
-        if (c.enter >= 1.0 && (!hit || c.enter < hit->enter)) hit = &c;
+    for (const Crossing& c : crossed)  // The first that goes on behind the end point.
+      if (c.exit >= 1.0 + 1e-12 && (!hit || c.enter < hit->enter)) hit = &c;
 
     std::vector<CellIndex<D>> updated;
     for (const Crossing& c : crossed) {
@@ -67,7 +63,6 @@ class FlatMap {
         if (&c == hit) ++cell.hits;
         if (c.exit <= hit->enter) ++cell.misses;
       } else {
-        if (contains(c.index, free_end)) continue;
         ++cell.misses;
       }
       cell.log_odds += static_cast<float>(std::log(p / (1.0 - p)));
@@ -110,14 +105,6 @@ class FlatMap {
   [[nodiscard]] std::int64_t edge(int level) const { return edge_above<N>(-num_levels_, level); }
   [[nodiscard]] double border(std::int64_t k) const {
     return static_cast<double>(k) * options_.min_cell_size;
-  }
-
-  [[nodiscard]] bool contains(const CellIndex<D>& cell, const Vector<D>& point) const {
-    for (int a = 0; a < D; ++a) {
-      const std::int64_t lower = cell.lower[static_cast<std::size_t>(a)];
-      if (point[a] < border(lower) || point[a] >= border(lower + edge(cell.level))) return false;
-    }
-    return true;
   }
 
   /// Cells that the beam crosses over more than a point of (0, t_end).

@@ -49,10 +49,11 @@ class FlatScanMap {
       add(scan.origins.col(scan.origins.cols() == 1 ? 0 : i), scan.endpoints.col(i),
           scan.returned.size() == 0 || scan.returned[i],
           scan.range_sigma.size() == 0 ? -1.0 : scan.range_sigma[i], max_range);
+    ++scans_;
     measure_faces();
     std::vector<CellIndex<D>> waiting;
     for (const auto& [index, cell] : cells) waiting.push_back(index);
-    std::set<CellIndex<D>, IndexLess> split_now;
+    std::map<CellIndex<D>, std::pair<EvidenceCell, ScanEvidence>, IndexLess> split_now;
     std::set<CellIndex<D>, IndexLess> changed;  // Cells that changed, and all that contain them.
     const auto mark = [&](CellIndex<D> cell) {
       for (changed.insert(cell); cell.level < 0; changed.insert(cell)) cell = parent_of(cell);
@@ -65,6 +66,7 @@ class FlatScanMap {
       const ScanEvidence scan_evidence = evidence(next, sample_beams);
       sampled += num_beams(next, false, next, 1e9) - num_beams(next, false, next, sample_beams);
       const Coverage coverage = coverage_of(next, cell, scan_evidence, sample_beams);
+      const bool was_observed = cell.observed();
       const bool is_asked = next.level > -num_levels_ && splits_now(cell, scan_evidence);
       const bool is_in_vain = is_asked && !coverage.splits &&
                               model_.splits_in_vain(cell, scan_evidence, kShare, next.level + num_levels_);
@@ -84,15 +86,17 @@ class FlatScanMap {
         cells.erase(next);
         for (const auto& child : children_of<N, D>(next, edge(next.level - 1))) {
           cells[child] = model_.inherited(parent, kShare, num_beams(child, true, next, sample_beams),
-                                          num_beams(next, false, next, sample_beams), part_of(child, next));
+                                          num_beams(next, false, next, sample_beams), part_of(child, next),
+                                          child.level == -num_levels_);
           waiting.push_back(child);
         }
-        split_now.insert(next);
+        split_now.emplace(next, std::make_pair(parent, scan_evidence));
         mark(next);
         ++splits;
       } else if (scan_evidence.beams > 0) {
         const EvidenceCell before = cell;
         is_in_vain ? model_.update_whole(cell, scan_evidence) : model_.update(cell, scan_evidence);
+        if (coverage.is_asked && !was_observed) cell.set_covered(coverage.is_covered);
         in_vain += is_in_vain;
         if (cell == before) continue;
         mark(next);
@@ -106,9 +110,15 @@ class FlatScanMap {
         if (index.level == level) parents.insert(parent_of(index));
       for (const auto& parent : parents) {
         if (changed.count(parent) == 0 || !merge(parent)) continue;
-        if (split_now.count(parent) != 0) {
+        if (const auto split = split_now.find(parent); split != split_now.end()) {
           --splits;
           ++whole_again;
+          // What passes say adds up as if the cell had not split.
+          const auto& [before, scan_evidence] = split->second;
+          if (before.observed() && scan_evidence.hits == 0 && scan_evidence.occupied == 0) {
+            cells[parent] = before;
+            model_.update_whole(cells[parent], scan_evidence);
+          }
         } else {
           ++merges;
         }
@@ -142,7 +152,7 @@ class FlatScanMap {
         ++sum.beams;
       };
       if (!beam.returned) {
-        if (exit < beam.range || !contains(index, beam.free_end)) count_miss();
+        count_miss();
         continue;
       }
       // A surface is never thinner than 5/3 of the noise, or the cells that are small would say less than it.
@@ -153,9 +163,10 @@ class FlatScanMap {
         continue;
       }
       const float per_sigma = 1.0f / beam.sigma;
-      const float nats =
-          sensor_.quick_log_odds((enter - beam.range) * per_sigma, (exit - beam.range) * per_sigma);
       const bool hit = contains(index, cell_of_hit(beam));
+      // The cell of a hit goes on behind it.
+      const float behind_end = std::max((exit - beam.range) * per_sigma, hit ? 0.5f : -HUGE_VALF);
+      const float nats = sensor_.quick_log_odds((enter - beam.range) * per_sigma, behind_end);
       const bool behind = !hit && enter >= beam.range;
       if (behind && !small) continue;
       if (nats > 0.0f)
@@ -179,8 +190,7 @@ class FlatScanMap {
 
  private:
   struct FlatBeam;
-  /// The smallest cell that counts the hit: that of the end point, or the next if the beam only touches that
-  /// one.
+  /// The smallest cell that counts the hit: the one right behind the end point.
   [[nodiscard]] CellIndex<D> cell_of_hit(const FlatBeam& beam) const {
     const auto cell_at = [&](const Vector<D>& point) {
       CellIndex<D> cell;
@@ -190,8 +200,7 @@ class FlatScanMap {
             static_cast<std::int64_t>(std::floor(point[static_cast<int>(a)] / options_.min_cell_size));
       return cell;
     };
-    const CellIndex<D> cell = cell_at(beam.endpoint);
-    return is_crossed(beam, cell) ? cell : cell_at(beam.endpoint + 1e-9 * (beam.endpoint - beam.origin));
+    return cell_at(beam.endpoint + 1e-12 * (beam.endpoint - beam.origin));
   }
 
   struct FlatBeam {
@@ -270,7 +279,7 @@ class FlatScanMap {
     beam.slant = depth / length;
     beam.returned = returned;
     beam.face = face;
-    beam.chance = chance_of<D>(displacement);
+    beam.chance = chance_of<D>(displacement, scans_);
     beams_.push_back(beam);
   }
 
@@ -364,6 +373,8 @@ class FlatScanMap {
   }
 
   struct Coverage {
+    bool is_asked = false;  ///< It had to be seen.
+    bool is_covered = false;
     bool enough = true;
     bool splits = false;
     std::uint32_t parts = 0;
@@ -393,7 +404,6 @@ class FlatScanMap {
     };
     std::vector<double> seen(children.size(), 0.0);  // In kUnits.
     double all = 0.0;
-    double wide = 0.0;
     double way = 0.0;
     for (const FlatBeam& beam : beams_) {
       float enter = 0.0f;
@@ -414,34 +424,47 @@ class FlatScanMap {
                                       (std::min(0.1f, 1.0f / face.density) * widening * per_child);
         const float chord = (exit - enter) * beam.slant * per_child * kUnits;
         seen[j] += static_cast<double>(std::nearbyint(chord * across(std::min(1.0f, width))));
-        wide += static_cast<double>(std::nearbyint(chord * across(std::min(static_cast<float>(N), width))));
         way += static_cast<double>(std::nearbyint(chord));
       }
     }
     for (const double child : seen) all += child;
-    const double least = std::min(0.25, 1.0 - std::sqrt(2.0 / (all > 0.0 ? way / all : 0.0)));
+    const double of_child = options_.covered_share;
+    const double least =
+        std::min(of_child, 1.0 - std::sqrt(2.0 * (1.0 - 1e-4) / (all > 0.0 ? way / all : 0.0)));
     const double smallest_cells = size / smallest();
+    const bool may_split = smallest_cells > options_.coverage_cells * (1.0 + 1e-9);
     if (cell.is_partly_seen()) result.parts = cell.seen_parts();
     const auto seen_before = [before = result.parts](int part) { return (before & 1u << part) != 0; };
     std::map<int, std::pair<double, int>> parts;
+    std::set<int> with_missing;
+    result.is_asked = true;
+    result.is_covered = true;
     for (std::size_t j = 0; j < children.size(); ++j) {
       auto& [of_part, count] = parts[part_of(children[j], index)];
-      of_part += std::min(1.0, seen[j] / static_cast<double>(kUnits));
+      const double share = seen[j] / static_cast<double>(kUnits);
+      of_part += std::min(1.0, share);
       ++count;
-      if (seen[j] / static_cast<double>(kUnits) < least && !seen_before(part_of(children[j], index)) &&
-          smallest_cells > options_.coverage_cells * (1.0 + 1e-9))
-        result.splits = true;
+      if (share < least) with_missing.insert(part_of(children[j], index));
+      if (share < least && !seen_before(part_of(children[j], index)) && may_split) result.splits = true;
+      // Covered is what was seen but for one smallest cell in depth, or half a child.
+      if (share < (1.0 - 1e-4) * (1.0 - std::min(0.5, N / smallest_cells)) - 1e-6) result.is_covered = false;
     }
     int seen_children = 0;
     for (const auto& [part, of_part] : parts) {
-      if (of_part.first >= (1.0 - 1e-4) * 0.25 * of_part.second) result.parts |= 1u << part;
+      if (of_part.first >= (1.0 - 1e-4) * of_child * of_part.second && with_missing.count(part) == 0)
+        result.parts |= 1u << part;
       if ((result.parts & 1u << part) != 0) seen_children += of_part.second;
     }
-    double enough = (1.0 - 1e-4) * options_.covered_share;
-    for (int a = 0; a < D; ++a) enough *= 1.0 - 1.0 / smallest_cells;
     const auto count = static_cast<double>(children.size());
-    result.enough = !result.splits &&
-                    std::max(wide / static_cast<double>(kUnits) / count, seen_children / count) >= enough;
+    const bool are_few = (all > 0.0 ? way / all : 0.0) < 2.0 && smallest_cells < N + 0.5 && seen_children > 0;
+    const bool has_enough =
+        (are_few && !may_split) || seen_children >= count * (smallest_cells < 2.5 ? 0.5 : 1.0);
+    if (are_few && !has_enough && may_split) result.splits = true;
+    const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
+    const double beams = static_cast<double>(cell.free_evidence() + scan.free) / miss;
+    const double parts_side_by_side = std::exp2(std::min(D, 4) - 1);
+    if (!has_enough && may_split && beams > 8.0 * parts_side_by_side) result.splits = true;
+    result.enough = !result.splits && has_enough;
     return result;
   }
 
@@ -481,23 +504,6 @@ class FlatScanMap {
           static_cast<float>(border(index.lower[a] + edge(index.level)) - origin) * beam.inverse[a];
       enter = std::max(enter, std::min(lower, upper));
       exit = std::min(exit, std::max(lower, upper));
-    }
-    return enter < exit;
-  }
-  /// The same in double.
-  [[nodiscard]] bool is_crossed(const FlatBeam& beam, const CellIndex<D>& index) const {
-    double enter = 0.0;
-    double exit = HUGE_VAL;
-    for (int a = 0; a < D; ++a) {
-      const std::int64_t lower = index.lower[static_cast<std::size_t>(a)];
-      const double to_lower = border(lower) - beam.origin[a];
-      const double to_upper = border(lower + edge(index.level)) - beam.origin[a];
-      if (beam.path[a] == 0.0) {
-        if (to_lower > 0.0 || to_upper <= 0.0) return false;
-        continue;
-      }
-      enter = std::max(enter, std::min(to_lower / beam.path[a], to_upper / beam.path[a]));
-      exit = std::min(exit, std::max(to_lower / beam.path[a], to_upper / beam.path[a]));
     }
     return enter < exit;
   }
@@ -542,6 +548,7 @@ class FlatScanMap {
   EvidenceModel model_;
   EvidenceMergeRule merge_rule_;
   PartialOccupancyModel partial_occupancy_;
+  std::uint64_t scans_ = 0;
   std::vector<FlatBeam> beams_;
   std::map<std::array<double, D + 2>, Face> faces_;
 };

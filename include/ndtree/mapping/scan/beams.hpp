@@ -25,20 +25,23 @@
 
 namespace ndtree {
 
-/// The smallest cell that a returned beam ends in: the one that holds the end point, or, if the beam only
-/// touches that one in a corner, the next along the beam.
+/// The smallest cell in which a returned beam counts as a hit: the one right behind its end point. It is the
+/// cell that holds the end point, unless that lies on the cell's far border, within rounding: a surface on a
+/// border is the front of the cell behind it, from whatever side it is seen, so that mirror images make
+/// mirror maps.
 template <int N, int D>
 [[nodiscard]] Lattice<D> cell_of_hit(const LatticeGeometry<N, D>& geometry, const Beam<D>& beam) {
   Lattice<D> cell = geometry.coordinates(beam.endpoint);
-  Lattice<D> behind = cell;
-  bool is_touched_only = false;
   for (std::size_t a = 0; a < D; ++a) {
+    const double x = beam.endpoint[static_cast<int>(a)];
     const double d = beam.displacement[static_cast<int>(a)];
-    const bool is_on_border = geometry.border(cell[a]) == beam.endpoint[static_cast<int>(a)];
-    is_touched_only = is_touched_only || (is_on_border && d > 0.0);
-    behind[a] -= static_cast<std::int64_t>(is_on_border && d < 0.0);
+    const double rounding = geometry.rounding_at(x);
+    if (d < 0.0 && x - geometry.border(cell[a]) <= rounding)
+      --cell[a];
+    else if (d > 0.0 && geometry.border(cell[a] + 1) - x <= rounding)
+      ++cell[a];
   }
-  return is_touched_only ? behind : cell;
+  return cell;
 }
 
 /// Beams by number: those of a face one after the other (see ScanFace), the least chance first. Distances are

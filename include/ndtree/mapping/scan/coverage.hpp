@@ -39,28 +39,29 @@ class LeafCoverage {
 
   /// Adds what beams that cross a leaf see of its children, up to their end points, until that is certain to
   /// be enough.
-  /// @param per_child 1 / edge of a child [1/m].
+  /// @param per_child 1 / edge of a child [1/m]. @param size of the leaf, in smallest cells.
   void operator()(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
-                  Sum& sum) const {
-    for (std::size_t first = 0; first < list.size && !CoverageModel::is_certain(sum); first += kChunk)
+                  const CoverageModel& model, double size, Sum& sum) const {
+    for (std::size_t first = 0; first < list.size && !model.is_certain(sum, size); first += kChunk)
       add(leaf, list.part(first, std::min(list.size, first + kChunk)), per_child, widths, sum);
   }
   /// Whether enough of a leaf was seen to update it as a whole.
-  /// @param sample which beams of its list count in it.
+  /// @param sample which beams of its list count in it. @param beams that have passed it so far.
   [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
                                       const BeamList& list, const LeafSample<D>& sample,
-                                      const CoverageModel& model) const {
+                                      const CoverageModel& model, double beams) const {
     const LatticeGeometry<N, D>& geometry = clip_.geometry();
+    const double size = geometry.cell_size(leaf.level) / geometry.unit();
     const float per_child = 1.0f / static_cast<float>(geometry.cell_size(leaf.level - 1));
     Sum sum;
     sample.for_each_share(beams_, list, [&](const ScanFace<D>& face, float share, const BeamList& part) {
       // Those of a sample stand for those that are not in it, too.
       const BeamWidths widths{face.width_of_beam() * BeamShares<N, D>::widening(share) * per_child,
                               static_cast<float>(geometry.unit()) * per_child};
-      (*this)(leaf, part, per_child, widths, sum);
+      (*this)(leaf, part, per_child, widths, model, size, sum);
     });
     const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
-    return model.judge(sum, seen_before, geometry.cell_size(leaf.level) / geometry.unit());
+    return model.judge(sum, seen_before, size, beams);
   }
 
  private:
@@ -93,8 +94,7 @@ class LeafCoverage {
     __m256i child[std::size_t{kNumChildren}];
 #pragma GCC unroll 32
     for (int c = 0; c < kNumChildren; ++c) child[c] = _mm256_setzero_si256();
-    __m256i cell = _mm256_setzero_si256();
-    __m256i way = cell;
+    __m256i way = _mm256_setzero_si256();
     const __m256 per_depth = _mm256_set1_ps(widths.per_depth);
     const __m256 fixed = _mm256_set1_ps(widths.fixed);
     const __m256 half = _mm256_set1_ps(0.5f);
@@ -117,8 +117,6 @@ class LeafCoverage {
             _mm256_set1_ps(Sum::kUnitsOfOne));
         child[c] = _mm256_add_epi32(
             child[c], _mm256_and_si256(sees, in_units(units, _mm256_min_ps(width, _mm256_set1_ps(1.0f)))));
-        cell = _mm256_add_epi32(
-            cell, _mm256_and_si256(sees, in_units(units, _mm256_min_ps(width, _mm256_set1_ps(N)))));
         way = _mm256_add_epi32(way, _mm256_and_si256(sees, _mm256_cvtps_epi32(units)));
       }
     }
@@ -132,10 +130,10 @@ class LeafCoverage {
       store_sums(sums_of(child[c], child[std::min(c + 1, kLast)], child[std::min(c + 2, kLast)],
                          child[std::min(c + 3, kLast)]));
       for (int k = 0; k < std::min(4, kNumChildren - c); ++k)
-        sum.add(c + k, {sums[static_cast<std::size_t>(k)], 0, 0});
+        sum.add(c + k, {sums[static_cast<std::size_t>(k)], 0});
     }
-    store_sums(sums_of(cell, way, cell, way));
-    sum.add(0, {0, sums[0], sums[1]});
+    store_sums(sums_of(way, way, way, way));
+    sum.add(0, {0, sums[0]});
   }
   NDTREE_BY_EIGHTS [[nodiscard]] static __m256i in_units(__m256 units, __m256 width) {
     __m256 area = _mm256_set1_ps(1.0f);

@@ -37,13 +37,15 @@ class Inheritance {
                  const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
                  NodeType* children) const {
     if (!EvidenceModel::has_heirs(leaf)) return;
+    const bool is_finest = index.level - 1 == geometry_.finest_level();
     std::size_t beams = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) { beams += part.size; });
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const auto child = static_cast<int>(j);
       const CellIndex<D> at = geometry_.child(index, child_offset<N, D>(child));
       const CellCrossings<N, D> crossings(geometry_, beams_, at, planes, child);
-      children[j].cell() = inherited(leaf, count_passed(crossings, lists.of(child), sample), beams, j);
+      children[j].cell() =
+          inherited(leaf, count_passed(crossings, lists.of(child), sample), beams, j, is_finest);
     }
   }
 
@@ -51,15 +53,16 @@ class Inheritance {
   /// The same of few beams.
   struct OfFew {
     const EvidenceCell& leaf;
+    bool are_finest;       ///< Its children.
     std::uint32_t sample;  ///< The set of those that counted, by their places in the list.
   };
-  [[nodiscard]] OfFew of_few(const EvidenceCell& leaf, const LeafSample<D>& sample,
+  [[nodiscard]] OfFew of_few(const EvidenceCell& leaf, int level, const LeafSample<D>& sample,
                              const BeamList& list) const {
     std::uint32_t set = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) {
       set |= ((1u << part.size) - 1) << (part.beam - list.beam);
     });
-    return {leaf, set};
+    return {leaf, level - 1 == geometry_.finest_level(), set};
   }
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const OfFew& heritage,
                                                       const FewCrossings<D, kNumChildren>& few,
@@ -68,7 +71,8 @@ class Inheritance {
     const EightEnds<D>& ends = beams_.ends_of(few.beams);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const std::uint32_t set = passed(ends, _mm256_load_ps(few.exit[j].data())) & few.set[j];
-      children[j].cell() = inherited(heritage.leaf, count(set & heritage.sample), count(heritage.sample), j);
+      children[j].cell() = inherited(heritage.leaf, count(set & heritage.sample), count(heritage.sample), j,
+                                     heritage.are_finest);
     }
   }
   /// @param lone the beam, alone in the leaf, by its number.
@@ -78,16 +82,16 @@ class Inheritance {
     for (std::size_t j = 0; j < kNumChildren; ++j)
       children[j].cell() =
           inherited(heritage.leaf, (lone.set >> j & 1u) != 0 && has_passed(beam, lone.exit[j]),
-                    count(heritage.sample), j);
+                    count(heritage.sample), j, heritage.are_finest);
   }
 #endif
 
  private:
   /// @param passed of so many beams.
   [[nodiscard]] EvidenceCell inherited(const EvidenceCell& leaf, std::size_t passed, std::size_t beams,
-                                       std::size_t child) const {
+                                       std::size_t child, bool is_finest) const {
     return model_.inherited(leaf, kShareDivisor<Tree>, passed, beams,
-                            CellParts<N, D>::of_child(static_cast<int>(child)));
+                            CellParts<N, D>::of_child(static_cast<int>(child)), is_finest);
   }
   [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list,
                                          const LeafSample<D>& sample) const {

@@ -31,11 +31,15 @@ namespace ndtree {
 ///   it is small, or of the smallest. A surface is not the whole of a coarse cell that it lies in front of.
 ///
 /// A hit asks for smaller cells if the beam came a longer way through the leaf than noise explains, or if the
-/// leaf is larger than what the noise leaves open. A beam without return is a miss of all leaves that it
-/// passes as a whole.
+/// leaf is larger than what the noise leaves open. A beam without return, or cut at the maximum range, is a
+/// miss of every leaf that it crosses, up to where it ends: what stood there would have returned it.
 template <int N, int D, class Sensor>
 class LeafEvidence {
   static constexpr float kNoiseReach = 3.0f;  // Standard deviations that noise is taken to explain.
+  /// Standard deviations by which the cell of a hit goes on behind the end point, at least: a surface that
+  /// lies near the far border of its cell, in every scan, would else be evidence for nothing, as F(exit) is
+  /// 1/2 there.
+  static constexpr float kLeastBehindHit = 0.5f;
   static constexpr float kWidestSigma = static_cast<float>(1.0 / ScanBeams<D>::kThinnestSurface);
   static constexpr float kSmallCell = 2.0f;  // Standard deviations up to which a cell is small.
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
@@ -123,17 +127,16 @@ class LeafEvidence {
       const BeamEnd<D>& beam = all_.beams_.end(number_);
       const bool is_small = size_.small <= kSmallCell * beam.sigma;
       const float end = is_small ? std::max(crossing.exit, enter + beam.surface) : crossing.exit;
-      const bool passes = end < beam.clear;
-      const bool holds_end = !passes && all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
-      if (passes || !beam.is_returned()) {
-        if (!holds_end) sum.add(passed(crossing));
-        return;  // A beam without return says nothing about the rest of the cell that it ends in.
-      }
+      if (end < beam.clear || !beam.is_returned()) return sum.add(passed(crossing));
+      const bool holds_end = all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
       const bool is_behind = !holds_end && enter >= beam.range;
       if (is_behind && !is_small) return;
       const float per_sigma = 1.0f / beam.sigma;
       const float before_end = (enter - beam.range) * per_sigma;
-      EvidenceModel::add(sum, all_.sensor_.quick_log_odds(before_end, (end - beam.range) * per_sigma),
+      const float behind_end = (end - beam.range) * per_sigma;
+      EvidenceModel::add(sum,
+                         all_.sensor_.quick_log_odds(
+                             before_end, holds_end ? std::max(behind_end, kLeastBehindHit) : behind_end),
                          size_.is_inside_alike ? size_.inside : all_.inside(size_, beam.sigma));
       if (holds_end) {
         ++sum.hits;
@@ -396,19 +399,19 @@ class LeafEvidence {
     const __m256 is_clear = _mm256_cmp_ps(end, beams.clear, _CMP_LT_OQ);
     const __m256 passes_or_not_returned = _mm256_or_ps(is_clear, no_return);
     const __m256 holds_end = _mm256_andnot_ps(is_clear, _mm256_castsi256_ps(lie_in(leaf, size, beams.cell)));
-    misses = _mm256_or_si256(
-        misses,
-        _mm256_and_si256(others, _mm256_castps_si256(_mm256_andnot_ps(holds_end, passes_or_not_returned))));
+    misses = _mm256_or_si256(misses, _mm256_and_si256(others, _mm256_castps_si256(passes_or_not_returned)));
     const __m256 is_behind = _mm256_andnot_ps(holds_end, _mm256_cmp_ps(enter, range, _CMP_GE_OQ));
     const __m256 says_nothing = _mm256_or_ps(passes_or_not_returned, _mm256_andnot_ps(is_small, is_behind));
     if (_mm256_testc_si256(_mm256_castps_si256(says_nothing), others)) return misses;
     const __m256 says = _mm256_andnot_ps(says_nothing, _mm256_castsi256_ps(others));
     const __m256 per_sigma = _mm256_div_ps(_mm256_set1_ps(1.0f), sigma);
     const __m256 before_end = _mm256_mul_ps(_mm256_sub_ps(enter, range), per_sigma);
+    const __m256 behind_end = _mm256_mul_ps(_mm256_sub_ps(end, range), per_sigma);
+    const __m256 behind_hit = _mm256_max_ps(behind_end, _mm256_set1_ps(kLeastBehindHit));
     const __m256i evidence = _mm256_and_si256(
         _mm256_castps_si256(says),
         EvidenceModel::units_of(
-            sensor_.quick_log_odds(before_end, _mm256_mul_ps(_mm256_sub_ps(end, range), per_sigma)),
+            sensor_.quick_log_odds(before_end, _mm256_blendv_ps(behind_end, behind_hit, holds_end)),
             size.is_inside_alike ? _mm256_set1_ps(size.inside) : inside(size, sigma)));
     const __m256i occupied = _mm256_max_epi32(evidence, _mm256_setzero_si256());
     sums.occupied = _mm256_add_epi32(sums.occupied, occupied);

@@ -22,12 +22,19 @@
 
 namespace ndtree {
 
-/// A number in [0, 2^24) that seems to be drawn, but depends on the direction and length of a beam alone: the
-/// same beams are in a sample, in whatever order they come. A cell that takes a share of a scan's beams takes
-/// those whose number is below so much of 2^24.
+/// What a scan's number adds to the sampling keys of its beams.
+[[nodiscard]] inline std::uint32_t key_of_scan(std::uint64_t number) {
+  return static_cast<std::uint32_t>(number) * 0x7feb352du;
+}
+
+/// Sampling key of a beam: a hash in [0, 2^24) of its direction, its length and the scan's number. Whatever
+/// the order of the beams, the same ones are sampled; equal beams of the next scan are sampled anew, so that
+/// every beam of a sensor that stands still counts in the end. A cell that samples a fraction of a scan's
+/// beams takes those whose key is below this fraction of 2^24.
 template <int D>
-[[nodiscard]] std::uint32_t chance_of(const std::array<float, std::size_t{D}>& displacement) {
-  std::uint32_t hash = 0;
+[[nodiscard]] std::uint32_t chance_of(const std::array<float, std::size_t{D}>& displacement,
+                                      std::uint64_t scan_number = 0) {
+  std::uint32_t hash = key_of_scan(scan_number);
   std::uint32_t factor = 1;
   for (const float component : displacement) {
     std::uint32_t bits = 0;
@@ -150,7 +157,7 @@ class ScanLook {
       face.upper[k] = std::max(face.upper[k], at);
     }
     beams_.depth[place] = depth;
-    beams_.chance[place] = chance_of<D>(d);
+    beams_.chance[place] = chance_of<D>(d, measurements_.scan_number());
     beams_.face[place] = number;
     beams_.deepest = std::max(beams_.deepest, depth);
   }
@@ -234,7 +241,7 @@ class ScanLook {
 #pragma GCC unroll 4
       for (std::size_t k = 0; k < kAxes; ++k) at[k] = _mm256_div_ps(at[k], depth);
 
-      __m256i hash = _mm256_setzero_si256();
+      __m256i hash = _mm256_set1_epi32(static_cast<int>(key_of_scan(measurements_.scan_number())));
       std::uint32_t factor = 1;
 #pragma GCC unroll 4
       for (std::size_t a = 0; a < D; ++a) {

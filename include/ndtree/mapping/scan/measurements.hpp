@@ -36,11 +36,13 @@ struct BeamRange {
 template <int D, class Sensor>
 class Measurements {
  public:
-  Measurements(const ScanView<D>& scan, double max_range, const Sensor& sensor)
-      : scan_(scan), max_range_(max_range), sensor_(&sensor) {}
+  /// @param scan_number of the scan among those of its map, see ScanView::number.
+  Measurements(const ScanView<D>& scan, double max_range, const Sensor& sensor, std::uint64_t scan_number = 0)
+      : scan_(scan), max_range_(max_range), sensor_(&sensor), scan_number_(scan_number) {}
 
   [[nodiscard]] const ScanView<D>& scan() const { return scan_; }
   [[nodiscard]] double max_range() const { return max_range_; }
+  [[nodiscard]] std::uint64_t scan_number() const { return scan_number_; }
   [[nodiscard]] BeamRange all() const { return {0, scan_.size}; }
   /// About as many beams in each of some parts.
   [[nodiscard]] BeamRange part(std::size_t number, std::size_t parts) const {
@@ -60,6 +62,7 @@ class Measurements {
   ScanView<D> scan_;
   double max_range_;
   const Sensor* sensor_;
+  std::uint64_t scan_number_;
 };
 
 /// What the beams of a scan reach, and how they ended.

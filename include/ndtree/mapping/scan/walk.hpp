@@ -341,16 +341,20 @@ class alignas(kCacheLines) ScanWalk {
               const Shares& shares) {
     if (scan.beams == 0) return false;
     return is_unseen(leaf.cell(), scan) ? update_unseen(leaf, list, sample, scan, shares)
-                                        : split(leaf, list, sample, shares);
+                                        : split(leaf, list, sample, scan, shares);
   }
   /// A leaf that was never observed, and that beams have only passed.
   bool update_unseen(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
                      const ScanEvidence& scan, const Shares& shares) {
-    const CoverageVerdict seen = coverage_.judge(leaf.index, leaf.cell(), list, sample, refinement_.coverage);
-    if (seen.shows_more) return split(leaf, list, sample, shares);
-    if (!seen.is_enough)
-      return counted(refinement_.model.remember(leaf.cell(), seen.parts, scan), scan.beams);
-    return update(leaf.cell(), scan);
+    EvidenceCell& cell = leaf.cell();
+    const CoverageVerdict seen =
+        coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
+                        refinement_.model.beams_of(cell.free_evidence() + scan.free));
+    if (seen.shows_more) return split(leaf, list, sample, scan, shares);
+    if (!seen.is_enough) return counted(refinement_.model.remember(cell, seen.parts, scan), scan.beams);
+    const bool changed = update(cell, scan);
+    cell.set_covered(seen.is_covered);
+    return changed;
   }
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) {
     return scan.beams > 0 && counted(refinement_.model.update(cell, scan), scan.beams);
@@ -363,6 +367,19 @@ class alignas(kCacheLines) ScanWalk {
     return changed;
   }
 
+  /// Splits a leaf and integrates its beams into the children. If they join again, and the scan's beams have
+  /// only passed, the leaf is updated as if it had not split: what passes say adds up, scan by scan, however
+  /// often.
+  bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const ScanEvidence& scan,
+             const Shares& shares) {
+    const EvidenceCell parent = leaf.cell();
+    const bool changed = split(leaf, list, sample, shares);
+    if (leaf.is_leaf() && parent.observed() && scan.hits == 0 && scan.occupied == 0) {
+      leaf.cell() = parent;
+      (void)refinement_.model.update_whole(leaf.cell(), scan);
+    }
+    return changed;
+  }
   bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const Shares& shares) {
     const ListStack::Mark mark = stack_.mark();
     const EvidenceCell parent = leaf.cell();
@@ -370,7 +387,7 @@ class alignas(kCacheLines) ScanWalk {
 #ifdef NDTREE_HAS_EIGHTS
     if (are_few(leaf, list)) {
       tree_.split_node(*leaf.node, {}, arena_);
-      const HeritageOfFew heritage = inheritance_.of_few(parent, sample, list);
+      const HeritageOfFew heritage = inheritance_.of_few(parent, leaf.index.level, sample, list);
       return update_children_of_few(leaf, list, shares, &heritage);
     }
 #endif

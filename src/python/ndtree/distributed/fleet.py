@@ -344,7 +344,7 @@ def _mapped(
         if not growth.contains(box):
             growth.include(stored.get(ref.log, ref.number, ref.batch, ref.position), job.max_range)
     updates, splits, merges = (sum(of[i] for of in counters.values()) for i in range(3))
-    frame = with_counters(growth.map.to_bytes(), updates, splits, merges)
+    frame = with_counters(growth.map.to_bytes(), updates, splits, merges, len(scans))
     manifest = Manifest(
         job.kind,
         job.grid,

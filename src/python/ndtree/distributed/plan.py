@@ -40,8 +40,8 @@ def in_order(indexes: Iterable[ScanIndex]) -> Iterator[tuple[ScanRef, IndexedSca
         ((scan.time, index.log, number), scan) for index in indexes for number, scan in enumerate(index.scans)
     ]
     every.sort(key=lambda one: one[0])
-    for (_, log, number), scan in every:
-        yield ScanRef(log, number, scan.batch, scan.position), scan
+    for order, ((_, log, number), scan) in enumerate(every):
+        yield ScanRef(log, number, scan.batch, scan.position, order), scan
 
 
 def chains(

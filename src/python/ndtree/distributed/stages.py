@@ -58,12 +58,13 @@ class Job:
 
 @dataclass(frozen=True)
 class ScanRef:
-    """A scan in a run's files."""
+    """A scan in a run's files, and its number among all scans of the run, in their order."""
 
     log: str
     number: int
     batch: int
     position: int
+    order: int
 
 
 @dataclass(frozen=True)
@@ -231,6 +232,7 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
             max_range=job.max_range,
             threads=1,
             window=window,
+            number=ref.order,
             **own,
         )
         inserted += report.seconds

@@ -63,10 +63,12 @@ class Leaves(Answers):
         0 where unknown.
     probability : (n,) float32
         0.5 where unknown.
-    hits : (n,) uint32
-        Beams that ended in the leaf.
-    misses : (n,) uint32
-        Beams that passed through it.
+    hits, misses : (n,) uint32
+        What the split test weighs: beams that ended in the leaf, and beams that passed through it. In fixed
+        and "paper" maps these are counts, both halved whenever one would exceed 32767. In "evidence" maps they
+        are a ratio and no census: of a dense scan only the sampled beams count; both are halved at 511, shared
+        out among children, added when siblings merge, and forgotten with the evidence. ``stats().updates``
+        counts beams.
     observed : (n,) bool
         At least one beam updated it.
     state : (n,) int8

@@ -18,6 +18,8 @@ class MapStats:
         Leaves that at least one beam updated: the cells that results count.
     nodes : int
         Leaves and inner nodes.
+    scans : int
+        Scans inserted; the number of the next one. 0 for OctoMap.
     updates, splits, merges : int
         As in `InsertReport`, over the map's life.
     memory_bytes : int
@@ -29,6 +31,7 @@ class MapStats:
     leaves: int
     observed_leaves: int
     nodes: int
+    scans: int
     updates: int
     splits: int
     merges: int

@@ -70,12 +70,12 @@ class MapKind:
         }
 
 
-def with_counters(map_file: bytes, updates: int, splits: int, merges: int) -> bytes:
-    """A map file that says of another number of updates, splits and merges; its cells stay as they are."""
+def with_counters(map_file: bytes, updates: int, splits: int, merges: int, scans: int) -> bytes:
+    """A map file with other numbers of updates, splits, merges and scans; its cells stay as they are."""
     at = _PREAMBLE.size + 8
     at += 2 + struct.unpack_from("<H", map_file, at)[0]
     options, at = struct.unpack_from("<I", map_file, at)[0], at + 4
     for _ in range(options):
         at += 2 + struct.unpack_from("<H", map_file, at)[0] + 8
-    counted = map_file[:at] + struct.pack("<3Q", updates, splits, merges) + map_file[at + 24 : -4]
+    counted = map_file[:at] + struct.pack("<4Q", updates, splits, merges, scans) + map_file[at + 32 : -4]
     return counted + struct.pack("<I", zlib.crc32(counted))

@@ -181,7 +181,9 @@ class TileMapper:
         revision = self._revision + 1
         self._store(sorted(self._changed))
         stats = self._resident.map.stats()
-        frame = with_counters(self._growth.map.to_bytes(), stats.updates, stats.splits, stats.merges)
+        frame = with_counters(
+            self._growth.map.to_bytes(), stats.updates, stats.splits, stats.merges, stats.scans
+        )
         progress = {
             "complete": complete,
             "scans": max(self._seen, self.done),

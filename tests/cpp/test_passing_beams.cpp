@@ -1,0 +1,313 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What beams that pass must clear, however alike they are, and what no beam came through must not be free.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <vector>
+
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/point.hpp"
+#include "ndtree/query/ray.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
+
+namespace ndtree::test::test_passing_beams {
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+
+/// The defaults, which tests of single parts spell out otherwise.
+MapOptions options_of(double cell_size, double max_cell_size) {
+  MapOptions options;
+  options.min_cell_size = cell_size;
+  options.max_cell_size = max_cell_size;
+  options.range_sigma = 0.02;
+  return options;
+}
+MapOptions options_of(double cell_size, int branching) {
+  return options_of(cell_size, cell_size * std::pow(branching, branching == 2 ? 4 : 2));
+}
+
+template <int D>
+Vector<D> direction(Random& random) {
+  Vector<D> d;
+  do {
+    for (int a = 0; a < D; ++a) d[a] = random.uniform(-1.0, 1.0);
+  } while (d.norm() < 0.1);
+  return d.normalized();
+}
+
+template <int D>
+Scan<D> fan(const Vector<D>& origin, const std::vector<Vector<D>>& directions, double range, double noise,
+            Random& random, bool returned = true) {
+  Scan<D> scan;
+  scan.origins = origin;
+  scan.endpoints.resize(D, static_cast<Eigen::Index>(directions.size()));
+  for (std::size_t i = 0; i < directions.size(); ++i)
+    scan.endpoints.col(static_cast<Eigen::Index>(i)) =
+        origin + directions[i] * (range + noise * random.uniform(-1.0, 1.0));
+  if (!returned) scan.returned = Eigen::Array<bool, Eigen::Dynamic, 1>::Constant(scan.size(), false);
+  return scan;
+}
+
+template <class Map>
+int occupied_leaves(const Map& map) {
+  int n = 0;
+  for_each_leaf(map.tree(), [&](const auto& leaf) { n += leaf.cell().state() == CellState::occupied; });
+  return n;
+}
+
+template <class S>
+class PassingBeams : public ::testing::Test {};
+TYPED_TEST_SUITE(PassingBeams, Shapes, ShapeNames);
+
+/// Scans after which nothing is left where equal beams passed something that was seen before. A cell
+/// remembers evidence of 200 nats, or 235 hits; of equal passes it counts at least one in two scans.
+constexpr int kScansToClear = 400;
+
+TYPED_TEST(PassingBeams, EqualBeamsClearWhatTheyPassAndItStaysClear) {
+  NDTREE_SHAPE;
+  int cases = 0;
+  for (const double sample_beams : {0.5, 8.0})
+    for (const int beams : {1, 3, 40}) {
+      if (D == 1 && beams > 1) continue;
+      Random random(10 * beams + D);
+      SCOPED_TRACE(random.trace());
+      MapOptions options = options_of(0.05, N);
+      options.sample_beams = sample_beams;
+      AdaptiveMap<N, D> map(options);
+      const Vector<D> origin = Vector<D>::Constant(0.021);
+      std::vector<Vector<D>> directions;
+      for (int i = 0; i < beams; ++i) directions.push_back(direction<D>(random));
+      for (int i = 0; i < 40; ++i) map.insert(fan<D>(origin, directions, 1.0, 0.04, random));
+      EXPECT_GT(occupied_leaves(map), 0);
+      const Scan<D> passing = fan<D>(origin, directions, 2.0, 0.0, random, false);
+      for (int i = 0; i < kScansToClear; ++i) map.insert(passing);
+      EXPECT_EQ(occupied_leaves(map), 0) << beams << " beams";
+      for (int i = 0; i < 30; ++i) {
+        map.insert(passing);
+        ASSERT_EQ(occupied_leaves(map), 0) << "and stays so";
+      }
+      ++cases;
+    }
+  EXPECT_EQ(cases, D == 1 ? 2 : 6);
+}
+
+TYPED_TEST(PassingBeams, WhatStandsAtTheMaximumRangeIsClearedByBeamsThatAreCutThere) {
+  NDTREE_SHAPE;
+  Random random(5);
+  SCOPED_TRACE(random.trace());
+  AdaptiveMap<N, D> adaptive(options_of(0.05, N));
+  FixedMap<N, D> fixed(options_of(0.05, N));
+  const Vector<D> origin = Vector<D>::Constant(0.013);
+  std::vector<Vector<D>> directions;
+  for (int i = 0; i < 20; ++i) directions.push_back(direction<D>(random));
+  const auto insert = [&](double range, int times) {
+    for (int i = 0; i < times; ++i) {
+      const Scan<D> scan = fan<D>(origin, directions, range, 0.0, random);
+      adaptive.insert(scan, 1.5);
+      fixed.insert(scan, 1.5);
+    }
+  };
+  insert(1.48, 5);
+  int seen = 0;
+  for (const Vector<D>& d : directions)
+    seen += state(fixed, Vector<D>(origin + 1.481 * d)) == CellState::occupied;
+  EXPECT_GE(seen, 10);
+  insert(4.0, 200);
+  for (const Vector<D>& d : directions) {
+    EXPECT_NE(state(adaptive, Vector<D>(origin + 1.48 * d)), CellState::occupied);
+    EXPECT_NE(state(fixed, Vector<D>(origin + 1.48 * d)), CellState::occupied);
+  }
+}
+
+TEST(PassingBeams, EachScanSamplesOtherBeamsWhateverTheOrderAndTheThreads) {
+  MapOptions options = options_of(0.05, 2);
+  Random random(8);
+  std::vector<Vector<2>> directions;
+  for (int i = 0; i < 4000; ++i) directions.emplace_back(std::cos(i * 1e-3), std::sin(i * 1e-3));
+  const Scan<2> scan = fan<2>(Vector<2>(0.01, 0.02), directions, 1.0, 0.0, random);
+  ScanView<2> numbered = scan.view();
+  AdaptiveMap<2, 2> counted(options);
+  AdaptiveMap<2, 2> given(options);
+  AdaptiveMap<2, 2> other(options);
+  for (std::uint64_t i = 0; i < 3; ++i) {
+    counted.insert(scan);
+    numbered.number = i;
+    given.insert(numbered, kUnlimitedRange, 3);
+    numbered.number = 2 * i;
+    other.insert(numbered);
+  }
+  EXPECT_EQ(counted.counters().scans, 3u);
+  EXPECT_EQ(counted.counters().updates, given.counters().updates);
+  EXPECT_EQ(other.counters().scans, 5u) << "the next has the number after";
+  EXPECT_NE(counted.counters().updates, other.counters().updates) << "another sample";
+}
+
+/// A closed corridor, 2 half-widths wide and high, and 2 half-lengths long, along axis 0.
+template <int D>
+double range_in_corridor(const Vector<D>& origin, const Vector<D>& d, double half_length, double half_width) {
+  double t = HUGE_VAL;
+  for (int a = 0; a < D; ++a) {
+    const double wall = std::copysign(a == 0 ? half_length : half_width, d[a]);
+    if (d[a] != 0.0) t = std::min(t, (wall - origin[a]) / d[a]);
+  }
+  return t;
+}
+
+template <int N, int D>
+void expect_closed_corridor() {
+  constexpr double kHalfLength = 9.0;
+  constexpr double kHalfWidth = 1.025;
+  MapOptions options = options_of(0.05, N == 2 ? 1.6 : 1.35);
+  AdaptiveMap<N, D> map(options);
+  Random random(3);
+  SCOPED_TRACE(random.trace());
+  std::vector<Vector<D>> ahead;
+  if constexpr (D == 2) {
+    for (double angle = -135.0; angle < 135.0; angle += 0.5)
+      ahead.emplace_back(std::cos(angle * kPi / 180.0), std::sin(angle * kPi / 180.0));
+  } else {
+    for (double yaw = 0.0; yaw < 360.0; yaw += 2.0)
+      for (double pitch = -60.0; pitch <= 60.0; pitch += 4.0) {
+        const double c = std::cos(pitch * kPi / 180.0);
+        ahead.emplace_back(c * std::cos(yaw * kPi / 180.0), c * std::sin(yaw * kPi / 180.0),
+                           std::sin(pitch * kPi / 180.0));
+      }
+  }
+  for (const double way : {1.0, -1.0})
+    for (int i = 0; i <= 40; ++i) {
+      Vector<D> origin = Vector<D>::Constant(0.013);
+      origin[0] = way * (-8.0 + 0.4 * i);
+      Scan<D> scan;
+      scan.origins = origin;
+      scan.endpoints.resize(D, static_cast<Eigen::Index>(ahead.size()));
+      for (std::size_t k = 0; k < ahead.size(); ++k) {
+        Vector<D> d = ahead[k];
+        d[0] *= way;
+        const double noise = 0.02 * (random.uniform(-1.0, 1.0) + random.uniform(-1.0, 1.0));
+        scan.endpoints.col(static_cast<Eigen::Index>(k)) =
+            origin + d * (range_in_corridor<D>(origin, d, kHalfLength, kHalfWidth) + noise);
+      }
+      map.insert(scan);
+    }
+  double free_behind = 0.0;
+  for_each_leaf(map.tree(), [&](const auto& leaf) {
+    if (leaf.cell().state() != CellState::free) return;
+    const Box<D> box = map.tree().geometry().box(leaf.index);
+    bool is_behind = false;  // By more than the noise of a returned beam: three standard deviations.
+    for (int a = 0; a < D; ++a) {
+      const double wall = (a == 0 ? kHalfLength : kHalfWidth) + 0.125;
+      is_behind = is_behind || box.lower[a] >= wall - 1e-9 || box.upper[a] <= -wall + 1e-9;
+    }
+    if (is_behind) free_behind += (box.upper - box.lower).prod();
+  });
+  EXPECT_EQ(free_behind, 0.0);
+  int inside = 0;
+  int free = 0;
+  for (int i = 0; i < 4000; ++i) {
+    Vector<D> point;
+    for (int a = 0; a < D; ++a) point[a] = random.uniform(-1.0, 1.0) * (a == 0 ? 8.0 : 0.8);
+    ++inside;
+    free += state(map, point) == CellState::free;
+  }
+  EXPECT_GT(free, 0.995 * inside);
+}
+
+TEST(PassingBeams, NothingIsFreeBehindTheWallsOfAClosedCorridor) {
+  expect_closed_corridor<2, 2>();
+  expect_closed_corridor<3, 2>();
+  expect_closed_corridor<2, 3>();
+}
+
+TEST(PassingBeams, BeamsAlongAWallSayNothingOfTheSpaceBehindIt) {
+  MapOptions options = options_of(0.05, 1.6);
+  AdaptiveMap<2, 2> map(options);
+  const auto insert = [&](const std::vector<Vector<2>>& ends, double x) {
+    Scan<2> scan;
+    scan.origins = Vector<2>(x, 0.013);
+    scan.endpoints.resize(2, static_cast<Eigen::Index>(ends.size()));
+    for (std::size_t i = 0; i < ends.size(); ++i) scan.endpoints.col(static_cast<Eigen::Index>(i)) = ends[i];
+    map.insert(scan);
+  };
+  insert({{9.844, -1.025}, {11.971, -1.025}, {14.806, -1.025}, {-3.988, 1.025}}, -5.0);
+  insert({{10.044, -1.025}, {12.171, -1.025}, {15.0, -1.025}, {-3.788, 1.025}}, -4.8);
+  insert({{10.844, -1.025}, {12.971, -1.025}, {15.0, -0.983}, {-2.988, 1.025}}, -4.0);
+  EXPECT_EQ(state(map, Vector<2>(10.6, -1.4)), CellState::unknown);
+}
+
+TYPED_TEST(PassingBeams, MirroredScansMakeMirroredMapsOnBordersToo) {
+  NDTREE_SHAPE;
+  Random random(31);
+  SCOPED_TRACE(random.trace());
+  int compared = 0;
+  int on_borders = 0;
+  for (int world = 0; world < 12; ++world) {
+    const int axis = random.integer(0, D - 1);
+    const MapOptions options = options_of(0.1, N);
+    FixedMap<N, D> fixed(options);
+    FixedMap<N, D> fixed_mirrored(options);
+    for (int i = 0; i < 20; ++i) {
+      Scan<D> scan;
+      Vector<D> origin;
+      for (int a = 0; a < D; ++a) origin[a] = random.uniform(-0.2, 0.2);
+      scan.origins = origin;
+      scan.endpoints.resize(D, 12);
+      for (Eigen::Index k = 0; k < scan.size(); ++k)
+        for (int a = 0; a < D; ++a) {
+          const bool is_on_border = random.chance(0.5);
+          on_borders += is_on_border;
+          scan.endpoints(a, k) = is_on_border ? 0.1 * random.integer(-15, 15) : random.uniform(-1.5, 1.5);
+        }
+      Scan<D> mirror = scan;
+      mirror.origins.row(axis) *= -1.0;
+      mirror.endpoints.row(axis) *= -1.0;
+      fixed.insert(scan);
+      fixed_mirrored.insert(mirror);
+    }
+    for (int i = 0; i < 300; ++i) {
+      Vector<D> point;
+      for (int a = 0; a < D; ++a) point[a] = 0.1 * random.integer(-16, 15) + 0.05;
+      Vector<D> image = point;
+      image[axis] *= -1.0;
+      EXPECT_EQ(state(fixed, point), state(fixed_mirrored, image));
+      ++compared;
+    }
+  }
+  EXPECT_EQ(compared, 3600);
+  EXPECT_GT(on_borders, 300);
+}
+
+TEST(PassingBeams, ANoiseFreeWallOnOrNearABorderStopsRays) {
+  int cases = 0;
+  for (const double x : {1.0, 0.9999, 0.999, 1.0001, 0.975})
+    for (const double side : {-1.0, 1.0}) {
+      MapOptions options = options_of(0.05, 1.6);
+      AdaptiveMap<2, 2> map(options);
+      const Vector<2> origin(0.013, 0.021);
+      Scan<2> scan;
+      scan.origins = origin;
+      scan.endpoints.resize(2, 241);
+      for (Eigen::Index i = 0; i < scan.size(); ++i)
+        scan.endpoints.col(i) = Vector<2>(
+            side * x, origin[1] + x * std::tan((0.5 * static_cast<double>(i) - 60.0) * kPi / 180.0));
+      for (int i = 0; i < 50; ++i) map.insert(scan);
+      int passed = 0;
+      int rays = 0;
+      for (double angle = -55.0; angle < 55.0; angle += 0.37) {
+        const Vector<2> d(side * std::cos(angle * kPi / 180.0), std::sin(angle * kPi / 180.0));
+        const auto met = cast_ray(map, origin, d, 5.0);
+        const double range = std::abs((side * x - origin[0]) / d[0]);
+        passed += !(met && std::abs(*met - range) < 0.15);
+        ++rays;
+      }
+      EXPECT_LE(passed, rays / 20) << "wall at " << side * x;
+      ++cases;
+    }
+  EXPECT_EQ(cases, 10);
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_passing_beams
