@@ -72,7 +72,8 @@ _NAMES = "|".join([option.name for option in READER_OPTIONS] + ["format", "stric
 #: How readers name their options in errors, for Python.
 _NAMED = re.compile(
     rf"(?<![\w/.-])(?:(?P<set>{_NAMES}) ?= ?(?=\S)|(?:(?<=^)|(?<=: ))(?P<of>{_NAMES})(?=: )"
-    rf"|(?P<as>{_NAMES})(?= as one of)|(?<=expected )(?P<dim>dim)=(?=\d)|(?:the )?option (?P<option>{_NAMES})\b)"
+    rf"|(?P<as>{_NAMES})(?= as one of)|(?<=expected )(?P<dim>dim)=(?=\d)"
+    rf"|(?:the )?option (?P<option>{_NAMES})\b)"
 )
 #: Several of them: those that exclude each other, and those that a format takes.
 _LISTED = re.compile(rf"(?:{_NAMES})(?: and (?:{_NAMES}))+(?=: expected one of them)|(?<=it takes )[\w, ]+$")
