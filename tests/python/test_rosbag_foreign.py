@@ -376,6 +376,21 @@ def test_messages_in_json_by_foxglove(sensor: str, tmp_path: Path) -> None:
         assert scan.stamp == pytest.approx(START + 0.1 * number, abs=1e-6)
 
 
+def test_poses_in_json_by_foxglove(tmp_path: Path) -> None:
+    rows = []
+    for number in range(5):
+        t = START + number
+        pose = {"position": vector(number, 0, 0), "orientation": vector(0, 0, 0, 1)}
+        scan = {"start_angle": 0, "end_angle": 1, "ranges": [1, 2], "frame_id": "laser"}
+        for topic, type_, said in (
+            ("/where", "foxglove.PoseInFrame", {"frame_id": "map", "pose": pose}),
+            ("/scan", "foxglove.LaserScan", scan),
+        ):
+            rows.append((topic, type_, t, json.dumps({**stamped(t), **said}).encode()))
+    log = read(mcap(tmp_path / "a.mcap", rows), poses="/where")
+    np.testing.assert_array_equal([scan.origin for scan in log], [[number, 0] for number in range(5)])
+
+
 @pytest.mark.parametrize(
     "changes, said",
     [
