@@ -164,7 +164,7 @@ def test_a_largest_range_that_is_none_counts_as_not_given(ros2: Messages, tmp_pa
     log = read(write_bag(tmp_path / "bag", ros2, content), still=True)
     for (least, _), scan in zip(limits, log, strict=True):
         valid = [least == 0, True, True, False, False, False, True]
-        assert np.isfinite(scan.endpoints).all(axis=1).tolist() == valid
+        assert (np.linalg.norm(scan.endpoints, axis=1) > 0).tolist() == valid
     note = next(one for one in log.notes if "5 of 5 messages the largest range" in one)
     assert "range_max = 0 m, expected more than 0.1 m" in note
     log.no_return_range = 12.0
@@ -374,6 +374,21 @@ def test_messages_in_json_by_foxglove(sensor: str, tmp_path: Path) -> None:
         )
         np.testing.assert_allclose(scan.origin, [0.1 * number, 0, 1], atol=1e-6)
         assert scan.stamp == pytest.approx(START + 0.1 * number, abs=1e-6)
+
+
+def test_poses_in_json_by_foxglove(tmp_path: Path) -> None:
+    rows = []
+    for number in range(5):
+        t = START + number
+        pose = {"position": vector(number, 0, 0), "orientation": vector(0, 0, 0, 1)}
+        scan = {"start_angle": 0, "end_angle": 1, "ranges": [1, 2], "frame_id": "laser"}
+        for topic, type_, said in (
+            ("/where", "foxglove.PoseInFrame", {"frame_id": "map", "pose": pose}),
+            ("/scan", "foxglove.LaserScan", scan),
+        ):
+            rows.append((topic, type_, t, json.dumps({**stamped(t), **said}).encode()))
+    log = read(mcap(tmp_path / "a.mcap", rows), poses="/where")
+    np.testing.assert_array_equal([scan.origin for scan in log], [[number, 0] for number in range(5)])
 
 
 @pytest.mark.parametrize(

@@ -68,11 +68,12 @@ map_options = _adds_flags(
 )
 
 
-_NAMES = "|".join([option.name for option in READER_OPTIONS] + ["dim", "format", "strict", "keep_going"])
+_NAMES = "|".join([option.name for option in READER_OPTIONS] + ["format", "strict", "keep_going"])
 #: How readers name their options in errors, for Python.
 _NAMED = re.compile(
     rf"(?<![\w/.-])(?:(?P<set>{_NAMES}) ?= ?(?=\S)|(?:(?<=^)|(?<=: ))(?P<of>{_NAMES})(?=: )"
-    rf"|(?P<as>{_NAMES})(?= as one of)|(?:the )?option (?P<option>{_NAMES})\b)"
+    rf"|(?P<as>{_NAMES})(?= as one of)|(?<=expected )(?P<dim>dim)=(?=\d)"
+    rf"|(?:the )?option (?P<option>{_NAMES})\b)"
 )
 #: Several of them: those that exclude each other, and those that a format takes.
 _LISTED = re.compile(rf"(?:{_NAMES})(?: and (?:{_NAMES}))+(?=: expected one of them)|(?<=it takes )[\w, ]+$")
@@ -80,7 +81,9 @@ _LISTED = re.compile(rf"(?:{_NAMES})(?: and (?:{_NAMES}))+(?=: expected one of t
 
 def in_flags(text: str) -> str:
     """An error of a reader with its options named as flags."""
-    text = _NAMED.sub(lambda found: flag_of(found[found.lastgroup or 0]) + " " * bool(found["set"]), text)
+    text = _NAMED.sub(
+        lambda found: flag_of(found[found.lastgroup or 0]) + " " * bool(found["set"] or found["dim"]), text
+    )
     return _LISTED.sub(lambda found: re.sub(_NAMES, lambda one: flag_of(one[0]), found[0]), text)
 
 

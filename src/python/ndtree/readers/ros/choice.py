@@ -16,8 +16,10 @@ from ndtree.readers.ros.beams import IMAGES, LASER, LIVOX, MULTI_ECHO_LASER, PLA
 from ndtree.readers.ros.cloud import cloud_beams
 from ndtree.readers.ros.laser import laser_beams, multi_echo_beams, range_beams
 
-#: Of each topic so many messages are looked at.
-LOOKS = 8
+#: Of each topic so many messages are looked at, the first and each so many further ones if there are enough.
+LOOKS, EVERY = 8, 5
+#: Beams without return look somewhere, too: how far [m] does not matter here.
+SOME_RANGE = 1.0
 #: Edge of a direction's cell [rad]; beams in one cell see the same.
 STEP = np.radians(1.0)
 #: In a plane there are far fewer directions than in space, and its map needs no more.
@@ -28,9 +30,9 @@ IMAGE_DIRECTIONS = 2700
 POOR = 0.1
 
 _READ: dict[str, Callable[[Any], Beams]] = {
-    LASER: laser_beams,
-    MULTI_ECHO_LASER: multi_echo_beams,
-    RANGE: range_beams,
+    LASER: lambda message: laser_beams(message, SOME_RANGE),
+    MULTI_ECHO_LASER: lambda message: multi_echo_beams(message, SOME_RANGE),
+    RANGE: lambda message: range_beams(message, SOME_RANGE),
     POINT_CLOUD: lambda message: cloud_beams(message, 0.0),
     **dict.fromkeys(LIVOX, livox.beams),
 }
@@ -39,7 +41,7 @@ _READ: dict[str, Callable[[Any], Beams]] = {
 def sights(bag: Bag, topics: list[Topic]) -> dict[str, float]:
     """How much each topic with measurements tells of the world around it.
 
-    That is the number of directions in which a message measured, in the mean of the first, times the messages
+    That is the number of directions in which a message measured, in the mean of some, times the messages
     in a second, and for sensors that measure in one plane times 20. A radar's targets are few, and a sonar
     has one direction.
     """
@@ -61,9 +63,11 @@ def in_order(topics: list[Topic], sights: dict[str, float]) -> list[Topic]:
 
 
 def _directions(bag: Bag, topic: Topic) -> float:
-    """In how many directions a message of a topic measures, in the mean of the first that are whole."""
+    """In how many directions a message of a topic measures, in the mean of some that are whole."""
     counts = []
-    for raw in islice(bag.messages([topic.name], on_damage=lambda error: None), LOOKS):
+    every = min(max(topic.messages // LOOKS, 1), EVERY)
+    messages = bag.messages([topic.name], on_damage=lambda error: None)
+    for raw in islice(messages, 0, LOOKS * every, every):
         try:
             message = bag.decoded(raw)
             if topic.type in IMAGES:
