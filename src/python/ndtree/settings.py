@@ -53,6 +53,8 @@ class Settings:
             lines.append(
                 f"readings of {self.look.cut_off:.4g} m, the log's largest range, are beams without return"
             )
+        if self.look.disagreement is not None:
+            lines.append(str(self.look.disagreement))
         return lines
 
 
