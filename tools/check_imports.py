@@ -37,7 +37,7 @@ ROOMS: Mapping[str, tuple[set[str], set[str]]] = {
             "map_comparison",
             "no_returns",
         }
-        | {"prospect", "settings", "study"},
+        | {"prospect", "scale", "settings", "study"},
         {"core", "cells", "readers", "maps", "pictures"},
     ),
     "package": (
