@@ -49,6 +49,8 @@ class Beams:
     is_guess : bool
         The message does not say `times` but only how long the sweep may have taken: they count if the log
         bears them out.
+    zeros : int
+        Beams with a range of 0.
     endless : int
         Beams that met nothing, but of which the message does not say up to where: they are invalid.
     """
@@ -58,6 +60,7 @@ class Beams:
     times: Floats | None = None
     endless: int = 0
     is_guess: bool = False
+    zeros: int = 0
 
 
 def stamp_of(message: Any, received: int) -> float:
