@@ -28,8 +28,16 @@ ROOMS: Mapping[str, tuple[set[str], set[str]]] = {
     "pictures": ({"plot", "notebook", "record"}, {"core", "cells", "writers"}),
     "pages": ({"snapshot", "view", "page_guard"}, {"core", "cells", "pictures"}),
     "studies": (
-        {"calibration", "comparison", "exact_truth", "first_look", "map_comparison", "no_returns"}
-        | {"prospect", "settings", "study"},
+        {
+            "agreement",
+            "calibration",
+            "comparison",
+            "exact_truth",
+            "first_look",
+            "map_comparison",
+            "no_returns",
+        }
+        | {"prospect", "scale", "settings", "study"},
         {"core", "cells", "readers", "maps", "pictures"},
     ),
     "package": (

@@ -122,7 +122,7 @@ def test_format_can_be_forced(tmp_path: Path) -> None:
 def test_options_have_one_meaning_each_and_are_refused_where_nothing_reads_them(tmp_path: Path) -> None:
     path = tmp_path / "a.log"
     path.write_text(FLASER)
-    with pytest.raises(TypeError, match="topic: a CARMEN log takes no such option, it takes none"):
+    with pytest.raises(TypeError, match="topic: a CARMEN log takes no such option, it takes zero_is"):
         read(path, topic="/scan")
     assert read(path, topic=None).format == "carmen"
     taken = [option for format in readers._TABLE for option in format.options]

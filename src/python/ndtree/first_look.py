@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ndtree import _core
+from ndtree.agreement import Disagreement, disagreement
 from ndtree.calibration import range_noise
 from ndtree.comparison import Progress, no_progress
 from ndtree.no_returns import NoReturns, judge
@@ -52,6 +53,8 @@ class FirstLook:
         That was looked at.
     cut_off : float or None
         The log's largest range, where readings are taken for beams without return [m].
+    disagreement : Disagreement or None
+        From when on the poses of a 2-D log do not fit its scans.
     """
 
     dim: int
@@ -66,6 +69,7 @@ class FirstLook:
     read_seconds: float
     sample: list[Scan] = field(repr=False, compare=False)
     cut_off: float | None = None
+    disagreement: Disagreement | None = None
 
     @property
     def options(self) -> dict[str, float]:
@@ -157,6 +161,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         read_seconds=read_seconds,
         sample=sample,
         cut_off=log.cut_off,
+        disagreement=disagreement(runs) if log.dim == 2 else None,
     )
 
 

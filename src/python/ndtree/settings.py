@@ -9,11 +9,15 @@ from typing import Any
 
 from ndtree.comparison import Progress
 from ndtree.first_look import FirstLook, first_look
-from ndtree.no_returns import AUTO
+from ndtree.no_returns import AUTO, LEAST_BEAMS
 from ndtree.readers import Log
+from ndtree.readers.zeros import INVALID, NO_ECHO
 
 #: What to say of a log whose map has no room.
 BEYOND_MEMORY = "beams are so long that there is not enough memory, expected ranges in metres"
+
+#: Of a log's beams, from which share on it is said what a range of 0 was taken for.
+_FEW_ZEROS = 0.01
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,8 @@ class Settings:
         Flags that were not given, as one would type them.
     look : FirstLook or None
         What they are from.
+    zeros : str or None
+        What ranges of 0 were taken for, in one line, where there are many.
     """
 
     options: dict[str, Any]
@@ -38,6 +44,7 @@ class Settings:
     no_return: str
     chosen: tuple[str, ...] = ()
     look: FirstLook | None = field(default=None, compare=False)
+    zeros: str | None = field(default=None, compare=False)
 
     def lines(self) -> list[str]:
         """What was chosen and why, for people."""
@@ -49,10 +56,14 @@ class Settings:
             lines[0] += f" (sigma is {how})"
         if any(flag.startswith("--no-return ") for flag in self.chosen):
             lines.append(str(self.look.no_returns))
+        if self.zeros is not None:
+            lines.append(self.zeros)
         if self.look.cut_off is not None:
             lines.append(
                 f"readings of {self.look.cut_off:.4g} m, the log's largest range, are beams without return"
             )
+        if self.look.disagreement is not None:
+            lines.append(str(self.look.disagreement))
         return lines
 
 
@@ -87,7 +98,13 @@ def settle(
     choose_no_return = no_return == AUTO and log.knows_no_returns
     if not (choose_sigma or choose_no_return):
         return Settings(options, max_range, "free" if no_return == AUTO else no_return)
+    decides = choose_no_return and log.may_be_zero and log.zero_is is None
+    if decides:
+        log.zero_is = NO_ECHO
     look = first_look(log, progress=progress)
+    zeros = min(1.0, log.zeros / look.beams) if look.beams else 0.0
+    if decides and (look.no_returns.choice == "ignore" or look.no_returns.beams < LEAST_BEAMS or not zeros):
+        log.zero_is = INVALID
     flags = [f"--dim {look.dim}"]
     if choose_sigma:
         options = {**options, **look.options}
@@ -100,4 +117,9 @@ def settle(
             flags.append(f"--max-range {max_range:g}")
     elif no_return == AUTO:
         no_return = "free"
-    return Settings(options, max_range, no_return, tuple(flags), look)
+    said = None
+    if zeros >= _FEW_ZEROS:
+        means = "no echo" if log.zero_is == NO_ECHO else "nothing"
+        other = "invalid" if log.zero_is == NO_ECHO else "no-echo"
+        said = f"range 0, of {100 * zeros:.0f} % of the beams, says {means}; else --zero-is {other}"
+    return Settings(options, max_range, no_return, tuple(flags), look, said)

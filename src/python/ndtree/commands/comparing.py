@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Optional
 
+import ndtree
 from ndtree._options import make_map
 from ndtree.commands.logs import limit_of, made, print_settings, settled
 from ndtree.commands.output import is_stdout
@@ -13,6 +14,7 @@ from ndtree.commands.progress import progress
 from ndtree.comparison import DEFAULT_MAPS, Comparison, compare
 from ndtree.exit_status import WrongCall
 from ndtree.readers import Log
+from ndtree.scale import Scale
 
 
 def compared(
@@ -48,4 +50,10 @@ def compared(
             raise ValueError(f"{log.name}: {error}") from None
     if not is_stdout(json_file):
         print_settings(log, settings)
+        scale = Scale(ndtree.default_options()["min_cell_size"] if size is None else size, limit)
+        for scan in settings.look.sample if settings.look else ():
+            scale.add(scan)
+        absurd = scale.warning()
+        if absurd:
+            print(f"{log.name}: {absurd}")
     return found

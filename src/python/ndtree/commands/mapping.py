@@ -16,6 +16,7 @@ from ndtree.commands.options import PictureStyle
 from ndtree.commands.pictures import draw
 from ndtree.commands.progress import mapping_progress
 from ndtree.readers import Log
+from ndtree.scale import Scale
 from ndtree.scan import Scan
 from ndtree.settings import BEYOND_MEMORY, Settings
 
@@ -32,6 +33,7 @@ class Mapped:
     seconds: float
     read_seconds: float
     track: NDArray[np.float64]  # (2, dim): least and largest coordinates of the sensor [m].
+    scale: Scale
 
     def figures(self) -> dict[str, Any]:
         return {
@@ -50,7 +52,9 @@ class Mapped:
     def print(self, *written: Optional[Path]) -> None:
         """What was mapped, and which files were written: the map first."""
         print(f"{self.log.name}: {self.scans} scans, {counted(self.report)}")
-        for line in ([f"uses {self.log.uses}"] if self.log.uses else []) + self.settings.lines():
+        absurd = self.scale.warning()
+        lines = [f"uses {self.log.uses}"] if self.log.uses else []
+        for line in lines + self.settings.lines() + ([absurd] if absurd else []):
             print(f"  {line}")
         print_map(self.target)
         files = " and ".join(str(path) for path in written if path)
@@ -118,11 +122,13 @@ def mapped(
     counts = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
     seconds = 0.0
     track = np.full((2, log.dim), np.nan)
+    scale = Scale(target.options["min_cell_size"], settings.max_range)
     passage = Passage(log, settings, read_seconds)
     with mapping_progress(log, target) as advance:
         for scan, one in passage.into(lambda scan: scan.insert_into(target, max_range=settings.max_range)):
             counts = {key: count + getattr(one, key) for key, count in counts.items()}
             seconds += one.seconds
+            scale.add(scan)
             origins = np.atleast_2d(scan.origin)
             if len(origins):
                 track = np.stack([np.fmin(track[0], origins.min(0)), np.fmax(track[1], origins.max(0))])
@@ -130,7 +136,7 @@ def mapped(
                 observer.update(target, scan)
             advance(passage.scans, counts["beams"])
     report = passage.report(counts)
-    return Mapped(log, target, settings, report, passage.scans, seconds, passage.read_seconds, track)
+    return Mapped(log, target, settings, report, passage.scans, seconds, passage.read_seconds, track, scale)
 
 
 def written(

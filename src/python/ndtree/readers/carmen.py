@@ -10,6 +10,7 @@ from ndtree import _core
 from ndtree.readers.log import LineLog
 from ndtree.readers.source import Format, Source, require_dim
 from ndtree.readers.text import first_fields
+from ndtree.readers.zeros import NO_ECHO, ZERO_IS, checked
 from ndtree.scan import Scan
 
 #: Records of the format.
@@ -24,20 +25,33 @@ _LASER_RECORD = re.compile(
 )
 
 
+#: Where the ranges of a record begin; their number stands before them.
+_FIRST_RANGE = {"FLASER": 2, "ROBOTLASER1": 9}
+_ZERO = re.compile(r"(?<!\S)-?0+(\.0*)?(?!\S)")
+#: As the parser takes it for a beam without return [m]: where records do not say how far their laser sees.
+_NO_ECHO_RANGE = "80"
+
+
 class CarmenLog(LineLog):
     """The FLASER and ROBOTLASER1 records of a CARMEN log."""
 
     format = "carmen"
+    may_be_zero = True
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, zero_is: str | None = None) -> None:
         super().__init__(path, dim=2)
+        self.zero_is = checked(path, zero_is)
 
     def _scans(self) -> Iterator[Scan]:
         parser = _core.CarmenParser()
 
         def parse(line: str) -> Scan | None:
-            record = parser.parse_line(line)
-            return None if record is None else Scan(*record)
+            record = parser.parse_line(_with_no_echo(line) if self.zero_is == NO_ECHO else line)
+            if record is None:
+                return None
+            scan = Scan(*record)
+            self.zeros += _zeros_of(line, scan)
+            return scan
 
         found = False
         for scan in self._parsed(parse):
@@ -56,9 +70,33 @@ def _recognises(source: Source) -> bool:
     return fields[0] in KEYWORDS or _LASER_RECORD.search(source.head) is not None
 
 
-def _open(source: Source, *, dim: int | None = None) -> CarmenLog:
+def _zeros_of(line: str, scan: Scan) -> int:
+    """Beams of a record whose range is 0: these end at their origin, unless they were replaced."""
+    begin = _FIRST_RANGE.get(line.split(maxsplit=1)[0], 0)
+    if not _ZERO.search(line):
+        return 0
+    return sum(1 for field in line.split()[begin : begin + len(scan)] if _is_zero(field))
+
+
+def _with_no_echo(line: str) -> str:
+    """A laser's record with a range that says "nothing was hit" where it is 0."""
+    fields = line.split()
+    begin = _FIRST_RANGE.get(fields[0], 0) if fields else 0
+    if not begin or len(fields) < begin or not fields[begin - 1].isdigit():
+        return line
+    stated = fields[5] if fields[0] == "ROBOTLASER1" and not _is_zero(fields[5]) else _NO_ECHO_RANGE
+    end = begin + int(fields[begin - 1])
+    fields[begin:end] = [stated if _is_zero(field) else field for field in fields[begin:end]]
+    return " ".join(fields)
+
+
+def _is_zero(field: str) -> bool:
+    return _ZERO.fullmatch(field) is not None
+
+
+def _open(source: Source, *, dim: int | None = None, zero_is: str | None = None) -> CarmenLog:
     require_dim(source, CARMEN, 2, dim)
-    return CarmenLog(source.path)
+    return CarmenLog(source.path, zero_is)
 
 
-CARMEN = Format("carmen", "a CARMEN log", _recognises, _open)
+CARMEN = Format("carmen", "a CARMEN log", _recognises, _open, (ZERO_IS,))

@@ -39,6 +39,8 @@ class JoinedLog(Log):
         self.knows_no_returns = any(log.knows_no_returns for log in logs)
         self.is_depth_camera = all(log.is_depth_camera for log in logs)
         self.is_raw = any(log.is_raw for log in logs)
+        self.may_be_zero = any(log.may_be_zero for log in logs)
+        self.zero_is = first.zero_is
         self._at = 0
 
     @property
@@ -58,10 +60,12 @@ class JoinedLog(Log):
         self.notes.clear()
         for i, log in enumerate(self._logs):
             self._at = i
+            log.zero_is = self.zero_is
             try:
                 yield from log
             finally:
                 self.notes += log.notes
+                self.zeros += log.zeros
                 for kind, one in log.skipped.items():
                     self._take_over(kind, one)
         self._at = len(self._logs)

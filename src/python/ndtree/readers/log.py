@@ -64,6 +64,13 @@ class Log(ABC):
         Whether the scans may say of beams that nothing was hit.
     is_depth_camera : bool
         Whether ranges are from structured light or stereo, whose noise grows with the squared range.
+    zero_is : {"no-echo", "invalid"} or None
+        What beams with a range of 0 say: that nothing was hit, or nothing. None: nobody has said, and they
+        say nothing; `ndtree.settings.settle` lets the log decide.
+    may_be_zero : bool
+        Whether the format can tell such beams, and their directions.
+    zeros : int
+        Such beams in what the last loop has read.
     may_be_cut_off : bool
         Whether readings at the log's largest range may be a driver's way to say that nothing was hit.
     marks_no_returns : bool
@@ -84,6 +91,7 @@ class Log(ABC):
     is_depth_camera = False
     is_raw = False
     may_be_padded = True
+    may_be_zero = False
     may_be_cut_off = False
     marks_no_returns = False
 
@@ -93,6 +101,8 @@ class Log(ABC):
         self.keep_going = False
         self.strict = False
         self.no_return_range: float | None = None
+        self.zero_is: str | None = None
+        self.zeros = 0
         self.notes: list[str] = []
         self.skipped: dict[str, Skipped] = {}
         self._done = 0
@@ -107,7 +117,7 @@ class Log(ABC):
     def __iter__(self) -> Iterator[Scan]:
         self.skipped.clear()
         self._unposed: dict[str, float] = {}
-        self._done = 0
+        self._done = self.zeros = 0
         try:
             with readable(self.path, f"cannot be read as a {self.format} log"):
                 self._search_cut_off()
@@ -136,7 +146,7 @@ class Log(ABC):
             return
         self._is_searched = True
         self._cut_off = self._found_cut_off()
-        self._done = 0
+        self._done = self.zeros = 0
         self.skipped.clear()
         self._unposed = {}
 
@@ -358,6 +368,7 @@ class SelectedLog(Log):
         self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
         self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
         self.skipped = log.skipped
+        self.zero_is, self.may_be_zero = log.zero_is, log.may_be_zero
         self._log = log
         self._selection = selection
 
@@ -382,4 +393,6 @@ class SelectedLog(Log):
         return self._log.share_read
 
     def _scans(self) -> Iterator[Scan]:
-        return self._selection.of(self._log, self.name)
+        self._log.zero_is = self.zero_is
+        yield from self._selection.of(self._log, self.name)
+        self.zeros = self._log.zeros

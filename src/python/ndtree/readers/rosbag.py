@@ -25,6 +25,7 @@ from ndtree.readers.ros.sweep_choice import understood
 from ndtree.readers.source import WrongOption
 from ndtree.readers.trajectory import NoPose
 from ndtree.readers.transforms import plain
+from ndtree.readers.zeros import NO_ECHO, checked
 from ndtree.scan import Scan
 
 #: Stamps and poses that are further apart are of two clocks [s].
@@ -74,6 +75,7 @@ class RosbagLog(SizedLog):
         deskew: bool = True,
         camera: str | None = None,
         pixel_stride: int = 1,
+        zero_is: str | None = None,
     ) -> None:
         ways = {
             "fixed_frame": fixed_frame, "odometry": odometry, "poses": poses, "trajectory": trajectory,
@@ -85,6 +87,7 @@ class RosbagLog(SizedLog):
         if not np.isfinite(time_offset):
             raise WrongOption(f"time_offset = {time_offset:g} s: must be finite")
         check_stride(pixel_stride)
+        checked(path, zero_is)
         wanted = [Wanted.of(one) for one in ([topic] if isinstance(topic, str) else topic or [])]
         self.time_offset = float(time_offset)
         with open_bag(path) as bag:
@@ -130,6 +133,8 @@ class RosbagLog(SizedLog):
             + first.origin
         )
         super().__init__(path, dim=dimension_of(path, self.sensors, self._places, dim))
+        self.zero_is = zero_is
+        self.may_be_zero = any(sensor.is_planar for sensor in self.sensors)
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
         self._elsewhere = {one.topic.name: self._unplaced(one, asked) for one in self.sensors}
@@ -208,7 +213,8 @@ class RosbagLog(SizedLog):
                     message = bag.decoded(raw)
                     own = plain(message.header.frame_id)
                     stamp = self.clock.stamp((name, own), 1e-9 * raw.received, stamp_of(message))
-                    beams = self.sweeps[name].applied(sensor.beams(message, stamp, self.no_return_range))
+                    measured = sensor.beams(message, stamp, self.no_return_range, self.zero_is == NO_ECHO)
+                    beams = self.sweeps[name].applied(measured)
                 except ValueError as error:
                     self._skip("damaged messages", ValueError(f"{where}: {error}"))
                     continue
@@ -228,6 +234,7 @@ class RosbagLog(SizedLog):
                     self._tell(name, numbers[name], _SENSELESS, beams.senseless)
                 if beams.unlimited:
                     self._tell(name, numbers[name], _UNLIMITED, beams.unlimited)
+                self.zeros += beams.zeros
                 if name in watched:
                     watched[name].add(beams)
                 sigma = None if sensor.sigma is None else np.full(len(ends), sensor.sigma)

@@ -14,6 +14,7 @@ from ndtree.readers.ros.survey import POSE_NAMES
 from ndtree.readers.rosbag import RosbagLog
 from ndtree.readers.source import Format, ReaderOption, Source
 from ndtree.readers.trajectory_files import TRAJECTORY
+from ndtree.readers.zeros import ZERO_IS
 
 TOPIC = ReaderOption(
     "topic", list[str], "Of a ROS bag: topic with scans, clouds or depth images; @SIGMA [m] may follow."
@@ -65,7 +66,7 @@ ROSBAG = Format(
     _open,
     options=(
         TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
-        TIME_OFFSET, DESKEW, CAMERA, PIXEL_STRIDE,
+        TIME_OFFSET, DESKEW, CAMERA, PIXEL_STRIDE, ZERO_IS,
     ),
     stored_as="either",
     contents=_contents,

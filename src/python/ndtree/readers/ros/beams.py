@@ -55,6 +55,8 @@ class Beams:
         What is wrong with the message's times of its beams, where they can be none: `times` is None then.
     unlimited : str
         What is wrong with the message's largest range, where it can be none: it counts as not given.
+    zeros : int
+        Beams with a range of 0.
     endless : int
         Beams that met nothing, but of which the message does not say up to where: they are invalid.
     """
@@ -66,6 +68,7 @@ class Beams:
     is_guess: bool = False
     senseless: str = ""
     unlimited: str = ""
+    zeros: int = 0
 
 
 def stamp_of(message: Any) -> float:

@@ -19,19 +19,24 @@ FULL_TURN = math.radians(350)
 LEAST_CUT_OFF = 2
 
 
-def laser_beams(message: Any, no_return_range: float | None = None) -> Beams:
+def laser_beams(message: Any, no_return_range: float | None = None, zero_is_silent: bool = False) -> Beams:
     """Beams of a LaserScan by the rules of REP 117.
 
     A range within [range_min, range_max] is a surface. +inf is no return: free up to range_max, and where
     that is no length above range_min, up to `no_return_range` [m] if it is given. NaN, -inf (too close to be
     measured) and other ranges are invalid. Several beams of a message at exactly range_max did not return
-    either: a driver cut them off there.
+    either: a driver cut them off there. With `zero_is_silent`, 0 counts as +inf.
 
     A beam's time is that of the message and its number times time_increment. Of a laser that looks all
     around and has no time_increment, but a scan_time, the beams may be spread over that: it is a guess, for
     simulators say so, too, and measure at once.
     """
-    return _planar_beams(message, np.asarray(message.ranges), no_return_range)
+    ranges = np.asarray(message.ranges)
+    zeros = ranges == 0
+    if zero_is_silent:
+        ranges = np.where(zeros, np.float32(np.inf), ranges)
+    beams = _planar_beams(message, ranges, no_return_range)
+    return replace(beams, zeros=int(np.count_nonzero(zeros)))
 
 
 def multi_echo_beams(message: Any, no_return_range: float | None = None) -> Beams:

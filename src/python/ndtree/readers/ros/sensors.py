@@ -124,14 +124,21 @@ class Sensor:
             if head is not None and head[1] == self.seen.frame:
                 yield raw
 
-    def beams(self, message: Any, stamp: float, no_return_range: float | None = None) -> Beams:
+    def beams(
+        self,
+        message: Any,
+        stamp: float,
+        no_return_range: float | None = None,
+        zero_is_silent: bool = False,
+    ) -> Beams:
         """What a message measured; ValueError if it contradicts itself.
 
-        `no_return_range` is up to where a beam without return is free if the message does not say [m].
+        `no_return_range` is up to where a beam without return is free if the message does not say [m];
+        `zero_is_silent`, whether a LaserScan's range of 0 is one.
         """
         kind = self.topic.type
         if kind == LASER:
-            return laser_beams(message, no_return_range)
+            return laser_beams(message, no_return_range, zero_is_silent)
         if kind == MULTI_ECHO_LASER:
             return multi_echo_beams(message, no_return_range)
         if kind == RANGE:

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses that do not fit the scans of a planar laser are told of, with the time; good ones are not."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.agreement import disagreement
+from ndtree.sampling import spread
+from ndtree.scan import Scan
+
+SCANS, BEGIN = 480, 200
+
+
+@pytest.fixture(scope="module")
+def office() -> list[Scan]:
+    return [replace(scan, stamp=100 + 0.2 * i) for i, scan in enumerate(ndtree.simulate("office"))][:SCANS]
+
+
+def shifted(scans: list[Scan], step: np.ndarray) -> list[Scan]:
+    """What odometry says of wheels that slip from some scan on."""
+    off = np.maximum(np.arange(len(scans)) - BEGIN, 0)[:, None] * step
+    return [replace(s, endpoints=s.endpoints + d, origin=s.origin + d) for s, d in zip(scans, off)]
+
+
+def standing(scans: list[Scan], step: float) -> list[Scan]:
+    """A robot that is stuck from some scan on, and whose wheels turn on."""
+    stuck = [*scans[:BEGIN], *(replace(scans[BEGIN], stamp=scan.stamp) for scan in scans[BEGIN:])]
+    return shifted(stuck, np.array([step, 0.0]))
+
+
+def test_good_poses_are_not_told_of(office: list[Scan]) -> None:
+    for scans in (office, office[::3], ndtree.simulate("office", seed=5, position_sigma=0.005)):
+        assert disagreement(spread(scans)[0]) is None
+
+
+@pytest.mark.parametrize("step", [0.02, 0.05, -0.1])
+def test_wheels_that_slip_are_told_of_with_the_time(step: float, office: list[Scan]) -> None:
+    found = disagreement(spread(shifted(office, np.array([step, 0.3 * step])))[0])
+    assert found is not None
+    assert abs(found.since - 0.2 * BEGIN) < 6.0, "runs are a few seconds apart"
+    assert found.error == pytest.approx(3 * abs(step) * 1.044, rel=0.3)
+    assert "wheels slip" in str(found) and f"from {found.since:.1f} s on" in str(found)
+
+
+def test_a_log_without_times_is_told_of_without_one(office: list[Scan]) -> None:
+    scans = [replace(scan, stamp=0.0) for scan in shifted(office, np.array([0.05, 0.0]))]
+    assert str(disagreement(spread(scans)[0])).startswith("from some scan on, scans that follow")
+
+
+def test_a_robot_that_is_stuck_is_told_of(office: list[Scan]) -> None:
+    found = disagreement(spread(standing(office, 0.02))[0])
+    assert found is not None and abs(found.since - 0.2 * BEGIN) < 6.0
+    assert found.error == pytest.approx(found.moved, rel=0.3)
+
+
+def test_what_a_run_does_not_show_says_nothing(office: list[Scan]) -> None:
+    assert disagreement([]) is None
+    assert disagreement([[scan] for scan in office[:20]]) is None
+    empty = Scan(np.empty((0, 2)), np.zeros(2))
+    assert disagreement([[empty, empty]] * 10) is None
+    lost = Scan(np.full((90, 2), np.nan), np.zeros(2))
+    assert disagreement([[lost, lost]] * 10) is None
+    assert disagreement(spread(ndtree.simulate("apartment", scans=8))[0]) is None
+
+
+@pytest.mark.parametrize("name", ["intel", "freiburg_079", "mrpt_sena", "orebro", "belgioioso"])
+def test_recordings_with_good_poses_are_not_told_of(name: str) -> None:
+    path = Path(os.environ.get("NDTREE_DATA", ""), f"laser2d_{name}/laser2d_{name}.npz")
+    if not path.is_file():
+        pytest.skip("no recordings: $NDTREE_DATA is not set")
+    assert disagreement(spread(ndtree.read(path))[0]) is None

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scans in millimetres or in another frame are told of; those who mean long beams hear nothing."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("typer")
+
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree.commands import app
+from ndtree.scale import Scale
+from ndtree.scan import Scan
+
+
+def scans(factor: float = 1.0, at: tuple[float, float] = (0.0, 0.0)) -> list[Scan]:
+    """Three of a room, the last with ranges times a factor and at another place."""
+    angle = np.linspace(0, 6, 60)
+    ways = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    made = []
+    for i in range(3):
+        last = i == 2
+        origin = np.array([0.1 * i, 0.0]) + (at if last else 0.0)
+        made.append(Scan(origin + 4.0 * (factor if last else 1.0) * ways, origin))
+    return made
+
+
+@pytest.mark.parametrize("factor, at, cell, limit, said", [
+    (1.0, (0, 0), 0.05, math.inf, None), (50.0, (0, 0), 0.05, math.inf, None),
+    (1000.0, (0, 0), 0.05, math.inf, "scan 2 has a beam of 4,000 m, 80,000 cells"),
+    (1000.0, (0, 0), 0.05, 30.0, None), (1000.0, (0, 0), 1.0, math.inf, None),
+    (1.0, (4e5, 5e6), 0.05, math.inf, "scan 2 lies 5,000,000 m from the one before"),
+])  # fmt: skip
+def test_what_is_absurd_is_told_of(
+    factor: float, at: tuple[float, float], cell: float, limit: float, said: str | None
+) -> None:
+    scale = Scale(cell, limit)
+    for scan in scans(factor, at):
+        scale.add(scan)
+    warning = scale.warning()
+    assert (warning is None) if said is None else (warning or "").startswith(said)
+
+
+def test_nothing_is_said_of_beams_that_say_nothing() -> None:
+    scale = Scale(0.05)
+    for ends in (np.empty((0, 2)), np.full((3, 2), np.nan), np.full((3, 2), np.inf)):
+        scale.add(Scan(ends, np.zeros(2)))
+    assert scale.warning() is None
+
+
+def test_map_and_compare_say_it_in_one_line(tmp_path: Path) -> None:
+    some = scans(1000.0)
+    np.savez(
+        tmp_path / "a.npz",
+        origins=np.array([scan.origin for scan in some]),
+        points=np.concatenate([scan.endpoints for scan in some]).astype(np.float32),
+        offsets=np.arange(4) * 60,
+    )
+    maps = ["map", str(tmp_path / "a.npz"), "-o", str(tmp_path / "a.ndt")]
+    for call in (maps, ["compare", str(tmp_path / "a.npz"), "--maps", "adaptive", "--held-out", "0"]):
+        done = CliRunner().invoke(app, call)
+        assert done.exit_code == 0, done.output
+        assert done.output.count("scan 2 has a beam of 4,000 m") == 1
+        assert "a beam of" not in CliRunner().invoke(app, [*call, "--max-range", "100"]).output
+    assert ndtree.load(tmp_path / "a.ndt").dim == 2
