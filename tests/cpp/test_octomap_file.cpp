@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <tuple>
@@ -209,6 +210,91 @@ TEST(OctomapFile, WhatLiesTooFarIsRefused) {
   EXPECT_THROW(static_cast<void>(octomap_bytes(map, OctomapFormat::full, NAN)), std::invalid_argument);
 }
 
+TEST(OctomapFile, ColoursComeBackWithTheirCells) {
+  const auto map = room<AdaptiveMap<2, 3>>();
+  Layer<2, 3, MeanValue<3>> colors(map.tree().geometry());
+  Random random(8);
+  std::size_t colored = 0;
+  for_each_leaf(map.tree(), [&](const auto& leaf) {
+    if (leaf.cell().state() != CellState::occupied || random.chance(0.2)) return;
+    MeanValue<3> value;
+    const auto level = [&] { return static_cast<float>(random.integer(0, 3) * 80); };
+    value.add({level(), level(), level()});
+    const Box<3> box = map.tree().box(leaf.index);
+    colors.join(leaf.index, 0.5 * (box.lower + box.upper), value);
+    ++colored;
+  });
+  ASSERT_GT(colored, 500u);
+  const std::string bytes = octomap_bytes(map, OctomapFormat::full, {}, &colors);
+  EXPECT_NE(bytes.substr(0, 200).find("\nid ColorOcTree\n"), std::string::npos);
+  std::optional<OctomapColors<PaperMap<2, 3>>> again;
+  const auto loaded = octomap_from_bytes<PaperMap<2, 3>>(bytes, {}, &again);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(octomap_bytes(loaded, OctomapFormat::full, {}, &*again), bytes);
+  std::size_t found = 0;
+  for_each_leaf(map.tree(), [&](const auto& leaf) {
+    const Box<3> box = map.tree().box(leaf.index);
+    const Vector<3> centre = 0.5 * (box.lower + box.upper);
+    const auto other = loaded.tree().find_leaf(centre);
+    if (leaf.cell().state() == CellState::unknown) return;
+    ASSERT_EQ(other->cell().log_odds(), leaf.cell().log_odds());
+    const MeanValue<3> own = colors.of(leaf.index);
+    const MeanValue<3> theirs = again->of(leaf.index);
+    ASSERT_EQ(theirs.is_empty(), own.is_empty());
+    if (own.is_empty()) return;
+    ASSERT_EQ(theirs.mean(), own.mean());
+    ++found;
+  });
+  EXPECT_EQ(found, colored);
+  // In larger cells, the mean of what overlaps.
+  const std::string coarse = octomap_bytes(map, OctomapFormat::full, 0.2, &colors);
+  static_cast<void>(octomap_from_bytes<PaperMap<2, 3>>(coarse, {}, &again));
+  ASSERT_TRUE(again);
+  int means = 0;
+  again->for_each([&](const auto&, const Vector<3>& centre, const MeanValue<3>& value) {
+    MeanValue<3> joined;
+    colors.for_each([&](const auto&, const Vector<3>& part, const MeanValue<3>& own) {
+      if (((part - centre).cwiseAbs().maxCoeff()) < 0.1) joined.join(own);
+    });
+    if (joined.is_empty()) return;  // Of a larger leaf.
+    for (std::size_t i = 0; i < 3; ++i) ASSERT_NEAR(value.mean()[i], joined.mean()[i], 0.51f);
+    ++means;
+  });
+  EXPECT_GT(means, 100);
+  static_cast<void>(octomap_from_bytes<PaperMap<2, 3>>(octomap_bytes(map, OctomapFormat::full), {}, &again));
+  EXPECT_FALSE(again);
+}
+
+TEST(OctomapFile, WhiteThingsAreNotWithoutColour) {
+  MeanValue<3> white;
+  white.add({255.0f, 255.0f, 255.0f});
+  EXPECT_EQ(detail::octomap_color(white), (detail::OctomapColor{254, 254, 254}));
+  EXPECT_EQ(detail::octomap_color({}), detail::kOctomapNoColor);
+}
+
+TEST(OctomapFile, OldHeadersAndThoseOfColorOcTreeAreRead) {
+  const auto map = room<PaperMap<2, 3>>();
+  const std::string now = octomap_bytes(map, OctomapFormat::binary);
+  const auto header = detail::read_octomap_header(now);
+  ByteWriter old;
+  old.put(std::int32_t{3});
+  old.put(header.cell_size);
+  old.put(static_cast<std::uint32_t>(header.nodes));
+  old.bytes().append(header.data);
+  ASSERT_TRUE(is_octomap_file(old.bytes()));
+  const auto loaded = octomap_from_bytes<PaperMap<2, 3>>(old.bytes());
+  EXPECT_EQ(octomap_bytes(loaded, OctomapFormat::binary), now);
+  std::string colored = now;
+  colored.replace(colored.find("id OcTree"), 9, "id ColorOcTree");
+  std::optional<OctomapColors<PaperMap<2, 3>>> none;
+  const auto same = octomap_from_bytes<PaperMap<2, 3>>(colored, {}, &none);
+  EXPECT_EQ(octomap_bytes(same, OctomapFormat::binary), now) << "its payload is an OcTree's";
+  EXPECT_FALSE(none);
+  for (const std::size_t cut : {3u, 4u, 9u, 15u, 17u})
+    EXPECT_THROW(static_cast<void>(octomap_from_bytes<PaperMap<2, 3>>(old.bytes().substr(0, cut))),
+                 std::runtime_error);
+}
+
 TEST(OctomapFile, ZeroLogOddsIsUnknown) {
   MapOptions options;
   PaperMap<2, 3> map(options);
@@ -244,7 +330,7 @@ TEST(OctomapFile, DamagedFilesAreRefused) {
     return refusal("# Octomap OcTree file\n" + header + "data\n" + data);
   };
   EXPECT_EQ(with("# a remark\n\nid OcTree\nsize 0\nres 0.1\n"), "accepted");
-  EXPECT_NE(with("id ColorOcTree\nsize 0\nres 0.1\n").find("line 2: found 'id ColorOcTree'"),
+  EXPECT_NE(with("id CountingOcTree\nsize 0\nres 0.1\n").find("line 2: found 'id CountingOcTree'"),
             std::string::npos);
   EXPECT_NE(with("id OcTree\nsize many\nres 0.1\n").find("line 3: found 'size many'"), std::string::npos);
   EXPECT_NE(with("id OcTree\nsize 0\nres -1\n").find("line 4: found 'res -1'"), std::string::npos);

@@ -26,6 +26,8 @@
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/io/coarser.hpp"
 #include "ndtree/io/map_builder.hpp"
+#include "ndtree/layers/layer.hpp"
+#include "ndtree/layers/values.hpp"
 #include "ndtree/tree/visit.hpp"
 
 namespace ndtree {
@@ -41,7 +43,13 @@ enum class OctomapFormat {
 // Unknown space has no node. An inner node has the largest log-odds of its children. A file is a text header,
 // which ends with a line "data", and the nodes depth first: in .ot a float and a byte that says which
 // children there are; in .bt, for each inner node, two bits a child, 1 free, 2 occupied, 3 with children of
-// its own.
+// its own. A ColorOcTree's .ot has a node's red, green and blue between the two, white where there is none;
+// an inner node has the mean of its children's. Its .bt is that of an OcTree.
+
+/// Colours of cells, from 0 to 255 each.
+template <class Map>
+using OctomapColors = Layer<Map::kBranching, 3, MeanValue<3>>;
+
 namespace detail {
 
 inline constexpr int kOctomapLevels = 16;
@@ -56,9 +64,22 @@ using OctomapKey = std::array<std::int64_t, 3>;
   return key;
 }
 
+using OctomapColor = std::array<std::uint8_t, 3>;
+inline constexpr OctomapColor kOctomapNoColor = {255, 255, 255};
+
+/// A colour as OctoMap has it, that of white things a little darker: white is none.
+[[nodiscard]] inline OctomapColor octomap_color(const MeanValue<3>& value) {
+  if (value.is_empty()) return kOctomapNoColor;
+  OctomapColor color;
+  for (std::size_t i = 0; i < 3; ++i)
+    color[i] = static_cast<std::uint8_t>(std::lround(std::clamp(value.mean()[i], 0.0f, 255.0f)));
+  return color == kOctomapNoColor ? OctomapColor{254, 254, 254} : color;
+}
+
 /// Nodes of an OctoMap tree, depth first.
 struct OctomapNode {
   float log_odds = 0.0f;
+  OctomapColor color = kOctomapNoColor;
   std::uint8_t children = 0;  ///< One bit for each that exists; 0 for a leaf.
   std::uint32_t size = 1;     ///< Nodes of the subtree, this one included.
 };
@@ -71,8 +92,10 @@ class OctomapSampler {
   static constexpr std::size_t kSteps = 16;  // Of a question to the map.
 
  public:
-  OctomapSampler(const Map& map, OctomapFormat format, double cell_size)
+  /// @param colors may be null.
+  OctomapSampler(const Map& map, OctomapFormat format, double cell_size, const OctomapColors<Map>* colors)
       : tree_(map.tree()),
+        colors_(colors),
         cells_(map.options().min_cell_size, 0.0, cell_size),
         binary_(format == OctomapFormat::binary),
         coarser_(cells_.are_coarser()),
@@ -131,9 +154,13 @@ class OctomapSampler {
       if (!tree_.box(tree_.root().index).encloses(asked.centres)) value = 0.0f;
       if (!is_uniform(tree_.root(), asked, value)) value.reset();
     }
-    if (value) {
-      if (*value == 0.0f) return false;
-      nodes_.push_back({*value});
+    if (value && *value == 0.0f) return false;
+    MeanValue<3> color;
+    if (value && (colors_ == nullptr || has_one_color(colors_->tree().root(), asked, color) || level == 0)) {
+      OctomapNode leaf;
+      leaf.log_odds = *value;
+      leaf.color = octomap_color(color);
+      nodes_.push_back(leaf);
       return true;
     }
     return divide(key, level);
@@ -145,12 +172,18 @@ class OctomapSampler {
     unsigned children = 0;
     bool alike = true;
     float most = -std::numeric_limits<float>::infinity();
+    unsigned colored = 0;
+    std::array<unsigned, 3> sum{};
     for (int child = 0; child < 8; ++child) {
       const std::size_t at = nodes_.size();
       if (!sample(octomap_child(key, child, std::int64_t{1} << (level - 1)), level - 1)) continue;
       children |= 1u << child;
       most = std::max(most, nodes_[at].log_odds);
-      alike = alike && nodes_[at].children == 0 && nodes_[at].log_odds == nodes_[here + 1].log_odds;
+      alike = alike && nodes_[at].children == 0 && nodes_[at].log_odds == nodes_[here + 1].log_odds &&
+              nodes_[at].color == nodes_[here + 1].color;
+      if (nodes_[at].color == kOctomapNoColor) continue;
+      ++colored;
+      for (std::size_t i = 0; i < 3; ++i) sum[i] += nodes_[at].color[i];
     }
     if (children == 0) {
       nodes_.resize(here);
@@ -160,8 +193,11 @@ class OctomapSampler {
       nodes_.resize(here + 1);
       children = 0;
     }
-    nodes_[here] = {most, static_cast<std::uint8_t>(children),
-                    static_cast<std::uint32_t>(nodes_.size() - here)};
+    nodes_[here].log_odds = most;
+    nodes_[here].children = static_cast<std::uint8_t>(children);
+    nodes_[here].size = static_cast<std::uint32_t>(nodes_.size() - here);
+    for (std::size_t i = 0; i < 3 && colored > 0; ++i)
+      nodes_[here].color[i] = static_cast<std::uint8_t>(sum[i] / colored);
     return true;
   }
 
@@ -183,9 +219,12 @@ class OctomapSampler {
   /// Whether a node says anything of what is asked.
   [[nodiscard]] bool matters(const typename Tree::ConstRef& ref, const Asked& asked) const {
     if (!coarser_) return asked.centres.touches(tree_.box(ref.index));
-    const std::int64_t edge = tree_.geometry().edge(ref.index.level);
+    return overlaps(ref.index, asked);
+  }
+  [[nodiscard]] bool overlaps(const CellIndex<3>& cell, const Asked& asked) const {
+    const std::int64_t edge = tree_.geometry().edge(cell.level);
     for (std::size_t a = 0; a < 3; ++a) {
-      const std::int64_t begin = ref.index.lower[a];
+      const std::int64_t begin = cell.lower[a];
       if (static_cast<double>(begin) >= asked.upper[a] || static_cast<double>(begin + edge) <= asked.lower[a])
         return false;
     }
@@ -206,6 +245,25 @@ class OctomapSampler {
       if (!is_uniform(tree_.child(ref, j), asked, value)) return false;
     return true;
   }
+  /// Whether a cube has one colour, or none, all over. @param joined becomes that of all that overlaps it.
+  bool has_one_color(const typename OctomapColors<Map>::Tree::ConstRef& ref, const Asked& asked,
+                     MeanValue<3>& joined) const {
+    if (!overlaps(ref.index, asked)) return true;
+    if (ref.is_leaf()) {
+      if (ref.cell().value.is_empty()) return true;
+      joined.join(ref.cell().value);
+      const auto edge = static_cast<double>(tree_.geometry().edge(ref.index.level));
+      for (std::size_t a = 0; a < 3; ++a) {
+        const auto begin = static_cast<double>(ref.index.lower[a]);
+        if (begin > asked.lower[a] || begin + edge < asked.upper[a]) return false;
+      }
+      return true;
+    }
+    bool one = true;
+    for (int j = 0; j < Tree::kNumChildren; ++j)
+      one = has_one_color(colors_->tree().child(ref, j), asked, joined) && one;
+    return one;
+  }
   /// The largest value of the leaves that matter, but for those that are unknown.
   void take_largest(const typename Tree::ConstRef& ref, const Asked& asked, float& value) const {
     if (!matters(ref, asked)) return;
@@ -220,6 +278,7 @@ class OctomapSampler {
   }
 
   const Tree& tree_;
+  const OctomapColors<Map>* colors_;
   CellsAlong cells_;
   bool binary_;
   bool coarser_;
@@ -228,9 +287,10 @@ class OctomapSampler {
   Pace pace_;
 };
 
-inline void write_octomap_full(const std::vector<OctomapNode>& nodes, ByteWriter& out) {
+inline void write_octomap_full(const std::vector<OctomapNode>& nodes, bool colored, ByteWriter& out) {
   for (const OctomapNode& node : nodes) {
     out.put(node.log_odds);
+    for (std::size_t i = 0; i < 3 && colored; ++i) out.put(node.color[i]);
     out.put(node.children);
   }
 }
@@ -258,6 +318,7 @@ struct OctomapLeaf {
   OctomapKey key;
   int level;  ///< 0 for the smallest cells.
   float log_odds;
+  OctomapColor color = kOctomapNoColor;
 };
 
 /// Reads the nodes behind the header.
@@ -268,7 +329,9 @@ class OctomapReader {
       : in_(data), free_(log_odds_free), occupied_(log_odds_occupied) {}
 
   /// @param nodes as the header says. @throws std::runtime_error where the data cannot be such a tree.
-  std::vector<OctomapLeaf> read(OctomapFormat format, std::uint64_t nodes) {
+  /// @param colored whether nodes of an .ot have colours.
+  std::vector<OctomapLeaf> read(OctomapFormat format, std::uint64_t nodes, bool colored) {
+    colored_ = colored;
     if (nodes > 0) {
       if (format == OctomapFormat::full) {
         read_full({}, kOctomapLevels);
@@ -291,10 +354,12 @@ class OctomapReader {
     pace_.spend();
     ++nodes_;
     const auto log_odds = in_.get<float>();
+    OctomapColor color = kOctomapNoColor;
+    for (std::size_t i = 0; i < 3 && colored_; ++i) color[i] = in_.get<std::uint8_t>();
     const auto children = in_.get<std::uint8_t>();
     if (std::isnan(log_odds)) fail("a node's log-odds is not a number");
     if (children == 0) {
-      leaves_.push_back({key, level, log_odds});
+      leaves_.push_back({key, level, log_odds, color});
       return;
     }
     if (level == 0) fail("a node below the 16th level");
@@ -312,7 +377,7 @@ class OctomapReader {
       ++nodes_;
       if (kind != 3)
         leaves_.push_back({octomap_child(key, child, std::int64_t{1} << (level - 1)), level - 1,
-                           kind == 2 ? occupied_ : free_});
+                           kind == 2 ? occupied_ : free_, kOctomapNoColor});
     }
     for (int child = 0; child < 8; ++child)
       if ((bits >> 2 * child & 3) == 3)
@@ -326,6 +391,7 @@ class OctomapReader {
   ByteReader in_;
   float free_;
   float occupied_;
+  bool colored_ = false;
   std::uint64_t nodes_ = 0;
   std::vector<OctomapLeaf> leaves_;
   Pace pace_;
@@ -335,12 +401,31 @@ struct OctomapHeader {
   OctomapFormat format = OctomapFormat::full;
   std::uint64_t nodes = 0;
   double cell_size = 0.0;
+  bool colored = false;   ///< Of a ColorOcTree.
   std::string_view data;  ///< All that follows.
 };
+
+/// Files of before OctoMap 1.0, all .bt: a type of tree, 3, the resolution, the number of nodes, and nodes.
+inline constexpr std::string_view kOctomapLegacyMagic{"\3\0\0\0", 4};
+
+inline OctomapHeader read_octomap_legacy_header(std::string_view bytes) {
+  OctomapHeader header;
+  header.format = OctomapFormat::binary;
+  ByteReader in(bytes.substr(kOctomapLegacyMagic.size()));
+  header.cell_size = in.get<double>();
+  header.nodes = in.get<std::uint32_t>();
+  if (!(header.cell_size > 0.0) || !std::isfinite(header.cell_size))
+    throw std::runtime_error("found a cell size of " + describe_number(header.cell_size) +
+                             " m in the header of a file of before OctoMap 1.0, expected > 0 m");
+  header.data = bytes.substr(kOctomapLegacyMagic.size() + sizeof(double) + sizeof(std::uint32_t));
+  return header;
+}
 
 /// @throws std::runtime_error naming the line that is wrong.
 inline OctomapHeader read_octomap_header(std::string_view bytes) {
   OctomapHeader header;
+  if (bytes.substr(0, kOctomapLegacyMagic.size()) == kOctomapLegacyMagic)
+    return read_octomap_legacy_header(bytes);
   const auto begins_with = [&](std::string_view text) { return bytes.substr(0, text.size()) == text; };
   if (begins_with(kOctomapBinaryMagic))
     header.format = OctomapFormat::binary;
@@ -363,7 +448,8 @@ inline OctomapHeader read_octomap_header(std::string_view bytes) {
     if (name == "data") {
       break;
     } else if (name == "id") {
-      good = static_cast<bool>(words >> rest) && rest == "OcTree";
+      good = static_cast<bool>(words >> rest) && (rest == "OcTree" || rest == "ColorOcTree");
+      header.colored = rest == "ColorOcTree";
     } else if (name == "size") {
       good = has_nodes = static_cast<bool>(words >> header.nodes);
     } else if (name == "res") {
@@ -371,14 +457,46 @@ inline OctomapHeader read_octomap_header(std::string_view bytes) {
              std::isfinite(header.cell_size);
     }
     if (!good)
-      throw std::runtime_error("line " + std::to_string(number) + ": found " + describe_text(line) +
-                               ", expected 'id OcTree', 'size' with a number of nodes, or 'res' with a cell "
-                               "size > 0 m");
+      throw std::runtime_error(
+          "line " + std::to_string(number) + ": found " + describe_text(line) +
+          ", expected 'id OcTree' or 'id ColorOcTree', 'size' with a number of nodes, or 'res' with a cell "
+          "size > 0 m");
   }
   if (!has_nodes || header.cell_size == 0.0)
     throw std::runtime_error("a header without 'size' or 'res', expected both");
   header.data = bytes;
   return header;
+}
+
+/// The colours of a file's leaves, those of an .ot of a ColorOcTree.
+/// @param map what the leaves became.
+template <class Map>
+std::optional<OctomapColors<Map>> colors_of(const Map& map, const OctomapHeader& header,
+                                            const std::vector<OctomapLeaf>& leaves) {
+  if (!header.colored || header.format != OctomapFormat::full) return std::nullopt;
+  const auto& geometry = map.tree().geometry();
+  OctomapColors<Map> colors(geometry);
+  for (const OctomapLeaf& leaf : leaves) {
+    if (leaf.color == kOctomapNoColor || state_of(leaf.log_odds) == CellState::unknown) continue;
+    MeanValue<3> value;
+    value.add({static_cast<float>(leaf.color[0]), static_cast<float>(leaf.color[1]),
+               static_cast<float>(leaf.color[2])});
+    // The leaf itself where the map may have such cells, else the largest of the map's that fit.
+    const int level =
+        Map::kBranching == 2 ? std::min(geometry.finest_level() + leaf.level, 0) : geometry.finest_level();
+    const std::int64_t step = geometry.edge(level);
+    Lattice<3> lower, at;
+    for (std::size_t a = 0; a < 3; ++a) lower[a] = leaf.key[a] - kOctomapZero;
+    const std::int64_t edge = std::int64_t{1} << leaf.level;
+    for (at[0] = lower[0]; at[0] < lower[0] + edge; at[0] += step)
+      for (at[1] = lower[1]; at[1] < lower[1] + edge; at[1] += step)
+        for (at[2] = lower[2]; at[2] < lower[2] + edge; at[2] += step) {
+          const CellIndex<3> cell{at, level};
+          const Box<3> box = map.tree().box(cell);
+          colors.join(cell, 0.5 * (box.lower + box.upper), value);
+        }
+  }
+  return colors;
 }
 
 }  // namespace detail
@@ -389,24 +507,28 @@ inline OctomapHeader read_octomap_header(std::string_view bytes) {
 /// is exact: cells of both have the same borders. Equal siblings are joined, so that leaves of every size
 /// stay as large as they are, or become larger. Unknown space, and a log-odds of exactly 0, has no node.
 /// @param cell_size OctoMap's resolution [m]; the map's min_cell_size if left out.
+/// @param colors of the map's cells, may be null: with them, an .ot is of a ColorOcTree.
 /// @throws std::invalid_argument if the cell size is not > 0, or something known lies beyond OctoMap's reach,
 ///   32768 cells from 0.
 template <class Map>
 [[nodiscard]] std::string octomap_bytes(const Map& map, OctomapFormat format,
-                                        std::optional<double> cell_size = {}) {
+                                        std::optional<double> cell_size = {},
+                                        const OctomapColors<Map>* colors = nullptr) {
   static_assert(Map::kDim == 3, "OctoMap has three dimensions");
   const double size = cell_size.value_or(map.options().min_cell_size);
-  const std::vector<detail::OctomapNode> nodes = detail::OctomapSampler<Map>(map, format, size).nodes();
   const bool binary = format == OctomapFormat::binary;
+  const bool colored = colors != nullptr && !binary;
+  const std::vector<detail::OctomapNode> nodes =
+      detail::OctomapSampler<Map>(map, format, size, colored ? colors : nullptr).nodes();
   ByteWriter out;
   out.bytes().append(binary ? detail::kOctomapBinaryMagic : detail::kOctomapFullMagic);
-  out.bytes() +=
-      "\nid OcTree\nsize " + std::to_string(nodes.size()) + "\nres " + shortest_text(size) + "\ndata\n";
+  out.bytes() += std::string(colored ? "\nid ColorOcTree" : "\nid OcTree") + "\nsize " +
+                 std::to_string(nodes.size()) + "\nres " + shortest_text(size) + "\ndata\n";
   if (nodes.empty()) return std::move(out.bytes());
   if (binary)
     detail::write_octomap_binary(nodes, 0, out);
   else
-    detail::write_octomap_full(nodes, out);
+    detail::write_octomap_full(nodes, colored, out);
   return std::move(out.bytes());
 }
 
@@ -429,17 +551,19 @@ void save_octomap(const Map& map, const std::filesystem::path& path, std::option
 /// log-odds. Leaves of a .bt file get log_odds_min or log_odds_max. Those at exactly 0 are unknown here.
 /// @param options of the map, but for min_cell_size, which is the file's resolution; max_cell_size and the
 ///   bounds of the log-odds are widened to what the file holds.
+/// @param colors if given, becomes the colours of a ColorOcTree's .ot, and empty for any other file.
 /// @throws std::runtime_error if the bytes are not those of such a file, MemoryLimitReached if the map would
 ///   hold more than max_memory.
 template <class Map>
-[[nodiscard]] Map octomap_from_bytes(std::string_view bytes, typename Map::Options options = {}) {
+[[nodiscard]] Map octomap_from_bytes(std::string_view bytes, typename Map::Options options = {},
+                                     std::optional<OctomapColors<Map>>* colors = nullptr) {
   static_assert(Map::kDim == 3, "OctoMap has three dimensions");
   options.validate();
   const detail::OctomapHeader header = detail::read_octomap_header(bytes);
   const std::vector<detail::OctomapLeaf> leaves =
       detail::OctomapReader(header.data, static_cast<float>(options.log_odds_min),
                             static_cast<float>(options.log_odds_max))
-          .read(header.format, header.nodes);
+          .read(header.format, header.nodes, header.colored && header.format == OctomapFormat::full);
   options.min_cell_size = header.cell_size;
   options.max_cell_size = std::max(options.max_cell_size, header.cell_size);
   for (const detail::OctomapLeaf& leaf : leaves) {
@@ -462,7 +586,9 @@ template <class Map>
       }
       builder.fill(lower, upper, leaf.log_odds);
     }
-    return std::move(builder).finish();
+    Map map = std::move(builder).finish();
+    if (colors != nullptr) *colors = detail::colors_of(map, header, leaves);
+    return map;
   } catch (const std::invalid_argument& error) {  // A resolution that no map can have.
     throw std::runtime_error(std::string("'res' or a leaf's log-odds: ") + error.what());
   }
@@ -471,7 +597,8 @@ template <class Map>
 /// Whether bytes begin as those of an OctoMap file do.
 [[nodiscard]] inline bool is_octomap_file(std::string_view bytes) {
   const auto begins_with = [&](std::string_view text) { return bytes.substr(0, text.size()) == text; };
-  return begins_with(detail::kOctomapFullMagic) || begins_with(detail::kOctomapBinaryMagic);
+  return begins_with(detail::kOctomapFullMagic) || begins_with(detail::kOctomapBinaryMagic) ||
+         begins_with(detail::kOctomapLegacyMagic);
 }
 
 /// Reads an OctoMap file, .bt or .ot, whatever its name.

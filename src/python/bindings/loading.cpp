@@ -4,16 +4,19 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <string_view>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 #include "arguments.hpp"
 #include "ndtree/core/memory.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/io/dense_grid.hpp"
+#include "ndtree/io/layer_file.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/io/octomap_file.hpp"
 #include "python_map.hpp"
@@ -24,15 +27,16 @@ using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "n
 
 namespace {
 
-/// Makes a map of any of the refinements with two children along each axis: `make(type)` gives that map.
+/// Makes a map of any of the refinements with two children along each axis: `make(type)` gives that map's
+/// bytes.
 template <int D, class Make>
 std::unique_ptr<MapInterface> made(const std::string& refinement, const Make& make) {
   if (refinement == FixedRefinement::kName)
-    return map_from_bytes(to_bytes(make(static_cast<FixedMap<2, D>*>(nullptr))));
+    return map_from_bytes(make(static_cast<FixedMap<2, D>*>(nullptr)));
   if (refinement == PaperRefinement::kName)
-    return map_from_bytes(to_bytes(make(static_cast<PaperMap<2, D>*>(nullptr))));
+    return map_from_bytes(make(static_cast<PaperMap<2, D>*>(nullptr)));
   if (refinement == EvidenceRefinement::kName)
-    return map_from_bytes(to_bytes(make(static_cast<AdaptiveMap<2, D>*>(nullptr))));
+    return map_from_bytes(make(static_cast<AdaptiveMap<2, D>*>(nullptr)));
   throw std::invalid_argument("refinement = '" + refinement + "': must be 'evidence', 'paper' or 'fixed'");
 }
 
@@ -59,7 +63,12 @@ std::unique_ptr<MapInterface> map_of_octomap(std::string_view bytes, const std::
   MapOptions options;
   options.max_memory = max_memory;
   return made<3>(refinement, [&](auto* type) {
-    return octomap_from_bytes<std::remove_pointer_t<decltype(type)>>(bytes, options);
+    using Map = std::remove_pointer_t<decltype(type)>;
+    std::optional<OctomapColors<Map>> colors;
+    const Map map = octomap_from_bytes<Map>(bytes, options, &colors);
+    std::vector<StoredLayer> layers;
+    if (colors) layers.push_back(stored(*colors, "color"));
+    return to_bytes(map, layers);
   });
 }
 
@@ -88,8 +97,9 @@ py::object map_of_grid(const py::array_t<std::int8_t, py::array::c_style>& state
   std::unique_ptr<MapInterface> map;
   {
     const Released released;
-    map = made<D>(refinement,
-                  [&](auto* type) { return from_grid<std::remove_pointer_t<decltype(type)>>(data, grid); });
+    map = made<D>(refinement, [&](auto* type) {
+      return to_bytes(from_grid<std::remove_pointer_t<decltype(type)>>(data, grid));
+    });
   }
   return to_python(std::move(map));
 }
@@ -161,6 +171,7 @@ ValueError
 Cells have the borders and states of the file's leaves. Log-odds are the file's with refinement "paper" and
 "fixed". With "evidence" a cell gets the least evidence that gives its log-odds, which is met within 0.008 from
 -4.6 to 5.9, and is the nearer bound outside. Leaves of a .bt file get the map's log_odds_min or log_odds_max.
+Colours of a ColorOcTree's .ot become the layer 'color' of the rule 'mean3', red, green and blue from 0 to 255.
 
 Parameters
 ----------

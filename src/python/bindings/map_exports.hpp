@@ -80,7 +80,7 @@ class MapExportsOf final : public MapExports {
   [[nodiscard]] std::string octomap_bytes(OctomapFormat format,
                                           std::optional<double> cell_size) const override {
     if constexpr (D == 3)
-      return ndtree::octomap_bytes(map_, format, cell_size);
+      return ndtree::octomap_bytes(map_, format, cell_size, layers_.colors());
     else
       throw std::invalid_argument("a map with dim = " + std::to_string(D) + ": OctoMap has three dimensions");
   }

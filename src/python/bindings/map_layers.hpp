@@ -228,6 +228,14 @@ class MapLayers {
     }
   }
 
+  /// The first layer of three numbers that is called colour or color; null if there is none.
+  [[nodiscard]] const Layer<N, D, MeanValue<3>>* colors() const {
+    for (const Named& one : layers_)
+      if (one.name == "color" || one.name == "colour")
+        if (const auto* const layer = std::get_if<Layer<N, D, MeanValue<3>>>(&one.layer)) return layer;
+    return nullptr;
+  }
+
   /// Columns of a PLY file: three numbers called colour or color as red, green and blue.
   [[nodiscard]] std::vector<PlyProperty> ply_properties() const {
     using Type = PlyProperty::Type;

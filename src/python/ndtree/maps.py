@@ -21,6 +21,8 @@ from ndtree.readers.plain_file import open_regular
 from ndtree.tiles import MANIFEST, open_tiles
 
 OCTOMAP_MAGIC = b"# Octomap OcTree"
+#: Of files of before OctoMap 1.0: a number that other files may begin with, too, so that the name counts.
+OLD_OCTOMAP_MAGIC = b"\3\0\0\0"
 YAML_SUFFIXES = (".yaml", ".yml")
 _KNOWN = "a map of ndtree's, OctoMap's (.bt, .ot) or map_server's (.yaml)"
 TILES_MAGIC = b'"ndtree tiles"'
@@ -56,7 +58,7 @@ class PlacedMap:
         return np.asarray(self.map.state(points - self.offset))
 
     def resampled(self, cell_size: float | None) -> OccupancyMap:
-        """The map without its shift: itself where there is none, else asked at the centres of cells.
+        """The map without its shift: itself where there is none, else in other cells, see `to_grid`.
 
         Raises
         ------
@@ -78,9 +80,11 @@ class PlacedMap:
         upper = (leaves.lower + leaves.size[:, None])[leaves.observed].max(axis=0) + self.offset
         first = np.floor(lower / cell_size)
         shape = (np.ceil(upper / cell_size) - first).astype(int)
-        axes = [(first[a] + np.arange(shape[a]) + 0.5) * cell_size for a in range(len(shape))]
-        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(shape))
-        return _core.from_grid(self.state(points).reshape(shape), first * cell_size, cell_size)
+        corner = first * cell_size
+        states = self.map.to_grid(
+            [corner - self.offset, corner + (shape - 0.5) * cell_size - self.offset], cell_size
+        )
+        return _core.from_grid(states, corner, cell_size)
 
 
 def is_map(path: str | os.PathLike[str]) -> bool:
@@ -97,7 +101,15 @@ def is_map(path: str | os.PathLike[str]) -> bool:
         return False
     with open_regular(path) as file:
         head = file.read(len(OCTOMAP_MAGIC))
-    return head.startswith((MAP_MAGIC, OCTOMAP_MAGIC)) or Path(path).suffix.lower() in YAML_SUFFIXES
+    if head.startswith(MAP_MAGIC) or _is_octomap(os.fspath(path), head):
+        return True
+    return Path(path).suffix.lower() in YAML_SUFFIXES
+
+
+def _is_octomap(name: str, head: bytes) -> bool:
+    if head.startswith(OCTOMAP_MAGIC):
+        return True
+    return head.startswith(OLD_OCTOMAP_MAGIC) and Path(name).suffix.lower() == ".bt"
 
 
 def tiles_url(path: str | os.PathLike[str]) -> str | None:
@@ -143,7 +155,7 @@ def open_map(path: str | os.PathLike[str]) -> PlacedMap:
             head = file.read(len(OCTOMAP_MAGIC))
         if Path(name).suffix.lower() in YAML_SUFFIXES:
             return _map_server(name)
-        if head.startswith(OCTOMAP_MAGIC):
+        if _is_octomap(name, head):
             loaded: OccupancyMap = _core.load_octomap(name)
         elif head.startswith(MAP_MAGIC):
             loaded = _core.load(name)

@@ -105,11 +105,11 @@ def _octomap(m: OccupancyMap, store: Any, now: int, cell_size: float | None) -> 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "map.ot")
         m.save_octomap(file, cell_size=cell_size)
-        _, _, nodes = file.read_bytes().partition(b"\ndata\n")  # The message has no header of its own.
+        header, _, nodes = file.read_bytes().partition(b"\ndata\n")  # The message has no header of its own.
     return store.types[_OCTOMAP](
         header=_header(store, now),
         binary=False,
-        id="OcTree",
+        id="ColorOcTree" if b"\nid ColorOcTree\n" in header else "OcTree",
         resolution=float(m.options["min_cell_size"] if cell_size is None else cell_size),
         data=np.frombuffer(nodes, dtype=np.int8),
     )
