@@ -65,7 +65,37 @@ def first_fields(source: Source) -> list[str]:
 
 
 def _recognises(source: Source) -> bool:
-    return dimension_of(first_fields(source)) is not None
+    if dimension_of(first_fields(source)) is None:
+        return False
+    _require_beams(source)
+    return True
+
+
+def _require_beams(source: Source) -> None:
+    """Refuse points with colours, normals or intensities, of which nearly all lines begin with another point.
+
+    Beams of a scan share their origin. Who has beams with an origin each says so by the format.
+    """
+    starts = []
+    for line in source.head.decode("utf-8", "replace").splitlines():
+        fields = fields_of(line)
+        dim = dimension_of(fields)
+        if dim is not None:
+            starts.append([float(field) for field in fields[:dim]])
+    changes = sum(one != other for one, other in zip(starts, starts[1:]))
+    if len(starts) < _MANY_LINES or changes <= _MOST_CHANGES * (len(starts) - 1):
+        return
+    count = len(first_fields(source))
+    raise ValueError(
+        f"{source.path}: {changes + 1} of the first {len(starts)} lines of {count} numbers begin with "
+        "another point, as points with colours, normals or intensities do, expected beams, those of a scan "
+        "with the same origin before their end points. Points are read from a folder of PCD, PLY, LAS or LAZ files "
+        "with poses; beams that have an origin each by format text"
+    )
+
+
+#: So many lines are needed to tell, and such a share of them may have another origin than the line before.
+_MANY_LINES, _MOST_CHANGES = 10, 0.75
 
 
 def _open(source: Source, *, dim: int | None = None) -> TextLog:
