@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import struct
 import sys
 import tracemalloc
 import warnings
@@ -269,6 +270,164 @@ def test_far_away_las_points_keep_their_last_digit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(scan.origin, [500001, 5400002, 103])
 
 
+TABLE = np.column_stack([cloud(7, 40), np.arange(40), np.arange(40) % 16])
+PCD_HEADERS = {
+    "version .5, COLUMNS": ("COLUMNS x y z\nPOINTS {n}\nDATA {encoding}\n", "xyz", "fff"),
+    "version .6": (
+        "# .PCD v.6\nVERSION .6\nFIELDS x y z i\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH {n}\nHEIGHT 1\nPOINTS {n}\n"
+        "DATA {encoding}\n",
+        "xyzi",
+        "ffff",
+    ),
+    "no VERSION, no COUNT, no POINTS": (
+        "# .PCD\nFIELDS i x y z\nSIZE 2 8 8 8\nTYPE U F F F\nWIDTH {n}\nHEIGHT 1\nDATA {encoding}\n",
+        "ixyz",
+        "Hddd",
+    ),
+    "padding": (
+        "# .PCD v.7\nVERSION .7\nFIELDS x _ y z _ r _\nSIZE 4 1 4 4 1 2 1\nTYPE F U F F U U U\n"
+        "COUNT 1 4 1 1 8 1 0\nWIDTH {n}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {n}\nDATA {encoding}\n",
+        "x____yz________r",
+        "fBBBBffBBBBBBBBH",
+    ),
+    "COUNT 0 that stands for one": (
+        "# .PCD v.7\nVERSION .7\nFIELDS x i y z\nSIZE 4 1 4 4\nTYPE F U F F\nCOUNT 1 0 1 1\nWIDTH {n}\n"
+        "HEIGHT 1\nPOINTS {n}\nDATA {encoding}\n",
+        "xiyz",
+        "fBff",
+    ),
+}
+
+
+def by_struct(order: str, names: str, kinds: str, row: np.ndarray) -> bytes:
+    values = {"x": row[0], "y": row[1], "z": row[2], "i": int(row[3]), "r": int(row[4]), "_": 0}
+    return struct.pack(
+        order + kinds,
+        *(values[name] if kind in "fd" else int(values[name]) for name, kind in zip(names, kinds)),
+    )
+
+
+def by_text(names: str, row: np.ndarray, separator: str = " ") -> str:
+    values = {"x": row[0], "y": row[1], "z": row[2], "i": int(row[3]), "r": int(row[4]), "_": 0}
+    return separator.join(f"{values[name]:.9g}" for name in names)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "ascii with tabs and CRLF", "binary", "binary_compressed"])
+@pytest.mark.parametrize("case", PCD_HEADERS)
+def test_headers_of_every_version_of_pcd(case: str, encoding: str, tmp_path: Path) -> None:
+    """What struct packs by hand is what is read; a point fewer, or a value, is an error."""
+    header, names, kinds = PCD_HEADERS[case]
+    head = header.format(n=40, encoding=encoding.split()[0])
+    end, separator = ("\r\n", "\t") if "CRLF" in encoding else ("\n", " ")
+    rows = [by_struct("<", names, kinds, row) for row in TABLE]
+    if encoding.startswith("ascii"):
+        content = (
+            (head + "".join(by_text(names, row, separator) + "\n" for row in TABLE))
+            .replace("\n", end)
+            .encode()
+        )
+    elif encoding == "binary":
+        content = head.encode() + b"".join(rows)
+    else:
+        fields = header.split("FIELDS" if "FIELDS" in header else "COLUMNS")[1].split("\n")[0].split()
+        counts = {"padding": [1, 4, 1, 1, 8, 1, 0]}.get(case, [1] * len(fields))
+        table = np.frombuffer(b"".join(rows), np.uint8).reshape(40, -1)
+        sizes = [struct.calcsize("<" + kind) for kind in kinds]
+        starts = np.cumsum([0, *sizes])
+        columns = np.cumsum([0, *counts])
+        plain = b"".join(
+            table[:, starts[first] : starts[last]].tobytes() for first, last in zip(columns, columns[1:])
+        )
+        pieces = [plain[i : i + 32] for i in range(0, len(plain), 32)]
+        packed = b"".join(bytes([len(piece) - 1]) + piece for piece in pieces)  # LZF of what does not repeat.
+        content = head.encode() + struct.pack("<II", len(packed), len(plain)) + packed
+    path = tmp_path / "000000.pcd"
+    path.write_bytes(content)
+    (scan,) = read(path)
+    np.testing.assert_array_equal(scan.endpoints.astype(np.float32), TABLE[:, :3].astype(np.float32))
+    for cut in (len(content) - 3 * len(rows[0]), len(content) - 30, len(head) + 5):
+        path.write_bytes(content[:cut])
+        with pytest.raises(
+            ValueError, match=r"000000.pcd: (found \d+ points, expected 40|cannot be read as PCD)"
+        ):
+            list(read(path))
+
+
+PLY_VERTEX = "property float x\nproperty float y\nproperty float z\nproperty uchar r\n"
+#: Properties of a vertex, how struct packs it, and of a face with three or four corners.
+PLY_KINDS = {
+    "points": (PLY_VERTEX, "fffB", None),
+    "doubles behind an integer": (
+        "property ushort r\nproperty double x\nproperty double y\nproperty double z\n", "Hddd", None
+    ),
+    "lists of vertices": ("property list uchar int seen\n" + PLY_VERTEX, "LfffB", None),
+    "mixed faces": (PLY_VERTEX, "fffB", "property list uchar int vertex_indices\n"),
+    "texture coordinates": (
+        PLY_VERTEX, "fffB", "property list uchar int vertex_indices\nproperty list uchar float texcoord\n"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("faces_first", [False, True])
+@pytest.mark.parametrize("case", PLY_KINDS)
+def test_ply_with_all_that_a_vertex_and_a_face_may_have(
+    case: str, faces_first: bool, end: str, order: str, tmp_path: Path
+) -> None:
+    properties, kinds, face = PLY_KINDS[case]
+    lists = [("B", "i"), ("B", "f")][: (face or "").count("list")]
+    sign = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}[order]
+
+    def stored(values: list[tuple[str, float]]) -> bytes:
+        if not sign:
+            return (" ".join(f"{value:.9g}" for _, value in values) + end).encode()
+        return b"".join(struct.pack(sign + kind, value) for kind, value in values)
+
+    vertices = []
+    for i, row in enumerate(TABLE):
+        x, y, z, r = row[0], row[1], row[2], int(row[4])
+        seen = [("B", i % 4), *(("i", k) for k in range(i % 4))]
+        one = {
+            "f": [("f", x), ("f", y), ("f", z), ("B", r)],
+            "L": [*seen, ("f", x), ("f", y), ("f", z), ("B", r)],
+        }
+        one["H"] = [("H", r), ("d", x), ("d", y), ("d", z)]
+        vertices.append(stored(one[kinds[0]]))
+    faces = []
+    for i in range(25 if face else 0):
+        values: list[tuple[str, float]] = []
+        for count, kind in lists:
+            corners = 3 + (i % 7 == 5) if kind == "i" else 2 * (3 + (i % 7 == 5))
+            values += [(count, corners), *((kind, k % 4) for k in range(corners))]
+        faces.append(stored(values))
+    parts = [(f"element vertex 40\n{properties}", vertices)]
+    if face:
+        parts.insert(0 if faces_first else 1, (f"element face 25\n{face}", faces))
+    head = f"ply\nformat {order} 1.0\ncomment by hand\n" + "".join(said for said, _ in parts) + "end_header\n"
+    body = b"".join(b"".join(rows) for _, rows in parts)
+    path = tmp_path / "000000.ply"
+    np.savetxt(tmp_path / "000000.pose.txt", np.eye(4))
+    path.write_bytes(head.replace("\n", end).encode() + body)
+    (scan,) = read(tmp_path)
+    assert len(scan) == 40
+    np.testing.assert_allclose(scan.endpoints, TABLE[:, :3], rtol=1e-7)
+    for kept in (len(body) // 3, len(body) // 2 + 1):
+        path.write_bytes(head.replace("\n", end).encode() + body[:kept])
+        with pytest.raises(
+            ValueError, match=r"000000.ply: (found \d+ points, expected 40|cannot be read as PLY)"
+        ):
+            list(read(tmp_path))
+
+
+def test_an_ascii_ply_that_ends_behind_a_line_is_noticed(tmp_path: Path) -> None:
+    path = ply_by_meshio(False, np.float32)(tmp_path / "000000", cloud(0))
+    np.savetxt(tmp_path / "000000.pose.txt", np.eye(4))
+    path.write_bytes(b"\n".join(path.read_bytes().split(b"\n")[:-11]) + b"\n")
+    with pytest.raises(ValueError, match=r"000000.ply: found 20 points, expected 30 as its header says"):
+        list(read(tmp_path))
+
+
 def test_nan_points_of_an_ordered_cloud_are_invalid_beams(tmp_path: Path) -> None:
     points = cloud(0)
     points[3:7] = np.nan
@@ -415,6 +574,46 @@ def test_kitti_poses_are_those_of_the_camera(tmp_path: Path, poses: str) -> None
         assert scan.stamp == pytest.approx(0.1 * i)
 
 
+def street(seed: int, n: int) -> np.ndarray:
+    """Points of a sensor with 16 rings between a floor and two walls, with their intensity, ring and time."""
+    random = np.random.default_rng(seed)
+    azimuth = np.repeat(np.linspace(-np.pi, np.pi, -(-n // 16)), 16)[:n]
+    ring = np.tile(np.arange(16), -(-n // 16))[:n]
+    elevation = np.radians(-15 + 2 * ring)
+    range_ = np.minimum(
+        8 / np.maximum(np.abs(np.sin(azimuth)), 0.2), 1.7 / np.maximum(-np.tan(elevation), 0.02)
+    )
+    xyz = range_[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)])
+    return np.column_stack([xyz, random.integers(0, 256, n), ring, np.arange(n) * 1e-5])
+
+
+@pytest.mark.parametrize("width", [3, 4, 5, 6])
+@pytest.mark.parametrize("n", [48, 1080, 12_000])
+@pytest.mark.parametrize("brightest", [1, 255])
+def test_the_numbers_of_a_point_are_told_from_the_content(
+    width: int, n: int, brightest: int, tmp_path: Path
+) -> None:
+    """The number of bytes fits 3, 4, 5 and 6."""
+    kitti(tmp_path / "00")
+    clouds = [street(i, n) for i in range(3)]
+    for i, points in enumerate(clouds):
+        points[:, 3] *= brightest / 255
+        points[:, :width].astype("<f4").tofile(tmp_path / "00" / "velodyne" / f"{i:06d}.bin")
+    (tmp_path / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3)
+    log = read(tmp_path / "00", trajectory=str(tmp_path / "poses.txt"))
+    scans = list(log)
+    assert len(scans) == 3
+    for scan, points in zip(scans, clouds):
+        np.testing.assert_array_equal(scan.endpoints, points[:, :3].astype(np.float32))
+    assert len(log.notes) == (width != 4)
+    file = tmp_path / "00" / "velodyne" / "000001.bin"
+    file.write_bytes(file.read_bytes()[:-2])
+    with pytest.raises(
+        ValueError, match=rf"000001.bin: \d+ bytes, expected a multiple of {4 * width} \(float32"
+    ):
+        list(read(tmp_path / "00", trajectory=str(tmp_path / "poses.txt")))
+
+
 @pytest.mark.parametrize("lines", [kitti_lines(3), tum_lines([0.0, 0.1, 0.2])], ids=["kitti", "tum"])
 def test_kitti_takes_poses_of_the_velodyne(tmp_path: Path, lines: str) -> None:
     kitti(tmp_path / "00", poses=None)
@@ -555,14 +754,15 @@ def test_the_other_scans_can_be_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "write, library", [(BINARY, "pypcd4"), (ply_by_trimesh, "trimesh"), (las(".las"), "laspy")]
+    "write, library, module",
+    [(pcd("binary_compressed"), "pypcd4", "lzf"), (las(".las"), "laspy", "laspy")],
 )
 def test_without_its_library_the_extra_is_named(
-    write: Callable, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    write: Callable, library: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     numbered(tmp_path, write=write)
     (tmp_path / "poses.txt").write_text(kitti_lines(5))
-    monkeypatch.setitem(sys.modules, library, None)
+    monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ImportError, match=rf"need {library} .* pip install 'ndtree-mapping\[clouds\]'"):
         list(read(tmp_path, keep_going=True))
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of one point cloud: PCD, PLY, LAS and LAZ, each read by the library that is kept for it."""
+"""Files of one point cloud: PCD, PLY, LAS and LAZ."""
 
 from __future__ import annotations
 
+import codecs
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.readers.failures import one_line
-from ndtree.readers.las_files import INSTALL, las_points
+from ndtree.readers.las_files import las_points
+from ndtree.readers.pcd_files import pcd_columns
 from ndtree.readers.plain_file import open_regular
+from ndtree.readers.ply_files import ply_columns
 from ndtree.readers.pose import Pose
 
 Points = NDArray[np.floating[Any]]
@@ -35,21 +37,7 @@ class CloudFile:
 
 def pcd_points(path: str) -> Points:
     """Points of a PCD: ascii, binary or binary_compressed; NaN where the sensor measured nothing."""
-    pypcd4 = _pypcd4()
-    with open_regular(path) as file:
-        try:
-            cloud = pypcd4.PointCloud.from_fileobj(file)
-            data = np.atleast_1d(cloud.pc_data)
-        except (OSError, MemoryError):
-            raise
-        except Exception as error:  # The library has no error of its own: anything may come from below it.
-            raise _damaged(path, "PCD", error) from None
-    if len(data) != cloud.metadata.points:
-        raise _fewer(path, len(data), cloud.metadata.points)
-    missing = [name for name in "xyz" if name not in data.dtype.names]
-    if missing:
-        raise ValueError(f"{path}: no field {' and no '.join(missing)}, found {', '.join(data.dtype.names)}")
-    return _columns(data["x"], data["y"], data["z"])
+    return _columns(*pcd_columns(path))
 
 
 def pcd_viewpoint(path: str) -> Pose:
@@ -75,23 +63,11 @@ def pcd_viewpoint(path: str) -> Pose:
 
 def ply_points(path: str) -> Points:
     """Vertices of a PLY, ascii or binary, with or without faces."""
-    try:
-        import trimesh
-    except ImportError as error:
-        raise ImportError(f"PLY files need trimesh ({error}); {INSTALL}") from None
-    with open_regular(path) as file:
-        try:
-            loaded = trimesh.load(file, file_type="ply", process=False)
-            points = np.asarray(loaded.vertices)
-        except (OSError, MemoryError):
-            raise
-        except Exception as error:  # As above.
-            raise _damaged(path, "PLY", error) from None
-    return points.reshape(-1, 3)
+    return _columns(*ply_columns(path))
 
 
 CLOUD_FILES = (
-    CloudFile("PCD", (".pcd",), (b"# .PCD", b"VERSION", b"FIELDS"), pcd_points),
+    CloudFile("PCD", (".pcd",), (b"# .PCD", b"# .pcd", b"VERSION", b"FIELDS", b"COLUMNS"), pcd_points),
     CloudFile("PLY", (".ply",), (b"ply\n", b"ply\r"), ply_points),
     CloudFile("LAS", (".las", ".laz"), (b"LASF",), las_points),
 )
@@ -99,6 +75,7 @@ CLOUD_FILES = (
 
 def kind_of_file(head: bytes) -> CloudFile | None:
     """What a file is by its first bytes."""
+    head = head.removeprefix(codecs.BOM_UTF8)
     for kind in CLOUD_FILES:
         if head.startswith(kind.magic):
             return kind
@@ -117,28 +94,15 @@ def kind_of_name(name: str) -> CloudFile | None:
 def points_of_file(path: str) -> Points:
     """(n, 3) points of a file that is one of these by its content."""
     with open_regular(path) as file:
-        kind = kind_of_file(file.read(16))
+        head = file.read(16)
+    kind = kind_of_file(head)
+    if kind is None and head.removeprefix(codecs.BOM_UTF8).startswith(b"#"):
+        kind = kind_of_name(path)  # A PCD may begin with any comment.
     if kind is None:
         raise ValueError(f"{path}: expected a {', '.join(kind.name for kind in CLOUD_FILES)} or LAZ file")
     return kind.points(path)
 
 
-def _pypcd4() -> Any:
-    try:
-        import pypcd4
-    except ImportError as error:
-        raise ImportError(f"PCD files need pypcd4 ({error}); {INSTALL}") from None
-    return pypcd4
-
-
-def _damaged(path: str, kind: str, error: Exception) -> ValueError:
-    return ValueError(f"{path}: cannot be read as {kind}, cut off or damaged ({one_line(error)})")
-
-
-def _fewer(path: str, found: int, expected: int) -> ValueError:
-    return ValueError(f"{path}: found {found} points, expected {expected} as its header says")
-
-
 def _columns(*columns: NDArray[Any]) -> Points:
-    small = all(column.dtype == np.float32 for column in columns)
+    small = all(column.dtype.newbyteorder("=") == np.float32 for column in columns)
     return np.stack([column.astype(np.float32 if small else np.float64) for column in columns], axis=1)
