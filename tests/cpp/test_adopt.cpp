@@ -184,7 +184,7 @@ TEST(AdoptedCells, AreOfOneMapAlone) {
             "box from (0.0, 0.0) to (1.0, 0.0): must be finite, and have a volume");
   EXPECT_EQ(refusal(map.snapshot(), Box<2>{Vector<2>(50.0, 50.0), Vector<2>(51.0, 51.0)}), "none");
   MapOptions scarce = options;
-  scarce.max_memory = 4000.0;
+  scarce.max_memory = static_cast<double>(Map(options).memory_bytes());
   Map small(scarce);
   const std::string empty = to_bytes(small);
   EXPECT_THROW(small.adopt(map), MemoryLimitReached);

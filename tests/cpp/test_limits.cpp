@@ -221,6 +221,11 @@ TEST(Limits, MemoryOfTheMachineIsTheDefault) {
   EXPECT_EQ(options.memory_limit(), 1000000u);
   options.max_memory = -1.0;
   EXPECT_THROW(options.validate(), std::invalid_argument);
+  const AdaptiveMap<2, 2> empty;
+  options.max_memory = static_cast<double>(empty.memory_bytes());
+  EXPECT_NO_THROW((AdaptiveMap<2, 2>(options)));
+  options.max_memory -= 1.0;
+  EXPECT_THROW((AdaptiveMap<2, 2>(options)), std::invalid_argument) << "it is larger while it is empty";
 }
 
 TEST(Limits, CompressionThatIsCancelledLeavesTheMapAsItWas) {

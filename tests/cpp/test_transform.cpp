@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <map>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
+#include "ndtree/io/map_file.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/transform.hpp"
@@ -85,6 +90,85 @@ TYPED_TEST(Transformed, ByWholeCellsAndRightAnglesIsTheSame) {
       known += state(map, point) != CellState::unknown;
     }
     EXPECT_GT(known, 200);
+  }
+}
+
+/// A motion by right angles and whole cells of an edge.
+template <int D>
+Pose<D> lattice_pose(Random& random, double edge) {
+  Pose<D> pose;
+  for (int turns = random.integer(0, 5); turns > 0; --turns) {
+    const int a = random.integer(0, D - 1);
+    const int b = (a + 1) % D;
+    Eigen::Matrix<double, D, D> turn = Eigen::Matrix<double, D, D>::Identity();
+    turn(a, a) = turn(b, b) = std::cos(1.5707963267948966);  // Not quite 0.
+    turn(b, a) = 1.0;
+    turn(a, b) = -1.0;
+    pose.rotation = turn * pose.rotation;
+  }
+  for (int a = 0; a < D; ++a) pose.translation[a] = edge * random.integer(-9, 9);
+  return pose;
+}
+/// Lower corner and edge of each leaf that holds something, where a pose moves it, with what it holds.
+template <class Map>
+auto leaves_at(const Map& map, const Pose<Map::kDim>& pose) {
+  constexpr int D = Map::kDim;
+  std::map<std::vector<std::int64_t>, std::vector<std::uint32_t>> leaves;
+  const double unit = map.tree().geometry().unit();
+  for_each_leaf(map.tree(), [&](const auto& leaf) {
+    const auto words = leaf.cell().words();
+    if (std::all_of(words.begin(), words.end(), [](std::uint32_t word) { return word == 0; })) return;
+    const Box<D> box = map.tree().box(leaf.index);
+    const Vector<D> one = pose * box.lower;
+    const Vector<D> other = pose * box.upper;
+    std::vector<std::int64_t> place;
+    for (int a = 0; a < D; ++a) place.push_back(std::llround(std::min(one[a], other[a]) / unit));
+    place.push_back(map.tree().geometry().edge(leaf.index.level));
+    leaves[place] = {words.begin(), words.end()};
+  });
+  return leaves;
+}
+
+TYPED_TEST(Transformed, ByAMotionOfTheLatticeMovesCellsAsTheyAre) {
+  constexpr int D = TypeParam::kDim;
+  Random random(17);
+  for (int round = 0; round < 8; ++round) {
+    const auto map = random_map<TypeParam>(random);
+    const auto& geometry = map.tree().geometry();
+    const double edge =
+        geometry.cell_size(TypeParam::RefinementType::coarsest_level(geometry.finest_level()));
+    const Pose<D> pose = lattice_pose<D>(random, edge);
+    const auto moved = transformed(map, pose);
+    moved.check_invariants();
+    const auto expected = leaves_at(map, pose);
+    EXPECT_GT(expected.size(), 50u);
+    ASSERT_EQ(leaves_at(moved, Pose<D>{}), expected);
+    EXPECT_EQ(moved.counters().updates, map.counters().updates);
+    EXPECT_EQ(moved.counters().splits, map.counters().splits);
+    EXPECT_EQ(moved.counters().merges, map.counters().merges);
+    const Pose<D> back{pose.rotation.transpose(), -(pose.rotation.transpose() * pose.translation)};
+    ASSERT_EQ(leaves_at(transformed(moved, back), Pose<D>{}), leaves_at(map, Pose<D>{}));
+    EXPECT_TRUE(to_bytes(transformed(map, Pose<D>{})) == to_bytes(map));
+    // Half a smallest cell away there are other cells.
+    Pose<D> between = pose;
+    between.translation[0] += 0.5 * kCell;
+    EXPECT_EQ(transformed(map, between).counters().updates, 0u);
+  }
+}
+
+TYPED_TEST(Transformed, LooksAtNoMoreCellsThanAreAllowed) {
+  using Transforming = detail::Transforming<TypeParam>;
+  Random random(18);
+  const auto map = random_map<TypeParam>(random);
+  const auto pose = random_pose<TypeParam::kDim>(random);
+  EXPECT_GT(Transforming::most_cells(map), std::size_t{1} << 24);
+  EXPECT_NO_THROW(Transforming(map, pose, 1000000));
+  try {
+    const Transforming refused(map, pose, 100);
+    FAIL() << "more than 100 cells";
+  } catch (const std::invalid_argument& error) {
+    EXPECT_NE(std::string(error.what()).find("100 cells of min_cell_size = 0.25 m"), std::string::npos)
+        << error.what();
   }
 }
 

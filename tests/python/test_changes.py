@@ -173,3 +173,26 @@ def test_readers_and_a_writer_do_not_wait_for_each_other() -> None:
     for seed in range(60):
         alone.insert(*room_scan(2, seed % 40))
     assert m.to_bytes() == alone.to_bytes()
+
+
+@pytest.mark.parametrize("make", MAKERS)
+def test_a_map_that_does_not_move_stays_the_same(make: Any) -> None:
+    m = grown(make(), range(3))
+    assert m.transformed(np.eye(m.dim + 1)).to_bytes() == m.to_bytes()
+    pose = np.eye(m.dim + 1)
+    pose[:2, :2] = [[0, -1], [1, 0]]
+    edge = m.options.get("max_cell_size", m.options["min_cell_size"])
+    pose[:-1, -1] = edge * np.arange(1, m.dim + 1)
+    there = m.transformed(pose)
+    assert there.stats().updates == m.stats().updates > 0
+    leaves = m.leaves(states=["free", "occupied"])
+    at = there.leaves(states=["free", "occupied"])
+    assert len(at.size) == len(leaves.size)
+    points = leaves.center @ pose[:-1, :-1].T + pose[:-1, -1]
+    np.testing.assert_array_equal(there.probability(points), leaves.probability)
+    np.testing.assert_array_equal(there.cell_size(points), leaves.size)
+    assert sorted(at.hits) == sorted(leaves.hits) and sorted(at.misses) == sorted(leaves.misses)
+    back = there.transformed(np.linalg.inv(pose))
+    assert sorted(map(tuple, back.leaves(states=["occupied"]).lower)) == sorted(
+        map(tuple, m.leaves(states=["occupied"]).lower)
+    )

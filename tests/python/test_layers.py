@@ -142,6 +142,51 @@ def test_merging_and_moving_take_them_along() -> None:
     assert np.mean(labels[clear] == one.layer("label", leaves.center)[clear]) > 0.9
 
 
+def test_motions_of_the_lattice_take_them_along_bit_for_bit() -> None:
+    m = mapped()
+    assert m.transformed(np.eye(4)).to_bytes() == m.to_bytes()
+    pose = np.eye(4)
+    pose[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    pose[:3, 3] = [0.8, -1.6, 2.4]
+    moved = m.transformed(pose)
+    leaves = m.leaves()
+    there = leaves.center @ pose[:3, :3].T + pose[:3, 3]
+    for name in m.layers:
+        np.testing.assert_array_equal(moved.layer(name, there), m.layer(name, leaves.center))
+
+
+def test_a_moved_map_keeps_to_max_memory() -> None:
+    done = refused = 0
+    whole = mapped()
+    for most in np.linspace(0.9, 2.5, 9) * whole.stats().memory_bytes:
+        try:
+            m = mapped(max_memory=float(int(most)))
+        except MemoryError:
+            continue
+        for angle in (0.3, 0.8):
+            pose = np.eye(4)
+            pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+            try:
+                assert m.transformed(pose).stats().memory_bytes <= int(most)
+                done += 1
+            except MemoryError as error:
+                assert f"max_memory = {int(most)} bytes" in str(error)
+                refused += 1
+    assert done > 1 and refused > 1, (done, refused)
+
+
+def test_a_map_that_is_too_large_while_it_is_empty_is_not_made() -> None:
+    layers = {"color": "mean3", "label": "majority"}
+    plain, layered = (ndtree.AdaptiveMap(layers=some).stats().memory_bytes for some in (None, layers))
+    assert ndtree.AdaptiveMap(layers=layers, max_memory=layered).stats().memory_bytes == layered > plain
+    with pytest.raises(
+        ValueError, match=rf"max_memory = {layered - 1} bytes: must be at least {layered}, what"
+    ):
+        ndtree.AdaptiveMap(layers=layers, max_memory=layered - 1)
+    with pytest.raises(ValueError, match=rf"max_memory = {plain - 1} bytes: must be at least {plain}, what"):
+        ndtree.AdaptiveMap(max_memory=plain - 1)
+
+
 def test_what_is_forgotten_carries_nothing() -> None:
     m = mapped()
     m.clear([[0, -5, -5], [5, 0, 5]])

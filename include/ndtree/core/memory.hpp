@@ -32,6 +32,14 @@ class MemoryLimitReached : public std::bad_alloc {
   std::runtime_error text_;  // Copies of it cannot fail.
 };
 
+/// Refuses a limit that not even an empty map keeps to. @param bytes that one takes.
+/// @throws std::invalid_argument.
+inline void require_room_for_empty(std::size_t bytes, std::size_t limit) {
+  if (bytes > limit)
+    throw std::invalid_argument("max_memory = " + std::to_string(limit) + " bytes: must be at least " +
+                                std::to_string(bytes) + ", what the map takes while it is empty");
+}
+
 /// What a part may hold, of bytes for all of which others hold some.
 [[nodiscard]] inline std::size_t memory_beside(std::size_t others, std::size_t limit) {
   return limit == kUnlimitedMemory ? limit : limit - std::min(limit, others);

@@ -106,9 +106,12 @@ class LayeredMap {
   using Names = std::array<std::string, kNumLayers>;
 
   /// @param names all different; if none are given, the rules of the values.
-  /// @throws std::invalid_argument naming the first option that is out of bounds, or a name that two have.
+  /// @throws std::invalid_argument naming the first option that is out of bounds, a name that two have, or a
+  ///   max_memory that is less than a map with empty layers takes.
   explicit LayeredMap(const typename Map::Options& options = {}, Names names = {Values::rule()...})
-      : LayeredMap(Map(options), std::move(names)) {}
+      : LayeredMap(Map(options), std::move(names)) {
+    require_room_for_empty(memory_bytes(), map_.options().memory_limit());
+  }
   /// A map that has no values yet.
   explicit LayeredMap(Map map, Names names = {Values::rule()...})
       : LayeredMap(std::move(map), std::move(names), std::nullopt) {}

@@ -358,7 +358,9 @@ class OccupancyMap {
 template <int N, int D, class Refinement, class Sensor>
 OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options)
     : OccupancyMap(options, Tree(valid(options).min_cell_size, valid(options).num_levels(N)),
-                   UpdateCounters{}) {}
+                   UpdateCounters{}) {
+  require_room_for_empty(memory_bytes(), options_.memory_limit());
+}
 
 template <int N, int D, class Refinement, class Sensor>
 OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options, Tree tree,

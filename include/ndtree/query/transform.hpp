@@ -5,11 +5,13 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <stdexcept>
+#include <string>
 #include <type_traits>
 #include <utility>
 
@@ -19,10 +21,12 @@
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/memory.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/region.hpp"
 #include "ndtree/tree/lattice.hpp"
+#include "ndtree/tree/lattice_motion.hpp"
 
 namespace ndtree {
 
@@ -38,14 +42,21 @@ class Transforming {
   using Refinement = typename Map::RefinementType;
 
  public:
-  Transforming(const Map& map, const Pose<D>& pose)
+  /// Smallest cells that are looked at, unless said otherwise.
+  [[nodiscard]] static std::size_t most_cells(const Map& map) {
+    return (std::size_t{1} << 24) + 16 * map.tree().num_leaves();
+  }
+
+  Transforming(const Map& map, const Pose<D>& pose, std::size_t most)
       : map_(map),
         back_{pose.rotation.transpose(), -(pose.rotation.transpose() * pose.translation)},
         spread_(back_.rotation.cwiseAbs()),
         refinement_(map.options()),
         tree_(map.options().min_cell_size, map.options().num_levels(Map::kBranching)),
-        coarsest_(Refinement::coarsest_level(tree_.geometry().finest_level())) {
-    tree_.limit_memory(map.options().memory_limit());
+        coarsest_(Refinement::coarsest_level(tree_.geometry().finest_level())),
+        most_(most),
+        left_(most) {
+    tree_.limit_memory(map.options().memory_limit(), sizeof(Map) - sizeof(Tree));
     if (const auto known = bounds(map)) {
       const Vector<D> half = pose.rotation.cwiseAbs() * (0.5 * (known->upper - known->lower));
       const Vector<D> centre = pose * Vector<D>(0.5 * (known->upper + known->lower));
@@ -68,6 +79,7 @@ class Transforming {
   }
   void fill(const Ref& ref) {
     pace_.spend(kStepsOfCell);
+    if (ref.index.level == tree_.geometry().finest_level() && left_-- == 0) refuse();
     const Box<D> box = tree_.box(ref.index);
     const Vector<D> centre = back_ * Vector<D>(0.5 * (box.lower + box.upper));
     const Vector<D> half = spread_ * Vector<D>(0.5 * (box.upper - box.lower));
@@ -88,6 +100,14 @@ class Transforming {
     if (!are_leaves || ref.index.level > coarsest_) return;
     if (const auto cell = merged_siblings<Tree>(refinement_, tree_.children(*ref.node)))
       tree_.merge(*ref.node, *cell);
+  }
+
+  [[noreturn]] void refuse() const {
+    throw std::invalid_argument(
+        "pose: after this motion, borders and surfaces would go through more than " + std::to_string(most_) +
+        " cells of min_cell_size = " + describe_number(map_.options().min_cell_size) +
+        " m: expected larger cells, a smaller map (crop), or a motion by right angles and whole cells of " +
+        describe_number(tree_.geometry().cell_size(coarsest_)) + " m");
   }
 
   /// What the map says at places spread evenly over a box, on the average.
@@ -161,28 +181,90 @@ class Transforming {
   const Refinement refinement_;
   Tree tree_;
   int coarsest_;
+  std::size_t most_;
+  std::size_t left_;  // Smallest cells that may still be looked at.
   Pace pace_;
 };
 
-}  // namespace detail
+/// A bound on the |components| of all points in a tree's root [m].
+template <class Tree>
+[[nodiscard]] double extent_of(const Tree& tree) {
+  const Box<Tree::kDim> box = tree.box(tree.root().index);
+  return std::max(box.lower.cwiseAbs().maxCoeff(), box.upper.cwiseAbs().maxCoeff());
+}
 
-/// The map as it would be in a frame in which every point x lies at `pose * x`. A smallest cell takes what
-/// the map says at the place from which its centre comes, so that borders and surfaces are moved by at most
-/// half its diagonal; nothing is blurred, and nothing that was unknown there becomes known. Larger cells
-/// stand where the map says the same all over the place that they come from. Evidence is that of cells of
-/// their size. What was seen but is not yet known (see CoverageModel) is left out.
-/// O(smallest cells along surfaces and borders, and cells elsewhere).
-/// @throws std::invalid_argument if the pose is not a finite rigid motion, or moves cells out of reach;
-///   MemoryLimitReached, std::bad_alloc, Cancelled.
-template <class Map>
-[[nodiscard]] Map transformed(const Map& map, const Pose<Map::kDim>& pose) {
-  using Matrix = Eigen::Matrix<double, Map::kDim, Map::kDim>;
+template <int D>
+void require_rigid(const Pose<D>& pose) {
+  using Matrix = Eigen::Matrix<double, D, D>;
   if (!pose.rotation.allFinite() || !pose.translation.allFinite())
     throw std::invalid_argument("pose: must be finite");
   if (!((pose.rotation * pose.rotation.transpose() - Matrix::Identity()).cwiseAbs().maxCoeff() < 1e-4) ||
       !(pose.rotation.determinant() > 0.0))
     throw std::invalid_argument("pose: its rotation is not one");
-  detail::Transforming<Map> transforming(map, pose);
+}
+
+}  // namespace detail
+
+/// The lattice motion that a pose is for a map's cells, see transformed(), or none.
+template <class Map>
+[[nodiscard]] std::optional<LatticeMotion<Map::kDim>> lattice_motion_of(const Map& map,
+                                                                        const Pose<Map::kDim>& pose) {
+  const auto& geometry = map.tree().geometry();
+  return lattice_motion(geometry, Map::RefinementType::coarsest_level(geometry.finest_level()), pose.rotation,
+                        pose.translation, detail::extent_of(map.tree()));
+}
+
+/// A layer after a lattice motion of its map: each value is where its cell is, bit for bit. None if a value
+/// is of more than one cell that the motion may move. @param level see lattice_motion(). @param max_memory
+/// [bytes].
+/// @throws MemoryLimitReached, std::bad_alloc, Cancelled.
+template <class LayerType, int D>
+[[nodiscard]] std::optional<LayerType> transformed_layer(const LayerType& layer, int level,
+                                                         const LatticeMotion<D>& motion,
+                                                         std::size_t max_memory) {
+  if (motion.is_identity()) return layer;
+  LayerType moved(layer.tree().geometry());
+  moved.limit_memory(max_memory);
+  detail::MovingCells<typename LayerType::Tree> moving(layer.tree(), level, motion);
+  if (!moving.run(moved.tree(), [](const auto& cell) { return cell.value.is_empty(); })) return std::nullopt;
+  moved.limit_memory(kUnlimitedMemory);
+  return moved;
+}
+
+/// The map as it would be in a frame in which every point x lies at `pose * x`.
+///
+/// A motion that maps the lattice of cells onto itself, by right angles and whole cells of max_cell_size (of
+/// a map whose cells are all of one size, whole cells), moves every cell as it is, bit for bit, and keeps the
+/// counters; the identity gives a map of the same bytes. O(nodes).
+///
+/// Otherwise cells are filled anew, and the counters are 0. A smallest cell takes what
+/// the map says at the place from which its centre comes, so that borders and surfaces are moved by at most
+/// half its diagonal; nothing is blurred, and nothing that was unknown there becomes known. Larger cells
+/// stand where the map says the same all over the place that they come from. Evidence is that of cells of
+/// their size. What was seen but is not yet known (see CoverageModel) is left out.
+/// O(smallest cells along surfaces and borders, and cells elsewhere).
+/// @throws std::invalid_argument if the pose is not a finite rigid motion, moves cells out of reach, or
+/// leaves
+///   borders and surfaces that go through more than 2^24 smallest cells, and 16 more for each leaf;
+///   MemoryLimitReached, std::bad_alloc, Cancelled.
+template <class Map>
+[[nodiscard]] Map transformed(const Map& map, const Pose<Map::kDim>& pose) {
+  using Tree = typename Map::Tree;
+  detail::require_rigid(pose);
+  if (const auto motion = lattice_motion_of(map, pose)) {
+    if (motion->is_identity()) return map;
+    const auto& geometry = map.tree().geometry();
+    Tree tree(map.options().min_cell_size, map.options().num_levels(Map::kBranching));
+    tree.limit_memory(map.options().memory_limit(), sizeof(Map) - sizeof(Tree));
+    const std::array<std::uint32_t, std::size_t{Map::Cell::kNumWords}> empty{};
+    detail::MovingCells<Tree> moving(map.tree(), Map::RefinementType::coarsest_level(geometry.finest_level()),
+                                     *motion);
+    if (moving.run(tree, [&](const auto& cell) { return cell.words() == empty; })) {
+      tree.limit_memory(kUnlimitedMemory);
+      return Map(map.options(), std::move(tree), map.counters());
+    }
+  }
+  detail::Transforming<Map> transforming(map, pose, detail::Transforming<Map>::most_cells(map));
   return Map(map.options(), std::move(transforming.tree()), typename Map::Counters{});
 }
 

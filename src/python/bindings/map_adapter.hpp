@@ -110,7 +110,10 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
       return report;
     });
   }
-  void add_layer(const LayerKind& kind) override { layers_.add(kind, map_.tree().geometry()); }
+  void add_layer(const LayerKind& kind) override {
+    layers_.add(kind, map_.tree().geometry());
+    require_room_for_empty(map_.memory_bytes() + layers_.memory_bytes(), map_.options().memory_limit());
+  }
   [[nodiscard]] std::vector<LayerKind> layers() const override { return layers_.kinds(); }
   [[nodiscard]] std::vector<double> layer(const std::string& name, const double* points,
                                           std::size_t n) const override {
@@ -170,7 +173,8 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
       for (int column = 0; column < D; ++column) motion.rotation(row, column) = pose[row * D + column];
     motion.translation = Eigen::Map<const Vector<D>>(pose + D * D);
     Map moved = ndtree::transformed(map_, motion);
-    Layers layers = layers_.transformed(moved, motion);
+    Layers layers = naming_whole_limit(
+        [&] { return layers_.transformed(map_, moved, motion, memory_for_layers(moved)); });
     return std::make_unique<MapAdapter>(std::move(moved), std::move(layers));
   }
   CompressReport compress(const CompressBudget& budget) override {
@@ -248,6 +252,15 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   [[nodiscard]] static std::size_t memory_for_layers(const Map& map) {
     return memory_beside(map.memory_bytes(), map.options().memory_limit());
   }
+  /// What is thrown where a layer may not take what is left names the limit of all.
+  template <class Function>
+  auto naming_whole_limit(const Function& function) const {
+    try {
+      return function();
+    } catch (const MemoryLimitReached&) {
+      throw MemoryLimitReached(map_.options().memory_limit());
+    }
+  }
   /// Changes map and layers, or neither. @param may_add whether there may be more layers afterwards.
   template <class Change>
   auto change(const Change& change, bool may_add = false) {
@@ -259,7 +272,7 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     }
     Map map = map_;
     Layers layers = layers_;
-    const auto result = change(map, layers);
+    const auto result = naming_whole_limit([&] { return change(map, layers); });
     last_checkpoint();
     map_ = std::move(map);
     layers_ = std::move(layers);

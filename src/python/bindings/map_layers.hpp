@@ -179,23 +179,36 @@ class MapLayers {
           others.find(kind.name).layer);
     }
   }
-  /// The values at their new places in a map that was moved.
+  /// The values at their new places in a map that was moved. @param max_memory of all layers together.
+  /// @throws MemoryLimitReached.
   template <class Map>
-  [[nodiscard]] MapLayers transformed(const Map& moved, const Pose<D>& pose) const {
+  [[nodiscard]] MapLayers transformed(const Map& map, const Map& moved, const Pose<D>& pose,
+                                      std::size_t max_memory) const {
+    const auto& geometry = map.tree().geometry();
+    const auto motion = lattice_motion_of(map, pose);
+    const int level = Map::RefinementType::coarsest_level(geometry.finest_level());
     MapLayers result;
-    for (const LayerKind& kind : kinds()) {
-      result.add(kind, moved.tree().geometry());
+    for (const Named& one : layers_)
       std::visit(
           [&](const auto& layer) {
-            auto& target = std::get<std::decay_t<decltype(layer)>>(result.find(kind.name).layer);
-            layer.for_each([&](const auto&, const Vector<D>& centre, const auto& value) {
-              const Vector<D> point = pose * centre;
-              const auto leaf = moved.tree().find_leaf(point);
-              if (leaf && leaf->cell().observed()) target.join(leaf->index, point, value);
-            });
+            using LayerType = std::decay_t<decltype(layer)>;
+            const std::size_t left = memory_beside(result.memory_bytes(), max_memory);
+            std::optional<LayerType> target;
+            if (motion) target = transformed_layer(layer, level, *motion, left);
+            if (!target) {
+              target.emplace(geometry);
+              target->limit_memory(left);
+              layer.for_each([&](const auto&, const Vector<D>& centre, const auto& value) {
+                const Vector<D> point = pose * centre;
+                const auto leaf = moved.tree().find_leaf(point);
+                if (leaf && leaf->cell().observed()) target->join(leaf->index, point, value);
+              });
+              target->limit_memory(kUnlimitedMemory);
+            }
+            result.layers_.push_back({one.name, std::move(*target)});
           },
-          find(kind.name).layer);
-    }
+          one.layer);
+    if (result.memory_bytes() > max_memory) throw MemoryLimitReached(map.options().memory_limit());
     return result;
   }
   void shrink_to_fit() {
