@@ -186,9 +186,13 @@ TYPED_TEST(QueriesOf, RaysEndAtTheNearestOccupiedLeaf) {
     started_inside += *distance == 0.0;
     ASSERT_NEAR(*distance, *expected, 1e-12 * (1.0 + *expected));
     ASSERT_LT(*distance, max_range);
-    // The length of the direction does not matter.
-    ASSERT_NEAR(*cast_ray(map, origin, Vector<D>(0.125 * direction), max_range), *distance,
-                1e-12 * (1.0 + *expected));
+    // The length of the direction does not matter, also if its square is no normal number, or none at all.
+    for (const double scale : {0.125, 0x1p-530, 0x1p-1000, 0x1p1000})
+      ASSERT_NEAR(*cast_ray(map, origin, Vector<D>(scale * direction), max_range), *distance,
+                  1e-12 * (1.0 + *expected));
+    const Vector<D> tiny = std::numeric_limits<double>::denorm_min() * direction.cwiseSign();
+    ASSERT_EQ(cast_ray(map, origin, tiny, max_range),
+              cast_ray(map, origin, Vector<D>(direction.cwiseSign()), max_range));
   }
   EXPECT_EQ(cases, 1200);
   EXPECT_GT(found, 25);

@@ -181,7 +181,9 @@ def test_a_map_that_does_not_move_stays_the_same(make: Any) -> None:
     assert m.transformed(np.eye(m.dim + 1)).to_bytes() == m.to_bytes()
     pose = np.eye(m.dim + 1)
     pose[:2, :2] = [[0, -1], [1, 0]]
-    edge = m.options.get("max_cell_size", m.options["min_cell_size"])
+    edge = m.options["min_cell_size"]
+    while m.refinement != "fixed" and edge * m.branching <= m.options["max_cell_size"] * (1 + 1e-9):
+        edge *= m.branching
     pose[:-1, -1] = edge * np.arange(1, m.dim + 1)
     there = m.transformed(pose)
     assert there.stats().updates == m.stats().updates > 0

@@ -223,6 +223,18 @@ def test_answers_are_those_of_the_whole_map(both, parts):
             one = tiles.cast_rays(good, ways, max_range=limit, unknown=unknown)
             np.testing.assert_array_equal(one, whole.cast_rays(good, ways, max_range=limit, unknown=unknown))
     assert np.isfinite(one).sum() > 30
+    for scale in (2.0**-1040, 2.0**-600, 2.0**600):  # Of which no square is a normal number.
+        some = np.round(ways * 2**20) * scale  # So that nothing is lost below the smallest numbers.
+        expected = whole.cast_rays(good, np.round(ways * 2**20))
+        for m in (tiles, whole):
+            np.testing.assert_array_equal(m.cast_rays(good, some), expected)
+    far = np.array(
+        [[1e300, 0, 0], [np.inf, 1, 1], [-np.inf, np.inf, 0], [1e160, -1e200, 3], [np.nan, 1, np.inf]]
+    )
+    for m in (tiles, whole):
+        np.testing.assert_array_equal(m.distance_to_occupied(far), [np.inf] * 4 + [np.nan])
+        assert m.distance_to_occupied(far[0]) == np.inf
+        assert np.isnan(m.nearest_occupied(far, max_distance=5.0).point).all()
     ends = tiles.cast_rays(good[0], ways, details=True)
     of_whole = whole.cast_rays(good[0], ways, details=True)
     for name in ("distance", "state", "lower", "size"):

@@ -39,14 +39,15 @@ struct NearestOccupied {
 };
 
 /// The point of occupied space that is nearest to a point: itself, if it lies in there; none if nothing is at
-/// most max_distance [m] away, or the point is not finite. Nodes are taken in the order of their distance.
+/// most max_distance [m] away, or the point is not a number. Infinitely far, as are points whose squared
+/// distance overflows, everything is at the distance inf. Nodes are taken in the order of their distance.
 template <class Map>
 [[nodiscard]] std::optional<NearestOccupied<Map::kDim>> nearest_occupied(
     const Map& map, const Vector<Map::kDim>& point,
     double max_distance = std::numeric_limits<double>::infinity()) {
   using Ref = typename Map::Tree::ConstRef;
   using Candidate = std::pair<double, Ref>;
-  if (!point.allFinite()) return std::nullopt;
+  if (point.hasNaN()) return std::nullopt;
   const auto farther = [](const Candidate& a, const Candidate& b) { return a.first > b.first; };
   std::priority_queue<Candidate, std::vector<Candidate>, decltype(farther)> next(farther);
   const auto consider = [&](const Ref& ref) {

@@ -3,6 +3,7 @@
 /// Ray casts through a map.
 #pragma once
 
+#include <cmath>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -56,6 +57,19 @@ struct FirstNotFree : BeamVisitor {
   }
 };
 
+/// A direction whose length neither overflows nor underflows. Others are scaled by a power of 2, exactly.
+template <int D>
+[[nodiscard]] Vector<D> of_usual_length(Vector<D> direction) {
+  constexpr int kUsual = 500;  // Binary exponents up to this.
+  const double largest = direction.cwiseAbs().maxCoeff();
+  if (!std::isfinite(largest) || largest == 0.0) return direction;  // Which is refused.
+  int exponent = 0;
+  (void)std::frexp(largest, &exponent);
+  if (std::abs(exponent) > kUsual)
+    for (double& component : direction) component = std::ldexp(component, -exponent);
+  return direction;
+}
+
 inline void check_ray(bool finite, double length, double max_range) {
   if (!finite || !(length > 0.0))
     throw std::invalid_argument("ray: origin and direction must be finite, and the direction not zero");
@@ -78,10 +92,11 @@ struct RayEnd {
 /// @throws as cast_ray().
 template <class Map>
 [[nodiscard]] std::optional<RayEnd<Map::kDim>> trace_ray(const Map& map, const Vector<Map::kDim>& origin,
-                                                         const Vector<Map::kDim>& direction, double max_range,
+                                                         const Vector<Map::kDim>& towards, double max_range,
                                                          bool stops_at_unknown) {
   constexpr int D = Map::kDim;
-  const double length = direction.stableNorm();
+  const Vector<D> direction = detail::of_usual_length<D>(towards);
+  const double length = direction.norm();
   detail::check_ray(origin.allFinite() && direction.allFinite(), length, max_range);
   if (!stops_at_unknown) {
     detail::FirstOccupied<D> first;
@@ -106,8 +121,9 @@ template <class Map>
 /// 0.
 template <class Map>
 [[nodiscard]] std::optional<double> cast_ray(const Map& map, const Vector<Map::kDim>& origin,
-                                             const Vector<Map::kDim>& direction, double max_range) {
-  const double length = direction.stableNorm();  // Neither overflows nor underflows.
+                                             const Vector<Map::kDim>& towards, double max_range) {
+  const Vector<Map::kDim> direction = detail::of_usual_length<Map::kDim>(towards);
+  const double length = direction.norm();
   detail::check_ray(origin.allFinite() && direction.allFinite(), length, max_range);
   detail::FirstOccupied<Map::kDim> first;
   traverse_beam(map.tree(), origin, direction, 0.0, max_range / length, first);

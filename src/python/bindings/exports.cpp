@@ -195,7 +195,8 @@ points : (n, dim) array of float
 Returns
 -------
 (n,) float64
-    To the cell's border, 0 inside [m]; nan where the map has no occupied cell.
+    To the cell's border, 0 inside [m]; nan where the map has no occupied cell, or the point is nan; inf of points
+    beyond 1e154.
 )")
       .def(
           "save_octomap",

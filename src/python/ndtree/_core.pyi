@@ -632,7 +632,8 @@ class OccupancyMap:
         Returns
         -------
         (n,) float64
-            To the cell's border, 0 inside [m]; nan where the map has no occupied cell.
+            To the cell's border, 0 inside [m]; nan where the map has no occupied cell, or the point is nan; inf of points
+            beyond 1e154.
         """
     def map_server_image(
         self, *, cell_size: float | None = None, height: tuple[float, float] | None = None

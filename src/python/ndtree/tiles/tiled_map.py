@@ -265,8 +265,8 @@ class TiledMap:
 
     def distance_to_occupied(self, points: ArrayLike) -> NDArray[np.float64]:
         """As of `OccupancyMap`."""
-        distance = np.asarray(self.nearest_occupied(points).distance)
-        return np.where(np.isfinite(distance), distance, np.nan)[()]
+        found = self.nearest_occupied(points)
+        return np.where(np.isnan(found.point).any(axis=-1), np.nan, found.distance)[()]
 
     def cast_rays(
         self,
@@ -292,8 +292,10 @@ class TiledMap:
         if bounds is not None and way.size:
             far = np.maximum(np.abs(start - bounds[0]), np.abs(start - bounds[1]))
             limit = min(max_range, float(np.linalg.norm(far, axis=-1).max()))
-        with np.errstate(over="ignore"):
-            ends = start + way * (limit / np.linalg.norm(way, axis=1))[:, None]
+        heading = way / np.abs(way).max(
+            axis=1, keepdims=True
+        )  # The length of which neither over- nor underflows.
+        ends = start + heading * (limit / np.linalg.norm(heading, axis=1))[:, None]
 
         def needed(which: Any) -> set[Tile]:
             crossed = self.grid.crossed_by(start if start.ndim == 1 else start[which], ends[which])
