@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import builtins
+import importlib.util
 import shutil
 import subprocess
 import sys
@@ -492,7 +493,9 @@ def far_away() -> ndtree.FixedMap:
         ("a", {}, "no format has this ending"),
         ("a.ply", {"format": "obj"}, "format = 'obj': must be one of ndtree"),
         ("a.ply", {"format": "pcd"}, "a.ply: format pcd writes .pcd"),
-        ("a.ply", {"cell_size": 0.2}, r"cell_size: format ply \(.ply\) does not read it, but states, faces"),
+        ("a.ndt", {"cell_size": 0.2}, r"cell_size: format ndtree \(.ndt\) does not read it"),
+        ("a.ply", {"height": (0, 1)}, r"height: format ply \(.ply\) does not read it, but cell_size, states"),
+        ("a.ply", {"cell_size": -1}, "cell_size = -1"),
         ("a.ndt", {"height": (0, 1)}, r"height: format ndtree \(.ndt\) does not read it, but no options"),
         ("a.pcd", {"faces": True}, "faces: format pcd"),
         ("a.ply", {"states": ["unknown"]}, r"states = \['unknown'\]: must be some of occupied"),
@@ -581,3 +584,75 @@ def test_a_missing_library_is_named_with_its_extra(
     with pytest.raises(ImportError, match=rf"{missing}.*ndtree-mapping\[{extra}\]"):
         ndtree.convert(plane, tmp_path / name)
     assert not list(tmp_path.iterdir())
+
+
+def of_all_cells(m: Any, cell_size: float) -> dict[tuple[int, ...], int]:
+    """States of larger cells, from the map's leaves one by one: number along each axis to state."""
+    found: dict[tuple[int, ...], int] = {}
+    leaves = m.leaves(states=["free", "occupied"])
+    for lower, size, state in zip(leaves.lower, leaves.size, leaves.state):
+        first = np.floor(lower / cell_size + 1e-9).astype(int)
+        last = np.ceil((lower + size) / cell_size - 1e-9).astype(int)
+        for offset in np.ndindex(*(last - first)):
+            at = tuple(int(i) for i in first + offset)
+            found[at] = max(found.get(at, -1), int(state))
+    return found
+
+
+@pytest.mark.parametrize("cell_size", [0.2, 0.25, 0.32, 0.7])
+@pytest.mark.parametrize("dim, branching", [(2, 2), (2, 3), (3, 2)])
+def test_all_writers_make_larger_cells_by_one_rule(
+    tmp_path: Path, dim: int, branching: int, cell_size: float
+) -> None:
+    m = room(dim, branching)
+    expected = of_all_cells(m, cell_size)
+    both = {"states": ["occupied", "free"], "cell_size": cell_size}
+
+    def check(centres: np.ndarray, states: np.ndarray) -> None:
+        at = np.floor(np.asarray(centres)[:, :dim] / cell_size).astype(int)
+        found = {tuple(int(i) for i in one): int(state) for one, state in zip(at, states)}
+        assert len(found) == len(at) and found == expected
+
+    assert {0, 1} == set(expected.values())
+    ndtree.convert(m, tmp_path / "a.npz", **both)
+    with np.load(tmp_path / "a.npz") as file:
+        leaves = file["leaves"]
+        assert float(file["min_cell_size"]) == cell_size
+    check(leaves["center"], leaves["state"])
+    assert np.array_equal(leaves["probability"] > 0.5, leaves["state"] == 1)
+    np.testing.assert_allclose(leaves["size"], cell_size)
+    ndtree.convert(m, tmp_path / "a.ply", **both)
+    record = np.dtype([("x", "<f8", 3), ("size", "<f4"), ("probability", "<f4"), ("state", "<i4")])
+    data = np.frombuffer((tmp_path / "a.ply").read_bytes().partition(b"end_header\n")[2], record)
+    check(data["x"], data["state"])
+    ndtree.convert(m, tmp_path / "a.npy", cell_size=cell_size)
+    assert int((np.load(tmp_path / "a.npy") == 1).sum()) == sum(s == 1 for s in expected.values())
+    occupied = np.array([at for at, state in expected.items() if state == 1])
+    for name, module in (("a.pcd", "pypcd4"), ("a.glb", "trimesh"), ("a.vtu", "meshio")):
+        if importlib.util.find_spec(module) is None:
+            continue
+        ndtree.convert(m, tmp_path / name, states=["occupied"], cell_size=cell_size)
+        if name == "a.vtu":
+            import meshio
+
+            assert len(meshio.read(tmp_path / name).cells[0].data) == len(occupied)
+        elif name == "a.pcd":
+            assert f"POINTS {len(occupied)}\n".encode() in (tmp_path / name).read_bytes()[:1000]
+        else:
+            import trimesh
+
+            low, high = trimesh.load(tmp_path / name, force="mesh").bounds
+            extent = (high - low)[[0, 2, 1]][:dim]
+            spans = (occupied.max(axis=0) + 1 - occupied.min(axis=0)) * cell_size
+            np.testing.assert_allclose(extent, spans, rtol=1e-5)
+
+
+def test_points_carry_the_layers_of_their_cells(tmp_path: Path) -> None:
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, layers={"color": "mean3"})
+    ends = np.random.default_rng(2).uniform(-2, 2, (200, 2))
+    m.insert(ends, [0.0, 0.0], layers={"color": np.full((200, 3), [10.0, 20.0, 30.0])})
+    for states in (["occupied"], ["occupied", "free"]):
+        ndtree.convert(m, tmp_path / "a.ply", states=states)
+        m.save_ply(tmp_path / "b.ply", leaves=np.isin(m.leaves().state, [1, 0][: len(states)]))
+        assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+    assert b"uchar red" in (tmp_path / "a.ply").read_bytes()[:1000]

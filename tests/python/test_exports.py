@@ -27,7 +27,9 @@ def centres(lower: np.ndarray, shape: tuple[int, ...], cell_size: float) -> np.n
     return lower + (indices + 0.5) * cell_size
 
 
-def test_grids_of_cells_no_larger_than_the_maps_hold_what_it_says_at_their_centres(shape: tuple[int, int]) -> None:
+def test_grids_of_cells_no_larger_than_the_maps_hold_what_it_says_at_their_centres(
+    shape: tuple[int, int],
+) -> None:
     branching, dim = shape
     m = room(dim, branching)
     lower = np.array([-2.3, -1.7, -0.4, 0.0])[:dim]
