@@ -667,6 +667,11 @@ class OccupancyMap:
         Returns
         -------
         Leaves
+
+        Raises
+        ------
+        ValueError
+            A shape or a name is wrong, or the box not from low to high, or nan.
         """
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """The smallest box around all cells that were observed.
@@ -834,7 +839,8 @@ class OccupancyMap:
         since : OccupancyMap
             An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
         of : {"states", "cells"}
-            What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, or size.
+            What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, size, or
+            values of its layers (which takes time in proportion to those of layers that changed).
 
         Returns
         -------
