@@ -6,6 +6,7 @@ from __future__ import annotations
 import builtins
 import importlib.util
 import shutil
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -656,3 +657,38 @@ def test_points_carry_the_layers_of_their_cells(tmp_path: Path) -> None:
         m.save_ply(tmp_path / "b.ply", leaves=np.isin(m.leaves().state, [1, 0][: len(states)]))
         assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
     assert b"uchar red" in (tmp_path / "a.ply").read_bytes()[:1000]
+
+
+def test_coloured_octomaps_become_layers_and_back(tmp_path: Path) -> None:
+    m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, layers={"color": "mean3"})
+    ends = np.random.default_rng(3).uniform(-2, 2, (300, 3))
+    m.insert(ends, [0.0, 0.0, 0.0], layers={"color": np.random.default_rng(4).integers(0, 250, (300, 3))})
+    ndtree.convert(m, tmp_path / "a.ot")
+    assert b"\nid ColorOcTree\n" in (tmp_path / "a.ot").read_bytes()[:200]
+    again = open_map(tmp_path / "a.ot").map
+    assert again.layers == {"color": "mean3"}
+    leaves = m.leaves(states=["occupied"])
+    centres = leaves.lower + 0.5 * leaves.size[:, None]
+    own = m.layer("color", centres)
+    assert np.isfinite(own).sum() > 100
+    np.testing.assert_allclose(again.layer("color", centres), own, atol=0.5)
+    ndtree.convert(tmp_path / "a.ot", tmp_path / "b.ot")
+    assert open_map(tmp_path / "b.ot").map == again
+    ndtree.convert(m, tmp_path / "a.bt")
+    assert b"\nid OcTree\n" in (tmp_path / "a.bt").read_bytes()[:200]
+
+
+def test_old_octomaps_are_read_by_their_name(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
+    ndtree.convert(space, tmp_path / "now.bt")
+    header, _, nodes = (tmp_path / "now.bt").read_bytes().partition(b"\ndata\n")
+    count = int(header.partition(b"\nsize ")[2].split()[0])
+    old = struct.pack("<idI", 3, 0.1, count) + nodes
+    (tmp_path / "old.bt").write_bytes(old)
+    assert (
+        is_map(tmp_path / "old.bt") and open_map(tmp_path / "old.bt").map == open_map(tmp_path / "now.bt").map
+    )
+    (tmp_path / "old.bt").write_bytes(old[:-2])
+    with pytest.raises(ValueError, match=r"old.bt: "):
+        open_map(tmp_path / "old.bt")
+    (tmp_path / "old.xyz").write_bytes(old)
+    assert not is_map(tmp_path / "old.xyz")
