@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import builtins
+import importlib.util
 import shutil
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -492,7 +494,9 @@ def far_away() -> ndtree.FixedMap:
         ("a", {}, "no format has this ending"),
         ("a.ply", {"format": "obj"}, "format = 'obj': must be one of ndtree"),
         ("a.ply", {"format": "pcd"}, "a.ply: format pcd writes .pcd"),
-        ("a.ply", {"cell_size": 0.2}, r"cell_size: format ply \(.ply\) does not read it, but states, faces"),
+        ("a.ndt", {"cell_size": 0.2}, r"cell_size: format ndtree \(.ndt\) does not read it"),
+        ("a.ply", {"height": (0, 1)}, r"height: format ply \(.ply\) does not read it, but cell_size, states"),
+        ("a.ply", {"cell_size": -1}, "cell_size = -1"),
         ("a.ndt", {"height": (0, 1)}, r"height: format ndtree \(.ndt\) does not read it, but no options"),
         ("a.pcd", {"faces": True}, "faces: format pcd"),
         ("a.ply", {"states": ["unknown"]}, r"states = \['unknown'\]: must be some of occupied"),
@@ -581,3 +585,110 @@ def test_a_missing_library_is_named_with_its_extra(
     with pytest.raises(ImportError, match=rf"{missing}.*ndtree-mapping\[{extra}\]"):
         ndtree.convert(plane, tmp_path / name)
     assert not list(tmp_path.iterdir())
+
+
+def of_all_cells(m: Any, cell_size: float) -> dict[tuple[int, ...], int]:
+    """States of larger cells, from the map's leaves one by one: number along each axis to state."""
+    found: dict[tuple[int, ...], int] = {}
+    leaves = m.leaves(states=["free", "occupied"])
+    for lower, size, state in zip(leaves.lower, leaves.size, leaves.state):
+        first = np.floor(lower / cell_size + 1e-9).astype(int)
+        last = np.ceil((lower + size) / cell_size - 1e-9).astype(int)
+        for offset in np.ndindex(*(last - first)):
+            at = tuple(int(i) for i in first + offset)
+            found[at] = max(found.get(at, -1), int(state))
+    return found
+
+
+@pytest.mark.parametrize("cell_size", [0.2, 0.25, 0.32, 0.7])
+@pytest.mark.parametrize("dim, branching", [(2, 2), (2, 3), (3, 2)])
+def test_all_writers_make_larger_cells_by_one_rule(
+    tmp_path: Path, dim: int, branching: int, cell_size: float
+) -> None:
+    m = room(dim, branching)
+    expected = of_all_cells(m, cell_size)
+    both = {"states": ["occupied", "free"], "cell_size": cell_size}
+
+    def check(centres: np.ndarray, states: np.ndarray) -> None:
+        at = np.floor(np.asarray(centres)[:, :dim] / cell_size).astype(int)
+        found = {tuple(int(i) for i in one): int(state) for one, state in zip(at, states)}
+        assert len(found) == len(at) and found == expected
+
+    assert {0, 1} == set(expected.values())
+    ndtree.convert(m, tmp_path / "a.npz", **both)
+    with np.load(tmp_path / "a.npz") as file:
+        leaves = file["leaves"]
+        assert float(file["min_cell_size"]) == cell_size
+    check(leaves["center"], leaves["state"])
+    assert np.array_equal(leaves["probability"] > 0.5, leaves["state"] == 1)
+    np.testing.assert_allclose(leaves["size"], cell_size)
+    ndtree.convert(m, tmp_path / "a.ply", **both)
+    record = np.dtype([("x", "<f8", 3), ("size", "<f4"), ("probability", "<f4"), ("state", "<i4")])
+    data = np.frombuffer((tmp_path / "a.ply").read_bytes().partition(b"end_header\n")[2], record)
+    check(data["x"], data["state"])
+    ndtree.convert(m, tmp_path / "a.npy", cell_size=cell_size)
+    assert int((np.load(tmp_path / "a.npy") == 1).sum()) == sum(s == 1 for s in expected.values())
+    occupied = np.array([at for at, state in expected.items() if state == 1])
+    for name, module in (("a.pcd", "pypcd4"), ("a.glb", "trimesh"), ("a.vtu", "meshio")):
+        if importlib.util.find_spec(module) is None:
+            continue
+        ndtree.convert(m, tmp_path / name, states=["occupied"], cell_size=cell_size)
+        if name == "a.vtu":
+            import meshio
+
+            assert len(meshio.read(tmp_path / name).cells[0].data) == len(occupied)
+        elif name == "a.pcd":
+            assert f"POINTS {len(occupied)}\n".encode() in (tmp_path / name).read_bytes()[:1000]
+        else:
+            import trimesh
+
+            low, high = trimesh.load(tmp_path / name, force="mesh").bounds
+            extent = (high - low)[[0, 2, 1]][:dim]
+            spans = (occupied.max(axis=0) + 1 - occupied.min(axis=0)) * cell_size
+            np.testing.assert_allclose(extent, spans, rtol=1e-5)
+
+
+def test_points_carry_the_layers_of_their_cells(tmp_path: Path) -> None:
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, layers={"color": "mean3"})
+    ends = np.random.default_rng(2).uniform(-2, 2, (200, 2))
+    m.insert(ends, [0.0, 0.0], layers={"color": np.full((200, 3), [10.0, 20.0, 30.0])})
+    for states in (["occupied"], ["occupied", "free"]):
+        ndtree.convert(m, tmp_path / "a.ply", states=states)
+        m.save_ply(tmp_path / "b.ply", leaves=np.isin(m.leaves().state, [1, 0][: len(states)]))
+        assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+    assert b"uchar red" in (tmp_path / "a.ply").read_bytes()[:1000]
+
+
+def test_coloured_octomaps_become_layers_and_back(tmp_path: Path) -> None:
+    m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1, layers={"color": "mean3"})
+    ends = np.random.default_rng(3).uniform(-2, 2, (300, 3))
+    m.insert(ends, [0.0, 0.0, 0.0], layers={"color": np.random.default_rng(4).integers(0, 250, (300, 3))})
+    ndtree.convert(m, tmp_path / "a.ot")
+    assert b"\nid ColorOcTree\n" in (tmp_path / "a.ot").read_bytes()[:200]
+    again = open_map(tmp_path / "a.ot").map
+    assert again.layers == {"color": "mean3"}
+    leaves = m.leaves(states=["occupied"])
+    centres = leaves.lower + 0.5 * leaves.size[:, None]
+    own = m.layer("color", centres)
+    assert np.isfinite(own).sum() > 100
+    np.testing.assert_allclose(again.layer("color", centres), own, atol=0.5)
+    ndtree.convert(tmp_path / "a.ot", tmp_path / "b.ot")
+    assert open_map(tmp_path / "b.ot").map == again
+    ndtree.convert(m, tmp_path / "a.bt")
+    assert b"\nid OcTree\n" in (tmp_path / "a.bt").read_bytes()[:200]
+
+
+def test_old_octomaps_are_read_by_their_name(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
+    ndtree.convert(space, tmp_path / "now.bt")
+    header, _, nodes = (tmp_path / "now.bt").read_bytes().partition(b"\ndata\n")
+    count = int(header.partition(b"\nsize ")[2].split()[0])
+    old = struct.pack("<idI", 3, 0.1, count) + nodes
+    (tmp_path / "old.bt").write_bytes(old)
+    assert (
+        is_map(tmp_path / "old.bt") and open_map(tmp_path / "old.bt").map == open_map(tmp_path / "now.bt").map
+    )
+    (tmp_path / "old.bt").write_bytes(old[:-2])
+    with pytest.raises(ValueError, match=r"old.bt: "):
+        open_map(tmp_path / "old.bt")
+    (tmp_path / "old.xyz").write_bytes(old)
+    assert not is_map(tmp_path / "old.xyz")

@@ -345,3 +345,49 @@ def test_no_two_columns_of_a_ply_file_have_one_name(tmp_path: Path) -> None:
     head = (tmp_path / "m.ply").read_bytes().partition(b"end_header")[0]
     names = [line.split()[-1] for line in head.splitlines() if line.startswith(b"property")]
     assert names[6:] == [b"state_", b"red", b"red_", b"green", b"blue"]
+
+
+def test_changes_of_cells_see_values_of_layers() -> None:
+    """A cell whose value alone is another one is reported, once; one that stays is not."""
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, layers={"label": "majority", "stamp": "latest"})
+    points = np.array([[1.05, 0.05], [1.05, 0.75]])
+    for i in range(400):  # Until cells are saturated, so that nothing else of them changes.
+        m.insert(points, [0.0, 0.0], layers={"label": [1, 2], "stamp": [float(i), 0.0]})
+    before = m.snapshot()
+    assert not len(m.changes(since=before, of="cells").lower)
+    other = ndtree.from_bytes(m.to_bytes())  # Shares nothing, and is the same.
+    assert not len(other.changes(since=before, of="cells").lower)
+    m.insert(points, [0.0, 0.0], layers={"label": [1, 2], "stamp": [1000.0, 0.0]})
+    changes = m.changes(since=before, of="cells")
+    assert len(np.unique(changes.lower, axis=0)) == len(changes.lower)
+    (seen,) = np.flatnonzero((np.abs(changes.lower - [1.0, 0.0]) < 1e-9).all(axis=1))
+    assert changes.before[seen] == changes.after[seen] == 1
+    back = before.changes(since=m, of="cells")
+    assert {tuple(one) for one in back.lower} == {tuple(one) for one in changes.lower}
+    assert not len(m.changes(since=before).lower)
+
+
+def test_what_no_layer_takes_is_one_clear_error() -> None:
+    surrogate = "a\ud800"
+    with pytest.raises(ValueError, match="a name must be letters"):
+        ndtree.AdaptiveMap(dim=2, layers={surrogate: "mean"})
+    with pytest.raises(ValueError, match="must be 'mean', 'mean3'"):
+        ndtree.AdaptiveMap(dim=2, layers={"a": surrogate})
+    m = ndtree.AdaptiveMap(dim=2, layers={"a": "mean"})
+    with pytest.raises(ValueError, match="layers: "):
+        m.insert([[1.0, 1.0]], [0.0, 0.0], layers={surrogate: [1.0]})
+    with pytest.raises(ValueError, match="layers: "):
+        m.layer(surrogate, [[0.0, 0.0]])
+    for value in (1e300, -3.5e38):
+        with pytest.raises(ValueError, match=r"of beam 0 = .*e\+.*: must be within 3.4.*float32"):
+            m.insert([[1.0, 1.0]], [0.0, 0.0], layers={"a": [value]})
+    with pytest.raises(ValueError, match="inf: must be finite"):
+        m.insert([[1.0, 1.0]], [0.0, 0.0], layers={"a": [np.inf]})
+    m.insert([[1.0, 1.0]], [0.0, 0.0], layers={"a": [3e38]})
+
+
+@pytest.mark.parametrize("box", [[[0, 0], [np.nan, 1]], [[np.nan, 0], [1, 1]], [[1, 0], [0, 1]]])
+def test_leaves_of_no_box_are_refused(box: list[list[float]]) -> None:
+    with pytest.raises(ValueError, match=r"box: axis 0 is from .* must be from low to high"):
+        ndtree.AdaptiveMap(dim=2).leaves(box)
+    assert len(ndtree.AdaptiveMap(dim=2).leaves([[0, -np.inf], [0, np.inf]]).size)

@@ -148,11 +148,19 @@ py::dict as_layers(const py::object& object, const char* of_values) {
 
 }  // namespace
 
+std::string text_of(const py::handle& text) {
+  // Surrogates, which no UTF-8 has, are written as \\udXXX, so that errors can name them.
+  const auto bytes =
+      py::reinterpret_steal<py::bytes>(PyUnicode_AsEncodedString(text.ptr(), "utf-8", "backslashreplace"));
+  if (!bytes) throw py::error_already_set();
+  return bytes;
+}
+
 std::vector<LayerKind> layer_kinds(const py::object& object) {
   std::vector<LayerKind> kinds;
   if (object.is_none()) return kinds;
   for (const auto& [key, value] : as_layers(object, "str")) {
-    const auto name = key.cast<std::string>();
+    const auto name = text_of(key);
     const auto is_letter = [](char c) {
       return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_';
     };
@@ -164,7 +172,7 @@ std::vector<LayerKind> layer_kinds(const py::object& object) {
     if (!py::isinstance<py::str>(value))
       throw py::type_error("layers: " + describe_text(name) + ": " + py::repr(value).cast<std::string>() +
                            ": must be 'mean', 'mean3', 'majority' or 'latest'");
-    kinds.push_back({name, value.cast<std::string>()});
+    kinds.push_back({name, text_of(value)});
   }
   return kinds;
 }
@@ -172,7 +180,7 @@ std::vector<LayerKind> layer_kinds(const py::object& object) {
 LayerArguments::LayerArguments(const py::object& object, py::ssize_t n) {
   if (object.is_none()) return;
   for (const auto& [key, value] : as_layers(object, "arrays")) {
-    const auto name = key.cast<std::string>();
+    const auto name = text_of(key);
     const std::string argument = "layers['" + name + "']";
     const py::object mask = py::reinterpret_steal<py::object>(PyObject_GetAttrString(value.ptr(), "mask"));
     if (!mask && PyErr_ExceptionMatches(PyExc_AttributeError) == 0) throw py::error_already_set();

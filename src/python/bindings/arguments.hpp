@@ -37,6 +37,9 @@ Poses poses_from(const py::object& object, int dim, const char* name = "poses");
 /// One of them, without the first axis. @throws as poses_from().
 Poses pose_from(const py::object& object, int dim, const char* name = "pose");
 
+/// A str as UTF-8, whatever is in it. @pre it is one.
+[[nodiscard]] std::string text_of(const py::handle& text);
+
 /// The layers that a map is to have, from a dict of names and rules, or None. @throws ValueError or
 /// TypeError.
 std::vector<LayerKind> layer_kinds(const py::object& object);

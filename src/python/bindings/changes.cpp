@@ -134,7 +134,8 @@ Parameters
 since : OccupancyMap
     An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
 of : {"states", "cells"}
-    What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, or size.
+    What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, size, or
+    values of its layers (which takes time in proportion to those of layers that changed).
 
 Returns
 -------

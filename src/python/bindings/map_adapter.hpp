@@ -8,6 +8,7 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -131,7 +132,9 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
       arrays.before.push_back(static_cast<std::int8_t>(change.before));
       arrays.after.push_back(static_cast<std::int8_t>(change.after));
     };
-    for_each_change(same_kind(before), map_, add, what);
+    const Map& old = same_kind(before);
+    for_each_change(old, map_, add, what);
+    if (what == ChangeOf::cells) for_each_changed_value(static_cast<const MapAdapter&>(before), old, add);
     return arrays;
   }
   void update_field(AnyField& field, const MapInterface& before) const override {
@@ -248,6 +251,18 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   }
 
  private:
+  /// Calls `add(change)` for the cells that are what they were but for their layers, each once.
+  template <class Add>
+  void for_each_changed_value(const MapAdapter& before, const Map& old, const Add& add) const {
+    std::set<std::pair<int, Lattice<D>>> added;
+    layers_.for_each_change(before.layers_, [&](const CellIndex<D>&, const Vector<D>& centre) {
+      const auto now = map_.tree().find_leaf(centre);
+      const auto then = old.tree().find_leaf(centre);
+      if (!now || !then || now->index != then->index || !(now->cell() == then->cell())) return;
+      if (!added.emplace(now->index.level, now->index.lower).second) return;
+      add(Change<D>{now->index, now->cell().state(), now->cell().state()});
+    });
+  }
   /// Bytes that layers may hold beside a map.
   [[nodiscard]] static std::size_t memory_for_layers(const Map& map) {
     return memory_beside(map.memory_bytes(), map.options().memory_limit());

@@ -47,7 +47,13 @@ struct ValueNumbers<MeanValue<K>> {
   static constexpr std::size_t kWidth = K;
   static typename MeanValue<K>::Measurement from(const double* numbers) {
     typename MeanValue<K>::Measurement measurement;
-    for (std::size_t i = 0; i < K; ++i) measurement[i] = static_cast<float>(numbers[i]);
+    constexpr double kMost = std::numeric_limits<float>::max();
+    for (std::size_t i = 0; i < K; ++i) {
+      if (std::isfinite(numbers[i]) && std::abs(numbers[i]) > kMost)
+        throw std::invalid_argument(describe_number(numbers[i]) + ": must be within " +
+                                    describe_number(kMost) + ", as it is held as float32");
+      measurement[i] = static_cast<float>(numbers[i]);
+    }
     return measurement;
   }
   static void to(const MeanValue<K>& value, double* numbers) {
@@ -211,6 +217,28 @@ class MapLayers {
     if (result.memory_bytes() > max_memory) throw MemoryLimitReached(map.options().memory_limit());
     return result;
   }
+  /// Calls `visit(cell, centre)` for values that are not what they were: cells of the layers, perhaps several
+  /// times. O(values) of layers that are not the same all over.
+  template <class Visit>
+  void for_each_change(const MapLayers& before, const Visit& visit) const {
+    for (const Named& one : layers_) {
+      const Named* const other = before.find_or_null(one.name);
+      std::visit(
+          [&](const auto& layer) {
+            const auto* const old =
+                other != nullptr ? std::get_if<std::decay_t<decltype(layer)>>(&other->layer) : nullptr;
+            if (old != nullptr && is_shared(layer, *old)) return;
+            layer.for_each([&](const CellIndex<D>& cell, const Vector<D>& centre, const auto& value) {
+              if (old == nullptr || old->of(cell).words() != value.words()) visit(cell, centre);
+            });
+            if (old == nullptr) return;
+            old->for_each([&](const CellIndex<D>& cell, const Vector<D>& centre, const auto&) {
+              if (layer.of(cell).is_empty()) visit(cell, centre);
+            });
+          },
+          one.layer);
+    }
+  }
   void shrink_to_fit() {
     for (Named& one : layers_) std::visit([](auto& layer) { layer.tree().shrink_to_fit(); }, one.layer);
   }
@@ -293,6 +321,13 @@ class MapLayers {
   }
 
  private:
+  template <class LayerType>
+  [[nodiscard]] static bool is_shared(const LayerType& one, const LayerType& other) {
+    const auto own = one.tree().root();
+    const auto others = other.tree().root();
+    return own.index == others.index && !own.is_leaf() && !others.is_leaf() &&
+           one.tree().shares_children(*own.node, other.tree(), *others.node);
+  }
   template <class... Values>
   static bool choose(const std::string& rule, const LatticeGeometry<N, D>& geometry, AnyLayer& layer) {
     return (... || (rule == Values::rule() && (layer = Layer<N, D, Values>(geometry), true)));

@@ -495,7 +495,8 @@ ValueError
           "dict of str: what cells carry, name and rule.")
       .def(
           "layer",
-          [](const PythonMap& map, const std::string& name, const py::object& object) -> py::object {
+          [](const PythonMap& map, const py::str& text, const py::object& object) -> py::object {
+            const std::string name = text_of(text);
             const DoubleArray points = as_points(object, "points", map.constant().dim());
             const auto n = static_cast<std::size_t>(points.shape(0));
             std::string rule;
@@ -654,6 +655,11 @@ HeldOutTruth
             if (!box.is_none()) {
               corners = as_corners(box, "box", dim);
               lower = corners.data();
+              for (int a = 0; a < dim; ++a)
+                if (!(lower[a] <= lower[dim + a]))
+                  throw py::value_error("box: axis " + std::to_string(a) + " is from " +
+                                        number_text(lower[a]) + " to " + number_text(lower[dim + a]) +
+                                        " m, must be from low to high");
             }
             return to_python(
                 map.read([&](const MapInterface& m) { return m.leaves_in(lower, lower + dim, wanted); }),
@@ -672,6 +678,11 @@ states : sequence of str, optional
 Returns
 -------
 Leaves
+
+Raises
+------
+ValueError
+    A shape or a name is wrong, or the box not from low to high, or nan.
 )")
       .def(
           "stats",

@@ -547,10 +547,10 @@ class OccupancyMap:
     ) -> NDArray[np.int8]:
         """A part of the map as a dense array.
 
-        Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to lower + (i + 1, j +
-        1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is what it says at the
-        cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell overlaps it, else
-        free if some free one does, else unknown, and has the largest log-odds of those known cells.
+        Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to
+        lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is
+        what it says at the cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell
+        overlaps it, else free if some free one does, else unknown, and has the largest log-odds of those known cells.
 
         Parameters
         ----------
@@ -578,10 +578,10 @@ class OccupancyMap:
     ) -> NDArray[np.float32]:
         """A part of the map as a dense array.
 
-        Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to lower + (i + 1, j +
-        1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is what it says at the
-        cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell overlaps it, else
-        free if some free one does, else unknown, and has the largest log-odds of those known cells.
+        Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to
+        lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is
+        what it says at the cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell
+        overlaps it, else free if some free one does, else unknown, and has the largest log-odds of those known cells.
 
         Parameters
         ----------
@@ -672,6 +672,11 @@ class OccupancyMap:
         Returns
         -------
         Leaves
+
+        Raises
+        ------
+        ValueError
+            A shape or a name is wrong, or the box not from low to high, or nan.
         """
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """The smallest box around all cells that were observed.
@@ -846,7 +851,8 @@ class OccupancyMap:
         since : OccupancyMap
             An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
         of : {"states", "cells"}
-            What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, or size.
+            What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, size, or
+            values of its layers (which takes time in proportion to those of layers that changed).
 
         Returns
         -------
@@ -1435,6 +1441,7 @@ def load_octomap(
     Cells have the borders and states of the file's leaves. Log-odds are the file's with refinement "paper" and
     "fixed". With "evidence" a cell gets the least evidence that gives its log-odds, which is met within 0.008 from
     -4.6 to 5.9, and is the nearer bound outside. Leaves of a .bt file get the map's log_odds_min or log_odds_max.
+    Colours of a ColorOcTree's .ot become the layer 'color' of the rule 'mean3', red, green and blue from 0 to 255.
 
     Parameters
     ----------
@@ -1468,6 +1475,7 @@ def load_octomap(
     Cells have the borders and states of the file's leaves. Log-odds are the file's with refinement "paper" and
     "fixed". With "evidence" a cell gets the least evidence that gives its log-odds, which is met within 0.008 from
     -4.6 to 5.9, and is the nearer bound outside. Leaves of a .bt file get the map's log_odds_min or log_odds_max.
+    Colours of a ColorOcTree's .ot become the layer 'color' of the rule 'mean3', red, green and blue from 0 to 255.
 
     Parameters
     ----------

@@ -38,8 +38,10 @@ def convert(
         One of "ndtree", "octomap", "map_server", "rosbag", "ply", "pcd", "gltf", "vtk", "leaves" and "grid",
         where the ending does not say.
     cell_size : float, optional
-        Of OctoMap's files, images, Octomaps and grids [m]; left out, the map's smallest cells. A larger cell
-        is occupied if some occupied cell overlaps it, else free if some free one does, else unknown.
+        Of the cells in all files but .ndt [m]; left out, the map's own, or where all are of one size, its
+        smallest. A larger cell is occupied if some occupied cell overlaps it, else free if some free one
+        does, else unknown. Written so, cells in points, meshes and records are all of that size, without
+        counts of beams and layers; an .ot keeps its colours.
     height : (low, high), optional
         Of an image or an OccupancyGrid of a 3-D map: only cells that overlap low <= z < high [m].
     states : sequence of {"occupied", "free", "frontier"}, optional

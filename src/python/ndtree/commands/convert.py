@@ -42,7 +42,7 @@ def convert_(
     cell_size: Annotated[
         Optional[float],
         typer.Option(
-            help="Of OctoMaps, images and grids \\[m]; else the map's smallest.", show_default=False
+            help="Of the cells in all files but .ndt \\[m]; else the map's own.", show_default=False
         ),
     ] = None,
     height: Annotated[

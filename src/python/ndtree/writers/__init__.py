@@ -52,11 +52,11 @@ FORMATS = (
     MapFormat("octomap", (".bt", ".ot"), ("cell_size",), octomap.write),
     MapFormat("map_server", (".yaml", ".pgm", ".png"), ("cell_size", "height"), map_server.write),
     MapFormat("rosbag", (".bag", ".mcap", ".db3"), ("cell_size", "height"), rosbag.write),
-    MapFormat("ply", (".ply",), ("states", "faces"), ply.write),
-    MapFormat("pcd", (".pcd",), ("states",), pcd.write),
-    MapFormat("gltf", (".glb", ".gltf"), ("states",), mesh.write),
-    MapFormat("vtk", (".vtu",), ("states",), vtu.write),
-    MapFormat("leaves", (".npz",), ("states",), arrays.write_leaves),
+    MapFormat("ply", (".ply",), ("cell_size", "states", "faces"), ply.write),
+    MapFormat("pcd", (".pcd",), ("cell_size", "states"), pcd.write),
+    MapFormat("gltf", (".glb", ".gltf"), ("cell_size", "states"), mesh.write),
+    MapFormat("vtk", (".vtu",), ("cell_size", "states"), vtu.write),
+    MapFormat("leaves", (".npz",), ("cell_size", "states"), arrays.write_leaves),
     MapFormat("grid", (".npy", ".npz"), ("cell_size",), arrays.write_grid),
 )
 

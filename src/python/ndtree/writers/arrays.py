@@ -13,13 +13,19 @@ from ndtree.files import replaced
 from ndtree.writers.cells import centres, selected
 
 
-def write_leaves(m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied", "free")) -> None:
+def write_leaves(
+    m: OccupancyMap,
+    path: Path,
+    *,
+    states: Sequence[str] = ("occupied", "free"),
+    cell_size: float | None = None,
+) -> None:
     """An .npz with the array ``leaves``, one record each.
 
     Its fields are lower and center (dim), size [m], probability, state (-1 unknown, 0 free, 1 occupied), hits
     and misses. Beside it stand ``branching`` and ``min_cell_size``.
     """
-    cells = selected(m, states)
+    cells = selected(m, states, cell_size)
     leaves = np.zeros(
         len(cells),
         dtype=[
@@ -39,7 +45,10 @@ def write_leaves(m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occup
         leaves[name] = getattr(cells, name)
     with replaced(path) as part:
         np.savez_compressed(
-            part, leaves=leaves, branching=m.branching, min_cell_size=m.options["min_cell_size"]
+            part,
+            leaves=leaves,
+            branching=m.branching,
+            min_cell_size=m.options["min_cell_size"] if cell_size is None else cell_size,
         )
 
 

@@ -58,9 +58,11 @@ def _face(cells: Cells, u: int, v: int, base: NDArray[np.int64]) -> NDArray[np.i
     return cells.lower[:, None, :] + cells.size[:, None, None] * along
 
 
-def write(m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied",)) -> None:
+def write(
+    m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied",), cell_size: float | None = None
+) -> None:
     """glTF, binary (.glb) or text with its data in it (.gltf), y upwards as glTF has it."""
-    mesh = _mesh(m, states, "glTF")
+    mesh = _mesh(m, states, cell_size, "glTF")
     mesh.apply_transform([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
     if path.suffix == ".glb":
         content = mesh.export(file_type="glb")
@@ -72,21 +74,21 @@ def write(m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied",))
         part.write_bytes(content)
 
 
-def write_ply(m: OccupancyMap, path: Path, *, states: Sequence[str]) -> None:
+def write_ply(m: OccupancyMap, path: Path, *, states: Sequence[str], cell_size: float | None = None) -> None:
     """A mesh in the map's frame."""
-    content = _mesh(m, states, "the mesh's PLY").export(file_type="ply")
+    content = _mesh(m, states, cell_size, "the mesh's PLY").export(file_type="ply")
     with replaced(path) as part:
         part.write_bytes(content)
 
 
-def _mesh(m: OccupancyMap, states: Sequence[str], what: str) -> Any:
+def _mesh(m: OccupancyMap, states: Sequence[str], cell_size: float | None, what: str) -> Any:
     try:
         import trimesh
     except ImportError as error:
         raise ImportError(
             f"meshes need trimesh ({error}); install it with: pip install 'ndtree-mapping[convert]'"
         ) from None
-    cells = selected(m, states)
+    cells = selected(m, states, cell_size)
     corners, faces = quads(cells)
     points = in_space(corners * cells.unit)
     as_float32(points, cells.unit, what)

@@ -13,7 +13,9 @@ from ndtree.files import replaced
 from ndtree.writers.cells import as_float32, centres, in_space, selected
 
 
-def write(m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied",)) -> None:
+def write(
+    m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied",), cell_size: float | None = None
+) -> None:
     """Binary, with float32 coordinates as the Point Cloud Library has them."""
     try:
         from pypcd4 import PointCloud
@@ -21,7 +23,7 @@ def write(m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied",))
         raise ImportError(
             f"PCD files need pypcd4 ({error}); install it with: pip install 'ndtree-mapping[convert]'"
         ) from None
-    cells = selected(m, states)
+    cells = selected(m, states, cell_size)
     xyz = as_float32(in_space(centres(cells)), cells.unit, "PCD")
     columns = [
         *xyz.T,

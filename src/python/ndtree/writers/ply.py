@@ -12,12 +12,24 @@ from ndtree.writers import mesh
 from ndtree.writers.cells import centres, in_space, selected
 
 
-def write(m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied",), faces: bool = False) -> None:
-    """Points, or with `faces` the mesh of `ndtree.writers.mesh.quads`."""
+def write(
+    m: OccupancyMap,
+    path: Path,
+    *,
+    states: Sequence[str] = ("occupied",),
+    faces: bool = False,
+    cell_size: float | None = None,
+) -> None:
+    """Points, with the layers of the map's own cells; or with `faces` the mesh of `mesh.quads`."""
     if faces:
-        mesh.write_ply(m, path, states=states)
+        mesh.write_ply(m, path, states=states, cell_size=cell_size)
         return
-    cells = selected(m, states)
+    if m.layers and cell_size is None and "frontier" not in states:
+        selected(m, states)  # For its errors.
+        state = m.leaves().state
+        m.save_ply(path, leaves=((state == 1) & ("occupied" in states)) | ((state == 0) & ("free" in states)))
+        return
+    cells = selected(m, states, cell_size)
     _core.write_ply(
         path,
         in_space(centres(cells)),

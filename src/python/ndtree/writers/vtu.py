@@ -19,7 +19,13 @@ _CORNERS = {
 }
 
 
-def write(m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied", "free")) -> None:
+def write(
+    m: OccupancyMap,
+    path: Path,
+    *,
+    states: Sequence[str] = ("occupied", "free"),
+    cell_size: float | None = None,
+) -> None:
     """Cells with probability, state, size, hits and misses."""
     try:
         import meshio
@@ -29,7 +35,7 @@ def write(m: OccupancyMap, path: Path, *, states: Sequence[str] = ("occupied", "
         ) from None
     if m.dim not in _CORNERS:
         raise ValueError(f"a map with dim = {m.dim}: must be 2 or 3")
-    cells = selected(m, states)
+    cells = selected(m, states, cell_size)
     along = _CORNERS[m.dim]
     corners = cells.lower[:, None, :] + cells.size[:, None, None] * along
     points, number = np.unique(corners.reshape(-1, m.dim), axis=0, return_inverse=True)
