@@ -274,7 +274,8 @@ TABLE = np.column_stack([cloud(7, 40), np.arange(40), np.arange(40) % 16])
 PCD_HEADERS = {
     "version .5, COLUMNS": ("COLUMNS x y z\nPOINTS {n}\nDATA {encoding}\n", "xyz", "fff"),
     "version .6": (
-        "# .PCD v.6\nVERSION .6\nFIELDS x y z i\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH {n}\nHEIGHT 1\nPOINTS {n}\n"
+        "# .PCD v.6\nVERSION .6\nFIELDS x y z i\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH {n}\nHEIGHT 1\n"
+        "POINTS {n}\n"
         "DATA {encoding}\n",
         "xyzi",
         "ffff",

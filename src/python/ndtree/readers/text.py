@@ -89,8 +89,8 @@ def _require_beams(source: Source) -> None:
     raise ValueError(
         f"{source.path}: {changes + 1} of the first {len(starts)} lines of {count} numbers begin with "
         "another point, as points with colours, normals or intensities do, expected beams, those of a scan "
-        "with the same origin before their end points. Points are read from a folder of PCD, PLY, LAS or LAZ files "
-        "with poses; beams that have an origin each by format text"
+        "with the same origin before their end points. Points are read from a folder of PCD, PLY, LAS or LAZ "
+        "files with poses; beams that have an origin each by format text"
     )
 
 
