@@ -139,6 +139,13 @@ def test_beams_with_an_origin_each_are_read_by_their_format(tmp_path: Path) -> N
     assert len(list(read(path, format="text"))) == 20
     path.write_text("".join(f"{i // 2} 0 0 {i} 5 1\n" for i in range(20)))
     assert len(list(read(path))) == 10, "two beams of an origin are a scan"
+    path.write_text("".join(f"{i % 2} 0 0 {i} 5 1\n" for i in range(40)))
+    assert len(list(read(path))) == 40, "two sensors in turn"
+    path.write_text("".join(f"5 {i // 4} {i % 4} 37\n" for i in range(40)))
+    assert len(list(read(path))) == 10, "nothing tells that these might be columns of points on a wall"
+    path.write_text("".join(f"5 {i % 10} {i // 10} 37\n" for i in range(40)))
+    with pytest.raises(ValueError, match="begin with another point"):
+        read(path)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

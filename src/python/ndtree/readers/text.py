@@ -82,20 +82,23 @@ def _require_beams(source: Source) -> None:
         dim = dimension_of(fields)
         if dim is not None:
             starts.append(tuple(float(field) for field in fields[:dim]))
-    different = len(set(starts))
-    if len(starts) < _MANY_LINES or different <= _MOST_DIFFERENT * len(starts):
+    changes = sum(one != other for one, other in zip(starts, starts[1:]))
+    few_changes = changes <= _MOST_CHANGES * (len(starts) - 1)
+    if len(starts) < _MANY_LINES or few_changes or len(set(starts)) <= _MOST_DIFFERENT * len(starts):
         return
     count = len(first_fields(source))
     raise ValueError(
-        f"{source.path}: {different} of the first {len(starts)} lines of {count} numbers begin with "
+        f"{source.path}: {changes + 1} of the first {len(starts)} lines of {count} numbers begin with "
         "another point, as points with colours, normals or intensities do, expected beams, those of a scan "
         "with the same origin before their end points. Points are read from a folder of PCD, PLY, LAS or LAZ "
         "files with poses; beams that have an origin each by format text"
     )
 
 
-#: So many lines are needed to tell, and such a part of them may have origins of their own.
-_MANY_LINES, _MOST_DIFFERENT = 10, 0.75
+#: So many lines are needed to tell. Of beams, such a part begins at another point than the line before, ...
+_MANY_LINES, _MOST_CHANGES = 10, 0.75
+#: ... or there are only so many points for a line; walls have many points above each other.
+_MOST_DIFFERENT = 0.1
 
 
 def _open(source: Source, *, dim: int | None = None) -> TextLog:
