@@ -16,6 +16,7 @@ namespace {
 
 using ndtree::CarmenOptions;
 using ndtree::CarmenParser;
+using ndtree::FieldOfViewSource;
 using ndtree::Scan;
 
 constexpr double kPi = 3.14159265358979324;
@@ -77,6 +78,65 @@ TEST(Carmen, FieldOfViewIsCentredAhead) {
       (ndtree::Points<2>(2, 3) << -diagonal, 1, -diagonal, -diagonal, 0, diagonal).finished();
   EXPECT_TRUE(scan->endpoints.isApprox(expected, 1e-12)) << scan->endpoints;
   EXPECT_EQ(scan->stamp, 0.0);
+}
+
+TEST(Carmen, TheLogOrTheNumberOfBeamsSaysTheFieldOfView) {
+  struct Case {
+    const char* params;
+    int beams;
+    double degrees;
+    FieldOfViewSource source;
+  };
+  const Case cases[] = {
+      {"", 181, 180, FieldOfViewSource::beams},
+      {"", 360, 180, FieldOfViewSource::beams},
+      {"", 401, 100, FieldOfViewSource::beams},
+      {"", 682, 240, FieldOfViewSource::beams},
+      {"", 541, 270, FieldOfViewSource::beams},
+      {"", 1081, 270, FieldOfViewSource::beams},
+      {"", 77, 180, FieldOfViewSource::none},
+      {"PARAM laser_front_laser_fov 240.0 nohost 0", 682, 240, FieldOfViewSource::param},
+      {"PARAM laser_front_laser_fov 270 nohost 0\r", 1081, 270, FieldOfViewSource::param},
+      {"PARAM laser_front_laser_fov 190 0 host 0", 181, 190, FieldOfViewSource::param},
+      {"PARAM robot_front_laser_fov 90 0 host 0", 91, 90, FieldOfViewSource::param},
+      {"PARAM laser_laser1_fov 3.14159265358979 host 0", 513, 180, FieldOfViewSource::param},
+      {"PARAM laser_front_laser_resolution 0.25 host 0", 721, 180, FieldOfViewSource::param},
+      {"PARAM laser_front_laser_resolution 0.5 host 0", 500, 250, FieldOfViewSource::param},
+      {"PARAM laser_front_laser_resolution 1.0 host 0", 361, 180, FieldOfViewSource::beams},
+      {"PARAM laser_rear_laser_fov 240 host 0", 101, 180, FieldOfViewSource::none},
+      {"PARAM laser_laser2_fov 240 host 0", 101, 180, FieldOfViewSource::none},
+      {"PARAM laser_front_laser_fov auto host 0", 101, 180, FieldOfViewSource::none},
+      {"PARAM laser_front_laser_fov 0 host 0", 101, 180, FieldOfViewSource::none},
+      {"PARAM camera_fov 60 host 0", 101, 180, FieldOfViewSource::none},
+  };
+  int count = 0;
+  for (const Case& c : cases) {
+    std::string record = "FLASER " + std::to_string(c.beams);
+    for (int i = 0; i < c.beams; ++i) record += " 2.5";
+    CarmenOptions overruled;
+    overruled.field_of_view = 1.0;
+    for (const bool is_overruled : {false, true}) {
+      CarmenParser parser(is_overruled ? overruled : CarmenOptions());
+      EXPECT_FALSE(parser.field_of_view());
+      EXPECT_FALSE(parser.parse_line(c.params));
+      const auto scan = parser.parse_line(record + " 1 2 0.5");
+      ASSERT_TRUE(scan) << c.params;
+      const double fov = is_overruled ? 1.0 : c.degrees * kPi / 180.0;
+      const double last = 0.5 + 0.5 * fov - (c.beams % 2 == 0 ? fov / c.beams : 0.0);
+      EXPECT_NEAR(scan->endpoints(0, 0), 1.0 + 2.5 * std::cos(0.5 - 0.5 * fov), 1e-9) << c.params << c.beams;
+      EXPECT_NEAR(scan->endpoints(1, c.beams - 1), 2.0 + 2.5 * std::sin(last), 1e-9) << c.params << c.beams;
+      EXPECT_EQ(parser.field_of_view()->second, is_overruled ? FieldOfViewSource::option : c.source)
+          << c.params;
+    }
+    ++count;
+  }
+  EXPECT_EQ(count, 20);
+}
+
+TEST(Carmen, AByteOrderMarkIsNoPartOfTheFirstRecord) {
+  EXPECT_TRUE(
+      CarmenParser().parse_line("\xEF\xBB\xBF"
+                                "FLASER 3 1 1 1 0 0 0"));
 }
 
 TEST(Carmen, ReadingsAtTheMaximumDidNotReturn) {

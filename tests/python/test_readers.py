@@ -55,6 +55,48 @@ def test_carmen_plain_and_packed_are_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "params, beams, fov, degrees, note",
+    [
+        ("PARAM laser_front_laser_fov 240.0 nohost 0\n", 682, None, 240, None),
+        ("PARAM laser_front_laser_fov 240.0 nohost 0\n", 682, 200.0, 200, None),
+        ("", 682, None, 240, "field of view of 240 degrees is that of lasers with 682 beams"),
+        ("", 1081, None, 270, "field of view of 270 degrees is that of lasers with 1081 beams"),
+        ("", 1081, 190.0, 190, None),
+        ("", 181, None, 180, None),
+        (
+            "",
+            99,
+            None,
+            180,
+            "field of view of 180 degrees is assumed: no PARAM says it, and no laser is known",
+        ),
+    ],
+)
+def test_the_field_of_view_of_carmen_lasers(
+    params: str, beams: int, fov: float | None, degrees: float, note: str | None, tmp_path: Path
+) -> None:
+    """Equal ranges are an arc of so many degrees, centred ahead."""
+    path = tmp_path / "a.log"
+    record = f"FLASER {beams} {'2.5 ' * beams}0 0 0 0 0 0 1 host 1\n"
+    path.write_text(params + record * 2)
+    log = read(path, fov=fov)
+    for _ in range(2):
+        first, _second = log
+        angles = np.degrees(np.unwrap(np.arctan2(first.endpoints[:, 1], first.endpoints[:, 0])))
+        steps = beams if beams % 2 == 0 else beams - 1
+        expected = -degrees / 2 + np.arange(beams) * degrees / steps
+        np.testing.assert_allclose(angles, expected, atol=1e-9)
+        assert len(log.notes) == (note is not None)
+        assert note is None or log.notes[0].startswith(note)
+
+
+@pytest.mark.parametrize("fov", [0.0, -1.0, 361.0, float("nan")])
+def test_a_field_of_view_out_of_its_limits_is_refused(fov: float, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"fov = .* degrees: must be in \(0, 360\]"):
+        read(written("a.log", FLASER.encode())(tmp_path), fov=fov)
+
+
+@pytest.mark.parametrize(
     "first", ["ROBOTSTATE 1 2 3 host 4\nMESSAGE hello\n", "my log\n", "1 2 3\n", "\ufeff"]
 )
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
@@ -97,6 +139,13 @@ def test_beams_with_an_origin_each_are_read_by_their_format(tmp_path: Path) -> N
     assert len(list(read(path, format="text"))) == 20
     path.write_text("".join(f"{i // 2} 0 0 {i} 5 1\n" for i in range(20)))
     assert len(list(read(path))) == 10, "two beams of an origin are a scan"
+    path.write_text("".join(f"{i % 2} 0 0 {i} 5 1\n" for i in range(40)))
+    assert len(list(read(path))) == 40, "two sensors in turn"
+    path.write_text("".join(f"5 {i // 4} {i % 4} 37\n" for i in range(40)))
+    assert len(list(read(path))) == 10, "nothing tells that these might be columns of points on a wall"
+    path.write_text("".join(f"5 {i % 10} {i // 10} 37\n" for i in range(40)))
+    with pytest.raises(ValueError, match="begin with another point"):
+        read(path)
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -143,7 +192,7 @@ def test_npz_needs_neither_no_return_nor_stamps(tmp_path: Path) -> None:
 
 def test_format_can_be_forced(tmp_path: Path) -> None:
     path = tmp_path / "odd"
-    path.write_text(f"UNKNOWN_RECORD 1 2\n{FLASER}\n")
+    path.write_text("UNKNOWN_RECORD 1 2\n" * 20_000 + f"{FLASER}\n")
     with pytest.raises(ValueError, match="line 1: found 'UNKNOWN_RECORD"):
         read(path)
     assert len(list(read(path, format="carmen"))) == 1
@@ -156,7 +205,7 @@ def test_format_can_be_forced(tmp_path: Path) -> None:
 def test_options_have_one_meaning_each_and_are_refused_where_nothing_reads_them(tmp_path: Path) -> None:
     path = tmp_path / "a.log"
     path.write_text(FLASER)
-    with pytest.raises(TypeError, match="topic: a CARMEN log takes no such option, it takes zero_is"):
+    with pytest.raises(TypeError, match="topic: a CARMEN log takes no such option, it takes zero_is, fov"):
         read(path, topic="/scan")
     assert read(path, topic=None).format == "carmen"
     taken = [option for format in readers._TABLE for option in format.options]

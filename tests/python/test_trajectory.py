@@ -11,7 +11,7 @@ import pytest
 
 from ndtree.readers.pose import Pose, matrices_of, quaternions_of
 from ndtree.readers.trajectory import STAMP_TOLERANCE, Trajectory
-from ndtree.readers.trajectory_files import read_trajectory, trajectory_kind
+from ndtree.readers.trajectory_files import read_times, read_trajectory, trajectory_kind
 
 spatial = pytest.importorskip("scipy.spatial.transform")
 
@@ -163,6 +163,8 @@ def test_stamps_since_1970_need_no_unit(per_second: int, tmp_path: Path) -> None
     path = tmp_path / "poses.txt"
     path.write_text("".join(f"{1600000000 * per_second + i * per_second} 0 0 0 0 0 0 1\n" for i in range(4)))
     assert read_trajectory(path).stamps.tolist() == [1.6e9, 1.6e9 + 1, 1.6e9 + 2, 1.6e9 + 3]
+    path.write_text("".join(f"{1600000000 * per_second + i * per_second}\n" for i in range(4)))
+    assert read_times(path).tolist() == [1.6e9, 1.6e9 + 1, 1.6e9 + 2, 1.6e9 + 3]
 
 
 BROKEN = {

@@ -69,7 +69,7 @@ bool looks_binary(std::string_view bytes) {
 
 /// Whether the first line that is not blank or a comment starts with a word, as CARMEN's records do.
 bool looks_like_carmen(const std::string& text) {
-  std::istringstream in(text);
+  std::istringstream in(text.substr(0, 3) == "\xEF\xBB\xBF" ? text.substr(3) : text);
   std::string line;
   while (std::getline(in, line)) {
     const std::size_t first = line.find_first_not_of(" \t\r");

@@ -27,18 +27,22 @@ struct CarmenOptions {
   /// faults as distances from 81.83 to 81.91 m.
   double max_range = 80.0;
   /// Angle from the first to the last beam of an odd number of beams, centred ahead [rad]. An even number
-  /// leaves the last one out: 180 and 181 beams are both 1 degree apart.
-  double field_of_view = 3.14159265358979323846;
+  /// leaves the last one out: 180 and 181 beams are both 1 degree apart. None: what PARAM records declare,
+  /// else that of the laser that is known for its number of beams, else pi.
+  std::optional<double> field_of_view;
 
   /// @throws std::invalid_argument that names the first value out of its limits.
   void validate() const {
     if (!(max_range > 0.0))
       throw std::invalid_argument("max_range = " + describe_number(max_range) + " m: must be > 0");
-    if (!(field_of_view > 0.0 && field_of_view <= 6.2831853071795865))
-      throw std::invalid_argument("field_of_view = " + describe_number(field_of_view) +
+    if (field_of_view && !(*field_of_view > 0.0 && *field_of_view <= 6.2831853071795865))
+      throw std::invalid_argument("field_of_view = " + describe_number(*field_of_view) +
                                   " rad: must be in (0, 2 pi]");
   }
 };
+
+/// What a field of view was taken from.
+enum class FieldOfViewSource { option, param, beams, none };
 
 /// Turns FLASER and ROBOTLASER1 records into scans in the map frame, one line at a time.
 ///
@@ -50,6 +54,13 @@ struct CarmenOptions {
 /// x y theta is the laser's pose [m, rad], ranges are in metres, stamps in seconds. A record may end after
 /// the pose; its stamp is then 0. Where a host name is present, the numbers before it are counted, so that a
 /// wrong n, or too few of them, is an error and never a shifted pose.
+///
+/// A FLASER record does not say its field of view. Before it, the log may:
+///
+///     PARAM laser_front_laser_fov 240        (or laser_laser1_fov, robot_front_laser_fov; [deg])
+///     PARAM laser_front_laser_resolution 0.352
+///
+/// The resolution counts where neither the field of view nor the number of beams says more.
 class CarmenParser {
  public:
   explicit CarmenParser(CarmenOptions options = {}) : options_(options) { options_.validate(); }
@@ -61,8 +72,11 @@ class CarmenParser {
   /// @throws std::runtime_error with the line's number, the record and what was expected. The line counts.
   std::optional<Scan<2>> parse_line(std::string_view line) {
     ++line_number_;
+    constexpr std::string_view byte_order_mark = "\xEF\xBB\xBF";
+    if (line_number_ == 1 && line.substr(0, 3) == byte_order_mark) line.remove_prefix(3);
     std::string_view rest = line;
     const std::string_view record = detail::next_field(rest);
+    if (record == "PARAM") read_param(rest);
     if (record == "FLASER") return parse_flaser(split("FLASER", rest));
     if (record == "ROBOTLASER1") return parse_robot_laser(split("ROBOTLASER1", rest));
     return std::nullopt;
@@ -70,6 +84,9 @@ class CarmenParser {
 
   /// Number of lines read so far, and so the number of the last one.
   [[nodiscard]] std::size_t line_number() const { return line_number_; }
+
+  /// Field of view of the last FLASER record [rad], and what it was taken from; none before the first.
+  [[nodiscard]] std::optional<std::pair<double, FieldOfViewSource>> field_of_view() const { return used_; }
 
  private:
   /// The fields of one record up to the host name, which is the last but one if it is there at all.
@@ -130,14 +147,79 @@ class CarmenParser {
     return first + count;
   }
 
-  Scan<2> parse_flaser(const Record& record) const {
+  /// Keeps what a PARAM record says of the laser in front [rad]. Up to 2 pi, a field of view is in radians:
+  /// no laser looks at 6 degrees. Values that are no angle are passed over.
+  void read_param(std::string_view rest) {
+    const std::string_view name = detail::next_field(rest);
+    const auto ends_with = [&](std::string_view end) {
+      return name.size() >= end.size() && name.substr(name.size() - end.size()) == end;
+    };
+    const bool is_front =
+        name.find("laser") != std::string_view::npos &&
+        (name.find("front") != std::string_view::npos || name.find("laser1") != std::string_view::npos ||
+         name.substr(0, 6) == "laser_") &&
+        name.find("rear") == std::string_view::npos && name.find("laser2") == std::string_view::npos &&
+        name.find("laser3") == std::string_view::npos && name.find("laser4") == std::string_view::npos &&
+        name.find("laser5") == std::string_view::npos;
+    if (!is_front || !(ends_with("_fov") || ends_with("_resolution"))) return;
+    const double value = detail::parse_number(detail::next_field(rest)).value_or(0.0);
+    constexpr double degree = kPi / 180.0;
+    if (ends_with("_fov")) {
+      if (value > 0.0 && value <= 360.0) declared_fov_ = value <= 2 * kPi + 1e-6 ? value : value * degree;
+    } else if (value > 0.0 && value <= 10.0) {
+      declared_step_ = value * degree;
+    }
+  }
+
+  /// The field of view of the lasers that are known by their number of beams [deg]: SICK's LMS 200 with 1 and
+  /// 0.5 degrees, and its mode of 100 degrees; Hokuyo's URG-04LX; 270 degrees of the LMS 100, TiM and
+  /// UTM-30LX.
+  static std::optional<double> known_degrees(std::size_t beams) {
+    switch (beams) {
+      case 180:
+      case 181:
+      case 360:
+      case 361:
+        return 180.0;
+      case 401:
+        return 100.0;
+      case 681:
+      case 682:
+      case 683:
+        return 240.0;
+      case 541:
+      case 811:
+      case 1080:
+      case 1081:
+        return 270.0;
+      default:
+        return std::nullopt;
+    }
+  }
+
+  std::pair<double, FieldOfViewSource> field_of_view_of(std::size_t beams, std::size_t steps) const {
+    constexpr double degree = kPi / 180.0;
+    if (options_.field_of_view) return {*options_.field_of_view, FieldOfViewSource::option};
+    if (declared_fov_) return {*declared_fov_, FieldOfViewSource::param};
+    if (const std::optional<double> known = known_degrees(beams))
+      return {*known * degree, FieldOfViewSource::beams};
+    if (declared_step_) {
+      const double all = *declared_step_ * static_cast<double>(steps);
+      if (all > 0.0 && all <= 2 * kPi + 1e-9) return {all, FieldOfViewSource::param};
+    }
+    return {kPi, FieldOfViewSource::none};
+  }
+
+  Scan<2> parse_flaser(const Record& record) {
     constexpr std::size_t trailer = 7;  // pose, odometry, stamp
     const std::size_t n = count_at(record, 0, "ranges");
     const std::size_t pose = checked_end(record, 1, n, trailer, "ranges");
     const std::size_t steps = n % 2 == 0 ? n : n - 1;
-    const double step = steps == 0 ? 0.0 : options_.field_of_view / static_cast<double>(steps);
-    return make_scan(record, 1, n, pose, pose + trailer - 1, -0.5 * options_.field_of_view, step,
-                     options_.max_range, std::numeric_limits<double>::infinity());
+    used_ = field_of_view_of(n, steps);
+    const double fov = used_->first;
+    const double step = steps == 0 ? 0.0 : fov / static_cast<double>(steps);
+    return make_scan(record, 1, n, pose, pose + trailer - 1, -0.5 * fov, step, options_.max_range,
+                     std::numeric_limits<double>::infinity());
   }
 
   Scan<2> parse_robot_laser(const Record& record) const {
@@ -178,7 +260,12 @@ class CarmenParser {
     return scan;
   }
 
+  static constexpr double kPi = 3.14159265358979323846;
+
   CarmenOptions options_;
+  std::optional<double> declared_fov_;   // [rad]
+  std::optional<double> declared_step_;  // [rad]
+  std::optional<std::pair<double, FieldOfViewSource>> used_;
   std::size_t line_number_ = 0;
 };
 

@@ -159,12 +159,13 @@ py::object simulate(const std::string& world, std::uint64_t seed, std::optional<
 void bind_logs(py::module_& module) {
   py::class_<CarmenParser>(module, "CarmenParser",
                            "Turns FLASER and ROBOTLASER1 records of a CARMEN log into scans.")
-      .def(py::init([](std::optional<double> max_range) {
+      .def(py::init([](std::optional<double> max_range, std::optional<double> field_of_view) {
              CarmenOptions options;
              if (max_range) options.max_range = *max_range;
+             options.field_of_view = field_of_view;
              return CarmenParser(options);
            }),
-           py::kw_only(), "max_range"_a = py::none())
+           py::kw_only(), "max_range"_a = py::none(), "field_of_view"_a = py::none())
       .def(
           "parse_line",
           [](CarmenParser& parser, const std::string& line) {
@@ -174,6 +175,17 @@ void bind_logs(py::module_& module) {
           "(endpoints (n, 2), origin (2,), returned (n,), stamp) of a laser record, else None; ValueError "
           "naming "
           "the line.")
+      .def_property_readonly(
+          "field_of_view",
+          [](const CarmenParser& parser) -> std::optional<std::pair<double, std::string>> {
+            const auto found = parser.field_of_view();
+            if (!found) return std::nullopt;
+            constexpr const char* names[] = {"option", "param", "beams", "none"};
+            return std::make_pair(found->first, std::string(names[static_cast<int>(found->second)]));
+          },
+          "Field of view of the last FLASER record [rad], and whether the option, a PARAM record, the number "
+          "of "
+          "beams or none of them says it; None before the first.")
       .def_property_readonly("line_number", &CarmenParser::line_number, "Lines read so far.");
   bind_xyz<2>(module, "XyzParser2");
   bind_xyz<3>(module, "XyzParser3");

@@ -1291,9 +1291,12 @@ _ScanTuple = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], 
 class CarmenParser:
     """Turns FLASER and ROBOTLASER1 records of a CARMEN log into scans."""
 
-    def __init__(self, *, max_range: float | None = None) -> None: ...
+    def __init__(self, *, max_range: float | None = None, field_of_view: float | None = None) -> None: ...
     def parse_line(self, line: str) -> _ScanTuple | None:
         """(endpoints (n, 2), origin (2,), returned (n,), stamp) of a laser record, else None; ValueError naming the line."""
+    @property
+    def field_of_view(self) -> tuple[float, str] | None:
+        """Field of view of the last FLASER record [rad], and whether the option, a PARAM record, the number of beams or none of them says it; None before the first."""
     @property
     def line_number(self) -> int:
         """Lines read so far."""

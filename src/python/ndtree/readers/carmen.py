@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 
 from ndtree import _core
 from ndtree.readers.log import LineLog
-from ndtree.readers.source import Format, Source, require_dim
+from ndtree.readers.source import Format, ReaderOption, Source, require_dim
 from ndtree.readers.text import first_fields
 from ndtree.readers.zeros import NO_ECHO, ZERO_IS, checked
 from ndtree.scan import Scan
@@ -25,6 +26,8 @@ _LASER_RECORD = re.compile(
 )
 
 
+FOV = ReaderOption("fov", float, "Field of view of FLASER records [deg]; else as PARAM or the beams say.")
+
 #: Where the ranges of a record begin; their number stands before them.
 _FIRST_RANGE = {"FLASER": 2, "ROBOTLASER1": 9}
 _ZERO = re.compile(r"(?<!\S)-?0+(\.0*)?(?!\S)")
@@ -33,17 +36,29 @@ _NO_ECHO_RANGE = "80"
 
 
 class CarmenLog(LineLog):
-    """The FLASER and ROBOTLASER1 records of a CARMEN log."""
+    """The FLASER and ROBOTLASER1 records of a CARMEN log.
+
+    Parameters
+    ----------
+    path : str
+    fov : float, optional
+        Angle from the first to the last beam of FLASER records [deg], in (0, 360]; of an even number of
+        beams, to where one more would be. Left out, it is what PARAM records declare, else that of the
+        laser that is known for its number of beams, else 180, with a note.
+    """
 
     format = "carmen"
     may_be_zero = True
 
-    def __init__(self, path: str, zero_is: str | None = None) -> None:
+    def __init__(self, path: str, fov: float | None = None, zero_is: str | None = None) -> None:
         super().__init__(path, dim=2)
+        if fov is not None and not 0.0 < fov <= 360.0:
+            raise ValueError(f"fov = {fov} degrees: must be in (0, 360]")
+        self._fov = fov
         self.zero_is = checked(path, zero_is)
 
     def _scans(self) -> Iterator[Scan]:
-        parser = _core.CarmenParser()
+        parser = _core.CarmenParser(field_of_view=None if self._fov is None else math.radians(self._fov))
 
         def parse(line: str) -> Scan | None:
             record = parser.parse_line(_with_no_echo(line) if self.zero_is == NO_ECHO else line)
@@ -55,12 +70,31 @@ class CarmenLog(LineLog):
 
         found = False
         for scan in self._parsed(parse):
+            if not found:
+                self._say_field_of_view(len(scan), parser.field_of_view)
             found = True
             yield scan
         if not found:
             raise ValueError(
                 f"{self.path}: no FLASER or ROBOTLASER1 record: expected at least one laser scan"
             )
+
+    def _say_field_of_view(self, beams: int, found: tuple[float, str] | None) -> None:
+        """Note what the first record is taken for, where neither the log nor the user said it."""
+        self.notes[:] = [note for note in self.notes if not note.startswith(_NOTE)]
+        if found is None or found[1] in ("option", "param"):
+            return
+        degrees = round(math.degrees(found[0]), 3)
+        if found[1] == "none":
+            self.notes.append(
+                f"{_NOTE} {degrees:g} degrees is assumed: no PARAM says it, and no laser is known for "
+                f"{beams} beams; --fov says another"
+            )
+        elif degrees != 180:
+            self.notes.append(f"{_NOTE} {degrees:g} degrees is that of lasers with {beams} beams")
+
+
+_NOTE = "field of view of"
 
 
 def _recognises(source: Source) -> bool:
@@ -94,9 +128,11 @@ def _is_zero(field: str) -> bool:
     return _ZERO.fullmatch(field) is not None
 
 
-def _open(source: Source, *, dim: int | None = None, zero_is: str | None = None) -> CarmenLog:
+def _open(
+    source: Source, *, dim: int | None = None, fov: float | None = None, zero_is: str | None = None
+) -> CarmenLog:
     require_dim(source, CARMEN, 2, dim)
-    return CarmenLog(source.path, zero_is)
+    return CarmenLog(source.path, fov, zero_is)
 
 
-CARMEN = Format("carmen", "a CARMEN log", _recognises, _open, (ZERO_IS,))
+CARMEN = Format("carmen", "a CARMEN log", _recognises, _open, (ZERO_IS, FOV))

@@ -7,6 +7,7 @@ import codecs
 import itertools
 import struct
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -185,7 +186,7 @@ def _layout(header: PcdHeader, size: int) -> np.dtype[Any]:
     if 0 not in header.counts or not header.points or size == header.points * said.itemsize:
         return said
     padding = [i for i, name in enumerate(header.fields) if name == "_" and header.counts[i]][:8]
-    fitting = {}
+    fitting: dict[tuple[int, ...], np.dtype[Any]] = {}
     for zero_is in (1, 0):
         layout = header.dtype(zero_is)
         for missing in itertools.chain.from_iterable(
@@ -204,7 +205,7 @@ def _of_compressed(path: str, header: PcdHeader, data: bytes, axes: list[int]) -
     if not header.points:
         return [np.zeros(0, np.float32)] * 3
     try:
-        import lzf
+        lzf = import_module("lzf")
     except ImportError as error:
         raise ImportError(f"compressed PCD files need pypcd4 ({error}); {INSTALL}") from None
     if len(data) < 8:

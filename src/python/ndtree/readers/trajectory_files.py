@@ -120,14 +120,14 @@ def trajectory_kind(path: str | os.PathLike[str]) -> str | None:
 
 
 def read_times(path: str | os.PathLike[str]) -> Floats:
-    """Times of a file that has one number a line [s]."""
+    """Times of a file that has one number a line [s]; those since 1970 may be in ms, us or ns."""
     name = os.fspath(path)
     stamps = []
     for number, values in _numbers(name):
         if len(values) != 1:
             raise ValueError(f"{name}: line {number}: found {len(values)} numbers, expected one, a time [s]")
         stamps.append(values[0])
-    return np.array(stamps, dtype=np.float64)
+    return seconds_of(np.array(stamps, dtype=np.float64), None, name)
 
 
 def _rows(path: str) -> tuple[PoseColumns | None, list[tuple[int, list[float]]]]:
