@@ -623,6 +623,51 @@ def test_kitti_takes_poses_of_the_velodyne(tmp_path: Path, lines: str) -> None:
     check(read(tmp_path / "00", trajectory=str(tmp_path / "slam.txt")), [0, 1, 2])
 
 
+def surroundings(seed: int, order: str, n: int = 720) -> np.ndarray:
+    """Points on the walls of a room of 10 x 8 m, as a lidar of 4 rings sees them, or in a random order."""
+    azimuth = np.linspace(0, 2 * np.pi, n // 4, endpoint=False)
+    x, y = np.cos(azimuth), np.sin(azimuth)
+    distance = np.minimum(5 / np.maximum(np.abs(x), 1e-9), 4 / np.maximum(np.abs(y), 1e-9))
+    rings = [np.column_stack([distance * x, distance * y, distance * tilt]) for tilt in (-0.2, -0.1, 0, 0.1)]
+    points = np.stack(rings, axis=1 if order == "columns" else 0).reshape(-1, 3)
+    random = np.random.default_rng(seed)
+    return points[random.permutation(n)] if order == "shuffled" else points
+
+
+MORE = {
+    4: lambda n: [np.arange(n) % 7 / 7],
+    5: lambda n: [np.arange(n) % 255, np.arange(n) % 4],
+    6: lambda n: [np.arange(n) % 7 / 7, np.arange(n) % 4, np.arange(n) / n],
+    7: lambda n: [np.arange(n) % 7 / 7, *[np.arange(n) % 255] * 3],
+    8: lambda n: [np.arange(n) % 7 / 7, np.arange(n) % 4, np.arange(n) / n, *[np.arange(n) % 255] * 2],
+}
+
+
+@pytest.mark.parametrize("order", ["rings", "columns", "shuffled"])
+@pytest.mark.parametrize("floats", MORE)
+def test_kitti_points_of_any_length_are_told_from_the_numbers(
+    floats: int, order: str, tmp_path: Path
+) -> None:
+    kitti(tmp_path)
+    for i in range(3):  # 720 points of 4 to 8 floats: a multiple of 16 bytes whatever they are.
+        points = surroundings(i, order)
+        np.column_stack([points, *MORE[floats](len(points))]).astype("<f4").tofile(
+            tmp_path / "velodyne" / f"{i:06d}.bin"
+        )
+    for i, scan in enumerate(read(tmp_path)):
+        T = np.linalg.inv(TR) @ pose_matrix(i) @ TR
+        np.testing.assert_allclose(scan.endpoints, surroundings(i, order) @ T[:3, :3].T + T[:3, 3], atol=1e-4)
+
+
+def test_kitti_scan_that_is_cut_off_is_named_whatever_the_length(tmp_path: Path) -> None:
+    kitti(tmp_path)
+    for i in range(3):
+        points = np.column_stack([surroundings(i, "rings"), *MORE[5](720)]).astype("<f4").tobytes()
+        (tmp_path / "velodyne" / f"{i:06d}.bin").write_bytes(points[:1616] if i == 1 else points)
+    with pytest.raises(ValueError, match=r"000001\.bin: 1616 bytes, expected a multiple of 20"):
+        list(read(tmp_path))
+
+
 # --- What is refused --------------------------------------------------------------------------------
 
 

@@ -27,7 +27,7 @@ class KittiLog(FolderLog):
     """``velodyne/000000.bin`` and so on (float32 x y z intensity), with ``times.txt`` if it is there.
 
     Other data sets have such folders with a ring, a time or both behind the intensity: whether a point has
-    3 to 6 numbers is told from the content (`floats_a_point`).
+    3 to 8 numbers is told from the content (`floats_a_point`).
 
     ``poses.txt`` has the poses of the camera, and ``calib.txt`` where the Velodyne sits beside it (``Tr``,
     from the Velodyne to the camera); the map's frame is where the Velodyne would be at the pose that changes
@@ -110,8 +110,8 @@ def floats_a_point(files: Sequence[str]) -> int:
         return 4
     spreads = {width: float(np.mean([_spread(one, width) for one in samples])) for width in _WIDTHS}
     best = min(spreads, key=lambda width: spreads[width])
-    if best == 6 and spreads[3] - spreads[6] <= _CLEARLY:
-        best = 3  # Every second point of the same is as good.
+    if best in (6, 8) and spreads[best // 2] - spreads[best] <= _CLEARLY:
+        best //= 2  # Every second point of the same is as good.
     gain = spreads[4] - spreads[best]
     if gain <= 0.0:
         return 4
@@ -133,6 +133,8 @@ _WIDTHS = {
     4: "x y z intensity",
     5: "x y z intensity and one more",
     6: "x y z intensity and two more",
+    7: "x y z and four more",
+    8: "x y z and five more",
 }
 #: Numbers that are looked at in a file, and how many there must be.
 _SAMPLE, _FEWEST = 60_000, 60
