@@ -280,6 +280,66 @@ def test_what_was_read_before_a_reader_gives_up_is_kept() -> None:
         list(nothing)
 
 
+def lidar_points(order: str) -> np.ndarray:
+    """(240, 3): points on the walls of a square room, in 4 rings."""
+    azimuth = np.linspace(0.01, 2 * np.pi, 60, endpoint=False)
+    flat = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    flat *= 3 / np.abs(flat).max(axis=1, keepdims=True)
+    rings = np.stack([np.column_stack([flat, np.full(60, 0.3 * k - 0.25)]) for k in range(4)])
+    return (rings if order == "rings" else rings.transpose(1, 0, 2)).reshape(-1, 3)
+
+
+_LEVEL = np.arange(240) % 7
+ATTRIBUTES = {
+    "intensity": _LEVEL[:, None] * 10.0,
+    "a constant intensity": np.full((240, 1), 37.0),
+    "two attributes": np.stack([_LEVEL / 7, _LEVEL % 2], axis=1),
+    "colours": np.stack([255 - _LEVEL, _LEVEL, 9 * _LEVEL], axis=1),
+    "colours from 0 to 1": np.stack([_LEVEL / 7, _LEVEL / 9, _LEVEL / 11], axis=1),
+    "normals": np.tile([0.0, 0.6, 0.8], (240, 1)),
+    "intensity and colours": np.stack([_LEVEL - 900, 255 - _LEVEL, _LEVEL, 0 * _LEVEL], axis=1),
+    "normals and curvature": np.tile([0.0, 0.6, 0.8, 0.0], (240, 1)),
+}
+
+
+@pytest.mark.parametrize("layout", [" ", ",", "\t", ";"])
+@pytest.mark.parametrize("order", ["rings", "columns"])
+@pytest.mark.parametrize("name", ATTRIBUTES)
+def test_points_of_walls_are_not_taken_for_beams(name: str, order: str, layout: str, tmp_path: Path) -> None:
+    points = lidar_points(order)
+    if name == "two attributes":  # Walls that are plumb to the last digit would give lines of equal x and y.
+        points[:, 0] += 0.001 * np.sin(np.arange(len(points)))
+    table = np.hstack([points, ATTRIBUTES[name]])
+    text = "# a comment\r\n" + "".join(layout.join(f"{v:.4f}" for v in row) + "\r\n" for row in table)
+    path = written("a.xyz", text.encode())(tmp_path)
+    with pytest.raises(
+        ValueError, match=r"a\.xyz: .*, as points with colours.* do, expected beams"
+    ) as caught:
+        read(path)
+    assert "\n" not in str(caught.value)
+    told = {"colours": "have whole numbers from 0 to 255", "normals": "are vectors of length 1"}
+    few = written("b.xyz", "\n".join(text.split("\n")[:5]).encode())(tmp_path)
+    if name in told:
+        with pytest.raises(ValueError, match=f"columns 4 to 6 {told[name]}"):
+            read(few)
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_beams_are_beams_however_their_origins_change(dim: int, tmp_path: Path) -> None:
+    random = np.random.default_rng(4)
+    origins = np.repeat(random.normal(size=(40, dim)), 3, axis=0)
+    sensors = np.tile(random.normal(size=(4, dim)), (30, 1))
+    for name, starts in {"scans of three beams": origins, "four sensors in turns": sensors}.items():
+        path = tmp_path / f"{name}.txt"
+        np.savetxt(path, np.hstack([starts, random.normal(size=(120, dim))]))
+        assert sum(len(scan) for scan in read(path)) == 120
+    alone = tmp_path / "alone.txt"
+    np.savetxt(alone, random.normal(size=(120, 2 * dim)))
+    with pytest.raises(ValueError, match="format text"):
+        read(alone)
+    assert len(list(read(alone, format="text"))) == 120
+
+
 # --- What is refused --------------------------------------------------------------------------------
 
 

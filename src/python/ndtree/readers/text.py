@@ -6,6 +6,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
+import numpy as np
+
 from ndtree import _core
 from ndtree.readers.log import LineLog
 from ndtree.readers.source import Format, Source
@@ -72,33 +74,55 @@ def _recognises(source: Source) -> bool:
 
 
 def _require_beams(source: Source) -> None:
-    """Refuse points with colours, normals or intensities, of which nearly all lines begin with another point.
-
-    Beams of a scan share their origin. Who has beams with an origin each says so by the format.
-    """
-    starts = []
-    for line in source.head.decode("utf-8", "replace").splitlines():
-        fields = fields_of(line)
-        dim = dimension_of(fields)
-        if dim is not None:
-            starts.append(tuple(float(field) for field in fields[:dim]))
-    changes = sum(one != other for one, other in zip(starts, starts[1:]))
-    few_changes = changes <= _MOST_CHANGES * (len(starts) - 1)
-    if len(starts) < _MANY_LINES or few_changes or len(set(starts)) <= _MOST_DIFFERENT * len(starts):
+    """Refuse points with colours, normals or intensities. Who has beams like them says so by the format."""
+    looks = _as_points(source)
+    if looks is None:
         return
-    count = len(first_fields(source))
     raise ValueError(
-        f"{source.path}: {changes + 1} of the first {len(starts)} lines of {count} numbers begin with "
-        "another point, as points with colours, normals or intensities do, expected beams, those of a scan "
-        "with the same origin before their end points. Points are read from a folder of PCD, PLY, LAS or LAZ "
-        "files with poses; beams that have an origin each by format text"
+        f"{source.path}: {looks}, as points with colours, normals or intensities do, expected beams, those "
+        "of a scan with the same origin before their end points. Points are read from a folder of PCD, PLY, "
+        "LAS or LAZ files with poses; beams that have an origin each by format text"
     )
+
+
+def _as_points(source: Source) -> str | None:
+    """What makes the first lines look like points; None if nothing does.
+
+    Beams of a scan share their origin, and points do not share their first coordinates. Where they do, on
+    plumb walls and in grids, and in short files, what is behind them may tell.
+    """
+    lines = [fields_of(line) for line in source.head.decode("utf-8", "replace").splitlines()]
+    dim = dimension_of(first_fields(source))
+    fields = [found for found in lines if dim is not None and dimension_of(found) == dim]
+    rows = np.array([[float(field) for field in found[: 2 * dim]] for found in fields])
+    origins, ends = rows[:, :dim], rows[:, dim:]
+    changes = int((origins[1:] != origins[:-1]).any(axis=1).sum())
+    different = len(np.unique(origins, axis=0))
+    is_long = len(rows) >= _MANY_LINES
+    many = max(_SENSORS, _MOST_DIFFERENT * len(rows))
+    if is_long and changes > _MOST_CHANGES * (len(rows) - 1) and different > many:
+        return (
+            f"{changes + 1} of the first {len(rows)} lines of {len(first_fields(source))} numbers begin with "
+            "another point"
+        )
+    whole = (rows == np.round(rows)).all(axis=0)
+    if dim == 2 and is_long and different >= _FEW_LINES and whole.tolist() == [False, False, False, True]:
+        return "of the first four columns, only the last has whole numbers"
+    if dim == 3 and len(rows) >= _FEW_LINES and changes + 1 == different == len(rows):
+        if whole[dim:].all() and ends.min() >= 0 and _BRIGHT <= ends.max() <= 255:
+            return "columns 4 to 6 have whole numbers from 0 to 255"
+        if np.allclose(np.linalg.norm(ends, axis=1), 1.0, atol=1e-2):
+            return "columns 4 to 6 are vectors of length 1"
+    return None
 
 
 #: So many lines are needed to tell. Of beams, such a part begins at another point than the line before, ...
 _MANY_LINES, _MOST_CHANGES = 10, 0.75
-#: ... or there are only so many points for a line; walls have many points above each other.
-_MOST_DIFFERENT = 0.1
+#: ... or there are only so many points for a line, as of sensors that take turns, or so many in all; walls have
+#: many points above each other.
+_MOST_DIFFERENT, _SENSORS = 0.1, 8
+#: So many lines are needed where values behind the coordinates tell. Colours are this bright somewhere.
+_FEW_LINES, _BRIGHT = 3, 64
 
 
 def _open(source: Source, *, dim: int | None = None) -> TextLog:
