@@ -133,6 +133,44 @@ TEST(Carmen, TheLogOrTheNumberOfBeamsSaysTheFieldOfView) {
   EXPECT_EQ(count, 20);
 }
 
+TEST(Carmen, ContradictingParametersAreSettledByTheBeamsOrRefused) {
+  const std::string fov = "PARAM laser_front_laser_fov ";
+  const std::string step = "PARAM laser_front_laser_resolution ";
+  struct Case {
+    std::string fov;
+    std::string step;
+    int beams;
+    double degrees;  // 0: refused
+  };
+  int count = 0;
+  for (const Case& c : std::vector<Case>{{"240.0", "0.352", 682, 240},
+                                         {"240", "0.3515625", 683, 240},
+                                         {"270", "0.375", 721, 270},
+                                         {"180", "1.0", 361, 180},
+                                         {"180", "0.5", 541, 270},
+                                         {"240", "0.352", 341, 240},
+                                         {"200", "1.0", 801, 200},
+                                         {"180", "1.0", 541, 0},
+                                         {"100", "0.25", 700, 0}}) {
+    const std::string beams = "FLASER " + std::to_string(c.beams) + ranges(c.beams) + " 0 0 0";
+    if (c.degrees > 0.0) {
+      CarmenParser parser;
+      for (const std::string& line : {fov + c.fov, step + c.step}) EXPECT_FALSE(parser.parse_line(line));
+      ASSERT_TRUE(parser.parse_line(beams));
+      EXPECT_NEAR(parser.field_of_view()->first, c.degrees * kPi / 180.0, 1e-9) << c.beams;
+    } else {
+      EXPECT_NE(message_of({fov + c.fov, step + c.step, beams})
+                    .find("line 3: FLASER: " + std::to_string(c.beams) +
+                          " ranges, but PARAM records declare " + c.fov + ".0 degrees in steps of " + c.step +
+                          ", expected them to fit, or the field of view as"),
+                std::string::npos)
+          << message_of({fov + c.fov, step + c.step, beams});
+    }
+    ++count;
+  }
+  EXPECT_EQ(count, 9);
+}
+
 TEST(Carmen, AByteOrderMarkIsNoPartOfTheFirstRecord) {
   EXPECT_TRUE(
       CarmenParser().parse_line("\xEF\xBB\xBF"

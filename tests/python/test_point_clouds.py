@@ -313,6 +313,21 @@ def by_text(names: str, row: np.ndarray, separator: str = " ") -> str:
     return separator.join(f"{values[name]:.9g}" for name in names)
 
 
+def test_compressed_pcd_may_hold_what_lzf_cannot_shorten(tmp_path: Path) -> None:
+    points = cloud(0)
+    path = BINARY(tmp_path / "000000", points)
+    pypcd4.PointCloud.from_xyz_points(points).save(path, encoding=pypcd4.Encoding.BINARY)
+    head, _, data = path.read_bytes().partition(b"DATA binary\n")
+    plain = np.frombuffer(data, "<f4").reshape(-1, 3).T.tobytes()
+    sizes = struct.pack("<II", len(plain), len(plain))
+    path.write_bytes(head + b"DATA binary_compressed\n" + sizes + plain)
+    (scan,) = read(path)
+    np.testing.assert_array_equal(scan.endpoints.astype(np.float32), points)
+    path.write_bytes(head + b"DATA binary_compressed\n" + struct.pack("<II", 10, 1 << 30) + plain)
+    with pytest.raises(ValueError, match="found 360 compressed bytes, expected 10 for 1073741824"):
+        list(read(path))
+
+
 @pytest.mark.parametrize("encoding", ["ascii", "ascii with tabs and CRLF", "binary", "binary_compressed"])
 @pytest.mark.parametrize("case", PCD_HEADERS)
 def test_headers_of_every_version_of_pcd(case: str, encoding: str, tmp_path: Path) -> None:

@@ -305,19 +305,22 @@ ATTRIBUTES = {
 @pytest.mark.parametrize("layout", [" ", ",", "\t", ";"])
 @pytest.mark.parametrize("order", ["rings", "columns"])
 @pytest.mark.parametrize("name", ATTRIBUTES)
-def test_points_are_not_taken_for_beams(name: str, order: str, layout: str, tmp_path: Path) -> None:
+def test_points_of_walls_are_not_taken_for_beams(name: str, order: str, layout: str, tmp_path: Path) -> None:
     points = lidar_points(order)
     if name == "two attributes":  # Walls that are plumb to the last digit would give lines of equal x and y.
         points[:, 0] += 0.001 * np.sin(np.arange(len(points)))
     table = np.hstack([points, ATTRIBUTES[name]])
     text = "# a comment\r\n" + "".join(layout.join(f"{v:.4f}" for v in row) + "\r\n" for row in table)
     path = written("a.xyz", text.encode())(tmp_path)
-    with pytest.raises(ValueError, match=r"a\.xyz: .* as if they were points .*; expected beams") as caught:
+    with pytest.raises(
+        ValueError, match=r"a\.xyz: .*, as points with colours.* do, expected beams"
+    ) as caught:
         read(path)
     assert "\n" not in str(caught.value)
+    told = {"colours": "have whole numbers from 0 to 255", "normals": "are vectors of length 1"}
     few = written("b.xyz", "\n".join(text.split("\n")[:5]).encode())(tmp_path)
-    if name in ("colours", "normals"):
-        with pytest.raises(ValueError, match=f"columns 4 to 6 look like {name}"):
+    if name in told:
+        with pytest.raises(ValueError, match=f"columns 4 to 6 {told[name]}"):
             read(few)
 
 

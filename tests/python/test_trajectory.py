@@ -117,6 +117,9 @@ HEADERS = {
     "units behind blanks": ("# Time (s)  X (m)  Y (m)  Z (m)  QW  QX  QY  QZ", "t x y z qw qx qy qz", 1),
     "bare names": ("time,tx,ty,tz,w,x,y,z", "t x y z qw qx qy qz", 1),
     "behind a colon": ("# columns: t z y x qw qz qy qx", "t z y x qw qz qy qx", 1),
+    "letters of quaternions": ("# t x y z w i j k", "t x y z qw qx qy qz", 1),
+    "parts of quaternions": ("utime,x,y,z,qr,qi,qj,qk", "t x y z qw qx qy qz", 10**6),
+    "units as words": ("timestamp_ns,x_m,y_m,z_m,qw,qx,qy,qz", "t x y z qw qx qy qz", 10**9),
     "words": ("stamp,position.x,position.y,position.z,quat.x,quat.y,quat.z,quat.w", "t x y z qx qy qz qw", 1),
 }  # fmt: skip
 
@@ -158,6 +161,17 @@ def test_words_in_other_columns_are_passed_over(tmp_path: Path) -> None:
     assert found.stamps.tolist() == [1600000000.5] and found.positions.tolist() == [[1, 2, 3]]
 
 
+@pytest.mark.parametrize(
+    "names", ["sec,nsec", "stamp_sec,stamp_nanosec", "header.stamp.sec,header.stamp.nanosec"]
+)
+def test_seconds_and_nanoseconds_are_one_time(names: str, tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text(
+        f"{names},x,y,z,qx,qy,qz,qw\n1600000000,500000000,1,2,3,0,0,0,1\n1600000001,5,1,2,3,0,0,0,1\n"
+    )
+    np.testing.assert_allclose(read_trajectory(path).stamps, [1600000000.5, 1600000001], atol=1e-6, rtol=0)
+
+
 @pytest.mark.parametrize("per_second", [1, 10**3, 10**6, 10**9])
 def test_stamps_since_1970_need_no_unit(per_second: int, tmp_path: Path) -> None:
     path = tmp_path / "poses.txt"
@@ -179,6 +193,10 @@ BROKEN = {
     "a header half understood": (
         "# when,x,y,z,qw,qx,qy,qz\n1,0,0,0,1,0,0,0\n",
         "line 1: the header names qw before qx, but not one time, x y z and",
+    ),
+    "numbers of quaternions": (
+        "# t x y z q0 q1 q2 q3\n1 0 0 0 1 0 0 0\n",
+        "line 1: the header names q0 q1 q2 q3, but not one time, x y z and",
     ),
     "empty": ("# nothing\n\n", "no poses, expected 8 numbers a line"),
     "seven columns": ("0 0 0 0 0 0 1\n", "line 1: found 7 numbers, expected 8 numbers a line"),

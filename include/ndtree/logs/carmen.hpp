@@ -60,7 +60,9 @@ enum class FieldOfViewSource { option, param, beams, none };
 ///     PARAM laser_front_laser_fov 240        (or laser_laser1_fov, robot_front_laser_fov; [deg])
 ///     PARAM laser_front_laser_resolution 0.352
 ///
-/// The resolution counts where neither the field of view nor the number of beams says more.
+/// The resolution counts where neither the field of view nor the number of beams says more. Where both are
+/// declared and do not fit the number of beams, a laser that is known for it and fits one of them is taken,
+/// or the field of view where each n-th beam was kept; else that is an error.
 class CarmenParser {
  public:
   explicit CarmenParser(CarmenOptions options = {}) : options_(options) { options_.validate(); }
@@ -197,16 +199,30 @@ class CarmenParser {
     }
   }
 
-  std::pair<double, FieldOfViewSource> field_of_view_of(std::size_t beams, std::size_t steps) const {
+  std::pair<double, FieldOfViewSource> field_of_view_of(const Record& record, std::size_t beams,
+                                                        std::size_t steps) const {
     constexpr double degree = kPi / 180.0;
     if (options_.field_of_view) return {*options_.field_of_view, FieldOfViewSource::option};
-    if (declared_fov_) return {*declared_fov_, FieldOfViewSource::param};
-    if (const std::optional<double> known = known_degrees(beams))
+    const std::optional<double> known = known_degrees(beams);
+    const double by_steps = declared_step_.value_or(0.0) * static_cast<double>(steps);
+    const auto fits_steps = [&](double angle) {  // Steps are rounded, and beams at the ends may be left out.
+      return std::abs(angle - by_steps) <= 0.01 * angle + 2.5 * *declared_step_;
+    };
+    if (declared_fov_ && (steps == 0 || !declared_step_ || fits_steps(*declared_fov_)))
+      return {*declared_fov_, FieldOfViewSource::param};
+    if (known && (!declared_fov_ || fits_steps(*known * degree) ||
+                  std::abs(*declared_fov_ - *known * degree) < degree))
       return {*known * degree, FieldOfViewSource::beams};
-    if (declared_step_) {
-      const double all = *declared_step_ * static_cast<double>(steps);
-      if (all > 0.0 && all <= 2 * kPi + 1e-9) return {all, FieldOfViewSource::param};
-    }
+    const bool is_subsampled =  // Each second beam, or third; more than all around is no resolution.
+        declared_fov_ &&
+        (by_steps > 2 * kPi || std::abs(std::remainder(*declared_fov_ / by_steps, 1.0)) < 0.02);
+    if (is_subsampled && !known) return {*declared_fov_, FieldOfViewSource::param};
+    if (declared_fov_)
+      fail(record, std::to_string(beams) + " ranges, but PARAM records declare " +
+                       describe_number(*declared_fov_ / degree) + " degrees in steps of " +
+                       describe_number(*declared_step_ / degree) +
+                       ", expected them to fit, or the field of view as an option (fov)");
+    if (by_steps > 0.0 && by_steps <= 2 * kPi + 1e-9) return {by_steps, FieldOfViewSource::param};
     return {kPi, FieldOfViewSource::none};
   }
 
@@ -215,7 +231,7 @@ class CarmenParser {
     const std::size_t n = count_at(record, 0, "ranges");
     const std::size_t pose = checked_end(record, 1, n, trailer, "ranges");
     const std::size_t steps = n % 2 == 0 ? n : n - 1;
-    used_ = field_of_view_of(n, steps);
+    used_ = field_of_view_of(record, n, steps);
     const double fov = used_->first;
     const double step = steps == 0 ? 0.0 : fov / static_cast<double>(steps);
     return make_scan(record, 1, n, pose, pose + trailer - 1, -0.5 * fov, step, options_.max_range,

@@ -19,6 +19,8 @@ from ndtree.readers.plain_file import open_regular
 
 #: No header is longer; it ends with its line DATA.
 _HEADER_LINES, _LINE_BYTES = 200, 1 << 16
+#: LZF makes 264 bytes of 3 at most.
+_MOST_UNPACKED = 88
 _ENCODINGS = ("ascii", "binary", "binary_compressed")
 _TYPES = {"F": "f", "I": "i", "U": "u"}
 _KEYWORDS = frozenset("VERSION FIELDS COLUMNS SIZE TYPE COUNT WIDTH HEIGHT VIEWPOINT POINTS DATA".split())
@@ -211,7 +213,7 @@ def _of_compressed(path: str, header: PcdHeader, data: bytes, axes: list[int]) -
     if len(data) < 8:
         raise _damaged(path, f"{len(data)} bytes behind DATA, expected two sizes")
     packed, size = struct.unpack_from("<II", data)
-    if len(data) - 8 < packed or size > 1 << 10 + 8 * packed:
+    if len(data) - 8 < packed or size > (1 << 10) + _MOST_UNPACKED * packed:
         raise _damaged(path, f"found {len(data) - 8} compressed bytes, expected {packed} for {size}")
     wanted = [header.points * header.dtype(zero_is).itemsize for zero_is in (0, 1)]
     if size not in wanted:
@@ -220,7 +222,9 @@ def _of_compressed(path: str, header: PcdHeader, data: bytes, axes: list[int]) -
     try:
         content = lzf.decompress(data[8 : 8 + packed], size)
     except Exception as error:  # The library has no error of its own.
-        raise _damaged(path, one_line(error)) from None
+        if packed != size:
+            raise _damaged(path, one_line(error)) from None
+        content = data[8 : 8 + size]  # What LZF cannot shorten, some write as it is.
     if content is None or len(content) != size:
         raise _damaged(path, f"unpacked {len(content or b'')} bytes, expected {size}")
     lengths = [kind.itemsize * count * header.points for kind, count in zip(header.types, counts)]

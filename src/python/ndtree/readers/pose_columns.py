@@ -69,15 +69,23 @@ def columns_named(line: str) -> PoseColumns | None:
     return None
 
 
-def names_w_first(line: str) -> bool:
-    """Whether a line names qw before qx, though not all that `columns_named` needs."""
-    roles = [_role(name, unit)[0] for name, unit in _names(line.strip().lstrip("#%/").strip())]
-    return "qw" in roles and "qx" in roles and roles.index("qw") < roles.index("qx")
+def order_in_doubt(line: str) -> str | None:
+    """What a line names that may be w before x y z, though not all that `columns_named` needs; else None."""
+    names = _names(line.strip().lstrip("#%/").strip())
+    roles = [_role(name, unit)[0] for name, unit in names]
+    if "qw" in roles and "qx" in roles and roles.index("qw") < roles.index("qx"):
+        return "qw before qx"
+    numbered = [name for name, _ in names if re.fullmatch(r"(?:.*[^a-z])?q(?:uat)?[_.\[]?[0-4]\]?", name)]
+    return " ".join(numbered) if len(numbered) == 4 else None
 
 
 def _columns(text: str) -> PoseColumns | None:
     names = [_role(name, unit) for name, unit in _names(text)]
     roles = [role for role, _ in names]
+    words = [name for name, _ in _names(text)]
+    if all(word in words for word in "ijk"):
+        imaginary = {"i": "qx", "j": "qy", "k": "qz"}
+        roles = [imaginary.get(word, "qw" if role == "w" else role) for word, role in zip(words, roles)]
     if "w" in roles:  # x y z w behind px py pz, or behind another x y z.
         roles = _with_bare_quaternion(roles)
     roles = [role if role in (*_POSE, "time", "sec", "nsec") else _BARE.get(role, "") for role in roles]
@@ -86,6 +94,9 @@ def _columns(text: str) -> PoseColumns | None:
     pose = tuple(roles.index(role) for role in _POSE)
     if roles.count("sec") == roles.count("nsec") == 1:
         return PoseColumns(len(roles), roles.index("sec"), pose, roles.index("nsec"), "s")
+    parts = [i for i, (role, unit) in enumerate(names) if (role, unit) == ("time", "ns")]
+    if roles.count("sec") == len(parts) == 1:  # stamp_sec and stamp_nanosec
+        return PoseColumns(len(roles), roles.index("sec"), pose, parts[0], "s")
     times = [i for i, role in enumerate(roles) if role in ("time", "sec", "nsec")]
     if len(times) > 1:  # A message's own stamp rather than the time at which it came.
         named = [name for name, _ in _names(text)]
@@ -95,6 +106,7 @@ def _columns(text: str) -> PoseColumns | None:
     return PoseColumns(len(roles), times[0], pose, None, names[times[0]][1])
 
 
+_COMPLEX = {"qi": "qx", "qj": "qy", "qk": "qz", "qr": "qw"}
 _BARE = {"bare x": "x", "bare y": "y", "bare z": "z"}
 
 
@@ -135,6 +147,8 @@ def _role(name: str, unit: str | None) -> tuple[str, str | None]:
     words = [word for word in re.split(r"[^0-9a-zµμ]+", name) if word]
     if not words:
         return "", None
+    if len(words) > 1 and words[-1] in ("m", "meters", "metres"):
+        words = words[:-1]
     last = words[-1]
     known = _UNITS.get(unit) if unit else None
     if last in _TIMES and words[0] not in _POSITIONS - _TIMES:
@@ -143,6 +157,10 @@ def _role(name: str, unit: str | None) -> tuple[str, str | None]:
         if any(word in _TIMES for word in words[:-1]) and _UNITS[last] != "s" and len(words) <= 2:
             return "time", _UNITS[last]
         return {"s": "sec", "ns": "nsec"}.get(_UNITS[last], "time"), known or _UNITS[last]
+    if last == "utime":
+        return "time", "us"
+    if last in _COMPLEX:
+        return _COMPLEX[last], None
     if last in ("x", "y", "z"):
         if len(words) == 1:
             return f"bare {last}", None

@@ -13,13 +13,6 @@ from ndtree.readers.log import LineLog
 from ndtree.readers.source import Format, Source
 from ndtree.scan import Scan
 
-#: Lines that tell points from beams, and how many there must be with and without further evidence.
-_LINES_SEEN, _FEW, _MANY = 2000, 3, 10
-#: As many sensors may take turns from line to line.
-_SENSORS = 8
-#: Whole numbers from 0 to 255 are colours if one is at least this.
-_BRIGHT = 64
-
 EXPECTED = "expected 4 or 5 numbers a line in 2-D, 6 or 7 in 3-D"
 
 
@@ -27,7 +20,6 @@ class TextLog(LineLog):
     """Consecutive lines with the same origin are one scan."""
 
     format = "text"
-    marks_no_returns = True
 
     def _scans(self) -> Iterator[Scan]:
         parser = _core.XyzParser2() if self.dim == 2 else _core.XyzParser3()
@@ -75,42 +67,62 @@ def first_fields(source: Source) -> list[str]:
 
 
 def _recognises(source: Source) -> bool:
-    dim = dimension_of(first_fields(source))
-    if dim is None:
+    if dimension_of(first_fields(source)) is None:
         return False
-    looks = _as_points(source, dim)
-    if looks:
-        raise ValueError(
-            f"{source.path}: {looks}, as if they were points (x y z and more), which do not say where they "
-            f"were measured from; expected beams, the same origin for all of a scan ({EXPECTED}). Beams in "
-            "spite of that: format text. Points: a PCD, PLY, LAS or LAZ file with a pose"
-        )
+    _require_beams(source)
     return True
 
 
-def _as_points(source: Source, dim: int) -> str | None:
-    """What makes the first lines look like points with colours, normals and the like; None if nothing does.
+def _require_beams(source: Source) -> None:
+    """Refuse points with colours, normals or intensities. Who has beams like them says so by the format."""
+    looks = _as_points(source)
+    if looks is None:
+        return
+    raise ValueError(
+        f"{source.path}: {looks}, as points with colours, normals or intensities do, expected beams, those "
+        "of a scan with the same origin before their end points. Points are read from a folder of PCD, PLY, "
+        "LAS or LAZ files with poses; beams that have an origin each by format text"
+    )
 
-    Beams of a scan share an origin, and points do not share their first coordinates.
+
+def _as_points(source: Source) -> str | None:
+    """What makes the first lines look like points; None if nothing does.
+
+    Beams of a scan share their origin, and points do not share their first coordinates. Where they do, on
+    plumb walls and in grids, and in short files, what is behind them may tell.
     """
-    lines = source.head.decode("utf-8", "replace").splitlines()[:_LINES_SEEN]
-    fields = [found for found in map(fields_of, lines) if dimension_of(found) == dim]
+    lines = [fields_of(line) for line in source.head.decode("utf-8", "replace").splitlines()]
+    dim = dimension_of(first_fields(source))
+    fields = [found for found in lines if dim is not None and dimension_of(found) == dim]
     rows = np.array([[float(field) for field in found[: 2 * dim]] for found in fields])
-    origins = rows[:, :dim]
-    runs = 1 + int((origins[1:] != origins[:-1]).any(axis=1).sum())
+    origins, ends = rows[:, :dim], rows[:, dim:]
+    changes = int((origins[1:] != origins[:-1]).any(axis=1).sum())
     different = len(np.unique(origins, axis=0))
-    if len(rows) >= _MANY and 2 * runs > len(rows) and different > _SENSORS:
-        return f"{runs} of the first {len(rows)} lines have another origin than the line before"
-    ends = rows[:, dim:]
+    is_long = len(rows) >= _MANY_LINES
+    many = max(_SENSORS, _MOST_DIFFERENT * len(rows))
+    if is_long and changes > _MOST_CHANGES * (len(rows) - 1) and different > many:
+        return (
+            f"{changes + 1} of the first {len(rows)} lines of {len(first_fields(source))} numbers begin with "
+            "another point"
+        )
     whole = (rows == np.round(rows)).all(axis=0)
-    if dim == 2 and len(rows) >= _MANY and different >= _FEW and whole.tolist() == [False] * 3 + [True]:
-        return "column 4 alone has whole numbers"
-    if dim == 3 and len(rows) >= _FEW and runs == different == len(rows):
+    if dim == 2 and is_long and different >= _FEW_LINES and whole.tolist() == [False, False, False, True]:
+        return "of the first four columns, only the last has whole numbers"
+    if dim == 3 and len(rows) >= _FEW_LINES and changes + 1 == different == len(rows):
         if whole[dim:].all() and ends.min() >= 0 and _BRIGHT <= ends.max() <= 255:
-            return "columns 4 to 6 look like colours"
+            return "columns 4 to 6 have whole numbers from 0 to 255"
         if np.allclose(np.linalg.norm(ends, axis=1), 1.0, atol=1e-2):
-            return "columns 4 to 6 look like normals"
+            return "columns 4 to 6 are vectors of length 1"
     return None
+
+
+#: So many lines are needed to tell. Of beams, such a part begins at another point than the line before, ...
+_MANY_LINES, _MOST_CHANGES = 10, 0.75
+#: ... or there are only so many points for a line, as of sensors that take turns, or so many in all; walls have
+#: many points above each other.
+_MOST_DIFFERENT, _SENSORS = 0.1, 8
+#: So many lines are needed where values behind the coordinates tell. Colours are this bright somewhere.
+_FEW_LINES, _BRIGHT = 3, 64
 
 
 def _open(source: Source, *, dim: int | None = None) -> TextLog:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ndtree.readers.plain_file import text_lines
 from ndtree.readers.pose import Pose
-from ndtree.readers.pose_columns import TUM, PoseColumns, columns_named, names_w_first, seconds_of
+from ndtree.readers.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
 from ndtree.readers.source import ReaderOption
 from ndtree.readers.trajectory import Trajectory
 
@@ -147,9 +147,10 @@ def _lines(path: str) -> Iterator[tuple[PoseColumns | None, tuple[int, list[floa
             if found is not None:
                 named = found
                 continue
-            if named is None and names_w_first(line):
+            doubt = order_in_doubt(line) if named is None else None
+            if doubt:
                 raise ValueError(
-                    f"{path}: line {number}: the header names qw before qx, but not one time, x y z and "
+                    f"{path}: line {number}: the header names {doubt}, but not one time, x y z and "
                     "qx qy qz qw, as in '# t,x,y,z,qw,qx,qy,qz'"
                 )
         if fields:
