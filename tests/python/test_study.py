@@ -60,7 +60,7 @@ def test_the_page_s_study_is_what_compare_says(tmp_path: Path) -> None:
     keys = ("cells", "updates", "splits", "merges", "truth", "claims", "exact", "memory_bytes")
     assert {key: row[key] for key in keys} == json.loads(json.dumps({key: expected[key] for key in keys}))
     sizes = {row["map"]: row["cells"] for row in table.rows if row["log"] == "office"}
-    assert sizes["adaptive, min_cell_size 0.2"] < sizes["rough"] < 2 * sizes["adaptive, min_cell_size 0.1"]
+    assert sizes["adaptive, min_cell_size 0.2"] < sizes["rough"] < 2.5 * sizes["adaptive, min_cell_size 0.1"]
     folder = tmp_path / "sizes"
     names = ["results", "table.csv", "table.json", "table.md", "truth.pdf", "truth.png"]
     assert sorted(path.name for path in folder.iterdir()) == names
