@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -69,3 +70,27 @@ def test_map_and_compare_say_it_in_one_line(tmp_path: Path) -> None:
         assert done.output.count("scan 2 has a beam of 4,000 m") == 1
         assert "a beam of" not in CliRunner().invoke(app, [*call, "--max-range", "100"]).output
     assert ndtree.load(tmp_path / "a.ndt").dim == 2
+
+
+@pytest.mark.parametrize("adaptive", [True, False])
+def test_insert_warns_of_absurd_beams_before_it_changes_anything(adaptive: bool) -> None:
+    def new() -> ndtree.OccupancyMap:
+        return ndtree.AdaptiveMap(dim=2) if adaptive else ndtree.FixedMap(dim=2, cell_size=0.05)
+
+    near, far = scans()[0], scans(1000.0)[2]
+    m = new()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        m.insert(near.endpoints, near.origin)
+        m.insert(far.endpoints, far.origin, max_range=30.0)
+        before = m.to_bytes()
+        with pytest.raises(
+            UserWarning, match=r"beam 0 is 4000 m long, 80000 of the smallest cells: expected"
+        ):
+            m.insert(far.endpoints, far.origin)
+        assert m.to_bytes() == before
+        m.insert(np.full((1, 2), np.nan), far.origin)
+    with pytest.warns(UserWarning) as caught:
+        m.insert(far.endpoints[:1], far.origin)
+    assert len(caught) == 1
+    assert caught[0].filename == __file__

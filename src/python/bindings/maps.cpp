@@ -2,6 +2,7 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <functional>
@@ -114,6 +115,30 @@ HeldOutTruth evaluate(const PythonMap& map, const py::object& points, const py::
   HeldOutTruth result = truth ? std::move(*truth) : HeldOutTruth{};
   map.read([&](const MapInterface& m) { m.evaluate(beams, max_range, result); });
   return result;
+}
+
+/// A Python warning where a beam that nobody cuts is absurdly long beside the cells, before anything changes.
+/// O(beams).
+void warn_of_scale(const BeamArrays& beams, int dim, double cell_size, double max_range) {
+  constexpr double kMostCells = 20000.0;  // As MOST_CELLS of ndtree.scale.
+  if (max_range < kInfinity) return;      // Who says so means it.
+  const double limit = kMostCells * cell_size;
+  const double* const ends = beams.endpoints.data();
+  const double* const origins = beams.origins.data();
+  const py::ssize_t step = beams.origins.ndim() == 2 ? dim : 0;
+  for (py::ssize_t i = 0; i < beams.endpoints.shape(0); ++i) {
+    double longest = 0.0;  // Along an axis.
+    for (int a = 0; a < dim; ++a)
+      longest = std::max(longest, std::abs(ends[i * dim + a] - origins[i * step + a]));
+    if (!(longest > limit && longest < kInfinity)) continue;
+    const std::string text =
+        "beam " + std::to_string(i) + " is " + number_text(longest) + " m long, " +
+        number_text(std::floor(longest / cell_size)) +
+        " of the smallest cells: expected metres, and an origin in the frame of the points; "
+        "if it is meant, max_range says so";
+    if (PyErr_WarnEx(PyExc_UserWarning, text.c_str(), 1) != 0) throw py::error_already_set();
+    return;
+  }
 }
 
 /// Whether a map of this refinement has such an option; cell sizes of maps with one size are called
@@ -400,6 +425,7 @@ void bind_maps(py::module_& module) {
             const LayerArguments of_layers(layers, beams.endpoints.shape(0));
             std::optional<BoxArgument> box;
             if (!window.is_none()) box.emplace(window, map.constant().dim(), "window");
+            warn_of_scale(beams, map.constant().dim(), map.constant().options().min_cell_size, max_range);
             return map.write([&, region = box ? std::optional<AnyBox>(*box) : std::nullopt](MapInterface& m) {
               return m.insert(beams, max_range, threads, region, of_layers.all());
             });
@@ -449,6 +475,9 @@ ValueError
     lattice of cells, or a beam longer than 2**20 of the smallest cells. The map is then unchanged.
 MemoryError
     The map would hold more than max_memory. If that was given, the map is then unchanged.
+UserWarning
+    A beam is longer than 20,000 of the smallest cells, and no max_range is given: points in millimetres, or in
+    another frame than their origin.
 KeyboardInterrupt
     Ctrl-C, heard within a fraction of a second; the map is then unchanged. So with all long calls.
 )")

@@ -326,6 +326,9 @@ class OccupancyMap:
             lattice of cells, or a beam longer than 2**20 of the smallest cells. The map is then unchanged.
         MemoryError
             The map would hold more than max_memory. If that was given, the map is then unchanged.
+        UserWarning
+            A beam is longer than 20,000 of the smallest cells, and no max_range is given: points in millimetres, or in
+            another frame than their origin.
         KeyboardInterrupt
             Ctrl-C, heard within a fraction of a second; the map is then unchanged. So with all long calls.
         """

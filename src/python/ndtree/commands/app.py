@@ -3,6 +3,7 @@
 
 import functools
 import sys
+import warnings
 from typing import Annotated, Any, Callable
 
 import numpy as np
@@ -33,7 +34,13 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def guarded(**arguments: Any) -> None:
         try:
-            with np.errstate(all="ignore"):  # Absurd numbers in a log are counted, or refused by name.
+            with (
+                np.errstate(all="ignore"),
+                warnings.catch_warnings(),
+            ):  # Absurd numbers are counted or refused.
+                warnings.filterwarnings(
+                    "ignore", r"beam \d+ is "
+                )  # The commands tell of them in a line of theirs.
                 command(**arguments)
         except (BrokenPipeError, typer.Exit):
             raise
