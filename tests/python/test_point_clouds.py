@@ -674,6 +674,15 @@ def test_kitti_points_of_any_length_are_told_from_the_numbers(
         np.testing.assert_allclose(scan.endpoints, surroundings(i, order) @ T[:3, :3].T + T[:3, 3], atol=1e-4)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_kitti_points_of_which_nothing_tells_the_length_are_of_four_floats(seed: int, tmp_path: Path) -> None:
+    kitti(tmp_path)
+    random = np.random.default_rng(seed)
+    for i in range(3):  # All columns alike, and as many bytes as 160 or 100 points would have.
+        random.normal(0, 5, (200, 4)).astype("<f4").tofile(tmp_path / "velodyne" / f"{i:06d}.bin")
+    assert [len(scan) for scan in read(tmp_path)] == [200] * 3
+
+
 def test_kitti_scan_that_is_cut_off_is_named_whatever_the_length(tmp_path: Path) -> None:
     kitti(tmp_path)
     for i in range(3):

@@ -118,8 +118,8 @@ def _as_points(source: Source) -> str | None:
 
 #: So many lines are needed to tell. Of beams, such a part begins at another point than the line before, ...
 _MANY_LINES, _MOST_CHANGES = 10, 0.75
-#: ... or there are only so many points for a line, as of sensors that take turns, or so many in all; walls have
-#: many points above each other.
+#: ... or there are only so many points for a line, as of sensors that take turns, or so many in all; walls
+#: have many points above each other.
 _MOST_DIFFERENT, _SENSORS = 0.1, 8
 #: So many lines are needed where values behind the coordinates tell. Colours are this bright somewhere.
 _FEW_LINES, _BRIGHT = 3, 64
