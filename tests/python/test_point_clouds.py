@@ -313,6 +313,28 @@ def by_text(names: str, row: np.ndarray, separator: str = " ") -> str:
     return separator.join(f"{values[name]:.9g}" for name in names)
 
 
+@pytest.mark.parametrize(
+    "start",
+    [
+        "# .PCD v0.7\n",
+        "#.PCD v.7\n",
+        "# made by hand\n# .PCD v0.7\n\n",
+        "\n",
+        "# made by hand\n",
+        "",
+        "\ufeff",
+    ],
+)
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+@pytest.mark.parametrize("by", [" ", "\t"])
+def test_pcd_is_recognised_however_its_header_begins(start: str, end: str, by: str, tmp_path: Path) -> None:
+    lines = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n1 2 3\n4 5 6\n"
+    path = tmp_path / "cloud.pcd"
+    path.write_bytes((start + lines.replace(" ", by)).replace("\n", end).encode())
+    (scan,) = read(path)
+    np.testing.assert_array_equal(scan.endpoints, [[1, 2, 3], [4, 5, 6]])
+
+
 def test_compressed_pcd_may_hold_what_lzf_cannot_shorten(tmp_path: Path) -> None:
     points = cloud(0)
     path = BINARY(tmp_path / "000000", points)
@@ -672,6 +694,15 @@ def test_kitti_points_of_any_length_are_told_from_the_numbers(
     for i, scan in enumerate(read(tmp_path)):
         T = np.linalg.inv(TR) @ pose_matrix(i) @ TR
         np.testing.assert_allclose(scan.endpoints, surroundings(i, order) @ T[:3, :3].T + T[:3, 3], atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_kitti_points_of_which_nothing_tells_the_length_are_of_four_floats(seed: int, tmp_path: Path) -> None:
+    kitti(tmp_path)
+    random = np.random.default_rng(seed)
+    for i in range(3):  # All columns alike, and as many bytes as 160 or 100 points would have.
+        random.normal(0, 5, (200, 4)).astype("<f4").tofile(tmp_path / "velodyne" / f"{i:06d}.bin")
+    assert [len(scan) for scan in read(tmp_path)] == [200] * 3
 
 
 def test_kitti_scan_that_is_cut_off_is_named_whatever_the_length(tmp_path: Path) -> None:

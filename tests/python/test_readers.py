@@ -324,6 +324,18 @@ def test_points_of_walls_are_not_taken_for_beams(name: str, order: str, layout: 
             read(few)
 
 
+@pytest.mark.parametrize("intensities", [(37, 37, 37), (1, 255, 0)])
+def test_few_points_with_intensities_are_not_taken_for_beams(intensities: tuple, tmp_path: Path) -> None:
+    lines = [
+        f"{1.5 + i / 8} {0.25 - i / 16} 0.{i + 1} {intensity}" for i, intensity in enumerate(intensities)
+    ]
+    path = written("a.txt", "\n".join(lines).encode())(tmp_path)
+    with pytest.raises(ValueError, match="of the first four columns, only the last has whole numbers"):
+        read(path)
+    path.write_text("\n".join(lines[:2]))
+    assert len(list(read(path))) == 2, "two lines do not tell"
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_beams_are_beams_however_their_origins_change(dim: int, tmp_path: Path) -> None:
     random = np.random.default_rng(4)

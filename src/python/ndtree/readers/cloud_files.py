@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import codecs
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -73,13 +74,20 @@ CLOUD_FILES = (
 )
 
 
+#: A PCD's header may begin with any comments and blank lines; bytes of a file that are looked at for it.
+_PCD_HEADER = re.compile(
+    rb"\s*#[ \t]*\.PCD\b|(?:\s*#[^\n]*\n)*\s*(?:VERSION|FIELDS|COLUMNS)[ \t]", re.IGNORECASE
+)
+_LOOKED_AT = 4096
+
+
 def kind_of_file(head: bytes) -> CloudFile | None:
     """What a file is by its first bytes."""
     head = head.removeprefix(codecs.BOM_UTF8)
     for kind in CLOUD_FILES:
         if head.startswith(kind.magic):
             return kind
-    return None
+    return kind_of_name("a.pcd") if _PCD_HEADER.match(head[:_LOOKED_AT]) else None
 
 
 def kind_of_name(name: str) -> CloudFile | None:
@@ -94,10 +102,7 @@ def kind_of_name(name: str) -> CloudFile | None:
 def points_of_file(path: str) -> Points:
     """(n, 3) points of a file that is one of these by its content."""
     with open_regular(path) as file:
-        head = file.read(16)
-    kind = kind_of_file(head)
-    if kind is None and head.removeprefix(codecs.BOM_UTF8).startswith(b"#"):
-        kind = kind_of_name(path)  # A PCD may begin with any comment.
+        kind = kind_of_file(file.read(_LOOKED_AT))
     if kind is None:
         raise ValueError(f"{path}: expected a {', '.join(kind.name for kind in CLOUD_FILES)} or LAZ file")
     return kind.points(path)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from functools import cached_property
@@ -114,12 +115,13 @@ def floats_a_point(files: Sequence[str]) -> int:
     if best in (6, 8) and spreads[best // 2] - spreads[best] <= _CLEARLY:
         best //= 2  # Every second point of the same is as good.
     gain = spreads[4] - spreads[best]
+    noise = max(_CLEARLY / 4, _SURE / math.sqrt(2 * sum(map(len, samples))))
     if gain <= 0.0:
         return 4
-    if gain > _CLEARLY:
+    if gain > max(_CLEARLY, 1.5 * noise):
         return best
     fitting = [width for width in _WIDTHS if not any(size % (4 * width) for size in sizes)]
-    if 4 in fitting and gain < _CLEARLY / 4:
+    if 4 in fitting and (gain < noise or best not in fitting):
         return 4
     if fitting == [best]:
         return best
@@ -141,6 +143,8 @@ _WIDTHS = {
 _SAMPLE, _FEWEST = 60_000, 60
 #: Mean logarithm by which columns spread less with the right number.
 _CLEARLY = 0.1
+#: Standard errors of that mean that are no chance; one is 1 / sqrt(2 n) of n numbers.
+_SURE = 2.5
 
 
 def _spread_out(files: Sequence[str], count: int = 5) -> list[str]:

@@ -70,11 +70,14 @@ def columns_named(line: str) -> PoseColumns | None:
 
 
 def order_in_doubt(line: str) -> str | None:
-    """What a line names that may be w before x y z, though not all that `columns_named` needs; else None."""
+    """Names of a line that are not qx qy qz qw, where `columns_named` has found nothing; else None."""
     names = _names(line.strip().lstrip("#%/").strip())
     roles = [_role(name, unit)[0] for name, unit in names]
     if "qw" in roles and "qx" in roles and roles.index("qw") < roles.index("qx"):
         return "qw before qx"
+    angles = [name for name, _ in names if re.search(r"(?:^|[^a-z])(?:roll|pitch|yaw)$", name)]
+    if len(angles) > 1:
+        return " ".join(angles)
     numbered = [name for name, _ in names if re.fullmatch(r"(?:.*[^a-z])?q(?:uat)?[_.\[]?[0-4]\]?", name)]
     return " ".join(numbered) if len(numbered) == 4 else None
 

@@ -93,22 +93,26 @@ def _as_points(source: Source) -> str | None:
     """
     lines = [fields_of(line) for line in source.head.decode("utf-8", "replace").splitlines()]
     dim = dimension_of(first_fields(source))
-    fields = [found for found in lines if dim is not None and dimension_of(found) == dim]
+    if dim is None:
+        return None
+    fields = [found for found in lines if dimension_of(found) == dim]
     rows = np.array([[float(field) for field in found[: 2 * dim]] for found in fields])
     origins, ends = rows[:, :dim], rows[:, dim:]
     changes = int((origins[1:] != origins[:-1]).any(axis=1).sum())
     different = len(np.unique(origins, axis=0))
     is_long = len(rows) >= _MANY_LINES
-    many = max(_SENSORS, _MOST_DIFFERENT * len(rows))
-    if is_long and changes > _MOST_CHANGES * (len(rows) - 1) and different > many:
+    most = max(_SENSORS, _MOST_DIFFERENT * len(rows))
+    if is_long and changes > _MOST_CHANGES * (len(rows) - 1) and different > most:
         return (
             f"{changes + 1} of the first {len(rows)} lines of {len(first_fields(source))} numbers begin with "
             "another point"
         )
     whole = (rows == np.round(rows)).all(axis=0)
-    if dim == 2 and is_long and different >= _FEW_LINES and whole.tolist() == [False, False, False, True]:
+    all_differ = len(rows) >= _FEW_LINES and changes + 1 == different == len(rows)
+    last_alone = whole.tolist() == [False, False, False, True]
+    if dim == 2 and last_alone and (all_differ or (is_long and different >= _FEW_LINES)):
         return "of the first four columns, only the last has whole numbers"
-    if dim == 3 and len(rows) >= _FEW_LINES and changes + 1 == different == len(rows):
+    if dim == 3 and all_differ:
         if whole[dim:].all() and ends.min() >= 0 and _BRIGHT <= ends.max() <= 255:
             return "columns 4 to 6 have whole numbers from 0 to 255"
         if np.allclose(np.linalg.norm(ends, axis=1), 1.0, atol=1e-2):
