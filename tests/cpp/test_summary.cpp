@@ -120,7 +120,7 @@ void queries_equal_those_over_all_leaves(Random& random, Map map) {
       traverse_beam(copy.tree(), from, direction, 0.0, 5.0 / direction.norm(),
                     [&](const auto& leaf, double t_enter, double) {
                       if (leaf.cell().state() == CellState::occupied)
-                        nearest = std::min(nearest, t_enter * direction.stableNorm());
+                        nearest = std::min(nearest, t_enter * direction.norm());
                     });
       const auto cast = cast_ray(copy, from, direction, 5.0);
       ASSERT_EQ(cast.value_or(std::numeric_limits<double>::infinity()), nearest);
