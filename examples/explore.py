@@ -36,13 +36,15 @@ def shortest_way(start, ends, passable):
     return np.array(way[::-1])
 
 
-def way_to_frontier(m, position, goals):
+def way_to_frontier(m, track, goals):
     """Points from here to the nearest frontier where the robot was not yet; None if none is in reach."""
+    position = track[-1]
     box = np.array(m.bounds()) + np.array([[-GRID], [GRID]])
     field = m.distance_field(box, GRID, max_distance=RADIUS + GRID)
     centers, lower = field.centers, field.lower
     here = np.linalg.norm(centers - position, axis=-1) < RADIUS + GRID  # Where it is, it may be.
     free = (m.state(centers) == 0) & (here | (field.values > RADIUS))
+    free[tuple(((np.array(track) - lower) // GRID).astype(int).T)] = True  # And the way that it came.
     ends = np.zeros_like(free)
     for frontier in m.frontiers(min_cells=8):
         ends[tuple(((frontier.cell_centers - lower) // GRID).astype(int).T)] = True
@@ -58,7 +60,7 @@ def explore(world, scans=500):
     track, goals = [world[0].origin], []
     for _ in range(scans):
         look(world, m, track[-1], rng)
-        way = way_to_frontier(m, track[-1], goals)
+        way = way_to_frontier(m, track, goals)
         if way is None:
             return m, np.array(track), True
         track.extend(way[:10])  # At most a metre, then it looks and thinks again.

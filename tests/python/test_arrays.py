@@ -165,7 +165,7 @@ def damaged_files():
         (whole[:30], "truncated or overlong"),
         (whole + b"more", "truncated or overlong"),
         (bytes(flipped), "damaged: the checksum does not match"),
-        (bytes(version), "format version 9: this ndtree reads versions 2 to 4"),
+        (bytes(version), "format version 9: this ndtree reads versions 2 to 6"),
     ]
 
 
