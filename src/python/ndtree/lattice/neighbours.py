@@ -127,6 +127,18 @@ def hidden(cells: Cells) -> Booleans:
     return covered_faces(cells).all(axis=(1, 2))
 
 
+def _inside_others(lower: Integers, size: Integers) -> Booleans:
+    """Which cells of the lattice, all different, lie in a larger one of them."""
+    inside = np.zeros(len(size), dtype=np.bool_)
+    for larger in np.unique(size)[1:]:
+        of_size = np.ascontiguousarray(lower[size == larger])
+        smaller = np.flatnonzero(size < larger)
+        around = np.ascontiguousarray(lower[smaller] // larger * larger)
+        row = np.dtype((np.void, around.dtype.itemsize * around.shape[1]))
+        inside[smaller] |= np.isin(around.view(row).ravel(), of_size.view(row).ravel())
+    return inside
+
+
 def frontier(cells: Cells) -> Cells:
     """Unknown space beside free cells, in cells no larger than those: where a map could grow.
 
@@ -156,6 +168,8 @@ def frontier(cells: Cells) -> Cells:
     new = np.ones(len(size), dtype=np.bool_)
     new[1:] = np.any(lower[1:] != lower[:-1], axis=1) | (size[1:] != size[:-1])
     lower, size = lower[new], size[new]
+    outermost = ~_inside_others(lower, size)
+    lower, size = lower[outermost], size[outermost]
     n = len(size)
     return Cells(
         cells.unit,
