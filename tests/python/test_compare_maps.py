@@ -28,9 +28,11 @@ def room(dim: int, branching: int = 2, cell_size: float = 0.1, seeds: tuple[int,
 
 
 def plain_count(a: Any, b: Any, cell_size: float) -> dict[str, dict[str, int]]:
-    reach = round(4.8 / cell_size) * cell_size  # Coarse cells go on beyond the room.
-    box = [[-reach] * a.dim, [reach] * a.dim]
-    one, other = a.to_grid(box, cell_size) + 1, b.to_grid(box, cell_size) + 1
+    """Of what both say at the centres of cells. A grid of larger cells than a map's says more than that."""
+    reach = round(4.8 / cell_size)  # Coarse cells go on beyond the room.
+    along = (np.arange(-reach, reach) + 0.5) * cell_size
+    centres = np.stack(np.meshgrid(*[along] * a.dim), axis=-1).reshape(-1, a.dim)
+    one, other = a.state(centres) + 1, b.state(centres) + 1
     return {
         x: {y: int(np.count_nonzero((one == i) & (other == j))) for j, y in enumerate(NAMES) if i or j}
         for i, x in enumerate(NAMES)
@@ -258,7 +260,7 @@ def test_the_command_compares_and_converts(tmp_path: Path) -> None:
         (["compare", "room.ndt", "none.ndt"], 1, "none.ndt: No such file"),
         (["compare", "cut.bt", "room.ndt"], 1, "cut.bt: line 2: expected the header of an OctoMap"),
         (["convert", "room.ndt", "a.xyz"], 2, "a.xyz: no format has this ending"),
-        (["convert", "room.ndt", "a.ply", "--cell-size", "1"], 2, "cell_size: format ply"),
+        (["convert", "room.ndt", "a.ndt", "--cell-size", "1"], 2, "cell_size: format ndtree"),
         (["convert", "room.ndt", "a.ply", "--states", "solid"], 1, "states = ['solid']"),
         (["convert", "log.txt", "a.ply"], 1, "log.txt: neither the first bytes nor"),
         (["convert", "room.ndt", "none/a.ply"], 1, "none/a.ply: cannot be written"),

@@ -219,21 +219,28 @@ def test_a_pixel_costs_a_few_bytes(image: Callable[..., Path], tmp_path: Path) -
     assert peak_memory(lambda: states_of_image(str(path))) < 8 * side**2
 
 
-def test_colors_and_transparency_say_what_they_said(image: Callable[..., Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize("rule", ["trinary", "scale"])
+def test_colors_and_transparency_say_what_nav2_reads(
+    rule: str, image: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Trinary: alpha is a fourth color of images that have it. Scale: what is not opaque is unknown."""
     from PIL import Image
 
     random = np.random.default_rng(1)
     for mode, bands in (("L", 1), ("LA", 2), ("RGB", 3), ("RGBA", 4), ("P", 1), ("1", 1)):
         pixels = random.integers(0, 256, (300, 7, bands), dtype=np.uint8)
         if mode in ("LA", "RGBA"):
-            pixels[..., -1] = random.choice([0, 1, 255], (300, 7))
+            pixels[..., -1] = random.choice([0, 1, 128, 254, 255], (300, 7))
         made = Image.fromarray(pixels.squeeze(), mode if mode not in ("P", "1") else "L").convert(mode)
         made.save(tmp_path / "a.png")
-        grey = np.asarray(made.convert("RGBA"), dtype=np.float64)
-        share = (255 - grey[..., :3].mean(axis=2)) / 255
+        colors = np.asarray(made.convert("RGBA"), dtype=np.float64)
+        averaged = 4 if rule == "trinary" and mode in ("LA", "RGBA") else 3
+        share = (255 - colors[..., :averaged].mean(axis=2)) / 255
         expected = np.where(share > 0.65, 1, np.where(share < 0.196, 0, -1))
-        expected[grey[..., 3] == 0] = -1
-        found = open_map(image(image="a.png")).map
+        if rule == "scale":
+            expected[colors[..., 3] < 255] = -1
+        assert set(np.unique(expected)) == {-1, 0, 1} or mode == "1"
+        found = open_map(image(image="a.png", mode=rule)).map
         x, y = np.meshgrid(np.arange(7), np.arange(300), indexing="ij")
         points = np.stack([x, y], axis=-1).reshape(-1, 2) * 0.05 + 0.025
         assert np.array_equal(found.state(points), expected[::-1].T.ravel()), mode

@@ -461,8 +461,14 @@ def test_all_that_was_observed_is_in_the_frame() -> None:
 
 def test_single_beams_that_went_far_do_not_shrink_the_rest() -> None:
     m = beside_a_wall()
-    m.insert(np.array([[900.0, 3.0]]), np.zeros(2), returned=np.zeros(1, dtype=bool))
-    assert np.ptp(plot.overview(m).axes[0].get_xlim()) < 20
+    whole = plot.overview(m).axes[0]
+    for far in ((900.0, 3.0), (3.0, -900.0), (-400.0, -400.0)):
+        m.insert(np.array([far]), np.zeros(2), returned=np.zeros(1, dtype=bool))
+        ax = plot.overview(m).axes[0]
+        for few, many in ((whole.get_xlim(), ax.get_xlim()), (whole.get_ylim(), ax.get_ylim())):
+            assert many[0] < few[0] + 0.5 and many[1] > few[1] - 0.5 and np.ptp(many) < 20
+    track = [(0.0, 0.0), (300.0, 1.0)]
+    assert plot.overview(m, track=track).axes[0].get_xlim()[1] > 300
 
 
 @pytest.mark.parametrize("length", [1.0, 100.0, 20_000.0])

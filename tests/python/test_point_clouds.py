@@ -705,6 +705,19 @@ def test_kitti_points_of_which_nothing_tells_the_length_are_of_four_floats(seed:
     assert [len(scan) for scan in read(tmp_path)] == [200] * 3
 
 
+@pytest.mark.parametrize("count", [15, 201, 3001])
+def test_kitti_points_that_come_in_pairs_are_not_half_as_many(count: int, tmp_path: Path) -> None:
+    kitti(tmp_path)
+    random = np.random.default_rng(count)
+    counts = [count, count + 2, count + 4]  # Odd: in 8 floats a point, each file would end amid one.
+    for i, n in enumerate(counts):
+        points = random.uniform((-20, -20, 0, 0), (20, 20, 0.1, 1), (n, 4))
+        points[::2, 2:] += 10.0  # Two lasers in turns.
+        points.astype("<f4").tofile(tmp_path / "velodyne" / f"{i:06d}.bin")
+    log = read(tmp_path)
+    assert [len(scan) for scan in log] == counts and not log.notes
+
+
 def test_kitti_scan_that_is_cut_off_is_named_whatever_the_length(tmp_path: Path) -> None:
     kitti(tmp_path)
     for i in range(3):

@@ -308,7 +308,7 @@ def ended(*arguments: object) -> tuple[int, str]:
 
 def test_interrupted_it_ends_well(map_file: Path, tmp_path: Path) -> None:
     log = tmp_path / "log.txt"
-    log.write_text("".join(f"{i / 10} 0 0 {i / 10} 1 0\n" for i in range(20)))
+    log.write_text("".join(f"{i / 10} 0 0 {i / 10} {end} 0\n" for i in range(20) for end in (1, 2)))
     command = [sys.executable, "-m", "ndtree.cli", "view", str(map_file), "--port", "0", "--log", str(log)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
         assert program.stdout is not None and program.stderr is not None

@@ -13,6 +13,8 @@ MARGIN = 0.03
 #: Of the observed volume, what may be left out at each end of an axis, where showing it would make the
 #: picture this many times as long.
 STRAYS, MOST_LONGER = 0.005, 1.5
+#: Parts at the ends of an axis that are thinner than this share of the map's width are single beams'.
+THIN = 0.05
 #: No frame is longer than so many times its width.
 MOST_LONG = 4.0
 
@@ -30,8 +32,8 @@ def observed_region(every: Cells, track: ArrayLike | None = None) -> tuple[float
     """Bounds [m] of what was observed and of where the robot drove.
 
     What was observed is in it whole. Only where single beams went so far that it would be 1.5 times as long,
-    the last 0.5 % of the observed volume at each end are left out, but neither what was hit (0.2 % excepted)
-    nor the track.
+    what they alone observed is left out, and the last 0.5 % of the other observed volume at each end, but
+    neither what was hit (0.2 % excepted) nor the track.
 
     Parameters
     ----------
@@ -44,8 +46,11 @@ def observed_region(every: Cells, track: ArrayLike | None = None) -> tuple[float
     volume = seen.size.astype(np.float64) ** every.dim
     low, high = _bounds_of_hits(every)
     for a in range(every.dim):
-        low[a] = min(low[a], quantile(seen.lower[:, a], volume, STRAYS))
-        high[a] = max(high[a], quantile(seen.upper[:, a], volume, 1 - STRAYS))
+        begin, end = _bounds_of_wide_parts(seen, a)
+        among = (seen.upper[:, a] > begin) & (seen.lower[:, a] < end)
+        first, last = np.maximum(seen.lower[among, a], begin), np.minimum(seen.upper[among, a], end)
+        low[a] = min(low[a], quantile(first, volume[among], STRAYS))
+        high[a] = max(high[a], quantile(last, volume[among], 1 - STRAYS))
         first, last = float(seen.lower[:, a].min()), float(seen.upper[:, a].max())
         if last - first <= MOST_LONGER * (high[a] - low[a]):
             low[a], high[a] = first, last
@@ -80,6 +85,22 @@ def _bounds_of_hits(every: Cells) -> tuple[Floats, Floats]:
     middles = (hit.lower + (hit.size // 2)[:, None]).T
     low, high = (np.array([quantile(row, weight, share) for row in middles]) for share in (0.002, 0.998))
     return low, high
+
+
+def _bounds_of_wide_parts(seen: Cells, axis: int) -> tuple[int, int]:
+    """In units, from the first to the last place along an axis where cells are not those of single beams.
+
+    Widths there, edges of squares of the same area in 3-D, are compared with the largest width that the map
+    has along at least as long a way: single beams are long or wide, but never both. O(n log n) of n cells.
+    """
+    area = seen.size.astype(np.float64) ** (seen.dim - 1)
+    places, index = np.unique(np.concatenate([seen.lower[:, axis], seen.upper[:, axis]]), return_inverse=True)
+    change = np.bincount(index.ravel(), np.concatenate([area, -area]))
+    width = np.maximum(np.cumsum(change)[:-1], 0.0) ** (1 / (seen.dim - 1))
+    widest = np.argsort(-width, kind="stable")
+    reference = np.minimum(width[widest], np.cumsum(np.diff(places)[widest])).max()
+    wide = np.flatnonzero(width >= THIN * reference)
+    return int(places[wide[0]]), int(places[wide[-1] + 1])
 
 
 def ceiling(cubes: Cells) -> float | None:

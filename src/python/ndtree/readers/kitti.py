@@ -94,7 +94,8 @@ def floats_a_point(files: Sequence[str]) -> int:
     """How many float32 a point has, told from files of one kind: 4 where nothing speaks against it.
 
     With the right number, each column is one quantity; with another one, columns mix coordinates, intensity
-    and rings, and spread more. Compared is the mean logarithm of the columns' standard deviations.
+    and rings, and spread more. Compared is the mean logarithm of the columns' standard deviations. Where all
+    files hold whole points of 4, a number of which most files do not is none.
 
     Raises
     ------
@@ -111,16 +112,19 @@ def floats_a_point(files: Sequence[str]) -> int:
     if not samples:
         return 4
     spreads = {width: float(np.mean([_spread(one, width) for one in samples])) for width in _WIDTHS}
-    best = min(spreads, key=lambda width: spreads[width])
-    if best in (6, 8) and spreads[best // 2] - spreads[best] <= _CLEARLY:
+    noise = max(_CLEARLY / 4, _SURE / math.sqrt(2 * sum(map(len, samples))))
+    clearly = max(_CLEARLY, 1.5 * noise)
+    misfits = {width: sum(size % (4 * width) != 0 for size in sizes) for width in _WIDTHS}
+    possible = [width for width in _WIDTHS if 2 * misfits[width] <= len(sizes) or misfits[4]]
+    best = min(possible, key=lambda width: spreads[width])
+    if best in (6, 8) and spreads[best // 2] - spreads[best] <= clearly:
         best //= 2  # Every second point of the same is as good.
     gain = spreads[4] - spreads[best]
-    noise = max(_CLEARLY / 4, _SURE / math.sqrt(2 * sum(map(len, samples))))
     if gain <= 0.0:
         return 4
-    if gain > max(_CLEARLY, 1.5 * noise):
+    if gain > clearly:
         return best
-    fitting = [width for width in _WIDTHS if not any(size % (4 * width) for size in sizes)]
+    fitting = [width for width in _WIDTHS if not misfits[width]]
     if 4 in fitting and (gain < noise or best not in fitting):
         return 4
     if fitting == [best]:
