@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,8 +70,8 @@ def test_what_a_run_does_not_show_says_nothing(office: list[Scan]) -> None:
 
 
 @pytest.mark.parametrize("name", ["intel", "freiburg_079", "mrpt_sena", "orebro", "belgioioso"])
-def test_recordings_with_good_poses_are_not_told_of(name: str) -> None:
-    path = Path(os.environ.get("NDTREE_DATA", ""), f"laser2d_{name}/laser2d_{name}.npz")
+def test_recordings_with_good_poses_are_not_told_of(name: str, recordings: Path) -> None:
+    path = recordings / f"laser2d_{name}" / f"laser2d_{name}.npz"
     if not path.is_file():
-        pytest.skip("no recordings: $NDTREE_DATA is not set")
+        pytest.skip(f"no {path}")
     assert disagreement(spread(ndtree.read(path))[0]) is None

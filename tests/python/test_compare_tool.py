@@ -545,9 +545,10 @@ def test_beams_without_return_can_be_left_out(tmp_path):
         lambda room: [scan.only(slice(None, None, 6)) for scan in room(0.2, scans=341)],
         lambda room: room(0.01, gate=True),
         lambda room: room(0.003, scans=20),
-        lambda room: [stacked(scan, 30) for scan in room(0.1, scans=4)],
+        lambda room: [stacked(scan, 23) for scan in room(0.1, scans=6)],
+        lambda room: [came_and_left(i) for i in range(80)],
     ],
-    ids=["many scans", "a gate", "few", "many beams in space"],
+    ids=["many scans", "a gate", "few", "many beams in space", "came and left"],
 )
 def test_the_log_decides_what_beams_without_return_say_as_in_python(make, tmp_path):
     ndtree = pytest.importorskip("ndtree")
@@ -563,6 +564,16 @@ def test_the_log_decides_what_beams_without_return_say_as_in_python(make, tmp_pa
     assert done.stdout.splitlines()[0] == str(expected)
     assert json.loads(report.read_text())["parameters"]["no_return"] == expected.choice
     assert expected.beams > 0
+
+
+def came_and_left(number):
+    """A laser that stands; before it an object, for twenty scans, and then nothing up to 8 m."""
+    ndtree = pytest.importorskip("ndtree")
+    angles = np.radians(np.arange(-90, 90, 3))
+    returned = (np.abs(angles) < np.pi / 4) & (number < 20)
+    length = np.where(returned, 3 / np.cos(angles) + 0.01 * np.sin(7 * number + np.arange(60)), 8.0)
+    points = length[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    return ndtree.Scan(points, np.zeros(2), returned)
 
 
 def stacked(scan, layers):

@@ -89,6 +89,20 @@ def test_a_simulated_laser_that_loses_beams_is_judged_as_any_other() -> None:
     assert first_look(clean).no_returns.choice == "free"
 
 
+def test_scans_with_an_origin_of_each_beam_are_judged_alike() -> None:
+    """Also where the first scan has no beams, and the first beam of the others an unknown origin."""
+    scans = room(0.1)
+    each = [Scan(np.empty((0, 2)), np.empty((0, 2)), np.empty(0, bool))]
+    for scan in scans[1:]:
+        origins = np.vstack([[np.nan, np.nan], np.tile(scan.origin, (len(scan), 1))])
+        endpoints = np.vstack([[1.0, 1.0], scan.endpoints])
+        each.append(Scan(endpoints, origins, np.append(True, scan.returned)))
+    scans[0] = scans[0].only(slice(0, 0))
+    found, expected = judge(each), judge(scans)
+    assert found.choice == expected.choice == "ignore" and found.crossing == expected.crossing
+    assert found.beams == expected.beams > 100 and found.expected == expected.expected
+
+
 def test_few_beams_tell_nothing() -> None:
     assert judge(room(0.003, scans=20)).choice == "free"
 

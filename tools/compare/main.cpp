@@ -161,7 +161,7 @@ void run(const Call& call) {
   if (no_return == "auto") {
     const ndtree::NoReturns found = ndtree::judge_no_returns(log);
     no_return = found.are_free ? "free" : "ignore";
-    if (found.beams != 0) why = found.to_text() + "\n";
+    if (found.share != 0.0) why = found.to_text() + "\n";
   }
   if (no_return == "ignore") ndtree::keep_returned(log);
   auto report = ndtree::to_json(ndtree::compare(log, call.options, show_progress));

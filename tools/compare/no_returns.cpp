@@ -3,9 +3,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <limits>
 #include <optional>
+#include <stdexcept>
+#include <unordered_map>
 #include <variant>
 #include <vector>
 
@@ -24,6 +27,8 @@ constexpr double kMargin = 3.0;
 constexpr std::size_t kLeastBeams = 30;
 constexpr double kMostWrong = 0.2;
 constexpr std::size_t kMostBeams = 100'000;
+constexpr double kInside = 1e-3;
+constexpr std::int64_t kFarthestCell = std::int64_t{1} << 20;
 
 template <int D>
 constexpr double kCell = D == 2 ? 0.1 : 0.2;
@@ -67,7 +72,83 @@ std::vector<Scan<D>> spread(const std::vector<Scan<D>>& scans) {
   return sample;
 }
 
-/// Beams, those of them that cross a surface, and the metres that they claim to be free up to it.
+/// The first origin that is finite, in cells, rounded; zero without one.
+template <int D>
+Vector<D> first_cell(const std::vector<Scan<D>>& sample) {
+  for (std::size_t i = 0; i < sample.size(); i += 2)
+    for (Eigen::Index k = 0; k < sample[i].origins.cols(); ++k)
+      if (sample[i].origins.col(k).allFinite())
+        return (sample[i].origins.col(k) / kCell<D>).unaryExpr([](double x) { return std::nearbyint(x); });
+  return Vector<D>::Zero();
+}
+
+/// Cells of one size that every second scan hit, each with the first and the last of these that did.
+template <int D>
+class Surfaces {
+ public:
+  explicit Surfaces(const std::vector<Scan<D>>& sample) : map_(options()), start_(first_cell(sample)) {
+    for (std::size_t i = 0; i < sample.size(); i += 2) {
+      const Scan<D> hits = sample[i].returned_only();
+      if (hits.size() == 0) continue;
+      try {
+        map_.insert(hits);
+      } catch (const std::invalid_argument&) {
+        continue;  // A scan that no map takes is left out here; mapping itself refuses it by name.
+      }
+      for (Eigen::Index k = 0; k < hits.size(); ++k)
+        if (hits.endpoints.col(k).allFinite()) note(hits.endpoints.col(k), i / 2);
+    }
+  }
+
+  struct Hit {
+    double distance;  ///< Infinite without one [m].
+    bool was_there;   ///< Hit both before, or by the first of the two scans that the ray lies between, and
+                      ///< after.
+  };
+  /// The first surface on a ray of a scan between those with this number and the next.
+  /// @param direction of length 1.
+  [[nodiscard]] Hit first_on(std::size_t number, const Vector<D>& origin, const Vector<D>& direction) const {
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    const std::optional<double> at = cast_ray(map_, origin, direction, kInfinity);
+    if (!at) return {kInfinity, false};
+    const auto found = seen_.find(key(origin + (*at + kInside * kCell<D>)*direction));
+    return {*at, found != seen_.end() && found->second.first <= number && found->second.last > number};
+  }
+
+ private:
+  struct Seen {
+    std::size_t first, last;
+  };
+
+  static MapOptions options() {
+    MapOptions options;
+    options.min_cell_size = kCell<D>;
+    options.range_sigma = kCell<D> / 4.0;
+    return options;
+  }
+
+  void note(const Vector<D>& point, std::size_t number) {
+    seen_.try_emplace(key(point), Seen{number, number}).first->second.last = number;
+  }
+
+  /// One number for each cell near the first scan.
+  [[nodiscard]] std::int64_t key(const Vector<D>& point) const {
+    constexpr auto kLimit = static_cast<double>(kFarthestCell);
+    std::int64_t key = 0;
+    for (int a = 0; a < D; ++a) {
+      const double step = std::clamp(std::floor(point[a] / kCell<D>) - start_[a], -kLimit, kLimit - 1.0);
+      key = 2 * kFarthestCell * key + static_cast<std::int64_t>(step) + kFarthestCell;
+    }
+    return key;
+  }
+
+  FixedMap<2, D> map_;
+  Vector<D> start_;
+  std::unordered_map<std::int64_t, Seen> seen_;
+};
+
+/// Beams, those of them that cross a surface, and the metres that they claim to be free up to it. Beams whose
+/// first surface had left by then, or came later, or was not looked at again, are left out.
 struct Count {
   std::size_t beams = 0;
   std::size_t crossing = 0;
@@ -87,23 +168,25 @@ double silent_share(const std::vector<Scan<D>>& sample) {
 
 /// Every `stride`-th beam that returned, or did not, against the surfaces.
 template <int D>
-void add(const FixedMap<2, D>& surfaces, const Scan<D>& scan, bool returned, std::size_t stride,
-         Count& count) {
-  std::size_t number = 0;
+void add(const Surfaces<D>& surfaces, std::size_t number, const Scan<D>& scan, bool returned,
+         std::size_t stride, Count& count) {
+  std::size_t beam = 0;
   for (Eigen::Index i = 0; i < scan.size(); ++i) {
     if ((scan.returned.size() == 0 || scan.returned[i]) != returned) continue;
     const Vector<D> origin = scan.origins.col(scan.origins.cols() == 1 ? 0 : i);
     const Vector<D> way = scan.endpoints.col(i) - origin;
-    const double length = way.norm();
+    double square = 0.0;
+    for (const double x : way) square += x * x;  // In this order, as NumPy adds.
+    const double length = std::sqrt(square);
     if (!(std::isfinite(length) && length > 0.0)) continue;
-    if (number++ % stride != 0) continue;
-    const double end = length - kMargin * kCell<D>;
-    const std::optional<double> first =
-        cast_ray(surfaces, origin, way, std::numeric_limits<double>::infinity());
-    const bool crosses = first && *first < end;
+    if (beam++ % stride != 0) continue;
+    const double end = std::max(length - kMargin * kCell<D>, 0.0);
+    const auto [first, was_there] = surfaces.first_on(number, origin, way / length);
+    const bool crosses = first < end;
+    if (crosses && !was_there) continue;
     ++count.beams;
     count.crossing += crosses;
-    count.metres += crosses ? *first : std::max(end, 0.0);
+    count.metres += std::min(first, end);
   }
 }
 
@@ -113,24 +196,14 @@ NoReturns judge(const std::vector<Scan<D>>& scans) {
   const std::vector<Scan<D>> sample = spread(scans);
   found.share = silent_share(sample);
   if (found.share == 0.0) return found;
-  MapOptions options;
-  options.min_cell_size = kCell<D>;
-  options.range_sigma = kCell<D> / 4.0;
-  FixedMap<2, D> surfaces(options);
+  const Surfaces<D> surfaces(sample);
   std::size_t others = 0;
-  for (std::size_t i = 0; i < sample.size(); ++i) {
-    if (i % 2 != 0) {
-      others += static_cast<std::size_t>(sample[i].size());
-      continue;
-    }
-    const Scan<D> hits = sample[i].returned_only();
-    if (hits.size() != 0) surfaces.insert(hits);
-  }
+  for (std::size_t i = 1; i < sample.size(); i += 2) others += static_cast<std::size_t>(sample[i].size());
   const std::size_t stride = std::max<std::size_t>(1, (others + kMostBeams - 1) / kMostBeams);
   Count silent, returned;
   for (std::size_t i = 1; i < sample.size(); i += 2) {
-    add(surfaces, sample[i], true, stride, returned);
-    add(surfaces, sample[i], false, stride, silent);
+    add(surfaces, i / 2, sample[i], true, stride, returned);
+    add(surfaces, i / 2, sample[i], false, stride, silent);
   }
   if (silent.beams == 0) return found;
   const auto beams = static_cast<double>(silent.beams);
@@ -149,12 +222,12 @@ double NoReturns::wrong() const {
 }
 
 std::string NoReturns::to_text() const {
-  if (beams == 0) return "every beam returned";
+  if (share == 0.0) return "every beam returned";
   char begin[80], found[120];
   std::snprintf(begin, sizeof begin, "beams without return (%.1f %%)", 100.0 * share);
   if (beams < kLeastBeams)
     return std::string(begin) + " are taken for free space: " + std::to_string(beams) +
-           " are too few to tell otherwise";
+           " that can tell are too few";
   std::snprintf(found, sizeof found,
                 "%.0f %% of %zu cross surfaces that others found, %.0f %% would by errors alone",
                 100.0 * crossing, beams, 100.0 * expected);
@@ -162,7 +235,6 @@ std::string NoReturns::to_text() const {
 }
 
 NoReturns judge_no_returns(const Log& log) {
-  if (!std::holds_alternative<std::monostate>(log.simulation)) return {};
   return std::visit([](const auto& scans) { return judge(scans); }, log.scans);
 }
 

@@ -14,7 +14,7 @@ namespace ndtree {
 /// What a sample of a log shows.
 struct NoReturns {
   bool are_free = true;   ///< Else they say nothing.
-  std::size_t beams = 0;  ///< Without return, that were looked at.
+  std::size_t beams = 0;  ///< Without return, that tell whether they are right.
   double crossing = 0.0;  ///< The share of them that crosses surfaces which other scans found.
   double expected = 0.0;  ///< The share that would if they were right, by errors of poses and what moves.
   double share = 0.0;     ///< Of beams without return among all of the sample.
@@ -26,8 +26,9 @@ struct NoReturns {
 };
 
 /// Every second scan of a sample makes a map of the surfaces that its returned beams found, and the beams of
-/// the others are held against it: those without return that cross one claim free space where it is not.
-/// Simulated logs mean what they say.
+/// the others are held against it: those without return that cross one claim free space where it is not, if
+/// it was hit both before the beam and after it. Where the first surface came later or had left, a beam tells
+/// nothing.
 [[nodiscard]] NoReturns judge_no_returns(const Log& log);
 
 }  // namespace ndtree

@@ -147,7 +147,7 @@ class _Surfaces:
         dim = scans[0].dim
         self.cell = CELL[dim]
         self._map = _core.FixedMap(dim=dim, cell_size=self.cell, range_sigma=self.cell / 4)
-        self._start = np.round(np.atleast_2d(scans[0].origin)[0].astype(np.float64) / self.cell)
+        self._start = _first_cell(scans, self.cell)
         keys, numbers = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
         for number, scan in enumerate(scans):
             found = scan.returned_only()
@@ -188,11 +188,22 @@ class _Surfaces:
 
     def _keys(self, points: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
         """One number for each cell near the first scan."""
-        steps = np.clip(np.floor(points / self.cell) - self._start, -_FARTHEST, _FARTHEST - 1)
+        cells = np.floor(points.astype(np.float64) / self.cell)
+        steps = np.clip(cells - self._start, -_FARTHEST, _FARTHEST - 1)
         key = np.zeros(len(points), dtype=np.int64)
         for column in steps.T:
             key = 2 * _FARTHEST * key + column.astype(np.int64) + _FARTHEST
         return key
+
+
+def _first_cell(scans: Sequence[Scan], cell: float) -> Floats:
+    """The first origin that is finite, in cells, rounded; zero without one."""
+    for scan in scans:
+        origins = np.atleast_2d(scan.origin).astype(np.float64)
+        finite = np.flatnonzero(np.isfinite(origins).all(axis=1))
+        if len(finite):
+            return np.round(origins[finite[0]] / cell)
+    return np.zeros(scans[0].dim)
 
 
 def _count(
