@@ -38,11 +38,10 @@ def shortest_way(start, ends, passable):
 
 def way_to_frontier(m, track, goals):
     """Points from here to the nearest frontier where the robot was not yet; None if none is in reach."""
-    position = track[-1]
     box = np.array(m.bounds()) + np.array([[-GRID], [GRID]])
     field = m.distance_field(box, GRID, max_distance=RADIUS + GRID)
     centers, lower = field.centers, field.lower
-    here = np.linalg.norm(centers - position, axis=-1) < RADIUS + GRID  # Where it is, it may be.
+    here = np.linalg.norm(centers - track[-1], axis=-1) < RADIUS + GRID  # Where it is, it may be.
     free = (m.state(centers) == 0) & (here | (field.values > RADIUS))
     free[tuple(((np.array(track) - lower) // GRID).astype(int).T)] = True  # And the way that it came.
     ends = np.zeros_like(free)
@@ -50,7 +49,7 @@ def way_to_frontier(m, track, goals):
         ends[tuple(((frontier.cell_centers - lower) // GRID).astype(int).T)] = True
     for goal in goals:  # There is nothing more to be seen from there.
         ends &= np.linalg.norm(centers - goal, axis=-1) > 0.5
-    way = shortest_way(tuple(((position - lower) // GRID).astype(int)), ends, free)
+    way = shortest_way(tuple(((track[-1] - lower) // GRID).astype(int)), ends, free)
     return None if way is None else centers[tuple(way.T)]
 
 

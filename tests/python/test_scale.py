@@ -85,7 +85,7 @@ def test_insert_warns_of_absurd_beams_before_it_changes_anything(adaptive: bool)
         m.insert(far.endpoints, far.origin, max_range=30.0)
         before = m.to_bytes()
         with pytest.raises(
-            UserWarning, match=r"beam 0 is 4000 m long, 80000 of the smallest cells: expected"
+            UserWarning, match=r"beam 0 is 4000.0 m long, 80000.0 of the smallest cells: expected"
         ):
             m.insert(far.endpoints, far.origin)
         assert m.to_bytes() == before
