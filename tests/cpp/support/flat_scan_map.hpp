@@ -207,7 +207,6 @@ class FlatScanMap {
     Vector<D> origin;
     Vector<D> path;
     Vector<D> endpoint;
-    Vector<D> free_end;
     std::array<float, D> inverse;  ///< Metres of the beam for one along an axis.
     float range;                   ///< Distances from the origin [m].
     float sigma;
@@ -265,7 +264,6 @@ class FlatScanMap {
     beam.origin = origin;
     beam.path = path;
     beam.endpoint = endpoint;
-    beam.free_end = cut ? Vector<D>(origin + t_free * path) : endpoint;
     beam.inverse = inverse;
     beam.range = cut ? static_cast<float>(t_free * range) : length;
     const auto metres = static_cast<double>(beam.range);
@@ -484,13 +482,6 @@ class FlatScanMap {
     for (std::size_t a = 0; a < D; ++a)
       if (smaller.lower[a] < cell.lower[a] || smaller.lower[a] >= cell.lower[a] + edge(cell.level))
         return false;
-    return true;
-  }
-  [[nodiscard]] bool contains(const CellIndex<D>& cell, const Vector<D>& point) const {
-    for (int a = 0; a < D; ++a) {
-      const std::int64_t lower = cell.lower[static_cast<std::size_t>(a)];
-      if (point[a] < border(lower) || point[a] >= border(lower + edge(cell.level))) return false;
-    }
     return true;
   }
   /// @returns whether the beam crosses the cell over more than a point of (0, reach), as floats have it.
