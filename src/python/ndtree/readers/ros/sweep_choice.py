@@ -12,6 +12,7 @@ from ndtree.readers.ros.beams import IMAGES, Beams, stamp_of
 from ndtree.readers.ros.clock import Clock
 from ndtree.readers.ros.placement import Placement
 from ndtree.readers.ros.sensors import Sensor
+from ndtree.readers.ros.storage import Raw
 from ndtree.readers.ros.sweep import AS_SAID, GROUP, OFF, Sweep, sharpest, turning
 
 #: A sweep that lasts so much longer than the time from scan to scan is none.
@@ -76,17 +77,25 @@ def _duration(bag: Bag, sensor: Sensor, clock: Clock) -> tuple[float, bool]:
 
     0 where none of the first messages has.
     """
-    stream = (sensor.topic.name, sensor.seen.frame)
     for raw in islice(sensor.own_messages(bag), FIRST_MESSAGES):
-        try:
-            message = bag.decoded(raw)
-            stamp = clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
-            beams = sensor.beams(message, stamp)
-        except ValueError:
+        measured = _measured(bag, sensor, raw, clock)
+        if measured is None:
             continue
+        beams, _ = measured
         if beams.times is not None and len(beams.times) > 1:
             return float(np.ptp(beams.times)), beams.is_guess
     return 0.0, False
+
+
+def _measured(bag: Bag, sensor: Sensor, raw: Raw, clock: Clock) -> tuple[Beams, float] | None:
+    """A message's beams, and its time as the message says it [s]; None if it cannot be read."""
+    stream = (sensor.topic.name, sensor.seen.frame)
+    try:
+        message = bag.decoded(raw)
+        stamp = clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
+        return sensor.beams(message, stamp), stamp
+    except ValueError:
+        return None
 
 
 def _groups(
@@ -102,12 +111,10 @@ def _groups(
         if number > starts[-1] + GROUP:
             break
         if number in wanted:
-            try:
-                message = bag.decoded(raw)
-                stamp = clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
-                beams = sensor.beams(message, stamp)
-            except ValueError:
+            measured = _measured(bag, sensor, raw, clock)
+            if measured is None:
                 continue
+            beams, stamp = measured
             at = clock.time(stream, 1e-9 * raw.received, stamp) + time_offset
             groups[wanted[number]].append((beams, at))
     return [group for group in groups.values() if len(group) > 1]
