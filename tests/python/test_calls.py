@@ -58,6 +58,10 @@ BEYOND: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: M.insert(np.zeros((1000, 2)), ORIGIN, threads=2**31),
         "insert(): threads = 2147483648: must be from 0 to 2147483647",
     ),
+    "number": (
+        lambda: M.insert(POINTS, ORIGIN, number=2**63),
+        "insert(): number = 9223372036854775808: must be from 0 to 9223372036854775807",
+    ),
     "max_leaves": (
         lambda: M.compress(max_leaves=-1),
         "compress(): max_leaves = -1: must be from 0 to 18446744073709551615",

@@ -28,6 +28,7 @@ _BOUNDS = {
     "dim": (2, 4),
     "branching": (2, 4),
     "threads": (0, 2**31 - 1),
+    "number": (0, 2**63 - 1),
     **dict.fromkeys(("max_leaves", "max_bytes", "samples", "seed", "scans", "i"), (0, 2**64 - 1)),
 }
 
