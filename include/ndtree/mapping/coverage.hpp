@@ -132,14 +132,14 @@ struct CoverageVerdict {
 /// not become the state of a cell in which nobody has looked.
 ///
 /// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
-/// children is missing. A cell is known when all its parts were seen, by one scan or by several; one of two
-/// smallest cells side by side when half of them were, or any by beams so far apart that fewer than two would
-/// pass a smallest cell. Until then it keeps in mind which.
+/// children is missing. A cell is known when all its parts were seen, by one scan or by several. A cell of two
+/// smallest cells side by side is known when half of its parts were seen. A cell of N smallest cells is known
+/// when any part was seen, if the beams are so far apart that fewer than two would pass a smallest cell. Until
+/// then the cell stores which parts were seen.
 ///
 /// A cell that is not known, and larger than coverage_cells, splits where the unseen part is no accident:
 /// - by one scan, if a child is missing: less than covered_share of it was seen, and n beams would pass it if
-/// it
-///   was seen like the rest of the cell: their number scatters by sqrt(n); with sqrt(2) times that, only a
+///   it was seen like the rest of the cell: their number scatters by sqrt(n); with sqrt(2) times that, only a
 ///   child that at least two would pass can be missing;
 /// - by all scans so far, if kBeamsOfPart beams would have passed each part if all were seen alike.
 class CoverageModel {
@@ -192,9 +192,9 @@ class CoverageModel {
     // Beams so far apart that fewer than two would pass a smallest cell.
     const bool are_few = size < N + 0.5 && scan.beams_for_child() < 2.0 && verdict.parts != 0;
     const bool may_split = size > least_to_split_;
-    const bool has_enough = are_enough<N, D>(verdict.parts, size) || (are_few && !may_split);
+    const bool has_enough = are_few || are_enough<N, D>(verdict.parts, size);
     const bool is_missing = static_cast<double>(least) < missing_below ||
-                            (!has_enough && (are_few || beams > kBeamsOfPart * (Parts::kCount / 2)));
+                            (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
     verdict.shows_more = is_missing && may_split;
     verdict.is_enough = !verdict.shows_more && has_enough;
     verdict.is_covered = verdict.is_enough && all_seen(scan, covered<N>(size));

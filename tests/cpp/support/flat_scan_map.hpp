@@ -455,9 +455,7 @@ class FlatScanMap {
     }
     const auto count = static_cast<double>(children.size());
     const bool are_few = (all > 0.0 ? way / all : 0.0) < 2.0 && smallest_cells < N + 0.5 && seen_children > 0;
-    const bool has_enough =
-        (are_few && !may_split) || seen_children >= count * (smallest_cells < 2.5 ? 0.5 : 1.0);
-    if (are_few && !has_enough && may_split) result.splits = true;
+    const bool has_enough = are_few || seen_children >= count * (smallest_cells < 2.5 ? 0.5 : 1.0);
     const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
     const double beams = static_cast<double>(cell.free_evidence() + scan.free) / miss;
     const double parts_side_by_side = std::exp2(std::min(D, 4) - 1);
