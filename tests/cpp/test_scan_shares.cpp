@@ -83,18 +83,15 @@ TYPED_TEST(SharesOf, ChildrenTogetherAreThoseOfEach) {
         const std::int64_t edge = geometry.edge(node.level);
         for (auto& lower : node.lower) lower = edge * random.integer(-100, 100);
         const typename BeamShares<N, D>::Children children(shares, node, counted);
-        const typename BeamShares<N, D>::Children::All together(shares, node, counted);
         for (int c = 0; c < ChildClip<N, D>::kNumChildren; ++c) {
           const CellIndex<D> leaf = geometry.child(node, child_offset<N, D>(c));
           const auto child = static_cast<std::size_t>(c);
           for (const bool is_known : {false, true}) {
             const FaceShare<D> expected = shares.share_of(counted, shares.of(leaf, counted, is_known));
-            for (const FaceShare<D>& share : {children.of(child, is_known), together.of(child, is_known)}) {
-              ASSERT_EQ(share.face, &counted);
-              ASSERT_EQ(share.share, expected.share);
-              ASSERT_EQ(share.end, expected.end);
-            }
-            ASSERT_EQ(children.takes_all(child, is_known), shares.takes_all(leaf, counted, is_known));
+            const FaceShare<D> share = children.of(child, is_known);
+            ASSERT_EQ(share.face, &counted);
+            ASSERT_EQ(share.share, expected.share);
+            ASSERT_EQ(share.end, expected.end);
             ++(expected.share < 1.0f ? some : all);
             cut += expected.share < 1.0f && expected.end == counted.end_of_beams;
           }

@@ -19,6 +19,8 @@ struct PassedEvidence {
   std::int64_t free = 0;                ///< In units of EvidenceCell::kUnit.
   std::uint32_t misses = 0;             ///< Beams that passed all of it, ...
   std::uint32_t resolvable_misses = 0;  ///< and of these, see ScanEvidence.
+
+  [[nodiscard]] static bool is_free_alone() { return true; }
 };
 
 /// What the beams of one scan say about one cell: sums, so that their order does not matter.
@@ -33,6 +35,8 @@ struct ScanEvidence {
   std::uint32_t deep_hits = 0;  ///< Of the resolvable hits, those that noise cannot bring to where they are.
   std::uint32_t beams = 0;      ///< Beams that said anything.
 
+  /// Whether no beam speaks of occupied space.
+  [[nodiscard]] bool is_free_alone() const { return hits == 0 && occupied == 0; }
   /// Adds what beams say that passed the cell.
   void add(const PassedEvidence& passed) {
     free += passed.free;

@@ -132,10 +132,10 @@ struct CoverageVerdict {
 /// not become the state of a cell in which nobody has looked.
 ///
 /// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
-/// children is missing. A cell is known when all its parts were seen, by one scan or by several. A cell of two
-/// smallest cells side by side is known when half of its parts were seen. A cell of N smallest cells is known
-/// when any part was seen, if the beams are so far apart that fewer than two would pass a smallest cell. Until
-/// then the cell stores which parts were seen.
+/// children is missing. A cell is known when all its parts were seen, by one scan or by several. A cell of
+/// two smallest cells side by side is known when half of its parts were seen. A cell of N smallest cells is
+/// known when any part was seen, if the beams are so far apart that fewer than two would pass a smallest
+/// cell. Until then the cell stores which parts were seen.
 ///
 /// A cell that is not known, and larger than coverage_cells, splits where the unseen part is no accident:
 /// - by one scan, if a child is missing: less than covered_share of it was seen, and n beams would pass it if

@@ -12,8 +12,10 @@
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/partial_occupancy.hpp"
 #include "ndtree/cell/split_test.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/beam_update.hpp"
 #include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/leaf_action.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan_update.hpp"
 
@@ -65,6 +67,19 @@ struct EvidenceRefinement {
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   /// Whether scans of which all beams pass leave the cell as it is.
   [[nodiscard]] bool is_settled(const EvidenceCell& cell) const { return model.is_settled(cell); }
+  /// The split criterion of the default refinement: what a scan does to a leaf of it.
+  /// @param scan ScanEvidence, or PassedEvidence if all beams pass the leaf.
+  /// @param share_divisor as in EvidenceModel::inherited(). @param levels_below the leaf; 0: it cannot split.
+  template <class Scan>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE LeafAction action(const EvidenceCell& leaf, const Scan& scan,
+                                                       int share_divisor, int levels_below) const {
+    if (levels_below == 0) return LeafAction::update;
+    const bool is_new = !leaf.observed() && coverage.is_on() && scan.is_free_alone();
+    if (!is_new && !splits(leaf, scan)) return LeafAction::update;
+    if (model.splits_in_vain(leaf, ScanEvidence::of(scan), share_divisor, levels_below))
+      return LeafAction::update_without_split;
+    return is_new ? LeafAction::judge_coverage : LeafAction::split;
+  }
   /// Whether smaller cells could tell more than this one about what it knows and what the scan adds.
   /// In free space every hit asks for smaller cells, which show whether it is local; they join again if not.
   /// In unknown space only a hit that noise cannot bring there does: before it lies free space.

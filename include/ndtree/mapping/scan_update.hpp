@@ -25,7 +25,6 @@
 #include "ndtree/mapping/scan/sample.hpp"
 #include "ndtree/mapping/scan/tasks.hpp"
 #include "ndtree/mapping/scan/walk.hpp"
-#include "ndtree/mapping/scan/walk_few.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/undo_log.hpp"
 

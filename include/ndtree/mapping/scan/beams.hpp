@@ -245,8 +245,8 @@ class ScanBeams {
     return _mm256_load_ps(pass.data());
   }
   /// What is needed of beams on their way down.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void look_up(const std::uint32_t* numbers,
-                                                     EightBeams<D>& beams) const {
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void look_up(const std::uint32_t* numbers,
+                                                    EightBeams<D>& beams) const {
     std::copy_n(numbers, beams.number.size(), beams.number.begin());
     beams.ways = ways(numbers);
     beams.pass = pass_of(numbers, beams.ways.reach);

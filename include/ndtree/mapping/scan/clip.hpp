@@ -114,49 +114,17 @@ class ChildClip {
   }
 #ifdef NDTREE_HAS_EIGHTS
   using Few = FewCrossings<D, kNumChildren>;
-  /// Clips at most Few::kMost beams, without lists for the children. @pre goes_by_eights().
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node, const BeamList& list,
-                                                        Few& few) const {
+  /// Clips a packet, without lists for the children. @param list of its rays. @pre goes_by_eights().
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void operator()(const CellIndex<D>& node, const BeamList& list,
+                                                       Few& few) const {
     const __m256 live = _mm256_castsi256_ps(detail::first_of_eight(list.size));
     few_beams(planes_of(node), _mm256_setzero_ps(), _mm256_and_ps(few.beams.ways.reach, live), few);
   }
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node,
-                                                        const FewOfChild<D, kNumChildren>& beams,
-                                                        Few& few) const {
-    few_beams(inner_planes_of(node), _mm256_load_ps(beams.of.enter[beams.child].data()),
-              _mm256_load_ps(beams.of.exit[beams.child].data()), few);
-  }
-  /// Whether the children of a node, between one plane on each axis, fit the lanes of a vector.
-  static constexpr bool kFitLanes = N == 2 && kNumChildren <= static_cast<int>(LoneCrossing::kMostChildren);
-  /// Clips one beam, against all children at once. @pre kFitLanes && goes_by_eights().
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node, const BeamWay<D>& way,
-                                                        const Crossing& crossing, LoneCrossing& lone) const {
-    const __m256 t0 = _mm256_set1_ps(crossing.enter);
-    const __m256 t1 = _mm256_set1_ps(crossing.exit);
-    __m256 enter = t0;
-    __m256 exit = t1;
-#pragma GCC unroll 4
-    for (std::size_t a = 0; a < D; ++a) {
-      const __m256 inverse = _mm256_set1_ps(way.inverse[a]);
-      const __m256 plane = _mm256_mul_ps(_mm256_set1_ps(plane_of(node, a, 1)), inverse);
-      // The sign bit of the children that the beam crosses behind the plane.
-      const __m256i upper =
-          _mm256_slli_epi32(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7), 31 - static_cast<int>(a));
-      const __m256 is_behind = _mm256_xor_ps(_mm256_castsi256_ps(upper), inverse);
-      enter = _mm256_max_ps(enter, _mm256_blendv_ps(t0, plane, is_behind));
-      exit = _mm256_min_ps(exit, _mm256_blendv_ps(plane, t1, is_behind));
-    }
-    _mm256_store_ps(lone.enter.data(), enter);
-    _mm256_store_ps(lone.exit.data(), exit);
-    lone.set = static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit, enter, _CMP_GT_OQ))) &
-               ((1u << kNumChildren) - 1);
-  }
-  /// Writes those that cross a child, in their order.
-  NDTREE_BY_EIGHTS static void write(const FewOfChild<D, kNumChildren>& few, BeamList& list) {
-    const __m256i order = detail::packing(few.set());
-    const __m256i beam = _mm256_load_si256(reinterpret_cast<const __m256i*>(few.of.beams.number.data()));
-    _mm256_storeu_si256(reinterpret_cast<__m256i*>(list.beam), _mm256_permutevar8x32_epi32(beam, order));
-    list.size = few.size();
+  /// The same for rays of which it is known where they cross the node: it is the child of another.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void operator()(const CellIndex<D>& node, const Few& above,
+                                                       std::size_t child, Few& few) const {
+    few_beams(inner_planes_of(node), _mm256_load_ps(above.enter[child].data()),
+              _mm256_load_ps(above.exit[child].data()), few);
   }
 
   /// Where eight beams enter and leave each child, of what lies between two distances.

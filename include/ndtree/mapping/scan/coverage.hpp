@@ -42,8 +42,10 @@ class LeafCoverage {
   /// @param per_child 1 / edge of a child [1/m]. @param size of the leaf, in smallest cells.
   void operator()(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
                   const CoverageModel& model, double size, Sum& sum) const {
-    for (std::size_t first = 0; first < list.size && !model.is_certain(sum, size); first += kChunk)
+    for (std::size_t first = 0; first < list.size; first += kChunk) {
+      if (first > 0 && model.is_certain(sum, size)) return;
       add(leaf, list.part(first, std::min(list.size, first + kChunk)), per_child, widths, sum);
+    }
   }
   /// Whether enough of a leaf was seen to update it as a whole.
   /// @param sample which beams of its list count in it. @param beams that have passed it so far.
@@ -127,22 +129,18 @@ class LeafCoverage {
 #pragma GCC unroll 8
     for (int c = 0; c < kNumChildren; c += 4) {  // The last again if there are no four left.
       constexpr int kLast = kNumChildren - 1;
-      store_sums(sums_of(child[c], child[std::min(c + 1, kLast)], child[std::min(c + 2, kLast)],
-                         child[std::min(c + 3, kLast)]));
+      store_sums(detail::sums_of(child[c], child[std::min(c + 1, kLast)], child[std::min(c + 2, kLast)],
+                                 child[std::min(c + 3, kLast)]));
       for (int k = 0; k < std::min(4, kNumChildren - c); ++k)
         sum.add(c + k, {sums[static_cast<std::size_t>(k)], 0});
     }
-    store_sums(sums_of(way, way, way, way));
+    store_sums(detail::sums_of(way, way, way, way));
     sum.add(0, {0, sums[0]});
   }
   NDTREE_BY_EIGHTS [[nodiscard]] static __m256i in_units(__m256 units, __m256 width) {
     __m256 area = _mm256_set1_ps(1.0f);
     for (int a = 1; a < D; ++a) area = _mm256_mul_ps(area, width);
     return _mm256_cvtps_epi32(_mm256_mul_ps(units, area));
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] static __m128i sums_of(__m256i a, __m256i b, __m256i c, __m256i d) {
-    const __m256i quarters = _mm256_hadd_epi32(_mm256_hadd_epi32(a, b), _mm256_hadd_epi32(c, d));
-    return _mm_add_epi32(_mm256_castsi256_si128(quarters), _mm256_extracti128_si256(quarters, 1));
   }
 #endif
 

@@ -157,6 +157,10 @@ struct FewCrossings {
   alignas(32) std::array<std::array<float, kMost>, std::size_t{kCount}> exit;
   std::array<std::uint32_t, std::size_t{kCount}> set;      ///< Those that cross each child, and of these
   std::array<std::uint32_t, std::size_t{kCount}> passing;  ///< those that clearly pass it.
+  // What those that cross each child say as misses, if it was asked for: see LeafEvidence::passed().
+  bool has_passed = false;
+  std::array<std::uint32_t, std::size_t{kCount + 3}> free;  ///< Evidence for free space.
+  std::uint32_t resolvable;                                 ///< The set of those with little noise.
 
   // Of a set of beams that is not empty:
   [[nodiscard]] std::uint32_t first_of(std::uint32_t set_of_beams) const {
@@ -172,32 +176,6 @@ struct FewCrossings {
     return ~static_cast<std::uint32_t>(
         _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(larger, numbers))));
   }
-};
-
-/// Those of few beams that cross one child.
-template <int D, int kCount>
-struct FewOfChild {
-  const FewCrossings<D, kCount>& of;
-  std::size_t child;
-
-  [[nodiscard]] std::uint32_t set() const { return of.set[child]; }
-  [[nodiscard]] bool all_pass() const { return of.passing[child] == of.set[child]; }
-  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(__builtin_popcount(set())); }
-  [[nodiscard]] std::uint32_t first_beam() const { return of.first_of(set()); }
-  [[nodiscard]] std::uint32_t last_beam() const { return of.last_of(set()); }
-  [[nodiscard]] bool is_one() const { return (set() & (set() - 1)) == 0; }
-  [[nodiscard]] Crossing crossing_of_first() const {
-    const auto place = static_cast<std::size_t>(__builtin_ctz(set()));
-    return {of.enter[child][place], of.exit[child][place]};
-  }
-};
-
-/// Where one beam crosses the children of a node, by their numbers; those that it crosses are a set of bits.
-struct LoneCrossing {
-  static constexpr std::size_t kMostChildren = 8;
-  alignas(32) std::array<float, kMostChildren> enter;
-  alignas(32) std::array<float, kMostChildren> exit;
-  std::uint32_t set;
 };
 #endif
 

@@ -50,39 +50,26 @@ class Inheritance {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of few beams.
-  struct OfFew {
-    const EvidenceCell& leaf;
-    bool are_finest;       ///< Its children.
-    std::uint32_t sample;  ///< The set of those that counted, by their places in the list.
-  };
-  [[nodiscard]] OfFew of_few(const EvidenceCell& leaf, int level, const LeafSample<D>& sample,
-                             const BeamList& list) const {
+  /// The same of a packet. @param few where its rays cross the leaf's children.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const EvidenceCell& leaf, int level,
+                                                      std::uint32_t sample,
+                                                      FewCrossings<D, kNumChildren>& few,
+                                                      NodeType* children) const {
+    if (!EvidenceModel::has_heirs(leaf)) return;
+    const bool are_finest = level - 1 == geometry_.finest_level();
+    const EightEnds<D>& ends = beams_.ends_of(few.beams);
+    for (std::size_t j = 0; j < kNumChildren; ++j) {
+      const std::uint32_t set = passed(ends, _mm256_load_ps(few.exit[j].data())) & few.set[j];
+      children[j].cell() = inherited(leaf, count(set & sample), count(sample), j, are_finest);
+    }
+  }
+  /// The set of a packet's rays that a sample of their list takes.
+  [[nodiscard]] std::uint32_t set_of(const LeafSample<D>& sample, const BeamList& list) const {
     std::uint32_t set = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) {
       set |= ((1u << part.size) - 1) << (part.beam - list.beam);
     });
-    return {leaf, level - 1 == geometry_.finest_level(), set};
-  }
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const OfFew& heritage,
-                                                      const FewCrossings<D, kNumChildren>& few,
-                                                      NodeType* children) const {
-    if (!EvidenceModel::has_heirs(heritage.leaf)) return;
-    const EightEnds<D>& ends = beams_.ends_of(few.beams);
-    for (std::size_t j = 0; j < kNumChildren; ++j) {
-      const std::uint32_t set = passed(ends, _mm256_load_ps(few.exit[j].data())) & few.set[j];
-      children[j].cell() = inherited(heritage.leaf, count(set & heritage.sample), count(heritage.sample), j,
-                                     heritage.are_finest);
-    }
-  }
-  /// @param lone the beam, alone in the leaf, by its number.
-  NDTREE_NEVER_INLINE void share_out(const OfFew& heritage, std::uint32_t beam, const LoneCrossing& lone,
-                                     NodeType* children) const {
-    if (!EvidenceModel::has_heirs(heritage.leaf)) return;
-    for (std::size_t j = 0; j < kNumChildren; ++j)
-      children[j].cell() =
-          inherited(heritage.leaf, (lone.set >> j & 1u) != 0 && has_passed(beam, lone.exit[j]),
-                    count(heritage.sample), j, heritage.are_finest);
+    return set;
   }
 #endif
 
@@ -139,7 +126,7 @@ class Inheritance {
     return static_cast<int>(!end.is_returned()) | static_cast<int>(exit < end.clear);
   }
 #ifdef NDTREE_HAS_EIGHTS
-  [[nodiscard]] static std::size_t count(std::uint32_t set) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static std::size_t count(std::uint32_t set) {
     return static_cast<std::size_t>(__builtin_popcount(set));
   }
 #endif

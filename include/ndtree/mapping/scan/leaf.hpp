@@ -167,72 +167,38 @@ class LeafEvidence {
 
   /// Whether few beams may be handed down from a node of a level, and of all levels below.
   [[nodiscard]] bool takes_few(int level) const { return size_of(level).fits_32_bits; }
-  /// What few beams say about the leaves below a node: first what they say about all of them.
-  class FewEvidence {
-   public:
-    /// @param few the beams where they cross the node's children. @pre takes_few(node.level).
-    NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE FewEvidence(const LeafEvidence& all, const CellIndex<D>& node,
-                                                      const Few& few)
-        : all_(all), node_(node), few_(few), size_(all.size_of(node.level - 1)) {}
-
-    /// What those say that cross a child, if all of them clearly pass it, ...
-    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(std::size_t child) const {
-      const __m256 enter = _mm256_load_ps(few_.enter[child].data());
-      const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      const __m256 live = _mm256_cmp_ps(exit, enter, _CMP_GT_OQ);
-      const unsigned set = few_.set[child];
-      return {sum_of(_mm256_and_si256(units_of_way(enter, exit, size_), _mm256_castps_si256(live))),
-              count(set), resolved(set)};
-    }
-    /// ... if not, ...
-    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(std::size_t child) {
-      const __m256 enter = _mm256_load_ps(few_.enter[child].data());
-      const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      return of(child, few_.set[child], _mm256_cmp_ps(exit, enter, _CMP_GT_OQ));
-    }
-    /// ... or a set of them. @param live its lanes.
-    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(std::size_t child, std::uint32_t set,
-                                                                        __m256 live) {
-      const __m256 enter = _mm256_load_ps(few_.enter[child].data());
-      const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      const __m256i zero = _mm256_setzero_si256();
-      EightSums sums{zero, zero, zero, zero};
-      ScanEvidence sum;
-      __m256i misses =
-          _mm256_castps_si256(_mm256_and_ps(live, _mm256_cmp_ps(exit, few_.beams.pass, _CMP_LT_OQ)));
-      if ((few_.passing[child] & set) != set) {
-        if (!is_near_) place_ = all_.place_of(node_);
-        is_near_ = true;
-        misses = all_.add_near_end(child_of(place_, child, size_), size_, all_.beams_.ends_of(few_.beams),
-                                   enter, exit, misses, _mm256_castps_si256(live), sums, sum);
-      }
-      sums.free = _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_way(enter, exit, size_), misses));
-      sums.passed = misses;
-      if (size_.resolves_some && !size_.resolves_all)
-        sum.resolvable_misses = resolved(set_of(_mm256_castsi256_ps(misses)));
-      finish(sums, size_, sum);
-      return sum;
-    }
-
-   private:
-    /// Of a set, how many have so little noise that smaller cells could tell more.
-    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE unsigned resolved(unsigned set) const {
-      if (size_.resolves_all || !size_.resolves_some) return size_.resolves_all ? count(set) : 0;
-      return count(set & all_.resolvable(size_, all_.beams_.ends_of(few_.beams).sigma));
-    }
-
-    const LeafEvidence& all_;
-    const CellIndex<D>& node_;
-    const Few& few_;
-    const Size& size_;
-    bool is_near_ = false;
-    Place place_{};  // Of the node, if so.
-  };
-  /// What a set of few beams says about a child of a node.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of(const CellIndex<D>& node, const Few& few,
+  /// What a packet says about a node's child that all of its rays clearly pass.
+  /// @param level of the children. @pre takes_few() there.
+  [[nodiscard]] PassedEvidence passed(int level, Few& few, std::size_t child) const {
+    const Size& size = size_of(level);
+    if (!few.has_passed) weigh_passes(size, few);
+    return {few.free[child], detail::kBitCount[few.set[child]],
+            detail::kBitCount[few.set[child] & few.resolvable]};
+  }
+  /// What a packet says about a node's child. @param end number of the one after the last ray that counts.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of(const CellIndex<D>& node, Few& few,
                                                                      std::size_t child,
-                                                                     std::uint32_t set) const {
-    return FewEvidence(*this, node, few).of(child, set, _mm256_castsi256_ps(detail::lanes_of(set)));
+                                                                     std::uint32_t end) const {
+    const Size& size = size_of(node.level - 1);
+    const __m256 enter = _mm256_load_ps(few.enter[child].data());
+    const __m256 exit = _mm256_load_ps(few.exit[child].data());
+    const std::uint32_t set = few.set[child] & few.before(end);
+    const __m256i live = detail::lanes_of(set);
+    const __m256i zero = _mm256_setzero_si256();
+    EightSums sums{zero, zero, zero, zero};
+    ScanEvidence sum;
+    __m256i misses =
+        _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(exit, few.beams.pass, _CMP_LT_OQ)));
+    if ((few.passing[child] & set) != set)
+      misses = add_near_end(child_of(place_of(node), child, size), size, beams_.ends_of(few.beams), enter,
+                            exit, misses, live, sums, sum);
+    sums.free = _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_way(enter, exit, size), misses));
+    sums.passed = misses;
+    if (size.resolves_some && !size.resolves_all)
+      sum.resolvable_misses =
+          count(set_of(_mm256_castsi256_ps(misses)) & resolvable(size, beams_.ends_of(few.beams).sigma));
+    finish(sums, size, sum);
+    return sum;
   }
 #endif
 
@@ -439,17 +405,34 @@ class LeafEvidence {
     return set_of(_mm256_cmp_ps(_mm256_set1_ps(size.child),
                                 _mm256_mul_ps(_mm256_set1_ps(noise_sigmas_), sigma), _CMP_GE_OQ));
   }
+  /// Adds up what the rays of a packet that cross each child say as misses.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void weigh_passes(const Size& size, Few& few) const {
+    constexpr std::size_t kLast = kNumChildren - 1;
+    few.resolvable = size.resolves_all    ? 0xff
+                     : size.resolves_some ? resolvable(size, beams_.ends_of(few.beams).sigma)
+                                          : 0;
+#pragma GCC unroll 8
+    for (std::size_t c = 0; c < kNumChildren; c += 4) {  // The last again if there are no four left.
+      const __m128i four = detail::sums_of(
+          passed_units(size, few, c), passed_units(size, few, std::min(c + 1, kLast)),
+          passed_units(size, few, std::min(c + 2, kLast)), passed_units(size, few, std::min(c + 3, kLast)));
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(few.free.data() + c), four);
+    }
+    few.has_passed = true;
+  }
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i passed_units(const Size& size,
+                                                                                  const Few& few,
+                                                                                  std::size_t child) {
+    const __m256 enter = _mm256_load_ps(few.enter[child].data());
+    const __m256 exit = _mm256_load_ps(few.exit[child].data());
+    return _mm256_and_si256(units_of_way(enter, exit, size),
+                            _mm256_castps_si256(_mm256_cmp_ps(exit, enter, _CMP_GT_OQ)));
+  }
   NDTREE_BY_EIGHTS [[nodiscard]] static unsigned set_of(__m256 mask) {
     return static_cast<unsigned>(_mm256_movemask_ps(mask));
   }
   NDTREE_BY_EIGHTS [[nodiscard]] static unsigned count(unsigned set) {
     return static_cast<unsigned>(__builtin_popcount(set));
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] static std::uint32_t sum_of(__m256i v) {
-    const __m128i half = _mm_add_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
-    const __m128i quarter = _mm_add_epi32(half, _mm_shuffle_epi32(half, 0x4e));
-    return static_cast<std::uint32_t>(
-        _mm_cvtsi128_si32(_mm_add_epi32(quarter, _mm_shuffle_epi32(quarter, 0xb1))));
   }
 #endif
 

@@ -8,7 +8,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 #include <vector>
 
 #include "ndtree/cell/evidence_model.hpp"
@@ -96,7 +95,6 @@ class BeamShares {
   BeamShares(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams, const EvidenceModel& model)
       : geometry_(geometry),
         beams_(beams),
-        width_(beams.width()),
         smallest_size_(static_cast<float>(geometry.unit())),
         sample_beams_{static_cast<float>(model.sample_beams(false)),
                       static_cast<float>(model.sample_beams(true))} {}
@@ -151,16 +149,6 @@ class BeamShares {
   [[nodiscard]] const ScanFace<D>* only_face_of(const Beams& beams, const NodeShares<D>& above) const {
     return above.face != nullptr ? above.face : only_face_of(beams);
   }
-  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
-    return depth_of(leaf, face) >= face.depth_of_all[is_known];
-  }
-  /// Whether beams are of one face, and all of them count in a leaf.
-  template <class Beams>
-  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const Beams& beams, bool is_known) const {
-    const ScanFace<D>* const face = only_face_of(beams);
-    return face != nullptr && takes_all(leaf, *face, is_known);
-  }
-
   /// What is known of a node whose beams are not none. @param above of its parent, or of nodes above that.
   template <class Beams>
   [[nodiscard]] NDTREE_ALWAYS_INLINE NodeShares<D> of_node(const CellIndex<D>& node, const Beams& beams,
@@ -183,19 +171,17 @@ class BeamShares {
     }
     return true;
   }
-#ifdef NDTREE_HAS_EIGHTS
-  /// ... or few beams.
-  template <int kCount>
-  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const FewOfChild<D, kCount>& beams) const {
-    for (std::uint32_t left = beams.set(); left != 0;) {
-      const ScanFace<D>& face = beams_.face_of(beams.of.first_of(left));
+  /// ... or of a ray packet: of what crosses one cell.
+  template <class PacketInCell>
+  [[nodiscard]] bool all_take_all(const CellIndex<D>& node, const PacketInCell& packet) const {
+    for (std::uint32_t left = packet.set(); left != 0;) {
+      const ScanFace<D>& face = beams_.face_of(packet.rays().first_of(left));
       if (!all_take_all(node, face)) return false;
-      if (beams.last_beam() < face.end_of_beams) return true;
-      while (left != 0 && beams.of.first_of(left) < face.end_of_beams) left &= left - 1;
+      if (packet.last_beam() < face.end_of_beams) return true;
+      while (left != 0 && packet.rays().first_of(left) < face.end_of_beams) left &= left - 1;
     }
     return true;
   }
-#endif
 
   /// Of a part of a list, of one face, where those end that some leaf in a node may take.
   [[nodiscard]] std::size_t end_of_all_shares(const CellIndex<D>& node, const ScanFace<D>& face,
@@ -237,80 +223,14 @@ class BeamShares {
         lower = upper;
       }
     }
-    [[nodiscard]] bool takes_all(std::size_t child, bool is_known) const {
-      return depths_[slab_of(child)] >= face_.depth_of_all[is_known];
-    }
     [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_known) const {
       return of_slab(slab_of(child), is_known);
     }
-    /// of() all of them.
-    class All {
-     public:
-      All(const BeamShares& shares, const CellIndex<D>& node, const ScanFace<D>& face)
-          : children_(shares, node, face) {
-#ifdef NDTREE_HAS_EIGHTS
-        if constexpr (kCount <= 8) {
-          if (shares.width_ >= 8) {
-            children_.by_eights(of_.data(), ends_.data());
-            return;
-          }
-        }
-#endif
-        for (std::size_t i = 0; i < kCount; ++i) {
-          const FaceShare<D> share = children_.of_slab(i / 2, i % 2 != 0);
-          of_[i] = share.share;
-          ends_[i] = share.end;
-        }
-      }
-      [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_known) const {
-        const std::size_t place = 2 * children_.slab_of(child) + is_known;
-        return {&children_.face_, ends_[place], of_[place]};
-      }
-
-     private:
-      static constexpr std::size_t kCount = 2 * N;
-      const Children children_;
-      // Of cells that are learning and of those that know much, slab by slab.
-      std::array<float, std::max<std::size_t>(kCount, 8)> of_;
-      std::array<std::uint32_t, kCount> ends_;
-    };
 
    private:
     [[nodiscard]] FaceShare<D> of_slab(std::size_t slab, bool is_known) const {
       return shares_.share_of(face_, shares_.at_depth(depths_[slab], face_, is_known));
     }
-#ifdef NDTREE_HAS_EIGHTS
-    /// The same of up to four slabs, to the last bit.
-    NDTREE_BY_EIGHTS void by_eights(float* shares, std::uint32_t* ends) const {
-      const ScanFace<D>& face = face_;
-      // Loaded one by one: as a vector, what was just written so would be waited for.
-      const auto d = [&](std::size_t slab) { return depths_[std::min<std::size_t>(slab, N - 1)]; };
-      const __m256 depth = _mm256_setr_ps(d(0), d(0), d(1), d(1), d(2), d(2), d(3), d(3));
-      const __m256 one = _mm256_set1_ps(1.0f);
-      const __m256 row = _mm256_div_ps(_mm256_set1_ps(shares_.smallest_size_ * face.density), depth);
-      __m256 expected = one;
-      for (const float n : face.places)
-        expected = _mm256_mul_ps(expected, _mm256_min_ps(row, _mm256_set1_ps(n)));
-      const auto alternate = [](const std::array<float, 2>& values) {
-        double both = 0.0;
-        std::memcpy(&both, values.data(), sizeof both);
-        return both;
-      };
-      const __m256 beams = _mm256_castpd_ps(_mm256_set1_pd(alternate(shares_.sample_beams_)));
-      const __m256 of_all = _mm256_castpd_ps(_mm256_set1_pd(alternate(face.depth_of_all)));
-      const __m256 of_some = _mm256_min_ps(_mm256_div_ps(beams, expected), one);
-      const __m256 share = _mm256_blendv_ps(of_some, one, _mm256_cmp_ps(depth, of_all, _CMP_GE_OQ));
-      const __m256 steps = _mm256_mul_ps(share, _mm256_set1_ps(face.steps_of_all()));
-      const __m256i below = _mm256_cvttps_epi32(steps);
-      const __m256i is_above =
-          _mm256_castps_si256(_mm256_cmp_ps(_mm256_cvtepi32_ps(below), steps, _CMP_LT_OQ));
-      const detail::Offsets step(_mm256_min_epu32(_mm256_sub_epi32(below, is_above),
-                                                  _mm256_set1_epi32(static_cast<int>(face.num_steps))));
-      _mm256_storeu_ps(shares, share);
-      const std::uint32_t* const begins = shares_.beams_.begins_of_steps(face);
-      for (std::size_t i = 0; i < std::size_t{2} * N; ++i) ends[i] = begins[step[i]];
-    }
-#endif
     /// On the face's axis.
     [[nodiscard]] std::size_t slab_of(std::size_t child) const {
       if constexpr (N == 2) return child >> face_.axis & 1u;
@@ -339,7 +259,6 @@ class BeamShares {
 
   const LatticeGeometry<N, D>& geometry_;
   const ScanBeams<D>& beams_;
-  const int width_;
   const float smallest_size_;
   const std::array<float, 2> sample_beams_;  // Of leaves that are learning, and that know much.
 };
