@@ -17,12 +17,12 @@ import griffe
 import typer.main
 
 import ndtree
-from ndtree import _core
-from ndtree._options import MAP_OPTIONS
-from ndtree.commands import app
-from ndtree.readers import _TABLE as READERS
-from ndtree.readers import READER_OPTIONS
-from ndtree.writers import FORMATS as WRITERS
+from ndtree._native import _core
+from ndtree.cli.commands import app
+from ndtree.logs import _TABLE as READERS
+from ndtree.logs import READER_OPTIONS
+from ndtree.maps.kinds import MAP_OPTIONS
+from ndtree.maps.writers import FORMATS as WRITERS
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -236,7 +236,7 @@ class CompiledModule(griffe.Extension):
 
     def on_instance(self, *, obj: griffe.Object, **_: Any) -> None:
         """Called by griffe for each class, function and attribute."""
-        prefix = "ndtree._core."
+        prefix = "ndtree._native._core."
         if obj.is_alias or not obj.path.startswith(prefix):
             return
         found: Any = _core

@@ -24,7 +24,7 @@ pytest.importorskip("matplotlib")
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree.commands import app
+from ndtree.cli.commands import app
 
 RUN = CliRunner()
 IS_ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
@@ -177,7 +177,7 @@ def test_info_of_a_log_and_of_a_map(log: Path, log_3d: Path, tmp_path: Path) -> 
 
 def test_info_of_a_long_log_keeps_a_sample_of_its_ranges(log_3d: Path, monkeypatch: Any) -> None:
     whole = json.loads(run("info", log_3d, "--json", "-").stdout)["range"]
-    monkeypatch.setattr("ndtree.commands.figures.RANGE_SAMPLE", 5000)
+    monkeypatch.setattr("ndtree.cli.commands.figures.RANGE_SAMPLE", 5000)
     sample = json.loads(run("info", log_3d, "--json", "-").stdout)["range"]
     assert sample["max"] == whole["max"]
     assert sample["median"] == pytest.approx(whole["median"], rel=0.1)
@@ -515,7 +515,7 @@ def test_the_map_is_there_when_its_picture_fails(
 
 def test_a_terminal_sees_how_far_the_map_is(log: Path, tmp_path: Path) -> None:
     pty = pytest.importorskip("pty")
-    code = "import ndtree.commands.progress; ndtree.commands.progress.REFRESH = 0\n"
+    code = "import ndtree.cli.commands.progress; ndtree.cli.commands.progress.REFRESH = 0\n"
     program = f"{code}from ndtree.cli import main; main()"
     near, far = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}

@@ -554,10 +554,12 @@ def test_the_log_decides_what_beams_without_return_say_as_in_python(make, tmp_pa
     ndtree = pytest.importorskip("ndtree")
     from test_no_returns import room, written
 
+    from ndtree.evaluation import no_returns, sampling
+
     path = written(make(room), tmp_path / "log.npz")
     log = ndtree.read(path)
-    runs, _, _ = ndtree.sampling.spread(log)
-    expected = ndtree.no_returns.judge([scan for run in runs for scan in run])
+    runs, _, _ = sampling.spread(log)
+    expected = no_returns.judge([scan for run in runs for scan in run])
     report = tmp_path / "report.json"
     done = call(path, "--maps", "fixed", "--held-out", "0", "--repeat", "1", "--json", report)
     assert done.returncode == 0, done.stderr

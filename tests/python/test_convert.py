@@ -17,8 +17,8 @@ import pytest
 from conftest import room_scan
 
 import ndtree
-from ndtree.lattice import Cells, frontier
-from ndtree.maps import is_map, open_map
+from ndtree.cells.lattice import Cells, frontier
+from ndtree.maps.open import is_map, open_map
 
 BOX = 2.4  # The rooms are within [-BOX, BOX).
 

@@ -14,8 +14,8 @@ pytest.importorskip("typer")
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree.commands import app
-from ndtree.readers import JoinedLog, read
+from ndtree.cli.commands import app
+from ndtree.logs import JoinedLog, read
 
 RUN = CliRunner()
 

@@ -23,8 +23,8 @@ from outcomes import outcome_of
 from test_hostile_files import peak_memory
 
 import ndtree
-import ndtree.commands  # Once, and not in each fork.
-from ndtree.readers.ros.chunks import Damaged, most_bytes_of, unpacked, unpacked_message
+import ndtree.cli.commands  # Once, and not in each fork.
+from ndtree.logs.ros.files.chunks import Damaged, most_bytes_of, unpacked, unpacked_message
 
 PACKERS: dict[str, Callable[[bytes], bytes]] = {
     "bz2": bz2.compress,

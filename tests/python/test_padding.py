@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ndtree.readers import read
-from ndtree.readers.padding import NEAREST, without_padding
+from ndtree.logs import read
+from ndtree.logs.core.padding import NEAREST, without_padding
 
 POSITION = np.array([1.5, -2.25, 0.5])
 POINTS = np.array([[3, 4, 1], [-2, 5, 0.5], [0, 0.01, 0], [6, -1, 2]], dtype=np.float32)

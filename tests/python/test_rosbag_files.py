@@ -17,7 +17,7 @@ pytest.importorskip("scipy")
 
 from bags import KINDS, Messages, write_bag
 
-from ndtree.readers import read
+from ndtree.logs import read
 
 START = 1.7e9
 LEVEL = [0, 0, 0, 1]

@@ -18,7 +18,7 @@ from bags import KINDS, Messages, write_bag
 from drives import LEVEL, SCAN_TIMES, START, Drive, standing
 from rosbags.typesys import get_types_from_msg
 
-from ndtree.readers import read
+from ndtree.logs import read
 
 
 @pytest.fixture(params=KINDS)
@@ -228,7 +228,7 @@ def test_a_log_without_one_valid_beam_makes_no_map(ros2: Messages, tmp_path: Pat
     pytest.importorskip("typer")
     from typer.testing import CliRunner
 
-    from ndtree.commands import app
+    from ndtree.cli.commands import app
 
     drive = Drive(planar=True)
     for ranges, said in (([np.nan] * 3, "15 beams: 15 invalid"), ([], "0 beams")):

@@ -15,9 +15,9 @@ pytest.importorskip("typer")
 from bags import Messages, write_bag
 from typer.testing import CliRunner
 
-from ndtree.commands import app
-from ndtree.readers.ros.beams import Beams
-from ndtree.readers.ros.standing import MOVES, Standing
+from ndtree.cli.commands import app
+from ndtree.logs.ros.messages.beams import Beams
+from ndtree.logs.ros.placement.standing import MOVES, Standing
 
 START = 1.7e9
 LEVEL = [0, 0, 0, 1]

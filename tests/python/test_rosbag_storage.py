@@ -19,7 +19,7 @@ pytest.importorskip("scipy")
 from bags import Messages, write_bag
 from drives import LEVEL, START
 
-from ndtree.readers import read
+from ndtree.logs import read
 
 MAKE = Messages("sqlite3")
 SCANS = 20

@@ -31,7 +31,7 @@ pytest.importorskip("rosbags")
 
 import ndtree
 from ndtree import plot
-from ndtree.files import replaced, replaced_together
+from ndtree.base.files import replaced, replaced_together
 
 Save = Callable[[ndtree.OccupancyMap, Path], None]
 
@@ -492,7 +492,7 @@ def test_content_is_on_the_disk_before_the_name_and_the_name_after_it(tmp_path: 
 def test_the_command_line_checks_before_the_work(tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
-    from ndtree.commands import app
+    from ndtree.cli.commands import app
 
     log = tmp_path / "a.txt"
     log.write_text("0 0 1 1\n0 0 1 2\n")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers import Log
+from ndtree.logs import Log
 
 
 class ListLog(Log):

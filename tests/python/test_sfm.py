@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers import read
-from ndtree.readers.colmap import CAMERA_MODELS
-from ndtree.readers.triangulation import Triangulation
+from ndtree.logs import read
+from ndtree.logs.sfm.colmap import CAMERA_MODELS
+from ndtree.logs.sfm.triangulation import Triangulation
 
 rotations = pytest.importorskip("scipy.spatial.transform", reason="no SciPy: no rotations").Rotation
 

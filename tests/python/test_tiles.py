@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.maps import open_map
+from ndtree.maps.open import open_map
 from ndtree.tiles import MANIFEST, TileGrid, TileMapper, in_order, open_tiles, storage_of
 
 KINDS = {

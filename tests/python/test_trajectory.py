@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ndtree.readers.pose import Pose, matrices_of, quaternions_of
-from ndtree.readers.trajectory import STAMP_TOLERANCE, Trajectory
-from ndtree.readers.trajectory_files import read_times, read_trajectory, trajectory_kind
+from ndtree.logs.poses.pose import Pose, matrices_of, quaternions_of
+from ndtree.logs.poses.trajectory import STAMP_TOLERANCE, Trajectory
+from ndtree.logs.poses.trajectory_files import read_times, read_trajectory, trajectory_kind
 
 spatial = pytest.importorskip("scipy.spatial.transform")
 

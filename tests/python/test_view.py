@@ -27,12 +27,12 @@ from conftest import room_scan
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree import view
-from ndtree.commands import app
-from ndtree.view import Look, picking, snapshot
-from ndtree.view.look import KINDS, shown_kinds
-from ndtree.view.snapshot import Snapshot
-from ndtree.view.track import MAX_TRACK, Track
+from ndtree import viewer as view
+from ndtree.cli.commands import app
+from ndtree.viewer import Look, picking, snapshot
+from ndtree.viewer.look import KINDS, shown_kinds
+from ndtree.viewer.snapshot import Snapshot
+from ndtree.viewer.track import MAX_TRACK, Track
 
 RUN = CliRunner()
 
@@ -309,7 +309,7 @@ def ended(*arguments: object) -> tuple[int, str]:
 def test_interrupted_it_ends_well(map_file: Path, tmp_path: Path) -> None:
     log = tmp_path / "log.txt"
     log.write_text("".join(f"{i / 10} 0 0 {i / 10} {end} 0\n" for i in range(20) for end in (1, 2)))
-    command = [sys.executable, "-m", "ndtree.cli", "view", str(map_file), "--port", "0", "--log", str(log)]
+    command = [sys.executable, "-m", "ndtree", "view", str(map_file), "--port", "0", "--log", str(log)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
         assert program.stdout is not None and program.stderr is not None
         url = re.search(r"http://127\.0\.0\.1:\d+", program.stdout.readline())
@@ -410,7 +410,7 @@ def test_watching_ends_with_the_map_written(tmp_path: Path) -> None:
             points, origin = room_scan(2, seed, beams=60)
             for x, y in points:
                 file.write(f"{origin[0]} {origin[1]} {x} {y} 1\n")
-    command = [sys.executable, "-m", "ndtree.cli", "map", str(log), "-o", str(tmp_path / "a.ndt")]
+    command = [sys.executable, "-m", "ndtree", "map", str(log), "-o", str(tmp_path / "a.ndt")]
     with subprocess.Popen(
         [*command, "--watch", "--port", "0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as program:

@@ -14,10 +14,10 @@ pytest.importorskip("viser")
 from conftest import room_scan
 
 import ndtree
-from ndtree.view import snapshot
-from ndtree.view.layers import Layer
-from ndtree.view.look import KINDS, Look
-from ndtree.view.snapshot import Snapshot
+from ndtree.viewer import snapshot
+from ndtree.viewer.layers import Layer
+from ndtree.viewer.look import KINDS, Look
+from ndtree.viewer.snapshot import Snapshot
 
 
 def made(kind: str, dim: int, branching: int = 2) -> Any:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers.ros.laser import laser_beams
-from ndtree.settings import settle
+from ndtree.logs.ros.messages.laser import laser_beams
+from ndtree.tuning.settings import settle
 
 
 def carmen(path: Path, inside: bool, scans: int = 60) -> Path:
@@ -36,7 +36,7 @@ def carmen(path: Path, inside: bool, scans: int = 60) -> Path:
     return path
 
 
-def silent(log: ndtree.readers.Log) -> tuple[int, int]:
+def silent(log: ndtree.logs.Log) -> tuple[int, int]:
     """How many beams did not return, and how many are invalid: of no length."""
     scans = list(log)
     lost = sum(int((~scan.returned).sum()) for scan in scans)

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ndtree import _core
-from ndtree._core import OccupancyMap, pose_matrix
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap, pose_matrix
 from ndtree.distributed import plan
 from ndtree.distributed.engines import Engine, engine_of
 from ndtree.distributed.run import Progress, run_all, run_chains

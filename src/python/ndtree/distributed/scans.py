@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.scan import Scan
+from ndtree.base.scan import Scan
 from ndtree.tiles.grid import Tile
 from ndtree.tiles.storage import Storage
 

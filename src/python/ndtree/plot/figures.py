@@ -15,9 +15,9 @@ from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ndtree._core import OccupancyMap
-from ndtree.files import replaced
-from ndtree.lattice import Cells, Floats
+from ndtree._native._core import OccupancyMap
+from ndtree.base.files import replaced
+from ndtree.cells.lattice import Cells, Floats
 
 Region = Sequence[float]
 Path = Union[str, "os.PathLike[str]"]

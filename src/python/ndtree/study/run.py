@@ -12,9 +12,9 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from ndtree import _core
-from ndtree.comparison import Progress, no_progress
-from ndtree.files import replaced
+from ndtree._native import _core
+from ndtree.base.files import replaced
+from ndtree.evaluation.comparison import Progress, no_progress
 from ndtree.study.config import Study
 from ndtree.study.jobs import Job, jobs_of
 from ndtree.study.table import StudyTable

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree._core import OccupancyMap
-from ndtree.scan import Scan
+from ndtree._native._core import OccupancyMap
+from ndtree.base.scan import Scan
 from ndtree.tiles.kind import MapKind
 
 #: Place of a tile on the grid: it covers [place * size, (place + 1) * size) on each axis.

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree import _core
-from ndtree._core import OccupancyMap
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
 from ndtree.tiles.grid import Tile, TileGrid
 from ndtree.tiles.kind import MapKind
 from ndtree.tiles.storage import Storage

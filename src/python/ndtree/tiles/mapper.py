@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ndtree._core import OccupancyMap
-from ndtree.results import InsertReport
-from ndtree.scan import Scan
+from ndtree._native._core import OccupancyMap
+from ndtree._native.results import InsertReport
+from ndtree.base.scan import Scan
 from ndtree.tiles.grid import Tile, TileGrid, beams_of, reach_of
 from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind, with_counters

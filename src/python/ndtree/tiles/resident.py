@@ -7,7 +7,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 
-from ndtree._core import OccupancyMap
+from ndtree._native._core import OccupancyMap
 from ndtree.tiles.grid import Tile, TileGrid
 
 

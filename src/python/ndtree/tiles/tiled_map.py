@@ -14,9 +14,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree._arguments import TAKEN, flattened, refuse_masked, shaped
-from ndtree._core import DistanceField, OccupancyMap, Shape
-from ndtree.results import Frontier, Leaves, NearestOccupied, RayEnds
+from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
+from ndtree._native._core import DistanceField, OccupancyMap, Shape
+from ndtree._native.results import Frontier, Leaves, NearestOccupied, RayEnds
 from ndtree.tiles.grid import Floats, Tile, TileGrid
 from ndtree.tiles.manifest import Manifest, open_manifest, read_map
 from ndtree.tiles.resident import Resident
