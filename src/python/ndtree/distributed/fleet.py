@@ -17,23 +17,16 @@ from numpy.typing import ArrayLike
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap, pose_matrix
+from ndtree.base.progress import Progress
 from ndtree.distributed import plan
 from ndtree.distributed.engines import Engine, engine_of
-from ndtree.distributed.run import Progress, run_all, run_chains
+from ndtree.distributed.run import run_all, run_chains
 from ndtree.distributed.scans import ScanIndex, StoredScans, index_name, moved, moves_name
 from ndtree.distributed.stages import BlockRecord, Job, block_of, entries_of, indexed, prepare
 from ndtree.tiles.grid import Tile, TileGrid
 from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind, with_counters
-from ndtree.tiles.manifest import (
-    TILES,
-    Manifest,
-    TileEntry,
-    commit,
-    open_manifest,
-    store_bytes,
-    tidy,
-)
+from ndtree.tiles.manifest import TILES, Manifest, TileEntry, commit, open_manifest, store_bytes, tidy
 from ndtree.tiles.order import Sources, named, opened
 from ndtree.tiles.storage import Storage, storage_of
 

@@ -4,16 +4,14 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
 from typing import Any
 
+from ndtree.base.progress import Progress
 from ndtree.distributed.engines import Engine
 from ndtree.distributed.plan import Chain
 from ndtree.distributed.stages import BlockRecord, BlockTask, Job, integrate, record_from, record_name
 from ndtree.tiles.storage import Storage
 
-#: Called as ``progress(what, done, total)``.
-Progress = Callable[[str, int, int], None]
 #: Tasks that wait at the engine for each that runs: more would hold memory, fewer would let workers idle.
 _AHEAD = 2
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from ndtree._native import _core
 from ndtree.base.files import replaced
-from ndtree.evaluation.comparison import Progress, no_progress
+from ndtree.base.progress import Progress, no_progress
 from ndtree.study.config import Study
 from ndtree.study.jobs import Job, jobs_of
 from ndtree.study.table import StudyTable

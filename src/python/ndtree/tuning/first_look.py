@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ndtree._native import _core
+from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
-from ndtree.evaluation.comparison import Progress, no_progress
 from ndtree.evaluation.no_returns import NoReturns, judge
 from ndtree.evaluation.sampling import skipping_unmappable, spread
 from ndtree.logs.core.log import Log

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ndtree.evaluation.comparison import Progress
+from ndtree.base.progress import Progress
 from ndtree.evaluation.no_returns import AUTO
 from ndtree.logs.core.log import Log
 from ndtree.tuning.settings import BEYOND_MEMORY, Settings, settle

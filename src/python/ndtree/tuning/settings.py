@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from ndtree.evaluation.comparison import Progress
+from ndtree.base.progress import Progress
 from ndtree.evaluation.no_returns import AUTO, LEAST_BEAMS
 from ndtree.logs import Log
 from ndtree.logs.core.zeros import INVALID, NO_ECHO

@@ -5,18 +5,7 @@ Imports run one way: app, options, output ← logs ← figures, pictures, compar
 """
 
 # isort: off
-from ndtree.cli.commands import (
-    demo,
-    simulate,
-    map_log,
-    fleet,
-    compare,
-    study,
-    calibrate,
-    view,
-    convert,
-    info,
-)
+from ndtree.cli.commands import demo, simulate, map_log, fleet, compare, study, calibrate, view, convert, info
 from ndtree.cli.commands.app import app
 # isort: on
 

@@ -7,13 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from ndtree.cli.commands.app import app, examples, reports_errors
-from ndtree.cli.commands.figures import (
-    log_figures,
-    map_figures,
-    print_contents,
-    print_log,
-    print_map,
-)
+from ndtree.cli.commands.figures import log_figures, map_figures, print_contents, print_log, print_map
 from ndtree.cli.commands.flags import reading_options
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
 from ndtree.cli.commands.options import Dim, Json

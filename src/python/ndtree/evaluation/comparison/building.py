@@ -17,13 +17,8 @@ from ndtree.maps.kinds import make_map
 
 MapMaker = Callable[[], OccupancyMap]
 Maps = Union[Sequence[str], Mapping[str, MapMaker]]
-Progress = Callable[[str, int, int], None]
 OUTCOMES = ("returned", "not_returned", "beyond_max_range", "invalid")
 COUNTED = ("leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
-
-
-def no_progress(what: str, done: int, total: int) -> None:
-    pass
 
 
 def makers_of(maps: Maps, dim: int, cell_size: float | None, options: dict[str, Any]) -> dict[str, MapMaker]:

@@ -11,23 +11,15 @@ from typing import Any
 import numpy as np
 
 from ndtree._native import _core
+from ndtree.base.held_out import is_held_out
+from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
-from ndtree.evaluation.comparison.building import (
-    OUTCOMES,
-    Built,
-    Maps,
-    Progress,
-    build_once,
-    figures_of,
-    makers_of,
-    no_progress,
-)
+from ndtree.evaluation.comparison.building import OUTCOMES, Built, Maps, build_once, figures_of, makers_of
 from ndtree.evaluation.comparison.result import Comparison
 from ndtree.evaluation.comparison.truth import (
     claims_of,
     finite_or_none,
     held_out_truth,
-    is_held_out,
     seen_space,
     truth_by_size,
 )

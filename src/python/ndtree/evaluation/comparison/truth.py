@@ -21,11 +21,6 @@ CLAIMED = ("points", "seen", "free", "free_and_unseen", "unknown_and_seen")
 SHARES_OF_VOLUME = ("free_unseen", "seen_unknown", "wrong_volume")
 
 
-def is_held_out(i: int, held_out: int) -> bool:
-    """Whether scan i, counted from 0, is kept for the truth: the last of every `held_out`."""
-    return held_out > 0 and i % held_out == held_out - 1
-
-
 def held_out_truth(
     target: OccupancyMap, scans: Sequence[Scan], max_range: float, progress: Callable[[int, int], None]
 ) -> dict[str, Any] | None:

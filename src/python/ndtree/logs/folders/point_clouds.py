@@ -10,20 +10,8 @@ from numpy.typing import NDArray
 
 from ndtree.logs.core.padding import without_zeros
 from ndtree.logs.core.source import Format, ReaderOption, Source, require_dim
-from ndtree.logs.folders.cloud_files import (
-    kind_of_file,
-    kind_of_name,
-    pcd_viewpoint,
-    points_of_file,
-)
-from ndtree.logs.folders.folder import (
-    TIME_OFFSET,
-    FolderLog,
-    PosesOfFiles,
-    number_in,
-    stamps_in,
-    stem_of,
-)
+from ndtree.logs.folders.cloud_files import kind_of_file, kind_of_name, pcd_viewpoint, points_of_file
+from ndtree.logs.folders.folder import TIME_OFFSET, FolderLog, PosesOfFiles, number_in, stamps_in, stem_of
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_pose, trajectory_kind
 

@@ -14,13 +14,7 @@ from numpy.typing import NDArray
 from ndtree.logs.core.plain_file import text_lines
 from ndtree.logs.core.source import ReaderOption
 from ndtree.logs.poses.pose import Pose
-from ndtree.logs.poses.pose_columns import (
-    TUM,
-    PoseColumns,
-    columns_named,
-    order_in_doubt,
-    seconds_of,
-)
+from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
 from ndtree.logs.poses.trajectory import Trajectory
 
 Floats = NDArray[np.float64]

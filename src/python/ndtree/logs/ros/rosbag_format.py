@@ -11,14 +11,7 @@ from ndtree.logs.core.zeros import ZERO_IS
 from ndtree.logs.folders.depth_image import CAMERA, PIXEL_STRIDE
 from ndtree.logs.folders.folder import TIME_OFFSET
 from ndtree.logs.poses.trajectory_files import TRAJECTORY
-from ndtree.logs.ros.files.bag import (
-    ENDINGS,
-    MAGICS,
-    METADATA,
-    METADATA_BEGINS,
-    ZSTD_MAGIC,
-    open_bag,
-)
+from ndtree.logs.ros.files.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, ZSTD_MAGIC, open_bag
 from ndtree.logs.ros.outline import outline
 from ndtree.logs.ros.rosbag import RosbagLog
 from ndtree.logs.ros.survey import POSE_NAMES

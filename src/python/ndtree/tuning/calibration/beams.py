@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
 from ndtree.logs.core.log import Log
-from ndtree.tuning.calibration.figures import Bools, Floats, Progress
+from ndtree.tuning.calibration.figures import Bools, Floats
 
 MOST_POINTS = 1_000_000  # End points kept, at random.
 FARTHEST = 1e9  # Coordinates [m] that the grid of the neighbours can count.

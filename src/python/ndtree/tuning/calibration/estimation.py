@@ -9,12 +9,13 @@ from collections.abc import Iterable
 import numpy as np
 
 from ndtree._native import _core
+from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
-from ndtree.evaluation.comparison import NO_RETURN, no_progress
+from ndtree.evaluation.comparison import NO_RETURN
 from ndtree.evaluation.no_returns import AUTO, believed
 from ndtree.logs.core.log import Log
 from ndtree.tuning.calibration.beams import Beams, Points, Scans, Source
-from ndtree.tuning.calibration.figures import LEAST_SIGMA, Calibration, Estimate, Progress
+from ndtree.tuning.calibration.figures import LEAST_SIGMA, Calibration, Estimate
 from ndtree.tuning.calibration.noise import noise_of
 from ndtree.tuning.calibration.rates import error_rates
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-Progress = Callable[[str, int, int], None]
 CONFIDENCE = 0.9  # Of the intervals, from RESAMPLES bootstrap samples.
 RESAMPLES = 200
 LEAST_SIGMA = 1e-4  # What a map is told of a sensor without noise [m].

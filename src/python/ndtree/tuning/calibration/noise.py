@@ -9,16 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.base.progress import Progress
 from ndtree.tuning.calibration.beams import Points
-from ndtree.tuning.calibration.figures import (
-    CONFIDENCE,
-    LEAST_SIGMA,
-    RESAMPLES,
-    Estimate,
-    Floats,
-    Progress,
-    estimated,
-)
+from ndtree.tuning.calibration.figures import CONFIDENCE, LEAST_SIGMA, RESAMPLES, Estimate, Floats, estimated
 from ndtree.tuning.calibration.flatness import TINY, Grid, flat_pieces
 
 RADII = (0.25, 0.5, 1.0)  # Of a piece of surface [m]; the next one where points are few, or noise is thick.

@@ -11,14 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ndtree.logs.ros.messages.beams import (
-    CAMERA_INFO,
-    COMPRESSED_IMAGE,
-    IMAGE,
-    LASER,
-    POINT_CLOUD,
-    RANGE,
-)
+from ndtree.logs.ros.messages.beams import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, LASER, POINT_CLOUD, RANGE
 
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 POSE = "geometry_msgs/msg/PoseStamped"
