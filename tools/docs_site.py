@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import griffe
-import typer.main
 
 import ndtree
 from ndtree._native import _core
-from ndtree.cli.commands import app
+from ndtree.cli.commands import every
 from ndtree.logs import _TABLE as READERS
 from ndtree.logs import READER_OPTIONS
 from ndtree.maps.kinds import MAP_OPTIONS
@@ -172,7 +171,7 @@ def _commands() -> str:
     """A section for each command, and one for each panel of options that commands share."""
     parts: list[str] = []
     panels: dict[str, dict[str, str]] = {}
-    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+    for name, command in every().items():
         own, shared = {}, {}
         for parameter in command.params:
             panel = getattr(parameter, "rich_help_panel", None)

@@ -117,7 +117,9 @@ def tried(sample_name: str, first: int, count: int, scratch: Path):
     from damage import damage_one
     from samples import SAMPLES, recorded_samples
 
-    import ndtree.cli.commands  # noqa: F401  Imported once, and not in each fork.
+    from ndtree.cli.commands import every
+
+    every()  # Loaded once, and not in each fork.
 
     with contextlib.suppress(ImportError):
         import laspy  # noqa: F401

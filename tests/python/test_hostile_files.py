@@ -24,10 +24,12 @@ pytest.importorskip("typer")
 from outcomes import outcome_of
 
 import ndtree
-import ndtree.cli.commands  # Once, and not in each fork.
+from ndtree.cli.commands import every
 from ndtree.logs.core.failures import readable, shown
 from ndtree.logs.core.plain_file import open_plain, open_regular
 from ndtree.maps.open import open_map
+
+every()  # Commands are loaded once, and not in each fork.
 
 
 def refused(path: Path, tmp_path: Path, *more: str, seconds: int = 10) -> str:

@@ -7,6 +7,7 @@ import pickle
 import subprocess
 import sys
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 
@@ -87,3 +88,28 @@ def test_names_of_the_compiled_module_are_the_package_s_or_its_own() -> None:
     assert names - INTERNAL <= set(ndtree.__all__)
     assert INTERNAL <= names
     assert INTERNAL & set(ndtree.__all__) == {"simulate"}  # Of which a reader makes a log.
+
+
+def test_the_help_of_the_command_line_loads_no_command() -> None:
+    """And so neither NumPy nor the compiled module. Its line of a command is how that one's help begins."""
+    pytest.importorskip("typer")
+    from ndtree.cli.commands import COMMANDS, every
+
+    code = "import sys; from ndtree.cli.commands import app\ntry: app(['--help'])\nexcept SystemExit: pass\n"
+    said = output_of(code + "print(*sys.modules)")
+    assert {name for name in said if name.startswith("ndtree.")} == {
+        "ndtree.base",
+        "ndtree.base.exit_status",
+        "ndtree.cli",
+        "ndtree.cli.commands",
+        "ndtree.cli.commands.app",
+        "ndtree.cli.interrupt",
+    }
+    assert "numpy" not in said and set(COMMANDS) <= set(said)
+    commands = every()
+    assert list(commands) == list(COMMANDS)
+    for name, (_, summary) in COMMANDS.items():
+        assert commands[name].name == name
+        assert " ".join(commands[name].help.split("\n\n")[0].split()) == summary
+    files = {path.stem for path in Path(inspect.getfile(every)).parent.glob("*.py")}
+    assert {module for module, _ in COMMANDS.values()} < files

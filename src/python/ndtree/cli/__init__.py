@@ -45,6 +45,8 @@ class _Heard:
 def main() -> NoReturn:
     """Run the command line and leave the process with its exit status."""
     try:
+        import rich  # noqa: F401
+
         from ndtree.cli.commands import app
     except ImportError as error:
         if error.name is None or error.name.split(".")[0] not in ("typer", "rich"):
@@ -59,5 +61,4 @@ def main() -> NoReturn:
         stream = getattr(sys, name)
         if stream is not None:
             setattr(sys, name, _Heard(stream))
-    interrupt.raise_again()
     app()

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.app import app, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import Reading, reading_options
 from ndtree.cli.commands.logs import limit_of, print_settings, settled, warn_of_skipped
 from ndtree.cli.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption
@@ -17,11 +17,12 @@ from ndtree.cli.commands.progress import progress
 from ndtree.tuning import calibration
 
 
-@app.command(
+@command(
+    "calibrate",
     epilog=examples(
         "ndtree calibrate office.npz --max-range 20 --no-return ignore",
         "ndtree calibrate room.npz --json room.json",
-    )
+    ),
 )
 @reports_errors
 @reading_options

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.app import app, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
 from ndtree.cli.commands.flags import map_options, reading_options
 from ndtree.cli.commands.logs import open_log, warn_of_skipped
@@ -31,7 +31,7 @@ from ndtree.maps.kinds import KINDS
 from ndtree.maps.open import is_map
 
 
-@app.command(
+@command(
     "compare",
     epilog=examples(
         "ndtree compare office.npz --max-range 20 --no-return ignore --json office.json",

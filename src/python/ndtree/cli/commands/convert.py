@@ -6,7 +6,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from ndtree.cli.commands.app import app, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.logs import made
 from ndtree.cli.commands.output import check_target
 from ndtree.maps.conversion import convert
@@ -20,7 +20,7 @@ def _endings() -> str:
     return f"Its ending says what is written: {', '.join(every)}."
 
 
-@app.command(
+@command(
     "convert",
     epilog=examples(
         "ndtree convert hall.ndt hall.bt",

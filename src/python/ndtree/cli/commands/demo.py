@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from ndtree._native import _core
-from ndtree.cli.commands.app import app, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
 from ndtree.cli.commands.flags import map_options, reading_options
 from ndtree.cli.commands.logs import open_log, warn_of_skipped
@@ -27,7 +27,7 @@ from ndtree.cli.commands.output import check_target, is_stdout, write_json
 from ndtree.cli.commands.pictures import draw_side_by_side, plotting
 
 
-@app.command(epilog=examples("ndtree demo", "ndtree demo drive.bag --output pictures"))
+@command("demo", epilog=examples("ndtree demo", "ndtree demo drive.bag --output pictures"))
 @reports_errors
 @reading_options
 @map_options

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree import distributed
-from ndtree.cli.commands.app import app, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import map_options
 from ndtree.cli.commands.logs import limit_of, made, new_map, settled
 from ndtree.cli.commands.options import Dim, Json, MaxRange, NoReturnKind, NoReturnOption
@@ -28,11 +28,12 @@ class EngineName(str, Enum):
     dask = "dask"
 
 
-@app.command(
+@command(
+    "fleet",
     epilog=examples(
         "ndtree fleet monday.bag tuesday.bag -o depot.tiles",
         "ndtree fleet robots/*.bag -o s3://maps/depot --engine ray",
-    )
+    ),
 )
 @reports_errors
 @map_options

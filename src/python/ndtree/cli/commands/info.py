@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ndtree.cli.commands.app import app, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import log_figures, map_figures, print_contents, print_log, print_map
 from ndtree.cli.commands.flags import reading_options
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
@@ -17,8 +17,9 @@ from ndtree.maps.open import is_map
 from ndtree.tuning.prospect import prospect_of
 
 
-@app.command(
-    epilog=examples("ndtree info office.npz", "ndtree info drive.bag", "ndtree info office.ndt --json -")
+@command(
+    "info",
+    epilog=examples("ndtree info office.npz", "ndtree info drive.bag", "ndtree info office.ndt --json -"),
 )
 @reports_errors
 @reading_options

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree.base.exit_status import BAD_INPUT, WrongCall
-from ndtree.cli.commands.app import app, examples, reason_of, reports_errors
+from ndtree.cli.commands.app import command, examples, reason_of, reports_errors
 from ndtree.cli.commands.flags import Reading, map_options, reading_options
 from ndtree.cli.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
@@ -32,7 +32,7 @@ from ndtree.logs import JoinedLog, Log
 from ndtree.tuning.settings import Settings
 
 
-@app.command(
+@command(
     "map",
     epilog=examples(
         "ndtree map drive.bag",

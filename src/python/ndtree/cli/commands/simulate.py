@@ -8,14 +8,15 @@ import typer
 
 from ndtree import logs
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.app import app, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.options import Scans, Seed, World
 from ndtree.cli.commands.output import check_target
 from ndtree.cli.commands.progress import progress
 
 
-@app.command(
-    epilog=examples("ndtree simulate office -o office.npz", "ndtree simulate apartment --scans 50 --seed 2")
+@command(
+    "simulate",
+    epilog=examples("ndtree simulate office -o office.npz", "ndtree simulate apartment --scans 50 --seed 2"),
 )
 @reports_errors
 def simulate(

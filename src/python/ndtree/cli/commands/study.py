@@ -9,14 +9,16 @@ from typing import Annotated, Optional
 import typer
 
 from ndtree.base.exit_status import BAD_INPUT
-from ndtree.cli.commands.app import app, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.options import Json
 from ndtree.cli.commands.output import check_target, is_stdout, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.study import load, run
 
 
-@app.command(epilog=examples("ndtree study sizes.toml", "ndtree study sizes.toml --processes 1 --json -"))
+@command(
+    "study", epilog=examples("ndtree study sizes.toml", "ndtree study sizes.toml --processes 1 --json -")
+)
 @reports_errors
 def study(
     config: Annotated[Path, typer.Argument(metavar="CONFIG", help="A TOML file: logs, maps, output.")],

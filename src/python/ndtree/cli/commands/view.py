@@ -9,7 +9,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.app import app, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import reading_options
 from ndtree.cli.commands.logs import length_of, load_map
 from ndtree.cli.commands.options import CellColor, Port, StyleOption
@@ -18,12 +18,13 @@ from ndtree.cli.commands.pictures import draw, parsed_slice, plotting, suited
 from ndtree.cli.commands.progress import progress
 
 
-@app.command(
+@command(
+    "view",
     epilog=examples(
         "ndtree view intel.ndt --open",
         "ndtree view room.ndt --color size --slice z=1.2 --log room.npz",
         "ndtree view room.ndt --png room.png --color probability",
-    )
+    ),
 )
 @reports_errors
 @reading_options
