@@ -3,12 +3,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.ma import MaskedArray
 
 from ndtree._native.results import Answers
 
@@ -50,8 +50,11 @@ def refuse_masked(call: str, given: Mapping[str, Any]) -> None:
     TypeError
         If one of the arguments is one.
     """
+    masked = getattr(sys.modules.get("numpy.ma"), "MaskedArray", None)
+    if masked is None:  # Before numpy.ma is loaded, which takes a while, no array is a masked one.
+        return
     for name, value in given.items():
-        if isinstance(value, MaskedArray):
+        if isinstance(value, masked):
             raise TypeError(
                 f"{call}(): {name} is a masked array of shape {value.shape}: must be a plain one, "
                 "with what is not masked alone"
