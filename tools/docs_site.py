@@ -250,7 +250,7 @@ class CompiledModule(griffe.Extension):
     def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
         """Called by griffe when all is read: in a stub, what has overloads has nothing beside them."""
         if pkg.name == "ndtree":
-            core = pkg["_core"]
+            core = pkg["_native._core"]
             for holder in (core, *core.classes.values()):
                 for name, overloads in holder.overloads.items():
                     if overloads and name not in holder.members:

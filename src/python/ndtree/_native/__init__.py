@@ -12,7 +12,7 @@ if has_octomap:
     from ndtree._native._core import OctoMap as OctoMap
 else:
 
-    def OctoMap(*_args: object, **_options: object) -> OccupancyMap:
+    def OctoMap(*_args: object, **_options: object) -> OccupancyMap:  # type: ignore[no-redef]
         """Say why there is no OctoMap: it was not there when the module was built."""
         raise RuntimeError(
             "ndtree was built without OctoMap: install liboctomap-dev and build it again "
