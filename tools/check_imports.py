@@ -2,7 +2,8 @@
 """Directions of the imports in the Python package: between its folders, and no circles among its modules.
 
 Every import counts, also those within functions and those for types alone. Stubs do not: they describe what
-compiled functions take, and nothing runs in them.
+compiled functions take, and nothing runs in them. What ``_lazy.py`` names is loaded when a method that needs
+it is called, and is no import: its table is short, and a test loads each entry.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-#: Folders of the package, each of which may import those before it.
+#: Folders of the package; each may import the folders before it.
 FOLDERS = (
     "_native",
     "base",
@@ -33,7 +34,7 @@ INNER: Mapping[str, tuple[str, ...]] = {
     "logs": ("core", "poses", "formats", "folders", "sfm", "ros"),
     "logs.ros": ("messages", "files", "placement"),
 }
-#: Modules beside the folders: those that every folder may import, and those that none may.
+#: Modules beside the folders: the lowest, which every folder may import, and the highest, which none may.
 LOWEST, HIGHEST = ("_lazy",), ("typing", "__init__", "__main__")
 ORDER = (*LOWEST, *FOLDERS, *HIGHEST)
 
