@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the command line makes of damaged files, each tried in a process of its own with limits.
+"""The command line on damaged files, each tried in a process of its own with limits.
 
 usage: python outcomes.py FIRST COUNT SCRATCH SAMPLE ...     (prints one line of JSON for each file)
        python outcomes.py --one SCRATCH ARGUMENT ...          (of the command line: prints one)

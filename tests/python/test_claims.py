@@ -191,7 +191,7 @@ def test_a_comparison_says_what_its_maps_claim(simulated: bool) -> None:
     assert "claims_free_unseen" in comparison.to_csv()
 
 
-def test_larger_cells_claim_more_that_nobody_saw() -> None:
+def test_larger_cells_claim_more_unseen_space() -> None:
     log = list(ndtree.simulate("office", seed=7, scans=20))
     maps = [f"fixed@{size}" for size in (0.05, 0.1, 0.2, 0.4, 0.8)]
     rows = ndtree.compare(log, maps, range_sigma=0.03)["maps"]

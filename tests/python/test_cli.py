@@ -88,7 +88,7 @@ def test_map_writes_the_map_that_the_library_makes(log: Path, tmp_path: Path) ->
     assert f"wrote {target} and {picture}" in done.output
 
 
-def test_a_map_that_nobody_named_has_the_name_of_its_log(
+def test_a_map_without_a_name_gets_that_of_its_log(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -452,7 +452,7 @@ def test_a_reader_that_leaves_does_not_stop_the_work(unbuffered: bool, log: Path
 
 def test_the_process_has_the_exit_status(log: Path, tmp_path: Path) -> None:
     done = start("info", log)
-    assert (done.returncode, done.stderr) == (0, ""), "no progress bar where nobody looks"
+    assert (done.returncode, done.stderr) == (0, ""), "no progress bar without a terminal"
     assert "20 scans" in done.stdout
     bad = start("info", tmp_path / "none.log")
     assert bad.returncode == 1

@@ -155,7 +155,7 @@ def test_foreign_images_are_read_by_their_own_rules(
 
 
 def nav2_state(pixel: list[int], mode: str, has_alpha: bool) -> int:
-    """What nav2's map_io.cpp makes of one pixel with the usual thresholds, line by line."""
+    """The state of one pixel by nav2's map_io.cpp with the usual thresholds, line by line."""
     channels = pixel[:3]
     if mode == "trinary" and has_alpha:
         channels = pixel

@@ -212,6 +212,6 @@ def test_ctrl_c_is_heard_while_another_thread_has_the_map(waits: str) -> None:
         holder.join()
         if still_held:
             break
-    assert still_held, "nobody had to wait"
+    assert still_held, "no thread had to wait"
     assert 0 <= heard < 1
     calls[waits]()

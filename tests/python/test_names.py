@@ -91,7 +91,7 @@ def test_names_of_the_compiled_module_are_the_package_s_or_its_own() -> None:
     names = {name for name in vars(_core) if not name.startswith("_")}
     assert names - INTERNAL <= set(ndtree.__all__)
     assert INTERNAL <= names
-    assert INTERNAL & set(ndtree.__all__) == {"simulate"}  # Of which a reader makes a log.
+    assert INTERNAL & set(ndtree.__all__) == {"simulate"}  # A reader makes a log of it.
 
 
 def test_the_help_of_the_command_line_loads_no_command() -> None:

@@ -212,7 +212,7 @@ def test_raw_packets_are_known_for_what_they_are(tmp_path: Path) -> None:
         read(path)
 
 
-def test_cameras_that_nobody_calibrated(ros2: Messages, tmp_path: Path) -> None:
+def test_cameras_without_calibration(ros2: Messages, tmp_path: Path) -> None:
     fixed = ros2.tf(ros2.transform(START, "map", "sensor", [0, 0, 0], LEVEL))
     content = [("/tf_static", START, fixed)]
     content.append(("/depth", START, ros2.image(START, "sensor", np.ones((2, 2)), "16UC1")))

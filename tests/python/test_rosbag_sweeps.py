@@ -52,7 +52,7 @@ def sweeps(
 ) -> Path:
     """A turning laser in a room whose beams are measured one after the other.
 
-    With `ghosts` another sensor, of which nothing else is known, has the same topic.
+    With `ghosts` an unknown second sensor has the same topic.
     """
     generator = np.random.default_rng(3)
 

@@ -167,7 +167,7 @@ def test_a_pipe_gets_the_file_and_stays(ending: str, tmp_path: Path) -> None:
         (folder / "pipe.pgm").write_text("image")  # Of a pair, each is written by its own kind.
     path = folder / f"pipe{ending}"
     os.mkfifo(path)
-    with pytest.raises(OSError, match="nobody reads"):  # And does not wait until somebody does.
+    with pytest.raises(OSError, match="nobody reads"):  # And does not wait for a reader.
         save(ending, 0, path)
     got: list[bytes] = []
     thread = threading.Thread(target=lambda: got.append(path.read_bytes()))
@@ -227,7 +227,7 @@ def test_names_may_be_as_long_as_the_system_takes_them(ending: str, tmp_path: Pa
 
 
 def test_what_may_not_be_written_is_refused(tmp_path: Path) -> None:
-    """By a user who is not root, whom nothing stops."""
+    """By a user who is not root, since permissions do not stop root."""
     folder = Path(f"/tmp/ndtree-test-{os.getpid()}")
     folder.mkdir()
     try:

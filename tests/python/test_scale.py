@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scans in millimetres or in another frame are told of; those who mean long beams hear nothing."""
+"""Scans in millimetres or in another frame cause a warning; a given max_range silences it."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from ndtree.logs import Log
 
 
 class ListLog(Log):
-    """Scans in a list, of which it counts those that were asked for."""
+    """Scans in a list; it counts the scans that were asked for."""
 
     format = "list"
 

@@ -530,7 +530,7 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
         changed(bundler, "", line(35, "2 1 2 3 4")),
         "line 35: expected point 1 of 40: a number of v",
     ),
-    "view of nobody": (
+    "view of no camera": (
         changed(bundler, "", line(35, "1 6 2 3 4")),
         "line 35: expected point 1 of 40: cameras of 0 to",
     ),

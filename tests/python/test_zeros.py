@@ -59,7 +59,7 @@ def test_what_was_said_of_zero_holds(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("inside, meaning", [(False, "no-echo"), (True, "invalid")])
-def test_the_log_decides_where_nobody_has_said(inside: bool, meaning: str, tmp_path: Path) -> None:
+def test_the_log_decides_where_zero_is_was_not_given(inside: bool, meaning: str, tmp_path: Path) -> None:
     log = ndtree.read(carmen(tmp_path / "a.log", inside))
     found = settle(log, options={}, max_range=math.inf, no_return="auto", with_sigma=True)
     assert log.zero_is == meaning
