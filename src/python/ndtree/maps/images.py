@@ -47,7 +47,7 @@ def states_of_image(name: str) -> tuple[NDArray[np.int8], NDArray[np.float64], f
     Raises
     ------
     OSError, ValueError, ImportError
-        As `ndtree.maps.open_map`.
+        As `ndtree.maps.open.open_map`.
     """
     entries = _entries(name)
     if "image" not in entries:
