@@ -32,7 +32,7 @@ std::vector<Scan<3>> apartment_images(int width) {
   return scans;
 }
 
-/// Insertion of known scans into a map that is settled, by one thread.
+/// Insertion of known scans into a saturated map, by one thread.
 void settled_insertion(benchmark::State& state, Map& map, const std::vector<Scan<3>>& scans) {
   std::uint64_t beams = 0;
   for (auto _ : state) {
@@ -79,7 +79,7 @@ void add_settled(const std::string& name, const std::shared_ptr<LazyMap>& map) {
 }
 
 /// Rooms of 6 x 6 x 3 m without end, each seen from its middle by 10,000 beams in all directions; as many
-/// as make a map of so many leaves.
+/// as make a map of this many leaves.
 class Rooms {
  public:
   Rooms(const MapOptions& options, double leaves) : options_(options), leaves_(leaves) {}

@@ -58,7 +58,7 @@ std::shared_ptr<const Workload<D>> thin(const std::vector<Scan<D>>& scans, std::
   return work;
 }
 
-/// One scan into a map, by so many threads.
+/// One scan into a map, by this many threads.
 template <class Map, int D>
 InsertReport insert(Map& map, const Scan<D>& scan, double max_range, int threads) {
   return map.insert(scan, max_range, threads);

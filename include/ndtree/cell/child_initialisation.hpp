@@ -24,10 +24,10 @@ inline constexpr int kShareDivisor = Tree::kNumChildren / Tree::kBranching;
 /// Free evidence is divided as this scan's beams are, since most earlier beams took much the same ways. Of B
 /// beams in the parent, c passed the child; the child's fraction of E- is
 ///   s = 0.05 / N^(D-1) + 0.95 (c + k / N^(D-1)) / (B + k),
-/// with k = inherited_beams evenly spread beams more, as few beams say little, and a twentieth that came from
-/// elsewhere. Where in the parent the hits were is not known: of E+ every child takes the mean fraction
-/// 1 / N^(D-1), but in a parent that is not occupied no more than s, so that no child is less free than the
-/// parent. A child of such a parent to which less than one beam is due is unknown.
+/// with k = inherited_beams evenly spread beams more, as a few beams are a poor sample, and a twentieth that
+/// came from elsewhere. Where in the parent the hits were is not known: of E+ every child takes the mean
+/// fraction 1 / N^(D-1), but in a parent that is not occupied no more than s, so that no child is less free
+/// than the parent. A child of such a parent to which less than one beam is due is unknown.
 ///
 /// Free space is claimed only where it was seen: if the parent was not covered, a child that would be free
 /// and that none of this scan's beams has passed is unknown.

@@ -9,7 +9,7 @@ namespace ndtree {
 
 struct EvidenceOptions {
   double evidence_memory = 200.0;  ///< Evidence that a cell remembers at most; older evidence fades [nats].
-  double free_memory = 50.0;       ///< The same for a cell with evidence for free space only [nats].
+  double free_memory = 50.0;       ///< Evidence for free space that a cell without other remembers [nats].
   double scan_beams = 64.0;      ///< Beams of one scan that count at most in a cell that all of them passed.
   double known_evidence = 50.0;  ///< A cell with this much evidence is well observed [nats]:
   double sample_beams = 0.5;  ///< it samples this many beams of a scan per smallest cell side by side in it,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Values beside a map's cells: a tree of its own, of which a map that has none knows nothing.
+/// Values beside a map's cells, in a tree of their own: a map without layers does not depend on them.
 #pragma once
 
 #include <array>
@@ -54,7 +54,7 @@ class Layer {
     return value;
   }
 
-  /// Adds what a beam says to a cell.
+  /// Adds a beam's measurement to a cell.
   /// @param point in the cell [m]. @pre the measurement is one that Value::check() accepts.
   void add(const CellIndex<D>& cell, const Vector<D>& point, const Measurement& measurement) {
     reach(cell, point).value.add(measurement);

@@ -213,7 +213,7 @@ template <class Map>
       part);
 }
 
-/// The same of a body in a pose.
+/// Whether a body collides in a pose, otherwise as above.
 template <class Map>
 [[nodiscard]] bool collides(const Map& map, const Body<Map::kDim>& body, const Pose<Map::kDim>& pose,
                             UnknownSpace unknown = UnknownSpace::free) {

@@ -79,7 +79,7 @@ template <class Ask>
 auto asked(const PythonField& shared, const Ask& ask) {
   return shared.read([&](const AnyField& any) { return std::visit(ask, any.field); });
 }
-/// The same of what never changes: no lock is needed.
+/// As ask(), for what never changes: no lock is needed.
 template <class Ask>
 auto constant(const PythonField& shared, const Ask& ask) {
   return std::visit(ask, shared.constant().field);
