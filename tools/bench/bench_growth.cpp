@@ -56,10 +56,10 @@ class LazyMap {
       : options_(options), scans_(std::move(scans)) {}
   [[nodiscard]] const std::vector<Scan<3>>& scans() const { return scans_; }
   Map& map() {
-    constexpr int kUntilSettled = 10;
+    constexpr int kUntilSaturated = 10;
     if (!map_) {
       map_ = std::make_unique<Map>(options_);
-      for (int i = 0; i < kUntilSettled; ++i)
+      for (int i = 0; i < kUntilSaturated; ++i)
         for (const auto& scan : scans_) map_->insert(scan, kUnlimitedRange, 1);
     }
     return *map_;
@@ -89,8 +89,8 @@ class Rooms {
     map_ = std::make_unique<Map>(options_);
     do {
       const Scan<3> scan = scan_of(num_rooms_++);
-      constexpr int kUntilSettled = 10;
-      for (int i = 0; i < kUntilSettled; ++i) map_->insert(scan, kUnlimitedRange, 1);
+      constexpr int kUntilSaturated = 10;
+      for (int i = 0; i < kUntilSaturated; ++i) map_->insert(scan, kUnlimitedRange, 1);
     } while (static_cast<double>(map_->tree().num_leaves()) < leaves_);
     return *map_;
   }

@@ -124,7 +124,7 @@ class EvidenceCell {
   }
 
   /// Whether a cell that is observed or blank has no evidence for occupied space, and no hits.
-  [[nodiscard]] bool knows_free_alone() const {
+  [[nodiscard]] bool has_only_free_evidence() const {
     return (counts_ & (kPartlySeen | kMaxCount)) == 0 && evidence_ <= kMaxEvidence;
   }
   /// Sets evidence for free space only: no streak could contradict it. @pre misses <= kMaxCount; else as
@@ -158,7 +158,7 @@ class EvidenceCell {
   }
 
   /// Equal but for the log-odds, which follows from the rest.
-  [[nodiscard]] bool knows_the_same(const EvidenceCell& other) const {
+  [[nodiscard]] bool has_same_evidence(const EvidenceCell& other) const {
     return counts_ == other.counts_ && evidence_ == other.evidence_;
   }
 
@@ -170,7 +170,7 @@ class EvidenceCell {
   static constexpr std::uint32_t kComparedBits = ~0x01000000u;
 
   friend bool operator==(const EvidenceCell& a, const EvidenceCell& b) {
-    return a.knows_the_same(b) && a.log_odds_ == b.log_odds_;
+    return a.has_same_evidence(b) && a.log_odds_ == b.log_odds_;
   }
   friend bool operator!=(const EvidenceCell& a, const EvidenceCell& b) { return !(a == b); }
 

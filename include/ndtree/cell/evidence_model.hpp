@@ -42,13 +42,13 @@ class EvidenceModel : public BeamWeight {
 
   /// Adds the joint evidence of a scan. @returns true if the cell changed.
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) const {
-    return scan.hits == 0 && scan.occupied == 0 && stays_free_alone(cell)
+    return scan.hits == 0 && scan.occupied == 0 && keeps_only_free_evidence(cell)
                ? update_free(cell, scan.free, scan.misses)
                : update_any(cell, scan);
   }
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const PassedEvidence& passed) const {
-    return stays_free_alone(cell) ? update_free(cell, passed.free, passed.misses)
-                                  : update_any(cell, ScanEvidence::of(passed));
+    return keeps_only_free_evidence(cell) ? update_free(cell, passed.free, passed.misses)
+                                          : update_any(cell, ScanEvidence::of(passed));
   }
   /// update() of a cell that was to split but is predicted to re-merge, see RemergePrediction.
   /// @returns true if the cell changed.
@@ -147,8 +147,8 @@ class EvidenceModel : public BeamWeight {
 
  private:
   /// True if update_free() is enough for a scan of which all beams pass the cell.
-  [[nodiscard]] NDTREE_ALWAYS_INLINE bool stays_free_alone(const EvidenceCell& cell) const {
-    return cell.knows_free_alone() && forgets_nothing();
+  [[nodiscard]] NDTREE_ALWAYS_INLINE bool keeps_only_free_evidence(const EvidenceCell& cell) const {
+    return cell.has_only_free_evidence() && forgets_nothing();
   }
   /// update() of most cells, for which update_any() does the same.
   NDTREE_ALWAYS_INLINE bool update_free(EvidenceCell& cell, std::int64_t free, std::uint32_t misses) const {
@@ -187,7 +187,7 @@ class EvidenceModel : public BeamWeight {
   NDTREE_ALWAYS_INLINE static bool replace(EvidenceCell& cell, const EvidenceCell& now) {
     const EvidenceCell before = cell;
     cell = now;
-    if (!now.knows_the_same(before)) return true;
+    if (!now.has_same_evidence(before)) return true;
     return now.log_odds() != before.log_odds();  // A file may have others than those of its evidence.
   }
   [[nodiscard]] EvidenceCell settled_cell() const {

@@ -140,7 +140,7 @@ class Layer {
   void keep_known(const Ref& ref, const MapTree& map_tree, const MayDiffer& may_differ, Pace& pace) {
     if (ref.is_leaf() && ref.cell().value.is_empty()) return;
     // What is not changed stays shared.
-    if (is_known(ConstRef{ref.node, ref.index}, map_tree, may_differ, pace)) return;
+    if (all_observed(ConstRef{ref.node, ref.index}, map_tree, may_differ, pace)) return;
     if (ref.index.level <= 0) {
       const Knowledge known = knowledge(ref.index, map_tree);
       if (known == Knowledge::none) tree_.cut(*ref.node);
@@ -158,10 +158,10 @@ class Layer {
     }
     if (all_empty) tree_.cut(*ref.node);
   }
-  /// Whether a map knows all cells that have a value.
+  /// Whether a map has observed all cells that have a value.
   template <class MapTree, class MayDiffer>
-  [[nodiscard]] bool is_known(const ConstRef& ref, const MapTree& map_tree, const MayDiffer& may_differ,
-                              Pace& pace) const {
+  [[nodiscard]] bool all_observed(const ConstRef& ref, const MapTree& map_tree, const MayDiffer& may_differ,
+                                  Pace& pace) const {
     pace.spend();
     if (ref.is_leaf() && ref.cell().value.is_empty()) return true;
     if (!may_differ(tree_.box(ref.index))) return true;
@@ -170,11 +170,11 @@ class Layer {
       if (known != Knowledge::some || ref.is_leaf()) return known == Knowledge::all;
     }
     for (int j = 0; j < Tree::kNumChildren; ++j)
-      if (!is_known(tree_.child(ref, j), map_tree, may_differ, pace)) return false;
+      if (!all_observed(tree_.child(ref, j), map_tree, may_differ, pace)) return false;
     return true;
   }
   enum class Knowledge { none, some, all };
-  /// How much of a cell a map knows.
+  /// How much of a cell a map has observed.
   template <class MapTree>
   [[nodiscard]] static Knowledge knowledge(const CellIndex<D>& cell, const MapTree& map_tree) {
     typename MapTree::ConstRef ref = map_tree.root();

@@ -183,7 +183,7 @@ class CollisionSearch {
     const Nearness nearness = nearness_(centre, half, half * diagonal_, rounding_);
     if (nearness == Nearness::apart) return false;
     if (ref.is_leaf()) return nearness != Nearness::open || touch(shape_, tree_.box(ref.index));
-    if (nearness == Nearness::inside && Summary::of(*ref.node).is_known()) return true;
+    if (nearness == Nearness::inside && Summary::of(*ref.node).is_valid()) return true;
     return any_below(ref);
   }
 
