@@ -77,7 +77,6 @@ NOT_YET = {
     "include/ndtree/mapping/refinement.hpp",
     "include/ndtree/mapping/scan/",
     "include/ndtree/mapping/scan_update.hpp",
-    "src/python/ndtree/",
     "tools/bench/bench_growth.cpp",
 }
 

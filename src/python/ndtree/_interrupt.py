@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ctrl-C while the command ``ndtree`` still imports what it needs.
 
-It arrives in some module's first lines, which may take it for an error of theirs; a traceback of it helps
-nobody. So the command ends at once, with the exit status that a shell expects. A program that imports the
+It arrives in some module's first lines, which may take it for an error of theirs; a traceback of it is no
+help. So the command ends at once, with the exit status that a shell expects. A program that imports the
 package as a library keeps Python's own handler.
 """
 

@@ -16,7 +16,7 @@ Bools = NDArray[np.bool_]
 Progress = Callable[[str, int, int], None]
 CONFIDENCE = 0.9  # Of the intervals, from RESAMPLES bootstrap samples.
 RESAMPLES = 200
-LEAST_SIGMA = 1e-4  # What a map is told of a sensor without noise [m].
+LEAST_SIGMA = 1e-4  # The sigma of a sensor without noise [m].
 
 
 @dataclass(frozen=True)
