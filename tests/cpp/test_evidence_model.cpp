@@ -100,7 +100,7 @@ TEST(EvidenceModel, LogOddsOfAFileThatAreNotThoseOfItsEvidenceAreAChange) {
     auto of_file = other.words();
     of_file[0] = words[0];
     EvidenceCell read = EvidenceCell::from_words(of_file);
-    ASSERT_TRUE(read.knows_the_same(cell));
+    ASSERT_TRUE(read.has_same_evidence(cell));
     EXPECT_TRUE(model.update(read, scan)) << "what lies above is summed up anew";
     EXPECT_TRUE(read == cell);
   }

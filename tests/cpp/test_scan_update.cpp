@@ -201,7 +201,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   int scans = 0;
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
-  std::uint64_t whole_again = 0;
+  std::uint64_t remerged = 0;
   std::uint64_t in_vain = 0;
   std::uint64_t sampled = 0;
   std::uint64_t for_coverage = 0;
@@ -242,7 +242,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       }
       splits += flat.splits;
       merges += flat.merges;
-      whole_again += flat.whole_again;
+      remerged += flat.remerged;
       in_vain += flat.in_vain;
       sampled += flat.sampled;
       for_coverage += flat.for_coverage;
@@ -253,7 +253,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_GE(partly_seen, D == 1 ? 0u : N == 2 ? 30u : 5u);
   EXPECT_GE(splits, 30u);
   EXPECT_GE(merges, 5u);
-  EXPECT_GE(whole_again, 5u);
+  EXPECT_GE(remerged, 5u);
   EXPECT_GE(in_vain, 5u);
   EXPECT_GE(sampled, D == 1 ? 0u : 1000u);
 }

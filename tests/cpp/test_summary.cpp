@@ -32,7 +32,7 @@ TEST(Summary, BoundsAreOrderedAsLogOddsAndHardlyAbove) {
     OccupancyCell cell;
     cell.set_log_odds((random.chance(0.5) ? -1.0f : 1.0f) * scale);
     const Summary summary = Summary::of_cell(cell);
-    ASSERT_TRUE(summary.is_known());
+    ASSERT_TRUE(summary.is_valid());
     ASSERT_GE(summary.max_log_odds(), cell.log_odds());
     ASSERT_LE(summary.max_log_odds(), cell.log_odds() + scale / 32000.0f);
     for (const CellState state : {CellState::unknown, CellState::free, CellState::occupied})
@@ -46,7 +46,7 @@ TEST(Summary, BoundsAreOrderedAsLogOddsAndHardlyAbove) {
   }
   EXPECT_EQ(cases, 20000);
   EXPECT_EQ(Summary::of_cell(OccupancyCell{}).max_log_odds(), 0.0f);
-  EXPECT_FALSE(Summary().is_known());
+  EXPECT_FALSE(Summary().is_valid());
   EXPECT_TRUE(Summary().may_contain(CellState::occupied)) << "what is not known may be";
 }
 

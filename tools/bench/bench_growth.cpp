@@ -32,7 +32,7 @@ std::vector<Scan<3>> apartment_images(int width) {
   return scans;
 }
 
-/// Insertion of known scans into a map that is settled, by one thread.
+/// Insertion of known scans into a saturated map, by one thread.
 void settled_insertion(benchmark::State& state, Map& map, const std::vector<Scan<3>>& scans) {
   std::uint64_t beams = 0;
   for (auto _ : state) {
@@ -56,10 +56,10 @@ class LazyMap {
       : options_(options), scans_(std::move(scans)) {}
   [[nodiscard]] const std::vector<Scan<3>>& scans() const { return scans_; }
   Map& map() {
-    constexpr int kUntilSettled = 10;
+    constexpr int kUntilSaturated = 10;
     if (!map_) {
       map_ = std::make_unique<Map>(options_);
-      for (int i = 0; i < kUntilSettled; ++i)
+      for (int i = 0; i < kUntilSaturated; ++i)
         for (const auto& scan : scans_) map_->insert(scan, kUnlimitedRange, 1);
     }
     return *map_;
@@ -79,7 +79,7 @@ void add_settled(const std::string& name, const std::shared_ptr<LazyMap>& map) {
 }
 
 /// Rooms of 6 x 6 x 3 m without end, each seen from its middle by 10,000 beams in all directions; as many
-/// as make a map of so many leaves.
+/// as make a map of this many leaves.
 class Rooms {
  public:
   Rooms(const MapOptions& options, double leaves) : options_(options), leaves_(leaves) {}
@@ -89,8 +89,8 @@ class Rooms {
     map_ = std::make_unique<Map>(options_);
     do {
       const Scan<3> scan = scan_of(num_rooms_++);
-      constexpr int kUntilSettled = 10;
-      for (int i = 0; i < kUntilSettled; ++i) map_->insert(scan, kUnlimitedRange, 1);
+      constexpr int kUntilSaturated = 10;
+      for (int i = 0; i < kUntilSaturated; ++i) map_->insert(scan, kUnlimitedRange, 1);
     } while (static_cast<double>(map_->tree().num_leaves()) < leaves_);
     return *map_;
   }

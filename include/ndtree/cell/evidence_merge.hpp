@@ -70,7 +70,7 @@ class EvidenceMergeRule {
       if (!siblings[j].is_leaf() || siblings[j].cell().state() != state) return std::nullopt;
     return of_one_state(siblings, count, share_divisor);
   }
-  /// The same for siblings that are all leaves of one state, and not unknown.
+  /// What siblings become that are all leaves of one state, free or occupied; none if they stay.
   template <class NodeType>
   [[nodiscard]] std::optional<EvidenceCell> of_one_state(const NodeType* siblings, int count,
                                                          int share_divisor) const {

@@ -14,8 +14,8 @@
 namespace ndtree {
 
 struct MergeOptions {
-  double merge_free_below = 0.13;      ///< Siblings join if all are at most this probable ...
-  double merge_occupied_above = 0.96;  ///< ... or all at least this.
+  double merge_free_below = 0.13;      ///< Siblings join if all are at most this probable,
+  double merge_occupied_above = 0.96;  ///< or all at least this.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>

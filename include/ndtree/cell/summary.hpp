@@ -11,9 +11,9 @@
 
 namespace ndtree {
 
-/// The states of all leaves below a node, an upper bound of their log-odds, and whether all are settled: as
-/// long as beams pass, a scan leaves them as they are. The note of an inner node is such a word; 0 is that of
-/// a node about which nothing is known yet.
+/// The states of all leaves below a node, an upper bound of their log-odds, and whether all are saturated: as
+/// long as beams pass, a scan leaves them as they are. The note of an inner node is such a word; 0 is a stale
+/// summary, of a node that is being changed.
 class Summary {
  public:
   Summary() = default;
@@ -25,31 +25,32 @@ class Summary {
     std::memcpy(&bits, &value, sizeof bits);
     const std::uint32_t sign = bits >> 31;
     const std::uint32_t state = value == 0.0f ? flag(CellState::unknown) : flag(CellState::occupied) << sign;
-    return Summary(kKnown | (is_settled ? 0u : kUnsettled) | state | bound(bits, sign));
+    return Summary(kValid | (is_settled ? 0u : kUnsaturated) | state | bound(bits, sign));
   }
-  /// Of a leaf, or what an inner node's note says. A leaf is not taken for settled.
+  /// Of a leaf, or from an inner node's note. A leaf is not taken for saturated.
   template <class NodeType>
   [[nodiscard]] static Summary of(const NodeType& node) {
     return node.is_leaf() ? of_cell(node.cell()) : Summary(node.note());
   }
-  /// The same with `is_settled(cell)` to say which leaves are settled.
+  /// Of a leaf, which is saturated if `is_settled(cell)`, or from an inner node's note.
   template <class NodeType, class IsSettled>
   [[nodiscard]] static Summary of(const NodeType& node, const IsSettled& is_settled) {
     return node.is_leaf() ? of_cell(node.cell(), is_settled(node.cell())) : Summary(node.note());
   }
 
   [[nodiscard]] std::uint32_t word() const { return word_; }
-  [[nodiscard]] bool is_known() const { return (word_ & kKnown) != 0; }
+  /// False if stale.
+  [[nodiscard]] bool is_valid() const { return (word_ & kValid) != 0; }
   /// Whether some leaf has, or might have, this state.
-  [[nodiscard]] bool may_contain(CellState state) const { return !is_known() || (word_ & flag(state)) != 0; }
+  [[nodiscard]] bool may_contain(CellState state) const { return !is_valid() || (word_ & flag(state)) != 0; }
   /// Whether it is certain that all leaves have the same state, and not that of unknown space.
   [[nodiscard]] bool is_uniform() const {
     const std::uint32_t states = word_ & kStates;
     return states == flag(CellState::free) || states == flag(CellState::occupied);
   }
   /// Whether every leaf is settled.
-  [[nodiscard]] bool is_settled() const { return is_known() && (word_ & kUnsettled) == 0; }
-  /// No leaf has more, and one has at least this but for a 32,768th. @pre is_known().
+  [[nodiscard]] bool is_settled() const { return is_valid() && (word_ & kUnsaturated) == 0; }
+  /// No leaf has more, and one has at least this but for a 32,768th. @pre is_valid().
   [[nodiscard]] float max_log_odds() const {
     const std::uint32_t bits = float_bits(word_ & kBound);
     float value = 0.0f;
@@ -64,9 +65,9 @@ class Summary {
   template <int kCount>
   friend class EvidenceSummary;
 
-  static constexpr std::uint32_t kKnown = 1;
+  static constexpr std::uint32_t kValid = 1;
   static constexpr std::uint32_t kStates = 2 | 4 | 8;
-  static constexpr std::uint32_t kUnsettled = 16;
+  static constexpr std::uint32_t kUnsaturated = 16;
   static constexpr std::uint32_t kBound = 0xffffff00u;  // The upper 24 bits of a float, ordered as it is.
 
   /// That of free space is twice that of occupied.
@@ -94,14 +95,14 @@ struct SummaryOfSiblings {
 template <class NodeType, class IsSettled>
 SummaryOfSiblings summary_of_siblings(const NodeType* siblings, int count, const IsSettled& is_settled) {
   SummaryOfSiblings result;
-  bool is_known = true;
+  bool is_valid = true;
   for (int j = 0; j < count; ++j) {
     const Summary sibling = Summary::of(siblings[j], is_settled);
-    is_known = is_known && sibling.is_known();
+    is_valid = is_valid && sibling.is_valid();
     result.are_leaves = result.are_leaves && siblings[j].is_leaf();
     result.summary.add(sibling);
   }
-  if (!is_known) result.summary = {};
+  if (!is_valid) result.summary = {};
   return result;
 }
 

@@ -53,8 +53,8 @@ template <class Tree, class Pass>
   return ref;
 }
 
-/// Copies the cubes of one tree into another of the same lattice that knows nothing of them; notes on the way
-/// become unknown.
+/// Copies the cubes of one tree into another of the same lattice in which they are unknown; summaries on the
+/// way become stale.
 template <class Tree>
 class Adopting {
   static constexpr auto D = static_cast<std::size_t>(Tree::kDim);

@@ -15,8 +15,8 @@
 namespace ndtree {
 
 struct CoverageOptions {
-  double covered_share = 0.25;  ///< Of each half of a cell, to be known; 0: whatever a beam passes.
-  double coverage_cells = 2.0;  ///< To show what was seen, cells of more than so many smallest ones split.
+  double covered_share = 0.25;  ///< Of each half, for a cell to be observed; 0: any beam is enough.
+  double coverage_cells = 2.0;  ///< To show what was seen, cells of more smallest cells than this split.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>
@@ -123,19 +123,19 @@ class ScanCoverage {
 /// What follows from what was seen of a cell that was never observed.
 struct CoverageVerdict {
   std::uint32_t parts = 0;  ///< Seen by now, one bit for each of CellParts.
-  bool is_enough = true;    ///< What the beams say holds for the whole cell.
+  bool is_enough = true;    ///< The beams' evidence holds for the whole cell.
   bool shows_more = false;  ///< If not: smaller cells would tell what was seen from what was not.
   bool is_covered = false;  ///< This scan has seen all of the cell, but for a smallest cell in depth.
 };
 
-/// When a cell may be called free as a whole. A beam through a corner has seen the corner; what it says must
-/// not become the state of a cell in which nobody has looked.
+/// When a cell may be called free as a whole. A beam through a corner has seen the corner; its
+/// evidence must not become the state of the unseen rest.
 ///
 /// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
-/// children is missing. A cell is known when all its parts were seen, by one scan or by several. A cell of two
-/// smallest cells side by side is known when half of its parts were seen. A cell of N smallest cells is known
-/// when any part was seen, if the beams are so far apart that fewer than two would pass a smallest cell. Until
-/// then the cell stores which parts were seen.
+/// children is missing. A cell is known when all its parts were seen, by one scan or by several. A cell of
+/// two smallest cells side by side is known when half of its parts were seen. A cell of N smallest cells is
+/// known when any part was seen, if the beams are so far apart that fewer than two would pass a smallest
+/// cell. Until then the cell stores which parts were seen.
 ///
 /// A cell that is not known, and larger than coverage_cells, splits where the unseen part is no accident:
 /// - by one scan, if a child is missing: less than covered_share of it was seen, and n beams would pass it if
@@ -156,7 +156,7 @@ class CoverageModel {
   [[nodiscard]] bool is_certain(const ScanCoverage<N, D>& scan, double size) const {
     return all_seen(scan, std::max(share_, covered<N>(size)));
   }
-  /// Whether so many parts of a cell are enough to know it. @param size as in judge().
+  /// Whether a cell with these seen parts is observed. @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool are_enough(std::uint32_t parts, double size) const {
     using Parts = CellParts<N, D>;

@@ -63,7 +63,7 @@ class Forgetting {
       summarise(tree_, *ref.node, is_settled_);
     return true;
   }
-  /// What a child knows of a parent that it keeps a part of: all, but for what was seen of parts of it.
+  /// What a child keeps of its parent: all of it if it was observed, nothing if it was partly seen.
   template <class Cell>
   [[nodiscard]] static Cell without_parts(const Cell& cell) {
     return cell.observed() ? cell : Cell{};

@@ -162,7 +162,7 @@ class Joining {
   [[nodiscard]] EvidenceCell adopted(const EvidenceCell& cell) const {
     return refinement_.model.adopted(cell);
   }
-  /// What a child knows if nobody knows more of it than of the others.
+  /// A child's part of a cell about whose inside nothing is known.
   [[nodiscard]] static OccupancyCell part_of(const OccupancyCell& whole, int /*child*/) { return whole; }
   [[nodiscard]] EvidenceCell part_of(const EvidenceCell& whole, int child) const {
     return refinement_.model.part_of(whole, kShareDivisor<Tree>,

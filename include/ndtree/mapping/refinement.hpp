@@ -46,7 +46,7 @@ struct PaperRefinement {
 
 /// Cells start at max_cell_size; whole scans decide with all their beams. A cell splits where a beam ends
 /// after a free way through it, or where its hits and misses make it probable that it is partially occupied;
-/// children keep what their parent knew. Siblings join where next to no information is lost.
+/// children start with a part of their parent's evidence. Siblings join where next to no information is lost.
 struct EvidenceRefinement {
   static constexpr const char* kName = "evidence";
   static constexpr bool kAdaptive = true;
@@ -65,9 +65,11 @@ struct EvidenceRefinement {
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   /// Whether scans of which all beams pass leave the cell as it is.
   [[nodiscard]] bool is_settled(const EvidenceCell& cell) const { return model.is_settled(cell); }
-  /// Whether smaller cells could tell more than this one about what it knows and what the scan adds.
-  /// In free space every hit asks for smaller cells, which show whether it is local; they join again if not.
-  /// In unknown space only a hit that noise cannot bring there does: before it lies free space.
+  /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
+  /// - Free: any hit of small noise splits, so that smaller cells show where it is; they merge again if not.
+  /// - Unknown: only a deep hit splits, since free space lies before it.
+  /// - Occupied: splits if it is more probably partially occupied than split_probability.
+  /// Monotone while the cell is free or unknown: more beams never turn yes to no, see splits_anyway().
   [[nodiscard]] bool splits(const EvidenceCell& cell, const ScanEvidence& scan) const {
     switch (cell.state()) {
       case CellState::free:
@@ -80,12 +82,13 @@ struct EvidenceRefinement {
     if (scan.resolvable_misses + scan.deep_hits == 0) return false;
     return split_test(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
   }
-  /// The same of beams that have passed the cell.
+  /// splits() for a scan of which all beams passed the cell.
   [[nodiscard]] bool splits(const EvidenceCell& cell, const PassedEvidence& passed) const {
     return cell.state() == CellState::occupied && passed.resolvable_misses > 0 &&
            split_test(cell.hits(), cell.misses() + passed.misses);
   }
-  /// Whether splitting is asked for whatever other beams of the scan say: the cell is not known as occupied.
+  /// Whether the cell splits whatever evidence the scan's other beams have: splits() is monotone in beams
+  /// unless the cell is occupied. Lets the walk stop reading a long list early.
   [[nodiscard]] bool splits_anyway(const EvidenceCell& cell, const ScanEvidence& scan) const {
     return cell.state() != CellState::occupied && splits(cell, scan);
   }

@@ -273,7 +273,7 @@ template <class Map>
   DistanceField<D> field(box.lower, cell_size, shape, max_distance, unknown);
   Pace pace;
   const detail::FieldValues<Map> values(map, field, pace);
-  // As large as the space around that is looked at, too: there, what is far takes part in vain.
+  // As large as the space around it that is looked at, too, where far points change nothing.
   const double side =
       std::clamp(4.0 * max_distance / cell_size, D == 2 ? 128.0 : 16.0, D == 2 ? 1024.0 : 128.0);
   detail::for_each_part(

@@ -54,7 +54,7 @@ template <class Map>
     const bool occupied = summary.may_contain(CellState::occupied) && !states.occupied;
     const bool free = summary.may_contain(CellState::free) && !states.free;
     const bool unknown = summary.may_contain(CellState::unknown) && !states.unknown;
-    if (ref.is_leaf() || (is_inside && summary.is_known())) {
+    if (ref.is_leaf() || (is_inside && summary.is_valid())) {
       states.occupied = states.occupied || occupied;
       states.free = states.free || free;
       states.unknown = states.unknown || unknown;
@@ -77,7 +77,7 @@ template <class Map>
       return false;
     }
     const Summary summary = Summary::of(*ref.node);
-    return !summary.is_known() || summary.max_log_odds() > most;
+    return !summary.is_valid() || summary.max_log_odds() > most;
   });
   return probability(static_cast<double>(most));
 }

@@ -107,7 +107,7 @@ ValueError
   constexpr const char* kSnapshot = R"(The map as it is now, which stays so while this one goes on.
 
 It shares all cells that do not change from now on, so that it is made in microseconds for each megabyte. Other
-threads may read it as long as they like, and nobody waits. It is a map as any other: what is inserted into it
+threads may read it as long as they like, without waiting. It is a map as any other: what is inserted into it
 changes nothing here.
 
 Returns
@@ -322,7 +322,7 @@ KeyboardInterrupt
 Parameters
 ----------
 min_cells : float
-    Frontiers with a border smaller than so many faces of smallest cells are left out.
+    Frontiers with a border smaller than this many faces of smallest cells are left out.
 
 Returns
 -------

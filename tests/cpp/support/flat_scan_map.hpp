@@ -26,7 +26,7 @@ class FlatScanMap {
   std::uint64_t updates = 0;
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
-  std::uint64_t whole_again = 0;   ///< Splits undone by the same scan, which count as neither.
+  std::uint64_t remerged = 0;      ///< Splits undone by the same scan, which count as neither.
   std::uint64_t in_vain = 0;       ///< Cells that would have been, and stayed.
   std::uint64_t for_coverage = 0;  ///< Splits of cells of which only a part was seen ...
   std::uint64_t partly_seen = 0;   ///< ... and updates of those that did not split.
@@ -112,7 +112,7 @@ class FlatScanMap {
         if (changed.count(parent) == 0 || !merge(parent)) continue;
         if (const auto split = split_now.find(parent); split != split_now.end()) {
           --splits;
-          ++whole_again;
+          ++remerged;
           // What passes say adds up as if the cell had not split.
           const auto& [before, scan_evidence] = split->second;
           if (before.observed() && scan_evidence.hits == 0 && scan_evidence.occupied == 0) {

@@ -165,7 +165,7 @@ class Scan:
         target : AdaptiveMap, FixedMap or OctoMap
             Of the same ``dim`` as the scan.
         max_range : float
-            Longer beams say only that the space up to there is free [m].
+            Longer beams are free up to there and have no end point [m].
         threads : int
             As for ``insert``; 0: all cores.
 

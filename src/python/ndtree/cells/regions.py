@@ -15,7 +15,7 @@ MARGIN = 0.03
 STRAYS, MOST_LONGER = 0.005, 1.5
 #: Parts at the ends of an axis that are thinner than this share of the map's width are single beams'.
 THIN = 0.05
-#: No frame is longer than so many times its width.
+#: No frame is longer than this many times its width.
 MOST_LONG = 4.0
 
 

@@ -141,7 +141,7 @@ def map(
     workers : int, optional
         Tasks at a time. Left out: what the engine has.
     block : int
-        Tiles along the edge of what a task works on. A scan that crosses k blocks is looked over k times; of
+        Tiles along the edge of what a task works on. A scan that crosses k blocks is surveyed k times; of
         fewer, larger ones, fewer can be worked on at a time.
     batch_beams, range_beams : int
         Beams in a file of scans, and in a task: a worker holds a block and some files.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run over an engine: at most so many tasks at a time, and what is done already is not done again."""
+"""A run over an engine: a bounded number of tasks at a time, and what is done already is not done again."""
 
 from __future__ import annotations
 

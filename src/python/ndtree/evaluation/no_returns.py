@@ -86,7 +86,7 @@ def judge(scans: Sequence[Scan]) -> NoReturns:
     Every second scan's returned beams make a map with cells of one size, and the beams of the others are held
     against it. A beam without return that crosses an occupied cell, more than three cells before its end,
     claims free space where others found a surface, if that was there: hit both before the beam and after it.
-    Where the first surface on its way came later or had left, a beam tells nothing.
+    Where the first surface on its way came later or had left, a beam is not judged.
 
     Beams that returned cross surfaces, too, where poses are wrong or things moved: from how often they do a
     metre follows how many of the others would if each of them were right. What is more than that is wrong. If

@@ -10,7 +10,7 @@ import numpy as np
 
 from ndtree.base.scan import Scan
 
-#: Scans in a row, so that some of them see the same, and so many of these runs at least.
+#: Scans in a row, so that some of them see the same, and at least RUNS of these runs.
 RUN, RUNS = 4, 40
 #: Beams kept of a scan.
 MOST_BEAMS = 4000

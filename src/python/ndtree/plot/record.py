@@ -197,7 +197,7 @@ class _Gif:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._frames: list[Any] = []
-        self.stride = 1  # Of the pictures asked for, those that are wanted.
+        self.stride = 1  # Every n-th of the pictures asked for is taken.
 
     def add(self, figure: Figure) -> None:
         from PIL import Image

@@ -33,7 +33,7 @@ def run(study: Study, *, processes: int | None = None, progress: Progress | None
     study : Study
         From `load`.
     processes : int, optional
-        So many jobs at once. Left out: one for each processor. Times are best with 1.
+        This many jobs at once. Left out: one for each processor. Times are best with 1.
     progress : callable, optional
         Called as ``progress(what, done, total)`` with numbers of jobs.
 

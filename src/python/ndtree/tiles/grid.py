@@ -19,9 +19,9 @@ from ndtree.tiles.kind import MapKind
 Tile = tuple[int, ...]
 Floats = NDArray[np.float64]
 
-#: A tile has at least so many of the coarsest cells along an edge, unless somebody says how large it is.
+#: A tile has at least this many of the coarsest cells along an edge, unless its size is given.
 CUBES = 16
-_REACH_SIGMAS = 3.0  # Beams say something up to so many standard deviations behind their end points.
+_REACH_SIGMAS = 3.0  # Beams have evidence up to this many standard deviations behind their end points.
 _STEP = 0.25  # Of a tile: how far apart beams are looked at.
 _GRAIN = 0.125  # Of a tile: ends that are nearer than this are taken for one.
 
@@ -129,7 +129,7 @@ class TileGrid:
         return self.crossed_by(starts, ends)
 
     def crossed_by(self, starts: Floats, ends: Floats) -> set[Tile]:
-        """The same for segments: (n, dim) ends, and as many starts or, if all have the same, (dim,)."""
+        """The tiles that segments cross: (n, dim) ends; starts alike, or (dim,) if all have the same."""
         if len(ends) == 0:
             return set()
         grain = _GRAIN * self.size

@@ -74,7 +74,7 @@ class Manifest:
     tiles : dict
         By place.
     made_from : dict
-        What whoever wrote it needs to go on.
+        What its writer needs to go on.
     """
 
     kind: MapKind

@@ -22,7 +22,7 @@ from ndtree.tiles.manifest import Manifest, open_manifest, read_map
 from ndtree.tiles.resident import Resident
 from ndtree.tiles.storage import Storage, storage_of
 
-#: Memory that tiles take, where nobody says how much.
+#: Memory that tiles take, unless it is given.
 CACHE_BYTES = 1 << 30
 
 
@@ -391,7 +391,7 @@ class TiledMap:
         ask: Callable[[OccupancyMap, Any], Any],
         order: Callable[[], NDArray[np.int64]],
     ) -> Any:
-        """Answers to many questions, in so many goes that tiles fit into memory.
+        """Answers to many questions, in batches whose tiles fit into memory.
 
         Parameters
         ----------

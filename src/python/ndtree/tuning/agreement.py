@@ -21,12 +21,12 @@ from ndtree.base.scan import Scan
 Floats = NDArray[np.float64]
 
 #: An error [m] below which a run agrees, whatever the way, and the share of the way from which it does not:
-#: wheels spin. So many runs of this many that follow each other do not, or it is by chance.
+#: wheels spin. SPIN_RUNS of SPIN_AMONG runs in a row must not agree, or it is by chance.
 SPIN_ERROR, SPIN_SHARE, SPIN_RUNS, SPIN_AMONG = 0.03, 0.4, 3, 4
-#: The same for wheels that slip a little, or poses that jump about.
+#: Thresholds for wheels that slip a little, or poses that jump about.
 SLIP_ERROR, SLIP_SHARE, SLIP_RUNS, SLIP_AMONG = 0.1, 0.04, 5, 6
-#: From some run on to the end errors are above this [m], and so many times those before, with so many runs on
-#: either side; so many of them are above half of that.
+#: From some run on to the end errors are above WORSE_ERROR [m], and TIMES_WORSE times those before, with
+#: WORSE_RUNS runs on either side; WORSE_SHARE of them are above half of that.
 WORSE_ERROR, TIMES_WORSE, WORSE_RUNS, WORSE_SHARE = 0.04, 4.0, 8, 0.75
 #: Points of the two scans that are compared; more cost time and tell little more.
 _POINTS, _SURFACES = 80, 240
@@ -108,7 +108,7 @@ def disagreement(runs: Sequence[Sequence[Scan]]) -> Disagreement | None:
 
 
 def _first(wrong: NDArray[np.bool_], least: int, among: int) -> int | None:
-    """The first from which so many are wrong."""
+    """The first from which at least that many are wrong."""
     for i in np.flatnonzero(wrong):
         if np.count_nonzero(wrong[i : i + among]) >= least:
             return int(i)

@@ -26,7 +26,7 @@ DEPTH_CAMERA = (0.005, 0.0015)
 SIGMA_LIMITS = (0.005, 0.1)
 #: Growth that adds less than this share to sigma at the longest range is none.
 NEGLIGIBLE = 0.1
-#: So many scans are mapped at least to see what mapping costs, if there are as many.
+#: At least this many scans are mapped to see what mapping costs, if there are as many.
 TRIED = 80
 #: Of the longest range that was measured, how far beams without return are believed.
 BELIEVED = 1.2

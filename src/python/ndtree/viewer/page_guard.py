@@ -120,7 +120,7 @@ def _said(status: http.HTTPStatus, text: str) -> Response:
 
 
 def _limited(handler: Handler) -> Handler:
-    """At most so many pages at once; further ones are told to try again later."""
+    """At most this many pages at once; further ones get an answer to try again later."""
     pages: set[int] = set()
 
     async def limited(connection: ServerConnection) -> None:

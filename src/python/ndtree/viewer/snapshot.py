@@ -52,7 +52,7 @@ class _Whole:
         self._colorings: dict[str, Coloring] = {}
 
     def followed(self, later: Snapshot, changed: int) -> _Whole:
-        """Of a later snapshot, in which so many regions are of another state."""
+        """Of a later snapshot, in which `changed` regions are of another state."""
         self._changed += changed
         if self._changed > _GROWN * self._count or not len(self._occupied):
             return _Whole(later.cells)
@@ -94,7 +94,7 @@ class Snapshot:
         self._layers: dict[Any, Layer] = {}
 
     def followed(self, m: OccupancyMap) -> Snapshot:
-        """The same of what the map has become, or of another one, in the frame of this one.
+        """A snapshot of what the map has become, or of another one, in the frame of this one.
 
         Only cubes are looked at in which cells have changed, and made anew only what they, or cubes beside
         them, have a part in.
@@ -139,7 +139,7 @@ class Snapshot:
         moved: set[Block],
         changed: int,
     ) -> Snapshot:
-        """The same with other cells: what was made of cubes stays, but for those that changed."""
+        """A snapshot of other cells: what was made of cubes stays, but for cubes that changed."""
         later = Snapshot.__new__(Snapshot)
         later.__dict__.update(self.__dict__)
         later.__dict__.pop("counts", None)
@@ -208,7 +208,7 @@ class Snapshot:
             return layer
 
     def _hidden(self, state: int) -> dict[Block, Booleans]:
-        """Which of each cube's cells of a state, in their order, nobody sees from outside."""
+        """Which of each cube's cells of a state, in their order, cannot be seen from outside."""
 
         def made(blocks: set[Block]) -> dict[Block, Booleans]:
             near = with_rim(self._blocks, blocks, self._edge, self._none)

@@ -31,7 +31,7 @@ _FIELD_OF_VIEW = math.radians(60.0)
 
 
 class Viewer:
-    """A page on this computer that shows a map. Whoever opens it looks at it in their own way.
+    """A page on this computer that shows a map. Each browser that opens it has its own view.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Viewer:
         self.snapshot: Snapshot | None = None
         self.track = Track()
         self.bytes_sent = 0
-        self.aim: dict[str, Any] | None = None  # The camera of a page that nobody has turned.
+        self.aim: dict[str, Any] | None = None  # The camera of a page that was not turned.
         self._cost, self._shown_at = 0.0, -math.inf
         if m is not None:
             self._take(m)
@@ -143,7 +143,7 @@ class Viewer:
         self.snapshot = snapshot
 
     def _aim(self) -> None:
-        """Have new pages, and those that nobody has turned, look at all of a map that has grown."""
+        """Have new pages, and pages that were not turned, look at all of a map that has grown."""
         assert self.snapshot is not None
         wanted = first_camera(self.snapshot)
         if self.aim is not None:

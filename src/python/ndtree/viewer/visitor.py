@@ -68,7 +68,7 @@ class Visitor:
         self._thread.start()
 
     def refresh(self) -> None:
-        """Draw anew, soon, and from farther away if the map has grown and nobody has turned the page."""
+        """Draw anew, soon, and from farther away if the map has grown and the page was not turned."""
         self._follow()
         with self._wake:
             self._dirty = True

@@ -67,7 +67,7 @@ class Leaves(Answers):
         What the split test weighs: beams that ended in the leaf, and beams that passed through it. In fixed
         and "paper" maps these are counts, both halved whenever one would exceed 32767. In "evidence" maps
         they are a ratio and no census: of a dense scan only the sampled beams count; both are halved at 511,
-        shared out among children, added when siblings merge, and forgotten with the evidence.
+        divided among children, added when siblings merge, and forgotten with the evidence.
         ``stats().updates`` counts beams.
     observed : (n,) bool
         At least one beam updated it.

@@ -30,7 +30,7 @@ def block_runs(blocks: Integers) -> list[tuple[Block, Integers]]:
 
 
 def parted(cells: Cells, edge: int) -> dict[Block, Cells]:
-    """Cells by the cube of so many units that their lower corner is in."""
+    """Cells by the cube of `edge` units that their lower corner is in."""
     return {block: cells.where(run) for block, run in block_runs(cells.lower // edge)}
 
 

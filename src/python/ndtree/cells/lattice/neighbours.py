@@ -123,7 +123,7 @@ def covered_faces(cells: Cells) -> Booleans:
 
 
 def hidden(cells: Cells) -> Booleans:
-    """Which cells have all faces on other cells of the set: nobody sees them from outside."""
+    """Which cells have all faces on other cells of the set: they cannot be seen from outside."""
     return covered_faces(cells).all(axis=(1, 2))
 
 

@@ -73,7 +73,7 @@ class Pyramid:
     def of_blocks(
         cls, cells: Cells, lower: Floats, upper: Floats, colors: NDArray[np.uint8], edge: int
     ) -> dict[Block, Pyramid]:
-        """The same of each cube of so many units alone, see `parted`."""
+        """A pyramid of each cube of `edge` units, see `parted`."""
         if not len(cells):
             return {}
         index = CellIndex(cells.lower, cells.size, cells.branching, least_block=edge)
@@ -131,7 +131,7 @@ class Pyramid:
     def _grown(
         self, index: CellIndex | None, fan: int, levels: int | None = None, roots: Integers | None = None
     ) -> Pyramid:
-        """With the boxes of cells that are coarser by up to so many levels, each of `fan` parts.
+        """With the boxes of cells that are coarser by up to this many levels, each of `fan` parts.
 
         The i-th cell of the index is the i-th of the roots, which are all boxes if none are given.
         """

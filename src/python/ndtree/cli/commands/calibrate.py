@@ -32,7 +32,7 @@ def calibrate(
     max_range: MaxRange = None,
     no_return: NoReturnOption = NoReturnKind.auto,
     limit: Annotated[
-        Optional[int], typer.Option(min=1, help="Only so many scans from the beginning.", show_default=False)
+        Optional[int], typer.Option(min=1, help="Only the first scans, this many.", show_default=False)
     ] = None,
     find_mount: Annotated[
         bool,

@@ -60,7 +60,7 @@ def print_map(m: OccupancyMap) -> None:
 FRAME_LINES = 60
 
 
-#: So many of the smallest cells a beam may pass; maps refuse longer ones.
+#: A beam may pass this many of the smallest cells; maps refuse longer ones.
 LONGEST_BEAM = 2**20
 
 #: The median range of longer logs is that of every second, fourth, ... beam.

@@ -138,7 +138,7 @@ class Reading:
             raise WrongCall(str(error)) from None
 
     def with_default(self, name: str, value: Any) -> Reading:
-        """The same with an option of the format, unless it was given."""
+        """These flags with an option of the format added, unless it was given."""
         return replace(self, options={name: value, **self.options})
 
     def require_none(self, instead_of: str) -> None:

@@ -237,7 +237,7 @@ def _map_name(log: Path) -> str:
 
 
 def _named_as(log: Path) -> Path:
-    """A map in this folder with a log's name, if there is none yet: nothing is replaced that nobody named."""
+    """A map in this folder with a log's name, if there is none yet: only named files are replaced."""
     target = Path(_map_name(log))
     if target.exists():
         raise WrongCall(f"{target}: is there already, expected -o MAP, which may be the same")

@@ -45,7 +45,7 @@ def progress() -> Iterator[Progress]:
 def mapping_progress(log: Log, target: OccupancyMap) -> Iterator[Callable[[int, int], None]]:
     """A function of the scans and beams so far that shows how far a map is, on a terminal only.
 
-    The time left is shown for logs that know how much of them is read.
+    The time left is shown for logs that can tell how much of them is read.
     """
     console = Console(stderr=True)
     if not console.is_terminal:

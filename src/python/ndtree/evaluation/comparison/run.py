@@ -59,7 +59,7 @@ def compare(
     held_out : int
         Each held_out-th scan is not mapped, and tells how true the maps are; 0 maps all.
     max_range : float
-        Longer beams say only that the space up to there is free [m].
+        Longer beams are free up to there and have no end point [m].
     no_return : str
         What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
         "auto": what `ndtree.evaluation.no_returns.judge` finds.
@@ -81,7 +81,7 @@ def compare(
         many end points are within 0.05 m of an occupied cell; how many ray casts end within 0.1 m of the
         measured range, and their median error [m]; "balanced_accuracy", the mean of the shares of free space
         and end points that are right; and "log_score", the mean log-likelihood [nats] of both under the map's
-        probabilities, clipped to [0.02, 0.98]. "claims" is about space that nobody looked at, and the scans
+        probabilities, clipped to [0.02, 0.98]. "claims" is about space that no beam has seen, and the scans
         that were mapped: of "points" drawn uniformly around the log's end points, how many were "seen" by
         some beam's share of its scan's view (`SeenSpace`; on simulated logs by the exact line of sight),
         and what the map says of them. "free_unseen" is the share of the space called free that was not seen,

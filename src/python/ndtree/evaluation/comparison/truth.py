@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How true maps are: on scans held out, and of space that nobody looked at."""
+"""How true maps are: on scans held out, and of space that no beam has seen."""
 
 from __future__ import annotations
 

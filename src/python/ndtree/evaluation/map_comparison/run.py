@@ -79,7 +79,7 @@ def compare_maps(
     cell_size : float, optional
         Of the cells that are compared [m].
     max_points : int
-        Distances are measured from so many cells of each map at most, drawn at random (always the same).
+        Distances are measured from at most this many cells of each map, drawn at random (always the same).
 
     Returns
     -------

@@ -55,7 +55,7 @@ def one_line(error: BaseException) -> str:
 
 
 def shown(value: object, most: int = MOST_SHOWN) -> str:
-    """A value's text in one line of so many characters at most, whatever it is."""
+    """A value's text in one line of at most `most` characters, whatever it is."""
     text = str(value)
     cut = len(text) > 4 * most
     text = _shortened(" ".join(text[: 4 * most].split()))

@@ -50,7 +50,7 @@ class JoinedLog(Log):
 
     @property
     def share_read(self) -> float | None:
-        """Each log counts alike; None where one does not know how much of it is read."""
+        """Each log counts alike; None where one cannot tell how much of it is read."""
         if self._at >= len(self._logs):
             return 1.0
         share = self._logs[self._at].share_read

@@ -61,8 +61,8 @@ class Log(ABC):
     is_depth_camera : bool
         Whether ranges are from structured light or stereo, whose noise grows with the squared range.
     zero_is : {"no-echo", "invalid"} or None
-        What beams with a range of 0 say: that nothing was hit, or nothing. None: nobody has said, and they
-        say nothing; `ndtree.tuning.settings.settle` lets the log decide.
+        What beams with a range of 0 mean: that nothing was hit, or nothing at all. None: not stated, and they
+        mean nothing; `ndtree.tuning.settings.settle` lets the log decide.
     may_be_zero : bool
         Whether the format can tell such beams, and their directions.
     zeros : int
@@ -72,7 +72,7 @@ class Log(ABC):
     marks_no_returns : bool
         Whether the format has a mark for beams without return.
     is_raw : bool
-        Whether scans are as a robot recorded them, and nobody has prepared them for mapping.
+        Whether scans are as a robot recorded them, not prepared for mapping.
     may_be_padded : bool
         Whether beams that end nearer than 1 mm to their sensor are padding, and become invalid; those of no
         length are so already. Not where the unit of length is not known, nor where another log has looked.
@@ -137,7 +137,7 @@ class Log(ABC):
             self._sum_up_unposed()
 
     def _search_cut_off(self) -> None:
-        """Read the log once for where its ranges end; what is damaged is told of by the loop that follows."""
+        """Read the log once for where its ranges end; the loop that follows reports what is damaged."""
         if self._is_searched:
             return
         self._is_searched = True
@@ -185,14 +185,14 @@ class Log(ABC):
         Parameters
         ----------
         every : int
-            Of the scans that `start` and `stop` leave, the first and each so many further ones.
+            Of the scans that `start` and `stop` leave, the first and every n-th after it.
         start, stop : float, optional
             Only scans at these times since the log's first scan, [start, stop) [s]. Reading ends with the
             first scan at `stop` or later. For logs whose scans have stamps.
         min_range : float
             Shorter beams are left out [m].
         stride : int
-            Of each scan's beams, the first and each so many further ones.
+            Of each scan's beams, the first and every n-th after it.
         box : (lower, upper), optional
             Two points (dim,) [m]: of each beam what lies up to where it leaves [lower, upper). Beams that end
             in the box stay as they are. Others that pass it say that it is free up to where they leave it.

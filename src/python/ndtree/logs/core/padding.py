@@ -40,7 +40,7 @@ def without_padding(points: Points, origin: ArrayLike = 0.0) -> Points:
 def without_zeros(points: Points) -> Points:
     """The points of a scan in a fixed frame with NaN for (0, 0, 0), where it is there more than once.
 
-    Whoever moves points into a fixed frame may leave padding where it was. What is measured does not come
+    A program that moves points to a fixed frame may leave padding as it was. What is measured does not come
     twice to the last bit.
     """
     zero: NDArray[np.bool_] = (points == 0).all(axis=1)

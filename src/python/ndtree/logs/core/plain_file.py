@@ -22,7 +22,7 @@ BZIP2_MAGIC = b"BZh"
 
 #: Longer lines are no text of anybody's.
 LINE_BYTES = 1 << 24
-#: So much is unpacked from however little; beyond it, a packed byte stands for so many at most.
+#: FREE_BYTES are unpacked from however little; beyond that, a packed byte stands for MOST_PACKED at most.
 FREE_BYTES, MOST_PACKED = 1 << 26, 1000
 _PART = 1 << 17
 
@@ -121,12 +121,12 @@ class PlainFile:
             yield line
 
     def read(self, size: int) -> bytes:
-        """So many bytes, or what is left."""
+        """At most `size` bytes: fewer at the end."""
         content: bytes = self._content.read(size)
         return content
 
     def beginning(self, size: int) -> tuple[bytes, DamagedStream | None]:
-        """The first bytes, and why there are not so many as asked for, if that is because of damage."""
+        """The first bytes, and why there are fewer than asked for, if that is because of damage."""
         head = b""
         try:
             while len(head) < size:

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
 
-#: So many readings of one scan at the largest range of all are not measured there.
+#: This many readings of one scan at the largest range of all are cut off there, not measured.
 LEAST_CUT_OFF = 2
 #: Of the largest range: readings so near below it are fewer than those at it.
 _NEAR = 0.01
-#: Coordinates in files have at most so many decimals where they are rounded to be read by people.
+#: Coordinates in files have at most this many decimals where they are rounded to be read by people.
 _MOST_DECIMALS = 6
 #: Points that are looked at for these.
 _MOST_POINTS = 1000
@@ -61,7 +61,7 @@ def cut_off_of(scans: Iterable[Scan], *, says_itself: bool, least_scans: int = 1
     says_itself : bool
         The log has a mark for beams that did not return: if it has any, it means all.
     least_scans : int
-        So many scans have several readings there: 1 where all scans are given, more of a sample.
+        This many scans have several readings there: 1 where all scans are given, more of a sample.
     """
     largest = tolerance = 0.0
     has_shorter, cut, there, below = False, 0, 0, 0

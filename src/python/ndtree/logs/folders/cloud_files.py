@@ -42,7 +42,7 @@ def pcd_points(path: str) -> Points:
 
 
 def pcd_viewpoint(path: str) -> Pose:
-    """Pose of the sensor in a PCD's header; what changes nothing where nobody said anything."""
+    """Pose of the sensor in a PCD's header; the identity where the header has none."""
     with open_regular(path) as file:
         for _ in range(100):
             line = file.readline(4096)

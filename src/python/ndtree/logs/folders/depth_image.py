@@ -83,7 +83,7 @@ def points_of(
         Integers or floats, ``camera.scale`` a metre. Zero, negative and not finite values are no depth.
     camera : Camera
     pixel_stride : int
-        Of each block of so many rows and columns, its middle pixel is used; >= 1.
+        Of each block of this many rows and columns, its middle pixel is used; >= 1.
     no_depth : tuple of int
         Further values that are no depth.
 

@@ -152,7 +152,7 @@ _SURE = 2.5
 
 
 def _spread_out(files: Sequence[str], count: int = 5) -> list[str]:
-    """Up to so many files, from the first to the last."""
+    """Up to `count` files, from the first to the last."""
     return [files[i] for i in sorted({round(i * (len(files) - 1) / (count - 1)) for i in range(count)})]
 
 

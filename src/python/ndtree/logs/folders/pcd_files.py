@@ -37,7 +37,7 @@ class PcdHeader:
     encoding: str
 
     def dtype(self, zero_is: int) -> np.dtype[Any]:
-        """Layout of a point in binary data, where a field of COUNT 0 has so many values."""
+        """Layout of a point in binary data, where a field of COUNT 0 has `zero_is` values."""
         columns: list[Any] = [
             (f"{i}", kind, (count or zero_is,))
             for i, (kind, count) in enumerate(zip(self.types, self.counts))

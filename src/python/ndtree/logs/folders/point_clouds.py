@@ -88,7 +88,7 @@ class PointCloudLog(FolderLog):
             self._require_viewpoints()
 
     def _require_viewpoints(self) -> None:
-        """Several identities are nobody's poses: the header has them where nothing was said."""
+        """Several identities are no poses: the header has them where none was given."""
         path = self._files[0]
         said = f"{self.path}: no poses, expected {_EXPECTED}"
         if kind_of_name(path) is not kind_of_name("a.pcd"):

@@ -20,7 +20,7 @@ KEYWORDS = frozenset(
     "LASER3 LASER4 LASER5 REMISSIONFLASER REMISSIONRLASER TRUEPOS GLOBALPOS NMEA-GGA NMEA-RMC "
     "NMEAGGA NMEARMC SONAR BUMPER IMU".split()
 )
-#: What makes a file one whose first lines are records that nobody has heard of.
+#: What makes a file one whose first lines are records of unknown names.
 _LASER_RECORD = re.compile(
     rb"^(?:FLASER[ \t]+\d+(?:[ \t]+[-+0-9.einfa]+)+|ROBOTLASER1(?:[ \t]+[-+0-9.einfa]+){8,})", re.MULTILINE
 )

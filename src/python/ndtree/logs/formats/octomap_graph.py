@@ -51,7 +51,7 @@ class OctomapGraphLog(SizedLog):
                 f"damaged {error.kind} streams",
                 ValueError(f"{self.path}: node {done + 1} of {self._nodes}: {error}, expected a whole one"),
             )
-        except ValueError as error:  # Nobody knows where the next node begins.
+        except ValueError as error:  # It is unknown where the next node begins.
             self._skip("damaged files", error)
 
     def _node(self, file: PlainFile, where: str) -> Scan:

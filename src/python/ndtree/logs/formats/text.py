@@ -74,7 +74,7 @@ def _recognises(source: Source) -> bool:
 
 
 def _require_beams(source: Source) -> None:
-    """Refuse points with colours, normals or intensities. Who has beams like them says so by the format."""
+    """Refuse points with colours, normals or intensities. Beams like them need --format text."""
     looks = _as_points(source)
     if looks is None:
         return
@@ -120,12 +120,13 @@ def _as_points(source: Source) -> str | None:
     return None
 
 
-#: So many lines are needed to tell. Of beams, such a part begins at another point than the line before, ...
+#: At least _MANY_LINES lines are needed to decide. In a file of beams, at most _MOST_CHANGES of the lines
+#: begin at another point than the line before,
 _MANY_LINES, _MOST_CHANGES = 10, 0.75
-#: ... or there are only so many points for a line, as of sensors that take turns, or so many in all; walls
-#: have many points above each other.
+#: or there are at most _MOST_DIFFERENT points per line, as of sensors that take turns, or _SENSORS in all;
+#: walls have many points above each other.
 _MOST_DIFFERENT, _SENSORS = 0.1, 8
-#: So many lines are needed where values behind the coordinates tell. Colours are this bright somewhere.
+#: At least _FEW_LINES lines are needed where the values behind the coordinates decide. Colours reach _BRIGHT.
 _FEW_LINES, _BRIGHT = 3, 64
 
 

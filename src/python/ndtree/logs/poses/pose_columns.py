@@ -114,7 +114,7 @@ _BARE = {"bare x": "x", "bare y": "y", "bare z": "z"}
 
 
 def _with_bare_quaternion(roles: list[str]) -> list[str]:
-    """Roles where the x y z beside a lone w are the quaternion's."""
+    """Roles where the x y z beside a single w are the quaternion's."""
     at = roles.index("w")
     behind = [i for i in range(at - 3, at + 4) if 0 <= i < len(roles) and roles[i] in _BARE]
     windows = [[at - 3, at - 2, at - 1], [at + 1, at + 2, at + 3]]

@@ -24,9 +24,9 @@ Floats = NDArray[np.float64]
 
 #: Stamps so far outside a trajectory still get its first or last pose [s].
 STAMP_TOLERANCE = 0.01
-#: Between two poses further apart in time than this [s], and than so many times the usual, ...
+#: Between two poses further apart in time than this [s], and than GAP_TIMES times the usual,
 GAP_SECONDS, GAP_TIMES = 1.0, 10.0
-#: ... nobody knows the pose if it changed by more than this [m], [rad] meanwhile.
+#: the pose is unknown if it changed by more than this [m], [rad] meanwhile.
 GAP_DISTANCE, GAP_TURN = 0.1, 0.1
 
 

@@ -148,7 +148,7 @@ class TransformTree:
         raise ValueError(f"{frame} is fixed to no frame")
 
     def roots(self, frame: str, *, fixed: bool = False) -> list[str]:
-        """Frames connected with one that are nobody's child; with `fixed` by fixed transforms alone."""
+        """Frames connected with one that are no frame's child; with `fixed` by fixed transforms alone."""
         connected = self._origins_of(plain(frame), fixed=fixed)
         edges = self._fixed if fixed else {**self._fixed, **self._rows, **self._moving}
         children = {child for _, child in edges}

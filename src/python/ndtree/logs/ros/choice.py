@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which of several sensors makes a map, if nobody says: how much of the world each sees in a second."""
+"""Which of several sensors makes a map, if none is named: how much of the world each sees in a second."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ndtree.logs.ros.messages.beams import (
 from ndtree.logs.ros.messages.cloud import cloud_beams
 from ndtree.logs.ros.messages.laser import laser_beams, multi_echo_beams, range_beams
 
-#: Of each topic so many messages are looked at, the first and each so many further ones if there are enough.
+#: LOOKS messages of each topic are looked at, every EVERY-th if there are enough.
 LOOKS, EVERY = 8, 5
 #: Beams without return look somewhere, too: how far [m] does not matter here.
 SOME_RANGE = 1.0
@@ -33,7 +33,7 @@ SOME_RANGE = 1.0
 STEP = np.radians(1.0)
 #: In a plane there are far fewer directions than in space, and its map needs no more.
 PLANAR_WEIGHT = 20.0
-#: A whole depth image has about so many directions, of 60 by 45 degrees.
+#: A whole depth image has about this many directions, of 60 by 45 degrees.
 IMAGE_DIRECTIONS = 2700
 #: A sensor that sees so much less than the best is poor.
 POOR = 0.1

@@ -8,13 +8,13 @@ from collections.abc import Hashable, Mapping, Sequence
 
 #: Stamps that fall by more than this from message to message begin anew [s]; less is late.
 FALL = 2.0
-#: And so many messages stay below, or as many as there are.
+#: And this many messages stay below, or as many as there are.
 LASTS = 6
 #: Streams that begin anew within this time of each other do so together [s].
 TOGETHER = 2.0
 #: What is put between what came before, and what is measured again [s].
 BETWEEN = 60.0
-#: A stamp of 0 is a time where others of its stream begin before this [s]; else nobody said a time.
+#: A stamp of 0 is a time where others of its stream begin before this [s]; else no time was given.
 BEGINS = 60.0
 
 #: When messages were received, and their stamps, in the order of receiving [s].

@@ -30,7 +30,7 @@ from ndtree.logs.ros.sweep_choice import understood
 
 #: Stamps and poses that are further apart are of two clocks [s].
 TWO_CLOCKS = 1.0
-#: What is told of messages with senseless times of beams, or a senseless largest range.
+#: The note about messages with senseless times of beams, or a senseless largest range.
 _SENSELESS = "the times of beams make no sense, and all beams count as measured at the stamp"
 _UNLIMITED = "the largest range makes no sense, and counts as not given"
 
@@ -162,7 +162,7 @@ class RosbagLog(SizedLog):
         return self._places[self.sensors[0].topic.name]
 
     def _unplaced(self, sensor: Sensor, asked: Asked) -> list[str]:
-        """Frames of some of a topic's messages of which nobody says where they are."""
+        """Frames of some of a topic's messages without a pose."""
         place, others = self._places[sensor.topic.name], sensor.seen.frames.keys() - {sensor.seen.frame}
         if asked.sensor_frame is not None:  # Whatever the messages say.
             return []

@@ -153,7 +153,7 @@ class Sensor:
 
 
 def readable(bag: Bag) -> list[Topic]:
-    """Topics with measurements, the one to take if nobody says first.
+    """Topics with measurements, the default one first.
 
     By type: lasers, clouds, depth images, single ranges. Of one type the one whose name has the fewest parts,
     and then by the alphabet.
@@ -218,7 +218,7 @@ def _cameras(
             if is_alike and (image.is_beside(name, topic) or plain(message.header.frame_id) == frame):
                 try:
                     camera = image.camera_of_info(message, scale)
-                except ValueError as error:  # As of cameras that nobody has calibrated.
+                except ValueError as error:  # As of uncalibrated cameras.
                     wrong = f"; of {name}: {error}"
                     continue
                 stamps, cameras = by_topic.setdefault(name, ([], []))

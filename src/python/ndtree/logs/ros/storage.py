@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the files that bags consist of have in common, whoever wrote them."""
+"""What the files that bags consist of have in common, of all recorders."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Storage(ABC):
     damage : str or None
         Why the file was read without its index, and what is missing then.
     unread : list of Connection
-        Those whose messages are packed so that nobody here can read them; `type` is as the file spells it.
+        Those whose messages are packed so that no library can read them; `type` is as the file spells it.
     """
 
     def __init__(self, name: str) -> None:

@@ -17,7 +17,7 @@ from ndtree.logs.ros.storage import Raw
 
 #: A sweep that lasts so much longer than the time from scan to scan is none.
 LONGER_THAN_INTERVAL = 1.2
-#: So many messages of a topic are asked how long a sweep takes.
+#: The length of a sweep is taken from this many messages of a topic.
 FIRST_MESSAGES = 20
 
 

@@ -28,7 +28,7 @@ def recorded_unit(bag: Bag, topic: str) -> tuple[float, str] | None:
     Returns
     -------
     (float, str), or None
-        None where nobody says.
+        None where it is not stated.
 
     Raises
     ------

@@ -58,7 +58,7 @@ class BalLog(ModelLog):
     def _observations(
         self, lines: Lines, cameras: int, points: int, count: int
     ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Cameras and points of so many observations."""
+        """Cameras and points of this many observations."""
         parts = [np.empty((0, 2), dtype=np.int32)]
         done, last = 0, 1
         while done < count:
@@ -113,7 +113,7 @@ def _header(line: bytes) -> tuple[int, int, int] | None:
 
 
 def _table(lines: list[bytes], columns: int) -> Floats | None:
-    """None where a line has not so many numbers."""
+    """None where a line has another number of columns."""
     fields = [line.split() for line in lines]
     if any(len(row) != columns for row in fields):
         return None

@@ -282,7 +282,7 @@ def _focal_length(path: str, where: str, model: str, parameters: list[float]) ->
     _, count, focal = CAMERA_MODELS[model]
     if len(parameters) != count:
         raise ValueError(f"{path}: {where}: found {len(parameters)} parameters, {model} has {count}")
-    if focal == 0:  # Columns of equal angles: so many are a radian.
+    if focal == 0:  # Columns of equal angles: `focal` of them are a radian.
         length = parameters[0] / (2 * math.pi)
     else:
         length = min(parameters[:focal])

@@ -40,7 +40,7 @@ def calibrate(
         In 2-D or 3-D. A `Log` is read twice, and a million of its end points are kept; other iterables are
         kept as a whole.
     max_range : float
-        Longer beams say only that the space up to there is free [m].
+        Longer beams are free up to there and have no end point [m].
     no_return : str
         What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
         "auto", of a log from a file what `ndtree.evaluation.no_returns.judge` finds. Of others "free": a
@@ -48,7 +48,7 @@ def calibrate(
     min_cell_size : float, optional
         Of the map that the error rates are from [m]. Left out: the adaptive map's own default.
     limit : int, optional
-        Only so many scans from the beginning.
+        Only this many scans from the beginning.
     progress : callable, optional
         Called as ``progress(what, done, total)``.
 
@@ -73,7 +73,7 @@ def calibrate(
         upper bound for the latter.
 
         ``miss_given_occupied``: of the beams that reach, but for the margin, the first occupied cell on their
-        way, and would cross half a cell length of clearly occupied space there, the share that come out of it
+        way, and would cross half a cell length of clearly occupied space there, the fraction that leave it
         into space not occupied and end more than the margin beyond. Beams that did not return are among them
         unless ignored.
 

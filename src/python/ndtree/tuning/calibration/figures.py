@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 CONFIDENCE = 0.9  # Of the intervals, from RESAMPLES bootstrap samples.
 RESAMPLES = 200
-LEAST_SIGMA = 1e-4  # What a map is told of a sensor without noise [m].
+LEAST_SIGMA = 1e-4  # The sigma of a sensor without noise [m].
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 #: Scans from all over the log, and beams of each, that are looked at.
 SCANS, BEAMS = 400, 400
-#: Yaws that are tried first [rad]; then steps of x, y [m], yaw [rad] and time [s], halved so many times.
+#: Yaws that are tried first [rad]; then steps of x, y [m], yaw [rad] and time [s], halved this many times.
 YAWS = np.radians(np.arange(-180, 180, 10))
 STEPS, HALVINGS = (0.04, 0.04, math.radians(4), 0.04), 6
 #: Edges of the cells [m], at first and at last.

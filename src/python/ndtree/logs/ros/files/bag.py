@@ -178,7 +178,7 @@ def _store_of(definitions: tuple[tuple[str, str], ...], is_ros1: bool) -> Any:
     for type_, text in definitions:
         try:
             every.update(typesys.get_types_from_msg(text, type_))
-        except Exception:  # A definition that nobody can read: ROS's own has to do.
+        except Exception:  # An unreadable definition: ROS's own has to do.
             continue
     _give_up_unknown(every, known.fielddefs)
     store = typesys.get_typestore(typesys.Stores.EMPTY)
@@ -228,7 +228,7 @@ def open_bag(path: str) -> Iterator[Bag]:
     ValueError
         If it is no bag, or damaged so that nothing in it can be read.
     """
-    _store_of((), True)  # So that a missing library is told of before anything else.
+    _store_of((), True)  # So that a missing library is reported before anything else.
     with ExitStack() as stack:
         files: list[Storage] = []
         for name in _files_of(path) if os.path.isdir(path) else [path]:

@@ -15,7 +15,7 @@ from ndtree.logs.ros.storage import Raw, line_of
 #: No message of ROS, and so no chunk that anybody records, is longer.
 MOST_BYTES = 1 << 30
 _PART = 1 << 24
-_WINDOW = 1 << 27  #: Of zstd, where it does not know how much it packs.
+_WINDOW = 1 << 27  #: Of zstd, where its header does not say how much it packs.
 
 
 class Damaged(Exception):
@@ -47,7 +47,7 @@ def in_order(chunks: Iterable[AnyChunk], messages_of: Callable[[AnyChunk], Itera
 
 
 def most_bytes_of(packed: int) -> int:
-    """What so many bytes may stand for."""
+    """The most bytes that `packed` bytes may stand for."""
     return min(FREE_BYTES + MOST_PACKED * packed, MOST_BYTES)
 
 
@@ -89,7 +89,7 @@ def unpacked_message(data: bytes) -> bytes:
 
 
 def _parts(packing: str, data: bytes, most: int) -> Iterator[bytes]:
-    """What is unpacked, at most so many bytes of it."""
+    """What is unpacked, at most `most` bytes of it."""
     try:
         for part in _UNPACKERS[packing](data, most):
             yield part

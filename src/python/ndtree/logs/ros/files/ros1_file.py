@@ -97,7 +97,7 @@ class Ros1File(FileStorage):
         self._note_damage(self.damage, " (rosbag reindex mends it)")
 
     def _read_index(self, connections: int, chunks: int) -> None:
-        """So many connections, and what is in which of so many chunks, from the end of the file."""
+        """All connections, and what is in which of the chunks, from the end of the file."""
         while True:
             record = self._record(may_end=True)
             if record is None:
@@ -123,7 +123,7 @@ class Ros1File(FileStorage):
             self.span = (min(one.first for one in self._chunks), max(one.last for one in self._chunks))
 
     def _look_into_chunks(self) -> None:
-        """The same from the chunks themselves, up to where the file ends or cannot be followed."""
+        """Connections and messages from the chunks, up to where the file ends or cannot be followed."""
         while True:
             position = self._file.tell()
             try:

@@ -15,7 +15,7 @@ from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats
 
 #: A laser that turns this far [rad] looks all around.
 FULL_TURN = math.radians(350)
-#: So many beams of a message at exactly range_max are not measured there.
+#: This many beams of a message at exactly range_max are cut off there, not measured.
 LEAST_CUT_OFF = 2
 
 
@@ -115,7 +115,7 @@ def _measured(
 
 
 def _times(message: Any, n: int) -> Floats | None:
-    """When the beams were measured since the stamp [s]; None where all at once, or where nobody knows."""
+    """When the beams were measured since the stamp [s]; None where all at once, or where it is unknown."""
     step = float(message.time_increment)
     if step == 0 and abs(message.angle_increment) * n >= FULL_TURN:
         step = float(message.scan_time) / max(n, 1)

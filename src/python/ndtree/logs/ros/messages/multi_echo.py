@@ -52,7 +52,7 @@ def decoded(data: bytes, *, is_ros1: bool) -> MultiEchoLaserScan:
 
 
 def _lists(words: NDArray[np.uint32], at: int, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Where so many lists that follow each other begin, and their sizes; each has its size before it."""
+    """Where `count` lists that follow each other begin, and their sizes; each has its size before it."""
     if count > len(words) - at:
         raise ValueError(f"the scan has {len(words) - at} numbers, expected {count} lists of echoes")
     every = words.tolist()

@@ -15,7 +15,7 @@ from ndtree.logs.ros.messages.deskew import in_map
 
 Floats = NDArray[np.float64]
 
-#: Scans that overlap well, looked at together, and so many such groups, those in which the sensor turns most.
+#: Scans that overlap well, looked at together, and the GROUPS such groups in which the sensor turns most.
 GROUP, GROUPS = 8, 12
 #: Below this turn within a sweep [rad] it hardly matters when a beam was measured.
 LEAST_TURN = 0.005

@@ -10,7 +10,7 @@ from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.sensors import Sensor
 
 #: A laser is planar if it tilts no more than this at half of the times, and than that at all but 5 % [rad],
-#: and keeps its height so well [m]. So many times are looked at.
+#: and keeps its height within PLANAR_HEIGHT [m]. PLANAR_LOOKS times are looked at.
 PLANAR_TILT, PLANAR_MOST_TILT, PLANAR_HEIGHT, PLANAR_LOOKS = 0.05, 0.09, 0.1, 5000
 
 

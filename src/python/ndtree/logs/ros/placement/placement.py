@@ -78,7 +78,7 @@ class Placement:
         """As `ndtree.logs.ros.messages.deskew.in_map`, of a message in a frame."""
         if self.observer is None:
             return in_map(self.tree, self.fixed_frame, frame, beams, stamp)
-        # Whoever moved the points into a fixed frame knew when each was measured.
+        # Moving the points into a fixed frame took the time of each into account.
         beams = replace(beams, points=without_zeros(beams.points), times=None)
         ends, _ = in_map(self.tree, self.fixed_frame, frame, beams, stamp)
         return ends, self.tree.pose_at(self.fixed_frame, self.observer, stamp).position

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the sensors are that are mapped, and which of them is taken if nobody says."""
+"""Where the sensors are that are mapped, and which of them is taken if none is named."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from ndtree.logs.poses.transforms import TransformTree, plain
 #: Frames that do not move with a robot, and those that are one; the best first.
 USUAL = ("map", "odom", "world")
 BASES = ("base_link", "base_footprint", "base")
-#: What moves no further than this [m] in a frame is no robot on its way; so many times are looked at.
+#: What moves no further than this [m] in a frame is no robot on its way; LOOKS times are looked at.
 LEAST_WAY, LOOKS = 0.1, 200
 
 

@@ -19,13 +19,13 @@ PLANAR_STEP, STEP = math.radians(0.5), math.radians(2.0)
 HIDDEN = 0.3
 #: A point reaches behind it if it is farther by this [m], and this share of the range.
 BEHIND, BEHIND_SHARE = 0.1, 0.03
-#: It is known if so many scans saw something there, and this share of all.
+#: It is known if LEAST_SCANS scans saw something there, and LEAST_SHARE of all.
 LEAST_SCANS, LEAST_SHARE = 4, 0.25
 #: Directions that must be known.
 LEAST_DIRECTIONS = 20
-#: A scan in which so many of the directions reach behind the usual was taken elsewhere,
+#: A scan in which this fraction of the directions reach behind the usual was taken elsewhere,
 ELSEWHERE = 0.1
-#: and a sensor of whose scans so many were taken elsewhere moves.
+#: and a sensor of whose scans this fraction were taken elsewhere moves.
 MOVES = 0.1
 
 
