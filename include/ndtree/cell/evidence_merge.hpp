@@ -59,28 +59,28 @@ class EvidenceMergeRule {
   };
 
   /// @param siblings nodes, of which all must be leaves for a merge.
-  /// @param share_divisor as in EvidenceModel::inherited(), whose inverse a merge of equal cells is.
+  /// @param children_across as in EvidenceModel::initial_child(), whose inverse a merge of equal cells is.
   /// @returns the parent's cell, or none if the siblings stay. O(siblings).
   template <class NodeType>
   [[nodiscard]] std::optional<EvidenceCell> operator()(const NodeType* siblings, int count,
-                                                       int share_divisor) const {
+                                                       int children_across) const {
     const CellState state = siblings[0].is_leaf() ? siblings[0].cell().state() : CellState::unknown;
     if (state == CellState::unknown) return std::nullopt;
     for (int j = 1; j < count; ++j)
       if (!siblings[j].is_leaf() || siblings[j].cell().state() != state) return std::nullopt;
-    return of_one_state(siblings, count, share_divisor);
+    return of_one_state(siblings, count, children_across);
   }
   /// What siblings become that are all leaves of one state, free or occupied; none if they stay.
   template <class NodeType>
   [[nodiscard]] std::optional<EvidenceCell> of_one_state(const NodeType* siblings, int count,
-                                                         int share_divisor) const {
+                                                         int children_across) const {
     const CellState state = siblings[0].cell().state();
     const bool alike = state == CellState::free
                            ? all_clearly_free(siblings, count)
                            : bits_for_many(siblings, count, 1.0) <= -kLeastBitsForOneSurface;
     if (!alike) return std::nullopt;
     const double most = max_loss_ * (count - 1);
-    const Joined joined = join(siblings, count, share_divisor, most);
+    const Joined joined = join(siblings, count, children_across, most);
     if (joined.loss > most || joined.cell.state() != state) return std::nullopt;
     return joined.cell;
   }
@@ -89,7 +89,7 @@ class EvidenceMergeRule {
   /// @param most loss that matters: of more, not all may be counted, and there is no cell [bits].
   /// @pre all are leaves.
   template <class NodeType>
-  [[nodiscard]] Joined join(const NodeType* siblings, int count, int share_divisor,
+  [[nodiscard]] Joined join(const NodeType* siblings, int count, int children_across,
                             double most = std::numeric_limits<double>::infinity()) const {
     Joined joined;
     std::int64_t occupied = 0;
@@ -112,9 +112,10 @@ class EvidenceMergeRule {
     // Where no beam ended, one rate for all explains that better than several.
     if (occupied > 0) joined.loss = std::max(0.0, bits_for_many(siblings, count, kMostSpaceIsFree));
     if (joined.loss > most) return joined;
-    model_.assign(joined.cell, scaled(occupied, share_divisor, count), scaled(free, share_divisor, count));
-    joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, share_divisor, count)),
-                           static_cast<std::uint32_t>(scaled(misses, share_divisor, count)));
+    model_.assign(joined.cell, scaled(occupied, children_across, count),
+                  scaled(free, children_across, count));
+    joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, children_across, count)),
+                           static_cast<std::uint32_t>(scaled(misses, children_across, count)));
     joined.cell.set_covered(are_covered && !joined.mixes_unknown);
     joined.loss += std::max(0.0, divergence(siblings, count, joined.cell) / detail::kLog2);
     return joined;
@@ -186,7 +187,7 @@ template <class Tree, class Refinement>
 [[nodiscard]] std::optional<typename Tree::Cell> merged_siblings(const Refinement& refinement,
                                                                  const typename Tree::NodeType* siblings) {
   if constexpr (std::is_same_v<typename Tree::Cell, EvidenceCell>)
-    return refinement.merge_rule(siblings, Tree::kNumChildren, kShareDivisor<Tree>);
+    return refinement.merge_rule(siblings, Tree::kNumChildren, kChildrenAcross<Tree>);
   else
     return refinement.merged(siblings, Tree::kNumChildren);
 }

@@ -165,7 +165,7 @@ class Joining {
   /// A child's part of a cell about whose inside nothing is known.
   [[nodiscard]] static OccupancyCell part_of(const OccupancyCell& whole, int /*child*/) { return whole; }
   [[nodiscard]] EvidenceCell part_of(const EvidenceCell& whole, int child) const {
-    return refinement_.model.part_of(whole, kShareDivisor<Tree>,
+    return refinement_.model.part_of(whole, kChildrenAcross<Tree>,
                                      CellParts<Tree::kBranching, D>::of_child(child));
   }
 
