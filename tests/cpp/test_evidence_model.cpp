@@ -293,7 +293,7 @@ TEST(EvidenceModel, OfOneScanOnlySoManyPassesCount) {
       {0, 900, 0, 40, 16, 40, false},  // Many corners.
       {0, 3, 0, 40 * kMiss, 3, 16 * kMiss, false},
       {1, 900, 0, 900 * kMiss, 900, 900 * kMiss, true},   // With hits, all count ...
-      {0, 900, 1, 900 * kMiss, 900, 900 * kMiss, true}};  // ... and with what a surface near by says.
+      {0, 900, 1, 900 * kMiss, 900, 900 * kMiss, true}};  // With the evidence of a surface near by.
   int cases = 0;
   for (const Row& row : rows) {
     ScanEvidence scan;
@@ -410,7 +410,7 @@ TEST(EvidenceModel, EvidenceIsSharedOutAsTheBeamsGo) {
   EXPECT_LT(free_of(0, 1), 20000);
 }
 
-/// A cell with evidence, and what one scan of some beams says about it.
+/// A cell with evidence, and the evidence of one scan for it.
 struct CellAndScan {
   EvidenceCell cell;
   ScanEvidence scan;
@@ -458,7 +458,7 @@ TEST(EvidenceModel, FreeSpaceIsPredictedToRemergeWhereItsHitsWouldStayFree) {
         for (const int levels : {1, 2, 5}) {
           const bool is_predicted_to_remerge = model.predicted_to_remerge(cell, scan, divisor, levels);
           predicted_remerges += is_predicted_to_remerge;
-          // The child around the hits inherits what is due to one that nobody passed, and so does its child.
+          // The child around the hits starts with the part of one that no beam passed, and so does its child.
           double occupied = static_cast<double>(cell.occupied_evidence());
           double free = static_cast<double>(cell.free_evidence());
           for (int level = 0; level < std::min(levels, 2); ++level) {

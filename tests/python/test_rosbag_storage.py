@@ -164,7 +164,7 @@ def test_mcap_with_chunks_of_every_kind(packing: str, chunked: bool, database: P
     at = len(data) // 3
     data[at : at + 30] = b"\xaa" * 30
     path.write_bytes(bytes(data))
-    try:  # By chance the bytes may be some that nobody needs.
+    try:  # By chance the bytes may be unused ones.
         found = list(read(path))
     except ValueError as error:
         assert str(error).startswith(f"{path}: ") and "\n" not in str(error)

@@ -18,7 +18,7 @@ from ndtree.readers import Log
 
 
 class ListLog(Log):
-    """Scans in a list, of which it counts those that were asked for."""
+    """Scans in a list that counts how many were asked for."""
 
     format = "list"
 

@@ -89,7 +89,7 @@ def test_boxes_are_the_cells_of_their_state(far: float) -> None:
         if tuple(np.rint((middle - far) / 0.03125).astype(int).tolist()) in shown:
             continue
         left_out += 1
-        for axis in range(3):  # Nobody sees it: at each face is an occupied cell.
+        for axis in range(3):  # Hidden: at each face is an occupied cell.
             for side in (-1, 1):
                 step[:] = 0
                 step[axis] = side * (0.5 * size + 0.01)
@@ -291,7 +291,7 @@ def test_a_growing_map_grows_on_the_page(flat: Any) -> None:
         assert len(set(counts)) == 2
         angle = np.linspace(0, 2 * np.pi, 2000)
         m.insert(30 * np.stack([np.cos(angle), np.sin(angle)], axis=1), np.zeros(2))
-        viewer.show(m)  # Nobody has turned the page: it steps back to show all, the ring's ends, too.
+        viewer.show(m)  # The page was not turned: it steps back to show all, the ring's ends, too.
         browser.until(lambda b: np.ptp(np.nonzero(coloured(b.picture()))[0]) > 350)
         seen = coloured(browser.picture())
         assert not seen[-20:].any() and not seen[:, :20].any()

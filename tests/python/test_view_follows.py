@@ -93,7 +93,7 @@ def test_what_follows_a_map_shows_what_a_new_one_does(kind: str, dim: int, branc
     for i, step in enumerate(steps):
         step()
         seen = seen.followed(m)
-        if i % 2:  # Layers that nobody asked for in between are right, too.
+        if i % 2:  # Layers that were not asked for in between are right, too.
             new = Snapshot(m)
             new.origin = seen.origin
             shown += assert_same(seen, new, looks)
