@@ -48,6 +48,8 @@ SENTENCES = {
         "say who: a caller that asks, users who build"
     ),
     r"\bis (told|known) of\b": "has; is given",
+    r"\b(a|the|another|two|both|other|of) (maps?|layers?|trees?) knows?\b": "holds; has observed",
+    r"\bof which (nothing|anything) is known\b": "unknown; without evidence",
     r"\brooms, each of\b|\bhas rooms\b": "layers, packages",
 }
 # How a comment does not begin.

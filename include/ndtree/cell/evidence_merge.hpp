@@ -33,18 +33,19 @@ struct EvidenceMergeOptions {
   void validate() const { for_each_bounded(*this, require_within); }
 };
 
-/// Siblings join where one cell says nearly the same as N^D cells do. Two things are lost, in bits:
-/// - about what comes: each cell's beams end in it with a probability of its own, or all with the same. The
-///   loss is the logarithm of the ratio of the two evidences (a Bayes factor), beta-binomial with the prior
+/// Siblings merge where one cell has nearly the information of N^D cells. Two things are lost, in bits:
+/// - about beams to come: each cell's beams end in it with a rate of its own, or all with the same. The loss
+/// is the logarithm of the ratio of the two evidences (a Bayes factor), beta-binomial with the prior
 ///   Beta(0.1, 1), most space being free; none where the one explains the beams better.
-/// - about what is: the Kullback-Leibler divergence of each sibling's occupancy from the parent's, 1/2 being
+/// - about occupancy: the Kullback-Leibler divergence of each sibling's occupancy from the parent's, 1/2
+/// being
 ///   that of a cell never observed.
 ///
-/// While mapping, occupied siblings join only if their beams speak for it, by 1 bit under a uniform prior:
-/// beside a surface cells do differ. Free ones join only if all are clearly free, with log-odds of at most
-/// -0.5: a cell between the states would split again at the next hit. Siblings of different states never
-/// join, and neither do those that were not all observed: evidence that is still young cannot tell them
-/// apart, and space of which nothing is known must not seem known.
+/// While mapping, occupied siblings merge only if one rate for all is likelier by 1 bit under a uniform
+/// prior: beside a surface cells do differ. Free ones join only if all are clearly free, with log-odds of at
+/// most -0.5: a cell between the states would split again at the next hit. Siblings of different states never
+/// merge, as young evidence cannot tell them apart, nor do siblings that were not all observed: unknown space
+/// must not become free or occupied.
 class EvidenceMergeRule {
  public:
   EvidenceMergeRule(const EvidenceMergeOptions& options, const EvidenceModel& model)
@@ -58,7 +59,7 @@ class EvidenceMergeRule {
     bool mixes_unknown = false;  ///< Some were observed, and others were not.
   };
 
-  /// @param siblings nodes, of which all must be leaves for a merge.
+  /// @param siblings nodes; they merge only if all are leaves.
   /// @param children_across as in EvidenceModel::initial_child(), whose inverse a merge of equal cells is.
   /// @returns the parent's cell, or none if the siblings stay. O(siblings).
   template <class NodeType>
@@ -131,7 +132,7 @@ class EvidenceMergeRule {
     return std::all_of(siblings, siblings + count,
                        [](const NodeType& sibling) { return sibling.cell().log_odds() <= kClearlyFree; });
   }
-  /// How much speaks for a rate of hits of each cell's own, of those that were observed.
+  /// Evidence [bits] for a rate of hits of each observed cell's own, against one for all.
   template <class NodeType>
   [[nodiscard]] double bits_for_many(const NodeType* siblings, int count, double prior_hits) const {
     constexpr std::size_t kAtOnce = 8;

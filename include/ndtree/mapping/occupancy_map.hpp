@@ -165,8 +165,8 @@ class OccupancyMap {
     check(box);
     forget(CropRule<D>{tree_.geometry().on_borders(box)});
   }
-  /// Forgets the space in a box: larger cells on its border are divided, and of smallest cells there those go
-  /// that share a volume with it. @throws as crop().
+  /// Forgets the space in a box: larger cells on its border are divided, and smallest cells that share a
+  /// volume with it are forgotten. @throws as crop().
   void clear(const Box<D>& box) {
     check(box);
     forget(ClearRule<D>{tree_.geometry().on_borders(box)});
@@ -181,10 +181,9 @@ class OccupancyMap {
     forget(NearRule<D>{center, radius});
   }
 
-  /// Adds what another map of the same place knows, as if this one had seen it, too: evidence and counts of
-  /// cells add up (of paper and fixed maps the log-odds, clamped); where the cells of one are larger, each of
-  /// the other's gets its part. Siblings join as they do while mapping. What cells of both come to does not
-  /// depend on which is merged into which. O(nodes of both).
+  /// Adds the evidence of another map of the same place: evidence and counts of cells add up (in paper and
+  /// fixed maps the log-odds, clamped); where the cells of one map are larger, each of the other's gets its
+  /// part. Siblings merge as while mapping. Commutes to the last bit. O(nodes of both).
   /// @throws std::invalid_argument if the sizes of cells differ, MemoryLimitReached, std::bad_alloc,
   ///   Cancelled; the map is then unchanged.
   void merge(const OccupancyMap& other) {
@@ -205,8 +204,8 @@ class OccupancyMap {
     counters_.scans += other.counters_.scans;
   }
 
-  /// Takes over what another map holds of places of which this one holds nothing: every cell stays what it
-  /// is, bit for bit, so that parts of space that were mapped apart become the map that one would have made.
+  /// Copies another map's cells where this one is unknown, bit for bit, so that parts of space that were
+  /// mapped apart become the map that one process would have made.
   /// @param box if given, only of the cubes of max_cell_size (of a fixed map: the cells) that share a volume
   ///   with it, as with the window of insert(), and counters stay this map's; else counters add up.
   ///   O(what is taken over, and nodes of both above it).
