@@ -54,7 +54,7 @@ def seen_by(
 
 
 def hand_made_log(dim: int) -> list[ndtree.Scan]:
-    """Half-open views, beams that did not return or are invalid, several origins, and lone beams."""
+    """Half-open views, beams that did not return or are invalid, several origins, and single beams."""
     random = np.random.default_rng(3)
     scans = []
     for s in range(15):

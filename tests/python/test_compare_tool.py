@@ -579,7 +579,7 @@ def came_and_left(number):
 
 
 def stacked(scan, layers):
-    """A scan of a plane, repeated in a number of planes of space."""
+    """A scan of a plane, repeated in this many planes of space."""
     ndtree = pytest.importorskip("ndtree")
     heights = np.repeat(np.linspace(0, 2, layers), len(scan))
     points = np.column_stack([np.tile(scan.endpoints, (layers, 1)), heights])

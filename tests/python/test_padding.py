@@ -75,7 +75,7 @@ def test_no_reader_takes_padding_for_a_beam(write: Callable[[Path], Path], tmp_p
 
 
 def test_zeros_of_a_cloud_in_a_fixed_frame_are_padding(tmp_path: Path) -> None:
-    """Moving the points left padding at the map's origin; a single point there may be measured."""
+    """Moving the points left them at the map's origin; a single one may be measured."""
     pytest.importorskip("pypcd4")
     path = pcd(tmp_path)
     (scan,) = read(path, points_in="map")

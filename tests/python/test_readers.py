@@ -75,7 +75,7 @@ def test_carmen_plain_and_packed_are_the_same(tmp_path: Path) -> None:
 def test_the_field_of_view_of_carmen_lasers(
     params: str, beams: int, fov: float | None, degrees: float, note: str | None, tmp_path: Path
 ) -> None:
-    """Equal ranges are an arc of the given angle, centred ahead."""
+    """Equal ranges are an arc of this many degrees, centred ahead."""
     path = tmp_path / "a.log"
     record = f"FLASER {beams} {'2.5 ' * beams}0 0 0 0 0 0 1 host 1\n"
     path.write_text(params + record * 2)

@@ -99,7 +99,7 @@ def test_of_long_logs_some_scans_are_kept_and_of_short_ones_nothing_is_said() ->
     assert share(made * 20, 2) == pytest.approx(share(made, 2), abs=0.15)
     assert share(made[:3], 2) == 0.0
     assert share([], 2) == 0.0 and share([Beams(np.full((5, 3), np.nan))] * 9, 2) == 0.0
-    assert share([Beams(one.points[:5]) for one in made], 2) == 0.0  # A few sonars do not tell.
+    assert share([Beams(one.points[:5]) for one in made], 2) == 0.0  # A few sonars are not enough to tell.
 
 
 def bag(path: Path, way: Any, transforms: bool) -> Path:

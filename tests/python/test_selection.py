@@ -18,7 +18,7 @@ from ndtree.logs import Log
 
 
 class ListLog(Log):
-    """Scans in a list; it counts the scans that were asked for."""
+    """Scans in a list that counts how many were asked for."""
 
     format = "list"
 

@@ -119,7 +119,7 @@ def test_every_public_call_has_a_signature():
     checked = 0
     for name in public(ndtree.__all__) - {"has_octomap"} - OPTIONAL:
         held = getattr(ndtree, name)
-        calls = {name: held}  # Except of classes whose objects only other calls make.
+        calls = {name: held}  # But of classes without a constructor.
         if isinstance(held, type):
             calls.update({f"{name}.{member}": method for member, method in members(held).items()})
         for called, function in calls.items():

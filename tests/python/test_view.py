@@ -89,7 +89,7 @@ def test_boxes_are_the_cells_of_their_state(far: float) -> None:
         if tuple(np.rint((middle - far) / 0.03125).astype(int).tolist()) in shown:
             continue
         left_out += 1
-        for axis in range(3):  # It is hidden: at each face is an occupied cell.
+        for axis in range(3):  # Hidden: at each face is an occupied cell.
             for side in (-1, 1):
                 step[:] = 0
                 step[axis] = side * (0.5 * size + 0.01)

@@ -33,7 +33,7 @@ std::vector<Scan<3>> apartment_images(int width) {
 }
 
 /// Insertion of known scans into a saturated map, by one thread.
-void settled_insertion(benchmark::State& state, Map& map, const std::vector<Scan<3>>& scans) {
+void saturated_insertion(benchmark::State& state, Map& map, const std::vector<Scan<3>>& scans) {
   std::uint64_t beams = 0;
   for (auto _ : state) {
     double seconds = 0.0;
@@ -71,9 +71,9 @@ class LazyMap {
   std::unique_ptr<Map> map_;
 };
 
-void add_settled(const std::string& name, const std::shared_ptr<LazyMap>& map) {
+void add_saturated(const std::string& name, const std::shared_ptr<LazyMap>& map) {
   benchmark::RegisterBenchmark(
-      name.c_str(), [map](benchmark::State& state) { settled_insertion(state, map->map(), map->scans()); })
+      name.c_str(), [map](benchmark::State& state) { saturated_insertion(state, map->map(), map->scans()); })
       ->UseManualTime()
       ->Unit(benchmark::kMillisecond);
 }
@@ -161,7 +161,7 @@ class Rooms {
 
 void room_insertion(benchmark::State& state, Rooms& rooms) {
   Map& map = rooms.map();
-  settled_insertion(state, map, rooms.some_scans(20));
+  saturated_insertion(state, map, rooms.some_scans(20));
 }
 
 void room_queries(benchmark::State& state, Rooms& rooms) {
@@ -200,14 +200,14 @@ void room_casts(benchmark::State& state, Rooms& rooms) {
 
 void add_growth(const MapOptions& options, double most_leaves) {
   for (const int width : {80, 160, 320, 640})
-    add_settled("growth/beams of a scan/" + std::to_string(width * width * 3 / 4),
-                std::make_shared<LazyMap>(options, apartment_images(width)));
+    add_saturated("growth/beams of a scan/" + std::to_string(width * width * 3 / 4),
+                  std::make_shared<LazyMap>(options, apartment_images(width)));
   for (const double cell_size : {0.2, 0.1, 0.05, 0.025}) {
     MapOptions other = options;
     other.min_cell_size = cell_size;
     std::string text = std::to_string(cell_size);
     text.erase(text.find_last_not_of('0') + 1);
-    add_settled("growth/cell size/" + text, std::make_shared<LazyMap>(other, apartment_images(160)));
+    add_saturated("growth/cell size/" + text, std::make_shared<LazyMap>(other, apartment_images(160)));
   }
   for (double leaves = 1e5; leaves <= most_leaves; leaves *= 10.0) {
     const auto rooms = std::make_shared<Rooms>(options, leaves);

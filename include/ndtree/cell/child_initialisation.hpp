@@ -17,7 +17,7 @@ namespace ndtree {
 /// Of the beams through a node, one in N^(D-1) crosses a given child on average: a beam passes through about
 /// N of the N^D children.
 template <class Tree>
-inline constexpr int kShareDivisor = Tree::kNumChildren / Tree::kBranching;
+inline constexpr int kChildrenAcross = Tree::kNumChildren / Tree::kBranching;
 
 /// Children start with a part of their parent's evidence.
 ///
@@ -39,18 +39,18 @@ class ChildInitialisation {
   [[nodiscard]] static bool has_evidence(const EvidenceCell& parent) {
     return parent.observed() || parent.is_partly_seen();
   }
-  /// @param share_divisor see kShareDivisor.
+  /// @param children_across see kChildrenAcross.
   /// @param passed number of this scan's `beams` in the parent that passed the child.
   /// @param cell_part of the parent in which the child lies: the evidence of a partly seen parent goes to the
   ///   children in its seen parts only.
   /// @param is_finest the child cannot be divided: a beam sees all of it.
   [[nodiscard]] EvidenceCell child_of(const EvidenceCell& parent, const EvidenceMemory& memory,
-                                      int share_divisor, std::size_t passed, std::size_t beams, int cell_part,
-                                      bool is_finest) const {
+                                      int children_across, std::size_t passed, std::size_t beams,
+                                      int cell_part, bool is_finest) const {
     EvidenceCell child;
     const bool was_seen = parent.is_partly_seen() && (parent.seen_parts() >> cell_part & 1u) != 0;
     if (!parent.observed() && !was_seen) return child;
-    const double mean = 1.0 / share_divisor;
+    const double mean = 1.0 / children_across;
     const double fraction = path_fraction(mean, static_cast<double>(passed), static_cast<double>(beams));
     const std::int64_t free = EvidenceMemory::part(parent.free_evidence(), fraction);
     const bool may_be_unknown = parent.state() != CellState::occupied;
@@ -76,12 +76,12 @@ class ChildInitialisation {
   /// A child of a cell about whose inside nothing is known, as where another map's smaller cells are joined
   /// with it; merging such children by EvidenceMergeRule gives the cell again, but for rounding up.
   [[nodiscard]] static EvidenceCell even_part_of(const EvidenceCell& cell, const EvidenceMemory& memory,
-                                                 int share_divisor, int cell_part) {
+                                                 int children_across, int cell_part) {
     EvidenceCell part;
     const bool was_seen = cell.is_partly_seen() && (cell.seen_parts() >> cell_part & 1u) != 0;
     if (!cell.observed() && !was_seen) return part;
-    const auto divided = [share_divisor](std::int64_t whole) {
-      return (whole + share_divisor - 1) / share_divisor;
+    const auto divided = [children_across](std::int64_t whole) {
+      return (whole + children_across - 1) / children_across;
     };
     std::int64_t occupied = divided(cell.occupied_evidence());
     std::int64_t free = divided(cell.free_evidence());

@@ -106,7 +106,7 @@ class EvidenceCell {
   [[nodiscard]] bool is_partly_seen() const { return (counts_ & kPartlySeen) != 0; }
   /// One bit for each part that was seen. @pre is_partly_seen() or never updated.
   [[nodiscard]] std::uint32_t seen_parts() const { return evidence_ >> 16; }
-  /// @param parts of which enough was seen, maybe none. @param free evidence, in [0, kMaxEvidence].
+  /// @param parts the seen ones, maybe none. @param free evidence, in [0, kMaxEvidence].
   /// @pre not observed().
   void set_partly_seen(std::uint32_t parts, std::int64_t free) {
     counts_ = kPartlySeen;

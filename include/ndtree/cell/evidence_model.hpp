@@ -29,7 +29,7 @@ namespace ndtree {
 /// - what children start with: ChildInitialisation;
 /// - whether a split would be undone after the same scan: RemergePrediction.
 /// Whether a cell splits at all is EvidenceRefinement's question. Every function is O(1) and const.
-class EvidenceModel : public BeamWeight {
+class EvidenceModel {
  public:
   EvidenceModel(const EvidenceOptions& options, const SensorOptions& sensor)
       : memory_(options, sensor),
@@ -38,7 +38,7 @@ class EvidenceModel : public BeamWeight {
         children_(options),
         noise_sigmas_(options.noise_sigmas),
         kept_(options.evidence_half_life > 0.0 ? std::exp2(-1.0 / options.evidence_half_life) : 1.0),
-        settled_(settled_cell()) {}
+        saturated_(make_saturated()) {}
 
   /// Adds the joint evidence of a scan. @returns true if the cell changed.
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) const {
@@ -52,12 +52,12 @@ class EvidenceModel : public BeamWeight {
   }
   /// update() of a cell that was to split but is predicted to re-merge, see RemergePrediction.
   /// @returns true if the cell changed.
-  bool update_whole(EvidenceCell& cell, const ScanEvidence& scan) const {
+  bool update_without_split(EvidenceCell& cell, const ScanEvidence& scan) const {
     return replace(cell, RemergePrediction::updated_without_split(cell, scan, children_, memory_, kept_));
   }
   /// update() of a cell that is only partly seen: keeps the seen parts and the evidence for free space in
   /// them. @returns true if the cell changed.
-  bool remember(EvidenceCell& cell, std::uint32_t parts, const ScanEvidence& scan) const {
+  bool update_partly_seen(EvidenceCell& cell, std::uint32_t parts, const ScanEvidence& scan) const {
     const EvidenceCell before = cell;
     cell.set_partly_seen(parts, std::min(EvidenceMemory::part(cell.free_evidence(), kept_) + scan.free,
                                          memory_.free_memory()));
@@ -66,16 +66,20 @@ class EvidenceModel : public BeamWeight {
 
   /// True if scans of which all beams pass the cell leave it as it is: its evidence for free space is at its
   /// cap, and it has no other.
-  [[nodiscard]] bool is_settled(const EvidenceCell& cell) const {
-    return cell.is_as_free_as(settled_) && forgets_nothing();
+  [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const {
+    return cell.is_as_free_as(saturated_) && forgets_nothing();
   }
-  /// The saturated cell, but for its log-odds. No cell is saturated unless the model forgets nothing.
-  [[nodiscard]] const EvidenceCell& settled() const { return settled_; }
+  /// The saturated cell, but for its log-odds; no cell is saturated unless the model forgets nothing.
+  [[nodiscard]] const EvidenceCell& saturated() const { return saturated_; }
   [[nodiscard]] bool forgets_nothing() const { return kept_ == 1.0; }
 
   // SamplingRate
-  [[nodiscard]] bool is_known(const EvidenceCell& cell) const { return sampling_.is_well_observed(cell); }
-  [[nodiscard]] double sample_beams(bool is_known) const { return sampling_.sample_beams(is_known); }
+  [[nodiscard]] bool is_well_observed(const EvidenceCell& cell) const {
+    return sampling_.is_well_observed(cell);
+  }
+  [[nodiscard]] double sample_beams(bool is_well_observed) const {
+    return sampling_.sample_beams(is_well_observed);
+  }
   NDTREE_ALWAYS_INLINE void limit(ScanEvidence& scan) const { sampling_.limit(scan); }
   [[nodiscard]] bool may_limit(std::uint32_t beams) const { return sampling_.may_limit(beams); }
   [[nodiscard]] bool is_full(const ScanEvidence& scan) const { return sampling_.is_full(scan); }
@@ -86,25 +90,26 @@ class EvidenceModel : public BeamWeight {
   }
 
   // ChildInitialisation
-  [[nodiscard]] static bool has_heirs(const EvidenceCell& parent) {
+  [[nodiscard]] static bool has_evidence_for_children(const EvidenceCell& parent) {
     return ChildInitialisation::has_evidence(parent);
   }
-  [[nodiscard]] EvidenceCell inherited(const EvidenceCell& parent, int share_divisor, std::size_t passed,
-                                       std::size_t beams, int cell_part = 0, bool is_finest = true) const {
-    return children_.child_of(parent, memory_, share_divisor, passed, beams, cell_part, is_finest);
+  [[nodiscard]] EvidenceCell initial_child(const EvidenceCell& parent, int children_across,
+                                           std::size_t passed, std::size_t beams, int cell_part = 0,
+                                           bool is_finest = true) const {
+    return children_.child_of(parent, memory_, children_across, passed, beams, cell_part, is_finest);
   }
-  [[nodiscard]] EvidenceCell part_of(const EvidenceCell& cell, int share_divisor, int cell_part) const {
-    return ChildInitialisation::even_part_of(cell, memory_, share_divisor, cell_part);
+  [[nodiscard]] EvidenceCell part_of(const EvidenceCell& cell, int children_across, int cell_part) const {
+    return ChildInitialisation::even_part_of(cell, memory_, children_across, cell_part);
   }
 
   // RemergePrediction
-  [[nodiscard]] bool splits_in_vain(const EvidenceCell& cell, const ScanEvidence& scan, int share_divisor,
-                                    int levels) const {
-    return RemergePrediction::will_remerge(cell, scan, children_, memory_, share_divisor, levels);
+  [[nodiscard]] bool predicted_to_remerge(const EvidenceCell& cell, const ScanEvidence& scan,
+                                          int children_across, int levels) const {
+    return RemergePrediction::will_remerge(cell, scan, children_, memory_, children_across, levels);
   }
 
   // EvidenceMemory
-  [[nodiscard]] std::int64_t of_miss() const { return memory_.miss(); }
+  [[nodiscard]] std::int64_t miss_evidence() const { return memory_.miss(); }
   [[nodiscard]] NDTREE_ALWAYS_INLINE float log_odds_of(std::int64_t occupied, std::int64_t free) const {
     return memory_.log_odds_of(occupied, free);
   }
@@ -190,7 +195,7 @@ class EvidenceModel : public BeamWeight {
     if (!now.has_same_evidence(before)) return true;
     return now.log_odds() != before.log_odds();  // A file may have others than those of its evidence.
   }
-  [[nodiscard]] EvidenceCell settled_cell() const {
+  [[nodiscard]] EvidenceCell make_saturated() const {
     EvidenceCell cell;
     cell.set_evidence(0, memory_.free_memory(), memory_.log_odds_min());
     cell.set_counts(0, memory_.free_memory_beams());
@@ -203,7 +208,7 @@ class EvidenceModel : public BeamWeight {
   ChildInitialisation children_;
   double noise_sigmas_;
   double kept_;  // Fraction of evidence kept from one scan to the next.
-  EvidenceCell settled_;
+  EvidenceCell saturated_;
 };
 
 }  // namespace ndtree

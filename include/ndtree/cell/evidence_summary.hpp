@@ -20,16 +20,16 @@ template <int kCount>
 class EvidenceSummary {
  public:
   explicit EvidenceSummary(const EvidenceModel& model) : model_(model), width_(Simd::width()) {
-    std::array<std::uint32_t, kWords> settled;
-    static_assert(sizeof(EvidenceCell) == sizeof settled, "a cell is its words");
-    std::memcpy(settled.data(), &model.settled(), sizeof settled);
-    settled_first_.fill(model.forgets_nothing() ? settled[0] : kOfNoLeaf);
-    settled_third_.fill(settled[2]);
+    std::array<std::uint32_t, kWords> saturated;
+    static_assert(sizeof(EvidenceCell) == sizeof saturated, "a cell is its words");
+    std::memcpy(saturated.data(), &model.saturated(), sizeof saturated);
+    saturated_first_.fill(model.forgets_nothing() ? saturated[0] : kOfNoLeaf);
+    saturated_third_.fill(saturated[2]);
     valid_.fill(Summary::kValid);
     bound_.fill(Summary::kBound);
     occupied_.fill(Summary::flag(CellState::occupied));
     unknown_.fill(Summary::flag(CellState::unknown));
-    unsettled_.fill(Summary::kUnsaturated);
+    unsaturated_.fill(Summary::kUnsaturated);
   }
 
   template <class NodeType>
@@ -38,7 +38,7 @@ class EvidenceSummary {
     if (width_ >= 8) return call_by_eights(siblings);
 #endif
     return summary_of_siblings(siblings, kCount,
-                               [this](const EvidenceCell& cell) { return model_.is_settled(cell); });
+                               [this](const EvidenceCell& cell) { return model_.is_saturated(cell); });
   }
 #ifdef NDTREE_HAS_EIGHTS
   /// operator() for callers compiled for AVX2, on a machine that has it.
@@ -116,8 +116,8 @@ class EvidenceSummary {
       const __m256i sign = _mm256_srli_epi32(second, 31);
       const __m256i compared =
           _mm256_and_si256(first, _mm256_set1_epi32(static_cast<int>(EvidenceCell::kComparedBits)));
-      const __m256i is_settled = _mm256_and_si256(_mm256_cmpeq_epi32(compared, load(settled_first_)),
-                                                  _mm256_cmpeq_epi32(third, load(settled_third_)));
+      const __m256i is_saturated = _mm256_and_si256(_mm256_cmpeq_epi32(compared, load(saturated_first_)),
+                                                    _mm256_cmpeq_epi32(third, load(saturated_third_)));
       const __m256i is_unknown =
           _mm256_castps_si256(_mm256_cmp_ps(_mm256_castsi256_ps(second), _mm256_setzero_ps(), _CMP_EQ_OQ));
       const __m256i state =
@@ -125,9 +125,10 @@ class EvidenceSummary {
       const __m256i ordered = _mm256_xor_si256(
           second,
           _mm256_or_si256(_mm256_srai_epi32(second, 31), _mm256_set1_epi32(static_cast<int>(0x80000000u))));
-      const __m256i leaf = _mm256_or_si256(
-          _mm256_and_si256(_mm256_add_epi32(ordered, _mm256_set1_epi32(0xff)), bound),
-          _mm256_or_si256(_mm256_or_si256(valid, state), _mm256_andnot_si256(is_settled, load(unsettled_))));
+      const __m256i leaf =
+          _mm256_or_si256(_mm256_and_si256(_mm256_add_epi32(ordered, _mm256_set1_epi32(0xff)), bound),
+                          _mm256_or_si256(_mm256_or_si256(valid, state),
+                                          _mm256_andnot_si256(is_saturated, load(unsaturated_))));
       const __m256i words = _mm256_blendv_epi8(leaf, second, is_inner);
       all = _mm256_or_si256(all, _mm256_xor_si256(words, valid));
       most = _mm256_max_epu32(most, _mm256_and_si256(words, bound));
@@ -152,13 +153,13 @@ class EvidenceSummary {
   const EvidenceModel& model_;
   int width_;
   // Eight times each: compilers would put them together from parts for each node.
-  EightWords settled_first_;
-  EightWords settled_third_;
+  EightWords saturated_first_;
+  EightWords saturated_third_;
   EightWords valid_;
   EightWords bound_;
   EightWords occupied_;
   EightWords unknown_;
-  EightWords unsettled_;
+  EightWords unsaturated_;
 };
 
 }  // namespace ndtree

@@ -22,14 +22,14 @@ namespace ndtree {
 ///   times what a child may have of E- and of the scan's passes.
 /// In free space, more evidence for occupied space never turns the answer from no to yes.
 struct RemergePrediction {
-  /// @pre a split is asked for. @param share_divisor see kShareDivisor. @param levels below the cell.
+  /// @pre a split is asked for. @param children_across see kChildrenAcross. @param levels below the cell.
   [[nodiscard]] static bool will_remerge(const EvidenceCell& cell, const ScanEvidence& scan,
                                          const ChildInitialisation& children, const EvidenceMemory& memory,
-                                         int share_divisor, int levels) {
+                                         int children_across, int levels) {
     constexpr double kFreeOdds = 0.75;
     constexpr double kFewMisses = 12.0;
     constexpr double kManyTimes = 3.0;
-    const double mean = 1.0 / share_divisor;
+    const double mean = 1.0 / children_across;
     const auto occupied = static_cast<double>(cell.occupied_evidence());
     const auto free = static_cast<double>(cell.free_evidence());
     const auto miss = static_cast<double>(memory.miss());

@@ -206,8 +206,8 @@ class SeenSpace {
   Eigen::Array<bool, Eigen::Dynamic, 1> seen_;
 };
 
-/// What a map says about points of which is known whether somebody saw them, as counts. As the points are
-/// drawn uniformly, shares of them are shares of volume; none where nothing was counted.
+/// Counts of the states that a map gives to points, of which each was seen by a scan or not. As the points
+/// are drawn uniformly, fractions of them are fractions of volume; none where nothing was counted.
 struct Claims {
   std::uint64_t points = 0;            ///< All.
   std::uint64_t seen = 0;              ///< Some scan saw it.

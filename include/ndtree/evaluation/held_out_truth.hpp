@@ -120,7 +120,7 @@ struct HeldOutTruth {
 /// @param map any type for which `probability(map, point)`, `state(map, point)`,
 ///   `occupied_within(map, point, radius)` and `cast_ray(map, origin, direction, max_range)` are found, in
 ///   ndtree or in the map's own namespace.
-/// @param max_range [m] beams that are longer are not asked about, nor are those that did not return.
+/// @param max_range [m] longer beams, and beams that did not return, are not asked about.
 /// @throws std::invalid_argument if max_range is not > 0, or a beam is too long to be sampled.
 template <class Map, int D>
 void evaluate(const Map& map, const ScanView<D>& scan, double max_range, HeldOutTruth& truth,

@@ -66,7 +66,7 @@ class Descriptor {
 inline constexpr std::string_view kTemporaryPrefix = ".ndtree-";
 inline constexpr std::size_t kTemporaryDigits = 16;
 
-/// Whether a name is one of those that ReplacedFile gives.
+/// Whether a name is one that ReplacedFile makes.
 [[nodiscard]] inline bool is_temporary_name(std::string_view name) {
   if (name.substr(0, kTemporaryPrefix.size()) != kTemporaryPrefix) return false;
   name.remove_prefix(kTemporaryPrefix.size());

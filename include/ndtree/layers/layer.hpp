@@ -63,7 +63,7 @@ class Layer {
   void join(const CellIndex<D>& cell, const Vector<D>& point, const Value& value) {
     reach(cell, point).value.join(value);
   }
-  /// Adds what another layer knows to the cells of a map. @param map_tree of the map.
+  /// Adds the values of another layer to the cells of a map. @param map_tree of the map.
   template <class MapTree>
   void join(const Layer& other, const MapTree& map_tree) {
     other.for_each([&](const CellIndex<D>& cell, const Vector<D>& centre, const Value& value) {
@@ -72,7 +72,7 @@ class Layer {
   }
 
   /// Forgets the values of what is unknown in a map where it may have changed. O(nodes of the layer there).
-  /// @param may_differ of a box: whether the map may know less of it than it did.
+  /// @param may_differ of a box: whether the map may have forgotten something in it.
   template <class MapTree, class MayDiffer>
   void keep_known(const MapTree& map_tree, const MayDiffer& may_differ) {
     Pace pace;

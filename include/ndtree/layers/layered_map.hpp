@@ -33,7 +33,7 @@ template <int D>
 }
 
 /// Refuses what cannot be added, before anything is. @param measurements one a beam.
-/// @throws std::invalid_argument naming the beam, for those that returned.
+/// @throws std::invalid_argument naming the beam; beams that did not return are not checked.
 template <class Value, int D>
 void check_measurements(const ScanView<D>& scan, const typename Value::Measurement* measurements) {
   for (Eigen::Index i = 0; i < scan.size; ++i) {

@@ -20,7 +20,7 @@
 
 namespace ndtree::detail {
 
-/// Calls `visit(ref)` for each node of a level, at most 0, of which a tree holds more than one blank leaf.
+/// Calls `visit(ref)` for each node of a level, at most 0, that is more than one blank leaf.
 /// @param window outside which none is visited; null: all are. Cost: nodes of the level and above in the
 /// window.
 template <class Tree, class Visit>

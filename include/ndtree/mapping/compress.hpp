@@ -154,7 +154,7 @@ class Compression {
     return {joined.cell, static_cast<std::size_t>(joined.cell.observed())};
   }
   [[nodiscard]] Joined join(const typename Tree::NodeType* siblings) const {
-    return rule_.join(siblings, Tree::kNumChildren, kShareDivisor<Tree>);
+    return rule_.join(siblings, Tree::kNumChildren, kChildrenAcross<Tree>);
   }
 
   void consider(std::size_t node) {

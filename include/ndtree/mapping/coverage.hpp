@@ -28,7 +28,8 @@ struct CoverageOptions {
   void validate() const { for_each_bounded(*this, require_within); }
 };
 
-/// A cell, in two along each of its first axes, of which four count at most: a set of parts fits 16 bits.
+/// A cell's parts: it is halved along each of its first axes, at most four, so that a set of parts fits 16
+/// bits.
 template <int N, int D>
 struct CellParts {
   static constexpr int kAxes = D < 4 ? D : 4;
@@ -100,7 +101,7 @@ class ScanCoverage {
   [[nodiscard]] std::int64_t units_of_child(int number) const {
     return of_child_[static_cast<std::size_t>(number)];
   }
-  /// Beams that would pass straight through one child if it was seen like those that were.
+  /// Beams that would pass straight through one child if it was seen like the seen children.
   [[nodiscard]] double beams_for_child() const {
     std::int64_t seen = 0;
     for (const std::int64_t child : of_child_) seen += child;

@@ -37,7 +37,7 @@ struct PaperRefinement {
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   [[nodiscard]] bool splits(const OccupancyCell& cell) const { return split_test(cell); }
   [[nodiscard]] bool may_merge(const OccupancyCell& updated) const { return merge_rule.is_extreme(updated); }
-  [[nodiscard]] static bool is_settled(const OccupancyCell&) { return false; }
+  [[nodiscard]] static bool is_saturated(const OccupancyCell&) { return false; }
   template <class NodeType>
   [[nodiscard]] std::optional<OccupancyCell> merged(const NodeType* siblings, int count) const {
     return merge_rule(siblings, count, split_test);
@@ -64,7 +64,7 @@ struct EvidenceRefinement {
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   /// Whether scans of which all beams pass leave the cell as it is.
-  [[nodiscard]] bool is_settled(const EvidenceCell& cell) const { return model.is_settled(cell); }
+  [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
   /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
   /// - Free: any hit of small noise splits, so that smaller cells show where it is; they merge again if not.
   /// - Unknown: only a deep hit splits, since free space lies before it.
@@ -107,7 +107,7 @@ struct FixedRefinement {
   [[nodiscard]] static int coarsest_level(int finest_level) { return finest_level; }
   [[nodiscard]] static bool splits(const OccupancyCell&) { return false; }
   [[nodiscard]] static bool may_merge(const OccupancyCell&) { return false; }
-  [[nodiscard]] static bool is_settled(const OccupancyCell&) { return false; }
+  [[nodiscard]] static bool is_saturated(const OccupancyCell&) { return false; }
   template <class NodeType>
   [[nodiscard]] static std::optional<OccupancyCell> merged(const NodeType*, int) {
     return std::nullopt;

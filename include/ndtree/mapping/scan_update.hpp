@@ -210,9 +210,9 @@ class ScanUpdate {
       if (kept[f] > 0 && !face.is_lone()) {
         number[f] = static_cast<std::uint32_t>(faces.size());
         faces.push_back(face);
-        for (const bool is_known : {false, true})
-          faces.back().depth_of_all[is_known] =
-              face.depth_for(static_cast<float>(refinement_.model.sample_beams(is_known)),
+        for (const bool is_well_observed : {false, true})
+          faces.back().depth_of_all[is_well_observed] =
+              face.depth_for(static_cast<float>(refinement_.model.sample_beams(is_well_observed)),
                              static_cast<float>(tree_.geometry().unit()));
       }
       faces[number[f]].end_of_beams += kept[f];

@@ -219,7 +219,7 @@ class FieldValues {
 };
 
 /// Calls `visit(block)` for the parts of a block that are at most so long, those of them that may matter.
-/// @param step of which the length of all parts is a multiple, but at the block's end.
+/// @param step the length of all parts is a multiple of it, but at the block's end.
 template <int D, class Matters, class Visit>
 void for_each_part(const GridBlock<D>& block, std::size_t longest, std::size_t step, const Matters& matters,
                    const Visit& visit) {

@@ -223,7 +223,7 @@ class FrontierSearch {
     std::vector<Box<D>> changed;
     detail::for_each_difference(seen_, map,
                                 [&](const CellIndex<D>& index) { changed.push_back(map.tree().box(index)); });
-    std::vector<Number> left;  // Of frontiers of which something goes.
+    std::vector<Number> left;  // Remaining cells of frontiers that lost some.
     Pace pace;
     for (const Box<D>& region : changed)
       for_each_leaf_of(seen_, region, only(true), [&](const auto& leaf) {

@@ -41,8 +41,9 @@ bool contains(const Tree& tree, const Box<D>& region) {
 
 }  // namespace detail
 
-/// Which states the cells have that share a point with the closed box. Nodes that lie in it as a whole are
-/// not entered, nor those that can add nothing. Corners as LatticeGeometry::on_borders() takes them.
+/// Which states the cells have that share a point with the closed box. Nodes that lie in it as a whole
+/// are not entered, nor nodes whose summary adds nothing. Corners as LatticeGeometry::on_borders() takes
+/// them.
 /// @pre lower <= upper.
 template <class Map>
 [[nodiscard]] RegionStates states_in(const Map& map, const Box<Map::kDim>& box) {

@@ -167,8 +167,8 @@ class LatticeGeometry {
     }
     return result;
   }
-  /// All cells of a level up to 0 that share a volume with a box, see on_borders(), of which only what is in
-  /// reach counts.
+  /// All cells of a level up to 0 that share a volume with the part of a box that is in reach, see
+  /// on_borders().
   [[nodiscard]] LatticeBox<D> cells_in(const Box<D>& region, int level) const {
     const Box<D> box = on_borders(region);
     const std::int64_t edge = this->edge(level);

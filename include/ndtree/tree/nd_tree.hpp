@@ -34,7 +34,7 @@ struct NodeRef {
   [[nodiscard]] auto& cell() const { return node->cell(); }
 };
 
-/// Tree of cells of any kind. It knows geometry and structure; what a cell means is its user's business.
+/// Tree of cells of any type: geometry and structure. The meaning of a cell is up to its users.
 /// Copies share what neither of them has changed since: a copy takes O(nodes / hundreds), and what a part of
 /// the tree needs once more is allocated when it is first accessed to be changed, that is, through a tree
 /// that is not const. Invariants, tested by check_invariants(): an inner node has exactly N^D children, every

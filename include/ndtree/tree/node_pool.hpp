@@ -314,7 +314,8 @@ class NodePool {
     return own;
   }
 
-  /// A larger directory with the same chunks. Who still reads the old one finds in it all that it knows of.
+  /// A larger directory with the same chunks. A reader of the old one finds in it all blocks that it has ids
+  /// of.
   void make_directory(std::size_t capacity) {
     if (capacity <= capacity_) return;
     directories_.push_back(std::make_unique<Entry[]>(capacity));

@@ -208,10 +208,10 @@ MemoryError
         });
       },
       "other"_a, "box"_a = py::none(),
-      R"(Take over what another map holds of places of which this one holds nothing.
+      R"(Copy the cells of another map where this one is unknown.
 
 Every cell stays what it is, bit for bit: parts of space that were mapped apart, see insert(window=), become the map that
-one would have made. To add up what two maps know of the same place, see merge().
+one would have made. To add up the evidence of two maps of the same place, see merge().
 
 Parameters
 ----------

@@ -87,7 +87,7 @@ class MapInterface {
     throw std::invalid_argument("refinement = '" + refinement() +
                                 "': only a map refined by 'evidence' can be compressed");
   }
-  /// Gives unused memory back, where the map knows how.
+  /// Gives unused memory back, where the map can.
   virtual void shrink_to_fit() {}
   virtual void probability(const double* points, std::size_t n, float* out) const = 0;
   virtual void state(const double* points, std::size_t n, std::int8_t* out) const = 0;

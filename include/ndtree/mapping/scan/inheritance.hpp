@@ -36,7 +36,7 @@ class Inheritance {
   void share_out(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
                  const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
                  NodeType* children) const {
-    if (!EvidenceModel::has_heirs(leaf)) return;
+    if (!EvidenceModel::has_evidence_for_children(leaf)) return;
     const bool is_finest = index.level - 1 == geometry_.finest_level();
     std::size_t beams = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) { beams += part.size; });
@@ -45,7 +45,7 @@ class Inheritance {
       const CellIndex<D> at = geometry_.child(index, child_offset<N, D>(child));
       const CellCrossings<N, D> crossings(geometry_, beams_, at, planes, child);
       children[j].cell() =
-          inherited(leaf, count_passed(crossings, lists.of(child), sample), beams, j, is_finest);
+          initial_child(leaf, count_passed(crossings, lists.of(child), sample), beams, j, is_finest);
     }
   }
 
@@ -67,31 +67,31 @@ class Inheritance {
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const OfFew& heritage,
                                                       const FewCrossings<D, kNumChildren>& few,
                                                       NodeType* children) const {
-    if (!EvidenceModel::has_heirs(heritage.leaf)) return;
+    if (!EvidenceModel::has_evidence_for_children(heritage.leaf)) return;
     const EightEnds<D>& ends = beams_.ends_of(few.beams);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const std::uint32_t set = passed(ends, _mm256_load_ps(few.exit[j].data())) & few.set[j];
-      children[j].cell() = inherited(heritage.leaf, count(set & heritage.sample), count(heritage.sample), j,
-                                     heritage.are_finest);
+      children[j].cell() = initial_child(heritage.leaf, count(set & heritage.sample), count(heritage.sample),
+                                         j, heritage.are_finest);
     }
   }
   /// @param lone the beam, alone in the leaf, by its number.
   NDTREE_NEVER_INLINE void share_out(const OfFew& heritage, std::uint32_t beam, const LoneCrossing& lone,
                                      NodeType* children) const {
-    if (!EvidenceModel::has_heirs(heritage.leaf)) return;
+    if (!EvidenceModel::has_evidence_for_children(heritage.leaf)) return;
     for (std::size_t j = 0; j < kNumChildren; ++j)
       children[j].cell() =
-          inherited(heritage.leaf, (lone.set >> j & 1u) != 0 && has_passed(beam, lone.exit[j]),
-                    count(heritage.sample), j, heritage.are_finest);
+          initial_child(heritage.leaf, (lone.set >> j & 1u) != 0 && has_passed(beam, lone.exit[j]),
+                        count(heritage.sample), j, heritage.are_finest);
   }
 #endif
 
  private:
   /// @param passed of so many beams.
-  [[nodiscard]] EvidenceCell inherited(const EvidenceCell& leaf, std::size_t passed, std::size_t beams,
-                                       std::size_t child, bool is_finest) const {
-    return model_.inherited(leaf, kShareDivisor<Tree>, passed, beams,
-                            CellParts<N, D>::of_child(static_cast<int>(child)), is_finest);
+  [[nodiscard]] EvidenceCell initial_child(const EvidenceCell& leaf, std::size_t passed, std::size_t beams,
+                                           std::size_t child, bool is_finest) const {
+    return model_.initial_child(leaf, kChildrenAcross<Tree>, passed, beams,
+                                CellParts<N, D>::of_child(static_cast<int>(child)), is_finest);
   }
   [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list,
                                          const LeafSample<D>& sample) const {

@@ -102,8 +102,8 @@ class BeamShares {
                       static_cast<float>(model.sample_beams(true))} {}
 
   /// The share of a face's beams that count in a leaf: so many for each smallest cell side by side in it.
-  [[nodiscard]] float of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
-    return at_depth(depth_of(leaf, face), face, is_known);
+  [[nodiscard]] float of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_well_observed) const {
+    return at_depth(depth_of(leaf, face), face, is_well_observed);
   }
   [[nodiscard]] FaceShare<D> share_of(const ScanFace<D>& face, float share) const {
     return {&face, beams_.end_of_share(face, share), share};
@@ -111,11 +111,11 @@ class BeamShares {
   /// Finds out which beams of a list count in a leaf. Calls `visit(face, share, list)` for those of each
   /// face, if there are any.
   template <class Visit>
-  void take(const CellIndex<D>& leaf, const BeamList& list, bool is_known, LeafSample<D>& sample,
+  void take(const CellIndex<D>& leaf, const BeamList& list, bool is_well_observed, LeafSample<D>& sample,
             const Visit& visit) const {
     sample.clear();
     for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
-      const FaceShare<D> share = share_of(face, of(leaf, face, is_known));
+      const FaceShare<D> share = share_of(face, of(leaf, face, is_well_observed));
       const std::size_t end = list.find(share.end, first, last);
       sample.add(share);
       if (first < end) visit(face, share.share, list.part(first, end));
@@ -151,14 +151,15 @@ class BeamShares {
   [[nodiscard]] const ScanFace<D>* only_face_of(const Beams& beams, const NodeShares<D>& above) const {
     return above.face != nullptr ? above.face : only_face_of(beams);
   }
-  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
-    return depth_of(leaf, face) >= face.depth_of_all[is_known];
+  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const ScanFace<D>& face,
+                               bool is_well_observed) const {
+    return depth_of(leaf, face) >= face.depth_of_all[is_well_observed];
   }
   /// Whether beams are of one face, and all of them count in a leaf.
   template <class Beams>
-  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const Beams& beams, bool is_known) const {
+  [[nodiscard]] bool takes_all(const CellIndex<D>& leaf, const Beams& beams, bool is_well_observed) const {
     const ScanFace<D>* const face = only_face_of(beams);
-    return face != nullptr && takes_all(leaf, *face, is_known);
+    return face != nullptr && takes_all(leaf, *face, is_well_observed);
   }
 
   /// What is known of a node whose beams are not none. @param above of its parent, or of nodes above that.
@@ -237,11 +238,11 @@ class BeamShares {
         lower = upper;
       }
     }
-    [[nodiscard]] bool takes_all(std::size_t child, bool is_known) const {
-      return depths_[slab_of(child)] >= face_.depth_of_all[is_known];
+    [[nodiscard]] bool takes_all(std::size_t child, bool is_well_observed) const {
+      return depths_[slab_of(child)] >= face_.depth_of_all[is_well_observed];
     }
-    [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_known) const {
-      return of_slab(slab_of(child), is_known);
+    [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_well_observed) const {
+      return of_slab(slab_of(child), is_well_observed);
     }
     /// of() all of them.
     class All {
@@ -262,8 +263,8 @@ class BeamShares {
           ends_[i] = share.end;
         }
       }
-      [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_known) const {
-        const std::size_t place = 2 * children_.slab_of(child) + is_known;
+      [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_well_observed) const {
+        const std::size_t place = 2 * children_.slab_of(child) + is_well_observed;
         return {&children_.face_, ends_[place], of_[place]};
       }
 
@@ -276,8 +277,8 @@ class BeamShares {
     };
 
    private:
-    [[nodiscard]] FaceShare<D> of_slab(std::size_t slab, bool is_known) const {
-      return shares_.share_of(face_, shares_.at_depth(depths_[slab], face_, is_known));
+    [[nodiscard]] FaceShare<D> of_slab(std::size_t slab, bool is_well_observed) const {
+      return shares_.share_of(face_, shares_.at_depth(depths_[slab], face_, is_well_observed));
     }
 #ifdef NDTREE_HAS_EIGHTS
     /// The same of up to four slabs, to the last bit.
@@ -332,9 +333,9 @@ class BeamShares {
   }
   /// The share that counts in a leaf at a depth.
   [[nodiscard]] NDTREE_ALWAYS_INLINE float at_depth(float depth, const ScanFace<D>& face,
-                                                    bool is_known) const {
-    if (depth >= face.depth_of_all[is_known]) return 1.0f;
-    return std::min(1.0f, sample_beams_[is_known] / face.expected_beams(depth, smallest_size_));
+                                                    bool is_well_observed) const {
+    if (depth >= face.depth_of_all[is_well_observed]) return 1.0f;
+    return std::min(1.0f, sample_beams_[is_well_observed] / face.expected_beams(depth, smallest_size_));
   }
 
   const LatticeGeometry<N, D>& geometry_;

@@ -198,7 +198,7 @@ class alignas(kCacheLines) ScanWalk {
     if (ref.index.level >= coarsest_level_ && !may_change(ref.index)) return false;
     if (ref.index.level <= coarsest_level_ && ref.is_leaf()) return update_leaf(ref, list, above);
     if (!ref.is_leaf()) {
-      if (Summary(ref.node->note()).is_settled() && all_pass(ref, list)) return false;
+      if (Summary(ref.node->note()).is_saturated() && all_pass(ref, list)) return false;
       if (undo_ != nullptr) undo_->keep(tree_, *ref.node);
     } else {
       tree_.split_node(*ref.node, {}, arena_);
@@ -224,18 +224,18 @@ class alignas(kCacheLines) ScanWalk {
   }
   NDTREE_NEVER_INLINE bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings,
                                        const BeamList& list, const Shares& shares) {
-    bool is_known = refinement_.model.is_known(leaf.cell());
-    if (is_known && refinement_.model.is_settled(leaf.cell())) {
+    bool is_well_observed = refinement_.model.is_well_observed(leaf.cell());
+    if (is_well_observed && refinement_.model.is_saturated(leaf.cell())) {
       if (evidence_.all_pass(crossings, list)) return false;
       // Unless more end in it than the sensor's errors explain: then it learns anew.
-      is_known = shares_.ends_for_each_expected(leaf.index, list, sample_) <=
-                 refinement_.split_test.model().free_until();
+      is_well_observed = shares_.ends_for_each_expected(leaf.index, list, sample_) <=
+                         refinement_.split_test.model().free_until();
     }
     if (!shares.takes_all) {
       const ScanFace<D>* const face = shares_.only_face_of(list, shares);
-      if (face == nullptr) return update_by_sample(leaf, crossings, list, is_known);
+      if (face == nullptr) return update_by_sample(leaf, crossings, list, is_well_observed);
       return update_by_share(leaf, crossings, list,
-                             shares_.share_of(*face, shares_.of(leaf.index, *face, is_known)));
+                             shares_.share_of(*face, shares_.of(leaf.index, *face, is_well_observed)));
     }
     ScanEvidence scan = evidence_of(leaf, crossings, list);
     refinement_.model.limit(scan);
@@ -245,20 +245,22 @@ class alignas(kCacheLines) ScanWalk {
   /// The same of a node's child. @param of_siblings what its children take; null if nobody knows.
   bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
                    const Shares& shares, int child, const SharesOfAll* of_siblings) {
-    const bool is_known = refinement_.model.is_known(leaf.cell());
-    if (of_siblings == nullptr || (is_known && refinement_.model.is_settled(leaf.cell())))
+    const bool is_well_observed = refinement_.model.is_well_observed(leaf.cell());
+    if (of_siblings == nullptr || (is_well_observed && refinement_.model.is_saturated(leaf.cell())))
       return update_leaf(leaf, crossings, list, shares);
-    return update_by_share(leaf, crossings, list, of_siblings->of(static_cast<std::size_t>(child), is_known));
+    return update_by_share(leaf, crossings, list,
+                           of_siblings->of(static_cast<std::size_t>(child), is_well_observed));
   }
   bool update_by_sample(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
-                        bool is_known) {
+                        bool is_well_observed) {
     ScanEvidence scan;
-    shares_.take(leaf.index, list, is_known, sample_, [&](const ScanFace<D>&, float, const BeamList& part) {
-      if (is_worth_asking(leaf, part))
-        scan = some_at_once(leaf, crossings, part, scan);
-      else
-        scan.add(evidence_.of(leaf.index, crossings, part));
-    });
+    shares_.take(leaf.index, list, is_well_observed, sample_,
+                 [&](const ScanFace<D>&, float, const BeamList& part) {
+                   if (is_worth_asking(leaf, part))
+                     scan = some_at_once(leaf, crossings, part, scan);
+                   else
+                     scan.add(evidence_.of(leaf.index, crossings, part));
+                 });
     refinement_.model.limit(scan);
     return update_or_divide(leaf, scan,
                             [&](const ScanEvidence& all) { return divide(leaf, list, sample_, all, {}); });
@@ -296,7 +298,7 @@ class alignas(kCacheLines) ScanWalk {
                                                               const BeamList& list, ScanEvidence scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
       if (refinement_.splits_anyway(leaf.cell(), scan) &&
-          !splits_in_vain(leaf.cell(), leaf.index.level, scan))
+          !predicted_to_remerge(leaf.cell(), leaf.index.level, scan))
         break;
       scan.add(evidence_.of(leaf.index, crossings, list.part(first, std::min(first + kToSplit, list.size))));
     }
@@ -308,17 +310,18 @@ class alignas(kCacheLines) ScanWalk {
                                              const Divide& divide) {
     if (!may_divide(leaf, level, scan)) return update(leaf, scan);
     const ScanEvidence& all = ScanEvidence::of(scan);  // Lives as long as the name.
-    return splits_in_vain(leaf, level, all) ? update_whole(leaf, all) : divide(all);
+    return predicted_to_remerge(leaf, level, all) ? update_without_split(leaf, all) : divide(all);
   }
   template <class Divide>
   bool update_or_divide(const Ref& leaf, const ScanEvidence& scan, const Divide& divide) {
     return update_or_divide(leaf.cell(), leaf.index.level, scan, divide);
   }
-  [[nodiscard]] bool splits_in_vain(const EvidenceCell& leaf, int level, const ScanEvidence& scan) const {
-    return refinement_.model.splits_in_vain(leaf, scan, kShareDivisor<Tree>, level - finest_level_);
+  [[nodiscard]] bool predicted_to_remerge(const EvidenceCell& leaf, int level,
+                                          const ScanEvidence& scan) const {
+    return refinement_.model.predicted_to_remerge(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
   }
-  bool update_whole(EvidenceCell& leaf, const ScanEvidence& scan) {
-    return counted(refinement_.model.update_whole(leaf, scan), scan.beams);
+  bool update_without_split(EvidenceCell& leaf, const ScanEvidence& scan) {
+    return counted(refinement_.model.update_without_split(leaf, scan), scan.beams);
   }
   /// Whether a leaf may have to split.
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,
@@ -351,7 +354,8 @@ class alignas(kCacheLines) ScanWalk {
         coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
                         refinement_.model.beams_of(cell.free_evidence() + scan.free));
     if (seen.shows_more) return split(leaf, list, sample, scan, shares);
-    if (!seen.is_enough) return counted(refinement_.model.remember(cell, seen.parts, scan), scan.beams);
+    if (!seen.is_enough)
+      return counted(refinement_.model.update_partly_seen(cell, seen.parts, scan), scan.beams);
     const bool changed = update(cell, scan);
     cell.set_covered(seen.is_covered);
     return changed;
@@ -376,7 +380,7 @@ class alignas(kCacheLines) ScanWalk {
     const bool changed = split(leaf, list, sample, shares);
     if (leaf.is_leaf() && parent.observed() && scan.hits == 0 && scan.occupied == 0) {
       leaf.cell() = parent;
-      (void)refinement_.model.update_whole(leaf.cell(), scan);
+      (void)refinement_.model.update_without_split(leaf.cell(), scan);
     }
     return changed;
   }
@@ -502,7 +506,7 @@ class alignas(kCacheLines) ScanWalk {
   }
   bool merge_children(const Ref& ref, bool was_split) {
     const auto merged =
-        refinement_.merge_rule.of_one_state(tree_.children(*ref.node), kNumChildren, kShareDivisor<Tree>);
+        refinement_.merge_rule.of_one_state(tree_.children(*ref.node), kNumChildren, kChildrenAcross<Tree>);
     if (!merged) return false;
     tree_.merge(*ref.node, *merged, arena_);
     if (was_split)

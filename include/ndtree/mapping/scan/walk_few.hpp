@@ -55,17 +55,17 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     if (of_child.set() == 0) continue;
     auto& node = children.node(c);
     if (!node.is_leaf()) {
-      if (Summary(node.note()).is_settled() && of_child.all_pass()) continue;
+      if (Summary(node.note()).is_saturated() && of_child.all_pass()) continue;
       changed = descend(children[c], of_child, below) || changed;
       continue;
     }
     EvidenceCell& cell = node.cell();
     const bool all_pass = of_child.all_pass();
-    const bool is_known = model.is_known(cell);
-    if (is_known && model.is_settled(cell)) {
+    const bool is_well_observed = model.is_well_observed(cell);
+    if (is_well_observed && model.is_saturated(cell)) {
       if (all_pass) continue;
-    } else if (takes_all || (shares ? shares->takes_all(of_child.child, is_known)
-                                    : shares_.takes_all(children[c].index, of_child, is_known))) {
+    } else if (takes_all || (shares ? shares->takes_all(of_child.child, is_well_observed)
+                                    : shares_.takes_all(children[c].index, of_child, is_well_observed))) {
       const auto divide_it = [&](const ScanEvidence& scan) {
         return divide(children[c], of_child, scan, below);
       };
@@ -85,7 +85,8 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
       continue;
     } else if (shares) {
       changed =
-          update_by_share(ref.index, children[c], of_child, shares->of(of_child.child, is_known)) || changed;
+          update_by_share(ref.index, children[c], of_child, shares->of(of_child.child, is_well_observed)) ||
+          changed;
       continue;
     }
     changed = update_leaf(children[c], of_child, below) || changed;
@@ -142,17 +143,17 @@ NDTREE_BY_EIGHTS inline bool ScanWalk<Tree, Refinement, Sensor>::update_children
     const LoneBeam in_child{beam.number, beam.face, {lone.enter[c], lone.exit[c]}};
     const bool passes = in_child.crossing.exit < pass;
     if (!node.is_leaf()) {
-      if (Summary(node.note()).is_settled() && passes) continue;
+      if (Summary(node.note()).is_saturated() && passes) continue;
       changed = descend(child(), in_child, takes_all) || changed;
       continue;
     }
     EvidenceCell& cell = node.cell();
-    const bool is_known = model.is_known(cell);
-    if (is_known && model.is_settled(cell)) {
+    const bool is_well_observed = model.is_well_observed(cell);
+    if (is_well_observed && model.is_saturated(cell)) {
       if (!passes) changed = update_leaf(child(), in_child, {&beam.face, takes_all}) || changed;
       continue;
     }
-    const float share = takes_all ? 1.0f : shares_.of(child().index, beam.face, is_known);
+    const float share = takes_all ? 1.0f : shares_.of(child().index, beam.face, is_well_observed);
     if (!(beam.number < beams_.end_of_share(beam.face, share))) continue;
     const auto divide_it = [&](const ScanEvidence& scan) {
       return divide(child(), in_child, share, scan, takes_all);

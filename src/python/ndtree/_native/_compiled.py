@@ -119,7 +119,7 @@ def _wrapped(
     call.__doc__ = text_of(function.__doc__)
     if signature is not None:
         call.__signature__ = signature  # type: ignore[attr-defined]
-        del call.__wrapped__  # type: ignore[attr-defined]  # Of which nothing is known.
+        del call.__wrapped__  # type: ignore[attr-defined]  # Its signature is unknown.
     return call
 
 

@@ -34,7 +34,7 @@ class _Grid:
         return self.origin + (cells + 0.5) * self.cell_size
 
     def around(self, *maps: PlacedMap) -> tuple[Integers, Integers] | None:
-        """First and last numbers, (dim,) each, of the cells that any of the maps knows something of."""
+        """First and last numbers, (dim,) each, of the cells that any of the maps has observed."""
         lows, highs = [], []
         for one in maps:
             leaves = one.map.leaves()
