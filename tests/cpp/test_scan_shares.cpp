@@ -38,9 +38,9 @@ ScanFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t 
     face.upper[k] = random.chance(0.2) ? face.lower[k] : static_cast<float>(random.uniform(0.0, 1.0));
   }
   face.divide();
-  for (const bool is_known : {false, true})
-    face.depth_of_all[is_known] =
-        face.depth_for(static_cast<float>(model.sample_beams(is_known)), static_cast<float>(kUnit));
+  for (const bool is_well_observed : {false, true})
+    face.depth_of_all[is_well_observed] =
+        face.depth_for(static_cast<float>(model.sample_beams(is_well_observed)), static_cast<float>(kUnit));
   face.first_step = number_of_steps_before;
   const auto all = static_cast<std::uint32_t>(face.steps_of_all());
   face.num_steps =
@@ -86,9 +86,10 @@ TYPED_TEST(SharesOf, ChildrenTogetherAreThoseOfEach) {
         for (int c = 0; c < ChildClip<N, D>::kNumChildren; ++c) {
           const CellIndex<D> leaf = geometry.child(node, child_offset<N, D>(c));
           const auto child = static_cast<std::size_t>(c);
-          for (const bool is_known : {false, true}) {
-            const FaceShare<D> expected = shares.share_of(counted, shares.of(leaf, counted, is_known));
-            const FaceShare<D> share = children.of(child, is_known);
+          for (const bool is_well_observed : {false, true}) {
+            const FaceShare<D> expected =
+                shares.share_of(counted, shares.of(leaf, counted, is_well_observed));
+            const FaceShare<D> share = children.of(child, is_well_observed);
             ASSERT_EQ(share.face, &counted);
             ASSERT_EQ(share.share, expected.share);
             ASSERT_EQ(share.end, expected.end);

@@ -191,7 +191,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       {0.06, 0.0, 1.0, 4.0, 200.0, 20.0, 8.0, 2.0, 0.3, 0.9, 2.0},
       {0.02, 0.0, 1.0, 4.0, 20.0, 20.0, 64.0, 50.0, 0.05, 1.0, 8.0},
       {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6, 0.0, 2.0},
-      {0.06, 0.0, 1.0, 4.0, 200.0, 2.0, 3.0, 2.0, 0.3, 0.0, 2.0},  // Free space is settled soon.
+      {0.06, 0.0, 1.0, 4.0, 200.0, 2.0, 3.0, 2.0, 0.3, 0.0, 2.0},  // Free space is saturated soon.
       {0.3, 0.0, 0.0, 1.0, 200.0, 20.0, 16.0, 1.0, 1e6, 0.0,
        2.0},  // Cells of all sizes are small beside the noise ...
       {0.2, 0.0, 1.5, 2.0, 20.0, 200.0, 16.0, 3.0, 0.1, 0.0, 2.0},   // ... and may not all be split.
@@ -201,8 +201,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   int scans = 0;
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
-  std::uint64_t whole_again = 0;
-  std::uint64_t in_vain = 0;
+  std::uint64_t remerged = 0;
+  std::uint64_t predicted_remerges = 0;
   std::uint64_t sampled = 0;
   std::uint64_t for_coverage = 0;
   std::uint64_t partly_seen = 0;
@@ -242,8 +242,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       }
       splits += flat.splits;
       merges += flat.merges;
-      whole_again += flat.whole_again;
-      in_vain += flat.in_vain;
+      remerged += flat.remerged;
+      predicted_remerges += flat.predicted_remerges;
       sampled += flat.sampled;
       for_coverage += flat.for_coverage;
       partly_seen += flat.partly_seen;
@@ -253,8 +253,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_GE(partly_seen, D == 1 ? 0u : N == 2 ? 30u : 5u);
   EXPECT_GE(splits, 30u);
   EXPECT_GE(merges, 5u);
-  EXPECT_GE(whole_again, 5u);
-  EXPECT_GE(in_vain, 5u);
+  EXPECT_GE(remerged, 5u);
+  EXPECT_GE(predicted_remerges, 5u);
   EXPECT_GE(sampled, D == 1 ? 0u : 1000u);
 }
 

@@ -23,8 +23,7 @@
 namespace ndtree {
 
 /// Threads that wait for work until they are gone. The one that makes them is worker number 0. Work often
-/// comes in short pieces one after the other, where to fall asleep and be woken takes longer than to wait: so
-/// who waits stays awake for a moment.
+/// comes in short pieces one after the other, so idle workers spin briefly before sleeping.
 class Workers {
  public:
   /// @param threads that may work at once, >= 1. They are started when there is work for them.
@@ -43,20 +42,20 @@ class Workers {
 
   [[nodiscard]] std::size_t count() const { return count_; }
 
-  /// Calls `work(worker, task)` once for each task in [0, tasks). Each worker has a share of them, one behind
-  /// the other, and begins with that; who is done takes what others have not begun. So whoever hands out
-  /// tasks in the same order again may find them where their data still is, in a core's own cache. There are
-  /// no more workers than tasks. Returns when all are done.
-  /// @throws what the first of the tasks that fail has thrown, whoever fails earlier; later ones may then not
-  ///   have begun, and a worker that has failed begins none. Or Cancelled, see CancelScope, if nothing else
-  ///   was thrown.
+  /// Calls `work(worker, task)` once for each task in [0, tasks). Each worker begins with a range of its
+  /// own, and then takes tasks that others have not begun (work stealing). Called again with tasks in the
+  /// same order, workers mostly find their data in their core's own cache. There are no more workers than
+  /// tasks. Returns when all are done.
+  /// @throws what the failing task with the lowest number has thrown, also if another failed earlier in time;
+  ///   later tasks may then not have begun, and a worker that has failed begins none. Or Cancelled, see
+  ///   CancelScope, if nothing else was thrown.
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
     const std::size_t sharing = std::min(count_, tasks);
     if (sharing <= 1) return do_alone(tasks, work);
     for_each_task(0, even_shares(tasks, sharing), work);
   }
-  /// The same with shares of any size, and before them tasks that are nobody's: who is free takes the next.
+  /// As above with ranges of any size, and before them tasks without an owner: an idle worker takes the next.
   /// @param first of the tasks in shares. @param ends of the shares, one behind the other, of as many workers
   ///   as are to work, not more than there are; the last is the number of tasks.
   template <class Work>

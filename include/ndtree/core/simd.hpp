@@ -16,10 +16,10 @@
 #define NDTREE_BY_EIGHTS [[gnu::target("avx2,popcnt,no-fma")]]
 #endif
 #define NDTREE_HAS_SIXTEENS 1
-/// The same with AVX-512, which Clang knows with FMA alone: such functions must not add to products at all.
+/// Compiles a function with AVX-512, which Clang enables with FMA only: it must not add to products at all.
 #define NDTREE_BY_SIXTEENS [[gnu::target("avx2,popcnt,avx512f,avx512dq")]]
 #elif defined(NDTREE_USE_SIMDE) && defined(__aarch64__) && defined(__GNUC__)
-// SIMDe writes the same functions with NEON, which every such processor has. Who asks for it has it.
+// SIMDe writes the same functions with NEON, which every such processor has. NDTREE_USE_SIMDE asks for it.
 #define SIMDE_ENABLE_NATIVE_ALIASES
 #define SIMDE_NO_FAST_NANS  // The smaller and the larger of two are those of x86, also of 0 and -0.
 #include <simde/x86/avx2.h>
@@ -208,7 +208,7 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, const 
   for (std::size_t g = 0; g < kGroups; ++g) turn_four(pair[g], columns + 4 * g);
 }
 #ifdef NDTREE_HAS_SIXTEENS
-/// The same of sixteen rows.
+/// load_columns() of sixteen rows.
 template <class Row>
 NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, const std::uint32_t* rows,
                                                           __m512* columns) {

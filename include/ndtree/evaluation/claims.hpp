@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// How much of the space that a map calls free nobody has seen, and how much of what was seen it does not
-/// know.
+/// How much of the space that a map calls free was not seen by any beam, and how much of the seen space is
+/// unknown in the map.
 #pragma once
 
 #include <Eigen/Core>
@@ -30,10 +30,10 @@ namespace ndtree {
 /// Where space is asked about, and what counts as seen.
 struct ClaimsOptions {
   std::size_t samples = 40000;  ///< Points drawn, 1 to 1e9.
-  double spacings = 1.5;        ///< A point is in view if a beam passes it within so many median spacings.
-  double tolerance = 0.1;       ///< A beam that returned sees so far behind its end point [m].
-  double margin = 1.0;          ///< Points are drawn up to so far around the box of end points [m] ...
-  double middle = 0.98;         ///< ... which holds this share of them on each axis, the middle ones.
+  double spacings = 1.5;        ///< A point is in view if a beam passes it within this many median spacings.
+  double tolerance = 0.1;       ///< A beam that returned sees this far behind its end point [m].
+  double margin = 1.0;          ///< Points are drawn up to this far around the box of end points [m],
+  double middle = 0.98;         ///< which holds this fraction of them on each axis, the middle ones.
   std::uint64_t seed = 0;       ///< Of the points.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
@@ -85,11 +85,11 @@ class SeenSpace {
     for (const Eigen::Index i : unseen) seen_[i] = false;
   }
 
-  /// One column each; none if no beam says anything.
+  /// One column each; none without a valid beam.
   [[nodiscard]] const Points<D>& points() const { return points_; }
   /// Whether a scan saw the point, one each.
   [[nodiscard]] const Eigen::Array<bool, Eigen::Dynamic, 1>& seen() const { return seen_; }
-  /// Where the points are; none if no beam says anything.
+  /// Where the points are; none without a valid beam.
   [[nodiscard]] const std::optional<Box<D>>& box() const { return box_; }
 
  private:
@@ -206,8 +206,8 @@ class SeenSpace {
   Eigen::Array<bool, Eigen::Dynamic, 1> seen_;
 };
 
-/// What a map says about points of which is known whether somebody saw them, as counts. As the points are
-/// drawn uniformly, shares of them are shares of volume; none where nothing was counted.
+/// Counts of the states that a map gives to points, of which each was seen by a scan or not. As the points
+/// are drawn uniformly, fractions of them are fractions of volume; none where nothing was counted.
 struct Claims {
   std::uint64_t points = 0;            ///< All.
   std::uint64_t seen = 0;              ///< Some scan saw it.

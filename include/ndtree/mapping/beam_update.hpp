@@ -42,7 +42,7 @@ class BeamUpdate : public BeamVisitor {
   /// One beam after the other.
   [[nodiscard]] static std::size_t most_workers(Eigen::Index /*beams*/) { return 1; }
 
-  /// Looks over a scan, which must stay where it is until finish() is done; the tree stays as it is.
+  /// Surveys a scan, which must stay where it is until finish() is done; the tree stays as it is.
   /// @throws as survey_exactly().
   ScanSurvey<D> look_over(const Measurements<D, Sensor>& measurements, Workers& /*workers*/) {
     measurements_ = &measurements;

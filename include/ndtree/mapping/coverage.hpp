@@ -15,8 +15,8 @@
 namespace ndtree {
 
 struct CoverageOptions {
-  double covered_share = 0.25;  ///< Of each half of a cell, to be known; 0: whatever a beam passes.
-  double coverage_cells = 2.0;  ///< To show what was seen, cells of more than so many smallest ones split.
+  double covered_share = 0.25;  ///< Of each half, for a cell to be observed; 0: any beam is enough.
+  double coverage_cells = 2.0;  ///< To show what was seen, cells of more smallest cells than this split.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>
@@ -28,7 +28,8 @@ struct CoverageOptions {
   void validate() const { for_each_bounded(*this, require_within); }
 };
 
-/// A cell, in two along each of its first axes, of which four count at most: a set of parts fits 16 bits.
+/// A cell's parts: it is halved along each of its first axes, at most four, so that a set of parts fits 16
+/// bits.
 template <int N, int D>
 struct CellParts {
   static constexpr int kAxes = D < 4 ? D : 4;
@@ -100,7 +101,7 @@ class ScanCoverage {
   [[nodiscard]] std::int64_t units_of_child(int number) const {
     return of_child_[static_cast<std::size_t>(number)];
   }
-  /// Beams that would pass straight through one child if it was seen like those that were.
+  /// Beams that would pass straight through one child if it was seen like the seen children.
   [[nodiscard]] double beams_for_child() const {
     std::int64_t seen = 0;
     for (const std::int64_t child : of_child_) seen += child;
@@ -123,13 +124,13 @@ class ScanCoverage {
 /// What follows from what was seen of a cell that was never observed.
 struct CoverageVerdict {
   std::uint32_t parts = 0;  ///< Seen by now, one bit for each of CellParts.
-  bool is_enough = true;    ///< What the beams say holds for the whole cell.
+  bool is_enough = true;    ///< The beams' evidence holds for the whole cell.
   bool shows_more = false;  ///< If not: smaller cells would tell what was seen from what was not.
   bool is_covered = false;  ///< This scan has seen all of the cell, but for a smallest cell in depth.
 };
 
-/// When a cell may be called free as a whole. A beam through a corner has seen the corner; what it says must
-/// not become the state of a cell in which nobody has looked.
+/// When a cell may be called free as a whole. A beam through a corner has seen the corner; its
+/// evidence must not become the state of the unseen rest.
 ///
 /// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
 /// children is missing. A cell is known when all its parts were seen, by one scan or by several. A cell of
@@ -156,7 +157,7 @@ class CoverageModel {
   [[nodiscard]] bool is_certain(const ScanCoverage<N, D>& scan, double size) const {
     return all_seen(scan, std::max(share_, covered<N>(size)));
   }
-  /// Whether so many parts of a cell are enough to know it. @param size as in judge().
+  /// Whether a cell with these seen parts is observed. @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool are_enough(std::uint32_t parts, double size) const {
     using Parts = CellParts<N, D>;

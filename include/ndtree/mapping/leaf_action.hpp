@@ -10,7 +10,8 @@ namespace ndtree {
 /// What a scan does to a leaf.
 enum class LeafAction : std::uint8_t {
   update,                ///< It takes the scan's evidence.
-  update_without_split,  ///< It would split, but its children would re-merge: EvidenceModel::update_whole().
+  update_without_split,  ///< It would split, but its children would re-merge:
+                         ///< EvidenceModel::update_without_split().
   judge_coverage,  ///< It was never observed, and beams have only passed: CoverageModel::judge() decides.
   split,           ///< Its children take the scan's evidence.
 };

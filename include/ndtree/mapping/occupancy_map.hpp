@@ -151,7 +151,7 @@ class OccupancyMap {
                                     sizeof(*this) - sizeof(tree_));
     const CompressReport report = compression.run(budget);
     forget_summaries(compressed);
-    summarise_unknown(compressed, *compressed.root().node, settled());
+    summarise_stale(compressed, *compressed.root().node, saturated());
     last_checkpoint();
     tree_ = std::move(compressed);
     counters_.merges += report.merges;
@@ -165,8 +165,8 @@ class OccupancyMap {
     check(box);
     forget(CropRule<D>{tree_.geometry().on_borders(box)});
   }
-  /// Forgets the space in a box: larger cells on its border are divided, and of smallest cells there those go
-  /// that share a volume with it. @throws as crop().
+  /// Forgets the space in a box: larger cells on its border are divided, and smallest cells that share a
+  /// volume with it are forgotten. @throws as crop().
   void clear(const Box<D>& box) {
     check(box);
     forget(ClearRule<D>{tree_.geometry().on_borders(box)});
@@ -181,10 +181,9 @@ class OccupancyMap {
     forget(NearRule<D>{center, radius});
   }
 
-  /// Adds what another map of the same place knows, as if this one had seen it, too: evidence and counts of
-  /// cells add up (of paper and fixed maps the log-odds, clamped); where the cells of one are larger, each of
-  /// the other's gets its part. Siblings join as they do while mapping. What cells of both come to does not
-  /// depend on which is merged into which. O(nodes of both).
+  /// Adds the evidence of another map of the same place: evidence and counts of cells add up (in paper and
+  /// fixed maps the log-odds, clamped); where the cells of one map are larger, each of the other's gets its
+  /// part. Siblings merge as while mapping. Commutes to the last bit. O(nodes of both).
   /// @throws std::invalid_argument if the sizes of cells differ, MemoryLimitReached, std::bad_alloc,
   ///   Cancelled; the map is then unchanged.
   void merge(const OccupancyMap& other) {
@@ -196,7 +195,7 @@ class OccupancyMap {
     const auto merges = joining.merge();
     Tree& joined = joining.tree();
     joined.limit_memory(kUnlimitedMemory);
-    summarise_unknown(joined, *joined.root().node, settled());
+    summarise_stale(joined, *joined.root().node, saturated());
     last_checkpoint();
     tree_ = std::move(joined);
     counters_.merges += other.counters_.merges + merges;
@@ -205,8 +204,8 @@ class OccupancyMap {
     counters_.scans += other.counters_.scans;
   }
 
-  /// Takes over what another map holds of places of which this one holds nothing: every cell stays what it
-  /// is, bit for bit, so that parts of space that were mapped apart become the map that one would have made.
+  /// Copies another map's cells where this one is unknown, bit for bit, so that parts of space that were
+  /// mapped apart become the map that one process would have made.
   /// @param box if given, only of the cubes of max_cell_size (of a fixed map: the cells) that share a volume
   ///   with it, as with the window of insert(), and counters stay this map's; else counters add up.
   ///   O(what is taken over, and nodes of both above it).
@@ -222,7 +221,7 @@ class OccupancyMap {
     changed.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
     detail::Adopting<Tree>(changed, coarsest).run(other.tree_, window ? &*window : nullptr);
     changed.limit_memory(kUnlimitedMemory);
-    summarise_unknown(changed, *changed.root().node, settled());
+    summarise_stale(changed, *changed.root().node, saturated());
     last_checkpoint();
     tree_ = std::move(changed);
     if (box) return;
@@ -284,9 +283,9 @@ class OccupancyMap {
     return options;
   }
 
-  /// Whether a cell is settled.
-  [[nodiscard]] auto settled() const {
-    return [this](const Cell& cell) { return refinement_.is_settled(cell); };
+  /// A predicate of cells: saturated or not.
+  [[nodiscard]] auto saturated() const {
+    return [this](const Cell& cell) { return refinement_.is_saturated(cell); };
   }
 
   void require_same_options(const OccupancyMap& other) const {
@@ -313,9 +312,9 @@ class OccupancyMap {
 
   template <class Rule>
   void forget(const Rule& rule) {
-    const auto is_settled = settled();
+    const auto is_saturated = saturated();
     Tree changed = tree_;
-    detail::Forgetting<Tree, decltype(is_settled), Rule>(changed, is_settled, rule).run();
+    detail::Forgetting<Tree, decltype(is_saturated), Rule>(changed, is_saturated, rule).run();
     changed.shrink_if_half_empty();
     last_checkpoint();
     tree_ = std::move(changed);
@@ -328,7 +327,7 @@ class OccupancyMap {
 
   void check_summary(const typename Tree::ConstRef& parent) const {
     const SummaryOfSiblings expected =
-        summary_of_siblings(tree_.children(*parent.node), Tree::kNumChildren, settled());
+        summary_of_siblings(tree_.children(*parent.node), Tree::kNumChildren, saturated());
     if (parent.node->note() != expected.summary.word())
       throw std::logic_error("the summary of a node of level " + std::to_string(parent.index.level) +
                              " is not that of its children");
@@ -370,7 +369,7 @@ OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options, 
       sensor_(options),
       tree_(std::move(tree)),
       counters_(counters) {
-  summarise_unknown(tree_, *tree_.root().node, settled());
+  summarise_stale(tree_, *tree_.root().node, saturated());
 }
 
 template <int N, int D, class Refinement, class Sensor>
@@ -417,12 +416,12 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
       counters_ = before;
     } else {
       forget_summaries(tree_);
-      summarise_unknown(tree_, *tree_.root().node, settled());
+      summarise_stale(tree_, *tree_.root().node, saturated());
     }
     throw;
   }
   tree_.limit_memory(kUnlimitedMemory);
-  summarise_unknown(tree_, *tree_.root().node, settled());
+  summarise_stale(tree_, *tree_.root().node, saturated());
   counters_.scans = scan_number + 1;
   report.updates = counters_.updates - before.updates;
   report.splits = counters_.splits - before.splits;

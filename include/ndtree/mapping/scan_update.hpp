@@ -206,12 +206,12 @@ class ScanUpdate {
     std::vector<std::uint32_t> number(kept.size(), 0);
     for (std::size_t f = 0; f < kept.size(); ++f) {
       const ScanFace<D>& face = image_.faces()[f];
-      if (kept[f] > 0 && !face.is_lone()) {
+      if (kept[f] > 0 && !face.is_single()) {
         number[f] = static_cast<std::uint32_t>(faces.size());
         faces.push_back(face);
-        for (const bool is_known : {false, true})
-          faces.back().depth_of_all[is_known] =
-              face.depth_for(static_cast<float>(refinement_.model.sample_beams(is_known)),
+        for (const bool is_well_observed : {false, true})
+          faces.back().depth_of_all[is_well_observed] =
+              face.depth_for(static_cast<float>(refinement_.model.sample_beams(is_well_observed)),
                              static_cast<float>(tree_.geometry().unit()));
       }
       faces[number[f]].end_of_beams += kept[f];

@@ -183,7 +183,7 @@ class CollisionSearch {
     const Nearness nearness = nearness_(centre, half, half * diagonal_, rounding_);
     if (nearness == Nearness::apart) return false;
     if (ref.is_leaf()) return nearness != Nearness::open || touch(shape_, tree_.box(ref.index));
-    if (nearness == Nearness::inside && Summary::of(*ref.node).is_known()) return true;
+    if (nearness == Nearness::inside && Summary::of(*ref.node).is_valid()) return true;
     return any_below(ref);
   }
 
@@ -213,7 +213,7 @@ template <class Map>
       part);
 }
 
-/// The same of a body in a pose.
+/// Whether a body collides in a pose, otherwise as above.
 template <class Map>
 [[nodiscard]] bool collides(const Map& map, const Body<Map::kDim>& body, const Pose<Map::kDim>& pose,
                             UnknownSpace unknown = UnknownSpace::free) {

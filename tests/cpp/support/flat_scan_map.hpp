@@ -26,11 +26,11 @@ class FlatScanMap {
   std::uint64_t updates = 0;
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
-  std::uint64_t whole_again = 0;   ///< Splits undone by the same scan, which count as neither.
-  std::uint64_t in_vain = 0;       ///< Cells that would have been, and stayed.
-  std::uint64_t for_coverage = 0;  ///< Splits of cells of which only a part was seen ...
-  std::uint64_t partly_seen = 0;   ///< ... and updates of those that did not split.
-  std::uint64_t sampled = 0;       ///< Pairs of a cell and a beam that was in no sample.
+  std::uint64_t remerged = 0;            ///< Splits undone by the same scan, which count as neither.
+  std::uint64_t predicted_remerges = 0;  ///< Splits that were predicted to re-merge, and not made.
+  std::uint64_t for_coverage = 0;        ///< Splits of cells of which only a part was seen.
+  std::uint64_t partly_seen = 0;         ///< Updates of partly seen cells that did not split.
+  std::uint64_t sampled = 0;             ///< Pairs of a cell and a beam that was in no sample.
 
   /// Level-0 cells of [first, last) on each axis; beams must not leave them.
   FlatScanMap(const MapOptions& options, int first, int last)
@@ -68,8 +68,9 @@ class FlatScanMap {
       const Coverage coverage = coverage_of(next, cell, scan_evidence, sample_beams);
       const bool was_observed = cell.observed();
       const bool is_asked = next.level > -num_levels_ && splits_now(cell, scan_evidence);
-      const bool is_in_vain = is_asked && !coverage.splits &&
-                              model_.splits_in_vain(cell, scan_evidence, kShare, next.level + num_levels_);
+      const bool is_predicted_to_remerge =
+          is_asked && !coverage.splits &&
+          model_.predicted_to_remerge(cell, scan_evidence, kShare, next.level + num_levels_);
       if (!coverage.enough && !coverage.splits) {
         const EvidenceCell before = cell;
         cell.set_partly_seen(
@@ -80,14 +81,14 @@ class FlatScanMap {
         if (cell == before) continue;
         mark(next);
         updates += scan_evidence.beams;
-      } else if (next.level > -num_levels_ && (coverage.splits || (is_asked && !is_in_vain))) {
+      } else if (next.level > -num_levels_ && (coverage.splits || (is_asked && !is_predicted_to_remerge))) {
         for_coverage += coverage.splits;
         const EvidenceCell parent = cell;
         cells.erase(next);
         for (const auto& child : children_of<N, D>(next, edge(next.level - 1))) {
-          cells[child] = model_.inherited(parent, kShare, num_beams(child, true, next, sample_beams),
-                                          num_beams(next, false, next, sample_beams), part_of(child, next),
-                                          child.level == -num_levels_);
+          cells[child] = model_.initial_child(parent, kShare, num_beams(child, true, next, sample_beams),
+                                              num_beams(next, false, next, sample_beams),
+                                              part_of(child, next), child.level == -num_levels_);
           waiting.push_back(child);
         }
         split_now.emplace(next, std::make_pair(parent, scan_evidence));
@@ -95,9 +96,10 @@ class FlatScanMap {
         ++splits;
       } else if (scan_evidence.beams > 0) {
         const EvidenceCell before = cell;
-        is_in_vain ? model_.update_whole(cell, scan_evidence) : model_.update(cell, scan_evidence);
+        is_predicted_to_remerge ? model_.update_without_split(cell, scan_evidence)
+                                : model_.update(cell, scan_evidence);
         if (coverage.is_asked && !was_observed) cell.set_covered(coverage.is_covered);
-        in_vain += is_in_vain;
+        predicted_remerges += is_predicted_to_remerge;
         if (cell == before) continue;
         mark(next);
         updates += scan_evidence.beams;
@@ -112,12 +114,12 @@ class FlatScanMap {
         if (changed.count(parent) == 0 || !merge(parent)) continue;
         if (const auto split = split_now.find(parent); split != split_now.end()) {
           --splits;
-          ++whole_again;
+          ++remerged;
           // What passes say adds up as if the cell had not split.
           const auto& [before, scan_evidence] = split->second;
           if (before.observed() && scan_evidence.hits == 0 && scan_evidence.occupied == 0) {
             cells[parent] = before;
-            model_.update_whole(cells[parent], scan_evidence);
+            model_.update_without_split(cells[parent], scan_evidence);
           }
         } else {
           ++merges;
@@ -171,7 +173,7 @@ class FlatScanMap {
       if (behind && !small) continue;
       if (nats > 0.0f)
         sum.occupied +=
-            std::lrint(EvidenceModel::probability_inside_table()(std::min(beam.sigma * (1.0f / size), 0.6f)) *
+            std::lrint(BeamWeight::probability_inside_table()(std::min(beam.sigma * (1.0f / size), 0.6f)) *
                        nats * 256.0f);
       else
         sum.free += std::lrint(-nats * 256.0f);
@@ -346,8 +348,8 @@ class FlatScanMap {
   }
   /// Cells that know much take fewer beams, unless they know of free space only and too many end there.
   [[nodiscard]] double sample_beams_of(const CellIndex<D>& index, const EvidenceCell& cell) const {
-    const bool is_known = static_cast<double>(cell.occupied_evidence() + cell.free_evidence()) >=
-                          std::floor(options_.known_evidence * 256.0 + 0.5);
+    const bool is_well_observed = static_cast<double>(cell.occupied_evidence() + cell.free_evidence()) >=
+                                  std::floor(options_.known_evidence * 256.0 + 0.5);
     const double learning = 5.0 * options_.sample_beams;
     std::map<std::array<double, D + 2>, std::pair<int, float>>
         ends;  // Of each face, and beams expected there.
@@ -366,8 +368,8 @@ class FlatScanMap {
     }
     double blocked = 0.0;
     for (const auto& [face, of_face] : ends) blocked += of_face.first / static_cast<double>(of_face.second);
-    const bool contradicted = model_.is_settled(cell) && blocked > options_.hit_given_free;
-    return is_known && !contradicted ? options_.sample_beams : learning;
+    const bool contradicted = model_.is_saturated(cell) && blocked > options_.hit_given_free;
+    return is_well_observed && !contradicted ? options_.sample_beams : learning;
   }
 
   struct Coverage {

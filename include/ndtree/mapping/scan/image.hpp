@@ -81,9 +81,9 @@ struct ScanFace {
   /// At this depth and farther away, a cell of this size expects no more than so many beams [m].
   [[nodiscard]] float depth_for(float beams, float size) const {
     if constexpr (kAxes == 0) return beams >= 1.0f ? 0.0f : std::numeric_limits<float>::infinity();
-    return is_lone() ? 0.0f
-                     : kSlack * size * density /
-                           std::pow(beams, 1.0f / static_cast<float>(std::max<std::size_t>(1, kAxes)));
+    return is_single() ? 0.0f
+                       : kSlack * size * density /
+                             std::pow(beams, 1.0f / static_cast<float>(std::max<std::size_t>(1, kAxes)));
   }
   /// Chances are told apart in steps, a power of two of them, of one to two beams each in the mean: all beams
   /// of a step are in a sample, or none.
@@ -108,7 +108,7 @@ struct ScanFace {
   /// Beams that cross a cube of this size at a depth, if they are spread evenly over the face; none, so to
   /// speak, if there is but one.
   [[nodiscard]] float expected_beams(float depth, float size) const {
-    if (is_lone()) return 0.0f;
+    if (is_single()) return 0.0f;
     const float row = size * density / depth;
     float expected = 1.0f;
     for (const float n : places) expected *= std::min(row, n);
@@ -122,12 +122,12 @@ struct ScanFace {
     return static_cast<float>(std::max(half, std::abs(centre)));
   }
   /// Edge of the square that a beam stands for at depth 1: its share of the solid angle, but not more than a
-  /// tenth. Of a lone beam nobody knows it: 0.
+  /// tenth. Of a single beam nobody knows it: 0.
   [[nodiscard]] float width_of_beam() const {
     constexpr float kWidest = 0.1f;
-    return is_lone() ? 0.0f : std::min(kWidest, 1.0f / density);
+    return is_single() ? 0.0f : std::min(kWidest, 1.0f / density);
   }
-  [[nodiscard]] bool is_lone() const { return num_beams == 1; }
+  [[nodiscard]] bool is_single() const { return num_beams == 1; }
 
  private:
   [[nodiscard]] double extent(std::size_t k) const {

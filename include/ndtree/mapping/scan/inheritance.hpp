@@ -20,7 +20,7 @@ namespace ndtree {
 /// Gives the children of a leaf what is due to them of what it knew, by how many of the beams that counted in
 /// it have passed each: have left it before they could have met anything.
 template <class Tree>
-class Inheritance {
+class ChildrenInitialiser {
   static constexpr int N = Tree::kBranching;
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
@@ -28,15 +28,16 @@ class Inheritance {
   using Planes = typename CellCrossings<N, D>::Planes;
 
  public:
-  Inheritance(const LatticeGeometry<N, D>& geometry, const EvidenceModel& model, const ScanBeams<D>& beams)
+  ChildrenInitialiser(const LatticeGeometry<N, D>& geometry, const EvidenceModel& model,
+                      const ScanBeams<D>& beams)
       : geometry_(geometry), model_(model), beams_(beams), width_(beams.width()) {}
 
   /// @param leaf what it knew. @param sample which beams of its list counted.
   /// @param lists of its children. @param planes of the leaf, if all beams have one origin.
-  void share_out(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
-                 const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
-                 NodeType* children) const {
-    if (!EvidenceModel::has_heirs(leaf)) return;
+  void initialise(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
+                  const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
+                  NodeType* children) const {
+    if (!EvidenceModel::has_evidence_for_children(leaf)) return;
     const bool is_finest = index.level - 1 == geometry_.finest_level();
     std::size_t beams = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) { beams += part.size; });
@@ -45,22 +46,22 @@ class Inheritance {
       const CellIndex<D> at = geometry_.child(index, child_offset<N, D>(child));
       const CellCrossings<N, D> crossings(geometry_, beams_, at, planes, child);
       children[j].cell() =
-          inherited(leaf, count_passed(crossings, lists.of(child), sample), beams, j, is_finest);
+          initial_child(leaf, count_passed(crossings, lists.of(child), sample), beams, j, is_finest);
     }
   }
 
 #ifdef NDTREE_HAS_EIGHTS
   /// The same of a packet. @param few where its rays cross the leaf's children.
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const EvidenceCell& leaf, int level,
-                                                      std::uint32_t sample,
-                                                      FewCrossings<D, kNumChildren>& few,
-                                                      NodeType* children) const {
-    if (!EvidenceModel::has_heirs(leaf)) return;
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void initialise(const EvidenceCell& leaf, int level,
+                                                       std::uint32_t sample,
+                                                       FewCrossings<D, kNumChildren>& few,
+                                                       NodeType* children) const {
+    if (!EvidenceModel::has_evidence_for_children(leaf)) return;
     const bool are_finest = level - 1 == geometry_.finest_level();
     const EightEnds<D>& ends = beams_.ends_of(few.beams);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const std::uint32_t set = passed(ends, _mm256_load_ps(few.exit[j].data())) & few.set[j];
-      children[j].cell() = inherited(leaf, count(set & sample), count(sample), j, are_finest);
+      children[j].cell() = initial_child(leaf, count(set & sample), count(sample), j, are_finest);
     }
   }
   /// The set of a packet's rays that a sample of their list takes.
@@ -75,10 +76,10 @@ class Inheritance {
 
  private:
   /// @param passed of so many beams.
-  [[nodiscard]] EvidenceCell inherited(const EvidenceCell& leaf, std::size_t passed, std::size_t beams,
-                                       std::size_t child, bool is_finest) const {
-    return model_.inherited(leaf, kShareDivisor<Tree>, passed, beams,
-                            CellParts<N, D>::of_child(static_cast<int>(child)), is_finest);
+  [[nodiscard]] EvidenceCell initial_child(const EvidenceCell& leaf, std::size_t passed, std::size_t beams,
+                                           std::size_t child, bool is_finest) const {
+    return model_.initial_child(leaf, kChildrenAcross<Tree>, passed, beams,
+                                CellParts<N, D>::of_child(static_cast<int>(child)), is_finest);
   }
   [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list,
                                          const LeafSample<D>& sample) const {

@@ -66,7 +66,7 @@ class LeafEvidence {
       of_level.per_cell = 1.0f / of_level.cell;
       of_level.child = is_finest ? -1.0f : static_cast<float>(geometry.cell_size(level - 1));
       of_level.units_per_metre =
-          static_cast<float>(static_cast<double>(model.of_miss()) / (kMeanChord * size));
+          static_cast<float>(static_cast<double>(model.miss_evidence()) / (kMeanChord * size));
       of_level.is_inside_alike = beams.largest_sigma() == beams.smallest_sigma();
       of_level.inside = inside(of_level, beams.smallest_sigma());
       of_level.small = is_finest ? 0.0f : of_level.cell;
@@ -134,10 +134,10 @@ class LeafEvidence {
       const float per_sigma = 1.0f / beam.sigma;
       const float before_end = (enter - beam.range) * per_sigma;
       const float behind_end = (end - beam.range) * per_sigma;
-      EvidenceModel::add(sum,
-                         all_.sensor_.quick_log_odds(
-                             before_end, holds_end ? std::max(behind_end, kLeastBehindHit) : behind_end),
-                         size_.is_inside_alike ? size_.inside : all_.inside(size_, beam.sigma));
+      BeamWeight::add(sum,
+                      all_.sensor_.quick_log_odds(
+                          before_end, holds_end ? std::max(behind_end, kLeastBehindHit) : behind_end),
+                      size_.is_inside_alike ? size_.inside : all_.inside(size_, beam.sigma));
       if (holds_end) {
         ++sum.hits;
         sum.resolvable_hits += is_resolvable();
@@ -215,7 +215,7 @@ class LeafEvidence {
     bool is_simple;         // ... and they are alike.
     std::int32_t edge;      // Of the cell, in smallest cells, if it fits.
     bool is_inside_alike;   // Of all beams: they are equally noisy.
-    float inside;           // EvidenceModel::probability_inside() of the most precise beam.
+    float inside;           // BeamWeight::probability_inside() of the most precise beam.
     float small;  // The cell's, or 0 if it is one of the smallest, which are small beside any noise.
   };
 
@@ -247,7 +247,7 @@ class LeafEvidence {
     return sum;
   }
 
-  /// EvidenceModel::probability_inside() of a cell.
+  /// BeamWeight::probability_inside() of a cell.
   [[nodiscard]] float inside(const Size& size, float sigma) const {
     return inside_table_(std::min(sigma * size.per_cell, kWidestSigma));
   }
@@ -376,7 +376,7 @@ class LeafEvidence {
     const __m256 behind_hit = _mm256_max_ps(behind_end, _mm256_set1_ps(kLeastBehindHit));
     const __m256i evidence = _mm256_and_si256(
         _mm256_castps_si256(says),
-        EvidenceModel::units_of(
+        BeamWeight::units_of(
             sensor_.quick_log_odds(before_end, _mm256_blendv_ps(behind_end, behind_hit, holds_end)),
             size.is_inside_alike ? _mm256_set1_ps(size.inside) : inside(size, sigma)));
     const __m256i occupied = _mm256_max_epi32(evidence, _mm256_setzero_si256());
@@ -439,7 +439,7 @@ class LeafEvidence {
   const LatticeGeometry<N, D>& geometry_;
   const ScanBeams<D>& beams_;
   const Sensor& sensor_;
-  const CubicTable& inside_table_ = EvidenceModel::probability_inside_table();
+  const CubicTable& inside_table_ = BeamWeight::probability_inside_table();
   int width_;
   float noise_sigmas_;
   std::vector<Size> sizes_;  // Of levels from the finest up to 0.

@@ -158,7 +158,7 @@ class alignas(kCacheLines) ScanPart {
     for (auto& of_axis : places) of_axis.fill(0.0f);
     for (std::size_t f = 0; f < numbers.size(); ++f) {
       const ScanFace<D>& face = image.face(numbers[f]);
-      row[f] = face.is_lone() ? 0.0f : smallest * face.density;
+      row[f] = face.is_single() ? 0.0f : smallest * face.density;
       const std::uint32_t bits = ~std::uint32_t{0} << face.chance_shift;
       std::memcpy(&counts[f], &bits, sizeof bits);
       for (std::size_t k = 0; k < kAxes; ++k) places[k][f] = face.places[k];

@@ -100,8 +100,8 @@ class BeamShares {
                       static_cast<float>(model.sample_beams(true))} {}
 
   /// The share of a face's beams that count in a leaf: so many for each smallest cell side by side in it.
-  [[nodiscard]] float of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_known) const {
-    return at_depth(depth_of(leaf, face), face, is_known);
+  [[nodiscard]] float of(const CellIndex<D>& leaf, const ScanFace<D>& face, bool is_well_observed) const {
+    return at_depth(depth_of(leaf, face), face, is_well_observed);
   }
   [[nodiscard]] FaceShare<D> share_of(const ScanFace<D>& face, float share) const {
     return {&face, beams_.end_of_share(face, share), share};
@@ -109,11 +109,11 @@ class BeamShares {
   /// Finds out which beams of a list count in a leaf. Calls `visit(face, share, list)` for those of each
   /// face, if there are any.
   template <class Visit>
-  void take(const CellIndex<D>& leaf, const BeamList& list, bool is_known, LeafSample<D>& sample,
+  void take(const CellIndex<D>& leaf, const BeamList& list, bool is_well_observed, LeafSample<D>& sample,
             const Visit& visit) const {
     sample.clear();
     for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
-      const FaceShare<D> share = share_of(face, of(leaf, face, is_known));
+      const FaceShare<D> share = share_of(face, of(leaf, face, is_well_observed));
       const std::size_t end = list.find(share.end, first, last);
       sample.add(share);
       if (first < end) visit(face, share.share, list.part(first, end));
@@ -132,7 +132,7 @@ class BeamShares {
         ends += beams_.end(beam).is_returned() && geometry_.contains(leaf, beams_.end_cell(beam));
       }
       float expected = 1.0f;
-      if (!face.is_lone() && ends > 0) expected = std::max(1.0f, share * expected_beams(leaf, face));
+      if (!face.is_single() && ends > 0) expected = std::max(1.0f, share * expected_beams(leaf, face));
       sum += static_cast<double>(ends) / static_cast<double>(expected);
     });
     return sum;
@@ -223,13 +223,13 @@ class BeamShares {
         lower = upper;
       }
     }
-    [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_known) const {
-      return of_slab(slab_of(child), is_known);
+    [[nodiscard]] FaceShare<D> of(std::size_t child, bool is_well_observed) const {
+      return of_slab(slab_of(child), is_well_observed);
     }
 
    private:
-    [[nodiscard]] FaceShare<D> of_slab(std::size_t slab, bool is_known) const {
-      return shares_.share_of(face_, shares_.at_depth(depths_[slab], face_, is_known));
+    [[nodiscard]] FaceShare<D> of_slab(std::size_t slab, bool is_well_observed) const {
+      return shares_.share_of(face_, shares_.at_depth(depths_[slab], face_, is_well_observed));
     }
     /// On the face's axis.
     [[nodiscard]] std::size_t slab_of(std::size_t child) const {
@@ -252,9 +252,9 @@ class BeamShares {
   }
   /// The share that counts in a leaf at a depth.
   [[nodiscard]] NDTREE_ALWAYS_INLINE float at_depth(float depth, const ScanFace<D>& face,
-                                                    bool is_known) const {
-    if (depth >= face.depth_of_all[is_known]) return 1.0f;
-    return std::min(1.0f, sample_beams_[is_known] / face.expected_beams(depth, smallest_size_));
+                                                    bool is_well_observed) const {
+    if (depth >= face.depth_of_all[is_well_observed]) return 1.0f;
+    return std::min(1.0f, sample_beams_[is_well_observed] / face.expected_beams(depth, smallest_size_));
   }
 
   const LatticeGeometry<N, D>& geometry_;

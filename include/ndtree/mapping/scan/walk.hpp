@@ -62,7 +62,7 @@ class alignas(kCacheLines) ScanWalk {
         evidence_(tree.geometry(), beams, refinement.model, sensor),
         coverage_(beams, clip_),
         shares_(tree.geometry(), beams, refinement.model),
-        inheritance_(tree.geometry(), refinement.model, beams),
+        initialiser_(tree.geometry(), refinement.model, beams),
         summary_(refinement.model),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
@@ -377,7 +377,7 @@ class alignas(kCacheLines) ScanWalk {
   /// it is.
   template <class Beams>
   NDTREE_ALWAYS_INLINE bool descend(const Beams& beams, const Shares& above) {
-    if (Summary(beams.node().note()).is_settled() && beams.all_pass()) return false;
+    if (Summary(beams.node().note()).is_saturated() && beams.all_pass()) return false;
     const Ref inner = beams.ref();
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
     return beams.integrate_below(inner, shares_.of_node(inner.index, beams.crossing(), above));
@@ -453,8 +453,8 @@ class alignas(kCacheLines) ScanWalk {
   NDTREE_ALWAYS_INLINE bool update_leaf(EvidenceCell& cell, int level, const Beams& beams,
                                         const Shares& shares, const ChildrenShares* of_siblings) {
     const EvidenceModel& model = refinement_.model;
-    bool is_well_observed = model.is_known(cell);
-    if (is_well_observed && model.is_settled(cell)) {
+    bool is_well_observed = model.is_well_observed(cell);
+    if (is_well_observed && model.is_saturated(cell)) {
       if (beams.all_pass()) return false;
       is_well_observed = explains_ends(beams);
     }
@@ -481,10 +481,10 @@ class alignas(kCacheLines) ScanWalk {
   template <class Scan, class Split>
   NDTREE_ALWAYS_INLINE bool update_or_split(EvidenceCell& leaf, int level, const Scan& scan,
                                             const Split& split) {
-    const LeafAction action = refinement_.action(leaf, scan, kShareDivisor<Tree>, level - finest_level_);
+    const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
     if (action == LeafAction::update) return update(leaf, scan);
     const ScanEvidence& all = ScanEvidence::of(scan);  // Lives as long as the name.
-    if (action == LeafAction::update_without_split) return update_whole(leaf, all);
+    if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
     return all.beams > 0 && split(all, action);
   }
   // Rare steps; copies, so that what is common keeps its values in registers.
@@ -543,14 +543,15 @@ class alignas(kCacheLines) ScanWalk {
                                            ScanEvidence& scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
       if (refinement_.splits_anyway(cell, scan) &&
-          !refinement_.model.splits_in_vain(cell, scan, kShareDivisor<Tree>, leaf.level - finest_level_))
+          !refinement_.model.predicted_to_remerge(cell, scan, kChildrenAcross<Tree>,
+                                                  leaf.level - finest_level_))
         break;
       scan.add(evidence_.of(leaf, crossings, list.part(first, std::min(first + kToSplit, list.size))));
     }
   }
 
-  bool update_whole(EvidenceCell& leaf, const ScanEvidence& scan) {
-    return counted(refinement_.model.update_whole(leaf, scan), scan.beams);
+  bool update_without_split(EvidenceCell& leaf, const ScanEvidence& scan) {
+    return counted(refinement_.model.update_without_split(leaf, scan), scan.beams);
   }
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) {
     return scan.beams > 0 && counted(refinement_.model.update(cell, scan), scan.beams);
@@ -573,7 +574,8 @@ class alignas(kCacheLines) ScanWalk {
         coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
                         refinement_.model.beams_of(cell.free_evidence() + scan.free));
     if (seen.shows_more) return split(leaf, list, sample, scan, shares);
-    if (!seen.is_enough) return counted(refinement_.model.remember(cell, seen.parts, scan), scan.beams);
+    if (!seen.is_enough)
+      return counted(refinement_.model.update_partly_seen(cell, seen.parts, scan), scan.beams);
     const bool changed = update(cell, scan);
     cell.set_covered(seen.is_covered);
     return changed;
@@ -586,7 +588,7 @@ class alignas(kCacheLines) ScanWalk {
     const bool changed = split(leaf, parent, list, sample, shares);
     if (leaf.is_leaf() && parent.observed() && scan.hits == 0 && scan.occupied == 0) {
       leaf.cell() = parent;
-      (void)refinement_.model.update_whole(leaf.cell(), scan);
+      (void)refinement_.model.update_without_split(leaf.cell(), scan);
     }
     return changed;
   }
@@ -600,8 +602,8 @@ class alignas(kCacheLines) ScanWalk {
       tree_.split_node(*leaf.node, {}, arena_);
       const PacketSource packet(*this, leaf, beams);
       clip_(leaf.index, list, packet.rays);
-      inheritance_.share_out(parent, leaf.index.level, inheritance_.set_of(sample, list), packet.rays,
-                             tree_.children(*leaf.node));
+      initialiser_.initialise(parent, leaf.index.level, initialiser_.set_of(sample, list), packet.rays,
+                              tree_.children(*leaf.node));
       return update_children(leaf, packet, shares, true);
     }
 #endif
@@ -609,7 +611,7 @@ class alignas(kCacheLines) ScanWalk {
     const Planes planes = clip_.planes_of(leaf.index);
     const Lists lists = hand_down(leaf.index, planes, list, shares, false);
     tree_.split_node(*leaf.node, {}, arena_);
-    inheritance_.share_out(parent, leaf.index, sample, list, lists, planes, tree_.children(*leaf.node));
+    initialiser_.initialise(parent, leaf.index, sample, list, lists, planes, tree_.children(*leaf.node));
     return update_children(leaf, ListSource{*this, {tree_, leaf}, planes, lists}, shares, true);
   }
 
@@ -625,7 +627,7 @@ class alignas(kCacheLines) ScanWalk {
   }
   bool merge_children(const Ref& ref, bool was_split) {
     const auto merged =
-        refinement_.merge_rule.of_one_state(tree_.children(*ref.node), kNumChildren, kShareDivisor<Tree>);
+        refinement_.merge_rule.of_one_state(tree_.children(*ref.node), kNumChildren, kChildrenAcross<Tree>);
     if (!merged) return false;
     tree_.merge(*ref.node, *merged, arena_);
     if (was_split)
@@ -649,7 +651,7 @@ class alignas(kCacheLines) ScanWalk {
   const LeafEvidence<N, D, Sensor> evidence_;
   const LeafCoverage<N, D> coverage_;
   const BeamShares<N, D> shares_;
-  const Inheritance<Tree> inheritance_;
+  const ChildrenInitialiser<Tree> initialiser_;
   const EvidenceSummary<kNumChildren> summary_;
   const int finest_level_;
   const int coarsest_level_;

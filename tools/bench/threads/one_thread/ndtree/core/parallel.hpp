@@ -20,11 +20,12 @@ namespace ndtree {
 struct WorkPhase {
   double alone = 0.0;             ///< Before it, in one thread.
   std::vector<double> tasks;      ///< As they are numbered.
-  std::size_t first = 0;          ///< Of those in shares; those before it are nobody's.
+  std::size_t first = 0;          ///< Of the tasks in ranges; tasks before it have no owner.
   std::vector<std::size_t> ends;  ///< Of the share of each worker among them.
 
   [[nodiscard]] double work() const { return std::accumulate(tasks.begin(), tasks.end(), alone); }
-  /// Until all workers are done, of which each takes what is nobody's, then its share, and then helps others.
+  /// Until all workers are done, which take tasks without an owner, then their own range, and then others'
+  /// tasks.
   [[nodiscard]] double seconds() const {
     struct Worker {
       double free_at;
