@@ -18,15 +18,15 @@
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/leaf_action.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
-#include "ndtree/mapping/scan/clip.hpp"
-#include "ndtree/mapping/scan/coarse_lists.hpp"
-#include "ndtree/mapping/scan/coverage.hpp"
+#include "ndtree/mapping/scan/child_initialiser.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
-#include "ndtree/mapping/scan/image.hpp"
-#include "ndtree/mapping/scan/inheritance.hpp"
-#include "ndtree/mapping/scan/leaf.hpp"
-#include "ndtree/mapping/scan/shares.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
+#include "ndtree/mapping/scan/leaf_coverage.hpp"
+#include "ndtree/mapping/scan/leaf_evidence.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/partition.hpp"
+#include "ndtree/mapping/scan/sampling.hpp"
+#include "ndtree/mapping/scan/task_lists.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/undo_log.hpp"
@@ -39,11 +39,11 @@ class alignas(kCacheLines) ScanWalk {
   static constexpr int N = Tree::kBranching;
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
-  using Clip = ChildClip<N, D>;
-  using Lists = typename Clip::Lists;
-  using Planes = typename Clip::Planes;
-  using Shares = NodeShares<D>;
-  using ChildrenShares = typename BeamShares<N, D>::Children;
+  using Partition = ChildPartition<N, D>;
+  using Lists = typename Partition::Lists;
+  using Planes = typename Partition::Planes;
+  using Sampling = NodeSampling<D>;
+  using ChildFractions = typename BeamSampling<N, D>::Children;
 
  public:
   using Ref = typename Tree::Ref;
@@ -58,15 +58,15 @@ class alignas(kCacheLines) ScanWalk {
         window_(window),
         refinement_(refinement),
         beams_(beams),
-        clip_(tree.geometry(), beams),
+        partition_(tree.geometry(), beams),
         evidence_(tree.geometry(), beams, refinement.model, sensor),
-        coverage_(beams, clip_),
-        shares_(tree.geometry(), beams, refinement.model),
+        coverage_(beams, partition_),
+        sampling_(tree.geometry(), beams, refinement.model),
         initialiser_(tree.geometry(), refinement.model, beams),
         summary_(refinement.model),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
-        packet_may_exceed_limit_(refinement.model.may_limit(kFewBeams)) {}
+        packet_may_exceed_limit_(refinement.model.may_limit(kPacketSize)) {}
 
   [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
 
@@ -77,20 +77,20 @@ class alignas(kCacheLines) ScanWalk {
   }
   /// Brings the beams from the first to before the last to the cells of the coarsest level. The tree stays as
   /// it is.
-  void bring(std::size_t first, std::size_t last, std::size_t part, CoarseLists<D>& lists) {
+  void bin(std::size_t first, std::size_t last, std::size_t part, TaskLists<D>& lists) {
     const ListStack::Mark mark = stack_.mark();
     const BeamList list = beams_from(first, last);
-    if (!list.empty()) bring(tree_.root().index, list, {}, part, lists);
+    if (!list.empty()) bin(tree_.root().index, list, {}, part, lists);
     stack_.release(mark);
   }
   /// Brings beams from an inner node to its children, as well.
-  void open(const CellIndex<D>& node, const CoarseList<D>& beams, CoarseLists<D>& lists) {
+  void subdivide(const CellIndex<D>& node, const TaskList<D>& beams, TaskLists<D>& lists) {
     for_each_child(
-        node, beams.list, shares_.of_node(node, beams.list, {}),
+        node, beams.list, sampling_.of_node(node, beams.list, {}),
         [&](const CellIndex<D>& child, const BeamList& list) { lists.add(child.lower, beams.part, list); });
   }
   /// What is left to do in one of these cells. @returns whether it changed.
-  bool run(const Ref& ref, const CoarseCell<D>& beams) {
+  bool run(const Ref& ref, const TaskCell<D>& beams) {
     const ListStack::Mark mark = stack_.mark();
     const BeamList list = beams.last - beams.first == 1 ? beams.first->list : joined(beams);
     if (list.size <= kFetched) beams_.fetch(list.beam, list.size);
@@ -101,7 +101,7 @@ class alignas(kCacheLines) ScanWalk {
   /// What is left to do in a node that was opened, after its children. @param changed whether one of them
   /// did.
   /// @returns whether the node did.
-  bool close(const Ref& ref, bool changed) {
+  bool finalize(const Ref& ref, bool changed) {
     if (!changed && ref.node->note() != 0) return false;
     return finish_children(ref, summary_(&Children(tree_, ref).node(0)), changed, false);
   }
@@ -111,33 +111,33 @@ class alignas(kCacheLines) ScanWalk {
     BeamList list = stack_.allocate(last - first + BeamList::kSlack);
     list.size = last - first;
     std::iota(list.beam, list.beam + list.size, static_cast<std::uint32_t>(first));
-    list.close();
+    list.pad();
     return list;
   }
-  [[nodiscard]] BeamList joined(const CoarseCell<D>& beams) {
+  [[nodiscard]] BeamList joined(const TaskCell<D>& beams) {
     BeamList list = stack_.allocate(beams.size + BeamList::kSlack);
-    for (const CoarseList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
-    list.close();
+    for (const TaskList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
+    list.pad();
     return list;
   }
-  void bring(const CellIndex<D>& node, const BeamList& list, const Shares& above, std::size_t part,
-             CoarseLists<D>& lists) {
+  void bin(const CellIndex<D>& node, const BeamList& list, const Sampling& above, std::size_t part,
+           TaskLists<D>& lists) {
     if (!may_change(node)) return;
     if (node.level <= coarsest_level_) {
       lists.add(node.lower, part, list);
       return;
     }
-    const Shares shares = shares_.of_node(node, list, above);
-    for_each_child(node, list, shares, [&](const CellIndex<D>& child, const BeamList& beams) {
-      bring(child, beams, shares, part, lists);
+    const Sampling sampling = sampling_.of_node(node, list, above);
+    for_each_child(node, list, sampling, [&](const CellIndex<D>& child, const BeamList& beams) {
+      bin(child, beams, sampling, part, lists);
     });
   }
   /// Calls `visit(child, list)` for the children that some of a node's beams cross; the tree stays as it is.
   template <class Visit>
-  void for_each_child(const CellIndex<D>& node, const BeamList& list, const Shares& shares,
+  void for_each_child(const CellIndex<D>& node, const BeamList& list, const Sampling& sampling,
                       const Visit& visit) {
     const ListStack::Mark mark = stack_.mark();
-    const Lists children = hand_down(node, clip_.planes_of(node), list, shares, true);
+    const Lists children = partition(node, partition_.planes_of(node), list, sampling, true);
     for (int c = 0; c < kNumChildren; ++c)
       if (!children.of(c).empty()) visit(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c));
     stack_.release(mark);
@@ -150,22 +150,24 @@ class alignas(kCacheLines) ScanWalk {
   /// Hands a node's beams to its children, without those that no cell below takes.
   /// @param replaces whether long lists of the children take the place of the node's own, which is then gone.
   /// @pre if so, nothing that is still in use was allocated after it.
-  Lists hand_down(const CellIndex<D>& node, const Planes& planes, const BeamList& list, const Shares& shares,
-                  bool replaces) {
+  Lists partition(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
+                  const Sampling& sampling, bool replaces) {
     pace_.spend(list.size);
-    if (Clip::kHasRoomForAll && list.size > kPiece)
-      return hand_down_in_pieces(node, planes, list, shares, replaces);
-    Lists children = clip_.lists_for(node, list, stack_);
-    for_each_taken(node, list, shares, [&](const BeamList& taken) { clip_(node, planes, taken, children); });
+    if (Partition::kHasRoomForAll && list.size > kPiece)
+      return partition_in_pieces(node, planes, list, sampling, replaces);
+    Lists children = partition_.lists_for(node, list, stack_);
+    for_each_sampled(node, list, sampling,
+                     [&](const BeamList& taken) { partition_(node, planes, taken, children); });
     return children;
   }
-  NDTREE_NEVER_INLINE Lists hand_down_in_pieces(const CellIndex<D>& node, const Planes& planes,
-                                                const BeamList& list, const Shares& shares, bool replaces) {
-    for_each_taken(node, list, shares, [&](const BeamList& taken) {
+  NDTREE_NEVER_INLINE Lists partition_in_pieces(const CellIndex<D>& node, const Planes& planes,
+                                                const BeamList& list, const Sampling& sampling,
+                                                bool replaces) {
+    for_each_sampled(node, list, sampling, [&](const BeamList& taken) {
       for (std::size_t first = 0; first < taken.size; first += kPiece) {
         const BeamList part = taken.part(first, std::min(first + kPiece, taken.size));
-        Lists children = clip_.lists_for(node, part, pieces_.memory());
-        clip_(node, planes, part, children);
+        Lists children = partition_.lists_for(node, part, pieces_.memory());
+        partition_(node, planes, part, children);
         pieces_.add(children);
       }
     });
@@ -174,17 +176,17 @@ class alignas(kCacheLines) ScanWalk {
   }
   /// Calls `visit(part)` for those parts of a list that some cell in a node takes.
   template <class Visit>
-  void for_each_taken(const CellIndex<D>& node, const BeamList& list, const Shares& shares,
-                      const Visit& visit) const {
-    if (shares.takes_all || list.size <= kFewBeams) return visit(list);
-    if (shares.face != nullptr) {
-      const std::size_t end = shares_.end_of_all_shares(node, *shares.face, list, 0, list.size);
+  void for_each_sampled(const CellIndex<D>& node, const BeamList& list, const Sampling& sampling,
+                        const Visit& visit) const {
+    if (sampling.samples_all || list.size <= kPacketSize) return visit(list);
+    if (sampling.face != nullptr) {
+      const std::size_t end = sampling_.end_of_sampled(node, *sampling.face, list, 0, list.size);
       if (end > 0) visit(list.part(0, end));
       return;
     }
     std::size_t from = 0;  // Of beams that follow each other, and were not visited yet.
-    for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
-      const std::size_t end = shares_.end_of_all_shares(node, face, list, first, last);
+    for_each_face(beams_, list, [&](const CubeFace<D>& face, std::size_t first, std::size_t last) {
+      const std::size_t end = sampling_.end_of_sampled(node, face, list, first, last);
       if (end == last) return;
       if (from < end) visit(list.part(from, end));
       from = last;
@@ -264,14 +266,14 @@ class alignas(kCacheLines) ScanWalk {
     bool with_list(const Use& use) const {
       return use(list);
     }
-    bool integrate_below(const Ref& inner, const Shares& shares) const {
-      return walk.integrate_below(inner, list, shares);
+    bool integrate_below(const Ref& inner, const Sampling& sampling) const {
+      return walk.integrate_below(inner, list, sampling);
     }
   };
   /// The children of a node, and lists of the beams that cross each.
   struct ListSource {
     static constexpr bool kMayBeAboveCells = true;
-    static constexpr std::size_t kPace = 0;  // hand_down() spends it.
+    static constexpr std::size_t kPace = 0;  // partition() spends it.
     ScanWalk& walk;
     const Children children;
     const Planes& planes;  ///< Of the node, if all beams have one origin.
@@ -285,7 +287,7 @@ class alignas(kCacheLines) ScanWalk {
   };
 
 #ifdef NDTREE_HAS_EIGHTS
-  using Rays = FewCrossings<D, kNumChildren>;
+  using Rays = RayPacket<D, kNumChildren>;
   using OfBeam = typename LeafEvidence<N, D, Sensor>::OfBeam;
   struct PacketInCell;
   /// The children of a node, and where a ray packet crosses them.
@@ -339,17 +341,17 @@ class alignas(kCacheLines) ScanWalk {
       BeamList list = source.walk.stack_.allocate(Rays::kMost + BeamList::kSlack);
       for (std::uint32_t left = set(); left != 0; left &= left - 1)
         list.beam[list.size++] = rays().first_of(left);
-      list.close();
+      list.pad();
       return use(list);
     }
-    bool integrate_below(const Ref& inner, const Shares& shares) const {
-      return source.walk.integrate_below(inner, *this, shares);
+    bool integrate_below(const Ref& inner, const Sampling& sampling) const {
+      return source.walk.integrate_below(inner, *this, sampling);
     }
   };
   /// Whether a node's children are cells, and its list is short enough to need none for them.
   [[nodiscard]] bool fits_packet(const Ref& ref, const BeamList& list) const {
-    return list.size <= Rays::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
-           evidence_.takes_few(ref.index.level);
+    return list.size <= Rays::kMost && ref.index.level <= coarsest_level_ && partition_.goes_by_eights() &&
+           evidence_.takes_packets(ref.index.level);
   }
 #endif
 
@@ -358,52 +360,54 @@ class alignas(kCacheLines) ScanWalk {
   // leaf, and makes a list of them where a rare step needs one.
 
   /// Integrates a list into a node of any level, a leaf or not. @returns whether a cell changed.
-  bool integrate(const ListInCell& beams, const Shares& above) {
+  bool integrate(const ListInCell& beams, const Sampling& above) {
     const Ref& ref = beams.ref();
     if (ref.index.level >= coarsest_level_ && !may_change(ref.index)) return false;
     if (!ref.is_leaf()) return descend(beams, above);
     if (ref.index.level <= coarsest_level_)
       return update_leaf(ref.cell(), ref.index.level, beams, above, nullptr);
     tree_.split_node(*ref.node, {}, arena_);
-    return integrate_below(ref, beams.list, shares_.of_node(ref.index, beams.list, above));
+    return integrate_below(ref, beams.list, sampling_.of_node(ref.index, beams.list, above));
   }
   bool integrate(const Ref& ref, const BeamList& list) {
     return integrate(ListInCell{*this, ref, list, nullptr, 0}, {});
   }
 #ifdef NDTREE_HAS_EIGHTS
-  bool integrate(const PacketInCell&, const Shares&) { return false; }  // Packets are made below such nodes.
+  bool integrate(const PacketInCell&, const Sampling&) {
+    return false;
+  }  // Packets are made below such nodes.
 #endif
   /// Integrates beams into the subtree of an inner node. A saturated subtree that all of them pass stays as
   /// it is.
   template <class Beams>
-  NDTREE_ALWAYS_INLINE bool descend(const Beams& beams, const Shares& above) {
+  NDTREE_ALWAYS_INLINE bool descend(const Beams& beams, const Sampling& above) {
     if (Summary(beams.node().note()).is_saturated() && beams.all_pass()) return false;
     const Ref inner = beams.ref();
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
-    return beams.integrate_below(inner, shares_.of_node(inner.index, beams.crossing(), above));
+    return beams.integrate_below(inner, sampling_.of_node(inner.index, beams.crossing(), above));
   }
   /// Integrates a list into the children of a node.
-  bool integrate_below(const Ref& node, const BeamList& list, const Shares& shares) {
+  bool integrate_below(const Ref& node, const BeamList& list, const Sampling& sampling) {
 #ifdef NDTREE_HAS_EIGHTS
     if (fits_packet(node, list)) {
       EightBeams<D> beams;
       beams_.look_up(list.beam, beams);
       const PacketSource packet(*this, node, beams);
-      clip_(node.index, list, packet.rays);
-      return update_children(node, packet, shares, false);
+      partition_(node.index, list, packet.rays);
+      return update_children(node, packet, sampling, false);
     }
 #endif
     const ListScope scope(stack_);
-    const Planes planes = clip_.planes_of(node.index);
-    const Lists lists = hand_down(node.index, planes, list, shares, true);
-    return update_children(node, ListSource{*this, {tree_, node}, planes, lists}, shares, false);
+    const Planes planes = partition_.planes_of(node.index);
+    const Lists lists = partition(node.index, planes, list, sampling, true);
+    return update_children(node, ListSource{*this, {tree_, node}, planes, lists}, sampling, false);
   }
 #ifdef NDTREE_HAS_EIGHTS
   /// Integrates a packet's rays that cross a node into its children.
-  bool integrate_below(const Ref& node, const PacketInCell& beams, const Shares& shares) {
+  bool integrate_below(const Ref& node, const PacketInCell& beams, const Sampling& sampling) {
     const PacketSource packet(*this, node, beams.rays().beams);
-    clip_(node.index, beams.rays(), beams.number(), packet.rays);
-    return update_children(node, packet, shares, false);
+    partition_(node.index, beams.rays(), beams.number(), packet.rays);
+    return update_children(node, packet, sampling, false);
   }
 #endif
 
@@ -411,11 +415,11 @@ class alignas(kCacheLines) ScanWalk {
   /// changes.
   /// @param was_split the node was a leaf until now. @returns whether a cell changed.
   template <class Source>
-  bool update_children(const Ref& node, const Source& source, const Shares& shares, bool was_split) {
+  bool update_children(const Ref& node, const Source& source, const Sampling& sampling, bool was_split) {
     pace_.spend(Source::kPace);
-    std::optional<ChildrenShares> of_children;  // For the first leaf.
+    std::optional<ChildFractions> of_children;  // For the first leaf.
     const bool are_cells = !Source::kMayBeAboveCells || node.index.level <= coarsest_level_;
-    const bool have_fractions = shares.face != nullptr && !shares.takes_all;
+    const bool have_fractions = sampling.face != nullptr && !sampling.samples_all;
     bool changed = was_split;
     for (int c = 0; c < kNumChildren; ++c) {
       if (!source.crosses(c)) continue;
@@ -423,12 +427,12 @@ class alignas(kCacheLines) ScanWalk {
       const auto beams = source.in_child(c, ref);
       auto& child = source.children.node(c);
       if (!are_cells) {
-        changed = integrate(beams, shares) || changed;
+        changed = integrate(beams, sampling) || changed;
       } else if (!child.is_leaf()) {
-        changed = descend(beams, shares) || changed;
+        changed = descend(beams, sampling) || changed;
       } else {
-        if (have_fractions && !of_children) of_children.emplace(shares_, node.index, *shares.face);
-        changed = update_leaf(child.cell(), node.index.level - 1, beams, shares,
+        if (have_fractions && !of_children) of_children.emplace(sampling_, node.index, *sampling.face);
+        changed = update_leaf(child.cell(), node.index.level - 1, beams, sampling,
                               have_fractions ? &*of_children : nullptr) ||
                   changed;
       }
@@ -451,28 +455,28 @@ class alignas(kCacheLines) ScanWalk {
   /// @returns whether a cell changed.
   template <class Beams>
   NDTREE_ALWAYS_INLINE bool update_leaf(EvidenceCell& cell, int level, const Beams& beams,
-                                        const Shares& shares, const ChildrenShares* of_siblings) {
+                                        const Sampling& sampling, const ChildFractions* of_siblings) {
     const EvidenceModel& model = refinement_.model;
     bool is_well_observed = model.is_well_observed(cell);
     if (is_well_observed && model.is_saturated(cell)) {
       if (beams.all_pass()) return false;
       is_well_observed = explains_ends(beams);
     }
-    FaceShare<D> sample{nullptr, BeamList::kAll, 1.0f};  // All.
+    FaceSample<D> sample{nullptr, BeamList::kAll, 1.0f};  // All.
     if (of_siblings != nullptr) {
       sample = of_siblings->of(static_cast<std::size_t>(beams.child), is_well_observed);
-    } else if (!shares.takes_all) {
-      const ScanFace<D>* const face = shares_.only_face_of(beams, shares);
+    } else if (!sampling.samples_all) {
+      const CubeFace<D>* const face = sampling_.only_face_of(beams, sampling);
       if (face == nullptr)
         return beams.with_list(
             [&](const BeamList& list) { return update_by_faces(beams.ref(), list, is_well_observed); });
-      sample = shares_.share_of(*face, shares_.of(beams.ref().index, *face, is_well_observed));
+      sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, is_well_observed));
     }
     const auto split = [&](const ScanEvidence& scan, LeafAction action) {
-      return split_or_wait(beams, sample, scan, action, shares);
+      return split_or_wait(beams, sample, scan, action, sampling);
     };
     if constexpr (Beams::kKnowsWhatPasses) {
-      if (sample.share >= 1.0f && beams.all_pass() && !packet_may_exceed_limit_)
+      if (sample.fraction >= 1.0f && beams.all_pass() && !packet_may_exceed_limit_)
         return update_or_split(cell, level, beams.passed(), split);
     }
     return update_or_split(cell, level, beams.evidence(cell, level, sample.end), split);
@@ -499,13 +503,13 @@ class alignas(kCacheLines) ScanWalk {
     const CellCrossings<N, D> crossings(tree_.geometry(), beams_, leaf.index);
     const int level = leaf.index.level;
     ScanEvidence scan;
-    shares_.take(leaf.index, list, is_well_observed, sample_,
-                 [&](const ScanFace<D>&, float, const BeamList& part) {
-                   if (may_stop_early(level, part))
-                     add_until_split(leaf.cell(), leaf.index, crossings, part, scan);
-                   else
-                     scan.add(evidence_.of(leaf.index, crossings, part));
-                 });
+    sampling_.take(leaf.index, list, is_well_observed, sample_,
+                   [&](const CubeFace<D>&, float, const BeamList& part) {
+                     if (may_stop_early(level, part))
+                       add_until_split(leaf.cell(), leaf.index, crossings, part, scan);
+                     else
+                       scan.add(evidence_.of(leaf.index, crossings, part));
+                   });
     refinement_.model.limit(scan);
     return update_or_split(leaf.cell(), level, scan, [&](const ScanEvidence& all, LeafAction action) {
       return split_or_wait(leaf, list, sample_, all, action, {});
@@ -513,10 +517,11 @@ class alignas(kCacheLines) ScanWalk {
   }
   /// @param sample of one face, or of all beams if it names none.
   template <class Beams>
-  NDTREE_NEVER_INLINE bool split_or_wait(const Beams beams, const FaceShare<D> sample,
-                                         const ScanEvidence scan, LeafAction action, const Shares shares) {
+  NDTREE_NEVER_INLINE bool split_or_wait(const Beams beams, const FaceSample<D> sample,
+                                         const ScanEvidence scan, LeafAction action,
+                                         const Sampling sampling) {
     return beams.with_list([&](const BeamList& list) {
-      if (sample.face == nullptr) return split_or_wait(beams.ref(), list, all_, scan, action, shares);
+      if (sample.face == nullptr) return split_or_wait(beams.ref(), list, all_, scan, action, sampling);
       sample_.clear();
       sample_.add(sample);
       return split_or_wait(beams.ref(), list, sample_, scan, action, {sample.face, false});
@@ -526,7 +531,7 @@ class alignas(kCacheLines) ScanWalk {
   template <class Beams>
   [[nodiscard]] NDTREE_NEVER_INLINE bool explains_ends(const Beams beams) {
     return beams.with_list([&](const BeamList& list) {
-      return shares_.ends_for_each_expected(beams.ref().index, list, sample_) <=
+      return sampling_.ends_per_expected_beam(beams.ref().index, list, sample_) <=
              refinement_.split_test.model().free_until();
     });
   }
@@ -567,13 +572,13 @@ class alignas(kCacheLines) ScanWalk {
   /// Splits a leaf; one that was never observed, and that beams have only passed, is updated or waits instead
   /// if the beams' coverage says so, see CoverageModel.
   bool split_or_wait(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
-                     const ScanEvidence& scan, LeafAction action, const Shares& shares) {
-    if (action == LeafAction::split) return split(leaf, list, sample, scan, shares);
+                     const ScanEvidence& scan, LeafAction action, const Sampling& sampling) {
+    if (action == LeafAction::split) return split(leaf, list, sample, scan, sampling);
     EvidenceCell& cell = leaf.cell();
     const CoverageVerdict seen =
         coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
                         refinement_.model.beams_of(cell.free_evidence() + scan.free));
-    if (seen.shows_more) return split(leaf, list, sample, scan, shares);
+    if (seen.shows_more) return split(leaf, list, sample, scan, sampling);
     if (!seen.is_enough)
       return counted(refinement_.model.update_partly_seen(cell, seen.parts, scan), scan.beams);
     const bool changed = update(cell, scan);
@@ -583,9 +588,9 @@ class alignas(kCacheLines) ScanWalk {
   /// Splits a leaf and integrates its beams into the children. If these re-merge, and the beams have only
   /// passed, the leaf is updated as if it had not split: so evidence of passes adds up, scan by scan.
   bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const ScanEvidence& scan,
-             const Shares& shares) {
+             const Sampling& sampling) {
     const EvidenceCell parent = leaf.cell();
-    const bool changed = split(leaf, parent, list, sample, shares);
+    const bool changed = split(leaf, parent, list, sample, sampling);
     if (leaf.is_leaf() && parent.observed() && scan.hits == 0 && scan.occupied == 0) {
       leaf.cell() = parent;
       (void)refinement_.model.update_without_split(leaf.cell(), scan);
@@ -593,7 +598,7 @@ class alignas(kCacheLines) ScanWalk {
     return changed;
   }
   bool split(const Ref& leaf, const EvidenceCell& parent, const BeamList& list, const LeafSample<D>& sample,
-             const Shares& shares) {
+             const Sampling& sampling) {
     ++counters_.splits;
 #ifdef NDTREE_HAS_EIGHTS
     if (fits_packet(leaf, list)) {
@@ -601,18 +606,18 @@ class alignas(kCacheLines) ScanWalk {
       beams_.look_up(list.beam, beams);
       tree_.split_node(*leaf.node, {}, arena_);
       const PacketSource packet(*this, leaf, beams);
-      clip_(leaf.index, list, packet.rays);
+      partition_(leaf.index, list, packet.rays);
       initialiser_.initialise(parent, leaf.index.level, initialiser_.set_of(sample, list), packet.rays,
                               tree_.children(*leaf.node));
-      return update_children(leaf, packet, shares, true);
+      return update_children(leaf, packet, sampling, true);
     }
 #endif
     const ListScope scope(stack_);
-    const Planes planes = clip_.planes_of(leaf.index);
-    const Lists lists = hand_down(leaf.index, planes, list, shares, false);
+    const Planes planes = partition_.planes_of(leaf.index);
+    const Lists lists = partition(leaf.index, planes, list, sampling, false);
     tree_.split_node(*leaf.node, {}, arena_);
     initialiser_.initialise(parent, leaf.index, sample, list, lists, planes, tree_.children(*leaf.node));
-    return update_children(leaf, ListSource{*this, {tree_, leaf}, planes, lists}, shares, true);
+    return update_children(leaf, ListSource{*this, {tree_, leaf}, planes, lists}, sampling, true);
   }
 
   /// Writes the note of a node after its children's update, or merges them.
@@ -647,10 +652,10 @@ class alignas(kCacheLines) ScanWalk {
   const LatticeBox<D>* window_;
   const Refinement& refinement_;
   const ScanBeams<D>& beams_;
-  const ChildClip<N, D> clip_;
+  const ChildPartition<N, D> partition_;
   const LeafEvidence<N, D, Sensor> evidence_;
   const LeafCoverage<N, D> coverage_;
-  const BeamShares<N, D> shares_;
+  const BeamSampling<N, D> sampling_;
   const ChildrenInitialiser<Tree> initialiser_;
   const EvidenceSummary<kNumChildren> summary_;
   const int finest_level_;

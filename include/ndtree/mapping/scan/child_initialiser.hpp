@@ -11,9 +11,9 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
-#include "ndtree/mapping/scan/shares.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/sampling.hpp"
 
 namespace ndtree {
 
@@ -54,13 +54,13 @@ class ChildrenInitialiser {
   /// The same of a packet. @param few where its rays cross the leaf's children.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void initialise(const EvidenceCell& leaf, int level,
                                                        std::uint32_t sample,
-                                                       FewCrossings<D, kNumChildren>& few,
+                                                       RayPacket<D, kNumChildren>& packet,
                                                        NodeType* children) const {
     if (!EvidenceModel::has_evidence_for_children(leaf)) return;
     const bool are_finest = level - 1 == geometry_.finest_level();
-    const EightEnds<D>& ends = beams_.ends_of(few.beams);
+    const EightEnds<D>& ends = beams_.ends_of(packet.beams);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
-      const std::uint32_t set = passed(ends, _mm256_load_ps(few.exit[j].data())) & few.set[j];
+      const std::uint32_t set = passed(ends, _mm256_load_ps(packet.exit[j].data())) & packet.set[j];
       children[j].cell() = initial_child(leaf, count(set & sample), count(sample), j, are_finest);
     }
   }
@@ -106,7 +106,7 @@ class ChildrenInitialiser {
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const std::uint32_t* const beam = list.beam + i;
-      const __m256 exit = crossings.template of<kAlike>(beam, beams_.ways(beam)).exit;
+      const __m256 exit = crossings.template of<kAlike>(beam, beams_.rays(beam)).exit;
       n += count(passed(beams_.ends(beam), exit) &
                  static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(live))));
     }
