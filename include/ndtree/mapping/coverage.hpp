@@ -68,7 +68,7 @@ struct CellParts {
 /// What the beams of one scan have seen of the children of one cell: sums of whole numbers, so that the order
 /// of the beams does not matter.
 ///
-/// A beam stands for its share of solid angle: it sees its way through a child, times its width there on each
+/// A beam stands for its solid angle: it sees its way through a child, times its width there on each
 /// axis across, which is no more than the child's own.
 template <int N, int D>
 class ScanCoverage {
@@ -94,7 +94,7 @@ class ScanCoverage {
     of_child_[static_cast<std::size_t>(child)] += seen.child;
     way_ += seen.way;
   }
-  /// Seen share of a child; more than 1 where beams are closer than they are elsewhere.
+  /// Seen fraction of a child; more than 1 where beams are closer than they are elsewhere.
   [[nodiscard]] double of_child(int number) const {
     return static_cast<double>(of_child_[static_cast<std::size_t>(number)]) * kUnit;
   }
@@ -146,16 +146,16 @@ struct CoverageVerdict {
 class CoverageModel {
  public:
   explicit CoverageModel(const CoverageOptions& options)
-      : share_(options.covered_share), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
+      : least_seen_(options.covered_share), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
 
   /// Whether cells have to be seen, and not only passed.
-  [[nodiscard]] bool is_on() const { return share_ > 0.0; }
+  [[nodiscard]] bool is_on() const { return least_seen_ > 0.0; }
 
   /// Whether so much was seen of every child that judge() says the same whatever other beams see.
   /// @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool is_certain(const ScanCoverage<N, D>& scan, double size) const {
-    return all_seen(scan, std::max(share_, covered<N>(size)));
+    return all_seen(scan, std::max(least_seen_, covered<N>(size)));
   }
   /// Whether a cell with these seen parts is observed. @param size as in judge().
   template <int N, int D>
@@ -173,7 +173,7 @@ class CoverageModel {
     using Parts = CellParts<N, D>;
     constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
     const double missing_below =
-        kOne * std::min(share_, 1.0 - std::sqrt(2.0 * kRounding / scan.beams_for_child()));  // In units.
+        kOne * std::min(least_seen_, 1.0 - std::sqrt(2.0 * kRounding / scan.beams_for_child()));  // In units.
     std::int64_t least = kOne;  // Seen of a child, of those in parts that were not seen before.
     std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
     std::uint32_t with_missing = 0;                  // Parts of which a child is missing.
@@ -187,7 +187,7 @@ class CoverageModel {
     CoverageVerdict verdict{seen_before};
     for (int p = 0; p < Parts::kCount; ++p) {
       const bool is_seen = static_cast<double>(seen[static_cast<std::size_t>(p)]) >=
-                           share_ * kRounding * kOne * Parts::num_children(p);
+                           least_seen_ * kRounding * kOne * Parts::num_children(p);
       verdict.parts |= static_cast<std::uint32_t>(is_seen && (with_missing >> p & 1u) == 0) << p;
     }
     // Beams so far apart that fewer than two would pass a smallest cell.
@@ -204,8 +204,8 @@ class CoverageModel {
 
  private:
   template <int N, int D>
-  [[nodiscard]] static bool all_seen(const ScanCoverage<N, D>& scan, double share) {
-    const auto least = static_cast<std::int64_t>(share * kRounding * ScanCoverage<N, D>::kOne);
+  [[nodiscard]] static bool all_seen(const ScanCoverage<N, D>& scan, double fraction) {
+    const auto least = static_cast<std::int64_t>(fraction * kRounding * ScanCoverage<N, D>::kOne);
     bool are_seen = true;
     for (int j = 0; j < ScanCoverage<N, D>::kNumChildren; ++j) are_seen &= scan.units_of_child(j) >= least;
     return are_seen;
@@ -220,7 +220,7 @@ class CoverageModel {
   static constexpr double kLeastForAllParts = 2.5;  // Smallest cells side by side.
   static constexpr double kBeamsOfPart = 8.0;
 
-  double share_;
+  double least_seen_;
   double least_to_split_;
 };
 
