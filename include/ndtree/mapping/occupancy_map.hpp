@@ -388,14 +388,14 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   Update update(tree_, refinement_, sensor_, options_, counters_);
   const std::uint64_t scan_number = scan.number.value_or(counters_.scans);
   const Measurements<D, Sensor> measurements(scan, max_range, sensor_, scan_number);
-  // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, or a
-  // wish from outside, can still stop it half-way.
+  // The survey checks the whole scan before the tree grows: from then on only out-of-memory, node-id
+  // exhaustion or cancellation can interrupt.
   const ScanSurvey<D> survey = update.look_over(measurements, workers);
   for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
                                     BeamOutcome::beyond_max_range, BeamOutcome::invalid})
     report.count(outcome) = survey.num(outcome);
   const bool is_undone = options_.max_memory > 0.0 || CancelScope::current() != nullptr || tree_.is_shared();
-  if (is_undone) (void)tree_.root();  // So that to undo needs no memory for it.
+  if (is_undone) (void)tree_.root();  // Copies the root's chunk now, so that undo() need not.
   const typename UndoLog<Tree>::Begin begin(tree_);
   std::vector<UndoLog<Tree>> undo;
   try {
@@ -430,7 +430,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   return report;
 }
 
-/// The map whose cells find their size while mapping.
+/// The default: cells split and merge while mapping, by evidence.
 template <int N, int D>
 using AdaptiveMap = OccupancyMap<N, D, EvidenceRefinement>;
 
