@@ -210,8 +210,8 @@ template <class Map>
 [[nodiscard]] std::optional<LatticeMotion<Map::kDim>> lattice_motion_of(const Map& map,
                                                                         const Pose<Map::kDim>& pose) {
   const auto& geometry = map.tree().geometry();
-  return lattice_motion(geometry, Map::RefinementType::coarsest_level(geometry.finest_level()), pose.rotation,
-                        pose.translation, detail::extent_of(map.tree()));
+  return lattice_motion(geometry, map.coarsest_level(), pose.rotation, pose.translation,
+                        detail::extent_of(map.tree()));
 }
 
 /// A layer after a lattice motion of its map: each value is where its cell is, bit for bit. None if a value
@@ -253,12 +253,10 @@ template <class Map>
   detail::require_rigid(pose);
   if (const auto motion = lattice_motion_of(map, pose)) {
     if (motion->is_identity()) return map;
-    const auto& geometry = map.tree().geometry();
     Tree tree(map.options().min_cell_size, map.options().num_levels(Map::kBranching));
     tree.limit_memory(map.options().memory_limit(), sizeof(Map) - sizeof(Tree));
     const std::array<std::uint32_t, std::size_t{Map::Cell::kNumWords}> empty{};
-    detail::MovingCells<Tree> moving(map.tree(), Map::RefinementType::coarsest_level(geometry.finest_level()),
-                                     *motion);
+    detail::MovingCells<Tree> moving(map.tree(), map.coarsest_level(), *motion);
     if (moving.run(tree, [&](const auto& cell) { return cell.words() == empty; })) {
       tree.limit_memory(kUnlimitedMemory);
       return Map(map.options(), std::move(tree), map.counters());
