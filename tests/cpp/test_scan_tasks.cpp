@@ -50,7 +50,7 @@ struct BundleWalk {
     const std::lock_guard<std::mutex> lock(record->mutex);
     record->made += 4 * beams.list.size;
   }
-  [[nodiscard]] bool run(const Ref& ref, const TaskCell<3>& beams) const {
+  [[nodiscard]] bool integrate(const Ref& ref, const TaskCell<3>& beams) const {
     std::uint32_t next = 0;  // All beams, in their order.
     for (const TaskList<3>* part = beams.first; part != beams.last; ++part)
       for (std::size_t i = 0; i < part->list.size; ++i) EXPECT_EQ(part->list.beam[i], next++);

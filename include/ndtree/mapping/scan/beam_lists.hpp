@@ -151,6 +151,19 @@ class ListStack {
   std::size_t used_ = 0;  // Of the block.
 };
 
+/// Releases at its end the memory of lists that were allocated in its scope.
+class ListScope {
+ public:
+  explicit ListScope(ListStack& stack) : stack_(stack), mark_(stack.mark()) {}
+  ListScope(const ListScope&) = delete;
+  ListScope& operator=(const ListScope&) = delete;
+  ~ListScope() { stack_.release(mark_); }
+
+ private:
+  ListStack& stack_;
+  const ListStack::Mark mark_;
+};
+
 /// Children's lists of a long list that is clipped piece by piece: so they take memory for the beams that
 /// there are, and not for those that there could be.
 template <int kCount>

@@ -53,7 +53,7 @@ class ScanTasks {
     const TaskOrder order(sizes, workers_.count());
     workers_.for_each_task(order.num_large, order.ends, [&](std::size_t worker, std::size_t i) {
       Task& task = tasks_[order.tasks[i]];
-      task.changed = walks_[worker].run(task.ref, task.beams);
+      task.changed = walks_[worker].integrate(task.ref, task.beams);
     });
     for (const Task& task : tasks_)
       if (task.subdivided != kNone) subdivided_[task.subdivided].changed |= task.changed;
