@@ -50,9 +50,9 @@ namespace ndtree {
 /// - A list holds ascending beam numbers, and BeamList::kSlack valid ones behind its end: vector loops read
 ///   there. Memory of lists is released in the opposite order of its allocation. (test_scan_lists, in which
 ///   unwritten numbers are no beam's)
-/// - A plane has one distance (float) on a beam, whoever computes it: nodes, children and packets have equal
-///   borders to the last bit. Products are rounded before they are added, never contracted. (test_scan_lists:
-///   widths 1, 8 and 16; test_scan_update: equal maps for lists and packets)
+/// - A plane has one distance (float) on a beam, wherever it is computed: nodes, children and packets have
+///   equal borders to the last bit. Products are rounded before they are added, never contracted.
+///   (test_scan_lists: widths 1, 8 and 16; test_scan_update: equal maps for lists and packets)
 /// - Evidence is a sum of integers: neither the order of beams nor of threads matters. (test_scan_update:
 ///   permuted scans, any number of threads)
 /// - A node drops only beams that no leaf below it samples. (test_scan_subsample, test_scan_update: the flat
@@ -62,7 +62,7 @@ namespace ndtree {
 /// - A saturated subtree that all beams pass stays as it is, bit for bit. (test_scan_update, test_summary)
 /// - A summary of 0 is stale: it is computed before it is used. (test_summary)
 /// - A node is kept in the undo log before it changes for the first time in a scan. (test_window,
-/// test_change)
+///   test_change)
 ///
 /// Cost: O(beams that cross a node) for each node with beams, plus O(N^D) for its children.
 template <class Tree, class Refinement, class Sensor>
@@ -399,16 +399,14 @@ class alignas(kCacheLines) ScanWalk {
 
   /// Integrates beams into a leaf, the only place where a leaf's occupancy changes:
   /// 1. Saturated? A saturated leaf that all beams pass stays as it is. If more beams end in it than the
-  /// sensor's
-  ///    errors explain, it samples as many beams as a leaf that is not well observed.
+  ///    sensor's errors explain, it samples as many beams as a leaf that is not well observed.
   /// 2. Sampled? The leaf samples all beams, or a fraction of them: those below a bucket of each cube-map
-  /// face.
+  ///    face.
   /// 3. Passed? The evidence of the sampled beams is added up, see LeafEvidence, and limited, see
   ///    EvidenceModel::limit().
   /// 4. Split? EvidenceRefinement::action() decides whether the leaf is updated or splits.
   /// @param of_siblings sampling fractions of the children of the leaf's parent; null unless the leaf was
-  /// reached
-  ///   from there, by beams of one cube-map face of which not all are sampled.
+  ///   reached from there, by beams of one cube-map face of which not all are sampled.
   /// @returns whether a cell changed.
   template <class Beams>
   NDTREE_ALWAYS_INLINE bool update_leaf(EvidenceCell& cell, int level, const Beams& beams,
