@@ -390,7 +390,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   const Measurements<D, Sensor> measurements(scan, max_range, sensor_, scan_number);
   // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, or a
   // wish from outside, can still stop it half-way.
-  const ScanSurvey<D> survey = update.look_over(measurements, workers);
+  const ScanSurvey<D> survey = update.survey(measurements, workers);
   for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
                                     BeamOutcome::beyond_max_range, BeamOutcome::invalid})
     report.count(outcome) = survey.num(outcome);
