@@ -71,7 +71,13 @@ IDENTIFIERS = {
 
 # Not in these words yet. A file leaves the list as soon as it is clean; a folder when all of it is.
 NOT_YET = {
-    "include/ndtree/mapping/scan/",
+    "include/ndtree/mapping/scan/beam_lists.hpp",
+    "include/ndtree/mapping/scan/child_initialiser.hpp",
+    "include/ndtree/mapping/scan/crossings.hpp",
+    "include/ndtree/mapping/scan/leaf_evidence.hpp",
+    "include/ndtree/mapping/scan/partition.hpp",
+    "include/ndtree/mapping/scan/sampling.hpp",
+    "include/ndtree/mapping/scan/walk.hpp",
     "tests/cpp/support/flat_scan_map.hpp",
     "tests/cpp/test_scan_lists.cpp",
     "tests/cpp/test_scan_sampling.cpp",
