@@ -78,7 +78,6 @@ NOT_YET = {
     "include/ndtree/mapping/scan/partition.hpp",
     "include/ndtree/mapping/scan/sampling.hpp",
     "include/ndtree/mapping/scan/walk.hpp",
-    "tests/cpp/support/flat_scan_map.hpp",
     "tests/cpp/test_scan_lists.cpp",
     "tests/cpp/test_scan_sampling.cpp",
     "tests/cpp/test_scan_update.cpp",
