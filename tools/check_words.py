@@ -65,7 +65,7 @@ IDENTIFIERS = {
     ),
     r"\w*in_vain\w*": "predicted_to_remerge",
     r"\bupdate_whole\b": "update_without_split",
-    r"\blone\w*|\bLone\w*|\w+_lone\b": "single ray",
+    r"\blone\w*|\bLone\w*|\w+_lone\b": "single",
     r"\bis_known\b": "is_well_observed (a cell), is_valid (a summary)",
 }
 

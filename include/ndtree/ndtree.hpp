@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// All of ndtree but the log readers and simulated worlds.
+/// All of ndtree but the log readers and simulated worlds. Headers that only name maps include fwd.hpp
+/// instead.
 #pragma once
 
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
+#include "ndtree/fwd.hpp"
 #include "ndtree/io/coarser.hpp"
 #include "ndtree/io/dense_grid.hpp"
 #include "ndtree/io/layer_file.hpp"

@@ -16,6 +16,7 @@ ALLOWED = [
     ("include/ndtree/core/a.hpp", '#include "types.hpp"'),
     ("include/ndtree/tree/a.hpp", '#include "ndtree/core/types.hpp"'),
     ("include/ndtree/io/a.hpp", '#include "ndtree/version.hpp"'),
+    ("include/ndtree/mapping/a.hpp", '#include "ndtree/fwd.hpp"'),
     ("include/ndtree/mapping/a.hpp", '#include "ndtree/cell/cell.hpp"'),
     ("include/ndtree/evaluation/a.hpp", '#include "ndtree/query/point.hpp"'),
     ("include/ndtree/ndtree.hpp", '#include "ndtree/mapping/map.hpp"'),
@@ -46,6 +47,7 @@ FORBIDDEN = [
     ("include/ndtree/evaluation/a.hpp", '#include "ndtree/mapping/map.hpp"'),
     ("include/ndtree/stray/a.hpp", '#include "ndtree/core/types.hpp"'),
     ("include/ndtree/version.hpp", '#include "ndtree/core/types.hpp"'),
+    ("include/ndtree/fwd.hpp", '#include "ndtree/core/types.hpp"'),
     ("tests/cpp/test_a.cpp", "#include <octomap/octomap.h>"),
 ]
 

@@ -79,7 +79,7 @@ def test_each_term_is_defined_once_and_leads_somewhere() -> None:
     for term in (
         *("saturated", "well observed", "sampled", "sampling fraction", "sampling key", "bucket"),
         *("cube-map face", "pixel", "bin", "partition", "subdivide", "finalize", "pad", "ray packet"),
-        *("single ray", "t_max", "t_free", "child initialisation", "predicted to re-merge"),
+        *("beam source", "t_max", "t_free", "child initialisation", "predicted to re-merge"),
         *("cell", "leaf", "node", "level", "hit", "miss", "log-odds", "evidence"),
     ):
         assert term in terms

@@ -29,10 +29,10 @@ struct ScanEvidence {
   std::int64_t free = 0;      ///< For free space, in the same units.
   std::uint32_t hits = 0;     ///< Beams that ended in the cell.
   std::uint32_t misses = 0;   ///< Beams that passed all of it.
-  // Hits and misses of beams whose noise is small enough for a smaller cell to have more information:
+  // Hits and misses of beams for which a child's edge is at least noise_sigmas standard deviations:
   std::uint32_t resolvable_hits = 0;
   std::uint32_t resolvable_misses = 0;
-  std::uint32_t deep_hits = 0;  ///< Resolvable hits behind a free way of more than 3 sigma through the cell.
+  std::uint32_t deep_hits = 0;  ///< Resolvable hits behind > 3 sigma of the cell, or in one > 3 sigma wide.
   std::uint32_t beams = 0;      ///< Beams with any evidence for the cell.
 
   /// Whether no beam is evidence for occupied space.

@@ -65,7 +65,7 @@ class PartialOccupancyModel {
     return {evidence.free / sum, evidence.occupied / sum, evidence.partial / sum};
   }
 
-  /// Of the beams that reach a free cell, at most this share ends there.
+  /// Of the beams that reach a free cell, at most this fraction ends there.
   [[nodiscard]] double free_until() const { return free_until_; }
 
  private:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Work that threads share.
+/// Loops over tasks that several threads work on.
 #pragma once
 
 #include <algorithm>
@@ -18,7 +18,7 @@
 
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/cancel.hpp"
-#include "ndtree/core/even_shares.hpp"
+#include "ndtree/core/even_ranges.hpp"
 
 namespace ndtree {
 
@@ -53,21 +53,21 @@ class Workers {
   void for_each_task(std::size_t tasks, Work&& work) {
     const std::size_t sharing = std::min(count_, tasks);
     if (sharing <= 1) return do_alone(tasks, work);
-    for_each_task(0, even_shares(tasks, sharing), work);
+    for_each_task(0, even_ranges(tasks, sharing), work);
   }
   /// As above with ranges of any size, and before them tasks without an owner: an idle worker takes the next.
-  /// @param first of the tasks in shares. @param ends of the shares, one behind the other, of as many workers
+  /// @param first of the tasks in ranges. @param ends of the ranges, one behind the other, of as many workers
   ///   as are to work, not more than there are; the last is the number of tasks.
   template <class Work>
   void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {
     const std::size_t tasks = ends.empty() ? first : ends.back();
     if (ends.size() <= 1 || tasks <= 1) return do_alone(tasks, work);
-    Share nobodys;
-    nobodys.end = first;
-    std::vector<Share> shares(ends.size());
-    for (std::size_t i = 0; i < shares.size(); ++i) {
-      shares[i].next = i == 0 ? first : ends[i - 1];
-      shares[i].end = ends[i];
+    Range unowned;
+    unowned.end = first;
+    std::vector<Range> ranges(ends.size());
+    for (std::size_t i = 0; i < ranges.size(); ++i) {
+      ranges[i].next = i == 0 ? first : ends[i - 1];
+      ranges[i].end = ends[i];
     }
     std::mutex failing;
     std::atomic<std::size_t> failed{tasks};  // Tasks from here on are not begun.
@@ -75,12 +75,12 @@ class Workers {
     std::size_t failed_first = tasks;  // Whose error that is; none's if it is Cancelled.
     CancelScope* const scope = CancelScope::current();
     run([&](std::size_t worker) {
-      if (worker >= shares.size()) return;
+      if (worker >= ranges.size()) return;
       std::optional<CancelScope::Lent> lent;
       if (worker > 0) lent.emplace(scope);
       /// Whether all went well.
-      const auto work_off = [&](Share& share) {
-        for (std::size_t task = share.next++; task < share.end && task < failed; task = share.next++) {
+      const auto work_off = [&](Range& range) {
+        for (std::size_t task = range.next++; task < range.end && task < failed; task = range.next++) {
           try {
             work(worker, task);
           } catch (const Cancelled&) {
@@ -98,9 +98,9 @@ class Workers {
         }
         return true;
       };
-      bool is_well = work_off(nobodys);
-      for (std::size_t i = 0; is_well && i < shares.size(); ++i)
-        is_well = work_off(shares[(worker + i) % shares.size()]);
+      bool is_well = work_off(unowned);
+      for (std::size_t i = 0; is_well && i < ranges.size(); ++i)
+        is_well = work_off(ranges[(worker + i) % ranges.size()]);
     });
     if (error) std::rethrow_exception(error);
     checkpoint();
@@ -108,7 +108,7 @@ class Workers {
 
  private:
   /// Tasks side by side that workers take one by one.
-  struct alignas(kCacheLines) Share {
+  struct alignas(kCacheLines) Range {
     std::atomic<std::size_t> next{0};
     std::size_t end = 0;
   };
@@ -186,7 +186,7 @@ class Workers {
     } while (std::chrono::steady_clock::now() < end);
     return false;
   }
-  /// Leaves what a core has to the other one that shares it, if one does.
+  /// Leaves what a core has to the other thread of the core, if there is one.
   static void pause_briefly() {
 #if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
     __builtin_ia32_pause();

@@ -38,21 +38,14 @@
 #include <arm_neon.h>
 #endif
 
-#if defined(__GNUC__) || defined(__clang__)
-/// Of small functions on the way of every beam and cell, whose calls cost as much as what they do.
-#define NDTREE_ALWAYS_INLINE inline __attribute__((always_inline))
-#define NDTREE_NEVER_INLINE __attribute__((noinline))
-#else
-#define NDTREE_ALWAYS_INLINE inline
-#define NDTREE_NEVER_INLINE
-#endif
-
 #include <algorithm>
 #include <array>
 #include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+
+#include "ndtree/core/inline.hpp"
 
 namespace ndtree {
 

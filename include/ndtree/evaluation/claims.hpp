@@ -49,7 +49,7 @@ struct ClaimsOptions {
 
 /// Points drawn uniformly around the end points of a log, and whether some scan saw them.
 ///
-/// A beam stands for its share of solid angle: a scan has a point in view if its beam that is nearest in
+/// A beam stands for its solid angle: a scan has a point in view if its beam that is nearest in
 /// direction (Euclidean distance of unit vectors) is at most `spacings` times the median distance from a
 /// beam's direction to the nearest other one away. It sees the point if that beam goes past it, or returned
 /// at most `tolerance` before it. Beams are cut at the maximum range, and one that did not return sees up to
@@ -136,8 +136,8 @@ class SeenSpace {
   }
 
   /// Between two values on a straight line. Changes their order. O(n).
-  static double quantile(std::vector<double>& values, double share) {
-    const double place = share * static_cast<double>(values.size() - 1);
+  static double quantile(std::vector<double>& values, double fraction) {
+    const double place = fraction * static_cast<double>(values.size() - 1);
     const auto below = values.begin() + static_cast<std::ptrdiff_t>(place);
     std::nth_element(values.begin(), below, values.end());
     if (below + 1 == values.end()) return *below;
@@ -215,9 +215,9 @@ struct Claims {
   std::uint64_t free_and_unseen = 0;   ///< The map calls it free, but no scan saw it.
   std::uint64_t unknown_and_seen = 0;  ///< A scan saw it, but the map calls it unknown.
 
-  /// Of the space called free, the share that was not seen.
+  /// Of the space called free, the fraction that was not seen.
   [[nodiscard]] std::optional<double> free_unseen() const { return share(free_and_unseen, free); }
-  /// Of the space seen, the share that is called unknown.
+  /// Of the space seen, the fraction that is called unknown.
   [[nodiscard]] std::optional<double> seen_unknown() const { return share(unknown_and_seen, seen); }
   /// Both volumes over the volume seen; may exceed 1.
   [[nodiscard]] std::optional<double> wrong_volume() const {

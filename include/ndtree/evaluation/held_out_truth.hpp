@@ -72,7 +72,7 @@ struct HeldOutTruth {
   }
   [[nodiscard]] std::optional<double> casts_within_share() const { return share(casts_within, casts()); }
 
-  /// Mean of the share of free space called free and of the share of end points found.
+  /// Mean of the fractions of free space called free and of end points found.
   [[nodiscard]] std::optional<double> balanced_accuracy() const {
     if (samples() == 0 || endpoints == 0) return std::nullopt;
     return 0.5 * (*free_share() + *endpoints_near_share());

@@ -150,14 +150,16 @@ struct StoredLayer {
   std::string bytes;  ///< See layer_file.hpp.
 };
 
-/// A map as the bytes of its file. The same map gives the same bytes, however it came about.
-/// @param layers that the map carries; their names are different.
-template <class Map>
-[[nodiscard]] std::string to_bytes(const Map& map, const std::vector<StoredLayer>& layers = {}) {
+namespace detail {
+
+/// @param refinement name of the map's.
+template <class Cells>
+[[nodiscard]] std::string to_bytes(const Cells& map, const char* refinement,
+                                   const std::vector<StoredLayer>& layers) {
   ByteWriter payload;
-  payload.put(static_cast<std::uint32_t>(Map::kBranching));
-  payload.put(static_cast<std::uint32_t>(Map::kDim));
-  payload.put_text(Map::RefinementType::kName);
+  payload.put(static_cast<std::uint32_t>(Cells::kBranching));
+  payload.put(static_cast<std::uint32_t>(Cells::kDim));
+  payload.put_text(refinement);
   std::uint32_t num_options = 0;
   for_each_option(map.options(), [&](const char*, double) { ++num_options; });
   payload.put(num_options);
@@ -169,8 +171,7 @@ template <class Map>
   payload.put(map.counters().splits);
   payload.put(map.counters().merges);
   payload.put(map.counters().scans);
-  detail::write_tree(map.tree(), Map::RefinementType::coarsest_level(map.tree().geometry().finest_level()),
-                     payload);
+  write_tree(map.tree(), map.coarsest_level(), payload);
   if (!layers.empty()) payload.put(static_cast<std::uint32_t>(layers.size()));
   for (const StoredLayer& layer : layers) {
     payload.put_text(layer.name);
@@ -180,15 +181,13 @@ template <class Map>
   }
 
   ByteWriter file;
-  file.bytes().append(detail::kMapFileMagic);
-  file.put(layers.empty() ? detail::kMapFileVersionOfMap : detail::kMapFileVersion);
+  file.bytes().append(kMapFileMagic);
+  file.put(layers.empty() ? kMapFileVersionOfMap : kMapFileVersion);
   file.put(static_cast<std::uint64_t>(payload.bytes().size()));
   file.bytes().append(payload.bytes());
   file.put(crc32(file.bytes()));
   return std::move(file.bytes());
 }
-
-namespace detail {
 
 inline std::vector<StoredLayer> read_layers(ByteReader& in) {
   std::vector<StoredLayer> layers;
@@ -206,6 +205,13 @@ inline std::vector<StoredLayer> read_layers(ByteReader& in) {
 }
 
 }  // namespace detail
+
+/// A map as the bytes of its file. The same map gives the same bytes, however it came about.
+/// @param layers that the map carries; their names are different.
+template <class Map>
+[[nodiscard]] std::string to_bytes(const Map& map, const std::vector<StoredLayer>& layers = {}) {
+  return detail::to_bytes(map.cells(), Map::RefinementType::kName, layers);
+}
 
 /// Which kind of map these bytes hold. @throws std::runtime_error if they are not a whole, undamaged map
 /// file.

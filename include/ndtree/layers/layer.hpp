@@ -8,11 +8,37 @@
 #include <cstdint>
 
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/inline.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
 namespace ndtree {
+
+/// How much of a cell a map has observed.
+enum class KnownPart { none, some, all };
+
+namespace detail {
+
+template <class MapTree, class Ref>
+[[nodiscard]] NDTREE_NEVER_INLINE KnownPart known_part_below(const MapTree& map_tree, const Ref& ref) {
+  if (ref.is_leaf()) return ref.cell().observed() ? KnownPart::all : KnownPart::none;
+  const KnownPart first = known_part_below(map_tree, map_tree.child(ref, 0));
+  for (int j = 1; first != KnownPart::some && j < MapTree::kNumChildren; ++j)
+    if (known_part_below(map_tree, map_tree.child(ref, j)) != first) return KnownPart::some;
+  return first;
+}
+
+}  // namespace detail
+
+/// How much of a cell a map has observed. @param map_tree of the map. O(leaves in the cell).
+template <class MapTree, int D>
+[[nodiscard]] KnownPart known_part(const MapTree& map_tree, const CellIndex<D>& cell) {
+  typename MapTree::ConstRef ref = map_tree.root();
+  if (!map_tree.geometry().contains(ref.index, cell.lower)) return KnownPart::none;
+  while (!ref.is_leaf() && ref.index.level > cell.level) ref = map_tree.child_towards(ref, cell.lower);
+  return detail::known_part_below(map_tree, ref);
+}
 
 /// A value for each cell in which beams end, such as a colour, a label, or a time. Values follow the cells of
 /// a map: where that has split a cell, its parts have what the rule of the value makes of it, and where it
@@ -142,9 +168,9 @@ class Layer {
     // What is not changed stays shared.
     if (all_observed(ConstRef{ref.node, ref.index}, map_tree, may_differ, pace)) return;
     if (ref.index.level <= 0) {
-      const Knowledge known = knowledge(ref.index, map_tree);
-      if (known == Knowledge::none) tree_.cut(*ref.node);
-      if (known != Knowledge::some) return;
+      const KnownPart known = known_part(map_tree, ref.index);
+      if (known == KnownPart::none) tree_.cut(*ref.node);
+      if (known != KnownPart::some) return;
       if (ref.is_leaf()) {
         const Cell part{ref.cell().value.part(Tree::kNumChildren)};
         tree_.split(ref, part);
@@ -166,32 +192,15 @@ class Layer {
     if (ref.is_leaf() && ref.cell().value.is_empty()) return true;
     if (!may_differ(tree_.box(ref.index))) return true;
     if (ref.index.level <= 0) {
-      const Knowledge known = knowledge(ref.index, map_tree);
-      if (known != Knowledge::some || ref.is_leaf()) return known == Knowledge::all;
+      const KnownPart known = known_part(map_tree, ref.index);
+      if (known != KnownPart::some || ref.is_leaf()) return known == KnownPart::all;
     }
     for (int j = 0; j < Tree::kNumChildren; ++j)
       if (!all_observed(tree_.child(ref, j), map_tree, may_differ, pace)) return false;
     return true;
   }
-  enum class Knowledge { none, some, all };
-  /// How much of a cell a map has observed.
-  template <class MapTree>
-  [[nodiscard]] static Knowledge knowledge(const CellIndex<D>& cell, const MapTree& map_tree) {
-    typename MapTree::ConstRef ref = map_tree.root();
-    if (!map_tree.geometry().contains(ref.index, cell.lower)) return Knowledge::none;
-    while (!ref.is_leaf() && ref.index.level > cell.level) ref = map_tree.child_towards(ref, cell.lower);
-    return knowledge(ref, map_tree);
-  }
-  template <class MapRef, class MapTree>
-  [[nodiscard]] static Knowledge knowledge(const MapRef& ref, const MapTree& map_tree) {
-    if (ref.is_leaf()) return ref.cell().observed() ? Knowledge::all : Knowledge::none;
-    const Knowledge first = knowledge(map_tree.child(ref, 0), map_tree);
-    for (int j = 1; first != Knowledge::some && j < MapTree::kNumChildren; ++j)
-      if (knowledge(map_tree.child(ref, j), map_tree) != first) return Knowledge::some;
-    return first;
-  }
   template <class Visit>
-  void for_each_below(const ConstRef& ref, const Visit& visit, Pace& pace) const {
+  NDTREE_NEVER_INLINE void for_each_below(const ConstRef& ref, const Visit& visit, Pace& pace) const {
     pace.spend();
     if (!ref.is_leaf()) {
       for (int j = 0; j < Tree::kNumChildren; ++j) for_each_below(tree_.child(ref, j), visit, pace);

@@ -60,8 +60,7 @@ template <class Map, class Value>
   constexpr int D = Map::kDim;
   const auto& geometry = map.tree().geometry();
   LatticeBox<D> cells;
-  if (window)
-    cells = geometry.cells_in(*window, Map::RefinementType::coarsest_level(geometry.finest_level()));
+  if (window) cells = geometry.cells_in(*window, map.coarsest_level());
   layer.limit_memory(max_memory);
   Pace pace;
   for (Eigen::Index i = 0; i < scan.size; ++i) {
@@ -138,8 +137,9 @@ class LayeredMap {
       const std::size_t limit = map.map_.options().memory_limit();
       const auto add = [&](auto& layer, const auto* of_layer) {
         using Value = typename std::decay_t<decltype(layer)>::ValueType;
-        layer = with_scan<Map, Value>(layer, map.map_, view, of_layer, max_range, window,
-                                      memory_beside(map.memory_bytes() - layer.memory_bytes(), limit));
+        layer = with_scan<typename Map::Cells, Value>(
+            layer, map.map_, view, of_layer, max_range, window,
+            memory_beside(map.memory_bytes() - layer.memory_bytes(), limit));
       };
       std::apply([&](auto&... layer) { (add(layer, measurements.data()), ...); }, map.layers_);
       if (map.memory_bytes() > limit) throw MemoryLimitReached(limit);

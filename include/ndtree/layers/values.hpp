@@ -52,8 +52,8 @@ class MeanValue {
 
   void add(const Measurement& measurement) {
     weight_ = std::min(weight_ + 1.0f, kMostWeight);
-    const double share = 1.0 / static_cast<double>(weight_);
-    for (std::size_t i = 0; i < K; ++i) mean_[i] = between(mean_[i], measurement[i], share);
+    const double fraction = 1.0 / static_cast<double>(weight_);
+    for (std::size_t i = 0; i < K; ++i) mean_[i] = between(mean_[i], measurement[i], fraction);
   }
   void join(const MeanValue& other) {
     if (other.is_empty()) return;
@@ -98,10 +98,10 @@ class MeanValue {
  private:
   static constexpr float kLeastWeight = 1e-6f;  // What is due to less is forgotten.
 
-  /// from + share * (to - from), in double, which holds all differences of floats.
-  static float between(float from, float to, double share) {
+  /// from + fraction * (to - from), in double, which holds all differences of floats.
+  static float between(float from, float to, double fraction) {
     const auto begin = static_cast<double>(from);
-    return static_cast<float>(begin + (static_cast<double>(to) - begin) * share);
+    return static_cast<float>(begin + (static_cast<double>(to) - begin) * fraction);
   }
 
   float weight_ = 0.0f;

@@ -22,7 +22,7 @@ namespace ndtree {
 /// in a
 ///   corner, the next one along the beam does;
 /// - those before it count a miss, and so does every leaf that a beam without return passes as a whole;
-/// - those behind it, up to range + 3 sigma, count neither, but take their share of the Bayes update.
+/// - those behind it, up to range + 3 sigma, count neither, but get their part of the Bayes update.
 template <class Tree, class Refinement, class Sensor>
 class BeamUpdate : public BeamVisitor {
   static constexpr int D = Tree::kDim;

@@ -23,10 +23,12 @@
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
+#include "ndtree/fwd.hpp"
 #include "ndtree/mapping/adopt.hpp"
 #include "ndtree/mapping/compress.hpp"
 #include "ndtree/mapping/forget.hpp"
 #include "ndtree/mapping/join.hpp"
+#include "ndtree/mapping/map_cells.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/refinement.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
@@ -72,34 +74,19 @@ struct InsertReport {
   return threads > 0 ? threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
 }
 
-/// The size of a map and what happened to it since it was made.
-struct MapStats {
-  std::size_t leaves = 0;           ///< All leaves, unknown space included.
-  std::size_t observed_leaves = 0;  ///< Leaves that at least one beam updated: the cells that results count.
-  std::size_t nodes = 0;            ///< Leaves and inner nodes.
-  std::uint64_t scans = 0;          ///< Scans inserted; the number of the next one.
-  std::uint64_t updates = 0;        ///< As in InsertReport, over the map's life.
-  std::uint64_t splits = 0;
-  std::uint64_t merges = 0;
-  std::size_t memory_bytes = 0;  ///< Bytes held, used or not.
-};
-
 /// A map of N^D-trees' cells. `Refinement` decides how fine cells are, `Sensor` what a range says about one.
 /// Invariants, tested by check_invariants(): those of the tree; leaves above the coarsest level of the
 /// refinement were never observed; log-odds are within their bounds.
 /// Not for use by two threads at once while one of them changes it. Copies are independent, and may be used
 /// by other threads; they share the cells that neither has changed since, so that a copy, see snapshot(),
 /// takes microseconds for each megabyte.
-template <int N, int D, class Refinement, class Sensor = BeamSensorModel>
-class OccupancyMap {
+template <int N, int D, class Refinement, class Sensor>
+class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
  public:
-  static constexpr int kBranching = N;
-  static constexpr int kDim = D;
+  using Cells = MapCells<N, D, typename Refinement::Cell>;
   using RefinementType = Refinement;
-  using Options = MapOptions;
-  using Counters = UpdateCounters;
-  using Cell = typename Refinement::Cell;
-  using Tree = NdTree<N, D, Cell>;
+  using typename Cells::Cell;
+  using typename Cells::Tree;
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   explicit OccupancyMap(const MapOptions& options = {});
@@ -234,20 +221,9 @@ class OccupancyMap {
   /// The map as it is now, to be read by any thread while this one goes on. See changes().
   [[nodiscard]] OccupancyMap snapshot() const { return *this; }
 
-  [[nodiscard]] const Tree& tree() const { return tree_; }
-  [[nodiscard]] const MapOptions& options() const { return options_; }
-  [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
-
   /// O(leaves).
   [[nodiscard]] MapStats stats() const {
-    MapStats stats;
-    stats.leaves = tree_.num_leaves();
-    for_each_leaf(tree_, [&](const auto& leaf) { stats.observed_leaves += leaf.cell().observed(); });
-    stats.nodes = tree_.num_nodes();
-    stats.updates = counters_.updates;
-    stats.splits = counters_.splits;
-    stats.merges = counters_.merges;
-    stats.scans = counters_.scans;
+    MapStats stats = this->count();
     stats.memory_bytes = memory_bytes();
     return stats;
   }
@@ -347,11 +323,11 @@ class OccupancyMap {
     return text + ")";
   }
 
-  MapOptions options_;
+  using Cells::counters_;
+  using Cells::options_;
+  using Cells::tree_;
   Refinement refinement_;
   Sensor sensor_;
-  Tree tree_;
-  UpdateCounters counters_;
 };
 
 template <int N, int D, class Refinement, class Sensor>
@@ -364,11 +340,10 @@ OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options)
 template <int N, int D, class Refinement, class Sensor>
 OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options, Tree tree,
                                                      const UpdateCounters& counters)
-    : options_(valid(options)),
+    : Cells(valid(options), std::move(tree), counters,
+            Refinement::coarsest_level(-valid(options).num_levels(N))),
       refinement_(options),
-      sensor_(options),
-      tree_(std::move(tree)),
-      counters_(counters) {
+      sensor_(options) {
   summarise_stale(tree_, *tree_.root().node, saturated());
 }
 
@@ -388,14 +363,14 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   Update update(tree_, refinement_, sensor_, options_, counters_);
   const std::uint64_t scan_number = scan.number.value_or(counters_.scans);
   const Measurements<D, Sensor> measurements(scan, max_range, sensor_, scan_number);
-  // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, or a
-  // wish from outside, can still stop it half-way.
+  // The survey checks the whole scan before the tree grows: from then on only out-of-memory, node-id
+  // exhaustion or cancellation can interrupt.
   const ScanSurvey<D> survey = update.survey(measurements, workers);
   for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
                                     BeamOutcome::beyond_max_range, BeamOutcome::invalid})
     report.count(outcome) = survey.num(outcome);
   const bool is_undone = options_.max_memory > 0.0 || CancelScope::current() != nullptr || tree_.is_shared();
-  if (is_undone) (void)tree_.root();  // So that to undo needs no memory for it.
+  if (is_undone) (void)tree_.root();  // Copies the root's chunk now, so that undo() need not.
   const typename UndoLog<Tree>::Begin begin(tree_);
   std::vector<UndoLog<Tree>> undo;
   try {
@@ -429,18 +404,6 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return report;
 }
-
-/// The map whose cells find their size while mapping.
-template <int N, int D>
-using AdaptiveMap = OccupancyMap<N, D, EvidenceRefinement>;
-
-/// The adaptive map with exactly the rules of the paper.
-template <int N, int D>
-using PaperMap = OccupancyMap<N, D, PaperRefinement>;
-
-/// The baseline: the same map, with every cell of min_cell_size.
-template <int N, int D>
-using FixedMap = OccupancyMap<N, D, FixedRefinement>;
 
 }  // namespace ndtree
 

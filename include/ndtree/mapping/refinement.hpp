@@ -86,7 +86,7 @@ struct EvidenceRefinement {
     return is_new ? LeafAction::judge_coverage : LeafAction::split;
   }
   /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
-  /// - Free: any hit of small noise splits, so that smaller cells show where it is; they merge again if not.
+  /// - Free: any resolvable hit splits, so that smaller cells show where it is.
   /// - Unknown: only a deep hit splits, since free space lies before it.
   /// - Occupied: splits if it is more probably partially occupied than split_probability.
   /// Monotone while the cell is free or unknown: more beams never turn yes to no, see splits_anyway().

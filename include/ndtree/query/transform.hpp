@@ -135,19 +135,19 @@ class Transforming {
     double hits = 0.0;
     double misses = 0.0;
 
-    /// @param share of the beams through a cell of one size that a cell of another meets.
-    void add(const EvidenceCell& cell, double share) {
+    /// @param fraction of the beams through a cell of one size that a cell of another meets.
+    void add(const EvidenceCell& cell, double fraction) {
       ++observed;
-      occupied += share * static_cast<double>(cell.occupied_evidence());
-      free += share * static_cast<double>(cell.free_evidence());
-      hits += share * cell.hits();
-      misses += share * cell.misses();
+      occupied += fraction * static_cast<double>(cell.occupied_evidence());
+      free += fraction * static_cast<double>(cell.free_evidence());
+      hits += fraction * cell.hits();
+      misses += fraction * cell.misses();
     }
-    void add(const OccupancyCell& cell, double share) {
+    void add(const OccupancyCell& cell, double fraction) {
       ++observed;
       occupied += static_cast<double>(cell.log_odds());
-      hits += share * cell.hits();
-      misses += share * cell.misses();
+      hits += fraction * cell.hits();
+      misses += fraction * cell.misses();
     }
   };
   [[nodiscard]] Cell cell_of(const Sum& sum, int samples) const {
@@ -210,8 +210,8 @@ template <class Map>
 [[nodiscard]] std::optional<LatticeMotion<Map::kDim>> lattice_motion_of(const Map& map,
                                                                         const Pose<Map::kDim>& pose) {
   const auto& geometry = map.tree().geometry();
-  return lattice_motion(geometry, Map::RefinementType::coarsest_level(geometry.finest_level()), pose.rotation,
-                        pose.translation, detail::extent_of(map.tree()));
+  return lattice_motion(geometry, map.coarsest_level(), pose.rotation, pose.translation,
+                        detail::extent_of(map.tree()));
 }
 
 /// A layer after a lattice motion of its map: each value is where its cell is, bit for bit. None if a value
@@ -253,12 +253,10 @@ template <class Map>
   detail::require_rigid(pose);
   if (const auto motion = lattice_motion_of(map, pose)) {
     if (motion->is_identity()) return map;
-    const auto& geometry = map.tree().geometry();
     Tree tree(map.options().min_cell_size, map.options().num_levels(Map::kBranching));
     tree.limit_memory(map.options().memory_limit(), sizeof(Map) - sizeof(Tree));
     const std::array<std::uint32_t, std::size_t{Map::Cell::kNumWords}> empty{};
-    detail::MovingCells<Tree> moving(map.tree(), Map::RefinementType::coarsest_level(geometry.finest_level()),
-                                     *motion);
+    detail::MovingCells<Tree> moving(map.tree(), map.coarsest_level(), *motion);
     if (moving.run(tree, [&](const auto& cell) { return cell.words() == empty; })) {
       tree.limit_memory(kUnlimitedMemory);
       return Map(map.options(), std::move(tree), map.counters());

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/inline.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
@@ -13,13 +14,18 @@ namespace ndtree {
 template <class Tree, class Visit>
 void for_each_node(Tree& tree, Visit&& visit) {
   Pace pace;
-  const auto descend = [&](const auto& self, const auto& ref) -> void {
-    visit(ref);
-    if (ref.is_leaf()) return;
+  // Compilers would inline the recursion into itself, several levels deep: much code, which is no faster.
+  const auto descend = [&](const auto& self, const auto& ref) NDTREE_NEVER_INLINE -> void {
     pace.spend(Tree::kNumChildren);
-    for (int j = 0; j < Tree::kNumChildren; ++j) self(self, tree.child(ref, j));
+    for (int j = 0; j < Tree::kNumChildren; ++j) {
+      const auto child = tree.child(ref, j);
+      visit(child);
+      if (!child.is_leaf()) self(self, child);
+    }
   };
-  descend(descend, tree.root());
+  const auto root = tree.root();
+  visit(root);
+  if (!root.is_leaf()) descend(descend, root);
 }
 
 /// Calls `visit(leaf)` for every leaf, in the order of for_each_node().

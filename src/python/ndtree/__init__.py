@@ -16,12 +16,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ndtree import cells as cells
-    from ndtree import evaluation as evaluation
     from ndtree import logs as logs
-    from ndtree import maps as maps
     from ndtree import tiles as tiles
-    from ndtree import tuning as tuning
     from ndtree import typing as typing
     from ndtree._native import OctoMap
     from ndtree._native._core import (
@@ -110,7 +106,7 @@ __all__ = [
 ]
 
 #: Modules that are attributes of the package without an import of their own; others may need an extra.
-_FOLDERS = ("cells", "evaluation", "logs", "maps", "tiles", "tuning", "typing")
+_FOLDERS = ("logs", "tiles", "typing")
 #: Modules of the names in `__all__`; all others are the compiled module's.
 _MODULES = {
     "Calibration": "ndtree.tuning.calibration",

@@ -1090,7 +1090,7 @@ class AdaptiveMap(OccupancyMap):
         Children of a node along each axis: 2, 3 or 4 (in four dimensions 2).
     refinement : str
         "evidence": cells split where a beam ends behind a free way through them or hits and misses contradict each
-        other, start with a part of their parents' evidence, and join where little is lost by it. "paper": the rules of
+        other, start with a part of their parents' evidence, and merge where little is lost by it. "paper": the rules of
         Einhorn, Schroeter and Gross (ICRA 2011), as published.
     layers : dict of str, optional
         What cells carry beside their occupancy, by a name: "mean" of a number a beam, "mean3" of three, as of a
@@ -1110,38 +1110,38 @@ class AdaptiveMap(OccupancyMap):
     split_probability : float
         A cell splits if it is more probably than this partially occupied ("evidence").
     merge_loss : float
-        Siblings join if that loses at most this for each cell that it saves ("evidence") [bits].
+        Siblings merge if that loses at most this for each cell that it saves ("evidence") [bits].
     inherited_beams : float
         A cell that splits divides its evidence as the scan's beams go, with this many more beams spread evenly
         ("evidence").
     noise_sigmas : float
         No split makes cells smaller than this many standard deviations of the range ("evidence").
     evidence_memory : float
-        A cell remembers evidence of this weight; older fades ("evidence") [nats].
+        Evidence that a cell remembers at most; older evidence fades ("evidence") [nats].
     free_memory : float
         Cap of evidence in a cell that has it for free space only ("evidence") [nats].
     scan_beams : float
-        Beams of one scan that count in a cell if all of them passed it ("evidence").
+        Beams of one scan that count at most in a cell if all of them passed it ("evidence").
     known_evidence, sample_beams : float
-        Of a scan that is dense beside the cells, a sample counts: about sample_beams for each cell of min_cell_size
-        side by side in a cell with known_evidence [nats], five times as many in others ("evidence").
+        Cells sample a scan that is denser than they are: a well observed cell, with known_evidence [nats], about
+        sample_beams beams per cell of min_cell_size side by side in it, any other five times as many ("evidence").
     evidence_prior : float
-        Evidence for and against that every cell begins with ("evidence") [nats].
+        Evidence of both kinds that every cell begins with ("evidence") [nats].
     change_probability : float
-        A run of scans that contradict a cell and is less likely than this is a change of the world, and the cell
-        forgets what was before; 0 for never ("evidence").
+        A streak of scans that contradicts a cell and is less likely than this is a change, and the cell forgets its
+        earlier evidence; 0 for never ("evidence").
     evidence_half_life : float
         A cell's evidence halves in this many scans that observe it; 0 for never ("evidence") [scans].
     covered_share : float
-        A cell is known once so much was seen of each of its halves, along every axis; 0: as soon as a beam passed it
-        ("evidence").
+        A cell is observed once this fraction of each of its halves was seen, along every axis; 0: as soon as a beam
+        passed it ("evidence").
     coverage_cells : float
         A cell of which a part was not seen splits to show it if it is larger than this many of min_cell_size
         ("evidence").
     significance : float
         Confidence of the chi-square test that splits a cell ("paper").
     merge_free_below, merge_occupied_above : float
-        Siblings join if all are at most, or all at least, this probable ("paper").
+        Siblings merge if all are at most, or all at least, this probable ("paper").
     max_memory : float
         A scan with which the map would hold more is refused [bytes]; 0: three quarters of the machine's memory.
 

@@ -26,32 +26,40 @@ MAP_OPTIONS = (
     MapOption("refinement", str, "Policy that splits and merges cells."),
     MapOption("range_sigma", float, "Standard deviation of a range [m]."),
     MapOption("range_sigma_quadratic", float, "Its growth with the squared range [1/m]."),
-    MapOption("probability_min", float, "No beam says less about a cell."),
-    MapOption("probability_max", float, "No beam says more about a cell."),
+    MapOption("probability_min", float, "Least probability that one beam gives a cell."),
+    MapOption("probability_max", float, "Largest probability that one beam gives a cell."),
     MapOption("log_odds_min", float, "A cell's log-odds never fall below."),
     MapOption("log_odds_max", float, "A cell's log-odds never rise above."),
-    MapOption("miss_given_occupied", float, "Share of beams that pass an occupied cell."),
-    MapOption("hit_given_free", float, "Share of beams that end in a free cell."),
-    MapOption("split_probability", float, "Of being partially occupied, above it a cell splits."),
-    MapOption("merge_loss", float, "Siblings join if no more is lost a cell [bits]."),
-    MapOption("inherited_beams", float, "Beams that temper how a scan shares evidence out."),
-    MapOption("noise_sigmas", float, "No split makes cells smaller than this."),
-    MapOption("evidence_memory", float, "Evidence that a cell remembers [nats]."),
-    MapOption("free_memory", float, "So much if it knows of nothing but free space [nats]."),
-    MapOption("scan_beams", float, "Beams of a scan that count in a cell if all passed it."),
-    MapOption("known_evidence", float, "A cell that knows this much counts fewer beams of a scan [nats]."),
+    MapOption("miss_given_occupied", float, "Fraction of beams that pass an occupied cell."),
+    MapOption("hit_given_free", float, "Fraction of beams that end in a free cell."),
     MapOption(
-        "sample_beams", float, "Beams of a dense scan that count, for each smallest cell side by side."
+        "split_probability", float, "A cell splits if more probably than this it is partially occupied."
+    ),
+    MapOption("merge_loss", float, "Siblings merge if that loses at most this per cell saved [bits]."),
+    MapOption("inherited_beams", float, "Evenly spread beams added where a split divides evidence."),
+    MapOption("noise_sigmas", float, "No split makes cells smaller than this many sigma."),
+    MapOption("evidence_memory", float, "Evidence that a cell remembers [nats]."),
+    MapOption("free_memory", float, "Evidence that a cell remembers if it is for free space only [nats]."),
+    MapOption("scan_beams", float, "Beams of a scan that count at most in a cell if all passed it."),
+    MapOption(
+        "known_evidence", float, "A cell with this evidence is well observed, and samples fewer beams [nats]."
+    ),
+    MapOption(
+        "sample_beams",
+        float,
+        "Beams of a dense scan that a cell samples, per smallest cell side by side in it.",
     ),
     MapOption("evidence_prior", float, "Evidence that a cell begins with [nats]."),
     MapOption("change_probability", float, "A streak of scans less likely is a change; 0: never."),
-    MapOption("evidence_half_life", float, "A cell's evidence halves in so many scans; 0: never."),
-    MapOption("covered_share", float, "A cell is known once so much was seen of each half; 0: once passed."),
-    MapOption("coverage_cells", float, "Cells of more smallest ones than this split to show what was seen."),
+    MapOption("evidence_half_life", float, "A cell's evidence halves in this many of its scans; 0: never."),
+    MapOption(
+        "covered_share", float, "Fraction of each half to be seen until a cell is observed; 0: any beam."
+    ),
+    MapOption("coverage_cells", float, "Cells of more smallest cells than this split to show what was seen."),
     MapOption("max_memory", float, "No map holds more [bytes]; 0: 3/4 of the machine's memory."),
     MapOption("significance", float, "Confidence of the split test."),
-    MapOption("merge_free_below", float, "Siblings join if all are at most this."),
-    MapOption("merge_occupied_above", float, "Siblings join if all are at least this."),
+    MapOption("merge_free_below", float, "Siblings merge if all are at most this probable."),
+    MapOption("merge_occupied_above", float, "Siblings merge if all are at least this probable."),
 )
 OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
 

@@ -40,7 +40,7 @@ class EngineName(str, Enum):
 def fleet(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Files or folders, as of map.")],
     output: Annotated[
-        str, typer.Option("--output", "-o", metavar="URL", help="Folder of the map, or what fsspec knows.")
+        str, typer.Option("--output", "-o", metavar="URL", help="Folder of the map, or a URL of fsspec.")
     ],
     engine: Annotated[
         EngineName, typer.Option(help="Threads of this process, Ray or Dask.")

@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "ndtree/core/even_shares.hpp"
+#include "ndtree/core/even_ranges.hpp"
 
 namespace ndtree {
 
@@ -63,7 +63,7 @@ class Workers {
   [[nodiscard]] std::size_t count() const { return count_; }
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
-    for_each_task(0, even_shares(tasks, std::min(count_, tasks)), work);
+    for_each_task(0, even_ranges(tasks, std::min(count_, tasks)), work);
   }
   template <class Work>
   void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {
