@@ -17,7 +17,7 @@
 
 namespace ndtree::test {
 
-/// The algorithm of a scan, slow and plain, written independently of mapping/scan.
+/// The algorithm of a scan, slow and plain. Of mapping/scan it uses sampling_key_of() alone.
 ///
 /// Strategy: for each cell, sum the evidence of all sampled beams that cross it, then decide: partly
 /// seen, split or update. A split puts the children on the list of cells to be visited. In the end

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Lists of a scan's beams by part and cell, of which tasks are made.
+/// Lists of a scan's beams by part and cell: the input of tasks.
 #pragma once
 
 #include <algorithm>
