@@ -24,7 +24,7 @@ namespace {
 
 constexpr double kUnit = 0.05;
 
-/// A face that so many beams go through, evenly or on a line, with its steps; the first steps alone have
+/// A face with `count` beams, spread evenly or on a line, and its buckets, of which only the first have
 /// beams.
 template <int D>
 CubeFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t number_of_steps_before) {
