@@ -36,23 +36,23 @@ struct BundleWalk {
   Tree* tree;
   Record* record;
 
-  void bring(std::size_t first, std::size_t last, std::size_t part, CoarseLists<3>& lists) const {
+  void bin(std::size_t first, std::size_t last, std::size_t part, TaskLists<3>& lists) const {
     ListStack stack;
     BeamList list = stack.allocate(last - first + BeamList::kSlack);
     for (std::size_t i = first; i < last; ++i) list.beam[i - first] = static_cast<std::uint32_t>(i);
     list.size = last - first;
-    list.close();
+    list.pad();
     lists.add(tree->root().index.lower, part, list);
   }
-  void open(const CellIndex<3>& node, const CoarseList<3>& beams, CoarseLists<3>& lists) const {
+  void subdivide(const CellIndex<3>& node, const TaskList<3>& beams, TaskLists<3>& lists) const {
     for (int c = 0; c < 4; ++c)
       lists.add(tree->geometry().child(node, child_offset<2, 3>(c)).lower, beams.part, beams.list);
     const std::lock_guard<std::mutex> lock(record->mutex);
     record->made += 4 * beams.list.size;
   }
-  [[nodiscard]] bool run(const Ref& ref, const CoarseCell<3>& beams) const {
+  [[nodiscard]] bool run(const Ref& ref, const TaskCell<3>& beams) const {
     std::uint32_t next = 0;  // All beams, in their order.
-    for (const CoarseList<3>* part = beams.first; part != beams.last; ++part)
+    for (const TaskList<3>* part = beams.first; part != beams.last; ++part)
       for (std::size_t i = 0; i < part->list.size; ++i) EXPECT_EQ(part->list.beam[i], next++);
     EXPECT_EQ(next, beams.size);
     const std::lock_guard<std::mutex> lock(record->mutex);
@@ -60,7 +60,7 @@ struct BundleWalk {
     record->run.push_back(ref.index);
     return true;
   }
-  [[nodiscard]] bool close(const Ref& ref, bool changed) const {
+  [[nodiscard]] bool finalize(const Ref& ref, bool changed) const {
     EXPECT_TRUE(changed);
     record->closed.push_back(ref.index);
     return changed;
@@ -73,13 +73,13 @@ void split_all(Tree& tree, const Ref& ref, int levels) {
   for (int c = 0; c < Tree::kNumChildren; ++c) split_all(tree, tree.child(ref, c), levels - 1);
 }
 
-void run_bundle(std::size_t beams, std::size_t threads, std::size_t most_to_open, Record& record) {
+void run_bundle(std::size_t beams, std::size_t threads, std::size_t most_to_subdivide, Record& record) {
   Tree tree(0.1, 5);
   split_all(tree, tree.root(), 4);
   Workers workers(threads);
   std::vector<BundleWalk> walks(threads, BundleWalk{&tree, &record});
   ScanTasks<Tree, BundleWalk>(tree, tree.main_arena(), tree.root().index.level, workers, walks, nullptr,
-                              most_to_open)
+                              most_to_subdivide)
       .run(beams);
 }
 

@@ -19,6 +19,8 @@ struct PassedEvidence {
   std::int64_t free = 0;                ///< In units of EvidenceCell::kUnit.
   std::uint32_t misses = 0;             ///< Beams that passed all of it.
   std::uint32_t resolvable_misses = 0;  ///< Misses of small noise, see ScanEvidence.
+
+  [[nodiscard]] static bool is_free_alone() { return true; }
 };
 
 /// The evidence of one scan for one cell: sums, so that the order of beams does not matter.
@@ -33,6 +35,8 @@ struct ScanEvidence {
   std::uint32_t deep_hits = 0;  ///< Resolvable hits behind a free way of more than 3 sigma through the cell.
   std::uint32_t beams = 0;      ///< Beams with any evidence for the cell.
 
+  /// Whether no beam is evidence for occupied space.
+  [[nodiscard]] bool is_free_alone() const { return hits == 0 && occupied == 0; }
   /// Adds the evidence of beams that passed the cell.
   void add(const PassedEvidence& passed) {
     free += passed.free;

@@ -40,15 +40,6 @@ class EvidenceSummary {
     return summary_of_siblings(siblings, kCount,
                                [this](const EvidenceCell& cell) { return model_.is_saturated(cell); });
   }
-#ifdef NDTREE_HAS_EIGHTS
-  /// operator() for callers compiled for AVX2, on a machine that has it.
-  template <class NodeType>
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE SummaryOfSiblings
-  by_eights(const NodeType* siblings) const {
-    static_assert(sizeof(NodeType) == kWords * sizeof(std::uint32_t), "a node is a cell, or a link");
-    return by_eights(reinterpret_cast<const int*>(siblings));
-  }
-#endif
 
  private:
   static constexpr int kWords = EvidenceCell::kNumWords;
@@ -58,7 +49,8 @@ class EvidenceSummary {
 #ifdef NDTREE_HAS_EIGHTS
   template <class NodeType>
   NDTREE_BY_EIGHTS [[nodiscard]] SummaryOfSiblings call_by_eights(const NodeType* siblings) const {
-    return by_eights(siblings);
+    static_assert(sizeof(NodeType) == kWords * sizeof(std::uint32_t), "a node is a cell, or a link");
+    return by_eights(reinterpret_cast<const int*>(siblings));
   }
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i load(const EightWords& eight) {
     return _mm256_load_si256(reinterpret_cast<const __m256i*>(eight.data()));

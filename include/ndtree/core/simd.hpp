@@ -123,6 +123,16 @@ struct PackTable {
 };
 inline constexpr PackTable kPackTable{};
 
+/// How many of eight are in a set.
+struct BitCountTable {
+  std::array<std::uint8_t, 256> of{};
+  constexpr BitCountTable() {
+    for (unsigned set = 1; set < 256; ++set) of[set] = static_cast<std::uint8_t>(of[set / 2] + set % 2);
+  }
+  constexpr std::uint8_t operator[](std::size_t set) const { return of[set]; }
+};
+inline constexpr BitCountTable kBitCount{};
+
 /// The order that brings those of a set to the front.
 NDTREE_BY_EIGHTS inline __m256i packing(unsigned set) {
   return _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackTable.places[set])));
@@ -132,6 +142,11 @@ NDTREE_BY_EIGHTS inline __m256 joined(__m128 low, __m128 high) {
 }
 NDTREE_BY_EIGHTS inline __m256d joined(__m128d low, __m128d high) {
   return _mm256_insertf128_pd(_mm256_castpd128_pd256(low), high, 1);
+}
+/// The sums of four vectors.
+NDTREE_BY_EIGHTS inline __m128i sums_of(__m256i a, __m256i b, __m256i c, __m256i d) {
+  const __m256i quarters = _mm256_hadd_epi32(_mm256_hadd_epi32(a, b), _mm256_hadd_epi32(c, d));
+  return _mm_add_epi32(_mm256_castsi256_si128(quarters), _mm256_extracti128_si256(quarters, 1));
 }
 /// Turns rows of four into columns, in each half.
 NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void turn_four(const __m256* row, __m256* column) {

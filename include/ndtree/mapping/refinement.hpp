@@ -12,8 +12,10 @@
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/partial_occupancy.hpp"
 #include "ndtree/cell/split_test.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/beam_update.hpp"
 #include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/leaf_action.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan_update.hpp"
 
@@ -65,6 +67,24 @@ struct EvidenceRefinement {
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   /// Whether scans of which all beams pass leave the cell as it is.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
+  /// **The leaf decision**: what the evidence of a scan does to a leaf.
+  /// - A smallest cell is updated.
+  /// - A leaf splits if splits() says so, or if it was never observed and beams have only passed it: then
+  ///   CoverageModel::judge() has the last word.
+  /// - Unless its children are predicted to re-merge: then it is updated as if they had.
+  /// @param scan ScanEvidence, or PassedEvidence if all beams pass the leaf.
+  /// @param children_across as in EvidenceModel::initial_child(). @param levels_below the leaf; 0: it cannot
+  /// split.
+  template <class Scan>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE LeafAction action(const EvidenceCell& leaf, const Scan& scan,
+                                                       int children_across, int levels_below) const {
+    if (levels_below == 0) return LeafAction::update;
+    const bool is_new = !leaf.observed() && coverage.is_on() && scan.is_free_alone();
+    if (!is_new && !splits(leaf, scan)) return LeafAction::update;
+    if (model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below))
+      return LeafAction::update_without_split;
+    return is_new ? LeafAction::judge_coverage : LeafAction::split;
+  }
   /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
   /// - Free: any hit of small noise splits, so that smaller cells show where it is; they merge again if not.
   /// - Unknown: only a deep hit splits, since free space lies before it.

@@ -18,14 +18,13 @@
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
-#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/counting_sort.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
-#include "ndtree/mapping/scan/order.hpp"
-#include "ndtree/mapping/scan/sample.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/subsample.hpp"
 #include "ndtree/mapping/scan/tasks.hpp"
 #include "ndtree/mapping/scan/walk.hpp"
-#include "ndtree/mapping/scan/walk_few.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
@@ -97,10 +96,10 @@ class ScanUpdate {
     std::vector<std::vector<std::uint32_t>> numbers;
     numbers.reserve(parts_.size());
     for (Part& part : parts_) numbers.push_back(image_.join(part.image()));
-    for (ScanFace<D>& face : image_.faces()) face.divide();
+    for (CubeFace<D>& face : image_.faces()) face.divide();
     const auto& geometry = tree_.geometry();
-    const Sampling sampling{refinement_.model.sample_beams(false), geometry.unit(),
-                            geometry.cell_size(coarsest_level())};
+    const SubsampleLimits sampling{refinement_.model.sample_beams(false), geometry.unit(),
+                                   geometry.cell_size(coarsest_level())};
     workers.for_each_task(parts_.size(),
                           [&](std::size_t, std::size_t p) { parts_[p].keep(image_, numbers[p], sampling); });
     std::size_t num_beams = 0;
@@ -112,11 +111,11 @@ class ScanUpdate {
       if (part.num_kept() > 0) any = static_cast<Eigen::Index>(part.kept(0));
     }
     if (num_beams == 0) return;
-    std::vector<ScanFace<D>> faces = number_faces(numbers);
-    for (ScanFace<D>& face : faces)
-      face.num_steps = face.steps_within(depth, static_cast<float>(sampling.smallest_cell),
-                                         static_cast<float>(sampling.beams));
-    const BeamSteps<D> steps(faces);
+    std::vector<CubeFace<D>> faces = number_faces(numbers);
+    for (CubeFace<D>& face : faces)
+      face.num_buckets = face.buckets_within(depth, static_cast<float>(sampling.smallest_cell),
+                                             static_cast<float>(sampling.beams));
+    const BeamBuckets<D> steps(faces);
     std::vector<std::vector<std::uint32_t>> places(parts_.size());
     workers.for_each_task(
         parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(steps, numbers[p]); });
@@ -154,7 +153,7 @@ class ScanUpdate {
     return false;
 #endif
   }
-  /// PassMargin::growth, for noise that grows with the square of the range.
+  /// FreeMargin::growth, for noise that grows with the square of the range.
   [[nodiscard]] float margin_growth() const {
     const double range = (reach_.upper - reach_.lower).norm();
     const auto margin = [&](double r) {
@@ -196,22 +195,22 @@ class ScanUpdate {
   }
   /// The faces of which some beams are kept; those of beams that are alone are one.
   /// @param numbers of each part's faces, in the image; then, in the result.
-  std::vector<ScanFace<D>> number_faces(std::vector<std::vector<std::uint32_t>>& numbers) const {
+  std::vector<CubeFace<D>> number_faces(std::vector<std::vector<std::uint32_t>>& numbers) const {
     std::vector<std::uint32_t> kept(image_.faces().size(), 0);
     for (std::size_t p = 0; p < parts_.size(); ++p)
       for (std::size_t f = 0; f < numbers[p].size(); ++f) kept[numbers[p][f]] += parts_[p].kept_of_faces()[f];
-    std::vector<ScanFace<D>> faces;
+    std::vector<CubeFace<D>> faces;
     faces.reserve(1 + kept.size());
     faces.emplace_back(Vector<D>::Zero(), 0, false);
     faces.front().num_beams = 1;
     std::vector<std::uint32_t> number(kept.size(), 0);
     for (std::size_t f = 0; f < kept.size(); ++f) {
-      const ScanFace<D>& face = image_.faces()[f];
-      if (kept[f] > 0 && !face.is_lone()) {
+      const CubeFace<D>& face = image_.faces()[f];
+      if (kept[f] > 0 && !face.is_single()) {
         number[f] = static_cast<std::uint32_t>(faces.size());
         faces.push_back(face);
         for (const bool is_well_observed : {false, true})
-          faces.back().depth_of_all[is_well_observed] =
+          faces.back().depth_of_full_sample[is_well_observed] =
               face.depth_for(static_cast<float>(refinement_.model.sample_beams(is_well_observed)),
                              static_cast<float>(tree_.geometry().unit()));
       }
@@ -229,10 +228,10 @@ class ScanUpdate {
     constexpr double kMost = 0x1p26;
     const double planes_per_metre = std::sqrt(D) / tree_.geometry().cell_size(coarsest_level());
     const auto n = static_cast<double>(beams_.size());
-    const auto fit = [&](double way) { return n * (1.0 + D) + way * planes_per_metre < kMost; };
+    const auto fit = [&](double ray) { return n * (1.0 + D) + ray * planes_per_metre < kMost; };
     if (fit(n * (reach_.upper - reach_.lower).norm())) return true;
-    return fit(std::accumulate(beams_.ways(), beams_.ways() + beams_.size(), 0.0,
-                               [](double sum, const BeamWay<D>& way) { return sum + way.reach; }));
+    return fit(std::accumulate(beams_.rays(), beams_.rays() + beams_.size(), 0.0,
+                               [](double sum, const BeamRay<D>& ray) { return sum + ray.t_max; }));
   }
 
   /// Arenas of threads, which the tree gets back whatever happens.
@@ -290,7 +289,7 @@ class ScanUpdate {
   const Measurements<D, Sensor>* measurements_ = nullptr;
   std::vector<Part> parts_;  // Until the beams are chosen.
   Box<D> reach_;
-  ScanImage<D> image_;
+  CubeMap<D> image_;
   ScanBeams<D> beams_;
   std::vector<UndoLog<Tree>>* undo_ = nullptr;
   const LatticeBox<D>* window_ = nullptr;

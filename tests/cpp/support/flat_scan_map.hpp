@@ -279,7 +279,7 @@ class FlatScanMap {
     beam.slant = depth / length;
     beam.returned = returned;
     beam.face = face;
-    beam.chance = chance_of<D>(displacement, scans_);
+    beam.chance = sampling_key_of<D>(displacement, scans_);
     beams_.push_back(beam);
   }
 
@@ -332,14 +332,14 @@ class FlatScanMap {
     return places;
   }
   /// Of the beams of the beam's face, those that count; of one that is alone there, all.
-  [[nodiscard]] float share_of(const FlatBeam& beam, const CellIndex<D>& index, double sample_beams) const {
+  [[nodiscard]] float sample_of(const FlatBeam& beam, const CellIndex<D>& index, double sample_beams) const {
     if (faces_.at(beam.face).beams == 1) return 1.0f;
     return static_cast<float>(sample_beams) / places_of(beam, index, static_cast<float>(smallest()));
   }
   [[nodiscard]] bool is_in_sample(const FlatBeam& beam, const CellIndex<D>& index,
                                   double sample_beams) const {
     // Beams are in and out of samples by steps of chance, of one to two beams each in the mean.
-    const float share = share_of(beam, index, sample_beams);
+    const float share = sample_of(beam, index, sample_beams);
     const float steps = std::exp2(std::floor(std::log2(static_cast<float>(faces_.at(beam.face).beams))));
     return share >= 1.0f || std::floor(static_cast<float>(beam.chance) / 16777216.0f * steps) < share * steps;
   }
@@ -363,7 +363,7 @@ class FlatScanMap {
       ++count;
       expected = faces_.at(beam.face).beams == 1
                      ? 1.0f
-                     : std::max(1.0f, std::min(1.0f, share_of(beam, index, learning)) *
+                     : std::max(1.0f, std::min(1.0f, sample_of(beam, index, learning)) *
                                           places_of(beam, index, size_of(index)));
     }
     double blocked = 0.0;
@@ -410,7 +410,7 @@ class FlatScanMap {
       float exit = 0.0f;
       if (!clip(beam, index, enter, exit) || !is_in_sample(beam, index, sample_beams)) continue;
       const Face& face = faces_.at(beam.face);
-      const float share = std::min(1.0f, share_of(beam, index, sample_beams));
+      const float share = std::min(1.0f, sample_of(beam, index, sample_beams));
       const float widening = D < 2    ? 1.0f
                              : D == 2 ? 1.0f / share
                              : D == 3 ? 1.0f / std::sqrt(share)

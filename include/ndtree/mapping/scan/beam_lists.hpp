@@ -29,7 +29,7 @@ struct BeamList {
   [[nodiscard]] bool empty() const { return size == 0; }
   [[nodiscard]] std::uint32_t first_beam() const { return beam[0]; }
   [[nodiscard]] std::uint32_t last_beam() const { return beam[size - 1]; }
-  void close() { std::fill_n(beam + size, kSlack, 0u); }
+  void pad() { std::fill_n(beam + size, kSlack, 0u); }
   /// The place of the first beam, from a place on, that has this number or more.
   [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from = 0) const {
     return find(number, from, size);
@@ -66,8 +66,8 @@ struct SiblingLists {
     const auto c = static_cast<std::size_t>(child);
     return memory.part(first[c], last[c]);
   }
-  void close() {
-    for (int c = 0; c < kCount; ++c) of(c).close();
+  void pad() {
+    for (int c = 0; c < kCount; ++c) of(c).pad();
   }
   /// Moves the lists together, not closed. @returns how much of the memory they take.
   std::size_t pack() {
@@ -176,7 +176,7 @@ class PiecewiseLists {
     for (std::size_t c = 0; c < kCount; ++c) {
       BeamList list = all.of(static_cast<int>(c));
       for (const SiblingLists<kCount>& piece : pieces_) append(piece.of(static_cast<int>(c)), list);
-      list.close();
+      list.pad();
       all.last[c] += list.size;
     }
     pieces_.clear();

@@ -14,7 +14,7 @@ namespace ndtree {
 
 /// How far before its reach a beam has surely passed all cells, of any size, that end there: so much, and as
 /// noise grows with the square of the range, so much for each square metre of it.
-struct PassMargin {
+struct FreeMargin {
   float fixed = 0.0f;
   float growth = 0.0f;
 };
@@ -52,7 +52,7 @@ class BeamNoise {
   // Of standard deviations [m].
   [[nodiscard]] float smallest() const { return *std::min_element(smallest_.begin(), smallest_.end()); }
   [[nodiscard]] float largest() const { return *std::max_element(largest_.begin(), largest_.end()); }
-  [[nodiscard]] PassMargin margin() const {
+  [[nodiscard]] FreeMargin margin() const {
     return {*std::max_element(margin_.begin(), margin_.end()), growth_};
   }
 

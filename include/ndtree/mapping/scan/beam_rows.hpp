@@ -13,10 +13,10 @@ namespace ndtree {
 
 /// Where a beam goes: what handing it down asks.
 template <int D>
-struct alignas(16) BeamWay {
+struct alignas(16) BeamRay {
   /// Range over displacement on an axis: how far it goes for a metre along it.
   std::array<float, std::size_t{D}> inverse;
-  float reach;  ///< The last distance that it says anything about [m].
+  float t_max;  ///< The last distance that it says anything about [m].
 };
 
 /// What cells near its end ask of it, in metres along it. Rows of 32 bytes lie in one cache line each.
@@ -35,9 +35,9 @@ struct alignas(D <= 3 ? 32 : 16) BeamEnd {
 #ifdef NDTREE_HAS_EIGHTS
 /// The same of eight beams.
 template <int D>
-struct EightWays {
+struct EightRays {
   __m256 inverse[std::size_t{D}];
-  __m256 reach;
+  __m256 t_max;
 };
 template <int D>
 struct EightEnds {
@@ -49,8 +49,8 @@ struct EightEnds {
 template <int D>
 struct EightBeams {
   alignas(32) std::array<std::uint32_t, 8> number;  ///< Ascending, where a beam is.
-  EightWays<D> ways;
-  __m256 pass;        ///< ScanBeams::pass_of() of them.
+  EightRays<D> rays;
+  __m256 t_free;      ///< ScanBeams::t_free_of() of them.
   EightEnds<D> ends;  ///< If they were asked for, see ScanBeams::ends_of().
   bool has_ends = false;
 };

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/mapping/scan/coarse_lists.hpp"
+#include "ndtree/mapping/scan/task_lists.hpp"
 #include "ndtree/mapping/scan/task_order.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
@@ -32,20 +32,21 @@ class ScanTasks {
   /// @param most_to_open crossings of beams and children for which lists are made when cells are opened; each
   /// takes four bytes.
   ScanTasks(Tree& tree, typename Tree::Arena& arena, int coarsest_level, Workers& workers,
-            std::vector<Walk>& walks, UndoLog<Tree>* undo, std::size_t most_to_open = std::size_t{1} << 24)
+            std::vector<Walk>& walks, UndoLog<Tree>* undo,
+            std::size_t most_to_subdivide = std::size_t{1} << 24)
       : tree_(tree),
         arena_(arena),
         coarsest_level_(coarsest_level),
         workers_(workers),
         walks_(walks),
         undo_(undo),
-        most_to_open_(most_to_open),
+        most_to_subdivide_(most_to_subdivide),
         lists_(walks.size()) {}
 
   /// The whole update. @param beams how many there are, not none.
   void run(std::size_t beams) {
-    bring(beams);
-    open_large();
+    bin(beams);
+    subdivide_large();
     std::vector<std::size_t> sizes;
     sizes.reserve(tasks_.size());
     for (const Task& task : tasks_) sizes.push_back(task.beams.size);
@@ -55,11 +56,11 @@ class ScanTasks {
       task.changed = walks_[worker].run(task.ref, task.beams);
     });
     for (const Task& task : tasks_)
-      if (task.opened != kNone) opened_[task.opened].changed |= task.changed;
-    for (std::size_t i = opened_.size(); i-- > 0;) {
-      const Opened& node = opened_[i];
-      const bool changed = walks_.front().close(node.ref, node.changed);
-      if (node.above != kNone) opened_[node.above].changed |= changed;
+      if (task.subdivided != kNone) subdivided_[task.subdivided].changed |= task.changed;
+    for (std::size_t i = subdivided_.size(); i-- > 0;) {
+      const Subdivided& node = subdivided_[i];
+      const bool changed = walks_.front().finalize(node.ref, node.changed);
+      if (node.above != kNone) subdivided_[node.above].changed |= changed;
     }
   }
 
@@ -68,11 +69,12 @@ class ScanTasks {
 
   struct Task {
     Ref ref;
-    CoarseCell<D> beams;
-    std::size_t opened;  // The node that it was opened from, by its place among those; kNone if from none.
+    TaskCell<D> beams;
+    std::size_t
+        subdivided;  // The node that it was opened from, by its place among those; kNone if from none.
     bool changed;
   };
-  struct Opened {
+  struct Subdivided {
     Ref ref;
     std::size_t above;  // As Task::opened.
     bool changed;
@@ -80,23 +82,23 @@ class ScanTasks {
 
   /// Of the lists of one part of the beams, in the order of the tree, those in some node.
   struct Range {
-    const CoarseList<D>* first;
-    const CoarseList<D>* last;
+    const TaskList<D>* first;
+    const TaskList<D>* last;
   };
 
-  void bring(std::size_t beams) {
+  void bin(std::size_t beams) {
     // Some take longer than others; so there are more than workers, if that makes no short lists.
     constexpr std::size_t kBeamsOfPart = 4096;
     const std::size_t workers = workers_.count();
     const std::size_t parts = std::min(std::clamp(beams / kBeamsOfPart, workers, 2 * workers), beams);
-    std::vector<std::vector<CoarseList<D>>> brought(parts);
+    std::vector<std::vector<TaskList<D>>> binned(parts);
     workers_.for_each_task(parts, [&](std::size_t worker, std::size_t part) {
-      walks_[worker].bring(beams * part / parts, beams * (part + 1) / parts, part, lists_[worker]);
-      lists_[worker].move_to(brought[part]);
+      walks_[worker].bin(beams * part / parts, beams * (part + 1) / parts, part, lists_[worker]);
+      lists_[worker].move_to(binned[part]);
     });
     std::vector<Range> ranges;
     std::size_t count = 0;
-    for (const std::vector<CoarseList<D>>& of_part : brought) {
+    for (const std::vector<TaskList<D>>& of_part : binned) {
       ranges.push_back({of_part.data(), of_part.data() + of_part.size()});
       count += of_part.size();
     }
@@ -134,12 +136,12 @@ class ScanTasks {
     assert(left == 0);
   }
   /// The lists of all parts for one cell, one after the other.
-  [[nodiscard]] CoarseCell<D> joined(const Lattice<D>& cell, const std::vector<Range>& parts) {
-    std::vector<CoarseList<D>>& lists = joined_.back();
-    const CoarseList<D>* const first = lists.data() + lists.size();
+  [[nodiscard]] TaskCell<D> joined(const Lattice<D>& cell, const std::vector<Range>& parts) {
+    std::vector<TaskList<D>>& lists = joined_.back();
+    const TaskList<D>* const first = lists.data() + lists.size();
     std::size_t size = 0;
     for (const Range& part : parts)
-      for (const CoarseList<D>* list = part.first; list != part.last; ++list) {
+      for (const TaskList<D>* list = part.first; list != part.last; ++list) {
         lists.push_back(*list);
         size += list->list.size;
       }
@@ -147,30 +149,30 @@ class ScanTasks {
   }
 
   /// Those that were brought to some cell since the last time.
-  [[nodiscard]] std::vector<CoarseCell<D>> cells_of_lists() {
-    std::vector<CoarseList<D>>& lists = joined_.emplace_back();
-    for (CoarseLists<D>& of_worker : lists_) of_worker.move_to(lists);
+  [[nodiscard]] std::vector<TaskCell<D>> cells_of_lists() {
+    std::vector<TaskList<D>>& lists = joined_.emplace_back();
+    for (TaskLists<D>& of_worker : lists_) of_worker.move_to(lists);
     return join(lists);
   }
 
-  void open_large() {
+  void subdivide_large() {
     constexpr std::size_t kFew = 200;  // Beams that are not worth it.
     constexpr std::size_t kTasksOfWorker = 2;
     constexpr std::size_t kMostChildren = 1 + D * (Tree::kBranching - 1);  // That one beam crosses.
     std::size_t all = crossings();
     for (std::size_t made = 0;;) {
       const std::size_t large = std::max(kFew, all / (kTasksOfWorker * workers_.count()));
-      std::size_t to_open = 0;
+      std::size_t to_subdivide = 0;
       for (const Task& task : tasks_)
-        if (is_to_open(task, large)) to_open += task.beams.size;
-      if (to_open == 0 || made + kMostChildren * to_open > most_to_open_) return;
-      open(large);
-      const std::size_t others = all - to_open;
+        if (is_to_subdivide(task, large)) to_subdivide += task.beams.size;
+      if (to_subdivide == 0 || made + kMostChildren * to_subdivide > most_to_subdivide_) return;
+      subdivide(large);
+      const std::size_t others = all - to_subdivide;
       all = crossings();
       made += all - others;
     }
   }
-  static bool is_to_open(const Task& task, std::size_t large) {
+  static bool is_to_subdivide(const Task& task, std::size_t large) {
     return task.beams.size > large && !task.ref.is_leaf();
   }
   /// Of beams and tasks.
@@ -179,20 +181,20 @@ class ScanTasks {
                            [](std::size_t sum, const Task& task) { return sum + task.beams.size; });
   }
   /// Opens those that have more beams than that: their children take their place.
-  void open(std::size_t large) {
-    std::vector<std::pair<const Task*, const CoarseList<D>*>> parts;
+  void subdivide(std::size_t large) {
+    std::vector<std::pair<const Task*, const TaskList<D>*>> parts;
     for (const Task& task : tasks_)
-      if (is_to_open(task, large))
-        for (const CoarseList<D>* part = task.beams.first; part != task.beams.last; ++part)
+      if (is_to_subdivide(task, large))
+        for (const TaskList<D>* part = task.beams.first; part != task.beams.last; ++part)
           parts.emplace_back(&task, part);
     workers_.for_each_task(parts.size(), [&](std::size_t worker, std::size_t p) {
-      walks_[worker].open(parts[p].first->ref.index, *parts[p].second, lists_[worker]);
+      walks_[worker].subdivide(parts[p].first->ref.index, *parts[p].second, lists_[worker]);
     });
-    const std::vector<CoarseCell<D>> cells = cells_of_lists();
+    const std::vector<TaskCell<D>> cells = cells_of_lists();
     std::vector<Task> tasks;
     tasks.reserve(tasks_.size() + cells.size());
     for (const Task& task : tasks_) {
-      if (!is_to_open(task, large)) {
+      if (!is_to_subdivide(task, large)) {
         tasks.push_back(task);
         continue;
       }
@@ -201,11 +203,11 @@ class ScanTasks {
         const Ref child = tree_.child(task.ref, c);
         const auto cell =
             std::lower_bound(cells.begin(), cells.end(), child.index.lower,
-                             [](const CoarseCell<D>& a, const Lattice<D>& b) { return a.lower < b; });
+                             [](const TaskCell<D>& a, const Lattice<D>& b) { return a.lower < b; });
         if (cell != cells.end() && cell->lower == child.index.lower)
-          tasks.push_back({child, *cell, opened_.size(), false});
+          tasks.push_back({child, *cell, subdivided_.size(), false});
       }
-      opened_.push_back({task.ref, task.opened, false});
+      subdivided_.push_back({task.ref, task.subdivided, false});
     }
     tasks_ = std::move(tasks);
   }
@@ -216,12 +218,12 @@ class ScanTasks {
   Workers& workers_;
   std::vector<Walk>& walks_;
   UndoLog<Tree>* undo_;
-  std::size_t most_to_open_;
+  std::size_t most_to_subdivide_;
   std::vector<Task> tasks_;
-  std::vector<Opened> opened_;  // Before what was opened from them.
+  std::vector<Subdivided> subdivided_;  // Before what was opened from them.
   // What tasks' lists are made of:
-  std::vector<CoarseLists<D>> lists_;  // Of each worker.
-  std::deque<std::vector<CoarseList<D>>> joined_;
+  std::vector<TaskLists<D>> lists_;  // Of each worker.
+  std::deque<std::vector<TaskList<D>>> joined_;
 };
 
 }  // namespace ndtree

@@ -19,7 +19,7 @@
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/scan/beam_noise.hpp"
 #include "ndtree/mapping/scan/beam_rows.hpp"
-#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/tree/lattice.hpp"
 
@@ -44,13 +44,13 @@ template <int N, int D>
   return cell;
 }
 
-/// Beams by number: those of a face one after the other (see ScanFace), the least chance first. Distances are
+/// Beams by number: those of a face one after the other (see CubeFace), the least chance first. Distances are
 /// metres from the origin, along the beam. Float is enough where a beam crosses a plane: its direction is
 /// known less well.
 template <int D>
 class ScanBeams {
  public:
-  static constexpr std::size_t kColumnsOfWay = sizeof(BeamWay<D>) / sizeof(float);
+  static constexpr std::size_t kColumnsOfRay = sizeof(BeamRay<D>) / sizeof(float);
   static constexpr double kThinnestSurface = 5.0 / 3.0;  ///< Standard deviations; see LeafEvidence.
 
   [[nodiscard]] std::size_t size() const { return size_; }
@@ -59,17 +59,17 @@ class ScanBeams {
   static constexpr std::uint32_t kMostInLoops = 0x7fffffff;
   /// @param faces that the beams go through. Those of number 0 are alone in their faces, of which there is no
   ///   other number. @param have_own_origins whether not all begin in one place.
-  /// @param begins_of_steps the first beam of each step of the faces, and the end of the last.
+  /// @param bucket_begins the first beam of each step of the faces, and the end of the last.
   /// @param base the cell from which end points are counted. @param end_nearby see ends_nearby().
   /// @param have_own_noise whether the sensor alone does not say how noisy each is.
-  void resize(std::size_t n, std::vector<ScanFace<D>> faces, std::vector<std::uint32_t> begins_of_steps,
+  void resize(std::size_t n, std::vector<CubeFace<D>> faces, std::vector<std::uint32_t> bucket_begins,
               bool have_own_origins, const Lattice<D>& base, bool end_nearby, bool have_own_noise) {
     size_ = n;
     faces_ = std::move(faces);
-    begins_of_steps_ = std::move(begins_of_steps);
-    ways_.reset(new BeamWay<D>[n]);  // Not initialised: set() does that.
+    bucket_begins_ = std::move(bucket_begins);
+    rays_.reset(new BeamRay<D>[n]);  // Not initialised: set() does that.
     ends_.reset(new BeamEnd<D>[n]);
-    passes_.reset(have_own_noise ? new float[n] : nullptr);
+    t_free_.reset(have_own_noise ? new float[n] : nullptr);
     faces_of_.reset(new std::uint32_t[n]);
     std::uint32_t number = 0;
     for (std::size_t first = 0; number < faces_.size(); first = faces_[number++].end_of_beams)
@@ -89,11 +89,11 @@ class ScanBeams {
     const bool returned = beam.outcome == BeamOutcome::returned;
     float square = 0.0f;
     float depth = 0.0f;
-    std::array<float, std::size_t{D}> way;
+    std::array<float, std::size_t{D}> ray;
     for (std::size_t a = 0; a < D; ++a) {
-      way[a] = static_cast<float>(beam.displacement[static_cast<int>(a)]);
-      square += rounded(way[a] * way[a]);
-      depth = std::max(depth, std::abs(way[a]));
+      ray[a] = static_cast<float>(beam.displacement[static_cast<int>(a)]);
+      square += rounded(ray[a] * ray[a]);
+      depth = std::max(depth, std::abs(ray[a]));
     }
     // Too long for float, or too short, are only beams that are cut, or of cells far smaller than real ones.
     constexpr auto kMost = static_cast<double>(std::numeric_limits<float>::max());
@@ -105,13 +105,13 @@ class ScanBeams {
       length = 1.0f;
       depth = 0.0f;
       for (std::size_t a = 0; a < D; ++a) {
-        way[a] = static_cast<float>(beam.displacement[static_cast<int>(a)] / beam.range);
-        depth = std::max(depth, std::abs(way[a]));
+        ray[a] = static_cast<float>(beam.displacement[static_cast<int>(a)] / beam.range);
+        depth = std::max(depth, std::abs(ray[a]));
       }
     }
     for (std::size_t a = 0; a < D; ++a) {
-      const float inverse = std::min(length / std::abs(way[a]), kSteepest);
-      ways_[number].inverse[a] = way[a] < 0.0f ? -inverse : inverse;
+      const float inverse = std::min(length / std::abs(ray[a]), kSteepest);
+      rays_[number].inverse[a] = ray[a] < 0.0f ? -inverse : inverse;
     }
     const double sigma = measurements.sigma(i, static_cast<double>(range));
     const float end = beam.t_free < 1.0 ? static_cast<float>(beam.t_free * beam.range) : range;
@@ -137,11 +137,11 @@ class ScanBeams {
                                   const std::uint32_t* numbers, BeamNoise& noise) {
     const ScanView<D>& scan = measurements.scan();
     const __m256 sign = _mm256_set1_ps(-0.0f);
-    __m256 way[std::size_t{D}];
+    __m256 ray[std::size_t{D}];
     __m256 square = _mm256_setzero_ps();
     __m256 depth = square;
     __m256d on_border = _mm256_setzero_pd();
-    EightWays<D> ways;
+    EightRays<D> rays;
     EightEnds<D> ends;
 #pragma GCC unroll 4
     for (int a = 0; a < D; ++a) {
@@ -153,10 +153,10 @@ class ScanBeams {
           _mm256_setr_pd(from[D * std::size_t{numbers[4]}], from[D * std::size_t{numbers[5]}],
                          from[D * std::size_t{numbers[6]}], from[D * std::size_t{numbers[7]}]);
       const __m256d origin = _mm256_set1_pd(scan.origins[a]);
-      way[a] = detail::joined(_mm256_cvtpd_ps(_mm256_sub_pd(low, origin)),
+      ray[a] = detail::joined(_mm256_cvtpd_ps(_mm256_sub_pd(low, origin)),
                               _mm256_cvtpd_ps(_mm256_sub_pd(high, origin)));
-      square = _mm256_add_ps(square, _mm256_mul_ps(way[a], way[a]));
-      depth = _mm256_max_ps(depth, _mm256_andnot_ps(sign, way[a]));
+      square = _mm256_add_ps(square, _mm256_mul_ps(ray[a], ray[a]));
+      depth = _mm256_max_ps(depth, _mm256_andnot_ps(sign, ray[a]));
       __m256d low_on_border;
       __m256d high_on_border;
       const __m256d base = _mm256_set1_pd(static_cast<double>(base_[static_cast<std::size_t>(a)]));
@@ -177,9 +177,9 @@ class ScanBeams {
 #pragma GCC unroll 4
     for (int a = 0; a < D; ++a) {
       const __m256 inverse =
-          _mm256_min_ps(_mm256_div_ps(range, _mm256_andnot_ps(sign, way[a])), _mm256_set1_ps(kSteepest));
-      const __m256 is_down = _mm256_and_ps(sign, _mm256_cmp_ps(way[a], _mm256_setzero_ps(), _CMP_LT_OQ));
-      ways.inverse[a] = _mm256_or_ps(inverse, is_down);
+          _mm256_min_ps(_mm256_div_ps(range, _mm256_andnot_ps(sign, ray[a])), _mm256_set1_ps(kSteepest));
+      const __m256 is_down = _mm256_and_ps(sign, _mm256_cmp_ps(ray[a], _mm256_setzero_ps(), _CMP_LT_OQ));
+      rays.inverse[a] = _mm256_or_ps(inverse, is_down);
     }
     const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(range));
     const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(range, 1));
@@ -192,30 +192,30 @@ class ScanBeams {
     ends.surface = _mm256_mul_ps(_mm256_set1_ps(static_cast<float>(kThinnestSurface)), ends.sigma);
     ends.range = range;
     ends.slant = _mm256_div_ps(depth, range);
-    ways.reach = detail::joined(_mm256_cvtpd_ps(_mm256_add_pd(low, _mm256_mul_pd(reach, low_sigma))),
+    rays.t_max = detail::joined(_mm256_cvtpd_ps(_mm256_add_pd(low, _mm256_mul_pd(reach, low_sigma))),
                                 _mm256_cvtpd_ps(_mm256_add_pd(high, _mm256_mul_pd(reach, high_sigma))));
-    noise.add(ends.sigma, ways.reach, _mm256_sub_ps(ends.clear, ends.surface));
-    store(ways, ends, number);
+    noise.add(ends.sigma, rays.t_max, _mm256_sub_ps(ends.clear, ends.surface));
+    store(rays, ends, number);
     return true;
   }
   /// Of eight beams, by their numbers.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightWays<D> ways(const std::uint32_t* numbers) const {
-    return ways(ways(), numbers);
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightRays<D> rays(const std::uint32_t* numbers) const {
+    return rays(rays(), numbers);
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static EightWays<D> ways(const BeamWay<D>* of_all,
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static EightRays<D> rays(const BeamRay<D>* of_all,
                                                                                const std::uint32_t* numbers) {
-    __m256 column[kColumnsOfWay];
+    __m256 column[kColumnsOfRay];
     detail::load_columns(of_all, numbers, column);
-    EightWays<D> ways;
+    EightRays<D> rays;
 #pragma GCC unroll 8
-    for (std::size_t a = 0; a < D; ++a) ways.inverse[a] = column[a];
-    ways.reach = column[D];
-    return ways;
+    for (std::size_t a = 0; a < D; ++a) rays.inverse[a] = column[a];
+    rays.t_max = column[D];
+    return rays;
   }
 #ifdef NDTREE_HAS_SIXTEENS
   /// The same of sixteen. @param column kColumnsOfWay: how far they go for a metre along each axis, and their
   /// reach.
-  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void ways(const BeamWay<D>* of_all,
+  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void rays(const BeamRay<D>* of_all,
                                                            const std::uint32_t* numbers, __m512* column) {
     detail::load_columns(of_all, numbers, column);
   }
@@ -231,25 +231,25 @@ class ScanBeams {
   /// Cells of any size that end before this distance were passed. Where the sensor alone says how noisy beams
   /// are, none says for itself how far that is before its reach: a number fewer is looked up.
   /// @pre are_alike().
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(__m256 reach) const {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 t_free_of(__m256 reach) const {
     const __m256 growth = _mm256_set1_ps(margin_.growth);
     return _mm256_sub_ps(reach, _mm256_add_ps(_mm256_set1_ps(margin_.fixed),
                                               _mm256_mul_ps(_mm256_mul_ps(growth, reach), reach)));
   }
   /// The same, alike or not. @param numbers of the beams whose reach that is.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 pass_of(const std::uint32_t* numbers,
-                                                                     __m256 reach) const {
-    if (passes_ == nullptr) return pass_of(reach);
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 t_free_of(const std::uint32_t* numbers,
+                                                                       __m256 reach) const {
+    if (t_free_ == nullptr) return t_free_of(reach);
     alignas(32) std::array<float, 8> pass;
-    for (std::size_t i = 0; i < 8; ++i) pass[i] = passes_[numbers[i]];
+    for (std::size_t i = 0; i < 8; ++i) pass[i] = t_free_[numbers[i]];
     return _mm256_load_ps(pass.data());
   }
   /// What is needed of beams on their way down.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void look_up(const std::uint32_t* numbers,
-                                                     EightBeams<D>& beams) const {
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void look_up(const std::uint32_t* numbers,
+                                                    EightBeams<D>& beams) const {
     std::copy_n(numbers, beams.number.size(), beams.number.begin());
-    beams.ways = ways(numbers);
-    beams.pass = pass_of(numbers, beams.ways.reach);
+    beams.rays = rays(numbers);
+    beams.t_free = t_free_of(numbers, beams.rays.t_max);
   }
   /// What is needed of them where some of them end.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE const EightEnds<D>& ends_of(
@@ -272,22 +272,23 @@ class ScanBeams {
 
   [[nodiscard]] bool has_own_origins() const { return has_own_origins_; }
   /// Whether no beam has an origin or noise of its own.
-  [[nodiscard]] bool are_alike() const { return !has_own_origins_ && passes_ == nullptr; }
+  [[nodiscard]] bool are_alike() const { return !has_own_origins_ && t_free_ == nullptr; }
   [[nodiscard]] const Vector<D>& origin(std::size_t number) const {
     return origins_[has_own_origins_ ? number : 0];
   }
-  [[nodiscard]] const ScanFace<D>& face_of(std::size_t number) const { return faces_[faces_of_[number]]; }
+  [[nodiscard]] const CubeFace<D>& face_of(std::size_t number) const { return faces_[faces_of_[number]]; }
   /// The first beams of a face's steps, and the one after its last.
-  [[nodiscard]] const std::uint32_t* begins_of_steps(const ScanFace<D>& face) const {
-    return begins_of_steps_.data() + face.first_step;
+  [[nodiscard]] const std::uint32_t* bucket_begins(const CubeFace<D>& face) const {
+    return bucket_begins_.data() + face.first_bucket;
   }
   /// Of the sample that is a share of a face's beams, the number of the one after the last.
-  [[nodiscard]] NDTREE_ALWAYS_INLINE std::uint32_t end_of_share(const ScanFace<D>& face, float share) const {
-    if (!(share < 1.0f)) return face.end_of_beams;
-    const float steps = share * face.steps_of_all();
-    auto whole = static_cast<std::uint32_t>(steps);
-    whole += static_cast<float>(whole) < steps;
-    return begins_of_steps(face)[std::min(whole, face.num_steps)];
+  [[nodiscard]] NDTREE_ALWAYS_INLINE std::uint32_t end_of_fraction(const CubeFace<D>& face,
+                                                                   float fraction) const {
+    if (!(fraction < 1.0f)) return face.end_of_beams;
+    const float buckets = fraction * face.num_all_buckets();
+    auto whole = static_cast<std::uint32_t>(buckets);
+    whole += static_cast<float>(whole) < buckets;
+    return bucket_begins(face)[std::min(whole, face.num_buckets)];
   }
   /// The smallest cell that a beam ends in.
   [[nodiscard]] Lattice<D> end_cell(std::size_t number) const {
@@ -298,20 +299,20 @@ class ScanBeams {
   }
 
   /// Of all beams, by number.
-  [[nodiscard]] const BeamWay<D>* ways() const { return ways_.get(); }
-  [[nodiscard]] const BeamWay<D>& way(std::size_t number) const { return ways_[number]; }
+  [[nodiscard]] const BeamRay<D>* rays() const { return rays_.get(); }
+  [[nodiscard]] const BeamRay<D>& ray(std::size_t number) const { return rays_[number]; }
   [[nodiscard]] const BeamEnd<D>& end(std::size_t number) const { return ends_[number]; }
   /// Cells of any size that end before this distance were passed by a beam: as of eight, to the last bit.
-  [[nodiscard]] float pass_of(std::uint32_t number) const {
-    if (passes_ != nullptr) return passes_[number];
-    const float reach = ways_[number].reach;
+  [[nodiscard]] float t_free_of(std::uint32_t number) const {
+    if (t_free_ != nullptr) return t_free_[number];
+    const float reach = rays_[number].t_max;
     return reach - (margin_.fixed + rounded(rounded(margin_.growth * reach) * reach));
   }
 
   /// Asks for what is known of beams before it is needed, for all at once: another core may have written it.
   void fetch(const std::uint32_t* numbers, std::size_t count) const {
     for (std::size_t i = 0; i < count; ++i) {
-      prefetch<1>(&ways_[numbers[i]]);
+      prefetch<1>(&rays_[numbers[i]]);
       prefetch<1>(&ends_[numbers[i]]);
     }
   }
@@ -330,8 +331,8 @@ class ScanBeams {
                  float reach, BeamNoise& noise) {
     const float surface = returned ? rounded(static_cast<float>(kThinnestSurface) * sigma) : 0.0f;
     noise.add(sigma, reach, clear - surface);
-    if (passes_ != nullptr) passes_[number] = clear - surface;
-    ways_[number].reach = reach;
+    if (t_free_ != nullptr) t_free_[number] = clear - surface;
+    rays_[number].t_max = reach;
     BeamEnd<D>& of_end = ends_[number];
     of_end.range = end;
     of_end.slant = slant;
@@ -344,36 +345,36 @@ class ScanBeams {
   static constexpr std::size_t kColumnsOfEnd = sizeof(BeamEnd<D>) / sizeof(float);
 
   /// Of eight beams from a number on.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void store(const EightWays<D>& ways, const EightEnds<D>& ends,
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void store(const EightRays<D>& rays, const EightEnds<D>& ends,
                                                    std::size_t number) {
-    __m256 way[kColumnsOfWay] = {};
+    __m256 ray[kColumnsOfRay] = {};
     __m256 end[kColumnsOfEnd] = {ends.range, ends.slant, ends.clear, ends.surface, ends.sigma};
 #pragma GCC unroll 8
     for (std::size_t a = 0; a < D; ++a) {
-      way[a] = ways.inverse[a];
+      ray[a] = rays.inverse[a];
       end[5 + a] = _mm256_castsi256_ps(ends.cell[a]);
     }
-    way[D] = ways.reach;
-    detail::store_columns(way, ways_.get() + number);
+    ray[D] = rays.t_max;
+    detail::store_columns(ray, rays_.get() + number);
     detail::store_columns(end, ends_.get() + number);
   }
 #endif
 
   std::size_t size_ = 0;
-  std::unique_ptr<BeamWay<D>[]> ways_;
+  std::unique_ptr<BeamRay<D>[]> rays_;
   std::unique_ptr<BeamEnd<D>[]> ends_;
-  std::unique_ptr<float[]> passes_;  // pass_of(), if each has noise of its own.
+  std::unique_ptr<float[]> t_free_;  // t_free_of(), if each has noise of its own.
   std::unique_ptr<std::uint32_t[]> faces_of_;
   std::unique_ptr<Lattice<D>[]> cells_;
-  std::vector<ScanFace<D>> faces_;
-  std::vector<std::uint32_t> begins_of_steps_;  // And the end of the last.
-  std::vector<Vector<D>> origins_;              // One, or one each.
+  std::vector<CubeFace<D>> faces_;
+  std::vector<std::uint32_t> bucket_begins_;  // And the end of the last.
+  std::vector<Vector<D>> origins_;            // One, or one each.
   Lattice<D> base_{};
   bool has_own_origins_ = false;
   bool ends_nearby_ = true;
   float smallest_sigma_ = std::numeric_limits<float>::infinity();
   float largest_sigma_ = 0.0f;
-  PassMargin margin_;
+  FreeMargin margin_;
 };
 
 }  // namespace ndtree

@@ -10,16 +10,16 @@
 #include "at_a_time.hpp"
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/mapping/map_options.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
-#include "ndtree/mapping/scan/clip.hpp"
-#include "ndtree/mapping/scan/image.hpp"
-#include "ndtree/mapping/scan/shares.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/partition.hpp"
+#include "ndtree/mapping/scan/sampling.hpp"
 #include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "random.hpp"
 #include "shapes.hpp"
 
-namespace ndtree::test::test_scan_shares {
+namespace ndtree::test::test_scan_sampling {
 namespace {
 
 constexpr double kUnit = 0.05;
@@ -27,10 +27,10 @@ constexpr double kUnit = 0.05;
 /// A face that so many beams go through, evenly or on a line, with its steps; the first steps alone have
 /// beams.
 template <int D>
-ScanFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t number_of_steps_before) {
+CubeFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t number_of_steps_before) {
   Vector<D> origin;
   for (int a = 0; a < D; ++a) origin[a] = random.uniform(-1.0, 1.0);
-  ScanFace<D> face(origin, random.integer(0, D - 1), random.chance(0.5));
+  CubeFace<D> face(origin, random.integer(0, D - 1), random.chance(0.5));
   face.num_beams =
       static_cast<std::uint32_t>(random.chance(0.1) ? 2 : std::pow(10.0, random.uniform(1.0, 5.0)));
   for (std::size_t k = 0; k + 1 < D; ++k) {
@@ -39,11 +39,11 @@ ScanFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t 
   }
   face.divide();
   for (const bool is_well_observed : {false, true})
-    face.depth_of_all[is_well_observed] =
+    face.depth_of_full_sample[is_well_observed] =
         face.depth_for(static_cast<float>(model.sample_beams(is_well_observed)), static_cast<float>(kUnit));
-  face.first_step = number_of_steps_before;
-  const auto all = static_cast<std::uint32_t>(face.steps_of_all());
-  face.num_steps =
+  face.first_bucket = number_of_steps_before;
+  const auto all = static_cast<std::uint32_t>(face.num_all_buckets());
+  face.num_buckets =
       random.chance(0.5) ? all : 1 + static_cast<std::uint32_t>(random.integer(0, static_cast<int>(all) - 1));
   return face;
 }
@@ -65,41 +65,36 @@ TYPED_TEST(SharesOf, ChildrenTogetherAreThoseOfEach) {
     MapOptions options;
     options.sample_beams = i % 3 == 0 ? 1.0 : std::pow(10.0, random.uniform(-1.5, 1.5));
     const EvidenceModel model(options, options);
-    const ScanFace<D> face = random_face<D>(random, model, i % 2 == 0 ? 0 : 5);
+    const CubeFace<D> face = random_face<D>(random, model, i % 2 == 0 ? 0 : 5);
     // Each step has some beams, or none.
-    std::vector<std::uint32_t> begins(face.first_step + face.num_steps + 1);
+    std::vector<std::uint32_t> begins(face.first_bucket + face.num_buckets + 1);
     for (std::uint32_t& begin : begins) begin = static_cast<std::uint32_t>(random.integer(0, 2));
     std::partial_sum(begins.begin(), begins.end(), begins.begin());
-    ScanFace<D> counted = face;
+    CubeFace<D> counted = face;
     counted.end_of_beams = begins.back();
     ScanBeams<D> beams;
     beams.resize(begins.back(), {counted}, begins, false, {}, true, false);
     for (const int at_a_time : {1, 8}) {
       const AtATime loops(at_a_time);
-      const BeamShares<N, D> shares(geometry, beams, model);
+      const BeamSampling<N, D> shares(geometry, beams, model);
       for (int k = 0; k < 30; ++k) {
         CellIndex<D> node;
         node.level = random.integer(geometry.finest_level() + 1, 0);
         const std::int64_t edge = geometry.edge(node.level);
         for (auto& lower : node.lower) lower = edge * random.integer(-100, 100);
-        const typename BeamShares<N, D>::Children children(shares, node, counted);
-        const typename BeamShares<N, D>::Children::All together(shares, node, counted);
-        for (int c = 0; c < ChildClip<N, D>::kNumChildren; ++c) {
+        const typename BeamSampling<N, D>::Children children(shares, node, counted);
+        for (int c = 0; c < ChildPartition<N, D>::kNumChildren; ++c) {
           const CellIndex<D> leaf = geometry.child(node, child_offset<N, D>(c));
           const auto child = static_cast<std::size_t>(c);
           for (const bool is_well_observed : {false, true}) {
-            const FaceShare<D> expected =
-                shares.share_of(counted, shares.of(leaf, counted, is_well_observed));
-            for (const FaceShare<D>& share :
-                 {children.of(child, is_well_observed), together.of(child, is_well_observed)}) {
-              ASSERT_EQ(share.face, &counted);
-              ASSERT_EQ(share.share, expected.share);
-              ASSERT_EQ(share.end, expected.end);
-            }
-            ASSERT_EQ(children.takes_all(child, is_well_observed),
-                      shares.takes_all(leaf, counted, is_well_observed));
-            ++(expected.share < 1.0f ? some : all);
-            cut += expected.share < 1.0f && expected.end == counted.end_of_beams;
+            const FaceSample<D> expected =
+                shares.sample_of(counted, shares.of(leaf, counted, is_well_observed));
+            const FaceSample<D> sample = children.of(child, is_well_observed);
+            ASSERT_EQ(sample.face, &counted);
+            ASSERT_EQ(sample.fraction, expected.fraction);
+            ASSERT_EQ(sample.end, expected.end);
+            ++(expected.fraction < 1.0f ? some : all);
+            cut += expected.fraction < 1.0f && expected.end == counted.end_of_beams;
           }
         }
       }
@@ -111,4 +106,4 @@ TYPED_TEST(SharesOf, ChildrenTogetherAreThoseOfEach) {
 }
 
 }  // namespace
-}  // namespace ndtree::test::test_scan_shares
+}  // namespace ndtree::test::test_scan_sampling

@@ -15,9 +15,9 @@
 #include "ndtree/core/cubic_table.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
-#include "ndtree/mapping/scan/clip.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/partition.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {
@@ -89,7 +89,7 @@ class LeafEvidence {
                                 : all_pass_by_eights<false>(crossings, list);
 #endif
     for (std::size_t i = 0; i < list.size; ++i)
-      if (!(crossings.of(list.beam[i]).exit < beams_.pass_of(list.beam[i]))) return false;
+      if (!(crossings.of(list.beam[i]).exit < beams_.t_free_of(list.beam[i]))) return false;
     return true;
   }
 
@@ -114,7 +114,7 @@ class LeafEvidence {
     NDTREE_ALWAYS_INLINE OfBeam(const LeafEvidence& all, int level, std::uint32_t beam)
         : all_(all), size_(all.size_of(level)), number_(beam) {}
 
-    /// Of a leaf that it clearly passes, see ScanBeams::pass_of().
+    /// Of a leaf that it clearly passes, see ScanBeams::t_free_of().
     /// @param crossing where it crosses the leaf.
     [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(const Crossing& crossing) const {
       return {units_of_way(crossing.exit - crossing.enter, size_), 1, is_resolvable()};
@@ -162,77 +162,43 @@ class LeafEvidence {
   };
 
 #ifdef NDTREE_HAS_EIGHTS
-  static constexpr int kNumChildren = ChildClip<N, D>::kNumChildren;
-  using Few = FewCrossings<D, kNumChildren>;
+  static constexpr int kNumChildren = ChildPartition<N, D>::kNumChildren;
+  using Packet = RayPacket<D, kNumChildren>;
 
   /// Whether few beams may be handed down from a node of a level, and of all levels below.
-  [[nodiscard]] bool takes_few(int level) const { return size_of(level).fits_32_bits; }
-  /// What few beams say about the leaves below a node: first what they say about all of them.
-  class FewEvidence {
-   public:
-    /// @param few the beams where they cross the node's children. @pre takes_few(node.level).
-    NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE FewEvidence(const LeafEvidence& all, const CellIndex<D>& node,
-                                                      const Few& few)
-        : all_(all), node_(node), few_(few), size_(all.size_of(node.level - 1)) {}
-
-    /// What those say that cross a child, if all of them clearly pass it, ...
-    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(std::size_t child) const {
-      const __m256 enter = _mm256_load_ps(few_.enter[child].data());
-      const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      const __m256 live = _mm256_cmp_ps(exit, enter, _CMP_GT_OQ);
-      const unsigned set = few_.set[child];
-      return {sum_of(_mm256_and_si256(units_of_way(enter, exit, size_), _mm256_castps_si256(live))),
-              count(set), resolved(set)};
-    }
-    /// ... if not, ...
-    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(std::size_t child) {
-      const __m256 enter = _mm256_load_ps(few_.enter[child].data());
-      const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      return of(child, few_.set[child], _mm256_cmp_ps(exit, enter, _CMP_GT_OQ));
-    }
-    /// ... or a set of them. @param live its lanes.
-    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(std::size_t child, std::uint32_t set,
-                                                                        __m256 live) {
-      const __m256 enter = _mm256_load_ps(few_.enter[child].data());
-      const __m256 exit = _mm256_load_ps(few_.exit[child].data());
-      const __m256i zero = _mm256_setzero_si256();
-      EightSums sums{zero, zero, zero, zero};
-      ScanEvidence sum;
-      __m256i misses =
-          _mm256_castps_si256(_mm256_and_ps(live, _mm256_cmp_ps(exit, few_.beams.pass, _CMP_LT_OQ)));
-      if ((few_.passing[child] & set) != set) {
-        if (!is_near_) place_ = all_.place_of(node_);
-        is_near_ = true;
-        misses = all_.add_near_end(child_of(place_, child, size_), size_, all_.beams_.ends_of(few_.beams),
-                                   enter, exit, misses, _mm256_castps_si256(live), sums, sum);
-      }
-      sums.free = _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_way(enter, exit, size_), misses));
-      sums.passed = misses;
-      if (size_.resolves_some && !size_.resolves_all)
-        sum.resolvable_misses = resolved(set_of(_mm256_castsi256_ps(misses)));
-      finish(sums, size_, sum);
-      return sum;
-    }
-
-   private:
-    /// Of a set, how many have so little noise that smaller cells could tell more.
-    NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE unsigned resolved(unsigned set) const {
-      if (size_.resolves_all || !size_.resolves_some) return size_.resolves_all ? count(set) : 0;
-      return count(set & all_.resolvable(size_, all_.beams_.ends_of(few_.beams).sigma));
-    }
-
-    const LeafEvidence& all_;
-    const CellIndex<D>& node_;
-    const Few& few_;
-    const Size& size_;
-    bool is_near_ = false;
-    Place place_{};  // Of the node, if so.
-  };
-  /// What a set of few beams says about a child of a node.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of(const CellIndex<D>& node, const Few& few,
+  [[nodiscard]] bool takes_packets(int level) const { return size_of(level).fits_32_bits; }
+  /// What a packet says about a node's child that all of its rays clearly pass.
+  /// @param level of the children. @pre takes_packets() there.
+  [[nodiscard]] PassedEvidence passed(int level, Packet& packet, std::size_t child) const {
+    const Size& size = size_of(level);
+    if (!packet.has_passed) weigh_passes(size, packet);
+    return {packet.free[child], detail::kBitCount[packet.set[child]],
+            detail::kBitCount[packet.set[child] & packet.resolvable]};
+  }
+  /// What a packet says about a node's child. @param end number of the one after the last ray that counts.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of(const CellIndex<D>& node, Packet& packet,
                                                                      std::size_t child,
-                                                                     std::uint32_t set) const {
-    return FewEvidence(*this, node, few).of(child, set, _mm256_castsi256_ps(detail::lanes_of(set)));
+                                                                     std::uint32_t end) const {
+    const Size& size = size_of(node.level - 1);
+    const __m256 enter = _mm256_load_ps(packet.enter[child].data());
+    const __m256 exit = _mm256_load_ps(packet.exit[child].data());
+    const std::uint32_t set = packet.set[child] & packet.before(end);
+    const __m256i live = detail::lanes_of(set);
+    const __m256i zero = _mm256_setzero_si256();
+    EightSums sums{zero, zero, zero, zero};
+    ScanEvidence sum;
+    __m256i misses =
+        _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(exit, packet.beams.t_free, _CMP_LT_OQ)));
+    if ((packet.passing[child] & set) != set)
+      misses = add_near_end(child_of(place_of(node), child, size), size, beams_.ends_of(packet.beams), enter,
+                            exit, misses, live, sums, sum);
+    sums.free = _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_way(enter, exit, size), misses));
+    sums.passed = misses;
+    if (size.resolves_some && !size.resolves_all)
+      sum.resolvable_misses =
+          count(set_of(_mm256_castsi256_ps(misses)) & resolvable(size, beams_.ends_of(packet.beams).sigma));
+    finish(sums, size, sum);
+    return sum;
   }
 #endif
 
@@ -256,8 +222,8 @@ class LeafEvidence {
   [[nodiscard]] const Size& size_of(int level) const {
     return sizes_[static_cast<std::size_t>(level - geometry_.finest_level())];
   }
-  [[nodiscard]] static std::int32_t units_of_way(float way, const Size& size) {
-    return std::max(1, nearest_integer(way * size.units_per_metre));
+  [[nodiscard]] static std::int32_t units_of_way(float ray, const Size& size) {
+    return std::max(1, nearest_integer(ray * size.units_per_metre));
   }
 
   /// of() of any list, leaf and beams.
@@ -299,8 +265,8 @@ class LeafEvidence {
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const std::uint32_t* const beam = list.beam + i;
-      const EightCrossings eight = crossings.template of<kAlike>(beam, beams_.ways(beam));
-      const __m256 not_passing = _mm256_cmp_ps(eight.exit, eight.pass, _CMP_NLT_UQ);
+      const EightCrossings eight = crossings.template of<kAlike>(beam, beams_.rays(beam));
+      const __m256 not_passing = _mm256_cmp_ps(eight.exit, eight.t_free, _CMP_NLT_UQ);
       if (!_mm256_testz_si256(_mm256_castps_si256(not_passing), live)) return false;
     }
     return true;
@@ -328,9 +294,9 @@ class LeafEvidence {
       const std::uint32_t* const beam = list.beam + i;
       const __m256i live = _mm256_and_si256(detail::first_of_eight(list.size - i),
                                             _mm256_cmpgt_epi32(last, detail::load(beam)));
-      const EightCrossings at = crossings.template of<kAlike>(beam, beams_.ways(beam));
+      const EightCrossings at = crossings.template of<kAlike>(beam, beams_.rays(beam));
       __m256i misses =
-          _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(at.exit, at.pass, _CMP_LT_OQ)));
+          _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(at.exit, at.t_free, _CMP_LT_OQ)));
       if (!_mm256_testc_si256(misses, live))
         misses =
             add_near_end(place_of(leaf), size, beams_.ends(beam), at.enter, at.exit, misses, live, sums, sum);
@@ -439,17 +405,35 @@ class LeafEvidence {
     return set_of(_mm256_cmp_ps(_mm256_set1_ps(size.child),
                                 _mm256_mul_ps(_mm256_set1_ps(noise_sigmas_), sigma), _CMP_GE_OQ));
   }
+  /// Adds up what the rays of a packet that cross each child say as misses.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void weigh_passes(const Size& size, Packet& packet) const {
+    constexpr std::size_t kLast = kNumChildren - 1;
+    packet.resolvable = size.resolves_all    ? 0xff
+                        : size.resolves_some ? resolvable(size, beams_.ends_of(packet.beams).sigma)
+                                             : 0;
+#pragma GCC unroll 8
+    for (std::size_t c = 0; c < kNumChildren; c += 4) {  // The last again if there are no four left.
+      const __m128i four =
+          detail::sums_of(passed_units(size, packet, c), passed_units(size, packet, std::min(c + 1, kLast)),
+                          passed_units(size, packet, std::min(c + 2, kLast)),
+                          passed_units(size, packet, std::min(c + 3, kLast)));
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(packet.free.data() + c), four);
+    }
+    packet.has_passed = true;
+  }
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i passed_units(const Size& size,
+                                                                                  const Packet& packet,
+                                                                                  std::size_t child) {
+    const __m256 enter = _mm256_load_ps(packet.enter[child].data());
+    const __m256 exit = _mm256_load_ps(packet.exit[child].data());
+    return _mm256_and_si256(units_of_way(enter, exit, size),
+                            _mm256_castps_si256(_mm256_cmp_ps(exit, enter, _CMP_GT_OQ)));
+  }
   NDTREE_BY_EIGHTS [[nodiscard]] static unsigned set_of(__m256 mask) {
     return static_cast<unsigned>(_mm256_movemask_ps(mask));
   }
   NDTREE_BY_EIGHTS [[nodiscard]] static unsigned count(unsigned set) {
     return static_cast<unsigned>(__builtin_popcount(set));
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] static std::uint32_t sum_of(__m256i v) {
-    const __m128i half = _mm_add_epi32(_mm256_castsi256_si128(v), _mm256_extracti128_si256(v, 1));
-    const __m128i quarter = _mm_add_epi32(half, _mm_shuffle_epi32(half, 0x4e));
-    return static_cast<std::uint32_t>(
-        _mm_cvtsi128_si32(_mm_add_epi32(quarter, _mm_shuffle_epi32(quarter, 0xb1))));
   }
 #endif
 

@@ -21,10 +21,10 @@ namespace ndtree {
 /// in a plane, depth images, rings of lidars and unordered points, whatever order they come in. Depths are
 /// measured along the axis, as in a depth image.
 template <int D>
-struct ScanFace {
+struct CubeFace {
   static constexpr std::size_t kAxes = D - 1;
   static constexpr float kSlack = 1.0f + 1e-5f;  ///< Of depths and of beams, above all rounding.
-  static constexpr int kChanceBits = 24;         ///< Of the numbers that chance_of() gives.
+  static constexpr int kKeyBits = 24;            ///< Of the numbers that sampling_key_of() gives.
 
   Vector<D> origin;
   int axis = 0;
@@ -34,21 +34,21 @@ struct ScanFace {
   std::array<float, kAxes> upper;  ///< ... on each of its axes.
   float density = 0.0f;            ///< Places of one beam each, in a row of length 1.
   std::array<float, kAxes> places{};
-  int chance_shift = kChanceBits;  ///< Bits of a chance that do not count, see step_of().
+  int key_shift = kKeyBits;  ///< Bits of a chance that do not count, see bucket_of().
   // After the beams were chosen:
   std::uint32_t end_of_beams = 0;  ///< Number of the one after the last of those that are kept.
   /// From this depth on, a cell takes all of them: one that is learning, or one that knows much [m].
-  std::array<float, 2> depth_of_all{};
-  std::size_t first_step = 0;   ///< Of the beams that are kept, among those of all faces, see BeamSteps.
-  std::uint32_t num_steps = 0;  ///< Up to that of the largest chance.
+  std::array<float, 2> depth_of_full_sample{};
+  std::size_t first_bucket = 0;   ///< Of the beams that are kept, among those of all faces, see BeamBuckets.
+  std::uint32_t num_buckets = 0;  ///< Up to that of the largest chance.
 
-  ScanFace(const Vector<D>& from, int along, bool is_negative)
+  CubeFace(const Vector<D>& from, int along, bool is_negative)
       : origin(from), axis(along), negative(is_negative) {
     lower.fill(std::numeric_limits<float>::infinity());
     upper.fill(-std::numeric_limits<float>::infinity());
   }
 
-  void add(const ScanFace& other) {
+  void add(const CubeFace& other) {
     num_beams += other.num_beams;
     for (std::size_t k = 0; k < kAxes; ++k) {
       lower[k] = std::min(lower[k], other.lower[k]);
@@ -59,7 +59,7 @@ struct ScanFace {
   /// After the last beam: as many square places as beams, over the part of the face that they go through.
   void divide() {
     if (num_beams == 0) return;
-    while (chance_shift > 0 && num_beams >> (kChanceBits + 1 - chance_shift) != 0) --chance_shift;
+    while (key_shift > 0 && num_beams >> (kKeyBits + 1 - key_shift) != 0) --key_shift;
     constexpr double kNarrowest = 1e-6;
     double area = 1.0;  // Without axes that do not matter.
     double widest = 0.0;
@@ -81,34 +81,37 @@ struct ScanFace {
   /// At this depth and farther away, a cell of this size expects no more than so many beams [m].
   [[nodiscard]] float depth_for(float beams, float size) const {
     if constexpr (kAxes == 0) return beams >= 1.0f ? 0.0f : std::numeric_limits<float>::infinity();
-    return is_lone() ? 0.0f
-                     : kSlack * size * density /
-                           std::pow(beams, 1.0f / static_cast<float>(std::max<std::size_t>(1, kAxes)));
+    return is_single() ? 0.0f
+                       : kSlack * size * density /
+                             std::pow(beams, 1.0f / static_cast<float>(std::max<std::size_t>(1, kAxes)));
   }
   /// Chances are told apart in steps, a power of two of them, of one to two beams each in the mean: all beams
   /// of a step are in a sample, or none.
-  [[nodiscard]] std::uint32_t step_of(std::uint32_t chance) const { return chance >> chance_shift; }
+  [[nodiscard]] std::uint32_t bucket_of(std::uint32_t key) const { return key >> key_shift; }
   /// How many steps there are from chance 0 to 1.
-  [[nodiscard]] float steps_of_all() const {
-    return static_cast<float>(std::uint32_t{1} << (kChanceBits - chance_shift));
+  [[nodiscard]] float num_all_buckets() const {
+    return static_cast<float>(std::uint32_t{1} << (kKeyBits - key_shift));
   }
   /// The share of beams that is below a step.
-  [[nodiscard]] float share_below(std::uint32_t step) const {
-    return static_cast<float>(step) / steps_of_all();
+  [[nodiscard]] float fraction_below(std::uint32_t bucket) const {
+    return static_cast<float>(bucket) / num_all_buckets();
   }
   /// Up to that of the largest chance that some cell up to a depth may take, of so many beams for each cell
   /// of the smallest size.
-  [[nodiscard]] std::uint32_t steps_within(float depth, float size, float beams) const {
+  [[nodiscard]] std::uint32_t buckets_within(float depth, float size, float beams) const {
     // Beams are kept with slack already; with as much again, none is kept that there is no step for.
-    const float share = beams * (kSlack * kSlack) / expected_beams(depth, size);
-    const float steps = steps_of_all();
-    return share < 1.0f ? static_cast<std::uint32_t>(share * steps) + 1 : static_cast<std::uint32_t>(steps);
+    const float fraction = beams * (kSlack * kSlack) / expected_beams(depth, size);
+    const float buckets = num_all_buckets();
+    return fraction < 1.0f ? static_cast<std::uint32_t>(fraction * buckets) + 1
+                           : static_cast<std::uint32_t>(buckets);
   }
-  [[nodiscard]] float depth_of_all_in_any_cell() const { return std::max(depth_of_all[0], depth_of_all[1]); }
+  [[nodiscard]] float depth_of_full_sample_in_any_cell() const {
+    return std::max(depth_of_full_sample[0], depth_of_full_sample[1]);
+  }
   /// Beams that cross a cube of this size at a depth, if they are spread evenly over the face; none, so to
   /// speak, if there is but one.
   [[nodiscard]] float expected_beams(float depth, float size) const {
-    if (is_lone()) return 0.0f;
+    if (is_single()) return 0.0f;
     const float row = size * density / depth;
     float expected = 1.0f;
     for (const float n : places) expected *= std::min(row, n);
@@ -122,12 +125,12 @@ struct ScanFace {
     return static_cast<float>(std::max(half, std::abs(centre)));
   }
   /// Edge of the square that a beam stands for at depth 1: its share of the solid angle, but not more than a
-  /// tenth. Of a lone beam nobody knows it: 0.
+  /// tenth. Of a single beam nobody knows it: 0.
   [[nodiscard]] float width_of_beam() const {
     constexpr float kWidest = 0.1f;
-    return is_lone() ? 0.0f : std::min(kWidest, 1.0f / density);
+    return is_single() ? 0.0f : std::min(kWidest, 1.0f / density);
   }
-  [[nodiscard]] bool is_lone() const { return num_beams == 1; }
+  [[nodiscard]] bool is_single() const { return num_beams == 1; }
 
  private:
   [[nodiscard]] double extent(std::size_t k) const {
@@ -137,7 +140,7 @@ struct ScanFace {
 
 /// The faces that beams go through, of cubes around every origin, numbered as they are asked for.
 template <int D>
-class ScanImage {
+class CubeMap {
  public:
   static constexpr std::uint32_t kNoFace = 0xffffffffu;  ///< No face has this number.
 
@@ -167,16 +170,16 @@ class ScanImage {
     faces_.reserve(2 * D);
     for (std::size_t side = 0; side < 2 * D; ++side) face_of(cube, origin, side);
   }
-  [[nodiscard]] std::vector<ScanFace<D>>& faces() { return faces_; }
-  [[nodiscard]] const std::vector<ScanFace<D>>& faces() const { return faces_; }
-  [[nodiscard]] const ScanFace<D>& face(std::uint32_t number) const { return faces_[number]; }
+  [[nodiscard]] std::vector<CubeFace<D>>& faces() { return faces_; }
+  [[nodiscard]] const std::vector<CubeFace<D>>& faces() const { return faces_; }
+  [[nodiscard]] const CubeFace<D>& face(std::uint32_t number) const { return faces_[number]; }
 
   /// Adds another image's faces. @returns the numbers that they have here.
-  std::vector<std::uint32_t> join(const ScanImage& other) {
+  std::vector<std::uint32_t> join(const CubeMap& other) {
     std::vector<std::uint32_t> numbers;
     numbers.reserve(other.faces_.size());
     faces_.reserve(std::max(faces_.capacity(), other.faces_.size()));
-    for (const ScanFace<D>& face : other.faces_) {
+    for (const CubeFace<D>& face : other.faces_) {
       numbers.push_back(face_of(cube_of(face.origin), face.origin,
                                 2 * static_cast<std::size_t>(face.axis) + face.negative));
       faces_[numbers.back()].add(face);
@@ -187,7 +190,7 @@ class ScanImage {
  private:
   std::map<std::array<double, std::size_t{D}>, std::size_t> cubes_;  // By origin.
   std::vector<std::uint32_t> number_;                                // 2 D of each.
-  std::vector<ScanFace<D>> faces_;
+  std::vector<CubeFace<D>> faces_;
   Vector<D> last_origin_ = Vector<D>::Zero();
   std::size_t last_cube_ = 0;
 };

@@ -15,16 +15,16 @@
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
-#include "ndtree/mapping/scan/image.hpp"
-#include "ndtree/mapping/scan/look_over.hpp"
+#include "ndtree/mapping/scan/counting_sort.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
-#include "ndtree/mapping/scan/order.hpp"
+#include "ndtree/mapping/scan/survey.hpp"
 
 namespace ndtree {
 
 /// How many beams of a scan a cell may take: fewer than `beams` for each smallest cell that lies side by side
 /// in it.
-struct Sampling {
+struct SubsampleLimits {
   double beams;
   double smallest_cell;  ///< [m]
   double largest_cell;   ///< [m]
@@ -42,14 +42,15 @@ class alignas(kCacheLines) ScanPart {
                  const Geometry& geometry) {
     measurements_ = &measurements;
     first_ = range.first;
-    beams_ = ScanLook<D, Sensor>(measurements, range)(sensor, geometry);
+    beams_ = ScanSurveyor<D, Sensor>(measurements, range)(sensor, geometry);
   }
   [[nodiscard]] const ScanSurvey<D>& survey() const { return beams_.survey; }
-  [[nodiscard]] ScanImage<D>& image() { return beams_.image; }
+  [[nodiscard]] CubeMap<D>& image() { return beams_.image; }
 
   /// No cell takes a beam that none takes at the depth of its end, or behind it by half a cell.
   /// @param image of the whole scan. @param numbers that this part's faces have there.
-  void keep(const ScanImage<D>& image, const std::vector<std::uint32_t>& numbers, const Sampling& sampling) {
+  void keep(const CubeMap<D>& image, const std::vector<std::uint32_t>& numbers,
+            const SubsampleLimits& sampling) {
     const float behind = this->behind(sampling);
     const auto smallest = static_cast<float>(sampling.smallest_cell);
     const auto most = static_cast<float>(sampling.beams) * kSlack;
@@ -62,13 +63,13 @@ class alignas(kCacheLines) ScanPart {
       i = keep_by_eights(image, numbers, smallest, most, farthest, behind);
 #endif
     for (; i < beams_.size; ++i)
-      if (beams_.face[i] != ScanImage<D>::kNoFace &&
-          may_be_taken(image.face(numbers[beams_.face[i]]), beams_.chance[i],
-                       last_depth(beams_.depth[i], farthest, behind), smallest, most))
+      if (beams_.face[i] != CubeMap<D>::kNoFace &&
+          may_be_sampled(image.face(numbers[beams_.face[i]]), beams_.key[i],
+                         last_depth(beams_.depth[i], farthest, behind), smallest, most))
         add_kept(i);
   }
   /// The depth up to which cells may take beams.
-  [[nodiscard]] float depth_of_kept(const Sampling& sampling) const {
+  [[nodiscard]] float depth_of_kept(const SubsampleLimits& sampling) const {
     return last_depth(beams_.deepest, farthest(), behind(sampling));
   }
   /// How many some cell may take, ...
@@ -80,34 +81,34 @@ class alignas(kCacheLines) ScanPart {
   /// ... the faces that they go through, by the number that those have in this part, ...
   [[nodiscard]] std::uint32_t face(std::size_t k) const { return beams_.face[k]; }
   /// ... their chances, until count(), ...
-  [[nodiscard]] std::uint32_t chance(std::size_t k) const { return beams_.chance[k]; }
+  [[nodiscard]] std::uint32_t key(std::size_t k) const { return beams_.key[k]; }
   /// ... and how many there are of each face.
   [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
 
   /// How many of them each step has. @param numbers that this part's faces have there.
-  [[nodiscard]] std::vector<std::uint32_t> count(const BeamSteps<D>& steps,
+  [[nodiscard]] std::vector<std::uint32_t> count(const BeamBuckets<D>& buckets,
                                                  const std::vector<std::uint32_t>& numbers) {
-    std::vector<std::uint32_t> counts = steps.counts();
+    std::vector<std::uint32_t> counts = buckets.counts();
     std::size_t k = 0;
 #ifdef NDTREE_HAS_EIGHTS
-    if (Simd::width() >= 8 && numbers.size() <= kNone) k = find_steps_by_eights(steps, numbers);
+    if (Simd::width() >= 8 && numbers.size() <= kNone) k = find_buckets_by_eights(buckets, numbers);
 #endif
     for (; k < num_kept_; ++k)
-      beams_.chance[k] = static_cast<std::uint32_t>(steps.of(numbers[face(k)], chance(k)));
-    for (k = 0; k < num_kept_; ++k) ++counts[1 + beams_.chance[k]];
+      beams_.key[k] = static_cast<std::uint32_t>(buckets.of(numbers[face(k)], key(k)));
+    for (k = 0; k < num_kept_; ++k) ++counts[1 + beams_.key[k]];
     return counts;
   }
   /// Puts them where they belong. @param places of the next of each step.
   void put(std::vector<std::uint32_t>& places, std::uint32_t* numbers) const {
-    for (std::size_t k = 0; k < num_kept_; ++k) numbers[places[1 + beams_.chance[k]]++] = kept(k);
+    for (std::size_t k = 0; k < num_kept_; ++k) numbers[places[1 + beams_.key[k]]++] = kept(k);
   }
 
  private:
-  static constexpr float kSlack = ScanFace<D>::kSlack;
-  static constexpr float kChanceUnit = 1.0f / (1u << ScanFace<D>::kChanceBits);
+  static constexpr float kSlack = CubeFace<D>::kSlack;
+  static constexpr float kKeyUnit = 1.0f / (1u << CubeFace<D>::kKeyBits);
 
   /// How far behind its end a beam is asked for [m].
-  [[nodiscard]] float behind(const Sampling& sampling) const {
+  [[nodiscard]] float behind(const SubsampleLimits& sampling) const {
     return beams_.reach_behind + rounded(0.5f * static_cast<float>(sampling.largest_cell));
   }
   /// Where beams are cut [m].
@@ -122,13 +123,13 @@ class alignas(kCacheLines) ScanPart {
   }
 
   /// Whether a cell of the smallest size may take a beam at this depth.
-  [[nodiscard]] static bool may_be_taken(const ScanFace<D>& face, std::uint32_t chance, float depth,
-                                         float smallest, float beams) {
-    return face.share_below(face.step_of(chance)) * face.expected_beams(depth, smallest) < beams;
+  [[nodiscard]] static bool may_be_sampled(const CubeFace<D>& face, std::uint32_t key, float depth,
+                                           float smallest, float beams) {
+    return face.fraction_below(face.bucket_of(key)) * face.expected_beams(depth, smallest) < beams;
   }
   void add_kept(std::size_t place) {
     kept_[num_kept_] = static_cast<std::uint32_t>(place);
-    beams_.chance[num_kept_] = beams_.chance[place];
+    beams_.key[num_kept_] = beams_.key[place];
     beams_.face[num_kept_++] = beams_.face[place];
     ++kept_of_faces_[beams_.face[place]];
   }
@@ -147,7 +148,7 @@ class alignas(kCacheLines) ScanPart {
     }
   }
   /// Beams of few faces. @returns the place of the first that is left.
-  NDTREE_BY_EIGHTS std::size_t keep_by_eights(const ScanImage<D>& image,
+  NDTREE_BY_EIGHTS std::size_t keep_by_eights(const CubeMap<D>& image,
                                               const std::vector<std::uint32_t>& numbers, float smallest,
                                               float beams, float farthest, float behind) {
     OfFaces row;
@@ -157,9 +158,9 @@ class alignas(kCacheLines) ScanPart {
     counts.fill(0.0f);
     for (auto& of_axis : places) of_axis.fill(0.0f);
     for (std::size_t f = 0; f < numbers.size(); ++f) {
-      const ScanFace<D>& face = image.face(numbers[f]);
-      row[f] = face.is_lone() ? 0.0f : smallest * face.density;
-      const std::uint32_t bits = ~std::uint32_t{0} << face.chance_shift;
+      const CubeFace<D>& face = image.face(numbers[f]);
+      row[f] = face.is_single() ? 0.0f : smallest * face.density;
+      const std::uint32_t bits = ~std::uint32_t{0} << face.key_shift;
       std::memcpy(&counts[f], &bits, sizeof bits);
       for (std::size_t k = 0; k < kAxes; ++k) places[k][f] = face.places[k];
     }
@@ -176,11 +177,11 @@ class alignas(kCacheLines) ScanPart {
       __m256 expected = _mm256_set1_ps(1.0f);
       for (std::size_t k = 0; k < kAxes; ++k)
         expected = _mm256_mul_ps(expected, _mm256_min_ps(in_row, of_face(places[k], face)));
-      const __m256i number = detail::load(beams_.chance.get() + i);
-      const __m256i step = _mm256_and_si256(number, _mm256_castps_si256(of_face(counts, face)));
-      const __m256 chance = _mm256_mul_ps(_mm256_cvtepi32_ps(step), _mm256_set1_ps(kChanceUnit));
+      const __m256i number = detail::load(beams_.key.get() + i);
+      const __m256i bucket = _mm256_and_si256(number, _mm256_castps_si256(of_face(counts, face)));
+      const __m256 key = _mm256_mul_ps(_mm256_cvtepi32_ps(bucket), _mm256_set1_ps(kKeyUnit));
       const __m256 is_kept = _mm256_and_ps(
-          _mm256_cmp_ps(_mm256_mul_ps(chance, expected), _mm256_set1_ps(beams), _CMP_LT_OQ),
+          _mm256_cmp_ps(_mm256_mul_ps(key, expected), _mm256_set1_ps(beams), _CMP_LT_OQ),
           _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)));
       const auto set = static_cast<unsigned>(_mm256_movemask_ps(is_kept));
       for (unsigned left = 0xff; left != 0;) {  // Most go through one face, be they kept or not.
@@ -196,7 +197,7 @@ class alignas(kCacheLines) ScanPart {
         return reinterpret_cast<__m256i*>(column.get() + num_kept_);
       };
       _mm256_storeu_si256(put(kept_), _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(i)), order));
-      _mm256_storeu_si256(put(beams_.chance), _mm256_permutevar8x32_epi32(number, order));
+      _mm256_storeu_si256(put(beams_.key), _mm256_permutevar8x32_epi32(number, order));
       _mm256_storeu_si256(put(beams_.face), _mm256_permutevar8x32_epi32(face, order));
       num_kept_ += static_cast<std::size_t>(__builtin_popcount(set));
     }
@@ -205,25 +206,25 @@ class alignas(kCacheLines) ScanPart {
   }
 
   /// Finds the steps of those that are kept, of few faces. @returns the first that is left.
-  NDTREE_BY_EIGHTS std::size_t find_steps_by_eights(const BeamSteps<D>& steps,
-                                                    const std::vector<std::uint32_t>& numbers) {
+  NDTREE_BY_EIGHTS std::size_t find_buckets_by_eights(const BeamBuckets<D>& buckets,
+                                                      const std::vector<std::uint32_t>& numbers) {
     OfFaces first;
     OfFaces shift;
     first.fill(0.0f);
     shift.fill(0.0f);
     for (std::size_t f = 0; f < numbers.size(); ++f) {
-      const ScanFace<D>& face = steps.face(numbers[f]);
-      const auto first_step = static_cast<std::uint32_t>(face.first_step);
-      std::memcpy(&first[f], &first_step, sizeof first_step);
-      std::memcpy(&shift[f], &face.chance_shift, sizeof face.chance_shift);
+      const CubeFace<D>& face = buckets.face(numbers[f]);
+      const auto first_bucket = static_cast<std::uint32_t>(face.first_bucket);
+      std::memcpy(&first[f], &first_bucket, sizeof first_bucket);
+      std::memcpy(&shift[f], &face.key_shift, sizeof face.key_shift);
     }
     std::size_t k = 0;
     for (; k + 8 <= num_kept_; k += 8) {
       const __m256i face = detail::load(beams_.face.get() + k);
-      auto* const chance = reinterpret_cast<__m256i*>(beams_.chance.get() + k);
-      const __m256i step =
-          _mm256_srlv_epi32(detail::load(beams_.chance.get() + k), _mm256_castps_si256(of_face(shift, face)));
-      _mm256_storeu_si256(chance, _mm256_add_epi32(step, _mm256_castps_si256(of_face(first, face))));
+      auto* const key = reinterpret_cast<__m256i*>(beams_.key.get() + k);
+      const __m256i bucket =
+          _mm256_srlv_epi32(detail::load(beams_.key.get() + k), _mm256_castps_si256(of_face(shift, face)));
+      _mm256_storeu_si256(key, _mm256_add_epi32(bucket, _mm256_castps_si256(of_face(first, face))));
     }
     return k;
   }
@@ -231,7 +232,7 @@ class alignas(kCacheLines) ScanPart {
 
   const Measurements<D, Sensor>* measurements_ = nullptr;
   Eigen::Index first_ = 0;
-  LookedOver<D> beams_;  // Since keep(), chances and faces of those that are kept alone; then their steps.
+  SurveyedBeams<D> beams_;  // Since keep(), chances and faces of those that are kept alone; then their steps.
   std::unique_ptr<std::uint32_t[]> kept_;  // Places of those that some cell may take, in their order.
   std::size_t num_kept_ = 0;
   std::vector<std::uint32_t> kept_of_faces_;

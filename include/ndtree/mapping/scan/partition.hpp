@@ -12,8 +12,8 @@
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
 #include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/lattice.hpp"
 
@@ -22,13 +22,13 @@ namespace ndtree {
 /// Hands beams down to children: those that cross a child leave it behind where they enter it, see
 /// CellCrossings.
 template <int N, int D>
-class ChildClip {
+class ChildPartition {
  public:
   static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
   using Lists = SiblingLists<kNumChildren>;
   using Planes = typename CellCrossings<N, D>::Planes;
 
-  ChildClip(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams)
+  ChildPartition(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams)
       : geometry_(geometry), beams_(beams), width_(beams.width()) {}
 
   [[nodiscard]] const LatticeGeometry<N, D>& geometry() const { return geometry_; }
@@ -75,7 +75,7 @@ class ChildClip {
     for_each_crossing(node, list, [&](std::size_t child, std::uint32_t beam, float, float) {
       children.memory.beam[children.last[child]++] = beam;
     });
-    if (width_ >= 8) children.close();  // Else nobody reads more than one.
+    if (width_ >= 8) children.pad();  // Else nobody reads more than one.
   }
 
   /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses.
@@ -113,54 +113,22 @@ class ChildClip {
     return planes_of(node, 1, N - 1);
   }
 #ifdef NDTREE_HAS_EIGHTS
-  using Few = FewCrossings<D, kNumChildren>;
-  /// Clips at most Few::kMost beams, without lists for the children. @pre goes_by_eights().
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node, const BeamList& list,
-                                                        Few& few) const {
+  using Packet = RayPacket<D, kNumChildren>;
+  /// Clips a packet, without lists for the children. @param list of its rays. @pre goes_by_eights().
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void operator()(const CellIndex<D>& node, const BeamList& list,
+                                                       Packet& packet) const {
     const __m256 live = _mm256_castsi256_ps(detail::first_of_eight(list.size));
-    few_beams(planes_of(node), _mm256_setzero_ps(), _mm256_and_ps(few.beams.ways.reach, live), few);
+    clip_packet(planes_of(node), _mm256_setzero_ps(), _mm256_and_ps(packet.beams.rays.t_max, live), packet);
   }
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node,
-                                                        const FewOfChild<D, kNumChildren>& beams,
-                                                        Few& few) const {
-    few_beams(inner_planes_of(node), _mm256_load_ps(beams.of.enter[beams.child].data()),
-              _mm256_load_ps(beams.of.exit[beams.child].data()), few);
-  }
-  /// Whether the children of a node, between one plane on each axis, fit the lanes of a vector.
-  static constexpr bool kFitLanes = N == 2 && kNumChildren <= static_cast<int>(LoneCrossing::kMostChildren);
-  /// Clips one beam, against all children at once. @pre kFitLanes && goes_by_eights().
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void operator()(const CellIndex<D>& node, const BeamWay<D>& way,
-                                                        const Crossing& crossing, LoneCrossing& lone) const {
-    const __m256 t0 = _mm256_set1_ps(crossing.enter);
-    const __m256 t1 = _mm256_set1_ps(crossing.exit);
-    __m256 enter = t0;
-    __m256 exit = t1;
-#pragma GCC unroll 4
-    for (std::size_t a = 0; a < D; ++a) {
-      const __m256 inverse = _mm256_set1_ps(way.inverse[a]);
-      const __m256 plane = _mm256_mul_ps(_mm256_set1_ps(plane_of(node, a, 1)), inverse);
-      // The sign bit of the children that the beam crosses behind the plane.
-      const __m256i upper =
-          _mm256_slli_epi32(_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7), 31 - static_cast<int>(a));
-      const __m256 is_behind = _mm256_xor_ps(_mm256_castsi256_ps(upper), inverse);
-      enter = _mm256_max_ps(enter, _mm256_blendv_ps(t0, plane, is_behind));
-      exit = _mm256_min_ps(exit, _mm256_blendv_ps(plane, t1, is_behind));
-    }
-    _mm256_store_ps(lone.enter.data(), enter);
-    _mm256_store_ps(lone.exit.data(), exit);
-    lone.set = static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit, enter, _CMP_GT_OQ))) &
-               ((1u << kNumChildren) - 1);
-  }
-  /// Writes those that cross a child, in their order.
-  NDTREE_BY_EIGHTS static void write(const FewOfChild<D, kNumChildren>& few, BeamList& list) {
-    const __m256i order = detail::packing(few.set());
-    const __m256i beam = _mm256_load_si256(reinterpret_cast<const __m256i*>(few.of.beams.number.data()));
-    _mm256_storeu_si256(reinterpret_cast<__m256i*>(list.beam), _mm256_permutevar8x32_epi32(beam, order));
-    list.size = few.size();
+  /// The same for rays of which it is known where they cross the node: it is the child of another.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void operator()(const CellIndex<D>& node, const Packet& above,
+                                                       std::size_t child, Packet& packet) const {
+    clip_packet(inner_planes_of(node), _mm256_load_ps(above.enter[child].data()),
+                _mm256_load_ps(above.exit[child].data()), packet);
   }
 
   /// Where eight beams enter and leave each child, of what lies between two distances.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, const EightWays<D>& ways,
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, const EightRays<D>& rays,
                                                          __m256 from, __m256 to, __m256* enter,
                                                          __m256* exit) const {
     enter[0] = from;
@@ -171,7 +139,7 @@ class ChildClip {
       __m256 at[kPlanes];
 #pragma GCC unroll 8
       for (std::size_t i = 0; i < kPlanes; ++i)
-        at[i] = _mm256_mul_ps(_mm256_set1_ps(plane[a][i]), ways.inverse[a]);
+        at[i] = _mm256_mul_ps(_mm256_set1_ps(plane[a][i]), rays.inverse[a]);
 #pragma GCC unroll 8
       for (std::size_t m = 0; m < N; ++m) {  // From the last slab: the first takes the place of its source.
         const std::size_t s = N - 1 - m;
@@ -214,7 +182,7 @@ class ChildClip {
   template <class Visit, class PlaneOf>
   void divide(std::uint32_t beam, const Visit& visit, const PlaneOf& plane_of) const {
     const Crossing whole = CellCrossings<N, D>::clipped(
-        beams_.way(beam), [&](std::size_t a) { return plane_of(a, 0); },
+        beams_.ray(beam), [&](std::size_t a) { return plane_of(a, 0); },
         [&](std::size_t a) { return plane_of(a, N); });
     divide<D - 1>(beam, whole, 0, visit, plane_of);
   }
@@ -225,7 +193,7 @@ class ChildClip {
     if constexpr (Axis < 0) {
       visit(static_cast<std::size_t>(child), beam, left.enter, left.exit);
     } else {
-      const float inverse = beams_.way(beam).inverse[Axis];
+      const float inverse = beams_.ray(beam).inverse[Axis];
       const bool up = inverse > 0.0f;
       for (int s = 0; s < N && left.exit > left.enter; ++s) {
         const int slab = up ? s : N - 1 - s;  // In the order of the beam.
@@ -243,35 +211,34 @@ class ChildClip {
   /// Among four children, as in the plane, sixteen beams at a time are no faster than eight.
   static constexpr bool kHasSixteens = N == 2 && kNumChildren >= 8;
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void few_beams(const Planes& planes, __m256 from, __m256 to,
-                                                       Few& few) const {
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void clip_packet(const Planes& planes, __m256 from, __m256 to,
+                                                         Packet& packet) const {
     __m256 enter[std::size_t{kNumChildren}];
     __m256 exit[std::size_t{kNumChildren}];
-    eight_beams(planes, few.beams.ways, from, to, enter, exit);
+    eight_beams(planes, packet.beams.rays, from, to, enter, exit);
 #pragma GCC unroll 32
     for (std::size_t c = 0; c < kNumChildren; ++c) {
-      _mm256_store_ps(few.enter[c].data(), enter[c]);
-      _mm256_store_ps(few.exit[c].data(), exit[c]);
-      few.set[c] =
+      _mm256_store_ps(packet.enter[c].data(), enter[c]);
+      _mm256_store_ps(packet.exit[c].data(), exit[c]);
+      packet.set[c] =
           static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ)));
-      few.passing[c] =
-          few.set[c] &
-          static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], few.beams.pass, _CMP_LT_OQ)));
+      packet.passing[c] = packet.set[c] & static_cast<std::uint32_t>(_mm256_movemask_ps(
+                                              _mm256_cmp_ps(exit[c], packet.beams.t_free, _CMP_LT_OQ)));
     }
   }
   NDTREE_BY_EIGHTS void eight_at_a_time(const Planes& plane, const BeamList& list, Lists& children) const {
     // Compilers take what is stored for anything: copies stay in registers.
     const BeamList from = list;
     std::uint32_t* const to = children.memory.beam;
-    const BeamWay<D>* const rows = beams_.ways();
+    const BeamRay<D>* const rows = beams_.rays();
     std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
     for (std::size_t i = 0; i < from.size; i += 8) {
       const __m256i live = detail::first_of_eight(from.size - i);
       const __m256i beam = detail::load(from.beam + i);
-      const EightWays<D> ways = ScanBeams<D>::ways(rows, from.beam + i);
+      const EightRays<D> rays = ScanBeams<D>::rays(rows, from.beam + i);
       __m256 enter[std::size_t{kNumChildren}];
       __m256 exit[std::size_t{kNumChildren}];
-      eight_beams(plane, ways, _mm256_setzero_ps(), _mm256_and_ps(ways.reach, _mm256_castsi256_ps(live)),
+      eight_beams(plane, rays, _mm256_setzero_ps(), _mm256_and_ps(rays.t_max, _mm256_castsi256_ps(live)),
                   enter, exit);
 #pragma GCC unroll 32
       for (std::size_t c = 0; c < kNumChildren; ++c) {
@@ -284,7 +251,7 @@ class ChildClip {
       }
     }
     children.last = last;
-    children.close();
+    children.pad();
   }
 #endif
 #ifdef NDTREE_HAS_SIXTEENS
@@ -297,16 +264,16 @@ class ChildClip {
   }
   /// As eight_beams(), of all that lies before the beams' reach.
   /// @param way ScanBeams::kColumnsOfWay of sixteen beams.
-  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void sixteen_beams(const Planes& plane, const __m512* way,
+  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void sixteen_beams(const Planes& plane, const __m512* ray,
                                                                     __m512* enter, __m512* exit) {
     enter[0] = _mm512_setzero_ps();
-    exit[0] = way[D];
+    exit[0] = ray[D];
     std::size_t made = 1;
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a, made *= N) {
       __m512 at[kPlanes];
 #pragma GCC unroll 8
-      for (std::size_t i = 0; i < kPlanes; ++i) at[i] = _mm512_mul_ps(_mm512_set1_ps(plane[a][i]), way[a]);
+      for (std::size_t i = 0; i < kPlanes; ++i) at[i] = _mm512_mul_ps(_mm512_set1_ps(plane[a][i]), ray[a]);
 #pragma GCC unroll 8
       for (std::size_t m = 0; m < N; ++m) {
         const std::size_t s = N - 1 - m;
@@ -325,17 +292,17 @@ class ChildClip {
     static_assert(BeamList::kSlack == 16, "all of a vector is written, and read");
     const BeamList from = list;  // As in eight_at_a_time().
     std::uint32_t* const to = children.memory.beam;
-    const BeamWay<D>* const rows = beams_.ways();
+    const BeamRay<D>* const rows = beams_.rays();
     std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
     for (std::size_t i = 0; i < from.size; i += 16) {
       const std::size_t left = std::min<std::size_t>(from.size - i, 16);
       const auto live = static_cast<__mmask16>((1u << left) - 1);
       const __m512i beam = _mm512_maskz_loadu_epi32(live, from.beam + i);
-      __m512 way[ScanBeams<D>::kColumnsOfWay];
-      ScanBeams<D>::ways(rows, from.beam + i, way);
+      __m512 ray[ScanBeams<D>::kColumnsOfRay];
+      ScanBeams<D>::rays(rows, from.beam + i, ray);
       __m512 enter[std::size_t{kNumChildren}];
       __m512 exit[std::size_t{kNumChildren}];
-      sixteen_beams(plane, way, enter, exit);
+      sixteen_beams(plane, ray, enter, exit);
 #pragma GCC unroll 32
       for (std::size_t c = 0; c < kNumChildren; ++c) {
         // Compressed in registers: straight to memory takes some processors a hundred cycles.
@@ -346,7 +313,7 @@ class ChildClip {
       }
     }
     children.last = last;
-    children.close();
+    children.pad();
   }
 #endif
 

@@ -13,15 +13,15 @@
 #include "at_a_time.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
-#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/counting_sort.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
-#include "ndtree/mapping/scan/order.hpp"
-#include "ndtree/mapping/scan/sample.hpp"
+#include "ndtree/mapping/scan/subsample.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "random.hpp"
 
-namespace ndtree::test::test_scan_sample {
+namespace ndtree::test::test_scan_subsample {
 namespace {
 
 template <int D>
@@ -78,10 +78,10 @@ void looks_over_as_one_by_one(std::uint64_t seed) {
         EXPECT_TRUE((survey.reach.lower.array() <= exact.reach.lower.array()).all());
         EXPECT_TRUE((survey.reach.upper.array() >= exact.reach.upper.array()).all());
         // A cell that takes all beams of a scan keeps them all.
-        ScanImage<D> image;
+        CubeMap<D> image;
         const auto numbers = image.join(part.image());
         std::uint64_t beams = 0;
-        for (ScanFace<D>& face : image.faces()) {
+        for (CubeFace<D>& face : image.faces()) {
           beams += face.num_beams;
           face.divide();
         }
@@ -91,12 +91,12 @@ void looks_over_as_one_by_one(std::uint64_t seed) {
         for (std::size_t k = 0; k < part.num_kept(); ++k) {
           const auto i = static_cast<Eigen::Index>(part.kept(k));
           const Beam<D> beam = measurements.beam(i);
-          const ScanFace<D>& face = image.face(numbers[part.face(k)]);
+          const CubeFace<D>& face = image.face(numbers[part.face(k)]);
           EXPECT_EQ(face.origin, beam.origin);
           EXPECT_EQ(std::abs(beam.displacement[face.axis]), beam.displacement.cwiseAbs().maxCoeff());
           EXPECT_EQ(beam.displacement[face.axis] < 0.0, face.negative);
           if (beam.range < 100.0) {
-            EXPECT_EQ(part.chance(k), chance_of<D>(floats<D>(beam.displacement)));
+            EXPECT_EQ(part.key(k), sampling_key_of<D>(floats<D>(beam.displacement)));
           }
         }
         if (::testing::Test::HasFailure()) return;
@@ -126,39 +126,39 @@ void puts_beams_where_they_belong(std::uint64_t seed) {
     for (const int count : {1, 9, 40, 700, 5000}) {
       const Scan<D> scan = random_scan<D>(random, count, kind);
       const Measurements<D, BeamSensorModel> measurements(scan.view(), 6.0, sensor);
-      const Sampling sampling{random.uniform(0.1, 2.0), 0.05, 0.4};
+      const SubsampleLimits sampling{random.uniform(0.1, 2.0), 0.05, 0.4};
       for (const int at_a_time : {1, 8}) {
         const AtATime loops(at_a_time);
         std::vector<ScanPart<D, BeamSensorModel>> parts(3);
-        ScanImage<D> image;
+        CubeMap<D> image;
         std::vector<std::vector<std::uint32_t>> numbers;
         for (std::size_t p = 0; p < parts.size(); ++p) {
           parts[p].look_over(measurements, measurements.part(p, parts.size()), sensor, geometry);
           numbers.push_back(image.join(parts[p].image()));
         }
-        for (ScanFace<D>& face : image.faces()) face.divide();
-        std::vector<ScanFace<D>> faces = image.faces();
-        for (ScanFace<D>& face : faces) face.num_steps = static_cast<std::uint32_t>(face.steps_of_all());
-        const BeamSteps<D> steps(faces);
+        for (CubeFace<D>& face : image.faces()) face.divide();
+        std::vector<CubeFace<D>> faces = image.faces();
+        for (CubeFace<D>& face : faces) face.num_buckets = static_cast<std::uint32_t>(face.num_all_buckets());
+        const BeamBuckets<D> buckets(faces);
         std::vector<std::tuple<std::size_t, std::uint32_t>> expected;  // Step and number.
         std::vector<std::vector<std::uint32_t>> places;
         for (std::size_t p = 0; p < parts.size(); ++p) {
           parts[p].keep(image, numbers[p], sampling);
           for (std::size_t k = 0; k < parts[p].num_kept(); ++k)
-            expected.emplace_back(steps.of(numbers[p][parts[p].face(k)], parts[p].chance(k)),
+            expected.emplace_back(buckets.of(numbers[p][parts[p].face(k)], parts[p].key(k)),
                                   parts[p].kept(k));
-          places.push_back(parts[p].count(steps, numbers[p]));
+          places.push_back(parts[p].count(buckets, numbers[p]));
         }
         std::sort(expected.begin(), expected.end());
         Workers workers(1);
-        steps.begin(places, workers);
+        buckets.begin(places, workers);
         std::vector<std::uint32_t> beams(expected.size());
         for (std::size_t p = 0; p < parts.size(); ++p) parts[p].put(places[p], beams.data());
         for (std::size_t i = 0; i < beams.size(); ++i) ASSERT_EQ(beams[i], std::get<1>(expected[i]));
         std::size_t i = 0;  // The last part's places tell where steps begin.
-        for (std::size_t step = 0; step < steps.count(); ++step) {
-          ASSERT_EQ(places.back()[step], i);
-          while (i < expected.size() && std::get<0>(expected[i]) == step) ++i;
+        for (std::size_t bucket = 0; bucket < buckets.count(); ++bucket) {
+          ASSERT_EQ(places.back()[bucket], i);
+          while (i < expected.size() && std::get<0>(expected[i]) == bucket) ++i;
         }
         EXPECT_EQ(places.back().back(), expected.size());
         put += beams.size();
@@ -197,17 +197,17 @@ void keeps_what_some_cell_takes(std::uint64_t seed) {
     const Measurements<D, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
     ScanPart<D, BeamSensorModel> part;
     part.look_over(measurements, measurements.all(), sensor, geometry);
-    ScanImage<D> image;
+    CubeMap<D> image;
     const auto numbers = image.join(part.image());
-    for (ScanFace<D>& face : image.faces()) face.divide();
-    const Sampling sampling{beams_of_a_cell, 0.25, 1.0};
+    for (CubeFace<D>& face : image.faces()) face.divide();
+    const SubsampleLimits sampling{beams_of_a_cell, 0.25, 1.0};
     part.keep(image, numbers, sampling);
     std::set<std::uint32_t> kept;
     for (std::size_t k = 0; k < part.num_kept(); ++k) {
       kept.insert(part.kept(k));
-      const ScanFace<D>& face = image.face(numbers[part.face(k)]);
-      EXPECT_LT(face.step_of(part.chance(k)),
-                face.steps_within(part.depth_of_kept(sampling), 0.25f, static_cast<float>(beams_of_a_cell)))
+      const CubeFace<D>& face = image.face(numbers[part.face(k)]);
+      EXPECT_LT(face.bucket_of(part.key(k)),
+                face.buckets_within(part.depth_of_kept(sampling), 0.25f, static_cast<float>(beams_of_a_cell)))
           << "there is a step for each";
     }
     left_out += 2000 - kept.size();
@@ -225,12 +225,12 @@ void keeps_what_some_cell_takes(std::uint64_t seed) {
           continue;
         Eigen::Index axis = 0;
         beam.displacement.cwiseAbs().maxCoeff(&axis);
-        for (const ScanFace<D>& face : image.faces()) {
+        for (const CubeFace<D>& face : image.faces()) {
           if (face.axis != axis || face.negative != (beam.displacement[axis] < 0.0)) continue;
           const float expected =
               face.expected_beams(face.depth_of(cell.lower[axis], cell.upper[axis]), 0.25f);
-          const std::uint32_t step = face.step_of(chance_of<D>(floats<D>(beam.displacement)));
-          if (!(face.share_below(step) * expected < static_cast<float>(beams_of_a_cell))) continue;
+          const std::uint32_t bucket = face.bucket_of(sampling_key_of<D>(floats<D>(beam.displacement)));
+          if (!(face.fraction_below(bucket) * expected < static_cast<float>(beams_of_a_cell))) continue;
           EXPECT_EQ(kept.count(static_cast<std::uint32_t>(k)), 1u);
           ++taken;
         }
@@ -252,11 +252,11 @@ TEST(ScanSample, KeepsWhatSomeCellTakes) {
 }
 
 /// All the rest of a beam being equal, a face that expects more beams in a cell lets it take a smaller share.
-TEST(ScanImage, FacesAreAsDenseAsTheirBeams) {
-  ScanImage<3> image;
+TEST(CubeMap, FacesAreAsDenseAsTheirBeams) {
+  CubeMap<3> image;
   const Vector<3> origin(1.0, 2.0, 3.0);
   const std::uint32_t number = image.face_of(image.cube_of(origin), origin, 2);
-  ScanFace<3>& face = image.faces()[number];
+  CubeFace<3>& face = image.faces()[number];
   EXPECT_EQ(face.axis, 1);
   EXPECT_FALSE(face.negative);
   face.lower = {-0.5f, -0.25f};
@@ -278,18 +278,18 @@ TEST(ScanSample, AChanceSaysNothingAboutWhatABeamMeasured) {
   SCOPED_TRACE(random.trace());
   constexpr int kClasses = 16;
   // Of end points that a sensor gives: single precision, or of 1 mm, near each other; by their range.
-  for (const double step : {0.0, 0.001}) {
+  for (const double bucket : {0.0, 0.001}) {
     int count[2][kClasses] = {};
     constexpr int kBeams = 40000;
     for (int i = 0; i < kBeams; ++i) {
       const double angle = 1e-4 * i;
       double range = 2.0 + 0.01 * random.uniform();
       const bool is_near = range < 2.005;
-      if (step > 0.0) range = std::round(range / step) * step;
-      const std::uint32_t chance =
-          chance_of<3>(floats<3>({range * std::cos(angle), range * std::sin(angle), 0.3}));
-      ASSERT_LT(chance, 1u << 24);
-      ++count[is_near][chance >> 20];
+      if (bucket > 0.0) range = std::round(range / bucket) * bucket;
+      const std::uint32_t key =
+          sampling_key_of<3>(floats<3>({range * std::cos(angle), range * std::sin(angle), 0.3}));
+      ASSERT_LT(key, 1u << 24);
+      ++count[is_near][key >> 20];
     }
     for (const auto& row : count) {
       double sum = 0.0;
@@ -299,9 +299,9 @@ TEST(ScanSample, AChanceSaysNothingAboutWhatABeamMeasured) {
       EXPECT_LT(chi_square, 44.0) << "15 degrees of freedom: one in ten thousand is larger";
     }
   }
-  EXPECT_EQ(chance_of<2>({0.1f, 0.2f}), chance_of<2>({0.1f, 0.2f}));
-  EXPECT_NE(chance_of<2>({0.1f, 0.2f}), chance_of<2>({0.2f, 0.1f}));
+  EXPECT_EQ(sampling_key_of<2>({0.1f, 0.2f}), sampling_key_of<2>({0.1f, 0.2f}));
+  EXPECT_NE(sampling_key_of<2>({0.1f, 0.2f}), sampling_key_of<2>({0.2f, 0.1f}));
 }
 
 }  // namespace
-}  // namespace ndtree::test::test_scan_sample
+}  // namespace ndtree::test::test_scan_subsample

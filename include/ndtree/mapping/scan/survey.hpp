@@ -17,7 +17,7 @@
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/mapping/scan/image.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 
 namespace ndtree {
@@ -32,8 +32,8 @@ namespace ndtree {
 /// every beam of a sensor that stands still counts in the end. A cell that samples a fraction of a scan's
 /// beams takes those whose key is below this fraction of 2^24.
 template <int D>
-[[nodiscard]] std::uint32_t chance_of(const std::array<float, std::size_t{D}>& displacement,
-                                      std::uint64_t scan_number = 0) {
+[[nodiscard]] std::uint32_t sampling_key_of(const std::array<float, std::size_t{D}>& displacement,
+                                            std::uint64_t scan_number = 0) {
   std::uint32_t hash = key_of_scan(scan_number);
   std::uint32_t factor = 1;
   for (const float component : displacement) {
@@ -49,33 +49,33 @@ template <int D>
 
 /// What is found out about some beams of a scan.
 template <int D>
-struct LookedOver {
+struct SurveyedBeams {
   ScanSurvey<D> survey;
-  ScanImage<D> image;
+  CubeMap<D> image;
   float deepest = 0.0f;       ///< Of all of them, along the axis of its face [m].
   float reach_behind = 0.0f;  ///< The end of a beam, at most [m].
   std::size_t size = 0;
-  std::unique_ptr<std::uint32_t[]> face;    ///< Of each; ScanImage::kNoFace of those that say nothing.
-  std::unique_ptr<float[]> depth;           ///< Of those that do, along the axis of the face [m].
-  std::unique_ptr<std::uint32_t[]> chance;  ///< Of those that do, see chance_of().
+  std::unique_ptr<std::uint32_t[]> face;  ///< Of each; CubeMap::kNoFace of those that say nothing.
+  std::unique_ptr<float[]> depth;         ///< Of those that do, along the axis of the face [m].
+  std::unique_ptr<std::uint32_t[]> key;   ///< Of those that do, see sampling_key_of().
 
-  LookedOver() = default;
-  explicit LookedOver(std::size_t n)
-      : size(n), face(new std::uint32_t[n]), depth(new float[n]), chance(new std::uint32_t[n]) {}
+  SurveyedBeams() = default;
+  explicit SurveyedBeams(std::size_t n)
+      : size(n), face(new std::uint32_t[n]), depth(new float[n]), key(new std::uint32_t[n]) {}
 };
 
 /// Looks over some beams of a scan, in one thread.
 template <int D, class Sensor>
-class ScanLook {
+class ScanSurveyor {
   static constexpr std::size_t kAxes = D - 1;
 
  public:
-  ScanLook(const Measurements<D, Sensor>& measurements, const BeamRange& range)
+  ScanSurveyor(const Measurements<D, Sensor>& measurements, const BeamRange& range)
       : measurements_(measurements), range_(range), beams_(static_cast<std::size_t>(range.size())) {}
 
   /// Counts the beams and finds out where they point, once. @throws as survey_exactly().
   template <class Geometry>
-  [[nodiscard]] LookedOver<D> operator()(const Sensor& sensor, const Geometry& geometry) && {
+  [[nodiscard]] SurveyedBeams<D> operator()(const Sensor& sensor, const Geometry& geometry) && {
     const ScanView<D>& scan = measurements_.scan();
     Eigen::Index i = range_.first;
     if (!scan.origin_per_beam && beams_.size > 0) beams_.image.add_all_faces(scan.origin(0));
@@ -116,27 +116,27 @@ class ScanLook {
   void look_over_one(Eigen::Index i) {
     const ScanView<D>& scan = measurements_.scan();
     const Vector<D> origin = scan.origin(i);
-    Vector<D> way = scan.endpoint(i) - origin;
-    const double length = way.cwiseAbs().maxCoeff();
+    Vector<D> ray = scan.endpoint(i) - origin;
+    const double length = ray.cwiseAbs().maxCoeff();
     const auto place = static_cast<std::size_t>(i - range_.first);
     if (!(length >= static_cast<double>(kShortest)) || !(length <= static_cast<double>(kLongest)) ||
-        !way.allFinite() || !origin.allFinite()) {
+        !ray.allFinite() || !origin.allFinite()) {
       const Beam<D> beam = measurements_.beam(i);
       if (beam.outcome == BeamOutcome::invalid) {
         ++beams_.survey.count(BeamOutcome::invalid);
-        beams_.face[place] = ScanImage<D>::kNoFace;
+        beams_.face[place] = CubeMap<D>::kNoFace;
         return;
       }
       if (!(length <= static_cast<double>(kLongest))) {
         is_exact_needed_ = true;
-        way = beam.free_end() - origin;
-        if (!(way.cwiseAbs().maxCoeff() <= static_cast<double>(kLongest))) way = Vector<D>::Unit(0);
+        ray = beam.free_end() - origin;
+        if (!(ray.cwiseAbs().maxCoeff() <= static_cast<double>(kLongest))) ray = Vector<D>::Unit(0);
       }
     }
     std::array<float, std::size_t{D}> d;
     std::size_t axis = 0;
     for (std::size_t a = 0; a < D; ++a) {
-      d[a] = static_cast<float>(way[static_cast<int>(a)]);
+      d[a] = static_cast<float>(ray[static_cast<int>(a)]);
       if (std::abs(d[a]) > std::abs(d[axis])) axis = a;
     }
     const float depth = std::abs(d[axis]);
@@ -149,7 +149,7 @@ class ScanLook {
     beams_.survey.include(origin);
     const std::uint32_t number = beams_.image.face_of(beams_.image.cube_of(origin), origin,
                                                       2 * axis + static_cast<std::size_t>(d[axis] < 0.0f));
-    ScanFace<D>& face = beams_.image.faces()[number];
+    CubeFace<D>& face = beams_.image.faces()[number];
     ++face.num_beams;
     for (std::size_t k = 0; k < kAxes; ++k) {
       const float at = d[k + (k >= axis)] / depth;
@@ -157,7 +157,7 @@ class ScanLook {
       face.upper[k] = std::max(face.upper[k], at);
     }
     beams_.depth[place] = depth;
-    beams_.chance[place] = chance_of<D>(d, measurements_.scan_number());
+    beams_.key[place] = sampling_key_of<D>(d, measurements_.scan_number());
     beams_.face[place] = number;
     beams_.deepest = std::max(beams_.deepest, depth);
   }
@@ -256,7 +256,7 @@ class ScanLook {
 
       const auto place = static_cast<std::size_t>(i - range_.first);
       _mm256_storeu_ps(beams_.depth.get() + place, depth);
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.chance.get() + place), hash);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.key.get() + place), hash);
       _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.face.get() + place), side);
       deepest = _mm256_max_ps(deepest, depth);
       for (std::size_t a = 0; a < D; ++a) {
@@ -300,7 +300,7 @@ class ScanLook {
                                    const Extents& extents) {
     for (std::size_t side = 0; side < 2 * D; ++side) {
       if (count[side] == 0) continue;
-      ScanFace<D>& face = beams_.image.faces()[side];
+      CubeFace<D>& face = beams_.image.faces()[side];
       face.num_beams += count[side];
       for (std::size_t k = 0; k < kAxes; ++k) {
         face.lower[k] = std::min(face.lower[k], least_of(extents[side][k].lower));
@@ -342,7 +342,7 @@ class ScanLook {
 
   const Measurements<D, Sensor>& measurements_;
   const BeamRange range_;
-  LookedOver<D> beams_;
+  SurveyedBeams<D> beams_;
   bool is_exact_needed_ = false;  // Some beam is too long for float.
 };
 

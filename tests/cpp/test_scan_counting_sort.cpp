@@ -9,25 +9,25 @@
 #include <vector>
 
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/mapping/scan/image.hpp"
-#include "ndtree/mapping/scan/order.hpp"
+#include "ndtree/mapping/scan/counting_sort.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
 
 namespace ndtree {
 namespace {
 
 /// A beam before it is put in its place.
 struct Drawn {
-  std::uint32_t face, chance, number;
+  std::uint32_t face, key, number;
 };
 
-using Faces = std::vector<ScanFace<3>>;
+using Faces = std::vector<CubeFace<3>>;
 
 /// Faces of so many steps each, with these shifts.
 Faces with_steps(const std::vector<int>& shifts, const std::vector<std::uint32_t>& counts) {
-  Faces faces(shifts.size(), ScanFace<3>(Vector<3>::Zero(), 0, false));
+  Faces faces(shifts.size(), CubeFace<3>(Vector<3>::Zero(), 0, false));
   for (std::size_t f = 0; f < faces.size(); ++f) {
-    faces[f].chance_shift = shifts[f];
-    faces[f].num_steps = counts[f];
+    faces[f].key_shift = shifts[f];
+    faces[f].num_buckets = counts[f];
   }
   return faces;
 }
@@ -42,26 +42,26 @@ struct Ordered {
 Ordered in_steps(const std::vector<Drawn>& beams, const std::vector<int>& shifts, std::size_t num_parts) {
   std::vector<std::uint32_t> counts(shifts.size(), 1);
   for (const Drawn& beam : beams)
-    counts[beam.face] = std::max(counts[beam.face], (beam.chance >> shifts[beam.face]) + 1);
+    counts[beam.face] = std::max(counts[beam.face], (beam.key >> shifts[beam.face]) + 1);
   Ordered result{std::vector<Drawn>(beams.size()), with_steps(shifts, counts), {}};
-  const BeamSteps<3> steps(result.faces);
+  const BeamBuckets<3> steps(result.faces);
   const auto first = [&](std::size_t part) { return beams.size() * part / num_parts; };
   std::vector<std::vector<std::uint32_t>> places(num_parts);
   for (std::size_t p = 0; p < num_parts; ++p) {
     places[p] = steps.counts();
     for (std::size_t i = first(p); i < first(p + 1); ++i)
-      ++places[p][1 + steps.of(beams[i].face, beams[i].chance)];
+      ++places[p][1 + steps.of(beams[i].face, beams[i].key)];
   }
   Workers workers(num_parts);
   steps.begin(places, workers);
   for (std::size_t p = 0; p < num_parts; ++p)
     for (std::size_t i = first(p); i < first(p + 1); ++i)
-      result.beams[places[p][1 + steps.of(beams[i].face, beams[i].chance)]++] = beams[i];
+      result.beams[places[p][1 + steps.of(beams[i].face, beams[i].key)]++] = beams[i];
   result.begins = places.back();
   return result;
 }
 
-TEST(BeamSteps, AreInTheOrderOfFacesStepsAndNumbersForAllParts) {
+TEST(BeamBuckets, AreInTheOrderOfFacesStepsAndNumbersForAllParts) {
   std::mt19937 random(1);
   int cases = 0;
   for (const std::size_t n : {1u, 2u, 3u, 7u, 180u, 3000u})
@@ -76,7 +76,7 @@ TEST(BeamSteps, AreInTheOrderOfFacesStepsAndNumbersForAllParts) {
                       static_cast<std::uint32_t>(random() % (most + 1)), static_cast<std::uint32_t>(i)};
         std::vector<Drawn> expected = beams;
         const auto order = [&](const Drawn& beam) {
-          return std::make_tuple(beam.face, beam.chance >> shifts[beam.face], beam.number);
+          return std::make_tuple(beam.face, beam.key >> shifts[beam.face], beam.number);
         };
         std::sort(expected.begin(), expected.end(),
                   [&](const Drawn& a, const Drawn& b) { return order(a) < order(b); });
@@ -88,12 +88,13 @@ TEST(BeamSteps, AreInTheOrderOfFacesStepsAndNumbersForAllParts) {
           }
           // Of each face, those before a step are those of smaller steps.
           for (std::size_t f = 0; f < num_faces; ++f)
-            for (std::uint32_t step = 0; step <= result.faces[f].num_steps; ++step) {
+            for (std::uint32_t step = 0; step <= result.faces[f].num_buckets; ++step) {
               const auto before = std::count_if(expected.begin(), expected.end(), [&](const Drawn& beam) {
-                return beam.face < f || (beam.face == f && beam.chance >> shifts[f] < step);
+                return beam.face < f || (beam.face == f && beam.key >> shifts[f] < step);
               });
-              ASSERT_EQ(result.begins[result.faces[f].first_step + step], static_cast<std::uint32_t>(before));
-              if (n > 1000 && step > 3) step += result.faces[f].num_steps / 5;
+              ASSERT_EQ(result.begins[result.faces[f].first_bucket + step],
+                        static_cast<std::uint32_t>(before));
+              if (n > 1000 && step > 3) step += result.faces[f].num_buckets / 5;
             }
           ++cases;
         }
@@ -101,35 +102,35 @@ TEST(BeamSteps, AreInTheOrderOfFacesStepsAndNumbersForAllParts) {
   EXPECT_GT(cases, 150);
 }
 
-TEST(BeamSteps, OfFacesFollowEachOther) {
+TEST(BeamBuckets, OfFacesFollowEachOther) {
   Faces faces = with_steps({24, 10, 4}, {1, 0x40, 0x1000});
-  const BeamSteps<3> steps(faces);
-  EXPECT_EQ(faces[1].first_step, 1u);
-  EXPECT_EQ(faces[1].num_steps, 0x40u);
+  const BeamBuckets<3> steps(faces);
+  EXPECT_EQ(faces[1].first_bucket, 1u);
+  EXPECT_EQ(faces[1].num_buckets, 0x40u);
   EXPECT_EQ(steps.count(), 0x1041u);
   EXPECT_EQ(steps.of(2, 0xffff), steps.count() - 1);
 }
 
 /// A face tells as many steps apart as make one to two beams of each.
-TEST(BeamSteps, AreOneOrTwoBeamsOfAFace) {
+TEST(BeamBuckets, AreOneOrTwoBeamsOfAFace) {
   for (const std::uint32_t beams : {1u, 2u, 3u, 4u, 7u, 100u, 300'000u, 1u << 24, 0xffffffffu}) {
-    ScanFace<3> face(Vector<3>::Zero(), 0, false);
+    CubeFace<3> face(Vector<3>::Zero(), 0, false);
     face.num_beams = beams;
     face.lower = {-0.5f, -0.5f};
     face.upper = {0.5f, 0.5f};
     face.divide();
-    const double steps = static_cast<double>(face.steps_of_all());
+    const double steps = static_cast<double>(face.num_all_buckets());
     EXPECT_GE(steps, std::min(0.5 * beams + 0.5, 0x1p24));
     EXPECT_LE(steps, std::min(static_cast<double>(beams), 0x1p24));
-    EXPECT_EQ(face.step_of(0), 0u);
-    EXPECT_EQ(face.step_of(0xffffff), static_cast<std::uint32_t>(steps) - 1);
-    EXPECT_EQ(face.share_below(0), 0.0f);
-    EXPECT_EQ(face.share_below(static_cast<std::uint32_t>(steps)), 1.0f);
+    EXPECT_EQ(face.bucket_of(0), 0u);
+    EXPECT_EQ(face.bucket_of(0xffffff), static_cast<std::uint32_t>(steps) - 1);
+    EXPECT_EQ(face.fraction_below(0), 0.0f);
+    EXPECT_EQ(face.fraction_below(static_cast<std::uint32_t>(steps)), 1.0f);
     // Of the depth at which a cell expects ten beams, one of ten is as many as there are steps for.
     if (beams < 100) continue;
     const float depth = face.depth_for(10.0f, 0.05f);
-    EXPECT_EQ(face.steps_within(depth, 0.05f, 20.0f), static_cast<std::uint32_t>(steps));
-    EXPECT_NEAR(face.steps_within(depth, 0.05f, 1.0f), 0.1 * steps, 1.0 + 1e-3 * steps);
+    EXPECT_EQ(face.buckets_within(depth, 0.05f, 20.0f), static_cast<std::uint32_t>(steps));
+    EXPECT_NEAR(face.buckets_within(depth, 0.05f, 1.0f), 0.1 * steps, 1.0 + 1e-3 * steps);
   }
 }
 

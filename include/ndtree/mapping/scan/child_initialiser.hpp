@@ -11,16 +11,16 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
-#include "ndtree/mapping/scan/shares.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/sampling.hpp"
 
 namespace ndtree {
 
 /// Gives the children of a leaf what is due to them of what it knew, by how many of the beams that counted in
 /// it have passed each: have left it before they could have met anything.
 template <class Tree>
-class Inheritance {
+class ChildrenInitialiser {
   static constexpr int N = Tree::kBranching;
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
@@ -28,14 +28,15 @@ class Inheritance {
   using Planes = typename CellCrossings<N, D>::Planes;
 
  public:
-  Inheritance(const LatticeGeometry<N, D>& geometry, const EvidenceModel& model, const ScanBeams<D>& beams)
+  ChildrenInitialiser(const LatticeGeometry<N, D>& geometry, const EvidenceModel& model,
+                      const ScanBeams<D>& beams)
       : geometry_(geometry), model_(model), beams_(beams), width_(beams.width()) {}
 
   /// @param leaf what it knew. @param sample which beams of its list counted.
   /// @param lists of its children. @param planes of the leaf, if all beams have one origin.
-  void share_out(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
-                 const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
-                 NodeType* children) const {
+  void initialise(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
+                  const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
+                  NodeType* children) const {
     if (!EvidenceModel::has_evidence_for_children(leaf)) return;
     const bool is_finest = index.level - 1 == geometry_.finest_level();
     std::size_t beams = 0;
@@ -50,39 +51,26 @@ class Inheritance {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of few beams.
-  struct OfFew {
-    const EvidenceCell& leaf;
-    bool are_finest;       ///< Its children.
-    std::uint32_t sample;  ///< The set of those that counted, by their places in the list.
-  };
-  [[nodiscard]] OfFew of_few(const EvidenceCell& leaf, int level, const LeafSample<D>& sample,
-                             const BeamList& list) const {
+  /// The same of a packet. @param few where its rays cross the leaf's children.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void initialise(const EvidenceCell& leaf, int level,
+                                                       std::uint32_t sample,
+                                                       RayPacket<D, kNumChildren>& packet,
+                                                       NodeType* children) const {
+    if (!EvidenceModel::has_evidence_for_children(leaf)) return;
+    const bool are_finest = level - 1 == geometry_.finest_level();
+    const EightEnds<D>& ends = beams_.ends_of(packet.beams);
+    for (std::size_t j = 0; j < kNumChildren; ++j) {
+      const std::uint32_t set = passed(ends, _mm256_load_ps(packet.exit[j].data())) & packet.set[j];
+      children[j].cell() = initial_child(leaf, count(set & sample), count(sample), j, are_finest);
+    }
+  }
+  /// The set of a packet's rays that a sample of their list takes.
+  [[nodiscard]] std::uint32_t set_of(const LeafSample<D>& sample, const BeamList& list) const {
     std::uint32_t set = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) {
       set |= ((1u << part.size) - 1) << (part.beam - list.beam);
     });
-    return {leaf, level - 1 == geometry_.finest_level(), set};
-  }
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void share_out(const OfFew& heritage,
-                                                      const FewCrossings<D, kNumChildren>& few,
-                                                      NodeType* children) const {
-    if (!EvidenceModel::has_evidence_for_children(heritage.leaf)) return;
-    const EightEnds<D>& ends = beams_.ends_of(few.beams);
-    for (std::size_t j = 0; j < kNumChildren; ++j) {
-      const std::uint32_t set = passed(ends, _mm256_load_ps(few.exit[j].data())) & few.set[j];
-      children[j].cell() = initial_child(heritage.leaf, count(set & heritage.sample), count(heritage.sample),
-                                         j, heritage.are_finest);
-    }
-  }
-  /// @param lone the beam, alone in the leaf, by its number.
-  NDTREE_NEVER_INLINE void share_out(const OfFew& heritage, std::uint32_t beam, const LoneCrossing& lone,
-                                     NodeType* children) const {
-    if (!EvidenceModel::has_evidence_for_children(heritage.leaf)) return;
-    for (std::size_t j = 0; j < kNumChildren; ++j)
-      children[j].cell() =
-          initial_child(heritage.leaf, (lone.set >> j & 1u) != 0 && has_passed(beam, lone.exit[j]),
-                        count(heritage.sample), j, heritage.are_finest);
+    return set;
   }
 #endif
 
@@ -118,7 +106,7 @@ class Inheritance {
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const std::uint32_t* const beam = list.beam + i;
-      const __m256 exit = crossings.template of<kAlike>(beam, beams_.ways(beam)).exit;
+      const __m256 exit = crossings.template of<kAlike>(beam, beams_.rays(beam)).exit;
       n += count(passed(beams_.ends(beam), exit) &
                  static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(live))));
     }
@@ -139,7 +127,7 @@ class Inheritance {
     return static_cast<int>(!end.is_returned()) | static_cast<int>(exit < end.clear);
   }
 #ifdef NDTREE_HAS_EIGHTS
-  [[nodiscard]] static std::size_t count(std::uint32_t set) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static std::size_t count(std::uint32_t set) {
     return static_cast<std::size_t>(__builtin_popcount(set));
   }
 #endif
