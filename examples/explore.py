@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot that knows nothing explores an office: it drives to the nearest frontier until there is none."""
+"""A robot explores an unknown office: it drives to the nearest frontier until there is none."""
 
 import argparse
 

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Directions of the imports in the Python package: between its rooms, and no circles among its modules.
+"""Directions of the imports in the Python package: between its folders, and no circles among its modules.
 
-Every import counts, also those within functions and those for types alone.
+Every import counts, also those within functions and those for types alone. Stubs do not: they describe what
+compiled functions take, and nothing runs in them. What ``_lazy.py`` names is loaded when a method that needs
+it is called, and is no import: its table is short, and a test loads each entry.
 """
 
 from __future__ import annotations
@@ -11,57 +13,30 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-#: The rooms from the bottom up, the modules and packages in each, and what each may import besides itself.
-#: What stands in the package's own folder is a room's by its name here.
-ROOMS: Mapping[str, tuple[set[str], set[str]]] = {
-    "core": (
-        {"_core", "_arguments", "_calls", "_compiled", "_interrupt", "_signatures", "exit_status", "files"}
-        | {"results", "sampling", "scan", "typing"},
-        set(),
-    ),
-    "cells": ({"lattice", "regions"}, {"core"}),
-    "readers": ({"readers"}, {"core"}),
-    "tiles": ({"tiles"}, {"core", "readers"}),
-    "fleet": ({"distributed"}, {"core", "readers", "tiles"}),
-    "maps": ({"maps", "map_images", "_options"}, {"core", "readers", "tiles"}),
-    "writers": ({"writers", "conversion"}, {"core", "cells", "maps"}),
-    "pictures": ({"plot", "notebook", "record"}, {"core", "cells", "writers"}),
-    "pages": ({"snapshot", "view", "page_guard"}, {"core", "cells", "pictures"}),
-    "studies": (
-        {
-            "agreement",
-            "calibration",
-            "comparison",
-            "exact_truth",
-            "first_look",
-            "map_comparison",
-            "no_returns",
-        }
-        | {"prospect", "scale", "settings", "study"},
-        {"core", "cells", "readers", "maps", "pictures"},
-    ),
-    "package": (
-        {"__init__", "_methods"},
-        {"core", "cells", "readers", "tiles", "maps", "writers", "pictures", "studies"},
-    ),
-    "commands": (
-        {"__main__", "cli", "commands"},
-        {
-            "core",
-            "cells",
-            "readers",
-            "tiles",
-            "fleet",
-            "maps",
-            "writers",
-            "pictures",
-            "pages",
-            "studies",
-            "package",
-        },
-    ),
+#: Folders of the package; each may import the folders before it.
+FOLDERS = (
+    "_native",
+    "base",
+    "logs",
+    "cells",
+    "tiles",
+    "maps",
+    "plot",
+    "evaluation",
+    "tuning",
+    "distributed",
+    "study",
+    "viewer",
+    "cli",
+)
+#: Folders in folders, in the same way; modules beside them may import them, too.
+INNER: Mapping[str, tuple[str, ...]] = {
+    "logs": ("core", "poses", "formats", "folders", "sfm", "ros"),
+    "logs.ros": ("messages", "files", "placement"),
 }
-ROOM_OF = {module: room for room, (modules, _) in ROOMS.items() for module in modules}
+#: Modules beside the folders: the lowest, which every folder may import, and the highest, which none may.
+LOWEST, HIGHEST = ("_lazy",), ("typing", "__init__", "__main__")
+ORDER = (*LOWEST, *FOLDERS, *HIGHEST)
 
 
 class Import(NamedTuple):
@@ -73,7 +48,7 @@ class Import(NamedTuple):
 
 def modules_in(package: Path) -> dict[str, Path]:
     """Each module of a package by its dotted name without the package's; packages end in ``__init__``."""
-    files = sorted([*package.rglob("*.py"), *package.glob("_core.pyi")])
+    files = sorted([*package.rglob("*.py"), *package.rglob("*.pyi")])
     return {".".join(file.relative_to(package).with_suffix("").parts): file for file in files}
 
 
@@ -107,8 +82,22 @@ def _module(parts: list[str], modules: Mapping[str, Path]) -> str:
     return "__init__"
 
 
-def room_of(module: str) -> str | None:
-    return ROOM_OF.get(module.split(".")[0])
+def reason_against(name: str, target: str) -> str | None:
+    """Why a module may not import another; None if it may."""
+    here, there = name.split("."), target.split(".")
+    if here[0] not in ORDER:
+        return None  # Said once for the module.
+    if there[0] not in ORDER or ORDER.index(there[0]) > ORDER.index(here[0]):
+        before = ORDER[: ORDER.index(here[0])]
+        return f"{here[0]} may import {', '.join(before) or 'nothing'}"
+    for outer, inner in INNER.items():
+        depth = outer.count(".") + 1
+        mine, other = here[depth : depth + 1], there[depth : depth + 1]
+        if here[:depth] == there[:depth] == outer.split(".") and mine[0] in inner and other[0] in inner:
+            before = inner[: inner.index(mine[0]) + 1]
+            if other[0] not in before:
+                return f"{outer}.{mine[0]} may import {', '.join(before[:-1]) or 'no folder beside it'}"
+    return None
 
 
 def graph(package: Path) -> dict[str, list[Import]]:
@@ -149,28 +138,24 @@ def violations(root: Path) -> Iterator[str]:
     modules = modules_in(package)
     for name, found in arrows.items():
         path = modules[name].relative_to(root)
-        room = room_of(name)
-        if room is None:
-            yield f"{path}:1: is in no room: add it to {Path(__file__).name} with what it may import"
-            continue
+        if name.split(".")[0] not in ORDER:
+            yield f"{path}:1: is in no folder of {Path(__file__).name}: add it there"
         for line, target in found:
-            other = room_of(target)
-            if other != room and other not in ROOMS[room][1]:
-                allowed = ", ".join(sorted(ROOMS[room][1])) or "no other room"
-                yield f"{path}:{line}: imports {target}, of {other}: {room} may import {allowed}"
+            if reason := reason_against(name, target):
+                yield f"{path}:{line}: imports {target}: {reason}"
     for way in circles(arrows):
         yield f"{modules[way[0]].relative_to(root)}:1: imports itself: {' -> '.join(way)}"
 
 
 def drawing(root: Path) -> str:
-    """The rooms from the top down: their modules with lines, and the rooms that they do import."""
+    """The folders from the top down: their lines, and the folders that they do import."""
     package = root / "src" / "python" / "ndtree"
     arrows, modules = graph(package), modules_in(package)
     lines = []
-    for room in reversed(ROOMS):
-        here = [name for name in arrows if room_of(name) == room]
-        used = {room_of(one.module) for name in here for one in arrows[name]} - {room}
+    for folder in reversed(ORDER):
+        here = [name for name in arrows if name.split(".")[0] == folder]
+        used = {one.module.split(".")[0] for name in here for one in arrows[name]} - {folder}
         count = sum(len(modules[name].read_text().splitlines()) for name in here)
-        below = [other for other in reversed(ROOMS) if other in used]
-        lines.append(f"{room}: {count:,} lines in {len(here)} files -> {', '.join(below) or 'nothing'}")
+        below = [other for other in reversed(ORDER) if other in used]
+        lines.append(f"{folder}: {count:,} lines in {len(here)} files -> {', '.join(below) or 'nothing'}")
     return "\n".join(lines)

@@ -4,7 +4,7 @@
 
 usage: check_includes.py [--draw] [ROOT]     (ROOT: the repository, by default the one that this file is in)
 
-Prints one line for each violation; with --draw, the rooms of the Python package and their arrows instead.
+Prints one line for each violation; with --draw, the folders of the Python package and their arrows instead.
 Exit status: 0 none, 1 some, 2 no headers at ROOT.
 """
 

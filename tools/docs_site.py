@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import griffe
-import typer.main
 
 import ndtree
-from ndtree import _core
-from ndtree._options import MAP_OPTIONS
-from ndtree.commands import app
-from ndtree.readers import _TABLE as READERS
-from ndtree.readers import READER_OPTIONS
-from ndtree.writers import FORMATS as WRITERS
+from ndtree._native import _core
+from ndtree.cli.commands import every
+from ndtree.logs import _TABLE as READERS
+from ndtree.logs import READER_OPTIONS
+from ndtree.maps.kinds import MAP_OPTIONS
+from ndtree.maps.writers import FORMATS as WRITERS
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -172,7 +171,7 @@ def _commands() -> str:
     """A section for each command, and one for each panel of options that commands share."""
     parts: list[str] = []
     panels: dict[str, dict[str, str]] = {}
-    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+    for name, command in every().items():
         own, shared = {}, {}
         for parameter in command.params:
             panel = getattr(parameter, "rich_help_panel", None)
@@ -236,7 +235,7 @@ class CompiledModule(griffe.Extension):
 
     def on_instance(self, *, obj: griffe.Object, **_: Any) -> None:
         """Called by griffe for each class, function and attribute."""
-        prefix = "ndtree._core."
+        prefix = "ndtree._native._core."
         if obj.is_alias or not obj.path.startswith(prefix):
             return
         found: Any = _core
@@ -251,7 +250,7 @@ class CompiledModule(griffe.Extension):
     def on_package(self, *, pkg: griffe.Module, **_: Any) -> None:
         """Called by griffe when all is read: in a stub, what has overloads has nothing beside them."""
         if pkg.name == "ndtree":
-            core = pkg["_core"]
+            core = pkg["_native._core"]
             for holder in (core, *core.classes.values()):
                 for name, overloads in holder.overloads.items():
                     if overloads and name not in holder.members:

@@ -39,7 +39,7 @@ Scan<D> random_scan(Random& random) {
   }
   return scan;
 }
-/// Boxes of so many cubes' edges that tile all that random_scan() can reach.
+/// Boxes of this many cubes' edges that tile all that random_scan() can reach.
 template <int D>
 std::vector<Box<D>> tiles(double edge) {
   const double reach = 16.0;

@@ -133,7 +133,7 @@ TEST(Carmen, TheLogOrTheNumberOfBeamsSaysTheFieldOfView) {
   EXPECT_EQ(count, 20);
 }
 
-TEST(Carmen, ContradictingParametersAreSettledByTheBeamsOrRefused) {
+TEST(Carmen, ContradictingParametersAreDecidedByTheBeamsOrRefused) {
   const std::string fov = "PARAM laser_front_laser_fov ";
   const std::string step = "PARAM laser_front_laser_resolution ";
   struct Case {

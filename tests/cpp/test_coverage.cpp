@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What nobody looked at stays unknown: half-seen cells, what several scans see together, and what merging,
+/// Unseen space stays unknown: half-seen cells, what several scans see together, and what merging,
 /// compressing and files make of it.
 #include <gtest/gtest.h>
 
@@ -267,10 +267,10 @@ TEST(Coverage, VerdictsFollowTheRule) {
       {16, 0b0001, 0, 2.0, 9.0, 0b0001, false, false, false},      // but not a quarter, and it stays whole.
       {1, 0b0011, 0, 8.0, 2.0, 0b0011, false, false, false},       // Too few to tell.
       {1, 0b0111, 0, 8.0, 2.0, 0b0111, false, false, false},       // A part is missing.
-      {1, 0b0111, 0, 8.0, 17.0, 0b0111, false, true, false},       // So many beams would have passed it.
+      {1, 0b0111, 0, 8.0, 17.0, 0b0111, false, true, false},       // Enough beams would have passed it.
       {1, 0b0111, 0, 2.0, 17.0, 0b0111, true, false, false},       //
       {1, 0b1001, 0b0110, 8.0, 9.0, 0b1111, true, false, false},   // Together they have seen all.
-      {1, 0b0001, 0b0001, 8.0, 9.0, 0b0001, false, false, false},  // The same again is no more.
+      {1, 0b0001, 0b0001, 8.0, 9.0, 0b0001, false, false, false},  // Equal parts again add nothing.
   };
   int cases = 0;
   for (const Row& row : rows) {

@@ -50,9 +50,9 @@ std::vector<Node<EvidenceCell>> nodes_of(const std::vector<EvidenceCell>& cells)
 }
 
 std::optional<EvidenceCell> merged(double merge_loss, const std::vector<EvidenceCell>& cells,
-                                   int share_divisor) {
+                                   int children_across) {
   const auto nodes = nodes_of(cells);
-  return rule_with(merge_loss)(nodes.data(), static_cast<int>(nodes.size()), share_divisor);
+  return rule_with(merge_loss)(nodes.data(), static_cast<int>(nodes.size()), children_across);
 }
 
 /// Of B(h + a, m + 1) / B(a, 1), the product over the cells against that of their sums [bits].
@@ -212,7 +212,7 @@ TEST(EvidenceMerge, ASplitUndoneIsNearlyIdentity) {
       const EvidenceCell parent = cell_of(less, more, 350, 450);
       const auto beams = static_cast<std::size_t>(100 * row.share);
       const std::vector<EvidenceCell> children(static_cast<std::size_t>(row.count),
-                                               model().inherited(parent, row.share, 100, beams));
+                                               model().initial_child(parent, row.share, 100, beams));
       const auto again = merged(1.0, children, row.share);
       ASSERT_TRUE(again.has_value()) << "nothing tells the children apart";
       ASSERT_NEAR(static_cast<double>(again->occupied_evidence()),

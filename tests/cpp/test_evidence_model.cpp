@@ -100,7 +100,7 @@ TEST(EvidenceModel, LogOddsOfAFileThatAreNotThoseOfItsEvidenceAreAChange) {
     auto of_file = other.words();
     of_file[0] = words[0];
     EvidenceCell read = EvidenceCell::from_words(of_file);
-    ASSERT_TRUE(read.knows_the_same(cell));
+    ASSERT_TRUE(read.has_same_evidence(cell));
     EXPECT_TRUE(model.update(read, scan)) << "what lies above is summed up anew";
     EXPECT_TRUE(read == cell);
   }
@@ -108,7 +108,7 @@ TEST(EvidenceModel, LogOddsOfAFileThatAreNotThoseOfItsEvidenceAreAChange) {
 
 TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
   const EvidenceModel model = model_with(200.0);
-  EXPECT_EQ(model.of_miss(), kMiss);
+  EXPECT_EQ(model.miss_evidence(), kMiss);
   int cases = 0;
   for (const float sigmas : {0.6f, 0.25f, 0.001f}) {  // In edges of the cell.
     ScanEvidence sum;
@@ -116,8 +116,8 @@ TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
     std::int64_t free = 0;
     for (int i = -200; i <= 200; ++i, ++cases) {
       const auto log_odds = static_cast<float>(0.01 * i);
-      EvidenceModel::add(sum, log_odds, EvidenceModel::probability_inside_table()(sigmas));
-      const double weight = EvidenceModel::probability_inside(1.0 / static_cast<double>(sigmas));
+      BeamWeight::add(sum, log_odds, BeamWeight::probability_inside_table()(sigmas));
+      const double weight = BeamWeight::probability_inside(1.0 / static_cast<double>(sigmas));
       if (i > 0) occupied += std::lrint(256.0 * weight * static_cast<double>(log_odds));
       if (i < 0) free += std::lrint(-256.0 * static_cast<double>(log_odds));
       ASSERT_EQ(sum.occupied, occupied) << log_odds;
@@ -128,8 +128,8 @@ TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
   EXPECT_EQ(cases, 3 * 401);
   // A beam that passed, and a beam near its end that says the same.
   ScanEvidence near;
-  EvidenceModel::add(near, static_cast<float>(std::log(0.4 / 0.6)), 0.3f);
-  EXPECT_EQ(near.free, model.of_miss());
+  BeamWeight::add(near, static_cast<float>(std::log(0.4 / 0.6)), 0.3f);
+  EXPECT_EQ(near.free, model.miss_evidence());
 }
 
 TEST(EvidenceModel, TheMeanChordOfACube) {
@@ -175,7 +175,7 @@ TEST(EvidenceModel, ProbabilityInsideIsTheMeanOverPlaces) {
           u * (i + 0.5) / kPieces;  // Measured there; the surface is x too near to u - x too far.
       sum += 0.5 * (std::erfc(-(u - x) / std::sqrt(2.0)) - std::erfc(x / std::sqrt(2.0)));
     }
-    const double inside = EvidenceModel::probability_inside(u);
+    const double inside = BeamWeight::probability_inside(u);
     ASSERT_NEAR(inside, sum / kPieces, 1e-7) << u;
     ASSERT_GT(inside, last);
     ASSERT_LT(inside, 1.0);
@@ -293,7 +293,7 @@ TEST(EvidenceModel, OfOneScanOnlySoManyPassesCount) {
       {0, 900, 0, 40, 16, 40, false},  // Many corners.
       {0, 3, 0, 40 * kMiss, 3, 16 * kMiss, false},
       {1, 900, 0, 900 * kMiss, 900, 900 * kMiss, true},   // With hits, all count ...
-      {0, 900, 1, 900 * kMiss, 900, 900 * kMiss, true}};  // ... and with what a surface near by says.
+      {0, 900, 1, 900 * kMiss, 900, 900 * kMiss, true}};  // With the evidence of a surface near by.
   int cases = 0;
   for (const Row& row : rows) {
     ScanEvidence scan;
@@ -314,10 +314,10 @@ TEST(EvidenceModel, OfOneScanOnlySoManyPassesCount) {
   EXPECT_EQ(cases, 7);
 }
 
-TEST(EvidenceModel, ASettledCellIsOneThatPassesLeaveAsItIs) {
+TEST(EvidenceModel, ASaturatedCellIsOneThatPassesLeaveAsItIs) {
   Random random(145);
   SCOPED_TRACE(random.trace());
-  int settled = 0;
+  int saturated = 0;
   int scans = 0;
   for (const double free_memory : {1.0, 20.0, 200.0, 255.0})
     for (const double half_life : {0.0, 5.0}) {
@@ -336,22 +336,22 @@ TEST(EvidenceModel, ASettledCellIsOneThatPassesLeaveAsItIs) {
         passed.free = kMiss * passed.misses + random.integer(-50, 50);
         const EvidenceCell before = cell;
         model.update(cell, passed);
-        ASSERT_TRUE(!model.is_settled(before) || cell == before);
-        ASSERT_FALSE(cell == before && !model.is_settled(before) && half_life == 0.0 && i > 2900);
-        settled += model.is_settled(cell);
+        ASSERT_TRUE(!model.is_saturated(before) || cell == before);
+        ASSERT_FALSE(cell == before && !model.is_saturated(before) && half_life == 0.0 && i > 2900);
+        saturated += model.is_saturated(cell);
       }
-      EXPECT_EQ(model.is_settled(cell), half_life == 0.0);
+      EXPECT_EQ(model.is_saturated(cell), half_life == 0.0);
       if (half_life > 0.0) continue;
       EXPECT_EQ(cell.free_evidence(), std::llround(256.0 * std::min(free_memory, 200.0)));
       EXPECT_EQ(cell.hits(), 0u);
       model.update(cell, hit);
-      EXPECT_FALSE(model.is_settled(cell));
+      EXPECT_FALSE(model.is_saturated(cell));
     }
   EXPECT_EQ(scans, 8 * 3000);
-  EXPECT_GT(settled, 4000);
+  EXPECT_GT(saturated, 4000);
 }
 
-TEST(EvidenceModel, ChildrenInheritTheirShare) {
+TEST(EvidenceModel, ChildrenStartWithTheirPart) {
   Random random(143);
   SCOPED_TRACE(random.trace());
   int cases = 0;
@@ -359,7 +359,7 @@ TEST(EvidenceModel, ChildrenInheritTheirShare) {
   for (const int divisor : {1, 2, 3, 5, 9, 8})
     for (const double inherited_beams : {0.0, 3.0, 50.0}) {
       const EvidenceModel model = model_with(200.0, 0.5, inherited_beams);
-      EXPECT_EQ(model.inherited(EvidenceCell{}, divisor, 3, 5), EvidenceCell{}) << "of nothing, nothing";
+      EXPECT_EQ(model.initial_child(EvidenceCell{}, divisor, 3, 5), EvidenceCell{}) << "of nothing, nothing";
       for (int i = 0; i < 300; ++i, ++cases) {
         EvidenceCell parent;
         parent.set_counts(static_cast<std::uint32_t>(random.integer(0, 511)),
@@ -367,8 +367,8 @@ TEST(EvidenceModel, ChildrenInheritTheirShare) {
         model.assign(parent, random.integer(0, random.chance(0.5) ? 500 : 25000), random.integer(0, 25000));
         const int beams = random.integer(1, 40);
         const int passed = random.integer(0, beams);
-        const EvidenceCell child = model.inherited(parent, divisor, static_cast<std::size_t>(passed),
-                                                   static_cast<std::size_t>(beams));
+        const EvidenceCell child = model.initial_child(parent, divisor, static_cast<std::size_t>(passed),
+                                                       static_cast<std::size_t>(beams));
         const double share =
             0.05 / divisor + 0.95 * (passed + inherited_beams / divisor) / (beams + inherited_beams);
         const double free = share * static_cast<double>(parent.free_evidence());
@@ -400,7 +400,7 @@ TEST(EvidenceModel, EvidenceIsSharedOutAsTheBeamsGo) {
   EvidenceCell parent;
   model.assign(parent, 0, 40000);
   const auto free_of = [&](std::size_t passed, std::size_t beams) {
-    return model.inherited(parent, 2, passed, beams).free_evidence();
+    return model.initial_child(parent, 2, passed, beams).free_evidence();
   };
   EXPECT_EQ(free_of(50, 100), 20000) << "half of the beams is the mean";
   EXPECT_GT(free_of(100, 100), 38000) << "all came through here";
@@ -410,7 +410,7 @@ TEST(EvidenceModel, EvidenceIsSharedOutAsTheBeamsGo) {
   EXPECT_LT(free_of(0, 1), 20000);
 }
 
-/// A cell with evidence, and what one scan of some beams says about it.
+/// A cell with evidence, and the evidence of one scan for it.
 struct CellAndScan {
   EvidenceCell cell;
   ScanEvidence scan;
@@ -427,11 +427,11 @@ CellAndScan random_cell_and_scan(Random& random, const EvidenceModel& model) {
   scan.misses = static_cast<std::uint32_t>(random.integer(scan.hits == 0 ? 1 : 0, 8));
   scan.beams = scan.hits + scan.misses;
   scan.occupied = random.integer(0, 220) * static_cast<std::int64_t>(scan.hits);
-  scan.free = model.of_miss() * static_cast<std::int64_t>(scan.misses);
+  scan.free = model.miss_evidence() * static_cast<std::int64_t>(scan.misses);
   return both;
 }
 
-/// Calls `visit(cell, scan, share_divisor)` for many cells of a state. @returns for how many.
+/// Calls `visit(cell, scan, children_across)` for many cells of a state. @returns for how many.
 template <class Visit>
 int for_each_cell_and_scan(Random& random, const EvidenceModel& model, CellState state, const Visit& visit) {
   int cases = 0;
@@ -445,20 +445,20 @@ int for_each_cell_and_scan(Random& random, const EvidenceModel& model, CellState
   return cases;
 }
 
-TEST(EvidenceModel, FreeSpaceSplitsInVainWhereItsHitsWouldStayFree) {
+TEST(EvidenceModel, FreeSpaceIsPredictedToRemergeWhereItsHitsWouldStayFree) {
   Random random(151);
   SCOPED_TRACE(random.trace());
   const EvidenceModel model = model_with(200.0, 0.5, 2.0);
-  int in_vain = 0;
+  int predicted_remerges = 0;
   int cases = 0;
   for_each_cell_and_scan(
       random, model, CellState::free, [&](const EvidenceCell& cell, const ScanEvidence& scan, int divisor) {
         if (scan.hits == 0) return;
         ++cases;
         for (const int levels : {1, 2, 5}) {
-          const bool is_in_vain = model.splits_in_vain(cell, scan, divisor, levels);
-          in_vain += is_in_vain;
-          // The child around the hits inherits what is due to one that nobody passed, and so does its child.
+          const bool is_predicted_to_remerge = model.predicted_to_remerge(cell, scan, divisor, levels);
+          predicted_remerges += is_predicted_to_remerge;
+          // The child around the hits starts with the part of one that no beam passed, and so does its child.
           double occupied = static_cast<double>(cell.occupied_evidence());
           double free = static_cast<double>(cell.free_evidence());
           for (int level = 0; level < std::min(levels, 2); ++level) {
@@ -468,57 +468,58 @@ TEST(EvidenceModel, FreeSpaceSplitsInVainWhereItsHitsWouldStayFree) {
           }
           const double odds = (occupied + static_cast<double>(scan.occupied) + 128.0) / (free + 128.0);
           if (std::abs(odds - 0.75) > 1e-9) {
-            ASSERT_EQ(is_in_vain, odds < 0.75);
+            ASSERT_EQ(is_predicted_to_remerge, odds < 0.75);
           }
-          if (levels == 1 && is_in_vain) {
-            const EvidenceCell child = model.inherited(cell, divisor, 0, scan.beams);
+          if (levels == 1 && is_predicted_to_remerge) {
+            const EvidenceCell child = model.initial_child(cell, divisor, 0, scan.beams);
             if (child.observed()) {
               EvidenceCell hit = child;
               model.update(hit, scan);
               ASSERT_EQ(hit.state(), CellState::free);
             }
           }
-          // More beams change nothing about a split that is not in vain.
+          // More beams change nothing about a split that is not predicted to re-merge.
           ScanEvidence more = scan;
           more.hits += static_cast<std::uint32_t>(random.integer(0, 3));
           more.occupied += random.integer(0, 200);
           more.misses += static_cast<std::uint32_t>(random.integer(0, 30));
           more.beams = more.hits + more.misses;
-          if (!is_in_vain) {
-            ASSERT_FALSE(model.splits_in_vain(cell, more, divisor, levels));
+          if (!is_predicted_to_remerge) {
+            ASSERT_FALSE(model.predicted_to_remerge(cell, more, divisor, levels));
           }
         }
-        EXPECT_LE(model.splits_in_vain(cell, scan, divisor, 2), model.splits_in_vain(cell, scan, divisor, 1));
+        EXPECT_LE(model.predicted_to_remerge(cell, scan, divisor, 2),
+                  model.predicted_to_remerge(cell, scan, divisor, 1));
       });
   EXPECT_GT(cases, 3000);
-  EXPECT_GT(in_vain, cases / 2);
-  EXPECT_LT(in_vain, 3 * cases - cases / 2);
+  EXPECT_GT(predicted_remerges, cases / 2);
+  EXPECT_LT(predicted_remerges, 3 * cases - cases / 2);
 }
 
-TEST(EvidenceModel, OccupiedCellsSplitInVainUnlessAChildMayBeFree) {
+TEST(EvidenceModel, OccupiedCellsArePredictedToRemergeUnlessAChildMayBeFree) {
   Random random(152);
   SCOPED_TRACE(random.trace());
   const EvidenceModel model = model_with(200.0, 0.5, 2.0);
-  int in_vain = 0;
-  const int cases =
-      for_each_cell_and_scan(random, model, CellState::occupied,
-                             [&](const EvidenceCell& cell, const ScanEvidence& scan, int divisor) {
-                               if (!model.splits_in_vain(cell, scan, divisor, 1)) return;
-                               ++in_vain;
-                               EXPECT_LE(model.effective_misses(cell), 12.0);
-                               // All that passed may have passed one child, and nothing ended there.
-                               EvidenceCell child = model.inherited(cell, divisor, scan.misses, scan.beams);
-                               ASSERT_TRUE(child.observed());
-                               ScanEvidence passed;
-                               passed.misses = passed.beams = scan.misses;
-                               passed.free = 2 * scan.free;
-                               model.update(child, passed);
-                               ASSERT_EQ(child.state(), CellState::occupied);
-                             });
+  int predicted_remerges = 0;
+  const int cases = for_each_cell_and_scan(
+      random, model, CellState::occupied,
+      [&](const EvidenceCell& cell, const ScanEvidence& scan, int divisor) {
+        if (!model.predicted_to_remerge(cell, scan, divisor, 1)) return;
+        ++predicted_remerges;
+        EXPECT_LE(model.effective_misses(cell), 12.0);
+        // All that passed may have passed one child, and nothing ended there.
+        EvidenceCell child = model.initial_child(cell, divisor, scan.misses, scan.beams);
+        ASSERT_TRUE(child.observed());
+        ScanEvidence passed;
+        passed.misses = passed.beams = scan.misses;
+        passed.free = 2 * scan.free;
+        model.update(child, passed);
+        ASSERT_EQ(child.state(), CellState::occupied);
+      });
   EXPECT_GT(cases, 3000);
-  EXPECT_GT(in_vain, cases / 10);
-  EXPECT_LT(in_vain, cases / 2);
-  EXPECT_FALSE(model.splits_in_vain(EvidenceCell{}, ScanEvidence{}, 2, 1)) << "nothing is known of it";
+  EXPECT_GT(predicted_remerges, cases / 10);
+  EXPECT_LT(predicted_remerges, cases / 2);
+  EXPECT_FALSE(model.predicted_to_remerge(EvidenceCell{}, ScanEvidence{}, 2, 1)) << "nothing is known of it";
 }
 
 TEST(EvidenceModel, WhatAnUndoneSplitLeavesIsLessOfWhatWasKnown) {
@@ -541,7 +542,7 @@ TEST(EvidenceModel, WhatAnUndoneSplitLeavesIsLessOfWhatWasKnown) {
       const double occupied =
           kept_hits * static_cast<double>(cell.occupied_evidence()) + static_cast<double>(scan.occupied);
       const double free = kept * static_cast<double>(cell.free_evidence()) + static_cast<double>(scan.free);
-      model.update_whole(cell, scan);
+      model.update_without_split(cell, scan);
       const double limit = 256.0 * (occupied == 0.0 ? 50.0 : 200.0);
       const double faded = std::min(1.0, limit / (occupied + free));
       ASSERT_NEAR(static_cast<double>(cell.occupied_evidence()), faded * occupied, 2.0);
@@ -564,8 +565,8 @@ TEST(EvidenceModel, EffectiveBeamsAreThoseThatWereAdded) {
   for (int hits = 0; hits <= 30; ++hits)
     for (int misses = 0; misses <= 60; misses += 3, ++cases) {
       ScanEvidence scan;
-      for (int i = 0; i < hits; ++i) EvidenceModel::add(scan, hit, kInside);
-      scan.free = misses * model.of_miss();
+      for (int i = 0; i < hits; ++i) BeamWeight::add(scan, hit, kInside);
+      scan.free = misses * model.miss_evidence();
       EvidenceCell cell;
       model.update(cell, scan);
       ASSERT_NEAR(model.effective_hits(cell), hits, 3e-3 * hits);  // Units are rounded.

@@ -188,7 +188,7 @@ using Maps = testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 3>, PaperMap<2, 2>
 TYPED_TEST_SUITE(Layers, Maps);
 
 /// As nothing splits after a hit in the fixed map, and where cells do, parts have the mean of the whole: what
-/// a cell knows is what its own beams and those before its last split say.
+/// a cell has is the values of its own beams and of those before its last split.
 TYPED_TEST(Layers, CellsKnowWhatEndsInThem) {
   constexpr int D = TypeParam::kDim;
   Random random(3);
@@ -207,7 +207,7 @@ TYPED_TEST(Layers, CellsKnowWhatEndsInThem) {
       stamps.push_back(measured.stamps[static_cast<std::size_t>(k)]);
     }
   }
-  EXPECT_EQ(to_bytes(map.map()), to_bytes(alone));  // The map knows nothing of its layers.
+  EXPECT_EQ(to_bytes(map.map()), to_bytes(alone));  // The map does not depend on its layers.
   map.template layer<0>().tree().check_invariants();
   std::size_t looked_at = 0;
   for_each_leaf(map.map().tree(), [&](const auto& leaf) {

@@ -498,7 +498,7 @@ TEST(NdTree, BrokenInvariantsAreNamed) {
   NdTree<2, 2, int> lost(0.1, 2);
   lost.split(lost.root());
   lost.split(lost.child(lost.root(), 0));
-  lost.merge(*lost.root().node, 0);  // A block of grandchildren belongs to nobody now.
+  lost.merge(*lost.root().node, 0);  // A block of grandchildren belongs to no node now.
   try {
     lost.check_invariants();
     ADD_FAILURE() << "a lost block went unnoticed";

@@ -182,7 +182,7 @@ TYPED_TEST(NodePoolOf, ThreadsWithArenasDoNotDisturbEachOther) {
     if (rounds == 0) bytes_after_first = pool.memory_bytes();
   }
   EXPECT_EQ(rounds, 4);
-  // What is freed is used again, whoever freed it; a thread's last chunk may be new each time.
+  // Freed blocks are used again by all threads; a thread's last chunk may be new each time.
   EXPECT_LE(pool.memory_bytes(), 2 * bytes_after_first);
 }
 

@@ -66,7 +66,7 @@ TEST(Workers, BeginWithTheirShares) {
         EXPECT_GE(begun, at_once);
       });
       for (const auto& worker : done_by) EXPECT_LT(worker, kWorkers) << "not done";
-      // Who has nothing of its own may be there before others, and help them.
+      // A worker without tasks of its own may start before others, and help them.
       const bool have_all = std::count(sizes.begin(), sizes.end(), 0u) == 0;
       for (std::size_t i = 0; have_all && nobodys == 0 && i < ends.size(); ++i)
         EXPECT_EQ(tasks_of[i].at(0), i == 0 ? 0 : ends[i - 1]) << "of worker " << i;
@@ -123,7 +123,7 @@ TEST(Workers, BeginNothingAfterTheyHaveFailed) {
   }
 }
 
-/// Whoever is told to stop because the question has thrown elsewhere says less than what was thrown.
+/// The exception of the question wins over Cancelled of workers that stop because of it.
 TEST(Workers, PassOnWhatTheQuestionInATaskThrows) {
   Workers workers(2);
   for (const std::size_t asking : {0u, 1u}) {

@@ -17,12 +17,12 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
-#include "ndtree/mapping/scan/clip.hpp"
-#include "ndtree/mapping/scan/coverage.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
-#include "ndtree/mapping/scan/leaf.hpp"
+#include "ndtree/mapping/scan/leaf_coverage.hpp"
+#include "ndtree/mapping/scan/leaf_evidence.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/partition.hpp"
 #include "random.hpp"
 #include "shapes.hpp"
 
@@ -47,7 +47,7 @@ struct Beams {
     };
     Vector<D> origin;
     for (int a = 0; a < D; ++a) origin[a] = place(random.chance(0.3));
-    ScanFace<D> face(origin, 0, false);
+    CubeFace<D> face(origin, 0, false);
     face.end_of_beams = static_cast<std::uint32_t>(count);
     beams.resize(count, {face}, {0}, own_origins, geometry.coordinates(origin), true,
                  count % 2 == 1);  // Some say what they pass themselves.
@@ -82,7 +82,7 @@ struct Beams {
     const CellCrossings<N, D> crossings(geometry, beams, cell);
     for (std::uint32_t i = 0; i < all.size(); ++i)
       if (crossings.of(i).exit > crossings.of(i).enter) list.beam[list.size++] = i;
-    list.close();
+    list.pad();
     return list;
   }
   /// Those of a child of a cell that begins at -1 (for N = 2) or so, and is four or more cells wide.
@@ -96,8 +96,8 @@ struct Beams {
 
 /// Behind the last beam, those who read many at a time find numbers of some.
 template <int D>
-void expect_closed(const BeamList& list, const ScanBeams<D>& beams) {
-  if (Simd::width() < 8) return;  // Nobody does.
+void expect_padded(const BeamList& list, const ScanBeams<D>& beams) {
+  if (Simd::width() < 8) return;  // Loops of width 1 read no padding.
   for (std::size_t i = 0; i < BeamList::kSlack; ++i) ASSERT_LT(list.beam[list.size + i], beams.size());
 }
 
@@ -116,18 +116,18 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
       const Beams<N, D> scan(random, count, own_origins);
       for (const int at_a_time : {1, 8, Simd::kWidest}) {
         const AtATime loops(at_a_time);
-        const ChildClip<N, D> clip(scan.geometry, scan.beams);
+        const ChildPartition<N, D> partition(scan.geometry, scan.beams);
         ListStack stack;
         const CellIndex<D> root = scan.root();
         const BeamList list = scan.list(root, stack);
         const auto mark = stack.mark();
         std::fill_n(stack.allocate(kAll).beam, kAll, 0xffffffffu);
         stack.release(mark);
-        auto children = clip.lists_for(root, list, stack);
-        const auto planes = clip.planes_of(root);
-        clip(root, planes, list, children);
-        std::vector<double> way(count, 0.0);
-        for (int j = 0; j < ChildClip<N, D>::kNumChildren; ++j) {
+        auto children = partition.lists_for(root, list, stack);
+        const auto planes = partition.planes_of(root);
+        partition(root, planes, list, children);
+        std::vector<double> ray(count, 0.0);
+        for (int j = 0; j < ChildPartition<N, D>::kNumChildren; ++j) {
           const BeamList child = children.of(j);
           const Offset<D> offset = child_offset<N, D>(j);
           const CellIndex<D> index = scan.geometry.child(root, offset);
@@ -136,9 +136,9 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
           std::size_t found = 0;
           for (std::uint32_t beam = 0; beam < count; ++beam) {
             float enter = 0.0f;
-            float exit = scan.beams.way(beam).reach;
+            float exit = scan.beams.ray(beam).t_max;
             for (std::size_t a = 0; a < D; ++a) {
-              const float inverse = scan.beams.way(beam).inverse[a];
+              const float inverse = scan.beams.ray(beam).inverse[a];
               const auto at = [&](int plane) {
                 const double border = scan.geometry.border(root.lower[a] + plane * scan.geometry.edge(0));
                 return static_cast<float>(border - scan.beams.origin(beam)[static_cast<int>(a)]) * inverse;
@@ -154,17 +154,17 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
             if (!(exit > enter)) continue;
             ASSERT_LT(found, child.size);
             ASSERT_EQ(child.beam[found++], beam);
-            way[beam] += static_cast<double>(exit) - static_cast<double>(enter);
+            ray[beam] += static_cast<double>(exit) - static_cast<double>(enter);
           }
           EXPECT_EQ(found, child.size);
-          expect_closed(child, scan.beams);
+          expect_padded(child, scan.beams);
           crossings += found;
         }
         const CellCrossings<N, D> of_root(scan.geometry, scan.beams, root);
         for (std::uint32_t i = 0; i < count; ++i) {
           const auto [enter, exit] = of_root.of(i);
           const double whole = exit > enter ? static_cast<double>(exit) - static_cast<double>(enter) : 0.0;
-          EXPECT_NEAR(way[i], whole, 1e-5) << "without gap or overlap";
+          EXPECT_NEAR(ray[i], whole, 1e-5) << "without gap or overlap";
         }
         if (this->HasFailure()) return;
       }
@@ -200,7 +200,7 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
         for (const int wide : {0, 1}) {
           const AtATime loops(wide ? 8 : 1);
           const auto w = static_cast<std::size_t>(wide);
-          const ChildClip<N, D> clip(scan.geometry, scan.beams);
+          const ChildPartition<N, D> partition(scan.geometry, scan.beams);
           const LeafEvidence<N, D, BeamSensorModel> leaves(scan.geometry, scan.beams, model, scan.sensor);
           ListStack stack;
           const BeamList list = scan.list(leaf, stack);
@@ -208,7 +208,7 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
           evidence[w] = leaves.of(leaf, crossings, list);
           all_pass[w] = leaves.all_pass(crossings, list);
           if (level == scan.geometry.finest_level()) continue;
-          const LeafCoverage<N, D> covering(scan.beams, clip);
+          const LeafCoverage<N, D> covering(scan.beams, partition);
           for (const BeamWidths& widths : {BeamWidths{0.0f, 0.5f}, BeamWidths{0.3f, 0.0f}})
             covering(leaf, list, 2.0f, widths, CoverageModel(CoverageOptions{}), 8.0, coverage[w]);
         }
@@ -243,7 +243,7 @@ NDTREE_BY_EIGHTS std::array<float, 8> passes_of_eight(const ScanBeams<D>& beams,
   EightBeams<D> eight;
   beams.look_up(numbers.data(), eight);
   std::array<float, 8> passes;
-  _mm256_storeu_ps(passes.data(), eight.pass);
+  _mm256_storeu_ps(passes.data(), eight.t_free);
   return passes;
 }
 #endif
@@ -274,7 +274,7 @@ TEST(ScanBeams, SurelyPassAlmostAllThatTheyDo) {
       const AtATime loops(at_a_time);
       const Measurements<3, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
       ScanBeams<3> beams;
-      ScanFace<3> face(scan.origins.col(0), 0, false);
+      CubeFace<3> face(scan.origins.col(0), 0, false);
       face.end_of_beams = kBeams;
       beams.resize(kBeams, {face}, {0}, false, geometry.coordinates(scan.origins.col(0)), true, own_noise);
       BeamNoise noise(static_cast<float>((3.0 + 0.26 + 5.0 / 3.0) * options.range_sigma_quadratic));
@@ -295,7 +295,7 @@ TEST(ScanBeams, SurelyPassAlmostAllThatTheyDo) {
       beams.finish(noise);
       for (std::uint32_t i = 0; i < kBeams; ++i) {
         const BeamEnd<3>& end = beams.end(i);
-        const float pass = beams.pass_of(i);
+        const float pass = beams.t_free_of(i);
         ASSERT_LE(pass, end.clear - end.surface);
         ASSERT_GT(pass, end.clear - end.surface - 0.02f);
         if (at_a_time == 1) passes.push_back(pass);
@@ -350,33 +350,34 @@ TEST(SiblingLists, MoveTogetherAsTheyAre) {
 
 TYPED_TEST(ScanLists, InPiecesTheyAreTheSame) {
   NDTREE_SHAPE;
-  using Clip = ChildClip<N, D>;
+  using Partition = ChildPartition<N, D>;
   Random random(263);
   SCOPED_TRACE(random.trace());
   const Beams<N, D> scan(random, 300, false);
-  const Clip clip(scan.geometry, scan.beams);
+  const Partition partition(scan.geometry, scan.beams);
   ListStack stack;
   const BeamList list = scan.list(scan.root(), stack);
-  auto whole = clip.lists_for(scan.root(), list, stack);
-  const auto planes = clip.planes_of(scan.root());
-  clip(scan.root(), planes, list, whole);
-  PiecewiseLists<Clip::kNumChildren> pieces;
+  auto whole = partition.lists_for(scan.root(), list, stack);
+  const auto planes = partition.planes_of(scan.root());
+  partition(scan.root(), planes, list, whole);
+  PiecewiseLists<Partition::kNumChildren> pieces;
   for (const std::size_t piece : {7u, 64u, 300u}) {
     for (std::size_t first = 0; first < list.size; first += piece) {
       const BeamList part = list.part(first, std::min(first + piece, list.size));
-      auto children = clip.lists_for(scan.root(), part, pieces.memory());
-      clip(scan.root(), planes, part, children);
+      auto children = partition.lists_for(scan.root(), part, pieces.memory());
+      partition(scan.root(), planes, part, children);
       pieces.add(children);
     }
     const auto joined = pieces.join(stack);
-    for (int j = 0; j < Clip::kNumChildren; ++j) {
+    for (int j = 0; j < Partition::kNumChildren; ++j) {
       const BeamList child = joined.of(j);
       const BeamList expected = whole.of(j);
       ASSERT_EQ(child.size, expected.size);
       for (std::size_t i = 0; i < child.size; ++i) ASSERT_EQ(child.beam[i], expected.beam[i]);
-      expect_closed(child, scan.beams);
+      expect_padded(child, scan.beams);
     }
-    for (int j = 1; j < Clip::kNumChildren; ++j)  // Whoever frees one frees those of the children before it.
+    // Releasing a child's list releases the lists of the children before it.
+    for (int j = 1; j < Partition::kNumChildren; ++j)
       ASSERT_GE(joined.of(j - 1).beam, joined.of(j).beam + joined.of(j).size + BeamList::kSlack);
   }
 }

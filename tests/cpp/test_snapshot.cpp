@@ -69,7 +69,7 @@ void change(Map& map, Random& random, int threads) {
   }
 }
 
-/// Each smallest cell of all that two maps know, one by one, in the leaves of the maps.
+/// Compares each smallest cell of both maps, one by one, in the leaves of the maps.
 template <class Map>
 void expect_changes(const Map& before, const Map& after, ChangeOf what) {
   constexpr int D = Map::kDim;

@@ -32,7 +32,7 @@ TEST(Summary, BoundsAreOrderedAsLogOddsAndHardlyAbove) {
     OccupancyCell cell;
     cell.set_log_odds((random.chance(0.5) ? -1.0f : 1.0f) * scale);
     const Summary summary = Summary::of_cell(cell);
-    ASSERT_TRUE(summary.is_known());
+    ASSERT_TRUE(summary.is_valid());
     ASSERT_GE(summary.max_log_odds(), cell.log_odds());
     ASSERT_LE(summary.max_log_odds(), cell.log_odds() + scale / 32000.0f);
     for (const CellState state : {CellState::unknown, CellState::free, CellState::occupied})
@@ -46,7 +46,7 @@ TEST(Summary, BoundsAreOrderedAsLogOddsAndHardlyAbove) {
   }
   EXPECT_EQ(cases, 20000);
   EXPECT_EQ(Summary::of_cell(OccupancyCell{}).max_log_odds(), 0.0f);
-  EXPECT_FALSE(Summary().is_known());
+  EXPECT_FALSE(Summary().is_valid());
   EXPECT_TRUE(Summary().may_contain(CellState::occupied)) << "what is not known may be";
 }
 
@@ -143,7 +143,7 @@ TYPED_TEST(SummaryOf, QueriesEqualThoseOverAllLeaves) {
   queries_equal_those_over_all_leaves(random, FixedMap<N, D>(options));
 }
 
-TEST(Summary, NodesOfSettledLeavesSayThatTheyAreUntilOneIsHit) {
+TEST(Summary, NodesOfSaturatedLeavesSayThatTheyAreUntilOneIsHit) {
   MapOptions options = spelled_out_options(0.25, 1.0);
   options.free_memory = 2.0;
   AdaptiveMap<2, 2> map(options);
@@ -156,33 +156,33 @@ TEST(Summary, NodesOfSettledLeavesSayThatTheyAreUntilOneIsHit) {
     scan.endpoints.col(i) = scan.origins.col(0) + 9.0 * Vector<2>(std::cos(angle), std::sin(angle));
   }
   const EvidenceModel model(options, options);
-  const auto settled_nodes = [&] {
-    int settled = 0;
+  const auto saturated_nodes = [&] {
+    int saturated = 0;
     for_each_node(map.tree(), [&](const auto& ref) {
       if (ref.is_leaf()) return;
       bool all = true;
       const auto look = [&](const auto& self, const auto& node) -> void {
-        if (node.is_leaf()) all = all && model.is_settled(node.cell());
+        if (node.is_leaf()) all = all && model.is_saturated(node.cell());
         for (int j = 0; !node.is_leaf() && j < 4; ++j) self(self, map.tree().child(node, j));
       };
       look(look, typename AdaptiveMap<2, 2>::Tree::ConstRef(ref));
-      EXPECT_EQ(Summary(ref.node->note()).is_settled(), all);
-      settled += all;
+      EXPECT_EQ(Summary(ref.node->note()).is_saturated(), all);
+      saturated += all;
     });
-    return settled;
+    return saturated;
   };
-  EXPECT_EQ(settled_nodes(), 0);
+  EXPECT_EQ(saturated_nodes(), 0);
   for (int i = 0; i < 20; ++i) map.insert(scan);
-  const int before = settled_nodes();
+  const int before = saturated_nodes();
   EXPECT_GT(before, 20);
-  Scan<2> hits;  // Something stands in the middle of a settled node now.
+  Scan<2> hits;  // Something stands in the middle of a saturated node now.
   hits.origins = scan.origins;
   hits.endpoints.resize(2, 200);
   for (Eigen::Index i = 0; i < 200; ++i)
     hits.endpoints.col(i) = Vector<2>(4.1, 4.1 + 0.01 * static_cast<double>(i % 20));
   for (int i = 0; i < 3; ++i) map.insert(hits);
   EXPECT_EQ(state(map, Vector<2>(4.1, 4.15)), CellState::occupied);
-  EXPECT_LT(settled_nodes(), before);
+  EXPECT_LT(saturated_nodes(), before);
   map.check_invariants();
   const std::string bytes = to_bytes(map);
   EXPECT_EQ(to_bytes(from_bytes<AdaptiveMap<2, 2>>(bytes)), bytes);
@@ -206,7 +206,7 @@ void check_summaries_of_siblings(Random& random) {
         cell.set_partly_seen(static_cast<std::uint32_t>(random.integer(0, 255)), random.integer(0, 1000));
         break;
       case 2:
-        cell = model.settled();
+        cell = model.saturated();
         break;
       case 3:
         model.assign(cell, 0, random.integer(0, 2000));
@@ -215,7 +215,7 @@ void check_summaries_of_siblings(Random& random) {
         model.assign(cell, random.integer(0, 2000), random.integer(0, 100));
         break;
       default: {
-        Summary note = Summary::of_cell(model.settled(), random.chance(0.5));
+        Summary note = Summary::of_cell(model.saturated(), random.chance(0.5));
         if (random.chance(0.3)) note.add(Summary::of_cell(EvidenceCell{}));
         sibling.become_inner(static_cast<BlockId>(random.integer(0, 1000)));
         sibling.set_note(random.chance(0.2) ? 0 : note.word());
@@ -225,7 +225,7 @@ void check_summaries_of_siblings(Random& random) {
     sibling.become_leaf(cell);
   }
   const SummaryOfSiblings expected = summary_of_siblings(
-      siblings.data(), kCount, [&](const EvidenceCell& cell) { return model.is_settled(cell); });
+      siblings.data(), kCount, [&](const EvidenceCell& cell) { return model.is_saturated(cell); });
   for (const int width : {1, 8}) {
     const AtATime loops(width);
     const SummaryOfSiblings all = EvidenceSummary<kCount>(model)(siblings.data());

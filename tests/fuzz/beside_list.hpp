@@ -50,7 +50,7 @@ double one_of(Bytes& bytes, const double (&numbers)[K]) {
   return numbers[bytes.below(K)];
 }
 
-/// Evidence is exact: every leaf that knows something, to the last unit, and the counters.
+/// Evidence is exact: every leaf that has any, to the last unit, and the counters.
 template <class Map>
 class EvidenceBesideList {
  public:

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What is tried with maps of each kind: insertion of scans that nobody would measure, small scans beside a
+/// What is tried with maps of each kind: insertion of scans that no sensor measures, small scans beside a
 /// list of cells, and files that no map has written. A file of this folder has the kinds of one N and D.
 #pragma once
 
@@ -76,7 +76,7 @@ Scan<D> scan_from(Bytes& bytes, double unit) {
     if (scan.range_sigma.size() != 0) scan.range_sigma[i] = std::abs(bytes.length(0.1 * unit));
   }
   if ((flags & 0xfcu) != 0xa8u || beams == 0) return scan;
-  // So many that threads share them: the same, turned a little.
+  // Enough for several threads: copies, turned a little.
   constexpr Eigen::Index kMany = 2100;
   Scan<D> many = scan;
   many.endpoints.resize(D, kMany);

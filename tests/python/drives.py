@@ -14,7 +14,7 @@ pytest.importorskip("scipy")
 from bags import Messages, write_bag
 from scipy.spatial import transform as spatial
 
-from ndtree.readers import read
+from ndtree.logs import read
 
 Rotation = spatial.Rotation
 START = 1.7e9

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the command line makes of damaged files, each tried in a process of its own with limits.
+"""The command line on damaged files, each tried in a process of its own with limits.
 
 usage: python outcomes.py FIRST COUNT SCRATCH SAMPLE ...     (prints one line of JSON for each file)
        python outcomes.py --one SCRATCH ARGUMENT ...          (of the command line: prints one)
@@ -117,7 +117,9 @@ def tried(sample_name: str, first: int, count: int, scratch: Path):
     from damage import damage_one
     from samples import SAMPLES, recorded_samples
 
-    import ndtree.commands  # noqa: F401  Imported once, and not in each fork.
+    from ndtree.cli.commands import every
+
+    every()  # Loaded once, and not in each fork.
 
     with contextlib.suppress(ImportError):
         import laspy  # noqa: F401

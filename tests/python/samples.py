@@ -250,7 +250,7 @@ SAMPLES: dict[str, Sample] = {
     "map, png": Sample(_map(".png", 2)),
 }
 
-#: Of $NDTREE_DATA: what is damaged, and the options to read it. Of folders, so many files of each ending.
+#: Of $NDTREE_DATA: what is damaged, and the options to read it. Of folders, this many files of each ending.
 _RECORDINGS: dict[str, tuple[str, tuple[str, ...]]] = {
     "intel": ("laser2d_intel/*.log.gz", ()),
     "freiburg": ("laser2d_freiburg_079/*.log.gz", ()),

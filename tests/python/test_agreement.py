@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.agreement import disagreement
-from ndtree.sampling import spread
-from ndtree.scan import Scan
+from ndtree.base.scan import Scan
+from ndtree.evaluation.sampling import spread
+from ndtree.tuning.agreement import disagreement
 
 SCANS, BEGIN = 480, 200
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.calibration import range_noise
-from ndtree.calibration.noise import _fitted
+from ndtree.tuning.calibration import range_noise
+from ndtree.tuning.calibration.noise import _fitted
 
 
 def sigma_at(found: ndtree.Calibration, r: float) -> float:
@@ -159,8 +159,8 @@ def test_a_long_log_is_thinned(
     monkeypatch: pytest.MonkeyPatch, office: list[ndtree.Scan], found_office: ndtree.Calibration
 ) -> None:
     whole = found_office
-    monkeypatch.setattr("ndtree.calibration.beams.MOST_POINTS", 20_000)
-    monkeypatch.setattr("ndtree.calibration.rates.UPDATES", 1.5e6)
+    monkeypatch.setattr("ndtree.tuning.calibration.beams.MOST_POINTS", 20_000)
+    monkeypatch.setattr("ndtree.tuning.calibration.rates.UPDATES", 1.5e6)
     thin = ndtree.calibrate(office)
     assert sigma_at(thin, 2.0) == pytest.approx(sigma_at(whole, 2.0), rel=0.2)
     assert 0 < thin.miss_given_occupied.count < whole.miss_given_occupied.count
@@ -204,7 +204,7 @@ def run(*arguments: object) -> Any:
     pytest.importorskip("rich")
     from typer.testing import CliRunner
 
-    from ndtree.commands import app
+    from ndtree.cli.commands import app
 
     return CliRunner().invoke(app, ["calibrate", *(str(argument) for argument in arguments)])
 
@@ -306,7 +306,7 @@ def test_known_thickness_of_walls(
     max_range: float,
     expected: dict[float, float],
 ) -> None:
-    monkeypatch.setattr("ndtree.calibration.rates.UPDATES", 5e6)  # Sooner done.
+    monkeypatch.setattr("ndtree.tuning.calibration.rates.UPDATES", 5e6)  # Sooner done.
     scans = ndtree.read(recordings / log / f"{log}.npz")
     found = ndtree.calibrate(scans, limit=limit, max_range=max_range, no_return="ignore")
     for r, sigma in expected.items():

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ndtree
+from ndtree._native import _core
 
 POINTS, ORIGIN = np.ones((3, 2)), np.zeros(2)
 M = ndtree.AdaptiveMap(dim=2)
@@ -72,7 +73,7 @@ BEYOND: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "max_loss": (lambda: M.compress(max_loss=float("nan")), "max_loss = nan: must be >= 0 bits"),
     "scans": (
-        lambda: ndtree._core.simulate("office", scans=-3),
+        lambda: _core.simulate("office", scans=-3),
         "simulate(): scans = -3: must be from 0 to 18446744073709551615",
     ),
 }

@@ -54,7 +54,7 @@ def seen_by(
 
 
 def hand_made_log(dim: int) -> list[ndtree.Scan]:
-    """Half-open views, beams that did not return or are invalid, several origins, and lone beams."""
+    """Half-open views, beams that did not return or are invalid, several origins, and single beams."""
     random = np.random.default_rng(3)
     scans = []
     for s in range(15):
@@ -191,7 +191,7 @@ def test_a_comparison_says_what_its_maps_claim(simulated: bool) -> None:
     assert "claims_free_unseen" in comparison.to_csv()
 
 
-def test_larger_cells_claim_more_that_nobody_saw() -> None:
+def test_larger_cells_claim_more_unseen_space() -> None:
     log = list(ndtree.simulate("office", seed=7, scans=20))
     maps = [f"fixed@{size}" for size in (0.05, 0.1, 0.2, 0.4, 0.8)]
     rows = ndtree.compare(log, maps, range_sigma=0.03)["maps"]

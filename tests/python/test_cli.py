@@ -24,7 +24,7 @@ pytest.importorskip("matplotlib")
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree.commands import app
+from ndtree.cli.commands import app
 
 RUN = CliRunner()
 IS_ROOT = hasattr(os, "geteuid") and os.geteuid() == 0
@@ -88,7 +88,7 @@ def test_map_writes_the_map_that_the_library_makes(log: Path, tmp_path: Path) ->
     assert f"wrote {target} and {picture}" in done.output
 
 
-def test_a_map_that_nobody_named_has_the_name_of_its_log(
+def test_a_map_without_a_name_gets_that_of_its_log(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -177,7 +177,7 @@ def test_info_of_a_log_and_of_a_map(log: Path, log_3d: Path, tmp_path: Path) -> 
 
 def test_info_of_a_long_log_keeps_a_sample_of_its_ranges(log_3d: Path, monkeypatch: Any) -> None:
     whole = json.loads(run("info", log_3d, "--json", "-").stdout)["range"]
-    monkeypatch.setattr("ndtree.commands.figures.RANGE_SAMPLE", 5000)
+    monkeypatch.setattr("ndtree.cli.commands.figures.RANGE_SAMPLE", 5000)
     sample = json.loads(run("info", log_3d, "--json", "-").stdout)["range"]
     assert sample["max"] == whole["max"]
     assert sample["median"] == pytest.approx(whole["median"], rel=0.1)
@@ -452,7 +452,7 @@ def test_a_reader_that_leaves_does_not_stop_the_work(unbuffered: bool, log: Path
 
 def test_the_process_has_the_exit_status(log: Path, tmp_path: Path) -> None:
     done = start("info", log)
-    assert (done.returncode, done.stderr) == (0, ""), "no progress bar where nobody looks"
+    assert (done.returncode, done.stderr) == (0, ""), "no progress bar without a terminal"
     assert "20 scans" in done.stdout
     bad = start("info", tmp_path / "none.log")
     assert bad.returncode == 1
@@ -515,7 +515,7 @@ def test_the_map_is_there_when_its_picture_fails(
 
 def test_a_terminal_sees_how_far_the_map_is(log: Path, tmp_path: Path) -> None:
     pty = pytest.importorskip("pty")
-    code = "import ndtree.commands.progress; ndtree.commands.progress.REFRESH = 0\n"
+    code = "import ndtree.cli.commands.progress; ndtree.cli.commands.progress.REFRESH = 0\n"
     program = f"{code}from ndtree.cli import main; main()"
     near, far = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}

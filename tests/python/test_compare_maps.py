@@ -12,7 +12,7 @@ import pytest
 from conftest import room_scan
 
 import ndtree
-from ndtree.maps import PlacedMap
+from ndtree.maps.open import PlacedMap
 
 NAMES = ("unknown", "free", "occupied")
 BOX = 2.4
@@ -224,7 +224,7 @@ def test_wrong_calls_are_refused(options: dict[str, Any], message: str) -> None:
 
 def run(*arguments: object) -> Any:
     testing = pytest.importorskip("typer.testing")
-    from ndtree.commands import app
+    from ndtree.cli.commands import app
 
     return testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
 

@@ -554,10 +554,12 @@ def test_the_log_decides_what_beams_without_return_say_as_in_python(make, tmp_pa
     ndtree = pytest.importorskip("ndtree")
     from test_no_returns import room, written
 
+    from ndtree.evaluation import no_returns, sampling
+
     path = written(make(room), tmp_path / "log.npz")
     log = ndtree.read(path)
-    runs, _, _ = ndtree.sampling.spread(log)
-    expected = ndtree.no_returns.judge([scan for run in runs for scan in run])
+    runs, _, _ = sampling.spread(log)
+    expected = no_returns.judge([scan for run in runs for scan in run])
     report = tmp_path / "report.json"
     done = call(path, "--maps", "fixed", "--held-out", "0", "--repeat", "1", "--json", report)
     assert done.returncode == 0, done.stderr
@@ -577,7 +579,7 @@ def came_and_left(number):
 
 
 def stacked(scan, layers):
-    """A scan of a plane in so many planes of space."""
+    """A scan of a plane, repeated in this many planes of space."""
     ndtree = pytest.importorskip("ndtree")
     heights = np.repeat(np.linspace(0, 2, layers), len(scan))
     points = np.column_stack([np.tile(scan.endpoints, (layers, 1)), heights])

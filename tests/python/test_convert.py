@@ -17,8 +17,8 @@ import pytest
 from conftest import room_scan
 
 import ndtree
-from ndtree.lattice import Cells, frontier
-from ndtree.maps import is_map, open_map
+from ndtree.cells.lattice import Cells, frontier
+from ndtree.maps.open import is_map, open_map
 
 BOX = 2.4  # The rooms are within [-BOX, BOX).
 
@@ -155,7 +155,7 @@ def test_foreign_images_are_read_by_their_own_rules(
 
 
 def nav2_state(pixel: list[int], mode: str, has_alpha: bool) -> int:
-    """What nav2's map_io.cpp makes of one pixel with the usual thresholds, line by line."""
+    """The state of one pixel by nav2's map_io.cpp with the usual thresholds, line by line."""
     channels = pixel[:3]
     if mode == "trinary" and has_alpha:
         channels = pixel

@@ -59,8 +59,8 @@ def test_damaged_recordings_are_read_or_refused(recordings: Path, tmp_path: Path
 
 @pytest.mark.parametrize("sample", SAMPLES)
 def test_samples_are_read_as_they_are(sample: str, tmp_path: Path) -> None:
-    from ndtree.maps import is_map, open_map
-    from ndtree.readers import read
+    from ndtree.logs import read
+    from ndtree.maps.open import is_map, open_map
 
     folder = tmp_path / "whole"
     folder.mkdir()

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers import read
-from ndtree.readers.depth_image import Camera, camera_of, points_of
+from ndtree.logs import read
+from ndtree.logs.folders.depth_image import Camera, camera_of, points_of
 
 Image = pytest.importorskip("PIL.Image", reason="no Pillow: no PNG can be written")
 rotations = pytest.importorskip("scipy.spatial.transform", reason="no SciPy: no rotations").Rotation
@@ -160,7 +160,7 @@ def test_a_folder_can_be_read_again_and_mapped(tmp_path: Path) -> None:
 def test_a_folder_is_mapped_from_the_command_line(tmp_path: Path) -> None:
     pytest.importorskip("typer")
     testing = pytest.importorskip("typer.testing")
-    from ndtree.commands import app
+    from ndtree.cli.commands import app
 
     folder = tmp_path / "log"
     folder.mkdir()

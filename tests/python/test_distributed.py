@@ -113,7 +113,7 @@ def test_tasks_that_run_twice_and_in_any_order_change_nothing(tmp_path):
 
 
 class Dying(LocalEngine):
-    """Raises after so many results."""
+    """Raises after this many results."""
 
     def __init__(self, left: int) -> None:
         super().__init__(2)

@@ -75,7 +75,7 @@ def run_shell(code: str) -> str:
     """Run each line that calls ndtree; the others must name a script of ours. Returns what was printed."""
     from typer.testing import CliRunner
 
-    from ndtree.commands import app
+    from ndtree.cli.commands import app
 
     printed = ""
     lines = [line for line in code.replace("\\\n", " ").splitlines() if not line.lstrip().startswith("#")]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.exact_truth import ExactTruth, area_under_roc
+from ndtree.evaluation.exact_truth import ExactTruth, area_under_roc
 
 POLE = 0.02  # Radius [m].
 

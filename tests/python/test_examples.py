@@ -36,6 +36,16 @@ def test_examples_are_short_and_shown() -> None:
         assert (ROOT / "docs" / "gallery" / f"{name}.png").stat().st_size < 200_000
 
 
+def test_the_cpp_examples_are_short_and_shown() -> None:
+    """tests/cpp compiles and runs them."""
+    page = (ROOT / "docs" / "examples.md").read_text()
+    programs = sorted((ROOT / "examples" / "cpp").glob("*.cpp"))
+    assert [path.stem for path in programs] == ["insert_and_ask", "layer", "sensor"]
+    for path in programs:
+        assert len(path.read_text().splitlines()) < 60, path.name
+        assert f"examples/cpp/{path.name}" in page
+
+
 def test_the_explorer_leaves_nothing_that_it_can_reach(tmp_path, monkeypatch, capsys) -> None:
     ndimage = pytest.importorskip("scipy.ndimage")
     left = run("explore", tmp_path, monkeypatch)

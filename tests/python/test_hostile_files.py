@@ -24,10 +24,12 @@ pytest.importorskip("typer")
 from outcomes import outcome_of
 
 import ndtree
-import ndtree.commands  # Once, and not in each fork.
-from ndtree.maps import open_map
-from ndtree.readers.failures import readable, shown
-from ndtree.readers.plain_file import open_plain, open_regular
+from ndtree.cli.commands import every
+from ndtree.logs.core.failures import readable, shown
+from ndtree.logs.core.plain_file import open_plain, open_regular
+from ndtree.maps.open import open_map
+
+every()  # Commands are loaded once, and not in each fork.
 
 
 def refused(path: Path, tmp_path: Path, *more: str, seconds: int = 10) -> str:
@@ -210,7 +212,7 @@ def test_an_image_that_is_a_fifo_does_not_wait(image: Callable[..., Path], tmp_p
 
 def test_a_pixel_costs_a_few_bytes(image: Callable[..., Path], tmp_path: Path) -> None:
     """A large image, all of it unknown, so that the map's own memory does not count."""
-    from ndtree.map_images import states_of_image
+    from ndtree.maps.images import states_of_image
 
     path = image(image="large.pgm")
     side = 4000

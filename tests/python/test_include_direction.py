@@ -53,22 +53,32 @@ FORBIDDEN = [
 
 #: Of Python: a module, a line in it, and what is said of it (nothing where it may stand).
 IMPORTS = [
-    ("readers/log.py", "from ndtree.scan import Scan", None),
-    ("readers/log.py", "from ..scan import Scan", None),
-    ("readers/log.py", "import numpy", None),
-    ("plot/flat.py", "from ndtree.lattice.cells import Cells", None),
-    ("commands/app.py", "import ndtree", None),
-    ("scan.py", "from ndtree import _core", None),
-    ("scan.py", "from ndtree.readers.log import Log", "core may import no other room"),
-    ("scan.py", "def f():\n    from ndtree.readers import log", "core may import no other room"),
-    ("scan.py", "from .readers.log import Log", "core may import no other room"),
-    ("scan.py", "import ndtree.readers.log", "core may import no other room"),
-    ("scan.py", "import ndtree", "core may import no other room"),
-    ("plot/flat.py", "from ndtree.commands import app", "pictures may import cells, core, writers"),
-    ("lattice/cells.py", "from ndtree.plot.flat import cells", "cells may import core"),
-    ("lattice/cells.py", "from ..plot import flat", "cells may import core"),
-    ("readers/__init__.py", "from ndtree.readers import log\nfrom ndtree.readers.log import A", None),
-    ("stray.py", "", "is in no room"),
+    ("logs/core/log.py", "from ndtree.base.scan import Scan", None),
+    ("logs/core/log.py", "from ...base.scan import Scan", None),
+    ("logs/core/log.py", "import numpy", None),
+    ("logs/formats/npz.py", "from ndtree.logs.core.log import Log", None),
+    ("plot/flat.py", "from ndtree.cells.regions import Region", None),
+    ("cli/app.py", "from ndtree._native import _core\nfrom ndtree.plot import flat", None),
+    ("_native/_calls.py", "from ndtree import _lazy", None),
+    ("base/scan.py", "from ndtree._native import _core", None),
+    ("_native/_core.pyi", "from ndtree.base.scan import Scan", None),
+    ("base/scan.py", "from ndtree.logs.core.log import Log", "base may import _lazy, _native"),
+    ("base/scan.py", "def f():\n    from ndtree.logs.core import log", "base may import _lazy, _native"),
+    ("base/scan.py", "from ..logs.core.log import Log", "base may import _lazy, _native"),
+    ("base/scan.py", "import ndtree.logs.core.log", "base may import _lazy, _native"),
+    ("base/scan.py", "import ndtree", "imports __init__: base may import"),
+    ("base/scan.py", "from ndtree import read", "imports __init__: base may import"),
+    ("cli/app.py", "import ndtree", "imports __init__: cli may import"),
+    ("_native/_calls.py", "from ndtree.base import scan", "_native may import _lazy"),
+    ("_lazy.py", "from ndtree.base import scan", "_lazy may import nothing"),
+    ("plot/flat.py", "from ndtree.cli import app", "imports cli.app: plot may import _lazy, _native, base"),
+    ("cells/regions.py", "from ndtree.plot.flat import cells", "cells may import _lazy, _native, base, logs"),
+    ("cells/regions.py", "from ..plot import flat", "cells may import _lazy, _native, base, logs"),
+    ("logs/core/log.py", "from ndtree.logs.formats import npz", "logs.core may import no folder beside it"),
+    ("logs/formats/npz.py", "from ndtree.logs.sfm import bal", "logs.formats may import core, poses"),
+    ("logs/__init__.py", "from ndtree.logs.core import log\nfrom ndtree.logs.core.log import A", None),
+    ("stray.py", "", "is in no folder"),
+    ("stray/a.py", "", "is in no folder"),
 ]
 
 
@@ -106,17 +116,13 @@ def test_forbidden_include_is_named_with_its_line(tmp_path, file, line):
 
 
 def package(root, **more):
-    """A package with a file or two in each room that the imports name."""
+    """A package with the modules that the imports name."""
     write(root, "include/ndtree/core/a.hpp", "")
-    files = {
-        "__init__.py": "",
-        "scan.py": "",
-        "_core.pyi": "",
-        "readers/__init__.py": "",
-        "readers/log.py": "",
-    }
-    files |= {"lattice/__init__.py": "from ndtree.lattice.cells import Cells", "lattice/cells.py": ""}
-    files |= {"plot/__init__.py": "", "plot/flat.py": "", "commands/__init__.py": "", "commands/app.py": ""}
+    names = ("__init__", "_lazy", "base/scan", "cells/regions", "plot/flat", "cli/app")
+    names += ("_native/_calls", "logs/core/log", "logs/formats/npz", "logs/sfm/bal")
+    files = {f"{name}.py": "" for name in names} | {"_native/_core.pyi": ""}
+    files |= {f"{Path(name).parent}/__init__.py": "" for name in names if "/" in name}
+    files |= {"plot/__init__.py": "from ndtree.plot.flat import draw", "logs/__init__.py": ""}
     for name, text in {**files, **more}.items():
         path = root / "src" / "python" / "ndtree" / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -136,11 +142,23 @@ def test_imports_run_one_way(tmp_path, file, text, said):
 
 
 def test_modules_that_import_each_other_are_named(tmp_path):
-    there, back = "def f():\n    from ndtree.readers import text", "from ndtree.readers.log import Log"
-    package(tmp_path, **{"readers/log.py": there, "readers/text.py": back})
+    there, back = "def f():\n    from ndtree.logs.core import text", "from ndtree.logs.core.log import Log"
+    package(tmp_path, **{"logs/core/log.py": there, "logs/core/text.py": back})
     result = check(tmp_path)
     assert result.returncode == 1
-    assert "imports itself: readers.log -> readers.text -> readers.log" in result.stdout
+    assert "imports itself: logs.core.log -> logs.core.text -> logs.core.log" in result.stdout
+
+
+def test_every_folder_of_the_package_is_in_the_order(tmp_path):
+    drawn = subprocess.run(
+        [sys.executable, str(ROOT / "tools" / "check_includes.py"), "--draw"], capture_output=True, text=True
+    )
+    folders = {line.partition(":")[0] for line in drawn.stdout.splitlines()}
+    package = ROOT / "src" / "python" / "ndtree"
+    found = {
+        path.stem for path in package.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()
+    }
+    assert folders == found
 
 
 def test_an_empty_folder_is_not_a_pass(tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Signals and forks at any instant of a call: it has happened, or it has not, and nobody waits for ever."""
+"""Signals and forks at any instant of a call: it has happened, or it has not, without deadlock."""
 
 from __future__ import annotations
 

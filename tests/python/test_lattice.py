@@ -10,7 +10,7 @@ import pytest
 from conftest import room_scan
 
 import ndtree
-from ndtree.lattice import CellIndex, Cells, Pyramid, coarsened, covered_faces, frontier, hidden
+from ndtree.cells.lattice import CellIndex, Cells, Pyramid, coarsened, covered_faces, frontier, hidden
 
 SHAPES = [(2, 2), (3, 2), (2, 3), (3, 3)]  # branching, dim
 

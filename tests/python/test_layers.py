@@ -15,7 +15,7 @@ LAYERS = {"color": "mean3", "height": "mean", "label": "majority", "stamp": "lat
 
 
 def told(points: np.ndarray, stamp: float) -> dict[str, np.ndarray]:
-    """What beams say to LAYERS: red to the left, and blue to the right."""
+    """The values of beams for LAYERS: red to the left, and blue to the right."""
     left = points[:, 1] < 0
     return {
         "color": np.where(left[:, None], [200.0, 0, 10], [0, 0, 250]),

@@ -56,7 +56,7 @@ def test_the_command_line_refuses_absurd_ranges_in_one_line(tmp_path: Path) -> N
     log = tmp_path / "far.xyz"
     log.write_text("0 0 1 0\n0 0 1e9 0\n")
     done = subprocess.run(
-        [sys.executable, "-m", "ndtree.cli", "map", log, "-o", tmp_path / "far.ndt"],
+        [sys.executable, "-m", "ndtree", "map", log, "-o", tmp_path / "far.ndt"],
         capture_output=True,
         text=True,
         check=False,
@@ -98,7 +98,7 @@ def test_arrays_that_unpack_beyond_memory_are_refused(
     log = tmp_path / "log.npz"
     log.write_bytes(npz_bytes(points=np.ones((3, 2))))
     assert len(ndtree.read(log)) == 1
-    monkeypatch.setattr("ndtree.readers.npz.MOST_BYTES", 300)
+    monkeypatch.setattr("ndtree.logs.formats.npz.MOST_BYTES", 300)
     with pytest.raises(
         ValueError, match=r"log\.npz: its arrays unpack to [0-9,]+ bytes, expected at most 300"
     ):
@@ -212,6 +212,6 @@ def test_ctrl_c_is_heard_while_another_thread_has_the_map(waits: str) -> None:
         holder.join()
         if still_held:
             break
-    assert still_held, "nobody had to wait"
+    assert still_held, "no thread had to wait"
     assert 0 <= heard < 1
     calls[waits]()

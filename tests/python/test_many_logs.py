@@ -14,8 +14,8 @@ pytest.importorskip("typer")
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree.commands import app
-from ndtree.readers import JoinedLog, read
+from ndtree.cli.commands import app
+from ndtree.logs import JoinedLog, read
 
 RUN = CliRunner()
 
@@ -146,7 +146,7 @@ def test_any_log_can_be_saved_or_says_why_not(tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_simulate_replaces_nothing_that_nobody_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_simulate_replaces_only_named_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert called("simulate", "office", "--scans", 2)[0] == 0
     before = Path("office.npz").read_bytes()

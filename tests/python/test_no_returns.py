@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.first_look import first_look
-from ndtree.no_returns import judge
-from ndtree.sampling import RUN, RUNS, spread
-from ndtree.scan import Scan
+from ndtree.base.scan import Scan
+from ndtree.evaluation.no_returns import judge
+from ndtree.evaluation.sampling import RUN, RUNS, spread
+from ndtree.tuning.first_look import first_look
 
 
 def room(silent: float, seed: int = 1, scans: int = 60, gate: bool = False) -> list[Scan]:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.notebook import LONGER_SIDE, encoded
+from ndtree.maps.notebook import LONGER_SIDE, encoded
 
 RNG = np.random.default_rng(3)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers import read
+from ndtree.logs import read
 
 #: Writes a graph of N nodes, node i of sizes[i] points, and prints what the library says of each.
 PROGRAM = r"""

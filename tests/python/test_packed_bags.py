@@ -23,8 +23,10 @@ from outcomes import outcome_of
 from test_hostile_files import peak_memory
 
 import ndtree
-import ndtree.commands  # Once, and not in each fork.
-from ndtree.readers.ros.chunks import Damaged, most_bytes_of, unpacked, unpacked_message
+from ndtree.cli.commands import every
+from ndtree.logs.ros.files.chunks import Damaged, most_bytes_of, unpacked, unpacked_message
+
+every()  # Commands are loaded once, and not in each fork.
 
 PACKERS: dict[str, Callable[[bytes], bytes]] = {
     "bz2": bz2.compress,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ndtree.readers import read
-from ndtree.readers.padding import NEAREST, without_padding
+from ndtree.logs import read
+from ndtree.logs.core.padding import NEAREST, without_padding
 
 POSITION = np.array([1.5, -2.25, 0.5])
 POINTS = np.array([[3, 4, 1], [-2, 5, 0.5], [0, 0.01, 0], [6, -1, 2]], dtype=np.float32)
@@ -75,7 +75,7 @@ def test_no_reader_takes_padding_for_a_beam(write: Callable[[Path], Path], tmp_p
 
 
 def test_zeros_of_a_cloud_in_a_fixed_frame_are_padding(tmp_path: Path) -> None:
-    """Whoever moved the points left them at the map's origin; a single one may be measured."""
+    """Moving the points left them at the map's origin; a single one may be measured."""
     pytest.importorskip("pypcd4")
     path = pcd(tmp_path)
     (scan,) = read(path, points_in="map")

@@ -23,7 +23,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 import ndtree
-from ndtree import page_guard, view
+from ndtree import viewer as view
+from ndtree.viewer import page_guard
 
 PROTOCOL = [f"viser-v{viser.__version__}"]
 

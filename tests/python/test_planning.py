@@ -22,7 +22,7 @@ MAPS = {
 
 
 def room(dim, kind="adaptive"):
-    """A room of 4 m with a pillar, seen from two places; behind a door in one wall nobody looked far."""
+    """A room of 4 m with a pillar, seen from two places; behind a door in one wall it is mostly unseen."""
     m = MAPS[kind](dim)
     for x in (0.53, -0.81):
         origin = np.full(dim, 0.37)

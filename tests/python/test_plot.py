@@ -21,7 +21,7 @@ from matplotlib import colormaps
 from matplotlib.collections import LineCollection, PolyCollection
 
 from ndtree import plot
-from ndtree.lattice import Cells
+from ndtree.cells.lattice import Cells
 from ndtree.plot.colors import CUBE_SIZE_COLORS, HEIGHT_COLORS
 from ndtree.plot.figures import SIZE_COLORS
 from ndtree.plot.images import MAX_IMAGE_CELLS

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers import read
-from ndtree.readers.folder import number_in, stamp_in, stamps_in
+from ndtree.logs import read
+from ndtree.logs.folders.folder import number_in, stamp_in, stamps_in
 
 pypcd4 = pytest.importorskip("pypcd4", reason="no pypcd4: no PCD can be written")
 laspy = pytest.importorskip("laspy", reason="no laspy: no LAS can be written")

@@ -12,7 +12,7 @@ import pytest
 from conftest import room_scan
 
 import ndtree
-from ndtree import _core
+from ndtree._native import _core
 from ndtree.tiles import TileMapper, open_tiles
 from ndtree.tiles.storage import storage_of
 

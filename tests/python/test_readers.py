@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree import readers
-from ndtree.readers import FORMATS, READER_OPTIONS, Log, read
+from ndtree import logs
+from ndtree.logs import FORMATS, READER_OPTIONS, Log, read
 
 FLASER = "FLASER 3 1.0 2.0 81.9 0.5 0.25 0.0 0.5 0.25 0.0 12.5 host 12.5"
 
@@ -75,7 +75,7 @@ def test_carmen_plain_and_packed_are_the_same(tmp_path: Path) -> None:
 def test_the_field_of_view_of_carmen_lasers(
     params: str, beams: int, fov: float | None, degrees: float, note: str | None, tmp_path: Path
 ) -> None:
-    """Equal ranges are an arc of so many degrees, centred ahead."""
+    """Equal ranges are an arc of this many degrees, centred ahead."""
     path = tmp_path / "a.log"
     record = f"FLASER {beams} {'2.5 ' * beams}0 0 0 0 0 0 1 host 1\n"
     path.write_text(params + record * 2)
@@ -208,13 +208,13 @@ def test_options_have_one_meaning_each_and_are_refused_where_nothing_reads_them(
     with pytest.raises(TypeError, match="topic: a CARMEN log takes no such option, it takes zero_is, fov"):
         read(path, topic="/scan")
     assert read(path, topic=None).format == "carmen"
-    taken = [option for format in readers._TABLE for option in format.options]
+    taken = [option for format in logs._TABLE for option in format.options]
     for option in taken:
         assert [other for other in READER_OPTIONS if other.name == option.name] == [option]
         assert option.name.isidentifier() and option.help.endswith(".")
-    names = [format.name for format in readers._TABLE]
+    names = [format.name for format in logs._TABLE]
     assert sorted(names) == list(FORMATS) and len(set(names)) == len(names)
-    assert {format.stored_as for format in readers._TABLE} <= {"file", "folder", "either"}
+    assert {format.stored_as for format in logs._TABLE} <= {"file", "folder", "either"}
 
 
 def test_what_is_damaged_can_be_passed_over(tmp_path: Path) -> None:

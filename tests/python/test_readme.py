@@ -41,7 +41,7 @@ def test_programs_run(tmp_path):
         if command[1] == "view":
             continue
         more = ["--scans", "40"] if command[1] == "simulate" else []
-        call = [sys.executable, "-m", "ndtree.cli", *command[1:], *more]
+        call = [sys.executable, "-m", "ndtree", *command[1:], *more]
         done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, (command, done.stderr)
         if command[1] == "convert":  # What is compared next is another's map.

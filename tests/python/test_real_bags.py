@@ -14,7 +14,7 @@ pytest.importorskip("typer")
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree.commands import app
+from ndtree.cli.commands import app
 
 
 @pytest.fixture(scope="module")

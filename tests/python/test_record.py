@@ -21,8 +21,8 @@ from PIL import Image, ImageSequence
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree import record
-from ndtree.commands import app
+from ndtree.cli.commands import app
+from ndtree.plot import record
 
 RUN = CliRunner()
 

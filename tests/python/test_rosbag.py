@@ -17,8 +17,8 @@ from drives import LEVEL, SCAN_TIMES, START, Drive, laser_points, standing
 from scipy.spatial import transform as spatial
 
 import ndtree
-from ndtree.readers import read
-from ndtree.readers.ros import multi_echo
+from ndtree.logs import read
+from ndtree.logs.ros.messages import multi_echo
 
 Rotation = spatial.Rotation
 

@@ -17,7 +17,7 @@ pytest.importorskip("scipy")
 
 from bags import KINDS, Messages, write_bag
 
-from ndtree.readers import read
+from ndtree.logs import read
 
 START = 1.7e9
 LEVEL = [0, 0, 0, 1]
@@ -110,7 +110,7 @@ def test_indexes_of_ros1_that_lie_do_not_matter(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "a", make, drive_content(make))
     whole = list(read(path))
     data = path.read_bytes()
-    # The records of indexes: 47 bytes of header with op=4, and then so many bytes of entries.
+    # The records of indexes: 47 bytes of header with op=4, and then that many bytes of entries.
     at = data.find(b"\x04\0\0\0op=\x04")
     assert at > 0
     place = data.find(struct.pack("<I", 47), at - 60) + 4 + 47

@@ -13,8 +13,8 @@ pytest.importorskip("rosbags")
 
 from bags import Messages, write_bag
 
-from ndtree.readers import read
-from ndtree.readers.ros.clock import Clock
+from ndtree.logs import read
+from ndtree.logs.ros.clock import Clock
 
 START = 1.7e9
 LEVEL = [0, 0, 0, 1]

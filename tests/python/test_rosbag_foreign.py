@@ -17,10 +17,10 @@ pytest.importorskip("typer")
 
 from bags import Messages, write_bag
 
-from ndtree.commands.flags import in_flags
-from ndtree.readers import contents, read
-from ndtree.readers.ros.beams import pitch_of
-from ndtree.readers.ros.foxglove import decoded, type_of
+from ndtree.cli.commands.flags import in_flags
+from ndtree.logs import contents, read
+from ndtree.logs.ros.messages.beams import pitch_of
+from ndtree.logs.ros.messages.foxglove import decoded, type_of
 
 START = 1.7e9
 POINTS = np.random.default_rng(5).uniform(1, 9, (12, 3)).astype(np.float32)
@@ -222,7 +222,7 @@ def test_a_radar_does_not_stand_in_for_a_laser_without_a_place(
 def test_what_is_wrong_is_said_in_flags_on_the_command_line(ros2: Messages, tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
-    from ndtree.commands import app
+    from ndtree.cli.commands import app
 
     path = str(laser_and_radar(ros2, tmp_path / "bag", planar=True, laser_frame="b"))
     for options, said in {

@@ -19,8 +19,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from ndtree.readers import read
-from ndtree.readers.ros import rvl
+from ndtree.logs import read
+from ndtree.logs.ros.messages import rvl
 
 START = 1.7e9
 

@@ -15,7 +15,7 @@ pytest.importorskip("scipy")
 from bags import Messages, write_bag
 from drives import LEVEL, START
 
-from ndtree.readers import read
+from ndtree.logs import read
 
 MAKE = Messages("mcap")
 STAMPS = np.arange(0, 2, 0.1)

@@ -16,8 +16,8 @@ from bags import Messages, write_bag
 from drives import START
 
 import ndtree
-from ndtree.readers import read
-from ndtree.readers.trajectory_files import read_trajectory
+from ndtree.logs import read
+from ndtree.logs.poses.trajectory_files import read_trajectory
 
 
 def test_recorded_depth_images_lie_where_the_folder_has_them(recordings: Path, tmp_path: Path) -> None:

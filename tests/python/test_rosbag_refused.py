@@ -18,7 +18,7 @@ from bags import KINDS, Messages, write_bag
 from drives import LEVEL, SCAN_TIMES, START, Drive, standing
 from rosbags.typesys import get_types_from_msg
 
-from ndtree.readers import read
+from ndtree.logs import read
 
 
 @pytest.fixture(params=KINDS)
@@ -212,7 +212,7 @@ def test_raw_packets_are_known_for_what_they_are(tmp_path: Path) -> None:
         read(path)
 
 
-def test_cameras_that_nobody_calibrated(ros2: Messages, tmp_path: Path) -> None:
+def test_cameras_without_calibration(ros2: Messages, tmp_path: Path) -> None:
     fixed = ros2.tf(ros2.transform(START, "map", "sensor", [0, 0, 0], LEVEL))
     content = [("/tf_static", START, fixed)]
     content.append(("/depth", START, ros2.image(START, "sensor", np.ones((2, 2)), "16UC1")))
@@ -228,7 +228,7 @@ def test_a_log_without_one_valid_beam_makes_no_map(ros2: Messages, tmp_path: Pat
     pytest.importorskip("typer")
     from typer.testing import CliRunner
 
-    from ndtree.commands import app
+    from ndtree.cli.commands import app
 
     drive = Drive(planar=True)
     for ranges, said in (([np.nan] * 3, "15 beams: 15 invalid"), ([], "0 beams")):

@@ -16,9 +16,9 @@ pytest.importorskip("scipy")
 from bags import Messages, write_bag
 from scipy.spatial import transform as spatial
 
-from ndtree.readers import read
-from ndtree.readers.ros.livox import decoded
-from ndtree.readers.ros.mount import mount_of
+from ndtree.logs import read
+from ndtree.logs.ros.messages.livox import decoded
+from ndtree.logs.ros.placement.mount import mount_of
 
 Rotation = spatial.Rotation
 START = 1.7e9

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A sensor that is said to stand, and moves: its scans show it; people who pass one that stands do not."""
+"""A sensor that is said to stand, and moves, shows in its scans; people who pass a standing sensor do not."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ pytest.importorskip("typer")
 from bags import Messages, write_bag
 from typer.testing import CliRunner
 
-from ndtree.commands import app
-from ndtree.readers.ros.beams import Beams
-from ndtree.readers.ros.standing import MOVES, Standing
+from ndtree.cli.commands import app
+from ndtree.logs.ros.messages.beams import Beams
+from ndtree.logs.ros.placement.standing import MOVES, Standing
 
 START = 1.7e9
 LEVEL = [0, 0, 0, 1]
@@ -99,7 +99,7 @@ def test_of_long_logs_some_scans_are_kept_and_of_short_ones_nothing_is_said() ->
     assert share(made * 20, 2) == pytest.approx(share(made, 2), abs=0.15)
     assert share(made[:3], 2) == 0.0
     assert share([], 2) == 0.0 and share([Beams(np.full((5, 3), np.nan))] * 9, 2) == 0.0
-    assert share([Beams(one.points[:5]) for one in made], 2) == 0.0  # Of a few sonars nobody knows.
+    assert share([Beams(one.points[:5]) for one in made], 2) == 0.0  # A few sonars are not enough to tell.
 
 
 def bag(path: Path, way: Any, transforms: bool) -> Path:

@@ -19,7 +19,7 @@ pytest.importorskip("scipy")
 from bags import Messages, write_bag
 from drives import LEVEL, START
 
-from ndtree.readers import read
+from ndtree.logs import read
 
 MAKE = Messages("sqlite3")
 SCANS = 20
@@ -164,7 +164,7 @@ def test_mcap_with_chunks_of_every_kind(packing: str, chunked: bool, database: P
     at = len(data) // 3
     data[at : at + 30] = b"\xaa" * 30
     path.write_bytes(bytes(data))
-    try:  # By chance the bytes may be some that nobody needs.
+    try:  # By chance the bytes may be unused ones.
         found = list(read(path))
     except ValueError as error:
         assert str(error).startswith(f"{path}: ") and "\n" not in str(error)
@@ -191,7 +191,7 @@ def test_a_transform_that_is_damaged_is_named_or_passed_over(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     "rubbish", [b"float32 \xff\xfe\x00le_min", b"float33 angle_min", b"\n[}=(float32 a[n]"]
 )
-def test_a_definition_that_nobody_can_read_is_ros_s_own(kind: str, rubbish: bytes, tmp_path: Path) -> None:
+def test_a_broken_definition_is_replaced_by_ros_s_own(kind: str, rubbish: bytes, tmp_path: Path) -> None:
     make = Messages(kind)
     written = write_bag(
         tmp_path / "bag",

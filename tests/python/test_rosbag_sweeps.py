@@ -16,7 +16,7 @@ pytest.importorskip("scipy")
 from bags import Messages, write_bag
 from scipy.spatial import transform as spatial
 
-from ndtree.readers import read
+from ndtree.logs import read
 
 Rotation = spatial.Rotation
 START = 1.7e9
@@ -52,7 +52,7 @@ def sweeps(
 ) -> Path:
     """A turning laser in a room whose beams are measured one after the other.
 
-    With `ghosts` another sensor, of which nothing else is known, has the same topic.
+    With `ghosts` an unknown second sensor has the same topic.
     """
     generator = np.random.default_rng(3)
 
@@ -178,9 +178,9 @@ def test_the_mount_is_found_where_the_map_is_sharpest(
     pytest.importorskip("typer")
     from typer.testing import CliRunner
 
-    from ndtree.calibration.mount import find_mount
-    from ndtree.commands import app
-    from ndtree.readers.rosbag import RosbagLog
+    from ndtree.cli.commands import app
+    from ndtree.logs.ros.rosbag import RosbagLog
+    from ndtree.tuning.calibration.mount import find_mount
 
     generator = np.random.default_rng(7)
     x, y, yaw, offset = 0.12, -0.07, 2.0, 0.06

@@ -31,7 +31,7 @@ pytest.importorskip("rosbags")
 
 import ndtree
 from ndtree import plot
-from ndtree.files import replaced, replaced_together
+from ndtree.base.files import replaced, replaced_together
 
 Save = Callable[[ndtree.OccupancyMap, Path], None]
 
@@ -167,7 +167,7 @@ def test_a_pipe_gets_the_file_and_stays(ending: str, tmp_path: Path) -> None:
         (folder / "pipe.pgm").write_text("image")  # Of a pair, each is written by its own kind.
     path = folder / f"pipe{ending}"
     os.mkfifo(path)
-    with pytest.raises(OSError, match="nobody reads"):  # And does not wait until somebody does.
+    with pytest.raises(OSError, match="nobody reads"):  # And does not wait for a reader.
         save(ending, 0, path)
     got: list[bytes] = []
     thread = threading.Thread(target=lambda: got.append(path.read_bytes()))
@@ -227,7 +227,7 @@ def test_names_may_be_as_long_as_the_system_takes_them(ending: str, tmp_path: Pa
 
 
 def test_what_may_not_be_written_is_refused(tmp_path: Path) -> None:
-    """By a user who is not root, whom nothing stops."""
+    """By a user who is not root, since permissions do not stop root."""
     folder = Path(f"/tmp/ndtree-test-{os.getpid()}")
     folder.mkdir()
     try:
@@ -492,7 +492,7 @@ def test_content_is_on_the_disk_before_the_name_and_the_name_after_it(tmp_path: 
 def test_the_command_line_checks_before_the_work(tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
-    from ndtree.commands import app
+    from ndtree.cli.commands import app
 
     log = tmp_path / "a.txt"
     log.write_text("0 0 1 1\n0 0 1 2\n")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scans in millimetres or in another frame are told of; those who mean long beams hear nothing."""
+"""Scans in millimetres or in another frame cause a warning; a given max_range silences it."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ pytest.importorskip("typer")
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree.commands import app
-from ndtree.scale import Scale
-from ndtree.scan import Scan
+from ndtree.base.scan import Scan
+from ndtree.cli.commands import app
+from ndtree.tuning.scale import Scale
 
 
 def scans(factor: float = 1.0, at: tuple[float, float] = (0.0, 0.0)) -> list[Scan]:

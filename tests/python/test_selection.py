@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers import Log
+from ndtree.logs import Log
 
 
 class ListLog(Log):
-    """Scans in a list, of which it counts those that were asked for."""
+    """Scans in a list that counts how many were asked for."""
 
     format = "list"
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers import read
-from ndtree.readers.colmap import CAMERA_MODELS
-from ndtree.readers.triangulation import Triangulation
+from ndtree.logs import read
+from ndtree.logs.sfm.colmap import CAMERA_MODELS
+from ndtree.logs.sfm.triangulation import Triangulation
 
 rotations = pytest.importorskip("scipy.spatial.transform", reason="no SciPy: no rotations").Rotation
 
@@ -530,7 +530,7 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
         changed(bundler, "", line(35, "2 1 2 3 4")),
         "line 35: expected point 1 of 40: a number of v",
     ),
-    "view of nobody": (
+    "view of no camera": (
         changed(bundler, "", line(35, "1 6 2 3 4")),
         "line 35: expected point 1 of 40: cameras of 0 to",
     ),

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers.log import Log
+from ndtree.logs.core.log import Log
 
 LIMIT = 50.0
 

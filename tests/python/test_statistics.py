@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ndtree import _core
+from ndtree._native import _core
 
 stats = pytest.importorskip("scipy.stats", reason="SciPy is the oracle here: pip install scipy")
 integrate = pytest.importorskip("scipy.integrate")

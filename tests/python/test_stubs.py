@@ -12,18 +12,18 @@ import pytest
 
 import ndtree
 import ndtree.typing
-from ndtree import _core, results
-from ndtree._compiled import RESULTS
+from ndtree._native import _core, results
+from ndtree._native._compiled import RESULTS
 
 PACKAGE = Path(inspect.getfile(ndtree)).parent
-STUB_FILE = PACKAGE / "_core.pyi"
+STUB_FILE = PACKAGE / "_native" / "_core.pyi"
 STUB = ast.parse(STUB_FILE.read_text())
 CLASSES = {node.name: node for node in STUB.body if isinstance(node, ast.ClassDef)}
 FUNCTIONS = {node.name: node for node in STUB.body if isinstance(node, ast.FunctionDef)}
 TAKEN_OVER = {
     name.asname
     for node in STUB.body
-    if isinstance(node, ast.ImportFrom) and node.module == "ndtree.results"
+    if isinstance(node, ast.ImportFrom) and node.module == "ndtree._native.results"
     for name in node.names
 }
 OPTIONAL = set() if _core.has_octomap else {"OctoMap"}
@@ -119,7 +119,7 @@ def test_every_public_call_has_a_signature():
     checked = 0
     for name in public(ndtree.__all__) - {"has_octomap"} - OPTIONAL:
         held = getattr(ndtree, name)
-        calls = {name: held}  # But of those that nobody makes.
+        calls = {name: held}  # But of classes without a constructor.
         if isinstance(held, type):
             calls.update({f"{name}.{member}": method for member, method in members(held).items()})
         for called, function in calls.items():

@@ -24,7 +24,7 @@ if sys.version_info < (3, 11):
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree.commands import app
+from ndtree.cli.commands import app
 from ndtree.study import StudyTable, load, run
 from ndtree.study.jobs import jobs_of
 from ndtree.study.run import _outcome
@@ -92,7 +92,7 @@ def test_a_killed_run_goes_on(tmp_path: Path) -> None:
     text = f'[logs.a]\nsimulate = "office"\nscans = 150\n[maps.fixed]\n{sizes}\n'
     file = written(tmp_path, text)
     results = tmp_path / "study-results" / "results"
-    command = [sys.executable, "-m", "ndtree.cli", "study", str(file), "--processes", "1"]
+    command = [sys.executable, "-m", "ndtree", "study", str(file), "--processes", "1"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         end = time.monotonic() + 60

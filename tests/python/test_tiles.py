@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.maps import open_map
+from ndtree.maps.open import open_map
 from ndtree.tiles import MANIFEST, TileGrid, TileMapper, in_order, open_tiles, storage_of
 
 KINDS = {
@@ -187,7 +187,7 @@ def test_runs_killed_at_any_time_end_in_the_same_map(tmp_path):
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory):
-    """A map, and the same in tiles, of which the cache holds few."""
+    """A map, and the same in tiles with a cache for few of them."""
     scans = drive(15, 3)
     whole = serial(KINDS["evidence"](3), scans)
     folder = tmp_path_factory.mktemp("both") / "a.tiles"
@@ -223,7 +223,7 @@ def test_answers_are_those_of_the_whole_map(both, parts):
             one = tiles.cast_rays(good, ways, max_range=limit, unknown=unknown)
             np.testing.assert_array_equal(one, whole.cast_rays(good, ways, max_range=limit, unknown=unknown))
     assert np.isfinite(one).sum() > 30
-    for scale in (2.0**-1040, 2.0**-600, 2.0**600):  # Of which no square is a normal number.
+    for scale in (2.0**-1040, 2.0**-600, 2.0**600):  # Their squares are no normal numbers.
         some = np.round(ways * 2**20) * scale  # So that nothing is lost below the smallest numbers.
         expected = whole.cast_rays(good, np.round(ways * 2**20))
         for m in (tiles, whole):

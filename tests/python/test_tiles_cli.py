@@ -14,8 +14,8 @@ pytest.importorskip("rich")
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree.commands import app
-from ndtree.maps import is_map
+from ndtree.cli.commands import app
+from ndtree.maps.open import is_map
 from ndtree.tiles import TileMapper, storage_of
 
 OPTIONS = ("--min-cell-size", "0.1", "--max-cell-size", "0.8", "--no-return", "free", "--range-sigma", "0.02")

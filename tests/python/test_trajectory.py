@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ndtree.readers.pose import Pose, matrices_of, quaternions_of
-from ndtree.readers.trajectory import STAMP_TOLERANCE, Trajectory
-from ndtree.readers.trajectory_files import read_times, read_trajectory, trajectory_kind
+from ndtree.logs.poses.pose import Pose, matrices_of, quaternions_of
+from ndtree.logs.poses.trajectory import STAMP_TOLERANCE, Trajectory
+from ndtree.logs.poses.trajectory_files import read_times, read_trajectory, trajectory_kind
 
 spatial = pytest.importorskip("scipy.spatial.transform")
 
@@ -182,7 +182,7 @@ def test_stamps_since_1970_need_no_unit(per_second: int, tmp_path: Path) -> None
 
 
 BROKEN = {
-    "nanoseconds of nobody knows when": (
+    "nanoseconds of no known time": (
         "0 0 0 0 0 0 0 1\n100000000 0 0 0 0 0 0 1\n200000000 0 0 0 0 0 0 1\n",
         r"poses are 1e\+08 apart at times around 1e\+08, expected seconds, or a first line",
     ),

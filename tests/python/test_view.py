@@ -27,12 +27,12 @@ from conftest import room_scan
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree import view
-from ndtree.commands import app
-from ndtree.view import Look, picking, snapshot
-from ndtree.view.look import KINDS, shown_kinds
-from ndtree.view.snapshot import Snapshot
-from ndtree.view.track import MAX_TRACK, Track
+from ndtree import viewer as view
+from ndtree.cli.commands import app
+from ndtree.viewer import Look, picking, snapshot
+from ndtree.viewer.look import KINDS, shown_kinds
+from ndtree.viewer.snapshot import Snapshot
+from ndtree.viewer.track import MAX_TRACK, Track
 
 RUN = CliRunner()
 
@@ -89,7 +89,7 @@ def test_boxes_are_the_cells_of_their_state(far: float) -> None:
         if tuple(np.rint((middle - far) / 0.03125).astype(int).tolist()) in shown:
             continue
         left_out += 1
-        for axis in range(3):  # Nobody sees it: at each face is an occupied cell.
+        for axis in range(3):  # Hidden: at each face is an occupied cell.
             for side in (-1, 1):
                 step[:] = 0
                 step[axis] = side * (0.5 * size + 0.01)
@@ -291,7 +291,7 @@ def test_a_growing_map_grows_on_the_page(flat: Any) -> None:
         assert len(set(counts)) == 2
         angle = np.linspace(0, 2 * np.pi, 2000)
         m.insert(30 * np.stack([np.cos(angle), np.sin(angle)], axis=1), np.zeros(2))
-        viewer.show(m)  # Nobody has turned the page: it steps back to show all, the ring's ends, too.
+        viewer.show(m)  # The page was not turned: it steps back to show all, the ring's ends, too.
         browser.until(lambda b: np.ptp(np.nonzero(coloured(b.picture()))[0]) > 350)
         seen = coloured(browser.picture())
         assert not seen[-20:].any() and not seen[:, :20].any()
@@ -309,7 +309,7 @@ def ended(*arguments: object) -> tuple[int, str]:
 def test_interrupted_it_ends_well(map_file: Path, tmp_path: Path) -> None:
     log = tmp_path / "log.txt"
     log.write_text("".join(f"{i / 10} 0 0 {i / 10} {end} 0\n" for i in range(20) for end in (1, 2)))
-    command = [sys.executable, "-m", "ndtree.cli", "view", str(map_file), "--port", "0", "--log", str(log)]
+    command = [sys.executable, "-m", "ndtree", "view", str(map_file), "--port", "0", "--log", str(log)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
         assert program.stdout is not None and program.stderr is not None
         url = re.search(r"http://127\.0\.0\.1:\d+", program.stdout.readline())
@@ -410,7 +410,7 @@ def test_watching_ends_with_the_map_written(tmp_path: Path) -> None:
             points, origin = room_scan(2, seed, beams=60)
             for x, y in points:
                 file.write(f"{origin[0]} {origin[1]} {x} {y} 1\n")
-    command = [sys.executable, "-m", "ndtree.cli", "map", str(log), "-o", str(tmp_path / "a.ndt")]
+    command = [sys.executable, "-m", "ndtree", "map", str(log), "-o", str(tmp_path / "a.ndt")]
     with subprocess.Popen(
         [*command, "--watch", "--port", "0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as program:

@@ -14,10 +14,10 @@ pytest.importorskip("viser")
 from conftest import room_scan
 
 import ndtree
-from ndtree.view import snapshot
-from ndtree.view.layers import Layer
-from ndtree.view.look import KINDS, Look
-from ndtree.view.snapshot import Snapshot
+from ndtree.viewer import snapshot
+from ndtree.viewer.layers import Layer
+from ndtree.viewer.look import KINDS, Look
+from ndtree.viewer.snapshot import Snapshot
 
 
 def made(kind: str, dim: int, branching: int = 2) -> Any:
@@ -93,7 +93,7 @@ def test_what_follows_a_map_shows_what_a_new_one_does(kind: str, dim: int, branc
     for i, step in enumerate(steps):
         step()
         seen = seen.followed(m)
-        if i % 2:  # Layers that nobody asked for in between are right, too.
+        if i % 2:  # Layers that were not asked for in between are right, too.
             new = Snapshot(m)
             new.origin = seen.origin
             shown += assert_same(seen, new, looks)

@@ -13,12 +13,12 @@ import pytest
 pytest.importorskip("viser")
 
 import ndtree
-from ndtree.lattice import Pyramid
-from ndtree.view import snapshot
-from ndtree.view.boxes import drawn_boxes
-from ndtree.view.look import Look
-from ndtree.view.snapshot import Snapshot
-from ndtree.view.tiles import Tiles
+from ndtree.cells.lattice import Pyramid
+from ndtree.viewer import snapshot
+from ndtree.viewer.boxes import drawn_boxes
+from ndtree.viewer.look import Look
+from ndtree.viewer.snapshot import Snapshot
+from ndtree.viewer.tiles import Tiles
 
 EACH = ("batched_positions", "batched_scales", "batched_colors")
 

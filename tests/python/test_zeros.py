@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import ndtree
-from ndtree.readers.ros.laser import laser_beams
-from ndtree.settings import settle
+from ndtree.logs.ros.messages.laser import laser_beams
+from ndtree.tuning.settings import settle
 
 
 def carmen(path: Path, inside: bool, scans: int = 60) -> Path:
@@ -36,7 +36,7 @@ def carmen(path: Path, inside: bool, scans: int = 60) -> Path:
     return path
 
 
-def silent(log: ndtree.readers.Log) -> tuple[int, int]:
+def silent(log: ndtree.logs.Log) -> tuple[int, int]:
     """How many beams did not return, and how many are invalid: of no length."""
     scans = list(log)
     lost = sum(int((~scan.returned).sum()) for scan in scans)
@@ -59,7 +59,7 @@ def test_what_was_said_of_zero_holds(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("inside, meaning", [(False, "no-echo"), (True, "invalid")])
-def test_the_log_decides_where_nobody_has_said(inside: bool, meaning: str, tmp_path: Path) -> None:
+def test_the_log_decides_where_zero_is_was_not_given(inside: bool, meaning: str, tmp_path: Path) -> None:
     log = ndtree.read(carmen(tmp_path / "a.log", inside))
     found = settle(log, options={}, max_range=math.inf, no_return="auto", with_sigma=True)
     assert log.zero_is == meaning

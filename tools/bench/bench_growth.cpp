@@ -32,8 +32,8 @@ std::vector<Scan<3>> apartment_images(int width) {
   return scans;
 }
 
-/// Insertion of known scans into a map that is settled, by one thread.
-void settled_insertion(benchmark::State& state, Map& map, const std::vector<Scan<3>>& scans) {
+/// Insertion of known scans into a saturated map, by one thread.
+void saturated_insertion(benchmark::State& state, Map& map, const std::vector<Scan<3>>& scans) {
   std::uint64_t beams = 0;
   for (auto _ : state) {
     double seconds = 0.0;
@@ -56,10 +56,10 @@ class LazyMap {
       : options_(options), scans_(std::move(scans)) {}
   [[nodiscard]] const std::vector<Scan<3>>& scans() const { return scans_; }
   Map& map() {
-    constexpr int kUntilSettled = 10;
+    constexpr int kUntilSaturated = 10;
     if (!map_) {
       map_ = std::make_unique<Map>(options_);
-      for (int i = 0; i < kUntilSettled; ++i)
+      for (int i = 0; i < kUntilSaturated; ++i)
         for (const auto& scan : scans_) map_->insert(scan, kUnlimitedRange, 1);
     }
     return *map_;
@@ -71,15 +71,15 @@ class LazyMap {
   std::unique_ptr<Map> map_;
 };
 
-void add_settled(const std::string& name, const std::shared_ptr<LazyMap>& map) {
+void add_saturated(const std::string& name, const std::shared_ptr<LazyMap>& map) {
   benchmark::RegisterBenchmark(
-      name.c_str(), [map](benchmark::State& state) { settled_insertion(state, map->map(), map->scans()); })
+      name.c_str(), [map](benchmark::State& state) { saturated_insertion(state, map->map(), map->scans()); })
       ->UseManualTime()
       ->Unit(benchmark::kMillisecond);
 }
 
 /// Rooms of 6 x 6 x 3 m without end, each seen from its middle by 10,000 beams in all directions; as many
-/// as make a map of so many leaves.
+/// as make a map of this many leaves.
 class Rooms {
  public:
   Rooms(const MapOptions& options, double leaves) : options_(options), leaves_(leaves) {}
@@ -89,8 +89,8 @@ class Rooms {
     map_ = std::make_unique<Map>(options_);
     do {
       const Scan<3> scan = scan_of(num_rooms_++);
-      constexpr int kUntilSettled = 10;
-      for (int i = 0; i < kUntilSettled; ++i) map_->insert(scan, kUnlimitedRange, 1);
+      constexpr int kUntilSaturated = 10;
+      for (int i = 0; i < kUntilSaturated; ++i) map_->insert(scan, kUnlimitedRange, 1);
     } while (static_cast<double>(map_->tree().num_leaves()) < leaves_);
     return *map_;
   }
@@ -161,7 +161,7 @@ class Rooms {
 
 void room_insertion(benchmark::State& state, Rooms& rooms) {
   Map& map = rooms.map();
-  settled_insertion(state, map, rooms.some_scans(20));
+  saturated_insertion(state, map, rooms.some_scans(20));
 }
 
 void room_queries(benchmark::State& state, Rooms& rooms) {
@@ -200,14 +200,14 @@ void room_casts(benchmark::State& state, Rooms& rooms) {
 
 void add_growth(const MapOptions& options, double most_leaves) {
   for (const int width : {80, 160, 320, 640})
-    add_settled("growth/beams of a scan/" + std::to_string(width * width * 3 / 4),
-                std::make_shared<LazyMap>(options, apartment_images(width)));
+    add_saturated("growth/beams of a scan/" + std::to_string(width * width * 3 / 4),
+                  std::make_shared<LazyMap>(options, apartment_images(width)));
   for (const double cell_size : {0.2, 0.1, 0.05, 0.025}) {
     MapOptions other = options;
     other.min_cell_size = cell_size;
     std::string text = std::to_string(cell_size);
     text.erase(text.find_last_not_of('0') + 1);
-    add_settled("growth/cell size/" + text, std::make_shared<LazyMap>(other, apartment_images(160)));
+    add_saturated("growth/cell size/" + text, std::make_shared<LazyMap>(other, apartment_images(160)));
   }
   for (double leaves = 1e5; leaves <= most_leaves; leaves *= 10.0) {
     const auto rooms = std::make_shared<Rooms>(options, leaves);

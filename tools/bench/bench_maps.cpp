@@ -58,7 +58,7 @@ std::shared_ptr<const Workload<D>> thin(const std::vector<Scan<D>>& scans, std::
   return work;
 }
 
-/// One scan into a map, by so many threads.
+/// One scan into a map, by this many threads.
 template <class Map, int D>
 InsertReport insert(Map& map, const Scan<D>& scan, double max_range, int threads) {
   return map.insert(scan, max_range, threads);
@@ -114,14 +114,14 @@ std::vector<Scan<D>> thinned(const std::vector<Scan<D>>& scans, Eigen::Index k) 
 /// insertions alone.
 /// @param scans_of the workload's scans, or another division of its beams.
 template <int D, class Make, class ScansOf>
-void insertion(benchmark::State& state, const Workload<D>& work, const Make& make, bool is_known, int threads,
+void insertion(benchmark::State& state, const Workload<D>& work, const Make& make, bool again, int threads,
                const ScansOf& scans_of) {
   const std::vector<Scan<D>> scans = scans_of(work.scans);
   std::uint64_t beams = 0;
   for (const auto& scan : scans) beams += static_cast<std::uint64_t>(scan.size());
   std::uint64_t updates = 0;
   auto known = make(work.options);
-  if (is_known)
+  if (again)
     for (const auto& scan : scans) insert(known, scan, work.max_range, 1);
   for (auto _ : state) {
     auto map = known;
@@ -210,9 +210,9 @@ void ray_casts(benchmark::State& state, const Workload<D>& work, const Make& mak
 
 template <int D, class Make, class ScansOf>
 void add_insertion(const std::string& name, const std::shared_ptr<const Workload<D>>& work, Make make,
-                   bool is_known, int threads, ScansOf scans_of) {
+                   bool again, int threads, ScansOf scans_of) {
   benchmark::RegisterBenchmark(
-      name.c_str(), [=](benchmark::State& s) { insertion<D>(s, *work, make, is_known, threads, scans_of); })
+      name.c_str(), [=](benchmark::State& s) { insertion<D>(s, *work, make, again, threads, scans_of); })
       ->UseManualTime()
       ->Unit(benchmark::kMillisecond);
 }

@@ -37,12 +37,12 @@ struct Log {
 /// which all z are equal is a 2-D log.
 /// @param dim 2 or 3; none: the log's own. A 2-D log lies at z = 0 in 3-D, a 3-D one is 2-D if all z are
 /// equal.
-/// @param limit the log ends after so many scans.
+/// @param limit the log ends after this many scans.
 /// @throws InputError
 [[nodiscard]] Log read_log(const std::string& path, std::optional<int> dim, std::size_t limit);
 
 /// @param world office, apartment or street (logs/simulator.hpp).
-/// @param limit the log ends after so many scans. @throws InputError for any other name.
+/// @param limit the log ends after this many scans. @throws InputError for any other name.
 [[nodiscard]] Log simulate_log(const std::string& world, std::optional<int> dim, std::size_t limit);
 
 /// Leaves out every beam that did not return.

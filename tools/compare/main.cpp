@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// ndtree-compare: one log into several maps, and what each of them costs and knows.
+/// ndtree-compare: one log into several maps, and what each of them costs and is worth.
 
 #include <unistd.h>
 
@@ -48,27 +48,27 @@ const std::map<std::string, std::string>& option_help() {
       {"max_cell_size", "largest cell that is ever updated [m]"},
       {"range_sigma", "standard deviation of a range at the sensor [m]"},
       {"range_sigma_quadratic", "its growth with the squared range [1/m]"},
-      {"probability_min", "least that one beam says; OctoMap's miss"},
-      {"probability_max", "most that one beam says; OctoMap's hit"},
+      {"probability_min", "least probability that one beam gives; OctoMap's miss"},
+      {"probability_max", "largest probability that one beam gives; OctoMap's hit"},
       {"log_odds_min", "lower bound of a cell's log-odds"},
       {"log_odds_max", "upper bound of a cell's log-odds"},
-      {"miss_given_occupied", "share of beams that pass an occupied cell"},
-      {"hit_given_free", "share of beams that end in a free cell"},
+      {"miss_given_occupied", "fraction of beams that pass an occupied cell"},
+      {"hit_given_free", "fraction of beams that end in a free cell"},
       {"significance", "paper: confidence of the split test"},
       {"merge_free_below", "paper: siblings merge if all are at most this probable"},
       {"merge_occupied_above", "paper: or all at least this"},
       {"split_probability", "a cell splits if more probably than this it is partially occupied"},
       {"merge_loss", "siblings merge if that loses at most this for each cell saved [bits]"},
-      {"inherited_beams", "beams that temper how a scan shares a split cell's evidence out"},
+      {"inherited_beams", "evenly spread beams added where a split divides evidence"},
       {"noise_sigmas", "no split makes smaller cells than this many standard deviations"},
       {"evidence_memory", "a cell remembers evidence of this weight [nats]"},
-      {"free_memory", "so much if it knows of nothing but free space [nats]"},
-      {"scan_beams", "beams of one scan that count in a cell if all of them passed it"},
-      {"evidence_prior", "evidence for and against that every cell begins with [nats]"},
+      {"free_memory", "evidence that a cell remembers if it is for free space only [nats]"},
+      {"scan_beams", "beams of one scan that count at most in a cell if all passed it"},
+      {"evidence_prior", "evidence of both kinds that every cell begins with [nats]"},
       {"change_probability", "a streak of scans less likely than this is a change; 0: never"},
-      {"evidence_half_life", "a cell's evidence halves in so many scans of it; 0: never"},
-      {"covered_share", "a cell is known once so much was seen of each of its halves; 0: once a beam passed"},
-      {"coverage_cells", "cells of more than so many smallest ones split to show what was seen"},
+      {"evidence_half_life", "a cell's evidence halves in this many scans of it; 0: never"},
+      {"covered_share", "fraction of each half to be seen until a cell is observed; 0: any beam"},
+      {"coverage_cells", "cells of more smallest cells than this split to show what was seen"},
       {"max_memory", "scans for which a map would need more are refused; 0: 3/4 of the machine's [bytes]"},
   };
   return help;

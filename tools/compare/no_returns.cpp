@@ -19,7 +19,7 @@
 namespace ndtree {
 namespace {
 
-// As in ndtree.sampling and ndtree.no_returns.
+// As in ndtree.evaluation.sampling and ndtree.evaluation.no_returns.
 constexpr std::size_t kRun = 4, kRuns = 40;
 constexpr Eigen::Index kMostBeamsOfScan = 4000;
 constexpr double kFarthest = 1e9;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
 /// What beams without return say in a log: that space is free, or nothing. The same rule, by the same
-/// numbers, as that of ndtree.no_returns in Python.
+/// numbers, as that of ndtree.evaluation.no_returns in Python.
 #pragma once
 
 #include <cstddef>
@@ -27,8 +27,8 @@ struct NoReturns {
 
 /// Every second scan of a sample makes a map of the surfaces that its returned beams found, and the beams of
 /// the others are held against it: those without return that cross one claim free space where it is not, if
-/// it was hit both before the beam and after it. Where the first surface came later or had left, a beam tells
-/// nothing.
+/// it was hit both before the beam and after it. Where the first surface came later or had left, a beam is
+/// not judged.
 [[nodiscard]] NoReturns judge_no_returns(const Log& log);
 
 }  // namespace ndtree

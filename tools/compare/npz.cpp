@@ -22,7 +22,7 @@ constexpr std::string_view kEndOfDirectory = "PK\x05\x06";
 constexpr std::string_view kEndOfDirectory64 = "PK\x06\x06";
 constexpr std::string_view kLocator64 = "PK\x06\x07";
 constexpr std::uint64_t k16 = 0xffff;      // In a 16-bit field: see the 64-bit record.
-constexpr std::uint64_t k32 = 0xffffffff;  // The same for a 32-bit field.
+constexpr std::uint64_t k32 = 0xffffffff;  // In a 32-bit field.
 
 [[noreturn]] void fail(const std::string& what) { throw std::runtime_error(what); }
 

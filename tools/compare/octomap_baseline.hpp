@@ -23,7 +23,7 @@ namespace ndtree {
 enum class OctomapInsertion {
   beam_by_beam,       ///< insertRay() for each beam, each of which updates each cell that it touches.
   scan_at_once,       ///< insertPointCloud(): a cell is updated once a scan, a hit outvoting all misses.
-  scan_at_once_lazy,  ///< The same with lazy evaluation: nothing is pruned while inserting.
+  scan_at_once_lazy,  ///< As scan_at_once, with lazy evaluation: nothing is pruned while inserting.
   scan_discretized    ///< Lazy, and with discretize: of the beams that end in one cell, one counts.
 };
 
@@ -61,8 +61,8 @@ class OctomapBaseline {
   OctomapBaseline(OctomapBaseline&& other) noexcept;
   OctomapBaseline& operator=(OctomapBaseline other) noexcept;
 
-  /// Integrates a scan; what a beam says is what it says to our maps, except that nothing behind the end
-  /// point is updated.
+  /// Integrates a scan; a beam's evidence is that of our maps, except that nothing behind the end point is
+  /// updated.
   /// @returns counts as of our maps. `updates` are the (beam, cell) pairs that insertRay() touches, and
   ///   the (scan, cell) pairs that insertPointCloud() does. `seconds` is OctoMap's insertion alone: checks
   ///   before it and the count of beam-by-beam updates are not in it.

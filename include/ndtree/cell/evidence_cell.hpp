@@ -14,33 +14,37 @@
 
 namespace ndtree {
 
-/// What beams of one scan say about a cell that they passed: of nothing but free space.
+/// The evidence of a scan's beams that all passed a cell: for free space only.
 struct PassedEvidence {
   std::int64_t free = 0;                ///< In units of EvidenceCell::kUnit.
-  std::uint32_t misses = 0;             ///< Beams that passed all of it, ...
-  std::uint32_t resolvable_misses = 0;  ///< and of these, see ScanEvidence.
+  std::uint32_t misses = 0;             ///< Beams that passed all of it.
+  std::uint32_t resolvable_misses = 0;  ///< Misses of small noise, see ScanEvidence.
+
+  [[nodiscard]] static bool is_free_alone() { return true; }
 };
 
-/// What the beams of one scan say about one cell: sums, so that their order does not matter.
+/// The evidence of one scan for one cell: sums, so that the order of beams does not matter.
 struct ScanEvidence {
-  std::int64_t occupied = 0;  ///< For occupied space, in units of EvidenceCell::kUnit ...
-  std::int64_t free = 0;      ///< ... and against it.
+  std::int64_t occupied = 0;  ///< For occupied space, in units of EvidenceCell::kUnit.
+  std::int64_t free = 0;      ///< For free space, in the same units.
   std::uint32_t hits = 0;     ///< Beams that ended in the cell.
   std::uint32_t misses = 0;   ///< Beams that passed all of it.
-  // Of these, those with so little noise that a smaller cell could tell more:
+  // Hits and misses of beams for which a child's edge is at least noise_sigmas standard deviations:
   std::uint32_t resolvable_hits = 0;
   std::uint32_t resolvable_misses = 0;
-  std::uint32_t deep_hits = 0;  ///< Of the resolvable hits, those that noise cannot bring to where they are.
-  std::uint32_t beams = 0;      ///< Beams that said anything.
+  std::uint32_t deep_hits = 0;  ///< Resolvable hits behind > 3 sigma of the cell, or in one > 3 sigma wide.
+  std::uint32_t beams = 0;      ///< Beams with any evidence for the cell.
 
-  /// Adds what beams say that passed the cell.
+  /// Whether no beam is evidence for occupied space.
+  [[nodiscard]] bool is_free_alone() const { return hits == 0 && occupied == 0; }
+  /// Adds the evidence of beams that passed the cell.
   void add(const PassedEvidence& passed) {
     free += passed.free;
     misses += passed.misses;
     resolvable_misses += passed.resolvable_misses;
     beams += passed.misses;
   }
-  /// Adds what other beams say.
+  /// Adds the evidence of other beams.
   void add(const ScanEvidence& others) {
     occupied += others.occupied;
     free += others.free;
@@ -94,25 +98,25 @@ class EvidenceCell {
   [[nodiscard]] bool streak_is_of_hits() const { return (counts_ & kStreakOfHits) != 0; }
   NDTREE_ALWAYS_INLINE void count_scan(bool any_hits, bool any_misses) {
     if (!any_hits && !any_misses) return;
-    // Nobody can foresee what scans say: so without a branch.
+    // Without a branch, which would be unpredictable.
     const std::uint32_t kind = any_hits * kStreakOfHits;
     const std::uint32_t goes_on = ((counts_ ^ kind) & kStreakOfHits) - 1;  // Top bit: the kind is the same.
     const std::uint32_t before = counts_ & kLongestStreak & (0u - (goes_on >> 31));
     const std::uint32_t length = std::min(before + kOneScan, kLongestStreak);
     counts_ = (counts_ & ~kStreakBits) | kind | (length & (0u - std::uint32_t{any_hits != any_misses}));
   }
-  /// Whether beams have passed parts of the cell, but not enough of it to know anything of the whole: it is
-  /// not observed yet, and only keeps in mind which parts, and the evidence for free space in them.
+  /// Whether beams have passed parts of the cell, but not enough of it: it is not observed yet, and only
+  /// keeps which parts were seen, and the evidence for free space in them.
   [[nodiscard]] bool is_partly_seen() const { return (counts_ & kPartlySeen) != 0; }
   /// One bit for each part that was seen. @pre is_partly_seen() or never updated.
   [[nodiscard]] std::uint32_t seen_parts() const { return evidence_ >> 16; }
-  /// @param parts of which enough was seen, maybe none. @param free evidence, in [0, kMaxEvidence].
+  /// @param parts the seen ones, maybe none. @param free evidence, in [0, kMaxEvidence].
   /// @pre not observed().
   void set_partly_seen(std::uint32_t parts, std::int64_t free) {
     counts_ = kPartlySeen;
     evidence_ = word_of(parts, free);
   }
-  /// Whether all of the cell was seen: then its children know what it knew, wherever they lie in it.
+  /// Whether all of the cell was seen: then its evidence holds for each child.
   [[nodiscard]] bool is_covered() const { return (counts_ & kNotCovered) == 0; }
   /// @pre observed(), or is about to be.
   void set_covered(bool is_covered) { counts_ = (counts_ & ~kNotCovered) | (is_covered ? 0u : kNotCovered); }
@@ -123,12 +127,11 @@ class EvidenceCell {
     counts_ = (counts_ & ~kPartlySeen) | kObserved;
   }
 
-  /// Whether nothing is known for occupied space, neither evidence nor hits, of a cell that is observed or
-  /// blank.
-  [[nodiscard]] bool knows_free_alone() const {
+  /// Whether a cell that is observed or blank has no evidence for occupied space, and no hits.
+  [[nodiscard]] bool has_only_free_evidence() const {
     return (counts_ & (kPartlySeen | kMaxCount)) == 0 && evidence_ <= kMaxEvidence;
   }
-  /// A cell that knows of free space alone: no streak could contradict it. @pre misses <= kMaxCount; else as
+  /// Sets evidence for free space only: no streak could contradict it. @pre misses <= kMaxCount; else as
   /// set_evidence().
   void set_free(std::int64_t free, std::uint32_t misses, float log_odds) {
     counts_ = (counts_ & kNotCovered) | kObserved | misses << 9;
@@ -159,11 +162,11 @@ class EvidenceCell {
   }
 
   /// Equal but for the log-odds, which follows from the rest.
-  [[nodiscard]] bool knows_the_same(const EvidenceCell& other) const {
+  [[nodiscard]] bool has_same_evidence(const EvidenceCell& other) const {
     return counts_ == other.counts_ && evidence_ == other.evidence_;
   }
 
-  /// The same but for whether all of the cell was seen.
+  /// Whether both cells are equal but for log-odds and is_covered().
   [[nodiscard]] bool is_as_free_as(const EvidenceCell& other) const {
     return ((counts_ ^ other.counts_) & ~kNotCovered) == 0 && evidence_ == other.evidence_;
   }
@@ -171,7 +174,7 @@ class EvidenceCell {
   static constexpr std::uint32_t kComparedBits = ~0x01000000u;
 
   friend bool operator==(const EvidenceCell& a, const EvidenceCell& b) {
-    return a.knows_the_same(b) && a.log_odds_ == b.log_odds_;
+    return a.has_same_evidence(b) && a.log_odds_ == b.log_odds_;
   }
   friend bool operator!=(const EvidenceCell& a, const EvidenceCell& b) { return !(a == b); }
 

@@ -33,18 +33,19 @@ struct EvidenceMergeOptions {
   void validate() const { for_each_bounded(*this, require_within); }
 };
 
-/// Siblings join where one cell says nearly the same as N^D cells do. Two things are lost, in bits:
-/// - about what comes: each cell's beams end in it with a probability of its own, or all with the same. The
-///   loss is the logarithm of the ratio of the two evidences (a Bayes factor), beta-binomial with the prior
+/// Siblings merge where one cell has nearly the information of N^D cells. Two things are lost, in bits:
+/// - about beams to come: each cell's beams end in it with a rate of its own, or all with the same. The loss
+/// is the logarithm of the ratio of the two evidences (a Bayes factor), beta-binomial with the prior
 ///   Beta(0.1, 1), most space being free; none where the one explains the beams better.
-/// - about what is: the Kullback-Leibler divergence of each sibling's occupancy from the parent's, 1/2 being
+/// - about occupancy: the Kullback-Leibler divergence of each sibling's occupancy from the parent's, 1/2
+/// being
 ///   that of a cell never observed.
 ///
-/// While mapping, occupied siblings join only if their beams speak for it, by 1 bit under a uniform prior:
-/// beside a surface cells do differ. Free ones join only if all are clearly free, with log-odds of at most
-/// -0.5: a cell between the states would split again at the next hit. Siblings of different states never
-/// join, and neither do those that were not all observed: evidence that is still young cannot tell them
-/// apart, and space of which nothing is known must not seem known.
+/// While mapping, occupied siblings merge only if one rate for all is likelier by 1 bit under a uniform
+/// prior: beside a surface cells do differ. Free ones join only if all are clearly free, with log-odds of at
+/// most -0.5: a cell between the states would split again at the next hit. Siblings of different states never
+/// merge, as young evidence cannot tell them apart, nor do siblings that were not all observed: unknown space
+/// must not become free or occupied.
 class EvidenceMergeRule {
  public:
   EvidenceMergeRule(const EvidenceMergeOptions& options, const EvidenceModel& model)
@@ -58,29 +59,29 @@ class EvidenceMergeRule {
     bool mixes_unknown = false;  ///< Some were observed, and others were not.
   };
 
-  /// @param siblings nodes, of which all must be leaves for a merge.
-  /// @param share_divisor as in EvidenceModel::inherited(), whose inverse a merge of equal cells is.
+  /// @param siblings nodes; they merge only if all are leaves.
+  /// @param children_across as in EvidenceModel::initial_child(), whose inverse a merge of equal cells is.
   /// @returns the parent's cell, or none if the siblings stay. O(siblings).
   template <class NodeType>
   [[nodiscard]] std::optional<EvidenceCell> operator()(const NodeType* siblings, int count,
-                                                       int share_divisor) const {
+                                                       int children_across) const {
     const CellState state = siblings[0].is_leaf() ? siblings[0].cell().state() : CellState::unknown;
     if (state == CellState::unknown) return std::nullopt;
     for (int j = 1; j < count; ++j)
       if (!siblings[j].is_leaf() || siblings[j].cell().state() != state) return std::nullopt;
-    return of_one_state(siblings, count, share_divisor);
+    return of_one_state(siblings, count, children_across);
   }
-  /// The same for siblings that are all leaves of one state, and not unknown.
+  /// What siblings become that are all leaves of one state, free or occupied; none if they stay.
   template <class NodeType>
   [[nodiscard]] std::optional<EvidenceCell> of_one_state(const NodeType* siblings, int count,
-                                                         int share_divisor) const {
+                                                         int children_across) const {
     const CellState state = siblings[0].cell().state();
     const bool alike = state == CellState::free
                            ? all_clearly_free(siblings, count)
                            : bits_for_many(siblings, count, 1.0) <= -kLeastBitsForOneSurface;
     if (!alike) return std::nullopt;
     const double most = max_loss_ * (count - 1);
-    const Joined joined = join(siblings, count, share_divisor, most);
+    const Joined joined = join(siblings, count, children_across, most);
     if (joined.loss > most || joined.cell.state() != state) return std::nullopt;
     return joined.cell;
   }
@@ -89,7 +90,7 @@ class EvidenceMergeRule {
   /// @param most loss that matters: of more, not all may be counted, and there is no cell [bits].
   /// @pre all are leaves.
   template <class NodeType>
-  [[nodiscard]] Joined join(const NodeType* siblings, int count, int share_divisor,
+  [[nodiscard]] Joined join(const NodeType* siblings, int count, int children_across,
                             double most = std::numeric_limits<double>::infinity()) const {
     Joined joined;
     std::int64_t occupied = 0;
@@ -112,9 +113,10 @@ class EvidenceMergeRule {
     // Where no beam ended, one rate for all explains that better than several.
     if (occupied > 0) joined.loss = std::max(0.0, bits_for_many(siblings, count, kMostSpaceIsFree));
     if (joined.loss > most) return joined;
-    model_.assign(joined.cell, scaled(occupied, share_divisor, count), scaled(free, share_divisor, count));
-    joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, share_divisor, count)),
-                           static_cast<std::uint32_t>(scaled(misses, share_divisor, count)));
+    model_.assign(joined.cell, scaled(occupied, children_across, count),
+                  scaled(free, children_across, count));
+    joined.cell.set_counts(static_cast<std::uint32_t>(scaled(hits, children_across, count)),
+                           static_cast<std::uint32_t>(scaled(misses, children_across, count)));
     joined.cell.set_covered(are_covered && !joined.mixes_unknown);
     joined.loss += std::max(0.0, divergence(siblings, count, joined.cell) / detail::kLog2);
     return joined;
@@ -130,7 +132,7 @@ class EvidenceMergeRule {
     return std::all_of(siblings, siblings + count,
                        [](const NodeType& sibling) { return sibling.cell().log_odds() <= kClearlyFree; });
   }
-  /// How much speaks for a rate of hits of each cell's own, of those that were observed.
+  /// Evidence [bits] for a rate of hits of each observed cell's own, against one for all.
   template <class NodeType>
   [[nodiscard]] double bits_for_many(const NodeType* siblings, int count, double prior_hits) const {
     constexpr std::size_t kAtOnce = 8;
@@ -186,7 +188,7 @@ template <class Tree, class Refinement>
 [[nodiscard]] std::optional<typename Tree::Cell> merged_siblings(const Refinement& refinement,
                                                                  const typename Tree::NodeType* siblings) {
   if constexpr (std::is_same_v<typename Tree::Cell, EvidenceCell>)
-    return refinement.merge_rule(siblings, Tree::kNumChildren, kShareDivisor<Tree>);
+    return refinement.merge_rule(siblings, Tree::kNumChildren, kChildrenAcross<Tree>);
   else
     return refinement.merged(siblings, Tree::kNumChildren);
 }

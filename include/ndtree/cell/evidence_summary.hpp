@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What siblings that hold evidence say together, eight at a time.
+/// The summary of siblings with evidence, eight at a time.
 #pragma once
 
 #include <array>
@@ -20,16 +20,16 @@ template <int kCount>
 class EvidenceSummary {
  public:
   explicit EvidenceSummary(const EvidenceModel& model) : model_(model), width_(Simd::width()) {
-    std::array<std::uint32_t, kWords> settled;
-    static_assert(sizeof(EvidenceCell) == sizeof settled, "a cell is its words");
-    std::memcpy(settled.data(), &model.settled(), sizeof settled);
-    settled_first_.fill(model.forgets_nothing() ? settled[0] : kOfNoLeaf);
-    settled_third_.fill(settled[2]);
-    known_.fill(Summary::kKnown);
+    std::array<std::uint32_t, kWords> saturated;
+    static_assert(sizeof(EvidenceCell) == sizeof saturated, "a cell is its words");
+    std::memcpy(saturated.data(), &model.saturated(), sizeof saturated);
+    saturated_first_.fill(model.forgets_nothing() ? saturated[0] : kOfNoLeaf);
+    saturated_third_.fill(saturated[2]);
+    valid_.fill(Summary::kValid);
     bound_.fill(Summary::kBound);
     occupied_.fill(Summary::flag(CellState::occupied));
     unknown_.fill(Summary::flag(CellState::unknown));
-    unsettled_.fill(Summary::kUnsettled);
+    unsaturated_.fill(Summary::kUnsaturated);
   }
 
   template <class NodeType>
@@ -38,17 +38,8 @@ class EvidenceSummary {
     if (width_ >= 8) return call_by_eights(siblings);
 #endif
     return summary_of_siblings(siblings, kCount,
-                               [this](const EvidenceCell& cell) { return model_.is_settled(cell); });
+                               [this](const EvidenceCell& cell) { return model_.is_saturated(cell); });
   }
-#ifdef NDTREE_HAS_EIGHTS
-  /// The same where it is known that the machine has AVX2.
-  template <class NodeType>
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE SummaryOfSiblings
-  by_eights(const NodeType* siblings) const {
-    static_assert(sizeof(NodeType) == kWords * sizeof(std::uint32_t), "a node is a cell, or a link");
-    return by_eights(reinterpret_cast<const int*>(siblings));
-  }
-#endif
 
  private:
   static constexpr int kWords = EvidenceCell::kNumWords;
@@ -58,7 +49,8 @@ class EvidenceSummary {
 #ifdef NDTREE_HAS_EIGHTS
   template <class NodeType>
   NDTREE_BY_EIGHTS [[nodiscard]] SummaryOfSiblings call_by_eights(const NodeType* siblings) const {
-    return by_eights(siblings);
+    static_assert(sizeof(NodeType) == kWords * sizeof(std::uint32_t), "a node is a cell, or a link");
+    return by_eights(reinterpret_cast<const int*>(siblings));
   }
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i load(const EightWords& eight) {
     return _mm256_load_si256(reinterpret_cast<const __m256i*>(eight.data()));
@@ -104,9 +96,9 @@ class EvidenceSummary {
   ///   set, and the second is the note.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE SummaryOfSiblings by_eights(const int* nodes) const {
     const __m256i zero = _mm256_setzero_si256();
-    const __m256i known = load(known_);
+    const __m256i valid = load(valid_);
     const __m256i bound = load(bound_);
-    __m256i all = zero;  // Words of all together, but for the bound; whether they are known the other way.
+    __m256i all = zero;  // All words or-ed, without the bound, and with the valid bit inverted.
     __m256i most = zero;
     __m256i firsts = zero;
 #pragma GCC unroll 2
@@ -116,8 +108,8 @@ class EvidenceSummary {
       const __m256i sign = _mm256_srli_epi32(second, 31);
       const __m256i compared =
           _mm256_and_si256(first, _mm256_set1_epi32(static_cast<int>(EvidenceCell::kComparedBits)));
-      const __m256i is_settled = _mm256_and_si256(_mm256_cmpeq_epi32(compared, load(settled_first_)),
-                                                  _mm256_cmpeq_epi32(third, load(settled_third_)));
+      const __m256i is_saturated = _mm256_and_si256(_mm256_cmpeq_epi32(compared, load(saturated_first_)),
+                                                    _mm256_cmpeq_epi32(third, load(saturated_third_)));
       const __m256i is_unknown =
           _mm256_castps_si256(_mm256_cmp_ps(_mm256_castsi256_ps(second), _mm256_setzero_ps(), _CMP_EQ_OQ));
       const __m256i state =
@@ -125,11 +117,12 @@ class EvidenceSummary {
       const __m256i ordered = _mm256_xor_si256(
           second,
           _mm256_or_si256(_mm256_srai_epi32(second, 31), _mm256_set1_epi32(static_cast<int>(0x80000000u))));
-      const __m256i leaf = _mm256_or_si256(
-          _mm256_and_si256(_mm256_add_epi32(ordered, _mm256_set1_epi32(0xff)), bound),
-          _mm256_or_si256(_mm256_or_si256(known, state), _mm256_andnot_si256(is_settled, load(unsettled_))));
+      const __m256i leaf =
+          _mm256_or_si256(_mm256_and_si256(_mm256_add_epi32(ordered, _mm256_set1_epi32(0xff)), bound),
+                          _mm256_or_si256(_mm256_or_si256(valid, state),
+                                          _mm256_andnot_si256(is_saturated, load(unsaturated_))));
       const __m256i words = _mm256_blendv_epi8(leaf, second, is_inner);
-      all = _mm256_or_si256(all, _mm256_xor_si256(words, known));
+      all = _mm256_or_si256(all, _mm256_xor_si256(words, valid));
       most = _mm256_max_epu32(most, _mm256_and_si256(words, bound));
       firsts = _mm256_or_si256(firsts, first);
     }
@@ -142,8 +135,8 @@ class EvidenceSummary {
     const auto word = static_cast<std::uint32_t>(_mm_cvtsi128_si32(flags));
     SummaryOfSiblings result;
     result.are_leaves = _mm256_movemask_ps(_mm256_castsi256_ps(firsts)) == 0;
-    if ((word & Summary::kKnown) == 0)
-      result.summary = Summary((word & ~Summary::kBound) | Summary::kKnown |
+    if ((word & Summary::kValid) == 0)
+      result.summary = Summary((word & ~Summary::kBound) | Summary::kValid |
                                static_cast<std::uint32_t>(_mm_cvtsi128_si32(top)));
     return result;
   }
@@ -152,13 +145,13 @@ class EvidenceSummary {
   const EvidenceModel& model_;
   int width_;
   // Eight times each: compilers would put them together from parts for each node.
-  EightWords settled_first_;
-  EightWords settled_third_;
-  EightWords known_;
+  EightWords saturated_first_;
+  EightWords saturated_third_;
+  EightWords valid_;
   EightWords bound_;
   EightWords occupied_;
   EightWords unknown_;
-  EightWords unsettled_;
+  EightWords unsaturated_;
 };
 
 }  // namespace ndtree

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// When N^D siblings say the same and become one cell, and what that cell then knows (Sec. III-B).
+/// When N^D siblings merge, and what their parent is then (Sec. III-B).
 #pragma once
 
 #include <algorithm>
@@ -14,8 +14,8 @@
 namespace ndtree {
 
 struct MergeOptions {
-  double merge_free_below = 0.13;      ///< Siblings join if all are at most this probable ...
-  double merge_occupied_above = 0.96;  ///< ... or all at least this.
+  double merge_free_below = 0.13;      ///< Siblings join if all are at most this probable,
+  double merge_occupied_above = 0.96;  ///< or all at least this.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>
@@ -40,7 +40,7 @@ class SameStateMergeRule {
     return cell.log_odds() <= free_below_ || cell.log_odds() >= occupied_above_;
   }
 
-  /// @param siblings nodes, of which all must be leaves for a merge. @param splits the split test.
+  /// @param siblings nodes; they merge only if all are leaves. @param splits the split test.
   /// @returns the parent's cell, or none if the siblings stay. O(siblings).
   template <class NodeType, class SplitTest>
   [[nodiscard]] std::optional<OccupancyCell> operator()(const NodeType* siblings, int count,

@@ -65,7 +65,7 @@ class PartialOccupancyModel {
     return {evidence.free / sum, evidence.occupied / sum, evidence.partial / sum};
   }
 
-  /// Of the beams that reach a free cell, at most this share ends there.
+  /// Of the beams that reach a free cell, at most this fraction ends there.
   [[nodiscard]] double free_until() const { return free_until_; }
 
  private:
@@ -76,7 +76,7 @@ class PartialOccupancyModel {
 };
 
 /// Whether a cell splits: if partial occupancy is more probable than `split_probability`. Answers are
-/// remembered, because cells that know a surface ask the same again and again; maps of the same options
+/// remembered, because cells at a surface ask for the same counts again and again; maps of the same options
 /// remember them together.
 class PartialOccupancySplitTest {
  public:

@@ -24,10 +24,10 @@ inline constexpr OptionBounds kRangeSigmaBounds{1e-9, 1e6, " m"};
 struct SensorOptions {
   double range_sigma = 0.03;           ///< Standard deviation of a range at the sensor [m].
   double range_sigma_quadratic = 0.0;  ///< Its growth with the squared range, for depth cameras [1/m].
-  double probability_min = 0.4;        ///< No single beam says less than this about a cell ...
-  double probability_max = 0.7;        ///< ... nor more than this.
-  double log_odds_min = -2.0;          ///< A cell's log-odds never fall below this ...
-  double log_odds_max = 3.5;           ///< ... nor rise above this: so that a change can be seen.
+  double probability_min = 0.4;        ///< The inverse sensor model's least probability,
+  double probability_max = 0.7;        ///< and its largest.
+  double log_odds_min = -2.0;          ///< A cell's log-odds stay above this,
+  double log_odds_max = 3.5;           ///< and below this, so that a change can be seen.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>
@@ -70,7 +70,7 @@ class BeamSensorModel {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of four, to the last bit.
+  /// sigma() of four ranges, to the last bit.
   NDTREE_BY_EIGHTS [[nodiscard]] __m256d sigma(__m256d range) const {
     return _mm256_add_pd(
         _mm256_set1_pd(options_.range_sigma),
@@ -81,7 +81,7 @@ class BeamSensorModel {
   }
 #endif
 
-  /// The last point that a beam says anything about, as its t.
+  /// The t of the last point for which a beam has evidence.
   /// @param sigma of the beam's range [m].
   template <int D>
   [[nodiscard]] static double t_end(const Beam<D>& beam, double sigma) {
@@ -112,8 +112,8 @@ class BeamSensorModel {
     return static_cast<float>(ndtree::log_odds(p));
   }
 
-  /// The same quickly, for a cell whose entry and exit are these distances behind the end point, in standard
-  /// deviations: from a probability within 5e-5.
+  /// log_odds() from a probability within 5e-5, for a cell whose entry and exit are these distances behind
+  /// the end point, in standard deviations.
   [[nodiscard]] float quick_log_odds(float entry, float exit) const {
     const float p = 0.25f + (upper_cdf(exit) - rounded(0.5f * upper_cdf(entry)));
     if (p <= probability_min_) return quick_log_odds_min_;
@@ -121,7 +121,7 @@ class BeamSensorModel {
     return quick_log_odds(p);
   }
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of eight cells, to the last bit.
+  /// quick_log_odds() of eight cells, to the last bit.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 quick_log_odds(__m256 entry, __m256 exit) const {
     const __m256 p =
         _mm256_add_ps(_mm256_set1_ps(0.25f),
@@ -132,7 +132,7 @@ class BeamSensorModel {
   }
 #endif
 
-  /// What a beam says about a cell that it passed: the log-odds of probability_min.
+  /// The log-odds of probability_min, for a cell that a beam passed.
   [[nodiscard]] float log_odds_free() const { return log_odds_free_; }
 
  private:

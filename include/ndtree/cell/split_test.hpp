@@ -12,8 +12,8 @@
 namespace ndtree {
 
 struct SplitOptions {
-  double miss_given_occupied = 0.1;  ///< p(miss|occ): share of beams that pass an occupied cell.
-  double hit_given_free = 0.05;      ///< p(hit|free): share of beams that end in a free cell.
+  double miss_given_occupied = 0.1;  ///< p(miss|occ): fraction of beams that pass an occupied cell.
+  double hit_given_free = 0.05;      ///< p(hit|free): fraction of beams that end in a free cell.
   double significance = 0.995;       ///< Confidence with which both hypotheses must be rejected.
   double split_probability = 0.7;    ///< Of being partially occupied, above which a cell splits.
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What lies below an inner node, in one word, so that queries need not look.
+/// What lies below an inner node, in one word, so that queries can skip it.
 #pragma once
 
 #include <algorithm>
@@ -11,45 +11,46 @@
 
 namespace ndtree {
 
-/// The states of all leaves below a node, an upper bound of their log-odds, and whether all are settled: as
-/// long as beams pass, a scan leaves them as they are. The note of an inner node is such a word; 0 is that of
-/// a node about which nothing is known yet.
+/// The states of all leaves below a node, an upper bound of their log-odds, and whether all are saturated: as
+/// long as beams pass, a scan leaves them as they are. The note of an inner node is such a word; 0 is a stale
+/// summary, of a node that is being changed.
 class Summary {
  public:
   Summary() = default;
   explicit Summary(std::uint32_t word) : word_(word) {}
   template <class Cell>
-  [[nodiscard]] static Summary of_cell(const Cell& cell, bool is_settled = false) {
+  [[nodiscard]] static Summary of_cell(const Cell& cell, bool is_saturated = false) {
     const float value = cell.log_odds();
     std::uint32_t bits = 0;
     std::memcpy(&bits, &value, sizeof bits);
     const std::uint32_t sign = bits >> 31;
     const std::uint32_t state = value == 0.0f ? flag(CellState::unknown) : flag(CellState::occupied) << sign;
-    return Summary(kKnown | (is_settled ? 0u : kUnsettled) | state | bound(bits, sign));
+    return Summary(kValid | (is_saturated ? 0u : kUnsaturated) | state | bound(bits, sign));
   }
-  /// Of a leaf, or what an inner node's note says. A leaf is not taken for settled.
+  /// Of a leaf, or from an inner node's note. A leaf is not taken for saturated.
   template <class NodeType>
   [[nodiscard]] static Summary of(const NodeType& node) {
     return node.is_leaf() ? of_cell(node.cell()) : Summary(node.note());
   }
-  /// The same with `is_settled(cell)` to say which leaves are settled.
-  template <class NodeType, class IsSettled>
-  [[nodiscard]] static Summary of(const NodeType& node, const IsSettled& is_settled) {
-    return node.is_leaf() ? of_cell(node.cell(), is_settled(node.cell())) : Summary(node.note());
+  /// Of a leaf, which is saturated if `is_saturated(cell)`, or from an inner node's note.
+  template <class NodeType, class IsSaturated>
+  [[nodiscard]] static Summary of(const NodeType& node, const IsSaturated& is_saturated) {
+    return node.is_leaf() ? of_cell(node.cell(), is_saturated(node.cell())) : Summary(node.note());
   }
 
   [[nodiscard]] std::uint32_t word() const { return word_; }
-  [[nodiscard]] bool is_known() const { return (word_ & kKnown) != 0; }
+  /// False if stale.
+  [[nodiscard]] bool is_valid() const { return (word_ & kValid) != 0; }
   /// Whether some leaf has, or might have, this state.
-  [[nodiscard]] bool may_contain(CellState state) const { return !is_known() || (word_ & flag(state)) != 0; }
+  [[nodiscard]] bool may_contain(CellState state) const { return !is_valid() || (word_ & flag(state)) != 0; }
   /// Whether it is certain that all leaves have the same state, and not that of unknown space.
   [[nodiscard]] bool is_uniform() const {
     const std::uint32_t states = word_ & kStates;
     return states == flag(CellState::free) || states == flag(CellState::occupied);
   }
-  /// Whether every leaf is settled.
-  [[nodiscard]] bool is_settled() const { return is_known() && (word_ & kUnsettled) == 0; }
-  /// No leaf has more, and one has at least this but for a 32,768th. @pre is_known().
+  /// Whether every leaf is saturated.
+  [[nodiscard]] bool is_saturated() const { return is_valid() && (word_ & kUnsaturated) == 0; }
+  /// No leaf has more, and one has at least this but for a 32,768th. @pre is_valid().
   [[nodiscard]] float max_log_odds() const {
     const std::uint32_t bits = float_bits(word_ & kBound);
     float value = 0.0f;
@@ -64,9 +65,9 @@ class Summary {
   template <int kCount>
   friend class EvidenceSummary;
 
-  static constexpr std::uint32_t kKnown = 1;
+  static constexpr std::uint32_t kValid = 1;
   static constexpr std::uint32_t kStates = 2 | 4 | 8;
-  static constexpr std::uint32_t kUnsettled = 16;
+  static constexpr std::uint32_t kUnsaturated = 16;
   static constexpr std::uint32_t kBound = 0xffffff00u;  // The upper 24 bits of a float, ordered as it is.
 
   /// That of free space is twice that of occupied.
@@ -84,47 +85,48 @@ class Summary {
   std::uint32_t word_ = 0;
 };
 
-/// What siblings say together.
+/// The summary of siblings.
 struct SummaryOfSiblings {
-  Summary summary;         ///< Unknown if that of one of them is.
+  Summary summary;         ///< Stale if that of one of them is.
   bool are_leaves = true;  ///< All of them.
 };
 
-/// @param is_settled says it of a cell.
-template <class NodeType, class IsSettled>
-SummaryOfSiblings summary_of_siblings(const NodeType* siblings, int count, const IsSettled& is_settled) {
+/// @param is_saturated whether a cell is.
+template <class NodeType, class IsSaturated>
+SummaryOfSiblings summary_of_siblings(const NodeType* siblings, int count, const IsSaturated& is_saturated) {
   SummaryOfSiblings result;
-  bool is_known = true;
+  bool is_valid = true;
   for (int j = 0; j < count; ++j) {
-    const Summary sibling = Summary::of(siblings[j], is_settled);
-    is_known = is_known && sibling.is_known();
+    const Summary sibling = Summary::of(siblings[j], is_saturated);
+    is_valid = is_valid && sibling.is_valid();
     result.are_leaves = result.are_leaves && siblings[j].is_leaf();
     result.summary.add(sibling);
   }
-  if (!is_known) result.summary = {};
+  if (!is_valid) result.summary = {};
   return result;
 }
 
-/// Writes the note of an inner node from those of its children. @returns it; unknown if one of them is.
-/// @param is_settled says it of a cell.
-template <class Tree, class IsSettled>
-Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSettled& is_settled) {
-  const Summary summary = summary_of_siblings(tree.children(parent), Tree::kNumChildren, is_settled).summary;
+/// Writes the note of an inner node from those of its children. @returns it; stale if one of them is.
+/// @param is_saturated whether a cell is.
+template <class Tree, class IsSaturated>
+Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSaturated& is_saturated) {
+  const Summary summary =
+      summary_of_siblings(tree.children(parent), Tree::kNumChildren, is_saturated).summary;
   parent.set_note(summary.word());
   return summary;
 }
 
 /// Writes the notes of a node and of all below it that are 0. O(inner nodes that have or had one, and their
 /// children).
-template <class Tree, class IsSettled>
-void summarise_unknown(Tree& tree, typename Tree::NodeType& node, const IsSettled& is_settled) {
+template <class Tree, class IsSaturated>
+void summarise_stale(Tree& tree, typename Tree::NodeType& node, const IsSaturated& is_saturated) {
   if (node.is_leaf() || node.note() != 0) return;
   auto* const children = tree.children(node);
-  for (int j = 0; j < Tree::kNumChildren; ++j) summarise_unknown(tree, children[j], is_settled);
-  summarise(tree, node, is_settled);
+  for (int j = 0; j < Tree::kNumChildren; ++j) summarise_stale(tree, children[j], is_saturated);
+  summarise(tree, node, is_saturated);
 }
 
-/// All notes of a tree become unknown. O(nodes).
+/// All summaries of a tree become stale. O(nodes).
 template <class Tree>
 void forget_summaries(Tree& tree) {
   const auto descend = [&](const auto& self, typename Tree::NodeType& node) -> void {

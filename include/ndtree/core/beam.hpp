@@ -11,7 +11,7 @@
 
 namespace ndtree {
 
-/// What a beam tells the map.
+/// What a beam measured.
 enum class BeamOutcome {
   returned,          ///< A surface at the end point, free space before it.
   not_returned,      ///< Free space up to the end point or `max_range`, no surface.

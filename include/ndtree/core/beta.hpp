@@ -117,8 +117,8 @@ NDTREE_BY_EIGHTS [[nodiscard]] inline __m256d quick_log_beta(__m256d a, __m256d 
 namespace detail {
 
 /// The continued fraction DLMF 8.17.22, evaluated forwards with rescaled convergents, until its value changes
-/// by no more than a share of it.
-[[nodiscard]] inline double incomplete_beta_fraction(double a, double b, double x, double share) {
+/// by no more than the tolerance times it.
+[[nodiscard]] inline double incomplete_beta_fraction(double a, double b, double x, double tolerance) {
   // Convergents A_n / B_n of 1 / (1 + d_1 / (1 + d_2 / (1 + ...))), kept near 1 by dividing both by B_n.
   double numerator_before = 0.0;
   double numerator = 1.0;
@@ -132,7 +132,8 @@ namespace detail {
     const double next_numerator = numerator + rounded(d * numerator_before);
     const double next_denominator = denominator + rounded(d * denominator_before);
     const double value = next_numerator / next_denominator;
-    const bool converged = std::abs(rounded(value * denominator) - numerator) <= share * std::abs(numerator);
+    const bool converged =
+        std::abs(rounded(value * denominator) - numerator) <= tolerance * std::abs(numerator);
     numerator_before = numerator / next_denominator;
     denominator_before = denominator / next_denominator;
     numerator = value;
@@ -144,7 +145,7 @@ namespace detail {
 
 }  // namespace detail
 
-/// I_x(a, b) for a, b > 0 and x in [0, 1]: the probability that a share with the distribution Beta(a, b) is
+/// I_x(a, b) for a, b > 0 and x in [0, 1]: the probability that a rate with the distribution Beta(a, b) is
 /// below x. By a continued fraction, on the side of the mean where it converges fast. Relative error below
 /// 1e-10 for a + b up to 1e4.
 [[nodiscard]] inline double incomplete_beta(double a, double b, double x) {
@@ -169,10 +170,10 @@ class QuickIncompleteBeta {
   /// @param log_beta that of a and b, or of b and a.
   [[nodiscard]] double operator()(double a, double b, double log_beta) const {
     const double power = std::exp(rounded(a * log_x_) + rounded(b * log_rest_) - log_beta);
-    constexpr double kShare = 1e-9;
+    constexpr double kTolerance = 1e-9;
     if (x_ > (a + 1.0) / (a + b + 2.0))
-      return 1.0 - rounded(power / b * detail::incomplete_beta_fraction(b, a, 1.0 - x_, kShare));
-    return power / a * detail::incomplete_beta_fraction(a, b, x_, kShare);
+      return 1.0 - rounded(power / b * detail::incomplete_beta_fraction(b, a, 1.0 - x_, kTolerance));
+    return power / a * detail::incomplete_beta_fraction(a, b, x_, kTolerance);
   }
 
  private:

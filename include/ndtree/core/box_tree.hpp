@@ -17,7 +17,7 @@
 namespace ndtree {
 
 /// Boxes, halved again and again at the median of their centres on the axis on which those spread most; each
-/// half knows the box around all of its own. They do not change.
+/// half has the box around its boxes. Immutable.
 template <int D>
 class BoxTree {
  public:

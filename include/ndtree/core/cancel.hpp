@@ -110,7 +110,7 @@ class CancelScope {
   bool outer_is_borrowed_;
 };
 
-/// Stops a call that is to stop. @throws Cancelled.
+/// Ends a call that is cancelled. @throws Cancelled.
 inline void checkpoint() {
   if (CancelScope::is_cancelled()) throw Cancelled();
 }
@@ -122,7 +122,7 @@ inline void last_checkpoint() {
   if (CancelScope::is_cancelled_now()) throw Cancelled();
 }
 
-/// Checkpoints of a loop, of which most cost a subtraction: one for about a millisecond of work.
+/// Checkpoints of a loop: one for about a millisecond of work; the calls between cost a subtraction.
 class Pace {
  public:
   /// @param work done since the last call, in steps of some ten nanoseconds.

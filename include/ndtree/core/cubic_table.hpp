@@ -47,7 +47,7 @@ class CubicTable {
     return rounded((rounded((rounded(factor(3) * t) + factor(2)) * t) + factor(1)) * t) + factor(0);
   }
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of eight numbers, to the last bit.
+  /// The values at eight numbers, to the last bit.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 operator()(__m256 x) const {
     const __m256 place =
         _mm256_min_ps(_mm256_mul_ps(x, _mm256_set1_ps(parts_per_unit_)), _mm256_set1_ps(kEnd));

@@ -130,8 +130,8 @@ class KdTree {
   }
 
   Points<D> points_;                  // In the order of the leaves.
-  std::vector<std::uint32_t> index_;  // Of each of them, the column that it was given as ...
-  std::vector<std::uint32_t> place_;  // ... and the other way round.
+  std::vector<std::uint32_t> index_;  // The column in which each point was given.
+  std::vector<std::uint32_t> place_;  // Where the point of each column is.
   std::vector<Node> nodes_;
   Box<D> bounds_;
 };

@@ -40,7 +40,7 @@ inline void require_room_for_empty(std::size_t bytes, std::size_t limit) {
                                 std::to_string(bytes) + ", what the map takes while it is empty");
 }
 
-/// What a part may hold, of bytes for all of which others hold some.
+/// Bytes that are left of a limit beside others.
 [[nodiscard]] inline std::size_t memory_beside(std::size_t others, std::size_t limit) {
   return limit == kUnlimitedMemory ? limit : limit - std::min(limit, others);
 }

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Work that threads share.
+/// Loops over tasks that several threads work on.
 #pragma once
 
 #include <algorithm>
@@ -18,14 +18,13 @@
 
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/cancel.hpp"
-#include "ndtree/core/even_shares.hpp"
+#include "ndtree/core/even_ranges.hpp"
 #include "ndtree/core/inline.hpp"
 
 namespace ndtree {
 
 /// Threads that wait for work until they are gone. The one that makes them is worker number 0. Work often
-/// comes in short pieces one after the other, where to fall asleep and be woken takes longer than to wait: so
-/// who waits stays awake for a moment.
+/// comes in short pieces one after the other, so idle workers spin briefly before sleeping.
 class Workers {
  public:
   /// @param threads that may work at once, >= 1. They are started when there is work for them.
@@ -44,46 +43,46 @@ class Workers {
 
   [[nodiscard]] std::size_t count() const { return count_; }
 
-  /// Calls `work(worker, task)` once for each task in [0, tasks). Each worker has a share of them, one behind
-  /// the other, and begins with that; who is done takes what others have not begun. So whoever hands out
-  /// tasks in the same order again may find them where their data still is, in a core's own cache. There are
-  /// no more workers than tasks. Returns when all are done.
-  /// @throws what the first of the tasks that fail has thrown, whoever fails earlier; later ones may then not
-  ///   have begun, and a worker that has failed begins none. Or Cancelled, see CancelScope, if nothing else
-  ///   was thrown.
+  /// Calls `work(worker, task)` once for each task in [0, tasks). Each worker begins with a range of its
+  /// own, and then takes tasks that others have not begun (work stealing). Called again with tasks in the
+  /// same order, workers mostly find their data in their core's own cache. There are no more workers than
+  /// tasks. Returns when all are done.
+  /// @throws what the failing task with the lowest number has thrown, also if another failed earlier in time;
+  ///   later tasks may then not have begun, and a worker that has failed begins none. Or Cancelled, see
+  ///   CancelScope, if nothing else was thrown.
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
-    share_out(0, even_shares(tasks, std::max<std::size_t>(1, std::min(count_, tasks))), std::ref(work));
+    run_tasks(0, even_ranges(tasks, std::max<std::size_t>(1, std::min(count_, tasks))), std::ref(work));
   }
-  /// The same with shares of any size, and before them tasks that are nobody's: who is free takes the next.
-  /// @param first of the tasks in shares. @param ends of the shares, one behind the other, of as many workers
+  /// As above with ranges of any size, and before them tasks without an owner: an idle worker takes the next.
+  /// @param first of the tasks in ranges. @param ends of the ranges, one behind the other, of as many workers
   ///   as are to work, not more than there are; the last is the number of tasks.
   template <class Work>
   void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {
-    share_out(first, ends, std::ref(work));
+    run_tasks(first, ends, std::ref(work));
   }
 
  private:
   /// Tasks side by side that workers take one by one.
-  struct alignas(kCacheLines) Share {
+  struct alignas(kCacheLines) Range {
     std::atomic<std::size_t> next{0};
     std::size_t end = 0;
   };
 
   /// As for_each_task(); compiled once, whatever the work.
-  NDTREE_NEVER_INLINE void share_out(std::size_t first, const std::vector<std::size_t>& ends,
+  NDTREE_NEVER_INLINE void run_tasks(std::size_t first, const std::vector<std::size_t>& ends,
                                      const std::function<void(std::size_t, std::size_t)>& work) {
     const std::size_t tasks = ends.empty() ? first : ends.back();
     if (ends.size() <= 1 || tasks <= 1) {
       for (std::size_t task = 0; task < tasks; ++task) work(0, task);
       return;
     }
-    Share nobodys;
-    nobodys.end = first;
-    std::vector<Share> shares(ends.size());
-    for (std::size_t i = 0; i < shares.size(); ++i) {
-      shares[i].next = i == 0 ? first : ends[i - 1];
-      shares[i].end = ends[i];
+    Range unowned;
+    unowned.end = first;
+    std::vector<Range> ranges(ends.size());
+    for (std::size_t i = 0; i < ranges.size(); ++i) {
+      ranges[i].next = i == 0 ? first : ends[i - 1];
+      ranges[i].end = ends[i];
     }
     std::mutex failing;
     std::atomic<std::size_t> failed{tasks};  // Tasks from here on are not begun.
@@ -91,12 +90,12 @@ class Workers {
     std::size_t failed_first = tasks;  // Whose error that is; none's if it is Cancelled.
     CancelScope* const scope = CancelScope::current();
     run([&](std::size_t worker) {
-      if (worker >= shares.size()) return;
+      if (worker >= ranges.size()) return;
       std::optional<CancelScope::Lent> lent;
       if (worker > 0) lent.emplace(scope);
       /// Whether all went well.
-      const auto work_off = [&](Share& share) {
-        for (std::size_t task = share.next++; task < share.end && task < failed; task = share.next++) {
+      const auto work_off = [&](Range& range) {
+        for (std::size_t task = range.next++; task < range.end && task < failed; task = range.next++) {
           try {
             work(worker, task);
           } catch (const Cancelled&) {
@@ -114,9 +113,9 @@ class Workers {
         }
         return true;
       };
-      bool is_well = work_off(nobodys);
-      for (std::size_t i = 0; is_well && i < shares.size(); ++i)
-        is_well = work_off(shares[(worker + i) % shares.size()]);
+      bool is_well = work_off(unowned);
+      for (std::size_t i = 0; is_well && i < ranges.size(); ++i)
+        is_well = work_off(ranges[(worker + i) % ranges.size()]);
     });
     if (error) std::rethrow_exception(error);
     checkpoint();
@@ -190,7 +189,7 @@ class Workers {
     } while (std::chrono::steady_clock::now() < end);
     return false;
   }
-  /// Leaves what a core has to the other one that shares it, if one does.
+  /// Leaves what a core has to the other thread of the core, if there is one.
   static void pause_briefly() {
 #if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
     __builtin_ia32_pause();

@@ -53,8 +53,8 @@ inline constexpr int kExponentBias = 1023;
 }  // namespace detail
 
 /// log x within 1e-12, for normal numbers x > 0. With x = 2^e m and a c near m, see LogTable,
-/// log x = e log 2 + log c + log(1 + r), r = m / c - 1, |r| <= 2^-8. Who waits for it does not wait long: few
-/// of the terms need each other.
+/// log x = e log 2 + log c + log(1 + r), r = m / c - 1, |r| <= 2^-8. Its latency is short: few of the
+/// terms depend on each other.
 [[nodiscard]] NDTREE_ALWAYS_INLINE double quick_log(double x) {
   using detail::kMantissa;
   using detail::kMantissaBits;

@@ -7,7 +7,7 @@
 
 namespace ndtree {
 
-/// x itself, of which the compiler forgets that it was a product. It may else make `a * b + c` one step that
+/// x itself, hiding from the compiler that it was a product. It may else make `a * b + c` one step that
 /// rounds once (FMA), and GCC does so unasked for every processor that has such a step: ARM's, and those of
 /// `-march=native`. Then cells would not meet at their borders to the last bit, loops of eight would not tell
 /// what loops of one do, and a map would depend on the machine. So where a map depends on a sum, it is

@@ -16,10 +16,10 @@
 #define NDTREE_BY_EIGHTS [[gnu::target("avx2,popcnt,no-fma")]]
 #endif
 #define NDTREE_HAS_SIXTEENS 1
-/// The same with AVX-512, which Clang knows with FMA alone: such functions must not add to products at all.
+/// Compiles a function with AVX-512, which Clang enables with FMA only: it must not add to products at all.
 #define NDTREE_BY_SIXTEENS [[gnu::target("avx2,popcnt,avx512f,avx512dq")]]
 #elif defined(NDTREE_USE_SIMDE) && defined(__aarch64__) && defined(__GNUC__)
-// SIMDe writes the same functions with NEON, which every such processor has. Who asks for it has it.
+// SIMDe writes the same functions with NEON, which every such processor has. NDTREE_USE_SIMDE asks for it.
 #define SIMDE_ENABLE_NATIVE_ALIASES
 #define SIMDE_NO_FAST_NANS  // The smaller and the larger of two are those of x86, also of 0 and -0.
 #include <simde/x86/avx2.h>
@@ -116,6 +116,16 @@ struct PackTable {
 };
 inline constexpr PackTable kPackTable{};
 
+/// How many of eight are in a set.
+struct BitCountTable {
+  std::array<std::uint8_t, 256> of{};
+  constexpr BitCountTable() {
+    for (unsigned set = 1; set < 256; ++set) of[set] = static_cast<std::uint8_t>(of[set / 2] + set % 2);
+  }
+  constexpr std::uint8_t operator[](std::size_t set) const { return of[set]; }
+};
+inline constexpr BitCountTable kBitCount{};
+
 /// The order that brings those of a set to the front.
 NDTREE_BY_EIGHTS inline __m256i packing(unsigned set) {
   return _mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(&kPackTable.places[set])));
@@ -125,6 +135,11 @@ NDTREE_BY_EIGHTS inline __m256 joined(__m128 low, __m128 high) {
 }
 NDTREE_BY_EIGHTS inline __m256d joined(__m128d low, __m128d high) {
   return _mm256_insertf128_pd(_mm256_castpd128_pd256(low), high, 1);
+}
+/// The sums of four vectors.
+NDTREE_BY_EIGHTS inline __m128i sums_of(__m256i a, __m256i b, __m256i c, __m256i d) {
+  const __m256i quarters = _mm256_hadd_epi32(_mm256_hadd_epi32(a, b), _mm256_hadd_epi32(c, d));
+  return _mm_add_epi32(_mm256_castsi256_si128(quarters), _mm256_extracti128_si256(quarters, 1));
 }
 /// Turns rows of four into columns, in each half.
 NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void turn_four(const __m256* row, __m256* column) {
@@ -186,7 +201,7 @@ NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, const 
   for (std::size_t g = 0; g < kGroups; ++g) turn_four(pair[g], columns + 4 * g);
 }
 #ifdef NDTREE_HAS_SIXTEENS
-/// The same of sixteen rows.
+/// load_columns() of sixteen rows.
 template <class Row>
 NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE void load_columns(const Row* table, const std::uint32_t* rows,
                                                           __m512* columns) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// How much of the space that a map calls free nobody has seen, and how much of what was seen it does not
-/// know.
+/// How much of the space that a map calls free was not seen by any beam, and how much of the seen space is
+/// unknown in the map.
 #pragma once
 
 #include <Eigen/Core>
@@ -30,10 +30,10 @@ namespace ndtree {
 /// Where space is asked about, and what counts as seen.
 struct ClaimsOptions {
   std::size_t samples = 40000;  ///< Points drawn, 1 to 1e9.
-  double spacings = 1.5;        ///< A point is in view if a beam passes it within so many median spacings.
-  double tolerance = 0.1;       ///< A beam that returned sees so far behind its end point [m].
-  double margin = 1.0;          ///< Points are drawn up to so far around the box of end points [m] ...
-  double middle = 0.98;         ///< ... which holds this share of them on each axis, the middle ones.
+  double spacings = 1.5;        ///< A point is in view if a beam passes it within this many median spacings.
+  double tolerance = 0.1;       ///< A beam that returned sees this far behind its end point [m].
+  double margin = 1.0;          ///< Points are drawn up to this far around the box of end points [m],
+  double middle = 0.98;         ///< which holds this fraction of them on each axis, the middle ones.
   std::uint64_t seed = 0;       ///< Of the points.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
@@ -49,7 +49,7 @@ struct ClaimsOptions {
 
 /// Points drawn uniformly around the end points of a log, and whether some scan saw them.
 ///
-/// A beam stands for its share of solid angle: a scan has a point in view if its beam that is nearest in
+/// A beam stands for its solid angle: a scan has a point in view if its beam that is nearest in
 /// direction (Euclidean distance of unit vectors) is at most `spacings` times the median distance from a
 /// beam's direction to the nearest other one away. It sees the point if that beam goes past it, or returned
 /// at most `tolerance` before it. Beams are cut at the maximum range, and one that did not return sees up to
@@ -85,11 +85,11 @@ class SeenSpace {
     for (const Eigen::Index i : unseen) seen_[i] = false;
   }
 
-  /// One column each; none if no beam says anything.
+  /// One column each; none without a valid beam.
   [[nodiscard]] const Points<D>& points() const { return points_; }
   /// Whether a scan saw the point, one each.
   [[nodiscard]] const Eigen::Array<bool, Eigen::Dynamic, 1>& seen() const { return seen_; }
-  /// Where the points are; none if no beam says anything.
+  /// Where the points are; none without a valid beam.
   [[nodiscard]] const std::optional<Box<D>>& box() const { return box_; }
 
  private:
@@ -136,8 +136,8 @@ class SeenSpace {
   }
 
   /// Between two values on a straight line. Changes their order. O(n).
-  static double quantile(std::vector<double>& values, double share) {
-    const double place = share * static_cast<double>(values.size() - 1);
+  static double quantile(std::vector<double>& values, double fraction) {
+    const double place = fraction * static_cast<double>(values.size() - 1);
     const auto below = values.begin() + static_cast<std::ptrdiff_t>(place);
     std::nth_element(values.begin(), below, values.end());
     if (below + 1 == values.end()) return *below;
@@ -206,8 +206,8 @@ class SeenSpace {
   Eigen::Array<bool, Eigen::Dynamic, 1> seen_;
 };
 
-/// What a map says about points of which is known whether somebody saw them, as counts. As the points are
-/// drawn uniformly, shares of them are shares of volume; none where nothing was counted.
+/// Counts of the states that a map gives to points, of which each was seen by a scan or not. As the points
+/// are drawn uniformly, fractions of them are fractions of volume; none where nothing was counted.
 struct Claims {
   std::uint64_t points = 0;            ///< All.
   std::uint64_t seen = 0;              ///< Some scan saw it.
@@ -215,9 +215,9 @@ struct Claims {
   std::uint64_t free_and_unseen = 0;   ///< The map calls it free, but no scan saw it.
   std::uint64_t unknown_and_seen = 0;  ///< A scan saw it, but the map calls it unknown.
 
-  /// Of the space called free, the share that was not seen.
+  /// Of the space called free, the fraction that was not seen.
   [[nodiscard]] std::optional<double> free_unseen() const { return share(free_and_unseen, free); }
-  /// Of the space seen, the share that is called unknown.
+  /// Of the space seen, the fraction that is called unknown.
   [[nodiscard]] std::optional<double> seen_unknown() const { return share(unknown_and_seen, seen); }
   /// Both volumes over the volume seen; may exceed 1.
   [[nodiscard]] std::optional<double> wrong_volume() const {

@@ -25,8 +25,8 @@ namespace ndtree {
 
 /// The distances that decide what is counted as true.
 struct HeldOutTruthOptions {
-  double sample_spacing = 0.10;   ///< A beam's free space is sampled at the multiples of this [m] ...
-  double sample_margin = 0.10;    ///< ... that lie at least this far before its end point [m].
+  double sample_spacing = 0.10;   ///< A beam's free space is sampled at the multiples of this [m]
+  double sample_margin = 0.10;    ///< that lie at least this far before its end point [m].
   double endpoint_radius = 0.05;  ///< An end point is found if an occupied cell is this near [m].
   double cast_tolerance = 0.10;   ///< A ray cast is right if it ends this near to the measured range [m].
   double cast_overshoot = 10.0;   ///< A ray cast is given up this far behind the end point [m].
@@ -50,9 +50,9 @@ struct HeldOutTruthOptions {
 /// What a map said about held-out beams, as counts; of beams that returned from within the maximum range.
 /// Shares are none where nothing was counted.
 struct HeldOutTruth {
-  std::uint64_t free = 0;                ///< Samples of free space that the map calls free, ...
-  std::uint64_t occupied = 0;            ///< ... occupied, ...
-  std::uint64_t unknown = 0;             ///< ... or unknown.
+  std::uint64_t free = 0;                ///< Samples of free space that the map calls free,
+  std::uint64_t occupied = 0;            ///< occupied,
+  std::uint64_t unknown = 0;             ///< or unknown.
   std::uint64_t endpoints = 0;           ///< End points.
   std::uint64_t endpoints_near = 0;      ///< End points with an occupied cell within endpoint_radius.
   std::uint64_t casts_within = 0;        ///< Ray casts that end within cast_tolerance of the measured range.
@@ -72,7 +72,7 @@ struct HeldOutTruth {
   }
   [[nodiscard]] std::optional<double> casts_within_share() const { return share(casts_within, casts()); }
 
-  /// Mean of the share of free space called free and of the share of end points found.
+  /// Mean of the fractions of free space called free and of end points found.
   [[nodiscard]] std::optional<double> balanced_accuracy() const {
     if (samples() == 0 || endpoints == 0) return std::nullopt;
     return 0.5 * (*free_share() + *endpoints_near_share());
@@ -120,7 +120,7 @@ struct HeldOutTruth {
 /// @param map any type for which `probability(map, point)`, `state(map, point)`,
 ///   `occupied_within(map, point, radius)` and `cast_ray(map, origin, direction, max_range)` are found, in
 ///   ndtree or in the map's own namespace.
-/// @param max_range [m] beams that are longer are not asked about, nor are those that did not return.
+/// @param max_range [m] longer beams, and beams that did not return, are not asked about.
 /// @throws std::invalid_argument if max_range is not > 0, or a beam is too long to be sampled.
 template <class Map, int D>
 void evaluate(const Map& map, const ScanView<D>& scan, double max_range, HeldOutTruth& truth,

@@ -49,7 +49,7 @@ inline constexpr std::size_t kMapFilePreamble = 20;
 inline constexpr std::size_t kStepsOfNode = 4;  // Of a Pace.
 
 /// @param coarsest level of cells that are ever updated: above it, what is unknown is one leaf, whether or
-/// not beams have passed by. @returns whether the node is written as a leaf of which nothing is known.
+/// not beams have passed by. @returns whether the node is written as an unknown leaf.
 template <class Tree>
 bool write_nodes(const Tree& tree, const typename Tree::NodeType& node, int level, int coarsest,
                  ByteWriter& out, Pace& pace) {

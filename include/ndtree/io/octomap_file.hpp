@@ -264,7 +264,7 @@ class OctomapSampler {
       one = has_one_color(colors_->tree().child(ref, j), asked, joined) && one;
     return one;
   }
-  /// The largest value of the leaves that matter, but for those that are unknown.
+  /// The largest value of the leaves that matter and are not unknown.
   void take_largest(const typename Tree::ConstRef& ref, const Asked& asked, float& value) const {
     if (!matters(ref, asked)) return;
     const Summary summary = Summary::of(*ref.node);

@@ -66,7 +66,7 @@ class Descriptor {
 inline constexpr std::string_view kTemporaryPrefix = ".ndtree-";
 inline constexpr std::size_t kTemporaryDigits = 16;
 
-/// Whether a name is one of those that ReplacedFile gives.
+/// Whether a name is one that ReplacedFile makes.
 [[nodiscard]] inline bool is_temporary_name(std::string_view name) {
   if (name.substr(0, kTemporaryPrefix.size()) != kTemporaryPrefix) return false;
   name.remove_prefix(kTemporaryPrefix.size());
@@ -140,11 +140,11 @@ inline void remove_abandoned(const std::filesystem::path& folder) {
 ///
 /// Links are followed, and the mode and owner of a file that is there are kept. A stream (a pipe, a terminal,
 /// /dev/null) is not replaced: what was written goes into it. Refused at once are folders, block devices and
-/// sockets, a FIFO that nobody reads, a file that may not be written, and one with several hard links, of
+/// sockets, a FIFO without a reader, a file that may not be written, and one with several hard links, of
 /// which only one would be replaced.
 ///
-/// The hidden file is removed when the object ends. A writer that is killed leaves it; whoever next writes
-/// into the folder removes it.
+/// The hidden file is removed when the object ends. A writer that is killed leaves it; the next one that
+/// writes into the folder removes it.
 class ReplacedFile {
  public:
   /// @throws std::filesystem::filesystem_error naming the target, and the system's or our reason.
@@ -283,8 +283,8 @@ class ReplacedFile {
 
 /// Puts files into their places that only together make sense, the one that names the others last.
 ///
-/// Of several, while it happens, which takes microseconds, those that are replaced are not there: whoever
-/// comes then, or after a crash just then, finds no file rather than one that describes others.
+/// Of several, while it happens, which takes microseconds, the replaced files are not there: a reader
+/// that comes then, or after a crash just then, finds no file rather than one that describes others.
 /// @throws std::filesystem::filesystem_error; all targets are then as they were.
 inline void commit_together(std::vector<ReplacedFile>& files) {
   if (files.size() == 1) return files.front().commit();

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Values beside a map's cells: a tree of its own, of which a map that has none knows nothing.
+/// Values beside a map's cells, in a tree of their own: a map without layers does not depend on them.
 #pragma once
 
 #include <array>
@@ -80,7 +80,7 @@ class Layer {
     return value;
   }
 
-  /// Adds what a beam says to a cell.
+  /// Adds a beam's measurement to a cell.
   /// @param point in the cell [m]. @pre the measurement is one that Value::check() accepts.
   void add(const CellIndex<D>& cell, const Vector<D>& point, const Measurement& measurement) {
     reach(cell, point).value.add(measurement);
@@ -89,7 +89,7 @@ class Layer {
   void join(const CellIndex<D>& cell, const Vector<D>& point, const Value& value) {
     reach(cell, point).value.join(value);
   }
-  /// Adds what another layer knows to the cells of a map. @param map_tree of the map.
+  /// Adds the values of another layer to the cells of a map. @param map_tree of the map.
   template <class MapTree>
   void join(const Layer& other, const MapTree& map_tree) {
     other.for_each([&](const CellIndex<D>& cell, const Vector<D>& centre, const Value& value) {
@@ -98,7 +98,7 @@ class Layer {
   }
 
   /// Forgets the values of what is unknown in a map where it may have changed. O(nodes of the layer there).
-  /// @param may_differ of a box: whether the map may know less of it than it did.
+  /// @param may_differ of a box: whether the map may have forgotten something in it.
   template <class MapTree, class MayDiffer>
   void keep_known(const MapTree& map_tree, const MayDiffer& may_differ) {
     Pace pace;
@@ -166,7 +166,7 @@ class Layer {
   void keep_known(const Ref& ref, const MapTree& map_tree, const MayDiffer& may_differ, Pace& pace) {
     if (ref.is_leaf() && ref.cell().value.is_empty()) return;
     // What is not changed stays shared.
-    if (is_known(ConstRef{ref.node, ref.index}, map_tree, may_differ, pace)) return;
+    if (all_observed(ConstRef{ref.node, ref.index}, map_tree, may_differ, pace)) return;
     if (ref.index.level <= 0) {
       const KnownPart known = known_part(map_tree, ref.index);
       if (known == KnownPart::none) tree_.cut(*ref.node);
@@ -184,10 +184,10 @@ class Layer {
     }
     if (all_empty) tree_.cut(*ref.node);
   }
-  /// Whether a map knows all cells that have a value.
+  /// Whether a map has observed all cells that have a value.
   template <class MapTree, class MayDiffer>
-  [[nodiscard]] bool is_known(const ConstRef& ref, const MapTree& map_tree, const MayDiffer& may_differ,
-                              Pace& pace) const {
+  [[nodiscard]] bool all_observed(const ConstRef& ref, const MapTree& map_tree, const MayDiffer& may_differ,
+                                  Pace& pace) const {
     pace.spend();
     if (ref.is_leaf() && ref.cell().value.is_empty()) return true;
     if (!may_differ(tree_.box(ref.index))) return true;
@@ -196,7 +196,7 @@ class Layer {
       if (known != KnownPart::some || ref.is_leaf()) return known == KnownPart::all;
     }
     for (int j = 0; j < Tree::kNumChildren; ++j)
-      if (!is_known(tree_.child(ref, j), map_tree, may_differ, pace)) return false;
+      if (!all_observed(tree_.child(ref, j), map_tree, may_differ, pace)) return false;
     return true;
   }
   template <class Visit>

@@ -33,7 +33,7 @@ template <int D>
 }
 
 /// Refuses what cannot be added, before anything is. @param measurements one a beam.
-/// @throws std::invalid_argument naming the beam, for those that returned.
+/// @throws std::invalid_argument naming the beam; beams that did not return are not checked.
 template <class Value, int D>
 void check_measurements(const ScanView<D>& scan, const typename Value::Measurement* measurements) {
   for (Eigen::Index i = 0; i < scan.size; ++i) {
@@ -47,9 +47,9 @@ void check_measurements(const ScanView<D>& scan, const typename Value::Measureme
   }
 }
 
-/// A layer as it is after a map has taken a scan: what beams say goes to the cells in which they end. The
+/// A layer as it is after a map has taken a scan: measurements go to the cells in which their beams end. The
 /// layer that is given stays as it is, and shares with the new one what does not change.
-/// @param measurements one a beam, checked; those of beams that end in no cell of the map say nothing.
+/// @param measurements one a beam, checked; measurements of beams that end in no cell of the map are ignored.
 /// @param max_range, window as they were given to the map. @param max_memory of the layer [bytes].
 /// @throws MemoryLimitReached, std::bad_alloc, Cancelled.
 template <class Map, class Value>

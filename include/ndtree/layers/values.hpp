@@ -19,12 +19,12 @@
 namespace ndtree {
 
 // A value for Layer is any type that is trivially copyable, that is empty when it is made, and has
-//   using Measurement, what one beam says;
+//   using Measurement, the number or numbers of one beam;
 //   static void check(const Measurement&), which throws std::invalid_argument for what cannot be added;
 //   bool is_empty() const;
 //   void add(const Measurement&);
-//   void join(const Value&), what two cells know together: merging;
-//   Value part(int divisor) const, what each of so many children knows: splitting;
+//   void join(const Value&): merging of two cells;
+//   Value part(int divisor) const: splitting, the value of one of `divisor` children;
 //   static std::string rule(), its name in files;
 //   kNumWords, words(), from_words(): it as 32-bit words, of which the first is 0 if the value is empty, and
 //     else neither 0 nor more than 2^31 - 1.
@@ -37,7 +37,7 @@ class MeanValue {
  public:
   using Measurement = std::array<float, std::size_t{K}>;
   static constexpr int kNumWords = 1 + K;
-  /// A mean of so many beams goes on as if it were of no more: slowly, it forgets the oldest.
+  /// The weight of a mean never exceeds this: from then on the oldest beams slowly fade.
   static constexpr float kMostWeight = 65536.0f;
 
   static void check(const Measurement& measurement) {
@@ -52,8 +52,8 @@ class MeanValue {
 
   void add(const Measurement& measurement) {
     weight_ = std::min(weight_ + 1.0f, kMostWeight);
-    const double share = 1.0 / static_cast<double>(weight_);
-    for (std::size_t i = 0; i < K; ++i) mean_[i] = between(mean_[i], measurement[i], share);
+    const double fraction = 1.0 / static_cast<double>(weight_);
+    for (std::size_t i = 0; i < K; ++i) mean_[i] = between(mean_[i], measurement[i], fraction);
   }
   void join(const MeanValue& other) {
     if (other.is_empty()) return;
@@ -98,11 +98,10 @@ class MeanValue {
  private:
   static constexpr float kLeastWeight = 1e-6f;  // What is due to less is forgotten.
 
-  /// So large a share of the way from one number to another: in double, which holds all differences of
-  /// floats.
-  static float between(float from, float to, double share) {
+  /// from + fraction * (to - from), in double, which holds all differences of floats.
+  static float between(float from, float to, double fraction) {
     const auto begin = static_cast<double>(from);
-    return static_cast<float>(begin + (static_cast<double>(to) - begin) * share);
+    return static_cast<float>(begin + (static_cast<double>(to) - begin) * fraction);
   }
 
   float weight_ = 0.0f;

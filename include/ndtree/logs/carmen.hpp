@@ -60,7 +60,7 @@ enum class FieldOfViewSource { option, param, beams, none };
 ///     PARAM laser_front_laser_fov 240        (or laser_laser1_fov, robot_front_laser_fov; [deg])
 ///     PARAM laser_front_laser_resolution 0.352
 ///
-/// The resolution counts where neither the field of view nor the number of beams says more. Where both are
+/// The resolution decides where neither the field of view nor the number of beams does. Where both are
 /// declared and do not fit the number of beams, a laser that is known for it and fits one of them is taken,
 /// or the field of view where each n-th beam was kept; else that is an error.
 class CarmenParser {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// A world of solid shapes that knows what is inside something and where a beam ends: exact truth for maps.
+/// A world of solid shapes that answers whether a point is inside one and where a beam ends: exact truth for
+/// maps.
 #pragma once
 
 #include <Eigen/Core>

@@ -32,7 +32,7 @@ namespace detail::office {
 
 using Floor = Place<2>;
 
-// Furniture, as a laser at 0.3 m cuts it. Its back is at +y, where the wall is; who uses it sits at -y.
+// Furniture, as a laser at 0.3 m cuts it. Its back is at +y, where the wall is; its user sits at -y.
 
 inline void chair(const Floor& f) { f.legs(0.40, 0.38, 0.025); }
 

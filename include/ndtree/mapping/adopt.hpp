@@ -20,7 +20,7 @@
 
 namespace ndtree::detail {
 
-/// Calls `visit(ref)` for each node of a level, at most 0, of which a tree holds more than one blank leaf.
+/// Calls `visit(ref)` for each node of a level, at most 0, that is more than one blank leaf.
 /// @param window outside which none is visited; null: all are. Cost: nodes of the level and above in the
 /// window.
 template <class Tree, class Visit>
@@ -53,8 +53,8 @@ template <class Tree, class Pass>
   return ref;
 }
 
-/// Copies the cubes of one tree into another of the same lattice that knows nothing of them; notes on the way
-/// become unknown.
+/// Copies the cubes of one tree into another of the same lattice in which they are unknown; summaries on the
+/// way become stale.
 template <class Tree>
 class Adopting {
   static constexpr auto D = static_cast<std::size_t>(Tree::kDim);

@@ -22,7 +22,7 @@ namespace ndtree {
 /// in a
 ///   corner, the next one along the beam does;
 /// - those before it count a miss, and so does every leaf that a beam without return passes as a whole;
-/// - those behind it, up to range + 3 sigma, count neither, but take their share of the Bayes update.
+/// - those behind it, up to range + 3 sigma, count neither, but get their part of the Bayes update.
 template <class Tree, class Refinement, class Sensor>
 class BeamUpdate : public BeamVisitor {
   static constexpr int D = Tree::kDim;
@@ -42,9 +42,9 @@ class BeamUpdate : public BeamVisitor {
   /// One beam after the other.
   [[nodiscard]] static std::size_t most_workers(Eigen::Index /*beams*/) { return 1; }
 
-  /// Looks over a scan, which must stay where it is until finish() is done; the tree stays as it is.
+  /// Surveys a scan, which must stay where it is until finish() is done; the tree stays as it is.
   /// @throws as survey_exactly().
-  ScanSurvey<D> look_over(const Measurements<D, Sensor>& measurements, Workers& /*workers*/) {
+  ScanSurvey<D> survey(const Measurements<D, Sensor>& measurements, Workers& /*workers*/) {
     measurements_ = &measurements;
     return survey_exactly(tree_.geometry(), measurements, measurements.all());
   }

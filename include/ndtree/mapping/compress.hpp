@@ -154,7 +154,7 @@ class Compression {
     return {joined.cell, static_cast<std::size_t>(joined.cell.observed())};
   }
   [[nodiscard]] Joined join(const typename Tree::NodeType* siblings) const {
-    return rule_.join(siblings, Tree::kNumChildren, kShareDivisor<Tree>);
+    return rule_.join(siblings, Tree::kNumChildren, kChildrenAcross<Tree>);
   }
 
   void consider(std::size_t node) {
@@ -169,8 +169,8 @@ class Compression {
   std::vector<InnerNode> inner_nodes_;  // Of levels that may merge, parents before children.
   std::priority_queue<Candidate, std::vector<Candidate>, std::greater<>> candidates_;
   std::size_t leaves_ = 0;
-  std::size_t least_leaves_ = 0;  // Observed ones that merging leaves at least, ...
-  std::size_t most_merges_ = 0;   // ... and the merges until then.
+  std::size_t least_leaves_ = 0;  // Observed ones that merging leaves at least.
+  std::size_t most_merges_ = 0;   // Merges until least_leaves_ are left.
   Pace pace_;
 };
 

@@ -15,8 +15,8 @@
 namespace ndtree {
 
 struct CoverageOptions {
-  double covered_share = 0.25;  ///< Of each half of a cell, to be known; 0: whatever a beam passes.
-  double coverage_cells = 2.0;  ///< To show what was seen, cells of more than so many smallest ones split.
+  double covered_share = 0.25;  ///< Of each half, for a cell to be observed; 0: any beam is enough.
+  double coverage_cells = 2.0;  ///< To show what was seen, cells of more smallest cells than this split.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>
@@ -28,7 +28,8 @@ struct CoverageOptions {
   void validate() const { for_each_bounded(*this, require_within); }
 };
 
-/// A cell, in two along each of its first axes, of which four count at most: a set of parts fits 16 bits.
+/// A cell's parts: it is halved along each of its first axes, at most four, so that a set of parts fits 16
+/// bits.
 template <int N, int D>
 struct CellParts {
   static constexpr int kAxes = D < 4 ? D : 4;
@@ -64,26 +65,26 @@ struct CellParts {
   static constexpr Tables kTables = tables();
 };
 
-/// What the beams of one scan have seen of the children of one cell: sums of whole numbers, so that the order
-/// of the beams does not matter.
+/// The volume that the beams of one scan have seen of each child of a cell: sums of whole numbers, so that
+/// the order of the beams does not matter.
 ///
-/// A beam stands for its share of solid angle: it sees its way through a child, times its width there on each
-/// axis across, which is no more than the child's own.
+/// A beam stands for its solid angle. The volume that it sees of a child is its way through the child, along
+/// the main axis of the beam, times min(width, edge) on each axis across.
 template <int N, int D>
 class ScanCoverage {
  public:
   static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
 
-  /// What one beam, or several, have seen, in whole numbers of kUnit.
+  /// Seen volume of a child, and ways through it, over those of the whole child, in 1 / kOne.
   struct Seen {
-    std::int64_t child = 0;  ///< Of the child.
-    std::int64_t way = 0;    ///< Through the child.
+    std::int64_t child = 0;  ///< Volume.
+    std::int64_t way = 0;    ///< Sum of ways.
   };
   static constexpr std::int64_t kOne = 1 << 20;
   static constexpr float kUnitsOfOne = kOne;
 
   /// @param way through the child along the main axis of the beam, over the child's edge.
-  /// @param width of what the beam stands for there, over the child's edge.
+  /// @param width of the beam's solid angle there, over the child's edge.
   [[nodiscard]] static Seen seen(float way, float width) {
     const float units = way * kUnitsOfOne;
     return {static_cast<std::int64_t>(std::nearbyint(units * across(std::min(width, 1.0f)))),
@@ -93,14 +94,14 @@ class ScanCoverage {
     of_child_[static_cast<std::size_t>(child)] += seen.child;
     way_ += seen.way;
   }
-  /// Seen share of a child; more than 1 where beams are closer than they are elsewhere.
+  /// Seen fraction of a child; more than 1 where beams are closer than they are elsewhere.
   [[nodiscard]] double of_child(int number) const {
     return static_cast<double>(of_child_[static_cast<std::size_t>(number)]) * kUnit;
   }
   [[nodiscard]] std::int64_t units_of_child(int number) const {
     return of_child_[static_cast<std::size_t>(number)];
   }
-  /// Beams that would pass straight through one child if it was seen like those that were.
+  /// Beams that would pass straight through one child if it was seen like the seen children.
   [[nodiscard]] double beams_for_child() const {
     std::int64_t seen = 0;
     for (const std::int64_t child : of_child_) seen += child;
@@ -120,24 +121,24 @@ class ScanCoverage {
   std::int64_t way_ = 0;
 };
 
-/// What follows from what was seen of a cell that was never observed.
+/// The verdict about a cell that was never observed.
 struct CoverageVerdict {
   std::uint32_t parts = 0;  ///< Seen by now, one bit for each of CellParts.
-  bool is_enough = true;    ///< What the beams say holds for the whole cell.
-  bool shows_more = false;  ///< If not: smaller cells would tell what was seen from what was not.
+  bool is_enough = true;    ///< The beams' evidence holds for the whole cell.
+  bool shows_more = false;  ///< Split: smaller cells would separate seen from unseen space.
   bool is_covered = false;  ///< This scan has seen all of the cell, but for a smallest cell in depth.
 };
 
-/// When a cell may be called free as a whole. A beam through a corner has seen the corner; what it says must
-/// not become the state of a cell in which nobody has looked.
+/// When a cell may be called free as a whole. A beam through a corner has seen the corner; its
+/// evidence must not become the state of the unseen rest.
 ///
 /// A part of a cell, see CellParts, is *seen* once one scan has seen covered_share of it, and none of its
-/// children is missing. A cell is known when all its parts were seen, by one scan or by several. A cell of two
-/// smallest cells side by side is known when half of its parts were seen. A cell of N smallest cells is known
-/// when any part was seen, if the beams are so far apart that fewer than two would pass a smallest cell. Until
-/// then the cell stores which parts were seen.
+/// children is missing. A cell is observed once all its parts were seen, by one scan or by several; a cell
+/// of two smallest cells side by side once half of its parts were seen; a cell of N smallest cells once any
+/// part was seen, if the beams are so far apart that fewer than two would pass a smallest
+/// cell. Until then the cell stores which parts were seen.
 ///
-/// A cell that is not known, and larger than coverage_cells, splits where the unseen part is no accident:
+/// A cell that is not observed, and larger than coverage_cells, splits where the unseen part is significant:
 /// - by one scan, if a child is missing: less than covered_share of it was seen, and n beams would pass it if
 ///   it was seen like the rest of the cell: their number scatters by sqrt(n); with sqrt(2) times that, only a
 ///   child that at least two would pass can be missing;
@@ -145,18 +146,18 @@ struct CoverageVerdict {
 class CoverageModel {
  public:
   explicit CoverageModel(const CoverageOptions& options)
-      : share_(options.covered_share), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
+      : least_seen_(options.covered_share), least_to_split_(options.coverage_cells * (1.0 + 1e-9)) {}
 
-  /// Whether cells have to be seen, and not only passed.
-  [[nodiscard]] bool is_on() const { return share_ > 0.0; }
+  /// False if a cell is observed as soon as a beam has passed it.
+  [[nodiscard]] bool is_on() const { return least_seen_ > 0.0; }
 
-  /// Whether so much was seen of every child that judge() says the same whatever other beams see.
+  /// True if every child was seen so well that further beams cannot change what judge() returns.
   /// @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool is_certain(const ScanCoverage<N, D>& scan, double size) const {
-    return all_seen(scan, std::max(share_, covered<N>(size)));
+    return all_seen(scan, std::max(least_seen_, covered<N>(size)));
   }
-  /// Whether so many parts of a cell are enough to know it. @param size as in judge().
+  /// Whether a cell with these seen parts is observed. @param size as in judge().
   template <int N, int D>
   [[nodiscard]] bool are_enough(std::uint32_t parts, double size) const {
     using Parts = CellParts<N, D>;
@@ -165,15 +166,15 @@ class CoverageModel {
     return children >= Parts::kNumChildren * (size < kLeastForAllParts ? 0.5 : 1.0);
   }
   /// @param seen_before parts of the cell, one bit each. @param size the cell's edge, in smallest cells.
-  /// @param beams that have passed the cell so far, those of the scan among them.
+  /// @param beams that have passed the cell so far, in this scan and before.
   template <int N, int D>
   [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before, double size,
                                       double beams) const {
     using Parts = CellParts<N, D>;
     constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
     const double missing_below =
-        kOne * std::min(share_, 1.0 - std::sqrt(2.0 * kRounding / scan.beams_for_child()));  // In units.
-    std::int64_t least = kOne;  // Seen of a child, of those in parts that were not seen before.
+        kOne * std::min(least_seen_, 1.0 - std::sqrt(2.0 * kRounding / scan.beams_for_child()));  // In units.
+    std::int64_t least = kOne;                       // Seen of the least seen child in parts not seen before.
     std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
     std::uint32_t with_missing = 0;                  // Parts of which a child is missing.
     for (int j = 0; j < Parts::kNumChildren; ++j) {
@@ -186,7 +187,7 @@ class CoverageModel {
     CoverageVerdict verdict{seen_before};
     for (int p = 0; p < Parts::kCount; ++p) {
       const bool is_seen = static_cast<double>(seen[static_cast<std::size_t>(p)]) >=
-                           share_ * kRounding * kOne * Parts::num_children(p);
+                           least_seen_ * kRounding * kOne * Parts::num_children(p);
       verdict.parts |= static_cast<std::uint32_t>(is_seen && (with_missing >> p & 1u) == 0) << p;
     }
     // Beams so far apart that fewer than two would pass a smallest cell.
@@ -203,13 +204,13 @@ class CoverageModel {
 
  private:
   template <int N, int D>
-  [[nodiscard]] static bool all_seen(const ScanCoverage<N, D>& scan, double share) {
-    const auto least = static_cast<std::int64_t>(share * kRounding * ScanCoverage<N, D>::kOne);
+  [[nodiscard]] static bool all_seen(const ScanCoverage<N, D>& scan, double fraction) {
+    const auto least = static_cast<std::int64_t>(fraction * kRounding * ScanCoverage<N, D>::kOne);
     bool are_seen = true;
     for (int j = 0; j < ScanCoverage<N, D>::kNumChildren; ++j) are_seen &= scan.units_of_child(j) >= least;
     return are_seen;
   }
-  /// Share of each child of a covered cell that was seen: all but one smallest cell in depth.
+  /// Seen fraction of each child of a covered cell: all but one smallest cell in depth.
   template <int N>
   [[nodiscard]] static double covered(double size) {
     return 1.0 - std::min(0.5, N / size);
@@ -219,7 +220,7 @@ class CoverageModel {
   static constexpr double kLeastForAllParts = 2.5;  // Smallest cells side by side.
   static constexpr double kBeamsOfPart = 8.0;
 
-  double share_;
+  double least_seen_;
   double least_to_split_;
 };
 

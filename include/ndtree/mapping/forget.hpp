@@ -21,14 +21,14 @@ template <class Cell>
 }
 
 /// Forgets what a rule says of a tree, and keeps its summaries up to date.
-template <class Tree, class IsSettled, class Rule>
+template <class Tree, class IsSaturated, class Rule>
 class Forgetting {
   static constexpr int D = Tree::kDim;
   using Ref = typename Tree::Ref;
 
  public:
-  Forgetting(Tree& tree, const IsSettled& is_settled, const Rule& rule)
-      : tree_(tree), is_settled_(is_settled), rule_(rule) {}
+  Forgetting(Tree& tree, const IsSaturated& is_saturated, const Rule& rule)
+      : tree_(tree), is_saturated_(is_saturated), rule_(rule) {}
 
   void run() { descend(tree_.root()); }
 
@@ -60,17 +60,17 @@ class Forgetting {
     if (all_blank)
       tree_.cut(*ref.node);
     else
-      summarise(tree_, *ref.node, is_settled_);
+      summarise(tree_, *ref.node, is_saturated_);
     return true;
   }
-  /// What a child knows of a parent that it keeps a part of: all, but for what was seen of parts of it.
+  /// What a child keeps of its parent: all of it if it was observed, nothing if it was partly seen.
   template <class Cell>
   [[nodiscard]] static Cell without_parts(const Cell& cell) {
     return cell.observed() ? cell : Cell{};
   }
 
   Tree& tree_;
-  const IsSettled& is_settled_;
+  const IsSaturated& is_saturated_;
   const Rule& rule_;
   Pace pace_;
 };

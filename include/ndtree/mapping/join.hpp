@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What two maps of the same place know together.
+/// The evidence of two maps of the same place, added up.
 #pragma once
 
 #include <algorithm>
@@ -23,7 +23,7 @@
 
 namespace ndtree::detail {
 
-/// A box around all cells of which anything is known, in units of the smallest cell; none if there is none.
+/// A box around all cells with any evidence, in units of the smallest cell; none without such a cell.
 template <class Tree>
 [[nodiscard]] std::optional<LatticeBox<Tree::kDim>> known_cells(const Tree& tree) {
   constexpr auto D = static_cast<std::size_t>(Tree::kDim);
@@ -40,8 +40,8 @@ template <class Tree>
   return box;
 }
 
-/// Adds the evidence of trees of the same lattice into a new one, which depends on what they know and not on
-/// their order.
+/// Adds the evidence of trees of the same lattice into a new one, which does not depend
+/// on their order.
 template <class Tree, class Refinement>
 class Joining {
   static constexpr int D = Tree::kDim;
@@ -59,7 +59,7 @@ class Joining {
     tree_.limit_memory(options.memory_limit());
   }
 
-  /// Room for all that both know, whatever their order.
+  /// Room for the cells of both, in any order.
   void grow_around(const Tree& one, const Tree& other) {
     std::optional<LatticeBox<D>> box = known_cells(one);
     if (const auto more = known_cells(other)) {
@@ -72,7 +72,7 @@ class Joining {
     if (box) detail::grow_around(tree_, *box);
   }
   void add(const Tree& other) { add_below(other, other.root()); }
-  /// Siblings that now say the same become one. @returns how often.
+  /// Merges siblings where the refinement's rule does. @returns how often.
   std::uint64_t merge() {
     merge_below(tree_.root());
     return merges_;
@@ -162,10 +162,10 @@ class Joining {
   [[nodiscard]] EvidenceCell adopted(const EvidenceCell& cell) const {
     return refinement_.model.adopted(cell);
   }
-  /// What a child knows if nobody knows more of it than of the others.
+  /// A child's part of a cell about whose inside nothing is known.
   [[nodiscard]] static OccupancyCell part_of(const OccupancyCell& whole, int /*child*/) { return whole; }
   [[nodiscard]] EvidenceCell part_of(const EvidenceCell& whole, int child) const {
-    return refinement_.model.part_of(whole, kShareDivisor<Tree>,
+    return refinement_.model.part_of(whole, kChildrenAcross<Tree>,
                                      CellParts<Tree::kBranching, D>::of_child(child));
   }
 

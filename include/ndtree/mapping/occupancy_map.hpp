@@ -138,7 +138,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
                                     sizeof(*this) - sizeof(tree_));
     const CompressReport report = compression.run(budget);
     forget_summaries(compressed);
-    summarise_unknown(compressed, *compressed.root().node, settled());
+    summarise_stale(compressed, *compressed.root().node, saturated());
     last_checkpoint();
     tree_ = std::move(compressed);
     counters_.merges += report.merges;
@@ -152,8 +152,8 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     check(box);
     forget(CropRule<D>{tree_.geometry().on_borders(box)});
   }
-  /// Forgets the space in a box: larger cells on its border are divided, and of smallest cells there those go
-  /// that share a volume with it. @throws as crop().
+  /// Forgets the space in a box: larger cells on its border are divided, and smallest cells that share a
+  /// volume with it are forgotten. @throws as crop().
   void clear(const Box<D>& box) {
     check(box);
     forget(ClearRule<D>{tree_.geometry().on_borders(box)});
@@ -168,10 +168,9 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     forget(NearRule<D>{center, radius});
   }
 
-  /// Adds what another map of the same place knows, as if this one had seen it, too: evidence and counts of
-  /// cells add up (of paper and fixed maps the log-odds, clamped); where the cells of one are larger, each of
-  /// the other's gets its part. Siblings join as they do while mapping. What cells of both come to does not
-  /// depend on which is merged into which. O(nodes of both).
+  /// Adds the evidence of another map of the same place: evidence and counts of cells add up (in paper and
+  /// fixed maps the log-odds, clamped); where the cells of one map are larger, each of the other's gets its
+  /// part. Siblings merge as while mapping. Commutes to the last bit. O(nodes of both).
   /// @throws std::invalid_argument if the sizes of cells differ, MemoryLimitReached, std::bad_alloc,
   ///   Cancelled; the map is then unchanged.
   void merge(const OccupancyMap& other) {
@@ -183,7 +182,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     const auto merges = joining.merge();
     Tree& joined = joining.tree();
     joined.limit_memory(kUnlimitedMemory);
-    summarise_unknown(joined, *joined.root().node, settled());
+    summarise_stale(joined, *joined.root().node, saturated());
     last_checkpoint();
     tree_ = std::move(joined);
     counters_.merges += other.counters_.merges + merges;
@@ -192,8 +191,8 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     counters_.scans += other.counters_.scans;
   }
 
-  /// Takes over what another map holds of places of which this one holds nothing: every cell stays what it
-  /// is, bit for bit, so that parts of space that were mapped apart become the map that one would have made.
+  /// Copies another map's cells where this one is unknown, bit for bit, so that parts of space that were
+  /// mapped apart become the map that one process would have made.
   /// @param box if given, only of the cubes of max_cell_size (of a fixed map: the cells) that share a volume
   ///   with it, as with the window of insert(), and counters stay this map's; else counters add up.
   ///   O(what is taken over, and nodes of both above it).
@@ -209,7 +208,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     changed.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
     detail::Adopting<Tree>(changed, coarsest).run(other.tree_, window ? &*window : nullptr);
     changed.limit_memory(kUnlimitedMemory);
-    summarise_unknown(changed, *changed.root().node, settled());
+    summarise_stale(changed, *changed.root().node, saturated());
     last_checkpoint();
     tree_ = std::move(changed);
     if (box) return;
@@ -260,9 +259,9 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     return options;
   }
 
-  /// Whether a cell is settled.
-  [[nodiscard]] auto settled() const {
-    return [this](const Cell& cell) { return refinement_.is_settled(cell); };
+  /// A predicate of cells: saturated or not.
+  [[nodiscard]] auto saturated() const {
+    return [this](const Cell& cell) { return refinement_.is_saturated(cell); };
   }
 
   void require_same_options(const OccupancyMap& other) const {
@@ -289,9 +288,9 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
 
   template <class Rule>
   void forget(const Rule& rule) {
-    const auto is_settled = settled();
+    const auto is_saturated = saturated();
     Tree changed = tree_;
-    detail::Forgetting<Tree, decltype(is_settled), Rule>(changed, is_settled, rule).run();
+    detail::Forgetting<Tree, decltype(is_saturated), Rule>(changed, is_saturated, rule).run();
     changed.shrink_if_half_empty();
     last_checkpoint();
     tree_ = std::move(changed);
@@ -304,7 +303,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
 
   void check_summary(const typename Tree::ConstRef& parent) const {
     const SummaryOfSiblings expected =
-        summary_of_siblings(tree_.children(*parent.node), Tree::kNumChildren, settled());
+        summary_of_siblings(tree_.children(*parent.node), Tree::kNumChildren, saturated());
     if (parent.node->note() != expected.summary.word())
       throw std::logic_error("the summary of a node of level " + std::to_string(parent.index.level) +
                              " is not that of its children");
@@ -345,7 +344,7 @@ OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options, 
             Refinement::coarsest_level(-valid(options).num_levels(N))),
       refinement_(options),
       sensor_(options) {
-  summarise_unknown(tree_, *tree_.root().node, settled());
+  summarise_stale(tree_, *tree_.root().node, saturated());
 }
 
 template <int N, int D, class Refinement, class Sensor>
@@ -364,14 +363,14 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   Update update(tree_, refinement_, sensor_, options_, counters_);
   const std::uint64_t scan_number = scan.number.value_or(counters_.scans);
   const Measurements<D, Sensor> measurements(scan, max_range, sensor_, scan_number);
-  // The whole scan is checked before the tree grows, so that then only lack of memory, or of node ids, or a
-  // wish from outside, can still stop it half-way.
-  const ScanSurvey<D> survey = update.look_over(measurements, workers);
+  // The survey checks the whole scan before the tree grows: from then on only out-of-memory, node-id
+  // exhaustion or cancellation can interrupt.
+  const ScanSurvey<D> survey = update.survey(measurements, workers);
   for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
                                     BeamOutcome::beyond_max_range, BeamOutcome::invalid})
     report.count(outcome) = survey.num(outcome);
   const bool is_undone = options_.max_memory > 0.0 || CancelScope::current() != nullptr || tree_.is_shared();
-  if (is_undone) (void)tree_.root();  // So that to undo needs no memory for it.
+  if (is_undone) (void)tree_.root();  // Copies the root's chunk now, so that undo() need not.
   const typename UndoLog<Tree>::Begin begin(tree_);
   std::vector<UndoLog<Tree>> undo;
   try {
@@ -392,12 +391,12 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
       counters_ = before;
     } else {
       forget_summaries(tree_);
-      summarise_unknown(tree_, *tree_.root().node, settled());
+      summarise_stale(tree_, *tree_.root().node, saturated());
     }
     throw;
   }
   tree_.limit_memory(kUnlimitedMemory);
-  summarise_unknown(tree_, *tree_.root().node, settled());
+  summarise_stale(tree_, *tree_.root().node, saturated());
   counters_.scans = scan_number + 1;
   report.updates = counters_.updates - before.updates;
   report.splits = counters_.splits - before.splits;

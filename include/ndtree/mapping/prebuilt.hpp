@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
 /// The usual maps, whose making and insertion the library ndtree::prebuilt holds compiled: what takes a
-/// translation unit longest. Who links it sees NDTREE_PREBUILT, for which occupancy_map.hpp includes this.
+/// translation unit longest. Its users have NDTREE_PREBUILT defined, for which occupancy_map.hpp includes
+/// this.
 #pragma once
 
 #include <optional>

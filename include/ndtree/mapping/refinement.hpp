@@ -12,8 +12,10 @@
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/partial_occupancy.hpp"
 #include "ndtree/cell/split_test.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/beam_update.hpp"
 #include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/leaf_action.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan_update.hpp"
 
@@ -37,7 +39,7 @@ struct PaperRefinement {
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   [[nodiscard]] bool splits(const OccupancyCell& cell) const { return split_test(cell); }
   [[nodiscard]] bool may_merge(const OccupancyCell& updated) const { return merge_rule.is_extreme(updated); }
-  [[nodiscard]] static bool is_settled(const OccupancyCell&) { return false; }
+  [[nodiscard]] static bool is_saturated(const OccupancyCell&) { return false; }
   template <class NodeType>
   [[nodiscard]] std::optional<OccupancyCell> merged(const NodeType* siblings, int count) const {
     return merge_rule(siblings, count, split_test);
@@ -46,7 +48,7 @@ struct PaperRefinement {
 
 /// Cells start at max_cell_size; whole scans decide with all their beams. A cell splits where a beam ends
 /// after a free way through it, or where its hits and misses make it probable that it is partially occupied;
-/// children keep what their parent knew. Siblings join where next to no information is lost.
+/// children start with a part of their parent's evidence. Siblings join where next to no information is lost.
 struct EvidenceRefinement {
   static constexpr const char* kName = "evidence";
   static constexpr bool kAdaptive = true;
@@ -64,10 +66,30 @@ struct EvidenceRefinement {
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   /// Whether scans of which all beams pass leave the cell as it is.
-  [[nodiscard]] bool is_settled(const EvidenceCell& cell) const { return model.is_settled(cell); }
-  /// Whether smaller cells could tell more than this one about what it knows and what the scan adds.
-  /// In free space every hit asks for smaller cells, which show whether it is local; they join again if not.
-  /// In unknown space only a hit that noise cannot bring there does: before it lies free space.
+  [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
+  /// **The leaf decision**: what the evidence of a scan does to a leaf.
+  /// - A smallest cell is updated.
+  /// - A leaf splits if splits() says so, or if it was never observed and beams have only passed it: then
+  ///   CoverageModel::judge() has the last word.
+  /// - Unless its children are predicted to re-merge: then it is updated as if they had.
+  /// @param scan ScanEvidence, or PassedEvidence if all beams pass the leaf.
+  /// @param children_across as in EvidenceModel::initial_child(). @param levels_below the leaf; 0: it cannot
+  /// split.
+  template <class Scan>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE LeafAction action(const EvidenceCell& leaf, const Scan& scan,
+                                                       int children_across, int levels_below) const {
+    if (levels_below == 0) return LeafAction::update;
+    const bool is_new = !leaf.observed() && coverage.is_on() && scan.is_free_alone();
+    if (!is_new && !splits(leaf, scan)) return LeafAction::update;
+    if (model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below))
+      return LeafAction::update_without_split;
+    return is_new ? LeafAction::judge_coverage : LeafAction::split;
+  }
+  /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
+  /// - Free: any resolvable hit splits, so that smaller cells show where it is.
+  /// - Unknown: only a deep hit splits, since free space lies before it.
+  /// - Occupied: splits if it is more probably partially occupied than split_probability.
+  /// Monotone while the cell is free or unknown: more beams never turn yes to no, see splits_anyway().
   [[nodiscard]] bool splits(const EvidenceCell& cell, const ScanEvidence& scan) const {
     switch (cell.state()) {
       case CellState::free:
@@ -80,12 +102,13 @@ struct EvidenceRefinement {
     if (scan.resolvable_misses + scan.deep_hits == 0) return false;
     return split_test(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
   }
-  /// The same of beams that have passed the cell.
+  /// splits() for a scan of which all beams passed the cell.
   [[nodiscard]] bool splits(const EvidenceCell& cell, const PassedEvidence& passed) const {
     return cell.state() == CellState::occupied && passed.resolvable_misses > 0 &&
            split_test(cell.hits(), cell.misses() + passed.misses);
   }
-  /// Whether splitting is asked for whatever other beams of the scan say: the cell is not known as occupied.
+  /// Whether the cell splits whatever evidence the scan's other beams have: splits() is monotone in beams
+  /// unless the cell is occupied. Lets the walk stop reading a long list early.
   [[nodiscard]] bool splits_anyway(const EvidenceCell& cell, const ScanEvidence& scan) const {
     return cell.state() != CellState::occupied && splits(cell, scan);
   }
@@ -104,7 +127,7 @@ struct FixedRefinement {
   [[nodiscard]] static int coarsest_level(int finest_level) { return finest_level; }
   [[nodiscard]] static bool splits(const OccupancyCell&) { return false; }
   [[nodiscard]] static bool may_merge(const OccupancyCell&) { return false; }
-  [[nodiscard]] static bool is_settled(const OccupancyCell&) { return false; }
+  [[nodiscard]] static bool is_saturated(const OccupancyCell&) { return false; }
   template <class NodeType>
   [[nodiscard]] static std::optional<OccupancyCell> merged(const NodeType*, int) {
     return std::nullopt;

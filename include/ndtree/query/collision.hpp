@@ -42,8 +42,8 @@ class NearnessToCapsule {
   [[nodiscard]] Nearness operator()(const Vector<D>& centre, double half, double corner,
                                     double rounding) const {
     const Vector<D> from_a = centre - capsule_.a;
-    const double share = std::clamp(from_a.dot(way_) * per_length_, 0.0, 1.0);
-    const double squared = (from_a - share * way_).squaredNorm();
+    const double fraction = std::clamp(from_a.dot(way_) * per_length_, 0.0, 1.0);
+    const double squared = (from_a - fraction * way_).squaredNorm();
     const auto is_within = [squared](double distance) {
       return distance > 0.0 && squared <= distance * distance;
     };
@@ -183,7 +183,7 @@ class CollisionSearch {
     const Nearness nearness = nearness_(centre, half, half * diagonal_, rounding_);
     if (nearness == Nearness::apart) return false;
     if (ref.is_leaf()) return nearness != Nearness::open || touch(shape_, tree_.box(ref.index));
-    if (nearness == Nearness::inside && Summary::of(*ref.node).is_known()) return true;
+    if (nearness == Nearness::inside && Summary::of(*ref.node).is_valid()) return true;
     return any_below(ref);
   }
 
@@ -213,7 +213,7 @@ template <class Map>
       part);
 }
 
-/// The same of a body in a pose.
+/// Whether a body collides in a pose, otherwise as above.
 template <class Map>
 [[nodiscard]] bool collides(const Map& map, const Body<Map::kDim>& body, const Pose<Map::kDim>& pose,
                             UnknownSpace unknown = UnknownSpace::free) {
@@ -223,14 +223,14 @@ template <class Map>
 }
 
 /// Between two poses: the translation in equal parts, and the rotation by equal angles, the shorter way.
-[[nodiscard]] inline Pose<2> between(const Pose<2>& from, const Pose<2>& to, double share) {
+[[nodiscard]] inline Pose<2> between(const Pose<2>& from, const Pose<2>& to, double fraction) {
   const Eigen::Matrix2d turn = to.rotation * from.rotation.transpose();
-  const double angle = share * std::atan2(turn(1, 0), turn(0, 0));
+  const double angle = fraction * std::atan2(turn(1, 0), turn(0, 0));
   Eigen::Matrix2d part;
   part << std::cos(angle), -std::sin(angle), std::sin(angle), std::cos(angle);
-  return {part * from.rotation, from.translation + share * (to.translation - from.translation)};
+  return {part * from.rotation, from.translation + fraction * (to.translation - from.translation)};
 }
-[[nodiscard]] inline Pose<3> between(const Pose<3>& from, const Pose<3>& to, double share) {
+[[nodiscard]] inline Pose<3> between(const Pose<3>& from, const Pose<3>& to, double fraction) {
   const Eigen::Matrix3d turn = to.rotation * from.rotation.transpose();
   Vector<3> axis(turn(2, 1) - turn(1, 2), turn(0, 2) - turn(2, 0), turn(1, 0) - turn(0, 1));
   const double sine = 0.5 * axis.norm();
@@ -248,10 +248,10 @@ template <class Map>
   }
   Eigen::Matrix3d cross;
   cross << 0.0, -axis[2], axis[1], axis[2], 0.0, -axis[0], -axis[1], axis[0], 0.0;
-  const double part = share * angle;  // Rodrigues' formula.
+  const double part = fraction * angle;  // Rodrigues' formula.
   const Eigen::Matrix3d rotation =
       Eigen::Matrix3d::Identity() + std::sin(part) * cross + (1.0 - std::cos(part)) * cross * cross;
-  return {rotation * from.rotation, from.translation + share * (to.translation - from.translation)};
+  return {rotation * from.rotation, from.translation + fraction * (to.translation - from.translation)};
 }
 
 /// The angle between two poses' rotations [rad], in [0, pi].

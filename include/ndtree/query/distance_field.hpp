@@ -219,7 +219,7 @@ class FieldValues {
 };
 
 /// Calls `visit(block)` for the parts of a block that are at most so long, those of them that may matter.
-/// @param step of which the length of all parts is a multiple, but at the block's end.
+/// @param step the length of all parts is a multiple of it, but at the block's end.
 template <int D, class Matters, class Visit>
 void for_each_part(const GridBlock<D>& block, std::size_t longest, std::size_t step, const Matters& matters,
                    const Visit& visit) {
@@ -273,7 +273,7 @@ template <class Map>
   DistanceField<D> field(box.lower, cell_size, shape, max_distance, unknown);
   Pace pace;
   const detail::FieldValues<Map> values(map, field, pace);
-  // As large as the space around that is looked at, too: there, what is far takes part in vain.
+  // As large as the space around it that is looked at, too, where far points change nothing.
   const double side =
       std::clamp(4.0 * max_distance / cell_size, D == 2 ? 128.0 : 16.0, D == 2 ? 1024.0 : 128.0);
   detail::for_each_part(

@@ -91,7 +91,7 @@ class DistanceTransform {
 
     [[nodiscard]] std::size_t slabs() const { return borders.size() - 1; }
   };
-  /// The slabs of a box: from the first to before the last on each axis.
+  /// The slabs of a box: [first, last) on each axis.
   struct Span {
     std::array<std::uint32_t, kAxes> first;
     std::array<std::uint32_t, kAxes> last;

@@ -66,7 +66,7 @@ class FieldGrid {
   Shape shape_;
 };
 
-/// Points of a grid, from the first to before the last on each axis.
+/// Points of a grid: [first, last) on each axis.
 template <int D>
 struct GridBlock {
   typename FieldGrid<D>::Shape first{};
@@ -101,8 +101,8 @@ struct GridBlock {
 
 namespace detail {
 
-/// Whether something holds for some place of a block: from the first to before the last
-/// on each axis, of which the last varies fastest. An empty block has none.
+/// Whether something holds for some position of a block, [first, last) on each axis; the last axis varies
+/// fastest. An empty block has none.
 template <class Shape, class Holds>
 bool any_place(const Shape& first, const Shape& last, const Holds& holds) {
   for (std::size_t a = 0; a < first.size(); ++a)

@@ -66,7 +66,8 @@ class FieldUpdate {
  private:
   /// More than errors of rounding, of a squared distance in float32 and of its root, relatively ...
   static constexpr double kRounding = 1e-6;
-  /// ... and of those whose square is too small for that: the root of the smallest normal number [m].
+  /// The rounding of distances whose square is too small for that: the root of the smallest normal number
+  /// [m].
   static constexpr double kSmallest = 1.1e-19;
   /// Along each side of a block.
   static constexpr std::size_t kPackets = 4;
@@ -224,9 +225,9 @@ class FieldUpdate {
 
 }  // namespace detail
 
-/// Brings a field up to date after a map has changed: as distance_field() would fill it in now. All that is
-/// looked at again are points for which something that changed is no farther than what was nearest, and of
-/// these, beside what changed, only those whose nearest has changed.
+/// Brings a field up to date after a map has changed: as distance_field() would fill it in now. Only points
+/// are visited for which something that changed is no farther than their nearest obstacle was; they search
+/// the map again only if that nearest obstacle has changed.
 /// @param changes of the map since the field was made or updated, see changes().
 /// @throws std::bad_alloc, Cancelled; the field is then as it was.
 template <class Map>

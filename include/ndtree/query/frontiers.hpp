@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Where known free space ends and nobody has looked further.
+/// Where free space ends and unknown space begins.
 #pragma once
 
 #include <algorithm>
@@ -125,7 +125,7 @@ class FrontierSearch {
   }
 
   /// All of them, the largest first. Cells that share a point belong together.
-  /// @param min_cells frontiers whose border is smaller than so many faces of smallest cells are left out.
+  /// @param min_cells frontiers whose border is smaller than this many faces of smallest cells are left out.
   /// @throws std::invalid_argument if min_cells is negative.
   [[nodiscard]] std::vector<Frontier<D>> frontiers(double min_cells = 8.0) const {
     if (!(min_cells >= 0.0))
@@ -223,7 +223,7 @@ class FrontierSearch {
     std::vector<Box<D>> changed;
     detail::for_each_difference(seen_, map,
                                 [&](const CellIndex<D>& index) { changed.push_back(map.tree().box(index)); });
-    std::vector<Number> left;  // Of frontiers of which something goes.
+    std::vector<Number> left;  // Remaining cells of frontiers that lost some.
     Pace pace;
     for (const Box<D>& region : changed)
       for_each_leaf_of(seen_, region, only(true), [&](const auto& leaf) {
@@ -335,7 +335,7 @@ class FrontierSearch {
 /// Where free cells border on unknown space, outside the map too; the largest first. Cells that share a
 /// point belong together.
 /// @param box free cells that share a point with it count; none: all.
-/// @param min_cells frontiers whose border is smaller than so many faces of smallest cells are left out.
+/// @param min_cells frontiers whose border is smaller than this many faces of smallest cells are left out.
 /// @throws std::invalid_argument if the box is upside down or min_cells negative. O(cells log cells).
 template <class Map>
 [[nodiscard]] std::vector<Frontier<Map::kDim>> frontiers(

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What a map knows at a point.
+/// State and probability at a point.
 #pragma once
 
 #include <algorithm>
@@ -107,7 +107,7 @@ void for_each_cell_at(const Map& map, const double* points, std::size_t n, Visit
   std::array<const NodeType*, kSideBySide> nodes;
   std::array<Lattice<D>, kSideBySide>
       offsets;                                 // From the root's lower corner, or, if N is not 2, the node's.
-  std::array<std::size_t, kSideBySide> going;  // Those of which the leaf is not found yet.
+  std::array<std::size_t, kSideBySide> going;  // Points whose leaf is not found yet.
   Pace pace;
   for (std::size_t first = 0; first < n; first += kSideBySide) {
     pace.spend(kSideBySide);

@@ -41,8 +41,9 @@ bool contains(const Tree& tree, const Box<D>& region) {
 
 }  // namespace detail
 
-/// Which states the cells have that share a point with the closed box. Nodes that lie in it as a whole are
-/// not entered, nor those that can add nothing. Corners as LatticeGeometry::on_borders() takes them.
+/// Which states the cells have that share a point with the closed box. Nodes that lie in it as a whole
+/// are not entered, nor nodes whose summary adds nothing. Corners as LatticeGeometry::on_borders() takes
+/// them.
 /// @pre lower <= upper.
 template <class Map>
 [[nodiscard]] RegionStates states_in(const Map& map, const Box<Map::kDim>& box) {
@@ -54,7 +55,7 @@ template <class Map>
     const bool occupied = summary.may_contain(CellState::occupied) && !states.occupied;
     const bool free = summary.may_contain(CellState::free) && !states.free;
     const bool unknown = summary.may_contain(CellState::unknown) && !states.unknown;
-    if (ref.is_leaf() || (is_inside && summary.is_known())) {
+    if (ref.is_leaf() || (is_inside && summary.is_valid())) {
       states.occupied = states.occupied || occupied;
       states.free = states.free || free;
       states.unknown = states.unknown || unknown;
@@ -77,7 +78,7 @@ template <class Map>
       return false;
     }
     const Summary summary = Summary::of(*ref.node);
-    return !summary.is_known() || summary.max_log_odds() > most;
+    return !summary.is_valid() || summary.max_log_odds() > most;
   });
   return probability(static_cast<double>(most));
 }

@@ -135,19 +135,19 @@ class Transforming {
     double hits = 0.0;
     double misses = 0.0;
 
-    /// @param share of the beams through a cell of one size that a cell of another meets.
-    void add(const EvidenceCell& cell, double share) {
+    /// @param fraction of the beams through a cell of one size that a cell of another meets.
+    void add(const EvidenceCell& cell, double fraction) {
       ++observed;
-      occupied += share * static_cast<double>(cell.occupied_evidence());
-      free += share * static_cast<double>(cell.free_evidence());
-      hits += share * cell.hits();
-      misses += share * cell.misses();
+      occupied += fraction * static_cast<double>(cell.occupied_evidence());
+      free += fraction * static_cast<double>(cell.free_evidence());
+      hits += fraction * cell.hits();
+      misses += fraction * cell.misses();
     }
-    void add(const OccupancyCell& cell, double share) {
+    void add(const OccupancyCell& cell, double fraction) {
       ++observed;
       occupied += static_cast<double>(cell.log_odds());
-      hits += share * cell.hits();
-      misses += share * cell.misses();
+      hits += fraction * cell.hits();
+      misses += fraction * cell.misses();
     }
   };
   [[nodiscard]] Cell cell_of(const Sum& sum, int samples) const {

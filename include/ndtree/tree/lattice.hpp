@@ -111,8 +111,8 @@ class LatticeGeometry {
     return rounded(kRounding * std::abs(x)) + rounded(kRoundingOfUnit * unit_);
   }
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of four numbers, as floating point. @param is_on_border whether x lies on a border of the cell,
-  /// within rounding_at().
+  /// The coordinates of four numbers, as floating point. @param is_on_border whether x lies on a border of
+  /// the cell, within rounding_at().
   NDTREE_BY_EIGHTS [[nodiscard]] __m256d coordinate(__m256d x, __m256d& is_on_border) const {
     const __m256d unit = _mm256_set1_pd(unit_);
     const __m256d one = _mm256_set1_pd(1.0);
@@ -167,8 +167,8 @@ class LatticeGeometry {
     }
     return result;
   }
-  /// All cells of a level up to 0 that share a volume with a box, see on_borders(), of which only what is in
-  /// reach counts.
+  /// All cells of a level up to 0 that share a volume with the part of a box that is in reach, see
+  /// on_borders().
   [[nodiscard]] LatticeBox<D> cells_in(const Box<D>& region, int level) const {
     const Box<D> box = on_borders(region);
     const std::int64_t edge = this->edge(level);
@@ -209,7 +209,7 @@ class LatticeGeometry {
   double per_metre_;  // About 1 / unit_.
   int num_levels_;
   int coarsest_level_ = 0;
-  // By level, so that nobody has to ask for the finest; others are 0.
+  // By level, without asking for the finest; others are 0.
   std::array<std::int64_t, std::size_t{kMostBelow + kMostAbove + 1}> edges_{};
 };
 

@@ -34,7 +34,7 @@ struct NodeRef {
   [[nodiscard]] auto& cell() const { return node->cell(); }
 };
 
-/// Tree of cells of any kind. It knows geometry and structure; what a cell means is its user's business.
+/// Tree of cells of any type: geometry and structure. The meaning of a cell is up to its users.
 /// Copies share what neither of them has changed since: a copy takes O(nodes / hundreds), and what a part of
 /// the tree needs once more is allocated when it is first accessed to be changed, that is, through a tree
 /// that is not const. Invariants, tested by check_invariants(): an inner node has exactly N^D children, every
@@ -128,9 +128,9 @@ class NdTree {
   /// @pre the node is a leaf above the finest level.
   void split(const Ref& leaf, const Cell& cell = Cell{}) { split_node(*leaf.node, cell); }
 
-  /// The same for a node whose region the caller knows.
+  /// Splits a leaf whose region the caller knows.
   void split_node(NodeType& leaf, const Cell& cell = Cell{}) { split_node(leaf, cell, pool_.main_arena()); }
-  /// The same for one of several threads, with an arena of its own.
+  /// Splits a leaf in one of several threads, with an arena of its own.
   void split_node(NodeType& leaf, const Cell& cell, Arena& arena) {
     const BlockId block = pool_.allocate(arena);
     NodeType* children = pool_.block(block);
@@ -195,7 +195,7 @@ class NdTree {
     }
   }
 
-  /// Bytes that the tree may hold from now on, with so many others. Splitting and growing then throw
+  /// Bytes that the tree may hold from now on, `others` beside it included. Splitting and growing then throw
   /// MemoryLimitReached.
   void limit_memory(std::size_t bytes, std::size_t others = 0) {
     pool_.limit_memory(bytes, sizeof(*this) + others);
@@ -228,7 +228,7 @@ class NdTree {
       return false;
     }
   }
-  /// Bytes that a tree with so many inner nodes holds after shrink_to_fit().
+  /// Bytes that a tree with this many inner nodes holds after shrink_to_fit().
   [[nodiscard]] static std::size_t memory_bytes_of(std::size_t num_inner_nodes) {
     return sizeof(NdTree) + Pool::memory_bytes_of(num_inner_nodes + 1);
   }

@@ -88,9 +88,9 @@ class Node<Cell, std::enable_if_t<Cell::kLeavesTopBitOfFirstWordClear>> {
 /// Blocks of `kBlockSize` nodes in chunks that do not move while the pool grows. Freed blocks are used again,
 /// the last freed first.
 ///
-/// A copy keeps all ids and shares the chunks, which takes O(chunks). Whoever asks for a block to write it
-/// gets a chunk of its own, copied the first time; copies may be read, written and destroyed by other threads
-/// then. A pool may be copied while others read it, but not while it is written.
+/// A copy keeps all ids and shares the chunks, which takes O(chunks). Chunks are copied on write: asking for
+/// a block to write it copies its chunk the first time; other threads may then read, write and destroy
+/// copies. A pool may be copied while others read it, but not while it is written.
 ///
 /// Threads may allocate and free at once, each through an arena of its own, while they read and write nodes
 /// that no other one touches; only the taking of new blocks, some dozens at a time, and the first writing of
@@ -144,8 +144,8 @@ class NodePool {
   [[nodiscard]] const NodeType* block(BlockId id) const {
     return in_chunk(entry(id >> kChunkBits).chunk(), id);
   }
-  /// Whether a block is still the same memory as another pool's: nobody has asked for it, or for one beside
-  /// it, since one of the two was copied from the other.
+  /// Whether a block is still the same memory as another pool's: neither has asked for it to write it, or
+  /// for one beside it, since one of the two was copied from the other.
   [[nodiscard]] bool shares(BlockId id, const NodePool& other) const {
     const std::size_t number = id >> kChunkBits;
     return number < other.num_chunks_ && entry(number).chunk() == other.entry(number).chunk();
@@ -167,8 +167,8 @@ class NodePool {
   /// The one that is used if no other is named.
   [[nodiscard]] Arena& main_arena() { return main_; }
 
-  /// Bytes that it may hold from now on, with so many others; what it holds already stays. Neither copied nor
-  /// swapped.
+  /// Bytes that it may hold from now on, `others` beside it included; what it holds already stays. Neither
+  /// copied nor swapped.
   void limit_memory(std::size_t bytes, std::size_t others = 0) {
     limit_ = bytes;
     others_ = others;
@@ -213,12 +213,12 @@ class NodePool {
   [[nodiscard]] std::size_t num_blocks() const { return static_cast<std::size_t>(main_.num_blocks_); }
   /// Blocks that there is memory for, used or not.
   [[nodiscard]] std::size_t capacity_in_blocks() const { return num_chunks_ << kChunkBits; }
-  /// Bytes that a pool with so many blocks holds if it was made for them.
+  /// Bytes that a pool with this many blocks holds if it was made for them.
   [[nodiscard]] static std::size_t memory_bytes_of(std::size_t num_blocks) {
     const std::size_t chunks = (num_blocks + kChunkMask) >> kChunkBits;
     return chunks * (sizeof(Chunk) + sizeof(Entry));
   }
-  /// Room for so many blocks in the directory; none is allocated.
+  /// Room for this many blocks in the directory; none is allocated.
   void reserve(std::size_t num_blocks) { make_directory((num_blocks + kChunkMask) >> kChunkBits); }
   /// Bytes held, used or not, shared with other pools or not.
   [[nodiscard]] std::size_t memory_bytes() const {
@@ -314,7 +314,8 @@ class NodePool {
     return own;
   }
 
-  /// A larger directory with the same chunks. Who still reads the old one finds in it all that it knows of.
+  /// A larger directory with the same chunks. A reader of the old one finds in it all blocks that it has ids
+  /// of.
   void make_directory(std::size_t capacity) {
     if (capacity <= capacity_) return;
     directories_.push_back(std::make_unique<Entry[]>(capacity));
@@ -363,19 +364,19 @@ class NodePool {
     ++num_chunks_;
   }
 
-  // Whoever looks up a block reads the first, so what threads write while others do, from the mutexes on, is
-  // not in the same cache line.
+  // Every look-up reads directory_, so what threads write meanwhile, from the mutexes on, is in another cache
+  // line (no false sharing).
   std::atomic<Entry*> directory_{nullptr};
   std::vector<std::unique_ptr<Entry[]>> directories_;  // The last one is in use.
   std::size_t capacity_ = 0;
-  std::size_t limit_ = kUnlimitedMemory;        // Bytes, of which ...
-  std::size_t others_ = 0;                      // ... so many are not the pool's.
+  std::size_t limit_ = kUnlimitedMemory;        // Bytes that may be held in all.
+  std::size_t others_ = 0;                      // Bytes of limit_ that are not the pool's.
   mutable std::atomic<bool> may_share_{false};  // Some chunk, with another pool.
   int num_lent_ = 0;                            // Arenas that threads work with.
   Arena main_;
   std::mutex entries_mutex_;      // Of chunks that take the place of others, and of directories.
   std::vector<Chunk*> replaced_;  // As long as arenas are lent.
-  std::mutex mutex_;              // Of what arenas share; who has it may ask for the other one.
+  std::mutex mutex_;              // Of what arenas share; its holder may lock the other one.
   std::size_t num_chunks_ = 0;
 };
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What nodes of a tree were before they changed, so that a change that fails can be taken back.
+/// Blocks of a tree's nodes as they were before a change, so that a change that fails can be undone.
 #pragma once
 
 #include <algorithm>
@@ -14,17 +14,17 @@
 
 namespace ndtree {
 
-/// Blocks of siblings as they were. Of every inner node whose children may change, or be merged, the block of
-/// its children is kept first, once; then undo() can bring all of a tree back, without new memory.
+/// Blocks of siblings as they were. Invariant: before the children of an inner node change or merge, their
+/// block is kept, once. Then undo() restores the whole tree, without allocating.
 template <class Tree>
 class alignas(kCacheLines) UndoLog {  // One for each thread.
   using NodeType = typename Tree::NodeType;
   static_assert(std::is_trivially_copyable_v<NodeType>);
 
  public:
-  /// @param parent an inner node of the tree, whose children are asked for to be written.
+  /// Keeps the children of an inner node, and copies their chunk if another tree shares it.
   void keep(Tree& tree, const NodeType& parent) {
-    const NodeType* const children = tree.children(parent);  // Which may lack memory.
+    const NodeType* const children = tree.children(parent);  // Copies on write: may throw std::bad_alloc.
     Kept& kept = kept_.emplace_back();
     kept.block = parent.children();
     std::memcpy(kept.bytes, children, sizeof kept.bytes);
@@ -37,14 +37,14 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
     explicit Begin(const Tree& tree) : root_index(tree.root().index), root(*tree.root().node) {}
   };
 
-  /// Brings a tree back to where it began. Only splits, merges and growth may have happened since then, and
-  /// changes of cells and notes.
+  /// Restores a tree. @pre since `begin` there were only splits, merges, growth, and changes of cells and
+  /// notes.
   static void undo(Tree& tree, const Begin& begin, std::vector<UndoLog>& logs) {
     tree.shrink_to(begin.root_index);
     for (UndoLog& log : logs)
       std::sort(log.kept_.begin(), log.kept_.end(),
                 [](const Kept& a, const Kept& b) { return a.block < b.block; });
-    // First all that is new goes; then there is room for all that was.
+    // Cut new nodes first, so that there is room for the old ones.
     NodeType& root = *tree.root().node;
     cut_new(tree, root, begin.root, logs);
     restore(tree, root, begin.root, logs);
@@ -74,7 +74,7 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
     return nullptr;
   }
 
-  /// Cuts what was a leaf.
+  /// Cuts subtrees that were leaves.
   static void cut_new(Tree& tree, NodeType& node, const NodeType& before, const std::vector<UndoLog>& logs) {
     if (before.is_leaf()) {
       tree.cut(node);
@@ -85,7 +85,7 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
           cut_new(tree, tree.children(node)[j], kept->node(j), logs);
     }
   }
-  /// Divides what was an inner node.
+  /// Divides leaves that were inner nodes.
   static void restore(Tree& tree, NodeType& node, const NodeType& before, const std::vector<UndoLog>& logs) {
     if (before.is_leaf()) {
       node = before;

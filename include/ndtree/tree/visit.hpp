@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Depth-first visits of a tree's nodes and leaves, all of them or those that touch a box.
+/// Depth-first visits of a tree's nodes and leaves: of all, or of the ones that touch a box.
 #pragma once
 
 #include "ndtree/core/cancel.hpp"

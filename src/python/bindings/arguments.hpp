@@ -44,7 +44,7 @@ Poses pose_from(const py::object& object, int dim, const char* name = "pose");
 /// TypeError.
 std::vector<LayerKind> layer_kinds(const py::object& object);
 
-/// What beams say to layers, from a dict of names and arrays, or None.
+/// Measurements of layers, from a dict of names and arrays, or None.
 class LayerArguments {
  public:
   /// @param n number of beams: an array has a number, or some, for each. @throws ValueError or TypeError.

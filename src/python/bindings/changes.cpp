@@ -107,7 +107,7 @@ ValueError
   constexpr const char* kSnapshot = R"(The map as it is now, which stays so while this one goes on.
 
 It shares all cells that do not change from now on, so that it is made in microseconds for each megabyte. Other
-threads may read it as long as they like, and nobody waits. It is a map as any other: what is inserted into it
+threads may read it as long as they like, without waiting. It is a map as any other: what is inserted into it
 changes nothing here.
 
 Returns
@@ -208,10 +208,10 @@ MemoryError
         });
       },
       "other"_a, "box"_a = py::none(),
-      R"(Take over what another map holds of places of which this one holds nothing.
+      R"(Copy the cells of another map where this one is unknown.
 
 Every cell stays what it is, bit for bit: parts of space that were mapped apart, see insert(window=), become the map that
-one would have made. To add up what two maps know of the same place, see merge().
+one would have made. To add up the evidence of two maps of the same place, see merge().
 
 Parameters
 ----------
@@ -322,7 +322,7 @@ KeyboardInterrupt
 Parameters
 ----------
 min_cells : float
-    Frontiers with a border smaller than so many faces of smallest cells are left out.
+    Frontiers with a border smaller than this many faces of smallest cells are left out.
 
 Returns
 -------

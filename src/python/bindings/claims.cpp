@@ -143,11 +143,11 @@ ValueError
            "seed"_a = defaults.seed)
       .def_property_readonly(
           "dim", [](const AnySeenSpace& any) { return any.dim(); }, "Of the points.")
-      .def_property_readonly("points", &points_of, "(n, dim) float64 [m]; none if no beam says anything.")
+      .def_property_readonly("points", &points_of, "(n, dim) float64 [m]; none without a valid beam.")
       .def_property_readonly("seen", &seen_of, "(n,) bool: whether some scan saw the point.")
       .def_property_readonly("box", &box_of,
-                             "(2, dim) float64: lower and upper corner of where the points are [m]; None if "
-                             "no beam says anything.");
+                             "(2, dim) float64: lower and upper corner of where the points are [m]; None "
+                             "without a valid beam.");
 
   py::class_<Claims>(module, "Claims",
                      "What a map says about space of which is known whether somebody saw it.\n\n"

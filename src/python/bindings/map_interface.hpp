@@ -61,7 +61,7 @@ class MapInterface {
   /// Whether clone() shares what does not change, and takes next to no time.
   [[nodiscard]] virtual bool clones_cheaply() const { return true; }
 
-  /// @param window none, or the box outside which nothing changes. @param layers what beams say to layers.
+  /// @param window none, or the box outside which nothing changes. @param layers measurements of layers.
   /// @throws std::invalid_argument for a window or layers in a map that is not ours.
   virtual InsertReport insert(const BeamPointers& beams, double max_range, int threads,
                               const std::optional<AnyBox>& window,
@@ -81,7 +81,7 @@ class MapInterface {
     throw std::invalid_argument("refinement = '" + refinement() +
                                 "': only a map refined by 'evidence' can be compressed");
   }
-  /// Gives unused memory back, where the map knows how.
+  /// Gives unused memory back, where the map can.
   virtual void shrink_to_fit() {}
   virtual void probability(const double* points, std::size_t n, float* out) const = 0;
   virtual void state(const double* points, std::size_t n, std::int8_t* out) const = 0;

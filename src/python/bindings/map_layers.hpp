@@ -28,7 +28,7 @@ struct LayerKind {
   std::string name;
   std::string rule;
 };
-/// What a scan's beams say to a layer: `width` numbers each.
+/// The measurements of a scan for a layer: `width` numbers a beam.
 struct LayerMeasurements {
   std::string name;
   const double* numbers = nullptr;

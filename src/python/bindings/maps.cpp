@@ -118,10 +118,10 @@ HeldOutTruth evaluate(const PythonMap& map, const py::object& points, const py::
   return result;
 }
 
-/// A Python warning where a beam that nobody cuts is absurdly long beside the cells, before anything changes.
-/// O(beams).
+/// A Python warning where a beam that is not cut by max_range is absurdly long beside the cells, before
+/// anything changes. O(beams).
 void warn_of_scale(const BeamArrays& beams, int dim, double cell_size, double max_range) {
-  constexpr double kMostCells = 20000.0;  // As MOST_CELLS of ndtree.scale.
+  constexpr double kMostCells = 20000.0;  // As MOST_CELLS of ndtree.tuning.scale.
   if (max_range < kInfinity) return;      // Who says so means it.
   const double limit = kMostCells * cell_size;
   const double* const ends = beams.endpoints.data();
@@ -453,7 +453,7 @@ range_sigma : (n,) array of float, optional
     Standard deviation of each range [m], > 0, where it is known beam by beam. Default: the map's options say.
     OctoMap has no use for it.
 max_range : float
-    Longer beams say only that the space up to there is free [m].
+    Longer beams are free up to there and have no end point [m].
 threads : int
     That may work on a large scan; 0: as many as the machine has cores. The map is the same, bit for bit, for
     every number. Beam by beam there is only one.
@@ -461,8 +461,8 @@ window : (2, dim) array of float, optional
     Lower and upper corner [m]: only cells in this box change, and become, bit for bit, what they would
     without it. In it are all cells of `max_cell_size` (of a fixed map: all cells) that share a volume with it.
 layers : dict of str and array, optional
-    By the name of a layer of the map, what each beam says to the cell in which it ends: (n,), or (n, 3) for
-    "mean3". What is said of beams that did not return does not count. See `layer`.
+    By the name of a layer of the map, each beam's value for the cell in which it ends: (n,), or (n, 3) for
+    "mean3". Values of beams that did not return are ignored. See `layer`.
 number : int, optional
     The scan's number among all scans, from 0: each number samples other beams of a dense scan. For maps that
     take only some of the scans, as the parts of a distributed one do. Default: ``stats().scans``.
@@ -749,7 +749,7 @@ branching : int
     Children of a node along each axis: 2, 3 or 4 (in four dimensions 2).
 refinement : str
     "evidence": cells split where a beam ends behind a free way through them or hits and misses contradict each
-    other, keep what their parents knew, and join where next to no information is lost. "paper": the rules of
+    other, start with a part of their parents' evidence, and merge where little is lost by it. "paper": the rules of
     Einhorn, Schroeter and Gross (ICRA 2011), as published.
 layers : dict of str, optional
     What cells carry beside their occupancy, by a name: "mean" of a number a beam, "mean3" of three, as of a
@@ -761,7 +761,7 @@ max_cell_size : float
 range_sigma, range_sigma_quadratic : float
     Standard deviation of a range r is range_sigma + range_sigma_quadratic * r**2 [m, 1/m].
 probability_min, probability_max : float
-    Bounds of what a single beam says about a cell.
+    Bounds of a single beam's inverse sensor model.
 log_odds_min, log_odds_max : float
     Bounds of a cell's log-odds.
 miss_given_occupied, hit_given_free : float
@@ -769,38 +769,38 @@ miss_given_occupied, hit_given_free : float
 split_probability : float
     A cell splits if it is more probably than this partially occupied ("evidence").
 merge_loss : float
-    Siblings join if that loses at most this for each cell that it saves ("evidence") [bits].
+    Siblings merge if that loses at most this for each cell that it saves ("evidence") [bits].
 inherited_beams : float
-    A cell that splits shares its evidence out as the scan's beams go, with so many more beams spread evenly
+    A cell that splits divides its evidence as the scan's beams go, with this many more beams spread evenly
     ("evidence").
 noise_sigmas : float
     No split makes cells smaller than this many standard deviations of the range ("evidence").
 evidence_memory : float
-    A cell remembers evidence of this weight; older fades ("evidence") [nats].
+    Evidence that a cell remembers at most; older evidence fades ("evidence") [nats].
 free_memory : float
-    So much if it knows of nothing but free space; then more of it changes nothing ("evidence") [nats].
+    Cap of evidence in a cell that has it for free space only ("evidence") [nats].
 scan_beams : float
-    Beams of one scan that count in a cell if all of them passed it ("evidence").
+    Beams of one scan that count at most in a cell if all of them passed it ("evidence").
 known_evidence, sample_beams : float
-    Of a scan that is dense beside the cells, a sample counts: about sample_beams for each cell of min_cell_size
-    side by side in a cell that knows known_evidence [nats], five times as many in others ("evidence").
+    Cells sample a scan that is denser than they are: a well observed cell, with known_evidence [nats], about
+    sample_beams beams per cell of min_cell_size side by side in it, any other five times as many ("evidence").
 evidence_prior : float
-    Evidence for and against that every cell begins with ("evidence") [nats].
+    Evidence of both kinds that every cell begins with ("evidence") [nats].
 change_probability : float
-    Where so many scans in a row contradict a cell that this is less likely, the world has changed, and the cell
-    forgets what was before; 0 for never ("evidence").
+    A streak of scans that contradicts a cell and is less likely than this is a change, and the cell forgets its
+    earlier evidence; 0 for never ("evidence").
 evidence_half_life : float
-    A cell's evidence halves in so many scans that observe it; 0 for never ("evidence") [scans].
+    A cell's evidence halves in this many scans that observe it; 0 for never ("evidence") [scans].
 covered_share : float
-    A cell is known once so much was seen of each of its halves, along every axis; 0: as soon as a beam passed it
-    ("evidence").
+    A cell is observed once this fraction of each of its halves was seen, along every axis; 0: as soon as a beam
+    passed it ("evidence").
 coverage_cells : float
-    A cell of which a part was not seen splits to show it if it is larger than so many of min_cell_size
+    A cell of which a part was not seen splits to show it if it is larger than this many of min_cell_size
     ("evidence").
 significance : float
     Confidence of the chi-square test that splits a cell ("paper").
 merge_free_below, merge_occupied_above : float
-    Siblings join if all are at most, or all at least, this probable ("paper").
+    Siblings merge if all are at most, or all at least, this probable ("paper").
 max_memory : float
     A scan with which the map would hold more is refused [bytes]; 0: three quarters of the machine's memory.
 

@@ -6,8 +6,8 @@
 
 namespace {
 
-/// What pybind11 calls for the place of an object whose `__init__` did not run, or threw: it would hand out
-/// memory that nobody has written to.
+/// What pybind11 calls for the place of an object whose `__init__` did not run, or threw: it would return
+/// uninitialised memory.
 void* refuse_unmade(std::size_t) {
   throw pybind11::type_error("an object is used that was never made: its __init__() did not run, or failed");
 }

@@ -12,7 +12,7 @@
 namespace ndtree::python {
 
 /// A field that threads share: any number ask it, or one brings it up to date. As with maps, the lock is
-/// taken when the interpreter's has been left; whoever holds it takes no other one.
+/// taken when the interpreter's has been left; its holder takes no other one.
 class PythonField {
  public:
   explicit PythonField(AnyField field) : field_(std::move(field)) {}

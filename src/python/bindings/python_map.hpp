@@ -20,14 +20,14 @@
 
 namespace ndtree::python {
 
-/// A map that threads share. One writes at a time. As long as nobody has had to wait, queries look at the map
-/// itself, several at the same time; from then on they look at a copy that every writer leaves behind when he
-/// is done, so that readers do not wait for him, nor he for them. When nobody has looked for a while, there
-/// are no more copies.
+/// A map that threads share. One writes at a time. Until a call has had to wait, queries read the map itself,
+/// several at the same time; from then on they read a copy that every writer leaves behind when it is done,
+/// so that readers and writers do not wait for each other. When no copy has been read for a while, writers
+/// make none any more.
 ///
 /// All leave the interpreter's lock to others, and take this one only after that: so they cannot wait for
-/// each other in a circle. Who waits for it hears signals meanwhile. A fork waits until no other thread is in
-/// a call, see CallInProgress, so that the child can go on with the map.
+/// each other in a circle. A call that waits for it handles signals meanwhile. A fork waits until no other
+/// thread is in a call, see CallInProgress, so that the child can go on with the map.
 class PythonMap {
  public:
   explicit PythonMap(std::unique_ptr<MapInterface> map) : map_(std::move(map)) {}
@@ -57,7 +57,7 @@ class PythonMap {
   [[nodiscard]] const MapInterface& constant() const { return *map_; }
 
  private:
-  static constexpr int kPatience = 100;  // Writers that leave copies at which nobody looks.
+  static constexpr int kPatience = 100;  // Writers that leave copies without a reader.
 
   struct CopyInTheEnd {
     explicit CopyInTheEnd(PythonMap& map) : map_(map) {}

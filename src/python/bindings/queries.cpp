@@ -79,7 +79,7 @@ template <class Ask>
 auto asked(const PythonField& shared, const Ask& ask) {
   return shared.read([&](const AnyField& any) { return std::visit(ask, any.field); });
 }
-/// The same of what never changes: no lock is needed.
+/// As ask(), for what never changes: no lock is needed.
 template <class Ask>
 auto constant(const PythonField& shared, const Ask& ask) {
   return std::visit(ask, shared.constant().field);
@@ -494,14 +494,14 @@ ValueError
                 map.read([&](const MapInterface& m) { return m.queries()->frontiers(region, min_cells); }));
           },
           "box"_a = py::none(), py::kw_only(), "min_cells"_a = 8.0,
-          R"(Where known free space ends and nobody has looked further.
+          R"(Where free space ends and unknown space begins.
 
 Parameters
 ----------
 box : (2, dim) array of float, optional
     Lower and upper corner [m]: free cells that touch it count. Default: everywhere.
 min_cells : float
-    Frontiers with a border smaller than so many faces of smallest cells are left out.
+    Frontiers with a border smaller than this many faces of smallest cells are left out.
 
 Returns
 -------

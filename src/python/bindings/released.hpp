@@ -23,7 +23,7 @@ class Released {
 
  private:
   using Clock = std::chrono::steady_clock;
-  static constexpr std::chrono::milliseconds kPause{100};  // Who asks has to wait for the interpreter.
+  static constexpr std::chrono::milliseconds kPause{100};  // Asking waits for the interpreter.
 
   [[nodiscard]] static bool hears_signals();
   [[nodiscard]] bool was_raised() { return Clock::now() >= next_ && is_raised(); }

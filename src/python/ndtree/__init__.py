@@ -10,62 +10,53 @@ Lengths are in metres, arrays are (n, dim), everything is in the map frame.
 2
 """
 
-from . import _interrupt
+from __future__ import annotations
 
-if _interrupt.is_command():
-    _interrupt.end_quietly()
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from . import _compiled as _compiled  # Before anybody takes a function of the compiled module.
-from . import _methods as _methods
-from ._core import (
-    AdaptiveMap,
-    Box,
-    Capsule,
-    Changes,
-    Claims,
-    CompressReport,
-    DistanceField,
-    FixedMap,
-    Frontier,
-    FrontierSearch,
-    HeldOutTruth,
-    InsertReport,
-    Leaves,
-    MapStats,
-    NearestOccupied,
-    OccupancyMap,
-    RayEnds,
-    SeenSpace,
-    Shape,
-    Sphere,
-    __version__,
-    default_options,
-    from_bytes,
-    from_grid,
-    has_octomap,
-    load,
-    load_octomap,
-)
-from .calibration import Calibration, calibrate
-from .comparison import Comparison, compare
-from .conversion import convert
-from .first_look import FirstLook, first_look
-from .map_comparison import MapComparison, compare_maps
-from .readers import Log, read, simulate
-from .scan import Scan
-from .tiles import TiledMap, TileMapper, open_tiles
-
-if has_octomap:
-    from ._core import OctoMap
-else:
-
-    def OctoMap(*_args: object, **_options: object) -> OccupancyMap:
-        """Say why there is no OctoMap: it was not there when the module was built."""
-        raise RuntimeError(
-            "ndtree was built without OctoMap: install liboctomap-dev and build it again "
-            "(pip install --no-binary ndtree-mapping ndtree-mapping)"
-        )
-
+if TYPE_CHECKING:
+    from ndtree import logs as logs
+    from ndtree import tiles as tiles
+    from ndtree import typing as typing
+    from ndtree._native import OctoMap
+    from ndtree._native._core import (
+        AdaptiveMap,
+        Box,
+        Capsule,
+        Changes,
+        Claims,
+        CompressReport,
+        DistanceField,
+        FixedMap,
+        Frontier,
+        FrontierSearch,
+        HeldOutTruth,
+        InsertReport,
+        Leaves,
+        MapStats,
+        NearestOccupied,
+        OccupancyMap,
+        RayEnds,
+        SeenSpace,
+        Shape,
+        Sphere,
+        __version__,
+        default_options,
+        from_bytes,
+        from_grid,
+        has_octomap,
+        load,
+        load_octomap,
+    )
+    from ndtree.base.scan import Scan
+    from ndtree.evaluation.comparison import Comparison, compare
+    from ndtree.evaluation.map_comparison import MapComparison, compare_maps
+    from ndtree.logs import Log, read, simulate
+    from ndtree.maps.conversion import convert
+    from ndtree.tiles import TiledMap, TileMapper, open_tiles
+    from ndtree.tuning.calibration import Calibration, calibrate
+    from ndtree.tuning.first_look import FirstLook, first_look
 
 __all__ = [
     "AdaptiveMap",
@@ -113,3 +104,41 @@ __all__ = [
     "read",
     "simulate",
 ]
+
+#: Modules that are attributes of the package without an import of their own; others may need an extra.
+_FOLDERS = ("logs", "tiles", "typing")
+#: Modules of the names in `__all__`; all others are the compiled module's.
+_MODULES = {
+    "Calibration": "ndtree.tuning.calibration",
+    "Comparison": "ndtree.evaluation.comparison",
+    "FirstLook": "ndtree.tuning.first_look",
+    "Log": "ndtree.logs",
+    "MapComparison": "ndtree.evaluation.map_comparison",
+    "OctoMap": "ndtree._native",
+    "Scan": "ndtree.base.scan",
+    "TileMapper": "ndtree.tiles",
+    "TiledMap": "ndtree.tiles",
+    "calibrate": "ndtree.tuning.calibration",
+    "compare": "ndtree.evaluation.comparison",
+    "compare_maps": "ndtree.evaluation.map_comparison",
+    "convert": "ndtree.maps.conversion",
+    "first_look": "ndtree.tuning.first_look",
+    "open_tiles": "ndtree.tiles",
+    "read": "ndtree.logs",
+    "simulate": "ndtree.logs",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A name of the package: its module loads when it is asked for, so that ``import ndtree`` is quick."""
+    if name in _FOLDERS:
+        return import_module(f"ndtree.{name}")
+    if name not in __all__:
+        raise AttributeError(f"module 'ndtree' has no attribute {name!r}")
+    value = getattr(import_module(_MODULES.get(name, "ndtree._native._core")), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_FOLDERS})

@@ -5,7 +5,7 @@
 
 namespace ndtree::test {
 
-/// Loops that work on so many numbers at a time, as long as it lives.
+/// Sets how many numbers loops take at a time, as long as it lives.
 class AtATime {
  public:
   explicit AtATime(int numbers) { Simd::limit(numbers); }

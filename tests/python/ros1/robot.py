@@ -36,7 +36,7 @@ def distance(x, y, angle):
 
 
 def main():
-    """So many steps of 25 ms by the stamps of its messages, whatever the time by the clock on the wall."""
+    """N steps of 25 ms by the stamps of its messages, whatever the time by the clock on the wall."""
     steps = int(sys.argv[1])
     rospy.init_node("robot")
     tf = rospy.Publisher("/tf", TFMessage, queue_size=1000)

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
 /// What more threads than this machine has cores would gain: their tasks one after the other, timed, and
-/// shared out on paper. What cores take from each other, and what it takes to wake threads, is not in it.
+/// scheduled on paper. What cores take from each other, and what it takes to wake threads, is not in it.
 ///
 /// usage: ndtree-bench-threads LOG [--first N] [--cell M] [--sigma M] [--sigma-quadratic A] [--repetitions N]
 ///

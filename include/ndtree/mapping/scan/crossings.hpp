@@ -11,51 +11,52 @@
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {
 
-/// Where a beam enters a cell, and where it leaves it; distances from the origin [m].
+/// Distances from the origin at which a beam enters and leaves a cell [m].
 struct Crossing {
   float enter;
   float exit;
 };
 
 #ifdef NDTREE_HAS_EIGHTS
-/// The same of eight beams.
+/// Crossings of eight beams.
 struct EightCrossings {
   __m256 enter;
   __m256 exit;
-  __m256 pass;  ///< ScanBeams::pass_of() them.
+  __m256 t_free;  ///< ScanBeams::t_free_of() them.
 };
 #endif
 
-/// Where beams cross one cell. A beam crosses the plane at p, on an axis, at (p - origin) * inverse: two
-/// roundings to float, of a number that depends on the plane and the beam alone, and grows from plane to
-/// plane along the beam. So cells share their borders to the last bit, and what a beam crosses of a node is
-/// the sum of what it crosses of the children, without gap or overlap. The cell must stay where it is.
+/// Where beams cross one cell, by the slab test. A beam crosses the plane at p, on an axis, at the distance
+/// (p - origin) * inverse direction: rounded twice to float, a function of plane and beam alone that grows
+/// from plane to plane along the beam. So neighbouring cells have equal borders to the last bit, and the
+/// length of a beam in a node is the sum of its lengths in the children, without gap or overlap. O(D) for
+/// each beam. The cell must stay where it is.
 template <int N, int D>
 class CellCrossings {
  public:
   /// The planes of a node, and between its children, on each axis, from the one origin of all beams [m].
   using Planes = std::array<std::array<float, std::size_t{N} + 1>, std::size_t{D}>;
 
-  /// Where a plane lies, seen from an origin. @param coordinate of it on the lattice.
+  /// Position of a plane minus an origin [m]. @param coordinate of the plane on the lattice.
   [[nodiscard]] NDTREE_ALWAYS_INLINE static float plane(const LatticeGeometry<N, D>& geometry,
                                                         std::int64_t coordinate, double origin) {
     return static_cast<float>(geometry.border(coordinate) - origin);
   }
-  /// What is left of a beam's way between two planes on each axis: where it enters and leaves a cell. Empty,
-  /// or with its ends turned, if it does not cross the cell.
+  /// Clips a beam between two planes on each axis. Entry is not before exit if the beam does not cross the
+  /// cell.
   /// @param lower, upper `(axis)` planes from its origin.
   template <class Lower, class Upper>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE static Crossing clipped(const BeamWay<D>& way, const Lower& lower,
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Crossing clipped(const BeamRay<D>& ray, const Lower& lower,
                                                              const Upper& upper) {
-    Crossing result{0.0f, way.reach};
+    Crossing result{0.0f, ray.t_max};
     for (std::size_t a = 0; a < D; ++a) {
-      const float at_lower = rounded(lower(a) * way.inverse[a]);
-      const float at_upper = rounded(upper(a) * way.inverse[a]);
+      const float at_lower = rounded(lower(a) * ray.inverse[a]);
+      const float at_upper = rounded(upper(a) * ray.inverse[a]);
       result.enter = std::max(result.enter, std::min(at_lower, at_upper));
       result.exit = std::min(result.exit, std::max(at_lower, at_upper));
     }
@@ -72,7 +73,7 @@ class CellCrossings {
       upper_[a] = plane(geometry, cell.lower[a] + edge, origin);
     }
   }
-  /// The same of a node's child. @param planes of the node, if all beams have one origin.
+  /// For a node's child. @param planes of the node, if all beams have one origin.
   NDTREE_ALWAYS_INLINE CellCrossings(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams,
                                      const CellIndex<D>& cell, const Planes& planes, int child)
       : geometry_(geometry), beams_(beams), cell_(cell) {
@@ -83,7 +84,7 @@ class CellCrossings {
     }
   }
 
-  /// See clipped().
+  /// The crossing of one beam, see clipped().
   [[nodiscard]] NDTREE_ALWAYS_INLINE Crossing of(std::uint32_t beam) const {
     if (beams_.has_own_origins()) {
       const Vector<D>& origin = beams_.origin(beam);
@@ -91,26 +92,26 @@ class CellCrossings {
         return plane(geometry_, cell_.lower[a] + edge, origin[static_cast<int>(a)]);
       };
       return clipped(
-          beams_.way(beam), [&](std::size_t a) { return seen(a, 0); },
+          beams_.ray(beam), [&](std::size_t a) { return seen(a, 0); },
           [&](std::size_t a) { return seen(a, geometry_.edge(cell_.level)); });
     }
     return clipped(
-        beams_.way(beam), [&](std::size_t a) { return lower_[a]; }, [&](std::size_t a) { return upper_[a]; });
+        beams_.ray(beam), [&](std::size_t a) { return lower_[a]; }, [&](std::size_t a) { return upper_[a]; });
   }
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of eight. @param ways of these beams. @tparam kAlike ScanBeams::are_alike(): loops are
-  /// compiled for both, as the call that others need costs registers.
+  /// The crossings of eight beams. @param rays of these beams. @tparam kAlike ScanBeams::are_alike(): loops
+  /// are compiled for both values, as the call that beams with own origins need costs registers.
   template <bool kAlike>
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightCrossings
-  of([[maybe_unused]] const std::uint32_t* beams, const EightWays<D>& ways) const {
+  of([[maybe_unused]] const std::uint32_t* beams, const EightRays<D>& rays) const {
     if constexpr (!kAlike)
-      if (beams_.has_own_origins()) return of_each(beams, ways.reach);
-    EightCrossings result{_mm256_setzero_ps(), ways.reach,
-                          kAlike ? beams_.pass_of(ways.reach) : beams_.pass_of(beams, ways.reach)};
+      if (beams_.has_own_origins()) return of_each(beams, rays.t_max);
+    EightCrossings result{_mm256_setzero_ps(), rays.t_max,
+                          kAlike ? beams_.t_free_of(rays.t_max) : beams_.t_free_of(beams, rays.t_max)};
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a) {
-      const __m256 at_lower = _mm256_mul_ps(_mm256_set1_ps(lower_[a]), ways.inverse[a]);
-      const __m256 at_upper = _mm256_mul_ps(_mm256_set1_ps(upper_[a]), ways.inverse[a]);
+      const __m256 at_lower = _mm256_mul_ps(_mm256_set1_ps(lower_[a]), rays.inverse[a]);
+      const __m256 at_upper = _mm256_mul_ps(_mm256_set1_ps(upper_[a]), rays.inverse[a]);
       result.enter = _mm256_max_ps(result.enter, _mm256_min_ps(at_lower, at_upper));
       result.exit = _mm256_min_ps(result.exit, _mm256_max_ps(at_lower, at_upper));
     }
@@ -129,7 +130,7 @@ class CellCrossings {
       enter[i] = crossing.enter;
       exit[i] = crossing.exit;
     }
-    return {_mm256_load_ps(enter.data()), _mm256_load_ps(exit.data()), beams_.pass_of(beams, reach)};
+    return {_mm256_load_ps(enter.data()), _mm256_load_ps(exit.data()), beams_.t_free_of(beams, reach)};
   }
 #endif
 
@@ -141,22 +142,26 @@ class CellCrossings {
   std::array<float, std::size_t{D}> upper_;
 };
 
-/// So few beams fit one vector, and are not worth telling apart by what cells below take.
-inline constexpr std::size_t kFewBeams = 8;
+/// Largest size of a ray packet. Lists of at most as many beams are not subsampled on the way down.
+inline constexpr std::size_t kPacketSize = 8;
 
 #ifdef NDTREE_HAS_EIGHTS
-/// Where at most eight beams cross the children of a node: so few need no lists. Those that cross a child are
-/// a set of bits, of their places among the eight.
+/// A ray packet: where at most eight beams cross the children of a node. Sets of rays are bits, one for each
+/// lane.
 template <int D, int kCount>
-struct FewCrossings {
-  static constexpr std::size_t kMost = kFewBeams;
-  explicit FewCrossings(EightBeams<D>& them) : beams(them) {}  // The rest is not initialised.
+struct RayPacket {
+  static constexpr std::size_t kMost = kPacketSize;
+  explicit RayPacket(EightBeams<D>& them) : beams(them) {}  // The rest is not initialised.
 
   EightBeams<D>& beams;
   alignas(32) std::array<std::array<float, kMost>, std::size_t{kCount}> enter;
   alignas(32) std::array<std::array<float, kMost>, std::size_t{kCount}> exit;
   std::array<std::uint32_t, std::size_t{kCount}> set;      ///< Those that cross each child, and of these
   std::array<std::uint32_t, std::size_t{kCount}> passing;  ///< those that clearly pass it.
+  // What those that cross each child say as misses, if it was asked for: see LeafEvidence::passed().
+  bool has_passed = false;
+  std::array<std::uint32_t, std::size_t{kCount + 3}> free;  ///< Evidence for free space.
+  std::uint32_t resolvable;                                 ///< The set of those with little noise.
 
   // Of a set of beams that is not empty:
   [[nodiscard]] std::uint32_t first_of(std::uint32_t set_of_beams) const {
@@ -172,32 +177,6 @@ struct FewCrossings {
     return ~static_cast<std::uint32_t>(
         _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(larger, numbers))));
   }
-};
-
-/// Those of few beams that cross one child.
-template <int D, int kCount>
-struct FewOfChild {
-  const FewCrossings<D, kCount>& of;
-  std::size_t child;
-
-  [[nodiscard]] std::uint32_t set() const { return of.set[child]; }
-  [[nodiscard]] bool all_pass() const { return of.passing[child] == of.set[child]; }
-  [[nodiscard]] std::size_t size() const { return static_cast<std::size_t>(__builtin_popcount(set())); }
-  [[nodiscard]] std::uint32_t first_beam() const { return of.first_of(set()); }
-  [[nodiscard]] std::uint32_t last_beam() const { return of.last_of(set()); }
-  [[nodiscard]] bool is_one() const { return (set() & (set() - 1)) == 0; }
-  [[nodiscard]] Crossing crossing_of_first() const {
-    const auto place = static_cast<std::size_t>(__builtin_ctz(set()));
-    return {of.enter[child][place], of.exit[child][place]};
-  }
-};
-
-/// Where one beam crosses the children of a node, by their numbers; those that it crosses are a set of bits.
-struct LoneCrossing {
-  static constexpr std::size_t kMostChildren = 8;
-  alignas(32) std::array<float, kMostChildren> enter;
-  alignas(32) std::array<float, kMostChildren> exit;
-  std::uint32_t set;
 };
 #endif
 

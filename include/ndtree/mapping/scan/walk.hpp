@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// A whole scan into the tree at once: every node hands the beams that cross it down to its children.
+/// The descent of a whole scan through the tree: every node partitions its beams among its children, leaves
+/// are updated or split, siblings merge on the way back.
 #pragma once
 
 #include <algorithm>
@@ -16,40 +17,71 @@
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/leaf_action.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
-#include "ndtree/mapping/scan/beams.hpp"
-#include "ndtree/mapping/scan/clip.hpp"
-#include "ndtree/mapping/scan/coarse_lists.hpp"
-#include "ndtree/mapping/scan/coverage.hpp"
+#include "ndtree/mapping/scan/child_initialiser.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
-#include "ndtree/mapping/scan/image.hpp"
-#include "ndtree/mapping/scan/inheritance.hpp"
-#include "ndtree/mapping/scan/leaf.hpp"
-#include "ndtree/mapping/scan/shares.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
+#include "ndtree/mapping/scan/leaf_coverage.hpp"
+#include "ndtree/mapping/scan/leaf_evidence.hpp"
+#include "ndtree/mapping/scan/list_partition.hpp"
+#include "ndtree/mapping/scan/node_children.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/partition.hpp"
+#include "ndtree/mapping/scan/sampling.hpp"
+#include "ndtree/mapping/scan/task_lists.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
 
-/// The part of an update that goes down the tree: what one thread does. See ScanUpdate.
+/// Integrates lists of beams into subtrees; one for each thread, see ScanUpdate.
+///
+/// Strategy. A node's list of beams is partitioned among its children, down to the leaves. At most eight
+/// beams become a ray packet, which keeps distances and sets of rays instead of lists. A leaf adds up the
+/// evidence of the beams that it samples and is updated, or splits and passes the same beams on. On the way
+/// back siblings merge, or their parent's summary is updated.
+///
+/// Where to read: update_leaf() is the only place where a leaf's occupancy changes, update_children() the
+/// only one where a node's children are visited, EvidenceRefinement::action() the split criterion.
+///
+/// Invariants, and the test that notices when one is broken (tests/cpp):
+/// - A list holds ascending beam numbers, and BeamList::kSlack valid ones behind its end: vector loops read
+///   there. Memory of lists is released in the opposite order of its allocation. (test_scan_lists, in which
+///   unwritten numbers are no beam's)
+/// - A plane has one distance (float) on a beam, wherever it is computed: nodes, children and packets have
+///   equal borders to the last bit. Products are rounded before they are added, never contracted.
+///   (test_scan_lists: widths 1, 8 and 16; test_scan_update: equal maps for lists and packets)
+/// - Evidence is a sum of integers: neither the order of beams nor of threads matters. (test_scan_update:
+///   permuted scans, any number of threads)
+/// - A node drops only beams that no leaf below it samples. (test_scan_subsample, test_scan_update: the flat
+///   oracle has all beams)
+/// - A leaf may split before all its beams have been added up, since more beams never revoke
+///   EvidenceRefinement::splits_anyway(), nor make its split predicted to re-merge. (test_leaf_action)
+/// - A saturated subtree that all beams pass stays as it is, bit for bit. (test_scan_update, test_summary)
+/// - A summary of 0 is stale: it is computed before it is used. (test_summary)
+/// - A node is kept in the undo log before it changes for the first time in a scan. (test_window,
+///   test_change)
+///
+/// Cost: O(beams that cross a node) for each node with beams, plus O(N^D) for its children.
 template <class Tree, class Refinement, class Sensor>
 class alignas(kCacheLines) ScanWalk {
   static constexpr int N = Tree::kBranching;
   static constexpr int D = Tree::kDim;
   static constexpr int kNumChildren = Tree::kNumChildren;
-  using Clip = ChildClip<N, D>;
-  using Lists = typename Clip::Lists;
-  using Planes = typename Clip::Planes;
-  using Shares = NodeShares<D>;
-  using ChildrenShares = typename BeamShares<N, D>::Children;
-  using SharesOfAll = typename ChildrenShares::All;
+  using Partition = ChildPartition<N, D>;
+  using Lists = typename Partition::Lists;
+  using Planes = typename Partition::Planes;
+  using Sampling = NodeSampling<D>;
+  using ChildFractions = typename BeamSampling<N, D>::Children;
+  using Children = NodeChildren<Tree>;
 
  public:
   using Ref = typename Tree::Ref;
 
-  /// @param arena of the tree, for this thread alone. @param undo where it remembers what it changes, or
-  /// null. @param window outside which no cell of the coarsest level changes; null: all may.
+  /// @param arena of the tree, for this thread alone. @param undo log of what it changes, or null.
+  /// @param window outside which no cell of the coarsest level changes; null: all cells may change.
   ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
            const ScanBeams<D>& beams, UndoLog<Tree>* undo, const LatticeBox<D>* window = nullptr)
       : tree_(tree),
@@ -58,50 +90,49 @@ class alignas(kCacheLines) ScanWalk {
         window_(window),
         refinement_(refinement),
         beams_(beams),
-        clip_(tree.geometry(), beams),
+        partition_(tree.geometry(), beams),
         evidence_(tree.geometry(), beams, refinement.model, sensor),
-        coverage_(beams, clip_),
-        shares_(tree.geometry(), beams, refinement.model),
-        inheritance_(tree.geometry(), refinement.model, beams),
+        coverage_(beams, partition_),
+        sampling_(tree.geometry(), beams, refinement.model),
+        lists_(partition_, beams, sampling_),
+        initialiser_(tree.geometry(), refinement.model, beams),
         summary_(refinement.model),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
-        few_may_be_too_many_(refinement.model.may_limit(kFewBeams)) {}
+        packet_may_exceed_limit_(refinement.model.may_limit(kPacketSize)) {}
 
   [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
 
-  /// The whole update.
+  /// Integrates all beams into the whole tree.
   void run() {
     const BeamList list = beams_from(0, beams_.size());
-    if (!list.empty()) descend(tree_.root(), list, {});
+    if (!list.empty()) integrate(tree_.root(), list);
   }
-  /// Brings the beams from the first to before the last to the cells of the coarsest level. The tree stays as
-  /// it is.
-  void bring(std::size_t first, std::size_t last, std::size_t part, CoarseLists<D>& lists) {
+  /// Bins beams [first, last) by the cells of the coarsest level that they cross. The tree stays as it is.
+  void bin(std::size_t first, std::size_t last, std::size_t part, TaskLists<D>& lists) {
     const ListStack::Mark mark = stack_.mark();
     const BeamList list = beams_from(first, last);
-    if (!list.empty()) bring(tree_.root().index, list, {}, part, lists);
+    if (!list.empty()) bin(tree_.root().index, list, {}, part, lists);
     stack_.release(mark);
   }
-  /// Brings beams from an inner node to its children, as well.
-  void open(const CellIndex<D>& node, const CoarseList<D>& beams, CoarseLists<D>& lists) {
+  /// Bins the beams of an inner node by its children that they cross. The tree stays as it is.
+  void subdivide(const CellIndex<D>& node, const TaskList<D>& beams, TaskLists<D>& lists) {
     for_each_child(
-        node, beams.list, shares_.of_node(node, beams.list, {}),
+        node, beams.list, sampling_.of_node(node, beams.list, {}),
         [&](const CellIndex<D>& child, const BeamList& list) { lists.add(child.lower, beams.part, list); });
   }
-  /// What is left to do in one of these cells. @returns whether it changed.
-  bool run(const Ref& ref, const CoarseCell<D>& beams) {
+  /// Integrates a cell's beams into its subtree. @returns whether a cell changed.
+  bool integrate(const Ref& ref, const TaskCell<D>& beams) {
     const ListStack::Mark mark = stack_.mark();
     const BeamList list = beams.last - beams.first == 1 ? beams.first->list : joined(beams);
     if (list.size <= kFetched) beams_.fetch(list.beam, list.size);
-    const bool changed = descend(ref, list, {});
+    const bool changed = integrate(ref, list);
     stack_.release(mark);
     return changed;
   }
-  /// What is left to do in a node that was opened, after its children. @param changed whether one of them
-  /// did.
-  /// @returns whether the node did.
-  bool close(const Ref& ref, bool changed) {
+  /// Finishes a subdivided node after its children: merges them or updates its summary.
+  /// @param changed whether a child changed. @returns whether the node or a cell below it changed.
+  bool finalize(const Ref& ref, bool changed) {
     if (!changed && ref.node->note() != 0) return false;
     return finish_children(ref, summary_(&Children(tree_, ref).node(0)), changed, false);
   }
@@ -111,33 +142,33 @@ class alignas(kCacheLines) ScanWalk {
     BeamList list = stack_.allocate(last - first + BeamList::kSlack);
     list.size = last - first;
     std::iota(list.beam, list.beam + list.size, static_cast<std::uint32_t>(first));
-    list.close();
+    list.pad();
     return list;
   }
-  [[nodiscard]] BeamList joined(const CoarseCell<D>& beams) {
+  [[nodiscard]] BeamList joined(const TaskCell<D>& beams) {
     BeamList list = stack_.allocate(beams.size + BeamList::kSlack);
-    for (const CoarseList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
-    list.close();
+    for (const TaskList<D>* part = beams.first; part != beams.last; ++part) append(part->list, list);
+    list.pad();
     return list;
   }
-  void bring(const CellIndex<D>& node, const BeamList& list, const Shares& above, std::size_t part,
-             CoarseLists<D>& lists) {
+  void bin(const CellIndex<D>& node, const BeamList& list, const Sampling& above, std::size_t part,
+           TaskLists<D>& lists) {
     if (!may_change(node)) return;
     if (node.level <= coarsest_level_) {
       lists.add(node.lower, part, list);
       return;
     }
-    const Shares shares = shares_.of_node(node, list, above);
-    for_each_child(node, list, shares, [&](const CellIndex<D>& child, const BeamList& beams) {
-      bring(child, beams, shares, part, lists);
+    const Sampling sampling = sampling_.of_node(node, list, above);
+    for_each_child(node, list, sampling, [&](const CellIndex<D>& child, const BeamList& beams) {
+      bin(child, beams, sampling, part, lists);
     });
   }
-  /// Calls `visit(child, list)` for the children that some of a node's beams cross; the tree stays as it is.
+  /// Calls `visit(child, list)` for each child that beams of a node cross. The tree stays as it is.
   template <class Visit>
-  void for_each_child(const CellIndex<D>& node, const BeamList& list, const Shares& shares,
+  void for_each_child(const CellIndex<D>& node, const BeamList& list, const Sampling& sampling,
                       const Visit& visit) {
     const ListStack::Mark mark = stack_.mark();
-    const Lists children = hand_down(node, clip_.planes_of(node), list, shares, true);
+    const Lists children = partition(node, partition_.planes_of(node), list, sampling, true);
     for (int c = 0; c < kNumChildren; ++c)
       if (!children.of(c).empty()) visit(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c));
     stack_.release(mark);
@@ -147,214 +178,337 @@ class alignas(kCacheLines) ScanWalk {
     return window_ == nullptr || window_->overlaps(node, tree_.geometry().edge(node.level));
   }
 
-  /// Hands a node's beams to its children, without those that no cell below takes.
-  /// @param replaces whether long lists of the children take the place of the node's own, which is then gone.
-  /// @pre if so, nothing that is still in use was allocated after it.
-  Lists hand_down(const CellIndex<D>& node, const Planes& planes, const BeamList& list, const Shares& shares,
-                  bool replaces) {
+  Lists partition(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
+                  const Sampling& sampling, bool replaces) {
     pace_.spend(list.size);
-    if (Clip::kHasRoomForAll && list.size > kPiece)
-      return hand_down_in_pieces(node, planes, list, shares, replaces);
-    Lists children = clip_.lists_for(node, list, stack_);
-    for_each_taken(node, list, shares, [&](const BeamList& taken) { clip_(node, planes, taken, children); });
-    return children;
-  }
-  NDTREE_NEVER_INLINE Lists hand_down_in_pieces(const CellIndex<D>& node, const Planes& planes,
-                                                const BeamList& list, const Shares& shares, bool replaces) {
-    for_each_taken(node, list, shares, [&](const BeamList& taken) {
-      for (std::size_t first = 0; first < taken.size; first += kPiece) {
-        const BeamList part = taken.part(first, std::min(first + kPiece, taken.size));
-        Lists children = clip_.lists_for(node, part, pieces_.memory());
-        clip_(node, planes, part, children);
-        pieces_.add(children);
-      }
-    });
-    if (replaces) stack_.free_from(list);
-    return pieces_.join(stack_);
-  }
-  /// Calls `visit(part)` for those parts of a list that some cell in a node takes.
-  template <class Visit>
-  void for_each_taken(const CellIndex<D>& node, const BeamList& list, const Shares& shares,
-                      const Visit& visit) const {
-    if (shares.takes_all || list.size <= kFewBeams) return visit(list);
-    if (shares.face != nullptr) {
-      const std::size_t end = shares_.end_of_all_shares(node, *shares.face, list, 0, list.size);
-      if (end > 0) visit(list.part(0, end));
-      return;
-    }
-    std::size_t from = 0;  // Of beams that follow each other, and were not visited yet.
-    for_each_face(beams_, list, [&](const ScanFace<D>& face, std::size_t first, std::size_t last) {
-      const std::size_t end = shares_.end_of_all_shares(node, face, list, first, last);
-      if (end == last) return;
-      if (from < end) visit(list.part(from, end));
-      from = last;
-    });
-    if (from < list.size) visit(list.part(from, list.size));
+    return lists_(node, planes, list, sampling, replaces, stack_);
   }
 
-  /// @param list not empty. @param above what is known of a node above.
-  /// @returns whether a cell changed.
-  bool descend(const Ref& ref, const BeamList& list, const Shares& above) {
-    if (ref.index.level >= coarsest_level_ && !may_change(ref.index)) return false;
-    if (ref.index.level <= coarsest_level_ && ref.is_leaf()) return update_leaf(ref, list, above);
-    if (!ref.is_leaf()) {
-      if (Summary(ref.node->note()).is_settled() && all_pass(ref, list)) return false;
-      if (undo_ != nullptr) undo_->keep(tree_, *ref.node);
-    } else {
-      tree_.split_node(*ref.node, {}, arena_);
-    }
-    const Shares shares = shares_.of_node(ref.index, list, above);
-#ifdef NDTREE_HAS_EIGHTS
-    if (are_few(ref, list)) return update_children_of_few(ref, list, shares);
-#endif
-    const ListStack::Mark mark = stack_.mark();
-    const Planes planes = clip_.planes_of(ref.index);
-    return update_children(ref, planes, hand_down(ref.index, planes, list, shares, true), mark, false,
-                           shares);
-  }
+  // Beam sources. A source (ListSource, PacketSource) is a node's children with the beams that cross each:
+  //   crosses(child), in_child(child, ref).
+  // Its beams in one child (ListInCell, PacketInCell) answer
+  //   all_pass()            whether all of them pass the child, of whatever size its cells are;
+  //   evidence(..., end)    the evidence of the beams with numbers below `end` for the child as a leaf;
+  //   passed()              evidence() if all_pass(), where that is known without a look at each beam;
+  //   with_list(use)        calls `use(list)`, for steps that are rare;
+  //   integrate_below(node) partitions them among the children of an inner node.
 
-  [[nodiscard]] CellCrossings<N, D> crossings_of(const CellIndex<D>& cell) const {
-    return {tree_.geometry(), beams_, cell};
-  }
-  [[nodiscard]] NDTREE_NEVER_INLINE bool all_pass(const Ref& ref, const BeamList& list) const {
-    return evidence_.all_pass(crossings_of(ref.index), list);
-  }
-  NDTREE_NEVER_INLINE bool update_leaf(const Ref& leaf, const BeamList& list, const Shares& shares) {
-    return update_leaf(leaf, crossings_of(leaf.index), list, shares);
-  }
-  NDTREE_NEVER_INLINE bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings,
-                                       const BeamList& list, const Shares& shares) {
-    bool is_known = refinement_.model.is_known(leaf.cell());
-    if (is_known && refinement_.model.is_settled(leaf.cell())) {
-      if (evidence_.all_pass(crossings, list)) return false;
-      // Unless more end in it than the sensor's errors explain: then it learns anew.
-      is_known = shares_.ends_for_each_expected(leaf.index, list, sample_) <=
-                 refinement_.split_test.model().free_until();
+  /// A list of beams that cross a cell.
+  struct ListInCell {
+    static constexpr bool kHasPassingSet = false;  // all_pass() tests every beam.
+    ScanWalk& walk;
+    const Ref& cell;
+    const BeamList list;
+    const Planes* planes;  ///< Of the cell's parent; null if the cell was not reached from it.
+    int child;             ///< The cell's number in its parent.
+
+    [[nodiscard]] auto& node() const { return *cell.node; }
+    [[nodiscard]] const Ref& ref() const { return cell; }
+    [[nodiscard]] const BeamList& crossing() const { return list; }
+    [[nodiscard]] std::uint32_t first_beam() const { return list.first_beam(); }
+    [[nodiscard]] std::uint32_t last_beam() const { return list.last_beam(); }
+    [[nodiscard]] CellCrossings<N, D> crossings() const {
+      const auto& geometry = walk.tree_.geometry();
+      return planes != nullptr ? CellCrossings<N, D>(geometry, walk.beams_, cell.index, *planes, child)
+                               : CellCrossings<N, D>(geometry, walk.beams_, cell.index);
     }
-    if (!shares.takes_all) {
-      const ScanFace<D>* const face = shares_.only_face_of(list, shares);
-      if (face == nullptr) return update_by_sample(leaf, crossings, list, is_known);
-      return update_by_share(leaf, crossings, list,
-                             shares_.share_of(*face, shares_.of(leaf.index, *face, is_known)));
-    }
-    ScanEvidence scan = evidence_of(leaf, crossings, list);
-    refinement_.model.limit(scan);
-    return update_or_divide(leaf, scan,
-                            [&](const ScanEvidence& all) { return divide(leaf, list, all_, all, shares); });
-  }
-  /// The same of a node's child. @param of_siblings what its children take; null if nobody knows.
-  bool update_leaf(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
-                   const Shares& shares, int child, const SharesOfAll* of_siblings) {
-    const bool is_known = refinement_.model.is_known(leaf.cell());
-    if (of_siblings == nullptr || (is_known && refinement_.model.is_settled(leaf.cell())))
-      return update_leaf(leaf, crossings, list, shares);
-    return update_by_share(leaf, crossings, list, of_siblings->of(static_cast<std::size_t>(child), is_known));
-  }
-  bool update_by_sample(const Ref& leaf, const CellCrossings<N, D>& crossings, const BeamList& list,
-                        bool is_known) {
-    ScanEvidence scan;
-    shares_.take(leaf.index, list, is_known, sample_, [&](const ScanFace<D>&, float, const BeamList& part) {
-      if (is_worth_asking(leaf, part))
-        scan = some_at_once(leaf, crossings, part, scan);
+    [[nodiscard]] bool all_pass() const { return walk.evidence_.all_pass(crossings(), list); }
+    [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence evidence(const EvidenceCell& leaf, int level,
+                                                             std::uint32_t end) const {
+      ScanEvidence scan;
+      if (walk.may_stop_early(level, list))
+        walk.add_until_split(leaf, cell.index, crossings(), list.part(0, list.find(end)), scan);
       else
-        scan.add(evidence_.of(leaf.index, crossings, part));
-    });
-    refinement_.model.limit(scan);
-    return update_or_divide(leaf, scan,
-                            [&](const ScanEvidence& all) { return divide(leaf, list, sample_, all, {}); });
-  }
-  /// The same of a list of one face.
-  NDTREE_ALWAYS_INLINE bool update_by_share(const Ref& leaf, const CellCrossings<N, D>& crossings,
-                                            const BeamList& list, const FaceShare<D>& of_face) {
-    ScanEvidence scan = evidence_of(leaf, crossings, list, of_face.end);
-    refinement_.model.limit(scan);
-    return update_or_divide(
-        leaf, scan, [&](const ScanEvidence& all) { return divide_by_share(leaf, list, of_face, all); });
-  }
-  bool divide_by_share(const Ref& leaf, const BeamList& list, const FaceShare<D>& share,
-                       const ScanEvidence& scan) {
-    sample_.clear();
-    sample_.add(share);
-    return divide(leaf, list, sample_, scan, {share.face, false});
-  }
-  /// What beams say about a leaf, until it is certain that it splits: then they are its children's.
-  /// @param end number of the one after the last that counts.
-  [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence evidence_of(const Ref& leaf,
-                                                              const CellCrossings<N, D>& crossings,
-                                                              const BeamList& list,
-                                                              std::uint32_t end = BeamList::kAll) const {
-    return is_worth_asking(leaf, list) ? some_at_once(leaf, crossings, list.part(0, list.find(end)), {})
-                                       : evidence_.of(leaf.index, crossings, list, end);
-  }
-  /// Whether so many may tell that a leaf splits that it is asked before all have been looked at.
-  [[nodiscard]] bool is_worth_asking(const Ref& leaf, const BeamList& list) const {
-    return list.size > kToSplit && leaf.index.level != finest_level_;
-  }
-  /// @param scan what others say. @returns the sum.
-  [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence some_at_once(const Ref& leaf,
-                                                              const CellCrossings<N, D>& crossings,
-                                                              const BeamList& list, ScanEvidence scan) const {
-    for (std::size_t first = 0; first < list.size; first += kToSplit) {
-      if (refinement_.splits_anyway(leaf.cell(), scan) &&
-          !splits_in_vain(leaf.cell(), leaf.index.level, scan))
-        break;
-      scan.add(evidence_.of(leaf.index, crossings, list.part(first, std::min(first + kToSplit, list.size))));
+        scan = walk.evidence_.of(cell.index, crossings(), list, end);
+      walk.refinement_.model.limit(scan);
+      return scan;
     }
-    return scan;
+    template <class Use>
+    bool with_list(const Use& use) const {
+      return use(list);
+    }
+    bool integrate_below(const Ref& inner, const Sampling& sampling) const {
+      return walk.integrate_below(inner, list, sampling);
+    }
+  };
+  /// The children of a node, and lists of the beams that cross each of them.
+  struct ListSource {
+    static constexpr bool kMayBeAboveCells = true;  // The children may be larger than any cell.
+    static constexpr std::size_t kPace = 0;         // partition() spends it.
+    ScanWalk& walk;
+    const Children children;
+    const Planes& planes;  ///< Of the node, if all beams have one origin.
+    const Lists& lists;
+
+    [[nodiscard]] bool crosses(int child) const { return !lists.of(child).empty(); }
+    /// @param ref of the child, which must stay where it is.
+    [[nodiscard]] NDTREE_ALWAYS_INLINE ListInCell in_child(int child, const Ref& ref) const {
+      return {walk, ref, lists.of(child), &planes, child};
+    }
+  };
+
+#ifdef NDTREE_HAS_EIGHTS
+  using Rays = RayPacket<D, kNumChildren>;
+  using OfBeam = typename LeafEvidence<N, D, Sensor>::OfBeam;
+  struct PacketInCell;
+  /// The children of a node, and where a ray packet crosses them.
+  struct PacketSource {
+    static constexpr bool kMayBeAboveCells = false;
+    static constexpr std::size_t kPace = Rays::kMost;
+    ScanWalk& walk;
+    const Children children;
+    mutable Rays rays;
+
+    PacketSource(ScanWalk& of_walk, const Ref& node, EightBeams<D>& beams)
+        : walk(of_walk), children(of_walk.tree_, node), rays(beams) {}
+    [[nodiscard]] bool crosses(int child) const { return rays.set[static_cast<std::size_t>(child)] != 0; }
+    [[nodiscard]] PacketInCell in_child(int child, const Ref&) const { return {*this, child}; }
+  };
+  /// The rays of a packet that cross a node's child.
+  struct PacketInCell {
+    static constexpr bool kHasPassingSet = true;
+    const PacketSource& source;
+    int child;
+
+    [[nodiscard]] auto& node() const { return source.children.node(child); }
+    [[nodiscard]] Ref ref() const { return source.children[child]; }
+    [[nodiscard]] const PacketInCell& crossing() const { return *this; }
+    [[nodiscard]] Rays& rays() const { return source.rays; }
+    [[nodiscard]] std::size_t number() const { return static_cast<std::size_t>(child); }
+    [[nodiscard]] std::uint32_t set() const { return rays().set[number()]; }
+    [[nodiscard]] std::uint32_t first_beam() const { return rays().first_of(set()); }
+    [[nodiscard]] std::uint32_t last_beam() const { return rays().last_of(set()); }
+    [[nodiscard]] bool all_pass() const { return rays().passing[number()] == set(); }
+    /// @pre all_pass().
+    [[nodiscard]] PassedEvidence passed() const {
+      return source.walk.evidence_.passed(source.children.level(), rays(), number());
+    }
+    [[nodiscard]] ScanEvidence evidence(const EvidenceCell&, int level, std::uint32_t end) const {
+      ScanEvidence scan;
+      if ((set() & (set() - 1)) == 0) {  // One ray.
+        const auto lane = static_cast<std::size_t>(__builtin_ctz(set()));
+        if (rays().beams.number[lane] < end)
+          OfBeam(source.walk.evidence_, level, rays().beams.number[lane])
+              .add(ref().index, {rays().enter[number()][lane], rays().exit[number()][lane]}, scan);
+      } else {
+        scan = source.walk.evidence_.of(source.children.parent().index, rays(), number(), end);
+      }
+      if (source.walk.packet_may_exceed_limit_) source.walk.refinement_.model.limit(scan);
+      return scan;
+    }
+    template <class Use>
+    bool with_list(const Use& use) const {
+      const ListScope scope(source.walk.stack_);
+      BeamList list = source.walk.stack_.allocate(Rays::kMost + BeamList::kSlack);
+      for (std::uint32_t left = set(); left != 0; left &= left - 1)
+        list.beam[list.size++] = rays().first_of(left);
+      list.pad();
+      return use(list);
+    }
+    bool integrate_below(const Ref& inner, const Sampling& sampling) const {
+      return source.walk.integrate_below(inner, *this, sampling);
+    }
+  };
+  /// Whether a list is short enough for a packet, and the node's children are cells.
+  [[nodiscard]] bool fits_packet(const Ref& ref, const BeamList& list) const {
+    return list.size <= Rays::kMost && ref.index.level <= coarsest_level_ && partition_.goes_by_eights() &&
+           evidence_.takes_packets(ref.index.level);
   }
-  /// Updates a leaf, or calls `divide(scan)` if it may have to split, and not in vain.
-  template <class Scan, class Divide>
-  NDTREE_ALWAYS_INLINE bool update_or_divide(EvidenceCell& leaf, int level, const Scan& scan,
-                                             const Divide& divide) {
-    if (!may_divide(leaf, level, scan)) return update(leaf, scan);
-    const ScanEvidence& all = ScanEvidence::of(scan);  // Lives as long as the name.
-    return splits_in_vain(leaf, level, all) ? update_whole(leaf, all) : divide(all);
+#endif
+
+  /// Integrates a list into a node of any level, a leaf or not. @returns whether a cell changed.
+  bool integrate(const ListInCell& beams, const Sampling& above) {
+    const Ref& ref = beams.ref();
+    if (ref.index.level >= coarsest_level_ && !may_change(ref.index)) return false;
+    if (!ref.is_leaf()) return descend(beams, above);
+    if (ref.index.level <= coarsest_level_)
+      return update_leaf(ref.cell(), ref.index.level, beams, above, nullptr);
+    tree_.split_node(*ref.node, {}, arena_);
+    return integrate_below(ref, beams.list, sampling_.of_node(ref.index, beams.list, above));
   }
-  template <class Divide>
-  bool update_or_divide(const Ref& leaf, const ScanEvidence& scan, const Divide& divide) {
-    return update_or_divide(leaf.cell(), leaf.index.level, scan, divide);
+  bool integrate(const Ref& ref, const BeamList& list) {
+    return integrate(ListInCell{*this, ref, list, nullptr, 0}, {});
   }
-  [[nodiscard]] bool splits_in_vain(const EvidenceCell& leaf, int level, const ScanEvidence& scan) const {
-    return refinement_.model.splits_in_vain(leaf, scan, kShareDivisor<Tree>, level - finest_level_);
+#ifdef NDTREE_HAS_EIGHTS
+  /// Never called: packets are made of nodes whose children are cells.
+  bool integrate(const PacketInCell&, const Sampling&) { return false; }
+#endif
+  /// Integrates beams into the subtree of an inner node. A saturated subtree that all of them pass stays as
+  /// it is.
+  template <class Beams>
+  NDTREE_ALWAYS_INLINE bool descend(const Beams& beams, const Sampling& above) {
+    if (Summary(beams.node().note()).is_saturated() && beams.all_pass()) return false;
+    const Ref inner = beams.ref();
+    if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
+    return beams.integrate_below(inner, sampling_.of_node(inner.index, beams.crossing(), above));
   }
-  bool update_whole(EvidenceCell& leaf, const ScanEvidence& scan) {
-    return counted(refinement_.model.update_whole(leaf, scan), scan.beams);
+  /// Integrates a list into the children of a node.
+  bool integrate_below(const Ref& node, const BeamList& list, const Sampling& sampling) {
+#ifdef NDTREE_HAS_EIGHTS
+    if (fits_packet(node, list)) {
+      EightBeams<D> beams;
+      beams_.look_up(list.beam, beams);
+      const PacketSource packet(*this, node, beams);
+      partition_(node.index, list, packet.rays);
+      return update_children(node, packet, sampling, false);
+    }
+#endif
+    const ListScope scope(stack_);
+    const Planes planes = partition_.planes_of(node.index);
+    const Lists lists = partition(node.index, planes, list, sampling, true);
+    return update_children(node, ListSource{*this, {tree_, node}, planes, lists}, sampling, false);
   }
-  /// Whether a leaf may have to split.
-  [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,
-                                                     const ScanEvidence& scan) const {
-    return level != finest_level_ && (is_unseen(leaf, scan) || refinement_.splits(leaf, scan));
+#ifdef NDTREE_HAS_EIGHTS
+  /// Integrates a packet's rays that cross a node into its children.
+  bool integrate_below(const Ref& node, const PacketInCell& beams, const Sampling& sampling) {
+    const PacketSource packet(*this, node, beams.rays().beams);
+    partition_(node.index, beams.rays(), beams.number(), packet.rays);
+    return update_children(node, packet, sampling, false);
   }
-  [[nodiscard]] NDTREE_ALWAYS_INLINE bool may_divide(const EvidenceCell& leaf, int level,
-                                                     const PassedEvidence& passed) const {
-    return level != finest_level_ && (is_unseen(leaf) || refinement_.splits(leaf, passed));
+#endif
+
+  /// Updates the children of a node that beams of a source cross, then the node: it merges, or its summary
+  /// changes.
+  /// @param was_split the node was a leaf until now. @returns whether a cell changed.
+  template <class Source>
+  bool update_children(const Ref& node, const Source& source, const Sampling& sampling, bool was_split) {
+    pace_.spend(Source::kPace);
+    std::optional<ChildFractions> of_children;  // For the first leaf.
+    const bool are_cells = !Source::kMayBeAboveCells || node.index.level <= coarsest_level_;
+    const bool have_fractions = sampling.face != nullptr && !sampling.samples_all;
+    bool changed = was_split;
+    for (int c = 0; c < kNumChildren; ++c) {
+      if (!source.crosses(c)) continue;
+      const Ref ref = source.children[c];
+      const auto beams = source.in_child(c, ref);
+      auto& child = source.children.node(c);
+      if (!are_cells) {
+        changed = integrate(beams, sampling) || changed;
+      } else if (!child.is_leaf()) {
+        changed = descend(beams, sampling) || changed;
+      } else {
+        if (have_fractions && !of_children) of_children.emplace(sampling_, node.index, *sampling.face);
+        changed = update_leaf(child.cell(), node.index.level - 1, beams, sampling,
+                              have_fractions ? &*of_children : nullptr) ||
+                  changed;
+      }
+    }
+    if (!changed && node.node->note() != 0) return false;
+    return finish_children(node, summary_(&source.children.node(0)), changed, was_split);
   }
-  /// Whether beams have only passed a leaf that was never observed. Those that are were seen before; hits
-  /// speak for themselves.
-  [[nodiscard]] bool is_unseen(const EvidenceCell& leaf, const ScanEvidence& scan) const {
-    return scan.hits == 0 && scan.occupied == 0 && is_unseen(leaf);
+
+  /// Integrates beams into a leaf, the only place where a leaf's occupancy changes:
+  /// 1. Saturated? A saturated leaf that all beams pass stays as it is. If more beams end in it than the
+  ///    sensor's errors explain, it samples as many beams as a leaf that is not well observed.
+  /// 2. Sampled? The leaf samples all beams, or a fraction of them: those below a bucket of each cube-map
+  ///    face.
+  /// 3. Passed? The evidence of the sampled beams is added up, see LeafEvidence, and limited, see
+  ///    EvidenceModel::limit().
+  /// 4. Split? EvidenceRefinement::action() decides whether the leaf is updated or splits.
+  /// @param of_siblings sampling fractions of the children of the leaf's parent; null unless the leaf was
+  ///   reached from there, by beams of one cube-map face of which not all are sampled.
+  /// @returns whether a cell changed.
+  template <class Beams>
+  NDTREE_ALWAYS_INLINE bool update_leaf(EvidenceCell& cell, int level, const Beams& beams,
+                                        const Sampling& sampling, const ChildFractions* of_siblings) {
+    const EvidenceModel& model = refinement_.model;
+    bool is_well_observed = model.is_well_observed(cell);
+    if (is_well_observed && model.is_saturated(cell)) {
+      if (beams.all_pass()) return false;
+      is_well_observed = explains_ends(beams);
+    }
+    FaceSample<D> sample{nullptr, BeamList::kAll, 1.0f};  // All beams.
+    if (of_siblings != nullptr) {
+      sample = of_siblings->of(static_cast<std::size_t>(beams.child), is_well_observed);
+    } else if (!sampling.samples_all) {
+      const CubeFace<D>* const face = sampling_.only_face_of(beams, sampling);
+      if (face == nullptr) return update_by_faces(beams, is_well_observed);
+      sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, is_well_observed));
+    }
+    const auto split = [&](const ScanEvidence& scan, LeafAction action) {
+      return split_or_wait(beams, sample, scan, action, sampling);
+    };
+    if constexpr (Beams::kHasPassingSet) {
+      if (sample.fraction >= 1.0f && beams.all_pass() && !packet_may_exceed_limit_)
+        return update_or_split(cell, level, beams.passed(), split);
+    }
+    return update_or_split(cell, level, beams.evidence(cell, level, sample.end), split);
   }
-  [[nodiscard]] bool is_unseen(const EvidenceCell& leaf) const {
-    return !leaf.observed() && refinement_.coverage.is_on();
+  /// Updates a leaf, or calls `split(scan, action)`.
+  template <class Scan, class Split>
+  NDTREE_ALWAYS_INLINE bool update_or_split(EvidenceCell& leaf, int level, const Scan& scan,
+                                            const Split& split) {
+    const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
+    if (action == LeafAction::update) return update(leaf, scan);
+    const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
+    if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
+    return all.beams > 0 && split(all, action);
   }
-  bool divide(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const ScanEvidence& scan,
-              const Shares& shares) {
-    if (scan.beams == 0) return false;
-    return is_unseen(leaf.cell(), scan) ? update_unseen(leaf, list, sample, scan, shares)
-                                        : split(leaf, list, sample, scan, shares);
+
+  // Rare steps. They take copies, so that update_leaf() keeps its values in registers.
+
+  /// update_leaf() for beams that come through several cube-map faces.
+  template <class Beams>
+  NDTREE_NEVER_INLINE bool update_by_faces(const Beams beams, bool is_well_observed) {
+    return beams.with_list(
+        [&](const BeamList& list) { return update_by_faces(beams.ref(), list, is_well_observed); });
   }
-  /// A leaf that was never observed, and that beams have only passed.
-  bool update_unseen(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
-                     const ScanEvidence& scan, const Shares& shares) {
-    EvidenceCell& cell = leaf.cell();
-    const CoverageVerdict seen =
-        coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
-                        refinement_.model.beams_of(cell.free_evidence() + scan.free));
-    if (seen.shows_more) return split(leaf, list, sample, scan, shares);
-    if (!seen.is_enough) return counted(refinement_.model.remember(cell, seen.parts, scan), scan.beams);
-    const bool changed = update(cell, scan);
-    cell.set_covered(seen.is_covered);
-    return changed;
+  bool update_by_faces(const Ref& leaf, const BeamList& list, bool is_well_observed) {
+    const CellCrossings<N, D> crossings(tree_.geometry(), beams_, leaf.index);
+    const int level = leaf.index.level;
+    ScanEvidence scan;
+    sampling_.take(leaf.index, list, is_well_observed, sample_,
+                   [&](const CubeFace<D>&, float, const BeamList& part) {
+                     if (may_stop_early(level, part))
+                       add_until_split(leaf.cell(), leaf.index, crossings, part, scan);
+                     else
+                       scan.add(evidence_.of(leaf.index, crossings, part));
+                   });
+    refinement_.model.limit(scan);
+    return update_or_split(leaf.cell(), level, scan, [&](const ScanEvidence& all, LeafAction action) {
+      return split_or_wait(leaf, list, sample_, all, action, {});
+    });
+  }
+  /// Splits a leaf, or lets it wait. @param sample of one face; of all beams if its face is null.
+  template <class Beams>
+  NDTREE_NEVER_INLINE bool split_or_wait(const Beams beams, const FaceSample<D> sample,
+                                         const ScanEvidence scan, LeafAction action,
+                                         const Sampling sampling) {
+    return beams.with_list([&](const BeamList& list) {
+      if (sample.face == nullptr) return split_or_wait(beams.ref(), list, all_, scan, action, sampling);
+      sample_.clear();
+      sample_.add(sample);
+      return split_or_wait(beams.ref(), list, sample_, scan, action, {sample.face, false});
+    });
+  }
+  /// Whether the sensor's errors explain the beams that end in a saturated leaf.
+  template <class Beams>
+  [[nodiscard]] NDTREE_NEVER_INLINE bool explains_ends(const Beams beams) {
+    return beams.with_list([&](const BeamList& list) {
+      return sampling_.ends_per_expected_beam(beams.ref().index, list, sample_) <=
+             refinement_.split_test.model().free_until();
+    });
+  }
+
+  /// Whether a list is long enough to test for an early split.
+  [[nodiscard]] bool may_stop_early(int level, const BeamList& list) const {
+    return list.size > kToSplit && level != finest_level_;
+  }
+  /// Adds up evidence for a leaf until it is certain to split: then its children integrate the beams.
+  NDTREE_NEVER_INLINE void add_until_split(const EvidenceCell& cell, const CellIndex<D>& leaf,
+                                           const CellCrossings<N, D>& crossings, const BeamList& list,
+                                           ScanEvidence& scan) const {
+    for (std::size_t first = 0; first < list.size; first += kToSplit) {
+      if (refinement_.splits_anyway(cell, scan) &&
+          !refinement_.model.predicted_to_remerge(cell, scan, kChildrenAcross<Tree>,
+                                                  leaf.level - finest_level_))
+        break;
+      scan.add(evidence_.of(leaf, crossings, list.part(first, std::min(first + kToSplit, list.size))));
+    }
+  }
+
+  bool update_without_split(EvidenceCell& leaf, const ScanEvidence& scan) {
+    return counted(refinement_.model.update_without_split(leaf, scan), scan.beams);
   }
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) {
     return scan.beams > 0 && counted(refinement_.model.update(cell, scan), scan.beams);
@@ -367,131 +521,59 @@ class alignas(kCacheLines) ScanWalk {
     return changed;
   }
 
-  /// Splits a leaf and integrates its beams into the children. If they join again, and the scan's beams have
-  /// only passed, the leaf is updated as if it had not split: what passes say adds up, scan by scan, however
-  /// often.
+  /// Splits a leaf; one that was never observed, and that beams have only passed, is updated or waits instead
+  /// if the beams' coverage says so, see CoverageModel.
+  bool split_or_wait(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
+                     const ScanEvidence& scan, LeafAction action, const Sampling& sampling) {
+    if (action == LeafAction::split) return split(leaf, list, sample, scan, sampling);
+    EvidenceCell& cell = leaf.cell();
+    const CoverageVerdict seen =
+        coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
+                        refinement_.model.beams_of(cell.free_evidence() + scan.free));
+    if (seen.shows_more) return split(leaf, list, sample, scan, sampling);
+    if (!seen.is_enough)
+      return counted(refinement_.model.update_partly_seen(cell, seen.parts, scan), scan.beams);
+    const bool changed = update(cell, scan);
+    cell.set_covered(seen.is_covered);
+    return changed;
+  }
+  /// Splits a leaf and integrates its beams into the children. If these re-merge, and the beams have only
+  /// passed, the leaf is updated as if it had not split: so evidence of passes adds up, scan by scan.
   bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const ScanEvidence& scan,
-             const Shares& shares) {
+             const Sampling& sampling) {
     const EvidenceCell parent = leaf.cell();
-    const bool changed = split(leaf, list, sample, shares);
+    const bool changed = split(leaf, parent, list, sample, sampling);
     if (leaf.is_leaf() && parent.observed() && scan.hits == 0 && scan.occupied == 0) {
       leaf.cell() = parent;
-      (void)refinement_.model.update_whole(leaf.cell(), scan);
+      (void)refinement_.model.update_without_split(leaf.cell(), scan);
     }
     return changed;
   }
-  bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const Shares& shares) {
-    const ListStack::Mark mark = stack_.mark();
-    const EvidenceCell parent = leaf.cell();
+  bool split(const Ref& leaf, const EvidenceCell& parent, const BeamList& list, const LeafSample<D>& sample,
+             const Sampling& sampling) {
     ++counters_.splits;
 #ifdef NDTREE_HAS_EIGHTS
-    if (are_few(leaf, list)) {
+    if (fits_packet(leaf, list)) {
+      EightBeams<D> beams;
+      beams_.look_up(list.beam, beams);
       tree_.split_node(*leaf.node, {}, arena_);
-      const HeritageOfFew heritage = inheritance_.of_few(parent, leaf.index.level, sample, list);
-      return update_children_of_few(leaf, list, shares, &heritage);
+      const PacketSource packet(*this, leaf, beams);
+      partition_(leaf.index, list, packet.rays);
+      initialiser_.initialise(parent, leaf.index.level, initialiser_.set_of(sample, list), packet.rays,
+                              tree_.children(*leaf.node));
+      return update_children(leaf, packet, sampling, true);
     }
 #endif
-    const Planes planes = clip_.planes_of(leaf.index);
-    const Lists lists = hand_down(leaf.index, planes, list, shares, false);
+    const ListScope scope(stack_);
+    const Planes planes = partition_.planes_of(leaf.index);
+    const Lists lists = partition(leaf.index, planes, list, sampling, false);
     tree_.split_node(*leaf.node, {}, arena_);
-    inheritance_.share_out(parent, leaf.index, sample, list, lists, planes, tree_.children(*leaf.node));
-    return update_children(leaf, planes, lists, mark, true, shares);
+    initialiser_.initialise(parent, leaf.index, sample, list, lists, planes, tree_.children(*leaf.node));
+    return update_children(leaf, ListSource{*this, {tree_, leaf}, planes, lists}, sampling, true);
   }
 
-  /// @param lists of the children, allocated after the mark.
-  bool update_children(const Ref& ref, const Planes& planes, const Lists& lists, const ListStack::Mark& mark,
-                       bool was_split, const Shares& shares) {
-    const bool are_cells = ref.index.level <= coarsest_level_;
-    bool changed = was_split;
-    const Children children(tree_, ref);
-    const bool have_shares = kAskTogether && shares.face != nullptr && !shares.takes_all;
-    std::optional<SharesOfAll> of_leaves;  // For the first of them.
-#ifdef __GNUC__
-#pragma GCC unroll 8
-#endif
-    for (int c = 0; c < kNumChildren; ++c) {
-      const BeamList list = lists.of(c);
-      if (list.empty()) continue;
-      const Ref child = children[c];
-      if (!are_cells || !child.is_leaf()) {
-        changed = descend(child, list, shares) || changed;
-        continue;
-      }
-      if (have_shares && !of_leaves) of_leaves.emplace(shares_, ref.index, *shares.face);
-      changed = update_leaf(child, {tree_.geometry(), beams_, child.index, planes, c}, list, shares, c,
-                            have_shares ? &*of_leaves : nullptr) ||
-                changed;
-    }
-    stack_.release(mark);
-    if (!changed && ref.node->note() != 0) return false;
-    return finish_children(ref, summary_(&children.node(0)), changed, was_split);
-  }
-#ifdef NDTREE_HAS_EIGHTS
-  using Few = FewCrossings<D, kNumChildren>;
-  using FewBeams = FewOfChild<D, kNumChildren>;
-  using OfBeam = typename LeafEvidence<N, D, Sensor>::OfBeam;
-
-  /// Whether a node's children are cells, or nodes of cells, and its list needs none for them.
-  [[nodiscard]] bool are_few(const Ref& ref, const BeamList& list) const {
-    return list.size <= Few::kMost && ref.index.level <= coarsest_level_ && clip_.goes_by_eights() &&
-           evidence_.takes_few(ref.index.level);
-  }
-  // Few beams, and those that are alone. Defined in walk_few.hpp, which whoever calls run() includes.
-  using HeritageOfFew = typename Inheritance<Tree>::OfFew;
-  /// A beam that is alone in a node, and so in all nodes below.
-  struct LoneBeam {
-    std::uint32_t number;
-    const ScanFace<D>& face;
-    Crossing crossing;
-  };
-  [[nodiscard]] LoneBeam lone_beam(std::uint32_t number, const Crossing& crossing) const {
-    return {number, beams_.face_of(number), crossing};
-  }
-  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const BeamList& list, const Shares& shares,
-                                               const HeritageOfFew* heritage = nullptr);
-  template <class SomeBeams>
-  NDTREE_BY_EIGHTS bool update_children_of_few(const Ref& ref, const SomeBeams& list, EightBeams<D>& beams,
-                                               const Shares& shares, const HeritageOfFew* heritage = nullptr);
-  NDTREE_BY_EIGHTS bool update_children_of_one(const Ref& ref, const LoneBeam& beam, bool takes_all,
-                                               const HeritageOfFew* heritage = nullptr);
-  bool descend(const Ref& inner, const FewBeams& beams, const Shares& above);
-  bool descend(const Ref& inner, const LoneBeam& beam, bool takes_all);
-  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE bool update_by_share(const CellIndex<D>& node, const Ref& leaf,
-                                                            const FewBeams& beams,
-                                                            const FaceShare<D>& of_face);
-  template <class Beams>
-  bool update_leaf(const Ref& leaf, const Beams& beams, const Shares& shares);
-  bool divide(const Ref& leaf, const FewBeams& beams, const ScanEvidence& scan, const Shares& shares);
-  NDTREE_NEVER_INLINE bool divide(const Ref& leaf, const LoneBeam& beam, float share,
-                                  const ScanEvidence& scan, bool takes_all);
-  template <class Beams, class Use>
-  bool with_list(const Beams& beams, const Use& use);
-  void write(const FewBeams& beams, BeamList& list) const;
-  void write(const LoneBeam& beam, BeamList& list) const;
-#endif
-  /// The children of an inner node, by their numbers.
-  class Children {
-   public:
-    NDTREE_ALWAYS_INLINE Children(Tree& tree, const Ref& parent)
-        : parent_(parent),
-          nodes_(tree.children(*parent.node)),
-          edge_(tree.geometry().edge(parent.index.level - 1)) {}
-    [[nodiscard]] auto& node(int number) const { return nodes_[number]; }
-    [[nodiscard]] NDTREE_ALWAYS_INLINE Ref operator[](int number) const {
-      Ref child{nodes_ + number, {parent_.index.lower, parent_.index.level - 1}};
-      auto left = static_cast<unsigned>(number);
-      for (std::size_t a = 0; a < D; ++a, left /= N)
-        child.index.lower[a] += static_cast<std::int64_t>(left % N) * edge_;
-      return child;
-    }
-
-   private:
-    const Ref& parent_;
-    typename Tree::NodeType* nodes_;
-    std::int64_t edge_;
-  };
-  /// Writes the note of a node after its children's update, or merges them.
-  /// @param all what they say together.
+  /// Finishes a node after its children were updated: merges them, or writes its summary.
+  /// @param all summary of the children.
   NDTREE_ALWAYS_INLINE bool finish_children(const Ref& ref, const SummaryOfSiblings& all, bool changed,
                                             bool was_split) {
     if (changed && ref.index.level <= coarsest_level_ && all.are_leaves && all.summary.is_uniform() &&
@@ -502,7 +584,7 @@ class alignas(kCacheLines) ScanWalk {
   }
   bool merge_children(const Ref& ref, bool was_split) {
     const auto merged =
-        refinement_.merge_rule.of_one_state(tree_.children(*ref.node), kNumChildren, kShareDivisor<Tree>);
+        refinement_.merge_rule.of_one_state(tree_.children(*ref.node), kNumChildren, kChildrenAcross<Tree>);
     if (!merged) return false;
     tree_.merge(*ref.node, *merged, arena_);
     if (was_split)
@@ -512,10 +594,8 @@ class alignas(kCacheLines) ScanWalk {
     return true;
   }
 
-  static constexpr bool kAskTogether = kNumChildren >= 8;  // So many leaves that it is worth it for them.
-  static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
-  static constexpr std::size_t kPiece = 2048;  // Beams at once, while each child has room for all of them.
-  static constexpr std::size_t kFetched = 1024;  // Beams that the nearest cache has room for.
+  static constexpr std::size_t kToSplit = 32;    // Beams between two tests for an early split.
+  static constexpr std::size_t kFetched = 1024;  // Beams whose rows fit the nearest cache.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
@@ -523,21 +603,21 @@ class alignas(kCacheLines) ScanWalk {
   const LatticeBox<D>* window_;
   const Refinement& refinement_;
   const ScanBeams<D>& beams_;
-  const ChildClip<N, D> clip_;
+  const ChildPartition<N, D> partition_;
   const LeafEvidence<N, D, Sensor> evidence_;
   const LeafCoverage<N, D> coverage_;
-  const BeamShares<N, D> shares_;
-  const Inheritance<Tree> inheritance_;
+  const BeamSampling<N, D> sampling_;
+  ListPartition<N, D> lists_;
+  const ChildrenInitialiser<Tree> initialiser_;
   const EvidenceSummary<kNumChildren> summary_;
   const int finest_level_;
   const int coarsest_level_;
-  const bool few_may_be_too_many_;  // That so few beams count in a leaf.
+  const bool packet_may_exceed_limit_;  // EvidenceModel::limit() may reduce the evidence of a packet.
   UpdateCounters counters_;
   Pace pace_;
   ListStack stack_;  // Of the nodes on the path from the root, the deepest last.
-  PiecewiseLists<kNumChildren> pieces_;
   const LeafSample<D> all_;
-  LeafSample<D> sample_;  // Of the leaf that is looked at, until its children are.
+  LeafSample<D> sample_;  // Of the leaf in update_leaf(), until its children are initialised.
 };
 
 }  // namespace ndtree

@@ -15,25 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ndtree import _core
-from ndtree._core import OccupancyMap, pose_matrix
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap, pose_matrix
+from ndtree.base.progress import Progress
 from ndtree.distributed import plan
 from ndtree.distributed.engines import Engine, engine_of
-from ndtree.distributed.run import Progress, run_all, run_chains
+from ndtree.distributed.run import run_all, run_chains
 from ndtree.distributed.scans import ScanIndex, StoredScans, index_name, moved, moves_name
 from ndtree.distributed.stages import BlockRecord, Job, block_of, entries_of, indexed, prepare
 from ndtree.tiles.grid import Tile, TileGrid
 from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind, with_counters
-from ndtree.tiles.manifest import (
-    TILES,
-    Manifest,
-    TileEntry,
-    commit,
-    open_manifest,
-    store_bytes,
-    tidy,
-)
+from ndtree.tiles.manifest import TILES, Manifest, TileEntry, commit, open_manifest, store_bytes, tidy
 from ndtree.tiles.order import Sources, named, opened
 from ndtree.tiles.storage import Storage, storage_of
 
@@ -148,7 +141,7 @@ def map(
     workers : int, optional
         Tasks at a time. Left out: what the engine has.
     block : int
-        Tiles along the edge of what a task works on. A scan that crosses k blocks is looked over k times; of
+        Tiles along the edge of what a task works on. A scan that crosses k blocks is surveyed k times; of
         fewer, larger ones, fewer can be worked on at a time.
     batch_beams, range_beams : int
         Beams in a file of scans, and in a task: a worker holds a block and some files.

@@ -54,7 +54,7 @@ def chains(
     scans : iterable
         In their order.
     range_beams : int
-        A block's task ends where it has so many beams.
+        A block's task ends where it has this many beams.
     only : set of Tile, optional
         Blocks.
     """

@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run over an engine: at most so many tasks at a time, and what is done already is not done again."""
+"""A run over an engine: a bounded number of tasks at a time, and what is done already is not done again."""
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
 from typing import Any
 
+from ndtree.base.progress import Progress
 from ndtree.distributed.engines import Engine
 from ndtree.distributed.plan import Chain
 from ndtree.distributed.stages import BlockRecord, BlockTask, Job, integrate, record_from, record_name
 from ndtree.tiles.storage import Storage
 
-#: Called as ``progress(what, done, total)``.
-Progress = Callable[[str, int, int], None]
 #: Tasks that wait at the engine for each that runs: more would hold memory, fewer would let workers idle.
 _AHEAD = 2
 

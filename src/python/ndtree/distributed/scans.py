@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.scan import Scan
+from ndtree.base.scan import Scan
 from ndtree.tiles.grid import Tile
 from ndtree.tiles.storage import Storage
 
@@ -35,7 +35,7 @@ class IndexedScan:
         In which file of its log it is, and where in it.
     beams : int
     box : pair of lists, or None
-        What it reaches at most [m]; None if no beam says anything.
+        What it reaches at most [m]; None without a valid beam.
     tiles : tuple of Tile
         Which it may change, sorted.
     """

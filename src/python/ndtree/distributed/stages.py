@@ -8,9 +8,9 @@ import time
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from ndtree import _core
+from ndtree._native import _core
+from ndtree.base.scan import Scan
 from ndtree.distributed.scans import IndexedScan, ScanIndex, StoredScans, batch_name, index_name, pack
-from ndtree.scan import Scan
 from ndtree.tiles.grid import Tile, TileGrid, beams_of, reach_of
 from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind

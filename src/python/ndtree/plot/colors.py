@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
 
-from ndtree.lattice import Cells, Floats
+from ndtree.cells.lattice import Cells, Floats
 from ndtree.plot.figures import UNKNOWN, colormap_of
 
 

@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from numpy.typing import ArrayLike
 
-from ndtree._core import OccupancyMap
-from ndtree.lattice import Cells, Floats, Integers, coarsened, covered_faces
+from ndtree._native._core import OccupancyMap
+from ndtree.cells.lattice import Cells, Floats, Integers, coarsened, covered_faces
+from ndtree.cells.regions import ceiling, found_region
 from ndtree.plot.colors import Coloring, coloring
 from ndtree.plot.figures import CutAbove, Region, axes_or_new, framed, require_dim
-from ndtree.regions import ceiling, found_region
 
 MAX_VECTOR_FACES = 20_000  # More are an image in PDF and SVG files, too.
 

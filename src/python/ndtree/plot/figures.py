@@ -15,9 +15,9 @@ from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ndtree._core import OccupancyMap
-from ndtree.files import replaced
-from ndtree.lattice import Cells, Floats
+from ndtree._native._core import OccupancyMap
+from ndtree.base.files import replaced
+from ndtree.cells.lattice import Cells, Floats
 
 Region = Sequence[float]
 Path = Union[str, "os.PathLike[str]"]
@@ -36,7 +36,7 @@ BORDER_COLOR = "#2b5c8a"
 SIZE_COLORS = "viridis_r"
 #: Of a picture, whatever it shows: more dots an inch than fit into it are not drawn.
 MAX_PIXELS = 30_000_000
-#: A panel is at most so many times as high as wide, and the other way round.
+#: A panel is at most this many times as high as wide, and the other way round.
 MOST_LONG = 8.0
 WITHOUT_BAR = 0.9  # Share of a picture's width that is left beside a bar of colors.
 
@@ -80,7 +80,7 @@ def add_bar(
 def written(figure: Figure, path: Path | None, dpi: float) -> Figure:
     """The same figure, in a file if there is a path: whole or not at all, and of at most `MAX_PIXELS`.
 
-    It is drawn into memory first, so that whoever ends the program while it draws leaves no hidden file.
+    It is drawn into memory first, so that ending the program while it draws leaves no hidden file.
     """
     dpi = min(dpi, math.sqrt(MAX_PIXELS / float(np.prod(figure.get_size_inches()))))
     figure.set_dpi(dpi)

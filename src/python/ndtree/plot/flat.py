@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from ndtree._core import OccupancyMap
-from ndtree.lattice import Cells
+from ndtree._native._core import OccupancyMap
+from ndtree.cells.lattice import Cells
+from ndtree.cells.regions import picture_region
 from ndtree.plot.figures import (
     BORDER_COLOR,
     SIZE_COLORS,
@@ -25,7 +26,6 @@ from ndtree.plot.figures import (
 )
 from ndtree.plot.images import PooledImage, draw_borders, draw_occupancy, image_of, smallest_of
 from ndtree.plot.legends import name_axes
-from ndtree.regions import picture_region
 
 
 def cells(

@@ -15,9 +15,9 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from ndtree.lattice import Cells, Floats, Integers
+from ndtree.cells.lattice import Cells, Floats, Integers
+from ndtree.cells.regions import picture_region
 from ndtree.plot.figures import BORDER_COLOR, STATE_COLORS, UNKNOWN, Region, framed, require_style
-from ndtree.regions import picture_region
 
 MAX_IMAGE_CELLS = 16_000_000
 _LARGE_CELL = 10_000  # Pixels of a cell that is filled alone, not with those of its size.

@@ -54,7 +54,7 @@ def round_length(most: float) -> float:
 
 
 def name_axes(ax: Axes, names: str = "xy") -> None:
-    """Say which coordinates the axes have, in metres, where nobody has named them."""
+    """Say which coordinates the axes have, in metres, where they have no names yet."""
     if not ax.get_xlabel() and not ax.get_ylabel():
         ax.set_xlabel(f"{names[0]} [m]")
         ax.set_ylabel(f"{names[1]} [m]")

@@ -8,8 +8,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from ndtree._core import OccupancyMap
-from ndtree.lattice import Cells
+from ndtree._native._core import OccupancyMap
+from ndtree.cells.lattice import Cells
+from ndtree.cells.regions import ceiling, found_region, picture_region
 from ndtree.plot.colors import coloring
 from ndtree.plot.cubes import bounds_on_screen, chosen_cubes, draw_cubes
 from ndtree.plot.figures import (
@@ -31,7 +32,6 @@ from ndtree.plot.figures import (
 from ndtree.plot.flat import cell_sizes, occupancy, slice
 from ndtree.plot.images import draw_borders, draw_occupancy
 from ndtree.plot.legends import explain_states, name_axes, scale_bar
-from ndtree.regions import ceiling, found_region, picture_region
 
 
 def side_by_side(

@@ -64,7 +64,7 @@ numbers = _checked(
 
 
 class Table:
-    """A table of the file; what nobody takes is refused in the end."""
+    """A table of the file; keys that are never read are refused in the end."""
 
     def __init__(self, file: Path, name: str, values: dict[str, Any]) -> None:
         self._file, self._name = file, name

@@ -11,9 +11,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from ndtree._options import KINDS, MAP_OPTIONS
-from ndtree.comparison import NO_RETURN
-from ndtree.readers import FORMATS, READER_OPTIONS
+from ndtree.evaluation.comparison import NO_RETURN
+from ndtree.logs import FORMATS, READER_OPTIONS
+from ndtree.maps.kinds import KINDS, MAP_OPTIONS
 from ndtree.study.checks import Check, Table, integer, number, numbers, one_of, text, true_or_false
 
 #: What a log of a file takes besides ``path``: words of `ndtree.read`, and of `Log.select`.

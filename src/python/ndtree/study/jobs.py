@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ndtree import _core
-from ndtree._options import make_map
-from ndtree.comparison import compare
-from ndtree.readers import Log, read, simulate
+from ndtree._native import _core
+from ndtree.evaluation.comparison import compare
+from ndtree.logs import Log, read, simulate
+from ndtree.maps.kinds import make_map
 from ndtree.study.config import ParameterSet, Study, StudyLog
 
 #: Counted up when what is written for a job means something else than before.

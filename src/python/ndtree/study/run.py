@@ -12,9 +12,9 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from ndtree import _core
-from ndtree.comparison import Progress, no_progress
-from ndtree.files import replaced
+from ndtree._native import _core
+from ndtree.base.files import replaced
+from ndtree.base.progress import Progress, no_progress
 from ndtree.study.config import Study
 from ndtree.study.jobs import Job, jobs_of
 from ndtree.study.table import StudyTable
@@ -33,7 +33,7 @@ def run(study: Study, *, processes: int | None = None, progress: Progress | None
     study : Study
         From `load`.
     processes : int, optional
-        So many jobs at once. Left out: one for each processor. Times are best with 1.
+        This many jobs at once. Left out: one for each processor. Times are best with 1.
     progress : callable, optional
         Called as ``progress(what, done, total)`` with numbers of jobs.
 

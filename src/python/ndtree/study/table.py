@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ndtree.comparison.table import csv_of
-from ndtree.files import replaced
+from ndtree.base.files import replaced
+from ndtree.evaluation.comparison.table import csv_of
 
 #: Columns of the table for people: their head, where they are in a row, and how they are written.
 _COLUMNS = (

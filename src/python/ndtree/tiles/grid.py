@@ -11,17 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree._core import OccupancyMap
-from ndtree.scan import Scan
+from ndtree._native._core import OccupancyMap
+from ndtree.base.scan import Scan
 from ndtree.tiles.kind import MapKind
 
 #: Place of a tile on the grid: it covers [place * size, (place + 1) * size) on each axis.
 Tile = tuple[int, ...]
 Floats = NDArray[np.float64]
 
-#: A tile has at least so many of the coarsest cells along an edge, unless somebody says how large it is.
+#: A tile has at least this many of the coarsest cells along an edge, unless its size is given.
 CUBES = 16
-_REACH_SIGMAS = 3.0  # Beams say something up to so many standard deviations behind their end points.
+_REACH_SIGMAS = 3.0  # Beams have evidence up to this many standard deviations behind their end points.
 _STEP = 0.25  # Of a tile: how far apart beams are looked at.
 _GRAIN = 0.125  # Of a tile: ends that are nearer than this are taken for one.
 
@@ -129,7 +129,7 @@ class TileGrid:
         return self.crossed_by(starts, ends)
 
     def crossed_by(self, starts: Floats, ends: Floats) -> set[Tile]:
-        """The same for segments: (n, dim) ends, and as many starts or, if all have the same, (dim,)."""
+        """The tiles that segments cross: (n, dim) ends; starts alike, or (dim,) if all have the same."""
         if len(ends) == 0:
             return set()
         grain = _GRAIN * self.size

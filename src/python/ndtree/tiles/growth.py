@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree._core import OccupancyMap
-from ndtree.scan import Scan
+from ndtree._native._core import OccupancyMap
+from ndtree.base.scan import Scan
 from ndtree.tiles.grid import nowhere
 
 Floats = NDArray[np.float64]

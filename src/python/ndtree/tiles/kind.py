@@ -8,8 +8,8 @@ import zlib
 from dataclasses import dataclass, field
 from typing import Any
 
-from ndtree import _core
-from ndtree._core import OccupancyMap
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
 
 _PREAMBLE = struct.Struct("<8sIQ")  # Magic, version, length; see io/map_file.hpp.
 

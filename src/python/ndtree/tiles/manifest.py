@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree import _core
-from ndtree._core import OccupancyMap
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
 from ndtree.tiles.grid import Tile, TileGrid
 from ndtree.tiles.kind import MapKind
 from ndtree.tiles.storage import Storage
@@ -74,7 +74,7 @@ class Manifest:
     tiles : dict
         By place.
     made_from : dict
-        What whoever wrote it needs to go on.
+        What its writer needs to go on.
     """
 
     kind: MapKind

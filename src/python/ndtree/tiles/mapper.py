@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ndtree._core import OccupancyMap
-from ndtree.results import InsertReport
-from ndtree.scan import Scan
+from ndtree._native._core import OccupancyMap
+from ndtree._native.results import InsertReport
+from ndtree.base.scan import Scan
 from ndtree.tiles.grid import Tile, TileGrid, beams_of, reach_of
 from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind, with_counters
@@ -32,13 +32,13 @@ from ndtree.tiles.manifest import (
 from ndtree.tiles.resident import Resident
 from ndtree.tiles.storage import Storage
 
-#: Memory of cells, where nobody says how much.
+#: Memory of cells, unless it is given.
 MAX_RESIDENT = 2 << 30
 CHECKPOINT_SECONDS = 120.0
 _FULL = 0.5  # Of the limit: beyond it tiles go, so that there is room to copy what stays ...
 _KEPT = 0.2  # ... until so much is left.
 _NODE_BYTES = 16
-_LOOKED_AT = 512  # Beams between two looks at memory, and one for each so many nodes:
+_LOOKED_AT = 512  # Beams between two looks at memory, and one for each this many nodes:
 _NODES_OF_BEAM = 16  # A look takes a fraction of what insertion takes.
 _COUNTS = ("beams", "returned", "not_returned", "beyond_max_range", "invalid")
 

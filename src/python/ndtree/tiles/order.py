@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Union
 
-from ndtree.scan import Scan
+from ndtree.base.scan import Scan
 
 #: A log, or what opens one wherever a task runs: a path, or a function without arguments.
 Source = Union[str, "os.PathLike[str]", Iterable[Scan], Callable[[], Iterable[Scan]]]
@@ -69,7 +69,7 @@ def named(sources: Sources) -> dict[str, Source]:
 def opened(source: Source) -> Iterable[Scan]:
     """The scans of a log."""
     if isinstance(source, (str, os.PathLike)):
-        from ndtree.readers import read
+        from ndtree.logs import read
 
         return read(source)
     return source() if callable(source) else source

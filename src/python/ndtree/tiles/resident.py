@@ -7,7 +7,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 
-from ndtree._core import OccupancyMap
+from ndtree._native._core import OccupancyMap
 from ndtree.tiles.grid import Tile, TileGrid
 
 
@@ -20,7 +20,7 @@ class Resident:
         The frame: no cells, and the root of the whole map.
     grid : TileGrid
     load : callable
-        The map of a tile; None if nobody has ever seen anything there.
+        The map of a tile; None if nothing was ever seen there.
     limit : float
         Of the tiles' bytes in memory: beyond it those go that were not asked for longest, but for the ones
         that are being asked for.

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from ndtree.files import replaced
+from ndtree.base.files import replaced
 
 
 class Storage(ABC):

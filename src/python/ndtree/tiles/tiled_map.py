@@ -14,15 +14,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree._arguments import TAKEN, flattened, refuse_masked, shaped
-from ndtree._core import DistanceField, OccupancyMap, Shape
-from ndtree.results import Frontier, Leaves, NearestOccupied, RayEnds
+from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
+from ndtree._native._core import DistanceField, OccupancyMap, Shape
+from ndtree._native.results import Frontier, Leaves, NearestOccupied, RayEnds
 from ndtree.tiles.grid import Floats, Tile, TileGrid
 from ndtree.tiles.manifest import Manifest, open_manifest, read_map
 from ndtree.tiles.resident import Resident
 from ndtree.tiles.storage import Storage, storage_of
 
-#: Memory that tiles take, where nobody says how much.
+#: Memory that tiles take, unless it is given.
 CACHE_BYTES = 1 << 30
 
 
@@ -391,7 +391,7 @@ class TiledMap:
         ask: Callable[[OccupancyMap, Any], Any],
         order: Callable[[], NDArray[np.int64]],
     ) -> Any:
-        """Answers to many questions, in so many goes that tiles fit into memory.
+        """Answers to many questions, in batches whose tiles fit into memory.
 
         Parameters
         ----------

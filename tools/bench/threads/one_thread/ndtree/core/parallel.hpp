@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "ndtree/core/even_shares.hpp"
+#include "ndtree/core/even_ranges.hpp"
 
 namespace ndtree {
 
@@ -20,11 +20,12 @@ namespace ndtree {
 struct WorkPhase {
   double alone = 0.0;             ///< Before it, in one thread.
   std::vector<double> tasks;      ///< As they are numbered.
-  std::size_t first = 0;          ///< Of those in shares; those before it are nobody's.
+  std::size_t first = 0;          ///< Of the tasks in ranges; tasks before it have no owner.
   std::vector<std::size_t> ends;  ///< Of the share of each worker among them.
 
   [[nodiscard]] double work() const { return std::accumulate(tasks.begin(), tasks.end(), alone); }
-  /// Until all workers are done, of which each takes what is nobody's, then its share, and then helps others.
+  /// Until all workers are done, which take tasks without an owner, then their own range, and then others'
+  /// tasks.
   [[nodiscard]] double seconds() const {
     struct Worker {
       double free_at;
@@ -62,7 +63,7 @@ class Workers {
   [[nodiscard]] std::size_t count() const { return count_; }
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
-    for_each_task(0, even_shares(tasks, std::min(count_, tasks)), work);
+    for_each_task(0, even_ranges(tasks, std::min(count_, tasks)), work);
   }
   template <class Work>
   void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {

@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What a scan can do to a leaf.
+#pragma once
+
+#include <cstdint>
+
+namespace ndtree {
+
+/// What a scan does to a leaf.
+enum class LeafAction : std::uint8_t {
+  update,                ///< It takes the scan's evidence.
+  update_without_split,  ///< It would split, but its children would re-merge:
+                         ///< EvidenceModel::update_without_split().
+  judge_coverage,  ///< It was never observed, and beams have only passed: CoverageModel::judge() decides.
+  split,           ///< Its children take the scan's evidence.
+};
+
+}  // namespace ndtree

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Evidence for the children of a leaf that splits.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/cell/evidence_model.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
+#include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/sampling.hpp"
+
+namespace ndtree {
+
+/// Initialises the children of a leaf that splits with parts of its evidence, see ChildInitialisation. A
+/// child's part depends on how many of the leaf's sampled beams passed the child: left it before their end,
+/// noise included. Cost: O(sampled beams) for each child.
+template <class Tree>
+class ChildrenInitialiser {
+  static constexpr int N = Tree::kBranching;
+  static constexpr int D = Tree::kDim;
+  static constexpr int kNumChildren = Tree::kNumChildren;
+  using NodeType = typename Tree::NodeType;
+  using Planes = typename CellCrossings<N, D>::Planes;
+
+ public:
+  ChildrenInitialiser(const LatticeGeometry<N, D>& geometry, const EvidenceModel& model,
+                      const ScanBeams<D>& beams)
+      : geometry_(geometry), model_(model), beams_(beams), width_(beams.width()) {}
+
+  /// @param leaf its evidence before the split. @param sample the beams of its list that it sampled.
+  /// @param lists of its children. @param planes of the leaf, if all beams have one origin.
+  void initialise(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
+                  const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
+                  NodeType* children) const {
+    if (!EvidenceModel::has_evidence_for_children(leaf)) return;
+    const bool is_finest = index.level - 1 == geometry_.finest_level();
+    std::size_t beams = 0;
+    sample.for_each_part(beams_, list, [&](const BeamList& part) { beams += part.size; });
+    for (std::size_t j = 0; j < kNumChildren; ++j) {
+      const auto child = static_cast<int>(j);
+      const CellIndex<D> at = geometry_.child(index, child_offset<N, D>(child));
+      const CellCrossings<N, D> crossings(geometry_, beams_, at, planes, child);
+      children[j].cell() =
+          initial_child(leaf, count_passed(crossings, lists.of(child), sample), beams, j, is_finest);
+    }
+  }
+
+#ifdef NDTREE_HAS_EIGHTS
+  /// Initialises the children of a leaf that a ray packet crosses. @param sample set of the rays that it
+  /// sampled.
+  NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void initialise(const EvidenceCell& leaf, int level,
+                                                       std::uint32_t sample,
+                                                       RayPacket<D, kNumChildren>& packet,
+                                                       NodeType* children) const {
+    if (!EvidenceModel::has_evidence_for_children(leaf)) return;
+    const bool are_finest = level - 1 == geometry_.finest_level();
+    const EightEnds<D>& ends = beams_.ends_of(packet.beams);
+    for (std::size_t j = 0; j < kNumChildren; ++j) {
+      const std::uint32_t set = passed(ends, _mm256_load_ps(packet.exit[j].data())) & packet.set[j];
+      children[j].cell() = initial_child(leaf, count(set & sample), count(sample), j, are_finest);
+    }
+  }
+  /// The sampled beams of a packet's list as a set of its rays.
+  [[nodiscard]] std::uint32_t set_of(const LeafSample<D>& sample, const BeamList& list) const {
+    std::uint32_t set = 0;
+    sample.for_each_part(beams_, list, [&](const BeamList& part) {
+      set |= ((1u << part.size) - 1) << (part.beam - list.beam);
+    });
+    return set;
+  }
+#endif
+
+ private:
+  /// @param passed beams that passed the child. @param beams that the leaf sampled.
+  [[nodiscard]] EvidenceCell initial_child(const EvidenceCell& leaf, std::size_t passed, std::size_t beams,
+                                           std::size_t child, bool is_finest) const {
+    return model_.initial_child(leaf, kChildrenAcross<Tree>, passed, beams,
+                                CellParts<N, D>::of_child(static_cast<int>(child)), is_finest);
+  }
+  [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list,
+                                         const LeafSample<D>& sample) const {
+    std::size_t n = 0;
+    sample.for_each_part(beams_, list, [&](const BeamList& part) { n += count_passed(crossings, part); });
+    return n;
+  }
+  [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list) const {
+#ifdef NDTREE_HAS_EIGHTS
+    if (width_ >= 8)
+      return beams_.are_alike() ? count_passed_by_eights<true>(crossings, list)
+                                : count_passed_by_eights<false>(crossings, list);
+#endif
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < list.size; ++i)
+      n += has_passed(list.beam[i], crossings.of(list.beam[i]).exit);
+    return n;
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  template <bool kAlike>
+  NDTREE_BY_EIGHTS [[nodiscard]] std::size_t count_passed_by_eights(const CellCrossings<N, D>& crossings,
+                                                                    const BeamList& list) const {
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < list.size; i += 8) {
+      const __m256i live = detail::first_of_eight(list.size - i);
+      const std::uint32_t* const beam = list.beam + i;
+      const __m256 exit = crossings.template of<kAlike>(beam, beams_.rays(beam)).exit;
+      n += count(passed(beams_.ends(beam), exit) &
+                 static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(live))));
+    }
+    return n;
+  }
+  /// has_passed() of eight beams, as a set. @param exit where they leave a cell.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static std::uint32_t passed(const EightEnds<D>& ends,
+                                                                                  __m256 exit) {
+    const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
+    const __m256 is_clear = _mm256_cmp_ps(exit, ends.clear, _CMP_LT_OQ);
+    return static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
+  }
+#endif
+  /// Whether a beam passed a cell: it has clearly not met a surface where it leaves the cell.
+  [[nodiscard]] bool has_passed(std::uint32_t beam, float exit) const {
+    const BeamEnd<D>& end = beams_.end(beam);
+    // Without a branch, which would be unpredictable.
+    return static_cast<int>(!end.is_returned()) | static_cast<int>(exit < end.clear);
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS [[nodiscard]] static std::size_t count(std::uint32_t set) {
+    return static_cast<std::size_t>(__builtin_popcount(set));
+  }
+#endif
+
+  const LatticeGeometry<N, D>& geometry_;
+  const EvidenceModel& model_;
+  const ScanBeams<D>& beams_;
+  const int width_;
+};
+
+}  // namespace ndtree

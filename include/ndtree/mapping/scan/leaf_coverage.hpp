@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// How much of a leaf's children the beams of a list have seen.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
+#include "ndtree/mapping/scan/crossings.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
+#include "ndtree/mapping/scan/packed_beams.hpp"
+#include "ndtree/mapping/scan/partition.hpp"
+#include "ndtree/mapping/scan/sampling.hpp"
+#include "ndtree/tree/lattice.hpp"
+
+namespace ndtree {
+
+/// Widths of the beams of a list, in edges of a child.
+struct BeamWidths {
+  float per_depth = 0.0f;  ///< Width at a depth of 1 m [1/m]; 0 if all widths are `fixed`.
+  float fixed = 0.0f;
+};
+
+/// Sums over the children that the beams of a list cross, see ScanCoverage. O(beams (N D + children
+/// crossed)).
+template <int N, int D>
+class LeafCoverage {
+  using Partition = ChildPartition<N, D>;
+  using Sum = ScanCoverage<N, D>;
+  static constexpr int kNumChildren = Partition::kNumChildren;
+
+ public:
+  LeafCoverage(const ScanBeams<D>& beams, const Partition& partition)
+      : beams_(beams), partition_(partition) {}
+
+  /// Adds what beams see of a leaf's children, up to their end points, until the leaf is certain to be
+  /// covered.
+  /// @param per_child 1 / edge of a child [1/m]. @param size of the leaf, in smallest cells.
+  void operator()(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
+                  const CoverageModel& model, double size, Sum& sum) const {
+    for (std::size_t first = 0; first < list.size; first += kChunk) {
+      if (first > 0 && model.is_certain(sum, size)) return;
+      add(leaf, list.part(first, std::min(list.size, first + kChunk)), per_child, widths, sum);
+    }
+  }
+  /// Whether enough of a leaf was seen to update it as a whole.
+  /// @param sample the beams of its list that it samples. @param beams that have passed it so far.
+  [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
+                                      const BeamList& list, const LeafSample<D>& sample,
+                                      const CoverageModel& model, double beams) const {
+    const LatticeGeometry<N, D>& geometry = partition_.geometry();
+    const double size = geometry.cell_size(leaf.level) / geometry.unit();
+    const float per_child = 1.0f / static_cast<float>(geometry.cell_size(leaf.level - 1));
+    Sum sum;
+    sample.for_each_fraction(
+        beams_, list, [&](const CubeFace<D>& face, float fraction, const BeamList& part) {
+          // Sampled beams stand for the others, too.
+          const BeamWidths widths{face.width_of_beam() * BeamSampling<N, D>::widening(fraction) * per_child,
+                                  static_cast<float>(geometry.unit()) * per_child};
+          (*this)(leaf, part, per_child, widths, model, size, sum);
+        });
+    const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
+    return model.judge(sum, seen_before, size, beams);
+  }
+
+ private:
+  static constexpr std::size_t kChunk = 16;  // Beams between two tests; sums of up to 64 fit 32 bits.
+
+  void add(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
+           Sum& sum) const {
+#ifdef NDTREE_HAS_EIGHTS
+    if constexpr (kNumChildren <= Partition::kMostAtOnce) {
+      if (partition_.goes_by_eights()) {
+        add_by_eights(partition_.planes_of(leaf), list, per_child, widths, sum);
+        return;
+      }
+    }
+#endif
+    partition_.for_each_crossing(
+        leaf, list, [&](std::size_t child, std::uint32_t beam, float enter, float leave) {
+          const BeamEnd<D>& end = beams_.end(beam);
+          const float exit = std::min(leave, end.range);
+          if (!(exit > enter)) return;
+          const float along = end.slant;
+          const float middle = 0.5f * (enter + exit) * along;
+          sum.add(static_cast<int>(child),
+                  Sum::seen((exit - enter) * along * per_child,
+                            widths.per_depth > 0.0f ? middle * widths.per_depth : widths.fixed));
+        });
+  }
+#ifdef NDTREE_HAS_EIGHTS
+  NDTREE_BY_EIGHTS void add_by_eights(const typename Partition::Planes& planes, const BeamList& list,
+                                      float per_child, const BeamWidths& widths, Sum& sum) const {
+    __m256i child[std::size_t{kNumChildren}];
+#pragma GCC unroll 32
+    for (int c = 0; c < kNumChildren; ++c) child[c] = _mm256_setzero_si256();
+    __m256i ray = _mm256_setzero_si256();
+    const __m256 per_depth = _mm256_set1_ps(widths.per_depth);
+    const __m256 fixed = _mm256_set1_ps(widths.fixed);
+    const __m256 half = _mm256_set1_ps(0.5f);
+    for (std::size_t i = 0; i < list.size; i += 8) {
+      const __m256i live = detail::first_of_eight(list.size - i);
+      const EightRays<D> rays = beams_.rays(list.beam + i);
+      const EightEnds<D> ends = beams_.ends(list.beam + i);
+      const __m256 seen = _mm256_and_ps(_mm256_min_ps(rays.t_max, ends.range), _mm256_castsi256_ps(live));
+      const __m256 along = ends.slant;
+      __m256 enter[std::size_t{kNumChildren}];
+      __m256 exit[std::size_t{kNumChildren}];
+      partition_.eight_beams(planes, rays, _mm256_setzero_ps(), seen, enter, exit);
+#pragma GCC unroll 32
+      for (int c = 0; c < kNumChildren; ++c) {
+        const __m256i sees = _mm256_castps_si256(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ));
+        const __m256 middle = _mm256_mul_ps(_mm256_mul_ps(half, _mm256_add_ps(enter[c], exit[c])), along);
+        const __m256 width = widths.per_depth > 0.0f ? _mm256_mul_ps(middle, per_depth) : fixed;
+        const __m256 units = _mm256_mul_ps(
+            _mm256_mul_ps(_mm256_mul_ps(_mm256_sub_ps(exit[c], enter[c]), along), _mm256_set1_ps(per_child)),
+            _mm256_set1_ps(Sum::kUnitsOfOne));
+        child[c] = _mm256_add_epi32(
+            child[c], _mm256_and_si256(sees, in_units(units, _mm256_min_ps(width, _mm256_set1_ps(1.0f)))));
+        ray = _mm256_add_epi32(ray, _mm256_and_si256(sees, _mm256_cvtps_epi32(units)));
+      }
+    }
+    std::array<std::uint32_t, 4> sums;
+    const auto store_sums = [&sums](__m128i v) {
+      _mm_storeu_si128(reinterpret_cast<__m128i*>(sums.data()), v);
+    };
+#pragma GCC unroll 8
+    for (int c = 0; c < kNumChildren; c += 4) {  // The last again if there are no four left.
+      constexpr int kLast = kNumChildren - 1;
+      store_sums(detail::sums_of(child[c], child[std::min(c + 1, kLast)], child[std::min(c + 2, kLast)],
+                                 child[std::min(c + 3, kLast)]));
+      for (int k = 0; k < std::min(4, kNumChildren - c); ++k)
+        sum.add(c + k, {sums[static_cast<std::size_t>(k)], 0});
+    }
+    store_sums(detail::sums_of(ray, ray, ray, ray));
+    sum.add(0, {0, sums[0]});
+  }
+  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i in_units(__m256 units, __m256 width) {
+    __m256 area = _mm256_set1_ps(1.0f);
+    for (int a = 1; a < D; ++a) area = _mm256_mul_ps(area, width);
+    return _mm256_cvtps_epi32(_mm256_mul_ps(units, area));
+  }
+#endif
+
+  const ScanBeams<D>& beams_;
+  const Partition& partition_;
+};
+
+}  // namespace ndtree

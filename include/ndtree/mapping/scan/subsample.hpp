@@ -1,0 +1,254 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Subsampling: drops the beams of a scan that no cell can sample.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "ndtree/core/cache_lines.hpp"
+#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/mapping/scan/counting_sort.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
+#include "ndtree/mapping/scan/measurements.hpp"
+#include "ndtree/mapping/scan/survey.hpp"
+
+namespace ndtree {
+
+/// How many beams of a scan a cell can sample: at most `beams` for each smallest cell side by side in it.
+struct SubsampleLimits {
+  double beams;
+  double smallest_cell;  ///< [m]
+  double largest_cell;   ///< [m]
+};
+
+/// A part of a scan on its way from the survey to the sorted array; one thread handles a part in each step.
+///
+/// Strategy: survey_beams() surveys the part; keep() compacts keys and faces of the beams that some cell can
+/// sample; count() replaces keys by buckets and counts them; scatter() writes the beams' numbers into the
+/// sorted array. Between the steps, the caller joins the parts' cube maps and sums up their counts.
+/// Invariants: the steps are called once, in this order; kept beams stay in the order of the scan; no beam is
+/// dropped that a cell samples; loops over eight beams keep the same beams as loops over one.
+/// Cost: O(beams) for each step; memory 16 bytes for each beam.
+template <int D, class Sensor>
+class alignas(kCacheLines) ScanPart {
+  static constexpr std::size_t kAxes = D - 1;
+
+ public:
+  /// Surveys the part's beams. @param measurements must live as long as this. @throws as survey_exactly().
+  template <class Geometry>
+  void survey_beams(const Measurements<D, Sensor>& measurements, const BeamRange& range, const Sensor& sensor,
+                    const Geometry& geometry) {
+    measurements_ = &measurements;
+    first_ = range.first;
+    beams_ = ScanSurveyor<D, Sensor>(measurements, range)(sensor, geometry);
+  }
+  [[nodiscard]] const ScanSurvey<D>& survey() const { return beams_.survey; }
+  [[nodiscard]] CubeMap<D>& cube_map() { return beams_.cube_map; }
+
+  /// Drops the beams that no cell can sample. Sampling fractions grow with depth, so it is enough to ask a
+  /// smallest cell at the last depth: that of the beam's end with its noise, and half a largest cell.
+  /// @param cube_map of the whole scan, after CubeFace::divide(). @param numbers of this part's faces there.
+  void keep(const CubeMap<D>& cube_map, const std::vector<std::uint32_t>& numbers,
+            const SubsampleLimits& sampling) {
+    const float behind = this->behind(sampling);
+    const auto smallest = static_cast<float>(sampling.smallest_cell);
+    const auto most = static_cast<float>(sampling.beams) * kSlack;
+    const float farthest = this->farthest();
+    kept_.reset(new std::uint32_t[beams_.size]);
+    kept_of_faces_.assign(numbers.size(), 0);
+    std::size_t i = 0;
+#ifdef NDTREE_HAS_EIGHTS
+    if (Simd::width() >= 8 && numbers.size() <= 2 * D)
+      i = keep_by_eights(cube_map, numbers, smallest, most, farthest, behind);
+#endif
+    for (; i < beams_.size; ++i)
+      if (beams_.face[i] != CubeMap<D>::kNoFace &&
+          may_be_sampled(cube_map.face(numbers[beams_.face[i]]), beams_.key[i],
+                         last_depth(beams_.depth[i], farthest, behind), smallest, most))
+        add_kept(i);
+  }
+  /// The largest depth at which a cell can sample a beam of the part [m].
+  [[nodiscard]] float depth_of_kept(const SubsampleLimits& sampling) const {
+    return last_depth(beams_.deepest, farthest(), behind(sampling));
+  }
+  /// Number of kept beams.
+  [[nodiscard]] std::size_t num_kept() const { return num_kept_; }
+  /// The scan's number of the k-th kept beam; ascending.
+  [[nodiscard]] std::uint32_t kept(std::size_t k) const {
+    return static_cast<std::uint32_t>(first_) + kept_[k];
+  }
+  /// The face of the k-th kept beam, by its number in this part.
+  [[nodiscard]] std::uint32_t face(std::size_t k) const { return beams_.face[k]; }
+  /// The sampling key of the k-th kept beam. @pre before count().
+  [[nodiscard]] std::uint32_t key(std::size_t k) const { return beams_.key[k]; }
+  /// Number of kept beams of each face of this part.
+  [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
+
+  /// Number of kept beams per bucket, as BeamBuckets::prefix_sum() takes it.
+  /// @param numbers of this part's faces in `buckets`.
+  [[nodiscard]] std::vector<std::uint32_t> count(const BeamBuckets<D>& buckets,
+                                                 const std::vector<std::uint32_t>& numbers) {
+    std::vector<std::uint32_t> counts = buckets.counts();
+    std::size_t k = 0;
+#ifdef NDTREE_HAS_EIGHTS
+    if (Simd::width() >= 8 && numbers.size() <= kNone) k = find_buckets_by_eights(buckets, numbers);
+#endif
+    for (; k < num_kept_; ++k)
+      beams_.key[k] = static_cast<std::uint32_t>(buckets.of(numbers[face(k)], key(k)));
+    for (k = 0; k < num_kept_; ++k) ++counts[1 + beams_.key[k]];
+    return counts;
+  }
+  /// Writes the kept beams' numbers into the sorted array.
+  /// @param indices of the next beam of each bucket, see BeamBuckets::prefix_sum().
+  /// @param numbers the sorted array, of all parts.
+  void scatter(std::vector<std::uint32_t>& indices, std::uint32_t* numbers) const {
+    for (std::size_t k = 0; k < num_kept_; ++k) numbers[indices[1 + beams_.key[k]]++] = kept(k);
+  }
+
+ private:
+  static constexpr float kSlack = CubeFace<D>::kSlack;
+  static constexpr float kKeyUnit = 1.0f / (1u << CubeFace<D>::kKeyBits);
+
+  /// How far behind a beam's end a cell's centre can lie that the beam crosses [m].
+  [[nodiscard]] float behind(const SubsampleLimits& sampling) const {
+    return beams_.reach_behind + rounded(0.5f * static_cast<float>(sampling.largest_cell));
+  }
+  /// The length at which beams are cut, max_range as float [m].
+  [[nodiscard]] float farthest() const {
+    return static_cast<float>(
+        std::min(measurements_->max_range(), static_cast<double>(std::numeric_limits<float>::max())));
+  }
+
+  /// The largest depth at which a cell can sample a beam that ends at a depth [m].
+  [[nodiscard]] static float last_depth(float depth, float farthest, float behind) {
+    return rounded(std::min(depth, farthest) * kSlack) + behind;
+  }
+
+  /// True if a smallest cell at this depth can sample a beam with this key.
+  [[nodiscard]] static bool may_be_sampled(const CubeFace<D>& face, std::uint32_t key, float depth,
+                                           float smallest, float beams) {
+    return face.fraction_below(face.bucket_of(key)) * face.expected_beams(depth, smallest) < beams;
+  }
+  void add_kept(std::size_t index) {
+    kept_[num_kept_] = static_cast<std::uint32_t>(index);
+    beams_.key[num_kept_] = beams_.key[index];
+    beams_.face[num_kept_++] = beams_.face[index];
+    ++kept_of_faces_[beams_.face[index]];
+  }
+
+#ifdef NDTREE_HAS_EIGHTS
+  static constexpr std::size_t kNone = 2 * D;  // Stands for CubeMap::kNoFace.
+  using OfFaces = std::array<float, std::max<std::size_t>(kNone + 1, 8)>;
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256 of_face(const OfFaces& values,
+                                                                            __m256i faces) {
+    if constexpr (kNone < 8) {
+      return _mm256_permutevar8x32_ps(_mm256_loadu_ps(values.data()), faces);
+    } else {
+      const detail::Offsets at(faces);
+      return _mm256_setr_ps(values[at[0]], values[at[1]], values[at[2]], values[at[3]], values[at[4]],
+                            values[at[5]], values[at[6]], values[at[7]]);
+    }
+  }
+  /// Does keep()'s work for eight beams at a time. @pre at most 2 D faces.
+  /// @returns the index of the first beam that is left.
+  NDTREE_BY_EIGHTS std::size_t keep_by_eights(const CubeMap<D>& cube_map,
+                                              const std::vector<std::uint32_t>& numbers, float smallest,
+                                              float beams, float farthest, float behind) {
+    OfFaces row;
+    OfFaces key_masks;  // Bits of a key that its bucket keeps.
+    std::array<OfFaces, kAxes> pixels;
+    row.fill(0.0f);
+    key_masks.fill(0.0f);
+    for (auto& of_axis : pixels) of_axis.fill(0.0f);
+    for (std::size_t f = 0; f < numbers.size(); ++f) {
+      const CubeFace<D>& face = cube_map.face(numbers[f]);
+      row[f] = face.is_single() ? 0.0f : smallest * face.density;
+      const std::uint32_t bits = ~std::uint32_t{0} << face.key_shift;
+      std::memcpy(&key_masks[f], &bits, sizeof bits);
+      for (std::size_t k = 0; k < kAxes; ++k) pixels[k][f] = face.pixels[k];
+    }
+    std::array<std::uint32_t, kNone + 1> kept_of_faces{};  // The last: of invalid beams.
+    std::size_t i = 0;
+    for (; i + 8 <= beams_.size; i += 8) {
+      const __m256i face =
+          _mm256_min_epu32(detail::load(beams_.face.get() + i), _mm256_set1_epi32(static_cast<int>(kNone)));
+      const __m256 depth = _mm256_add_ps(
+          _mm256_mul_ps(_mm256_min_ps(_mm256_loadu_ps(beams_.depth.get() + i), _mm256_set1_ps(farthest)),
+                        _mm256_set1_ps(kSlack)),
+          _mm256_set1_ps(behind));
+      const __m256 in_row = _mm256_div_ps(of_face(row, face), depth);
+      __m256 expected = _mm256_set1_ps(1.0f);
+      for (std::size_t k = 0; k < kAxes; ++k)
+        expected = _mm256_mul_ps(expected, _mm256_min_ps(in_row, of_face(pixels[k], face)));
+      const __m256i number = detail::load(beams_.key.get() + i);
+      const __m256i bucket = _mm256_and_si256(number, _mm256_castps_si256(of_face(key_masks, face)));
+      const __m256 key = _mm256_mul_ps(_mm256_cvtepi32_ps(bucket), _mm256_set1_ps(kKeyUnit));
+      const __m256 is_kept = _mm256_and_ps(
+          _mm256_cmp_ps(_mm256_mul_ps(key, expected), _mm256_set1_ps(beams), _CMP_LT_OQ),
+          _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)));
+      const auto set = static_cast<unsigned>(_mm256_movemask_ps(is_kept));
+      for (unsigned left = 0xff; left != 0;) {  // Adjacent beams mostly have the same face.
+        const std::uint32_t one = std::min(beams_.face[i + static_cast<std::size_t>(__builtin_ctz(left))],
+                                           static_cast<std::uint32_t>(kNone));
+        const __m256i is_one = _mm256_cmpeq_epi32(face, _mm256_set1_epi32(static_cast<int>(one)));
+        const auto same = static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(is_one)));
+        kept_of_faces[one] += static_cast<std::uint32_t>(__builtin_popcount(same & set));
+        left &= ~same;
+      }
+      const __m256i order = detail::packing(set);
+      const auto put = [this](std::unique_ptr<std::uint32_t[]>& column) {
+        return reinterpret_cast<__m256i*>(column.get() + num_kept_);
+      };
+      _mm256_storeu_si256(put(kept_), _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(i)), order));
+      _mm256_storeu_si256(put(beams_.key), _mm256_permutevar8x32_epi32(number, order));
+      _mm256_storeu_si256(put(beams_.face), _mm256_permutevar8x32_epi32(face, order));
+      num_kept_ += static_cast<std::size_t>(__builtin_popcount(set));
+    }
+    std::copy_n(kept_of_faces.begin(), kept_of_faces_.size(), kept_of_faces_.begin());
+    return i;
+  }
+
+  /// Replaces the kept beams' keys by buckets, eight at a time. @pre at most 2 D faces.
+  /// @returns the first kept beam that is left.
+  NDTREE_BY_EIGHTS std::size_t find_buckets_by_eights(const BeamBuckets<D>& buckets,
+                                                      const std::vector<std::uint32_t>& numbers) {
+    OfFaces first;
+    OfFaces shift;
+    first.fill(0.0f);
+    shift.fill(0.0f);
+    for (std::size_t f = 0; f < numbers.size(); ++f) {
+      const CubeFace<D>& face = buckets.face(numbers[f]);
+      const auto first_bucket = static_cast<std::uint32_t>(face.first_bucket);
+      std::memcpy(&first[f], &first_bucket, sizeof first_bucket);
+      std::memcpy(&shift[f], &face.key_shift, sizeof face.key_shift);
+    }
+    std::size_t k = 0;
+    for (; k + 8 <= num_kept_; k += 8) {
+      const __m256i face = detail::load(beams_.face.get() + k);
+      auto* const key = reinterpret_cast<__m256i*>(beams_.key.get() + k);
+      const __m256i bucket =
+          _mm256_srlv_epi32(detail::load(beams_.key.get() + k), _mm256_castps_si256(of_face(shift, face)));
+      _mm256_storeu_si256(key, _mm256_add_epi32(bucket, _mm256_castps_si256(of_face(first, face))));
+    }
+    return k;
+  }
+#endif
+
+  const Measurements<D, Sensor>* measurements_ = nullptr;
+  Eigen::Index first_ = 0;
+  // After keep(), `face` and `key` begin with the kept beams' values; after count(), `key` holds buckets.
+  SurveyedBeams<D> beams_;
+  std::unique_ptr<std::uint32_t[]> kept_;  // Indices of the kept beams in the part, ascending.
+  std::size_t num_kept_ = 0;
+  std::vector<std::uint32_t> kept_of_faces_;
+};
+
+}  // namespace ndtree

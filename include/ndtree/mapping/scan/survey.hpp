@@ -1,0 +1,360 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// The survey of a scan: outcome and direction of each beam, and how far the scan reaches.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <memory>
+#include <utility>
+
+#include "ndtree/core/beam.hpp"
+#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/simd.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/mapping/scan/cube_map.hpp"
+#include "ndtree/mapping/scan/measurements.hpp"
+
+namespace ndtree {
+
+/// The summand of a scan's number in the hash of its sampling keys.
+[[nodiscard]] inline std::uint32_t key_of_scan(std::uint64_t number) {
+  return static_cast<std::uint32_t>(number) * 0x7feb352du;
+}
+
+/// Sampling key of a beam: a hash in [0, 2^24) of its displacement and the scan's number. A cell that samples
+/// a fraction of a scan's beams samples the beams with keys below this fraction of 2^24.
+/// A key does not depend on the order of the beams. Equal beams of two scans have independent keys, so that
+/// of a sensor that stands still each beam is sampled in some scan.
+template <int D>
+[[nodiscard]] std::uint32_t sampling_key_of(const std::array<float, std::size_t{D}>& displacement,
+                                            std::uint64_t scan_number = 0) {
+  std::uint32_t hash = key_of_scan(scan_number);
+  std::uint32_t factor = 1;
+  for (const float component : displacement) {
+    std::uint32_t bits = 0;
+    std::memcpy(&bits, &component, sizeof bits);
+    hash += bits * (factor *= 0x9e3779b1u);
+  }
+  hash ^= hash >> 15;
+  hash *= 0x85ebca77u;
+  hash ^= hash >> 13;
+  return (hash * 0xc2b2ae3du) >> 8;
+}
+
+/// The survey's result for a part of a scan. Arrays are indexed by the beam's position in the part.
+template <int D>
+struct SurveyedBeams {
+  ScanSurvey<D> survey;
+  CubeMap<D> cube_map;
+  float deepest = 0.0f;       ///< The largest depth of a beam [m].
+  float reach_behind = 0.0f;  ///< Most that noise adds to a beam behind its end [m].
+  std::size_t size = 0;
+  std::unique_ptr<std::uint32_t[]> face;  ///< Face numbers; CubeMap::kNoFace: invalid beam.
+  std::unique_ptr<float[]> depth;         ///< Along the face's axis [m]; of valid beams.
+  std::unique_ptr<std::uint32_t[]> key;   ///< See sampling_key_of(); of valid beams.
+
+  SurveyedBeams() = default;
+  explicit SurveyedBeams(std::size_t n)
+      : size(n), face(new std::uint32_t[n]), depth(new float[n]), key(new std::uint32_t[n]) {}
+};
+
+/// Surveys a part of a scan, in one thread.
+///
+/// Strategy: each beam is read once. Its displacement as float gives face, depth, key and its position on the
+/// face; bounds of the reach are the extremes of all displacements, with the largest noise as margin. Only if
+/// these bounds exceed what the map can address, or a beam is too long for float, survey_exactly() decides.
+/// Invariants: the bounds contain the exact reach; outcomes are exact; faces, depths and keys have the same
+/// bits at every width.
+/// Cost: O(beams), about one read of their end points from memory.
+template <int D, class Sensor>
+class ScanSurveyor {
+  static constexpr std::size_t kAxes = D - 1;
+
+ public:
+  ScanSurveyor(const Measurements<D, Sensor>& measurements, const BeamRange& range)
+      : measurements_(measurements), range_(range), beams_(static_cast<std::size_t>(range.size())) {}
+
+  /// Surveys the part; the surveyor is used up. @throws as survey_exactly().
+  template <class Geometry>
+  [[nodiscard]] SurveyedBeams<D> operator()(const Sensor& sensor, const Geometry& geometry) && {
+    const ScanView<D>& scan = measurements_.scan();
+    Eigen::Index i = range_.first;
+    if (!scan.origin_per_beam && beams_.size > 0) beams_.cube_map.add_all_faces(scan.origin(0));
+#ifdef NDTREE_HAS_EIGHTS
+    if (!scan.origin_per_beam && Simd::width() >= 8) i = survey_by_eights();
+#endif
+    for (; i < range_.last; ++i) survey_one(i);
+    if (beams_.survey.num_valid() == 0) return std::move(beams_);
+
+    const double reached =
+        std::min(measurements_.max_range(), std::sqrt(D) * static_cast<double>(beams_.deepest));
+    double sigma = std::max(sensor.sigma(0.0), sensor.sigma(reached));
+    bool is_valid = !is_exact_needed_;
+    if (scan.range_sigma != nullptr) {
+      sigma = 0.0;
+      for (Eigen::Index k = range_.first; k < range_.last; ++k) {
+        is_valid = is_valid && kRangeSigmaBounds.contain(scan.range_sigma[k]);
+        sigma = std::max(sigma, scan.range_sigma[k]);
+      }
+    }
+    is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
+    const double margin =
+        rounded(Sensor::kReachSigmas * sigma) + rounded(1e-6 * reached);  // Exceeds all rounding.
+    is_valid = is_valid && reached + margin <= kLongestBeam * geometry.unit();
+    beams_.survey.reach.lower.array() -= margin;
+    beams_.survey.reach.upper.array() += margin;
+    if (!is_valid || !geometry.in_reach(beams_.survey.reach.lower) ||
+        !geometry.in_reach(beams_.survey.reach.upper))
+      beams_.survey = survey_exactly(geometry, measurements_, range_);
+    beams_.reach_behind = static_cast<float>(margin);
+    return std::move(beams_);
+  }
+
+ private:
+  // Squares of lengths in [kShortest, kLongest] are normal floats [m].
+  static constexpr float kShortest = 2e-18f;
+  static constexpr float kLongest = 1e18f;
+
+  void survey_one(Eigen::Index i) {
+    const ScanView<D>& scan = measurements_.scan();
+    const Vector<D> origin = scan.origin(i);
+    Vector<D> ray = scan.endpoint(i) - origin;
+    const double length = ray.cwiseAbs().maxCoeff();
+    const auto index = static_cast<std::size_t>(i - range_.first);
+    if (!(length >= static_cast<double>(kShortest)) || !(length <= static_cast<double>(kLongest)) ||
+        !ray.allFinite() || !origin.allFinite()) {
+      const Beam<D> beam = measurements_.beam(i);
+      if (beam.outcome == BeamOutcome::invalid) {
+        ++beams_.survey.count(BeamOutcome::invalid);
+        beams_.face[index] = CubeMap<D>::kNoFace;
+        return;
+      }
+      if (!(length <= static_cast<double>(kLongest))) {
+        is_exact_needed_ = true;
+        ray = beam.free_end() - origin;
+        if (!(ray.cwiseAbs().maxCoeff() <= static_cast<double>(kLongest))) ray = Vector<D>::Unit(0);
+      }
+    }
+    std::array<float, std::size_t{D}> d;
+    std::size_t axis = 0;
+    for (std::size_t a = 0; a < D; ++a) {
+      d[a] = static_cast<float>(ray[static_cast<int>(a)]);
+      if (std::abs(d[a]) > std::abs(d[axis])) axis = a;
+    }
+    const float depth = std::abs(d[axis]);
+    ++beams_.survey.count(outcome_of(i, depth));
+    const double max_range = measurements_.max_range();
+    Vector<D> end = origin;
+    for (std::size_t a = 0; a < D; ++a)
+      end[static_cast<int>(a)] += std::clamp(static_cast<double>(d[a]), -max_range, max_range);
+    beams_.survey.include(end);
+    beams_.survey.include(origin);
+    const std::uint32_t number = beams_.cube_map.face_of(beams_.cube_map.cube_of(origin), origin,
+                                                         2 * axis + static_cast<std::size_t>(d[axis] < 0.0f));
+    CubeFace<D>& face = beams_.cube_map.faces()[number];
+    ++face.num_beams;
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      const float at = d[k + (k >= axis)] / depth;
+      face.lower[k] = std::min(face.lower[k], at);
+      face.upper[k] = std::max(face.upper[k], at);
+    }
+    beams_.depth[index] = depth;
+    beams_.key[index] = sampling_key_of<D>(d, measurements_.scan_number());
+    beams_.face[index] = number;
+    beams_.deepest = std::max(beams_.deepest, depth);
+  }
+
+  /// Outcome of a valid beam.
+  /// @param depth of the beam [m]; but for rounding, its length is in [depth, sqrt(D) depth].
+  [[nodiscard]] BeamOutcome outcome_of(Eigen::Index i, float depth) const {
+    const ScanView<D>& scan = measurements_.scan();
+    if (!scan.is_returned(i)) return BeamOutcome::not_returned;
+    const double max_range = measurements_.max_range();
+    const auto least = static_cast<double>(depth);
+    const bool in_reach =
+        least * (std::sqrt(D) * (1.0 + 1e-6)) <= max_range ||
+        (least * (1.0 - 1e-6) <= max_range && length_of<D>(scan.endpoint(i) - scan.origin(i)) <= max_range);
+    return in_reach ? BeamOutcome::returned : BeamOutcome::beyond_max_range;
+  }
+
+#ifdef NDTREE_HAS_EIGHTS
+  static constexpr Eigen::Index kAhead = 176;  // Beams: a page ahead, where processors do not prefetch.
+
+  /// Surveys beams of one origin, eight at a time, as survey_one() does.
+  /// @returns the first beam that is not surveyed.
+  NDTREE_BY_EIGHTS Eigen::Index survey_by_eights() {
+    const ScanView<D>& scan = measurements_.scan();
+    const Vector<D> origin = scan.origin(0);
+    const double max_range = measurements_.max_range();
+    const double longest = std::min(max_range, 2.0 * static_cast<double>(kLongest));
+    const auto cut = _mm256_set1_ps(static_cast<float>(longest));
+    // A beam up to this depth is at most `longest` long, whatever the rounding.
+    const auto in_reach = _mm256_set1_ps(static_cast<float>(longest / (std::sqrt(D) * (1.0 + 1e-5))));
+    const __m256 sign = _mm256_set1_ps(-0.0f);
+    const __m256 infinity = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+    struct Extent {
+      __m256 lower, upper;
+    };
+    std::array<std::array<Extent, kAxes>, std::size_t{2 * D}> extents;
+    for (auto& of_side : extents) of_side.fill({infinity, _mm256_sub_ps(_mm256_setzero_ps(), infinity)});
+    std::array<std::uint32_t, std::size_t{2 * D}> count{};
+    std::array<Extent, std::size_t{D}> reach;
+    reach.fill({_mm256_setzero_ps(), _mm256_setzero_ps()});
+    __m256 deepest = _mm256_setzero_ps();
+    Eigen::Index i = range_.first;
+    std::uint64_t valid = 0;
+    for (; i + 8 <= range_.last; i += 8) {
+      prefetch<8 * D>(scan.endpoints + D * std::min(i + kAhead, scan.size - 8));
+      __m256 d[std::size_t{D}];
+      __m256 depth = _mm256_setzero_ps();
+      __m256i axis = _mm256_setzero_si256();
+      __m256 finite = _mm256_castsi256_ps(_mm256_set1_epi32(-1));
+#pragma GCC unroll 4
+      for (int a = 0; a < D; ++a) {
+        const double* const from = scan.endpoints + i * D + a;
+        const __m256d o = _mm256_set1_pd(origin[a]);
+        const __m128 low =
+            _mm256_cvtpd_ps(_mm256_sub_pd(_mm256_setr_pd(from[0], from[D], from[2 * D], from[3 * D]), o));
+        const __m128 high = _mm256_cvtpd_ps(
+            _mm256_sub_pd(_mm256_setr_pd(from[4 * D], from[5 * D], from[6 * D], from[7 * D]), o));
+        const auto k = static_cast<std::size_t>(a);
+        d[k] = detail::joined(low, high);
+        const __m256 length = _mm256_andnot_ps(sign, d[k]);
+        const __m256 longer = _mm256_cmp_ps(length, depth, _CMP_GT_OQ);
+        axis = _mm256_blendv_epi8(axis, _mm256_set1_epi32(2 * a), _mm256_castps_si256(longer));
+        depth = _mm256_max_ps(length, depth);
+        finite = _mm256_and_ps(finite, _mm256_cmp_ps(length, _mm256_set1_ps(kLongest), _CMP_LE_OQ));
+      }
+      const __m256 fits = _mm256_and_ps(finite, _mm256_cmp_ps(depth, _mm256_set1_ps(kShortest), _CMP_GE_OQ));
+      if (_mm256_movemask_ps(fits) != 0xff) {
+        for (Eigen::Index k = 0; k < 8; ++k) survey_one(i + k);
+        continue;
+      }
+      // Coordinates on the face: those of the other axes, in their order.
+      __m256 main = d[0];
+      __m256 at[kAxes + 1];
+#pragma GCC unroll 4
+      for (std::size_t k = 0; k < kAxes; ++k) {
+        const __m256i this_axis = _mm256_set1_epi32(static_cast<int>(2 * (k + 1)));
+        // Axes after the face's axis.
+        const __m256 is_behind = _mm256_castsi256_ps(_mm256_cmpgt_epi32(this_axis, axis));
+        at[k] = _mm256_blendv_ps(d[k], d[k + 1], is_behind);
+        main = _mm256_blendv_ps(main, d[k + 1], _mm256_castsi256_ps(_mm256_cmpeq_epi32(this_axis, axis)));
+      }
+      const __m256i side = _mm256_sub_epi32(axis, _mm256_srai_epi32(_mm256_castps_si256(main), 31));
+#pragma GCC unroll 4
+      for (std::size_t k = 0; k < kAxes; ++k) at[k] = _mm256_div_ps(at[k], depth);
+
+      __m256i hash = _mm256_set1_epi32(static_cast<int>(key_of_scan(measurements_.scan_number())));
+      std::uint32_t factor = 1;
+#pragma GCC unroll 4
+      for (std::size_t a = 0; a < D; ++a) {
+        factor *= 0x9e3779b1u;
+        hash = _mm256_add_epi32(
+            hash, _mm256_mullo_epi32(_mm256_castps_si256(d[a]), _mm256_set1_epi32(static_cast<int>(factor))));
+      }
+      hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 15));
+      hash = _mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0x85ebca77u)));
+      hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 13));
+      hash = _mm256_srli_epi32(_mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0xc2b2ae3du))), 8);
+
+      const auto index = static_cast<std::size_t>(i - range_.first);
+      _mm256_storeu_ps(beams_.depth.get() + index, depth);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.key.get() + index), hash);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.face.get() + index), side);
+      deepest = _mm256_max_ps(deepest, depth);
+      for (std::size_t a = 0; a < D; ++a) {
+        reach[a].lower = _mm256_min_ps(reach[a].lower, _mm256_max_ps(d[a], _mm256_xor_ps(cut, sign)));
+        reach[a].upper = _mm256_max_ps(reach[a].upper, _mm256_min_ps(d[a], cut));
+      }
+      unsigned left = 0xff;
+      do {  // Adjacent beams mostly have the same face.
+        const std::uint32_t one = beams_.face[index + static_cast<std::size_t>(__builtin_ctz(left))];
+        const __m256 same =
+            _mm256_castsi256_ps(_mm256_cmpeq_epi32(side, _mm256_set1_epi32(static_cast<int>(one))));
+        const auto set = static_cast<unsigned>(_mm256_movemask_ps(same));
+        for (std::size_t k = 0; k < kAxes; ++k) {
+          Extent& extent = extents[one][k];
+          extent.lower = _mm256_min_ps(extent.lower, _mm256_blendv_ps(infinity, at[k], same));
+          extent.upper = _mm256_max_ps(extent.upper, _mm256_blendv_ps(extent.upper, at[k], same));
+        }
+        count[one] += static_cast<std::uint32_t>(__builtin_popcount(set));
+        left &= ~set;
+      } while (left != 0);
+      valid += 8;
+      count_outcomes(i, depth, in_reach);
+    }
+    add_sides(count, extents);
+    if (valid > 0) {
+      Vector<D> lower = origin;
+      Vector<D> upper = origin;
+      for (std::size_t a = 0; a < D; ++a) {
+        lower[static_cast<int>(a)] += static_cast<double>(min_of(reach[a].lower));
+        upper[static_cast<int>(a)] += static_cast<double>(max_of(reach[a].upper));
+      }
+      beams_.survey.include(lower);
+      beams_.survey.include(upper);
+      beams_.deepest = std::max(beams_.deepest, max_of(deepest));
+    }
+    return i;
+  }
+  /// Adds numbers and extents of the beams of each side to the side's face. @pre face numbers are sides.
+  template <class Extents>
+  NDTREE_BY_EIGHTS void add_sides(const std::array<std::uint32_t, std::size_t{2 * D}>& count,
+                                  const Extents& extents) {
+    for (std::size_t side = 0; side < 2 * D; ++side) {
+      if (count[side] == 0) continue;
+      CubeFace<D>& face = beams_.cube_map.faces()[side];
+      face.num_beams += count[side];
+      for (std::size_t k = 0; k < kAxes; ++k) {
+        face.lower[k] = std::min(face.lower[k], min_of(extents[side][k].lower));
+        face.upper[k] = std::max(face.upper[k], max_of(extents[side][k].upper));
+      }
+    }
+  }
+  /// Bit k is set if beam first + k returned, for eight beams.
+  NDTREE_BY_EIGHTS [[nodiscard]] unsigned returned_of_eight(Eigen::Index first) const {
+    const bool* const returned = measurements_.scan().returned;
+    if (returned == nullptr) return 0xff;
+    const __m128i flags = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(returned + first));
+    return ~static_cast<unsigned>(_mm_movemask_epi8(_mm_cmpeq_epi8(flags, _mm_setzero_si128()))) & 0xff;
+  }
+  /// Counts the outcomes of eight valid beams.
+  /// @param in_reach depth up to which every beam is within max_range [m].
+  NDTREE_BY_EIGHTS void count_outcomes(Eigen::Index first, __m256 depths, __m256 in_reach) {
+    if (_mm256_movemask_ps(_mm256_cmp_ps(depths, in_reach, _CMP_LE_OQ)) == 0xff) {
+      const auto returned = static_cast<unsigned>(__builtin_popcount(returned_of_eight(first)));
+      beams_.survey.count(BeamOutcome::returned) += returned;
+      beams_.survey.count(BeamOutcome::not_returned) += 8 - returned;
+      return;
+    }
+    std::array<float, 8> depth;
+    _mm256_storeu_ps(depth.data(), depths);
+    for (std::size_t k = 0; k < 8; ++k)
+      ++beams_.survey.count(outcome_of(first + static_cast<Eigen::Index>(k), depth[k]));
+  }
+  NDTREE_BY_EIGHTS [[nodiscard]] static float min_of(__m256 v) {
+    std::array<float, 8> values;
+    _mm256_storeu_ps(values.data(), v);
+    return *std::min_element(values.begin(), values.end());
+  }
+  NDTREE_BY_EIGHTS [[nodiscard]] static float max_of(__m256 v) {
+    std::array<float, 8> values;
+    _mm256_storeu_ps(values.data(), v);
+    return *std::max_element(values.begin(), values.end());
+  }
+#endif
+
+  const Measurements<D, Sensor>& measurements_;
+  const BeamRange range_;
+  SurveyedBeams<D> beams_;
+  bool is_exact_needed_ = false;  // A beam is too long for float.
+};
+
+}  // namespace ndtree

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Lists of a scan's beams by part and cell: the input of tasks.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <tuple>
+#include <vector>
+
+#include "ndtree/core/cache_lines.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/mapping/scan/beam_lists.hpp"
+#include "ndtree/tree/lattice.hpp"
+
+namespace ndtree {
+
+/// The beams of one part of a scan that cross a cell.
+template <int D>
+struct TaskList {
+  Lattice<D> cell;   ///< Its lower corner.
+  std::size_t part;  ///< Of the scan. A part's beam numbers are above those of the parts before.
+  BeamList list;     ///< Not empty.
+};
+
+/// Lists that one thread makes, with the memory that holds them.
+/// Invariants: lists are not empty and padded; their memory is freed with this.
+/// Cost: one copy of each list.
+template <int D>
+class alignas(kCacheLines) TaskLists {
+ public:
+  /// Adds a copy of a list, padded.
+  void add(const Lattice<D>& cell, std::size_t part, const BeamList& list) {
+    BeamList copy = memory_.allocate(list.size + BeamList::kSlack);
+    append(list, copy);
+    copy.pad();
+    lists_.push_back({cell, part, copy});
+  }
+  /// Appends the lists that were added since the last call. Their beams stay in the memory of this.
+  void move_to(std::vector<TaskList<D>>& lists) {
+    lists.insert(lists.end(), lists_.begin(), lists_.end());
+    lists_.clear();
+  }
+
+ private:
+  ListStack memory_;
+  std::vector<TaskList<D>> lists_;
+};
+
+/// The beams that cross a cell: lists [first, last), one of each part with such beams, in the order of parts.
+template <int D>
+struct TaskCell {
+  Lattice<D> lower;
+  const TaskList<D>* first;
+  const TaskList<D>* last;
+  std::size_t size;  ///< Number of beams in all lists.
+};
+
+/// Sorts lists by cell and part. @returns the cells, sorted, which point into `lists`. O(n log n).
+template <int D>
+[[nodiscard]] std::vector<TaskCell<D>> join(std::vector<TaskList<D>>& lists) {
+  std::sort(lists.begin(), lists.end(), [](const TaskList<D>& a, const TaskList<D>& b) {
+    return std::tie(a.cell, a.part) < std::tie(b.cell, b.part);
+  });
+  std::vector<TaskCell<D>> cells;
+  for (const TaskList<D>& list : lists) {
+    if (cells.empty() || cells.back().lower != list.cell) cells.push_back({list.cell, &list, &list, 0});
+    ++cells.back().last;
+    cells.back().size += list.list.size;
+  }
+  return cells;
+}
+
+}  // namespace ndtree

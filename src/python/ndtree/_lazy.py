@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What loads when it is first used: names, and the modules that have them.
+
+This module imports nothing of the package, so every folder may use it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+#: Functions of folders above ``_native`` that methods of its classes call. The classes work without those
+#: folders; the methods that need them load them.
+METHODS = {"write": "ndtree.maps.writers", "html": "ndtree.maps.notebook", "png": "ndtree.maps.notebook"}
+
+
+def method(name: str) -> Any:
+    """The function of `METHODS` with this name; its module is loaded."""
+    return getattr(import_module(METHODS[name]), name)

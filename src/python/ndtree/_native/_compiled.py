@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What makes Python of the compiled module.
+
+Its functions say what is wrong with a call, have a signature, and take and give arrays of any shape; its
+results are plain objects.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any
+
+from ndtree._native import _core, results
+from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
+from ndtree._native._calls import MISMATCH, error_of
+from ndtree._native._signatures import signature_of, text_of
+
+#: By the compiled type of a result: the one that takes its place.
+RESULTS: dict[type, type] = {
+    getattr(_core, name): getattr(results, name) for name in results.__all__ if hasattr(_core, name)
+}
+
+#: What the package keeps to itself. All else are names of ``ndtree``, and pickles say so, wherever they lie.
+INTERNAL = frozenset(
+    (
+        "CarmenParser",
+        "ReplacedFile",
+        "SimulatedLog2",
+        "SimulatedLog3",
+        "XyzParser2",
+        "XyzParser3",
+        "chi_square_quantile",
+        "commit_together",
+        "normal_quantile",
+        "pose_matrix",
+        "sensor_probability",
+        "simulate",
+        "splits",
+        "write_ply",
+    )
+)
+
+
+def complete(module: types.ModuleType) -> None:
+    """Wrap every function and method, and put the results of Python's in the place of the compiled ones."""
+    for raw, made in RESULTS.items():
+        setattr(module, raw.__name__, made)
+    options = _constructor_options(module)
+    for name, held in list(vars(module).items()):
+        if isinstance(held, type) and held.__module__ == module.__name__:
+            held.__reduce_ex__ = _reduce  # type: ignore[method-assign, assignment]
+            for member, method in list(vars(held).items()):
+                is_own = member == "__init__" or not member.startswith("__")
+                if is_own and _is_compiled(method):
+                    keywords = options.get(name) if member == "__init__" else None
+                    setattr(held, member, _wrapped(method, f"{name}.{member}", keywords, is_method=True))
+        elif _is_compiled(held) and not name.startswith("__"):
+            setattr(module, name, _wrapped(held, name, None, is_method=False))
+    for name, held in vars(module).items():
+        if isinstance(held, (type, types.FunctionType)) and name not in INTERNAL:
+            held.__module__ = "ndtree"
+
+
+def _reduce(self: Any, protocol: int) -> Any:
+    """Protocols 0 and 1 would make an object of pybind11's own base class, which ends the process."""
+    return object.__reduce_ex__(self, max(protocol, 2))
+
+
+def _constructor_options(module: Any) -> dict[str, dict[str, float]]:
+    """Keywords of the maps' constructors that pybind11 knows as ``**kwargs`` alone, with their defaults."""
+    defaults: dict[str, float] = module.default_options()
+    taken = {"AdaptiveMap": defaults}
+    for name in ("FixedMap", "OctoMap"):
+        if hasattr(module, name):
+            read = getattr(module, name)().options
+            taken[name] = {"cell_size": read.pop("min_cell_size"), **{key: defaults[key] for key in read}}
+    return taken
+
+
+def _is_compiled(held: Any) -> bool:
+    return callable(held) and not isinstance(held, (type, types.FunctionType)) and bool(held.__doc__)
+
+
+def _wrapped(
+    function: Any, name: str, options: Mapping[str, object] | None, *, is_method: bool
+) -> Callable[..., Any]:
+    signature = signature_of(function.__doc__, options)
+    names = tuple(signature.parameters)[is_method:] if signature is not None else ()
+    short = name.rpartition(".")[2]
+    axes = TAKEN.get(name, TAKEN.get(short)) if is_method else None
+    takes_path = "path" in names
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **keywords: Any) -> Any:
+        if takes_path:
+            arguments = tuple(_path_as_text(value) for value in arguments)
+            keywords = {key: _path_as_text(value) for key, value in keywords.items()}
+        given = {**dict(zip(names, arguments[is_method:])), **keywords}
+        refuse_masked(short, given)
+        leading = None
+        if axes is not None and arguments:
+            changed, leading = flattened(axes, given, lambda: _dim(arguments[0]))
+        try:
+            if leading is None:
+                return _plain(function(*arguments, **keywords))
+            return shaped(_plain(function(arguments[0], **changed)), leading)
+        except TypeError as error:
+            text = str(error)
+            if not MISMATCH.search(text):
+                raise
+            refused: Exception = error_of(text, arguments, keywords)
+        raise refused
+
+    call.__qualname__ = name  # pybind11's own is that of a class of its.
+    call.__doc__ = text_of(function.__doc__)
+    if signature is not None:
+        call.__signature__ = signature  # type: ignore[attr-defined]
+        del call.__wrapped__  # type: ignore[attr-defined]  # Its signature is unknown.
+    return call
+
+
+def _path_as_text(value: Any) -> Any:
+    """pybind11 takes an interrupt that comes while a path says its text for an argument of the wrong kind."""
+    return os.fspath(value) if hasattr(type(value), "__fspath__") else value
+
+
+def _dim(held: Any) -> int:
+    return int(held.dim if hasattr(held, "dim") else len(held.lower))
+
+
+def _plain(result: Any) -> Any:
+    """A compiled result, or a list of them, as Python's."""
+    if type(result) is list:
+        return [_plain(one) for one in result]
+    made = RESULTS.get(type(result))
+    return result if made is None else made(**{f.name: getattr(result, f.name) for f in fields(made)})
+
+
+complete(_core)

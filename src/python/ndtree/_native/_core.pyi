@@ -1,0 +1,1592 @@
+# SPDX-License-Identifier: BSD-3-Clause
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, ClassVar, Final, Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Self, Unpack
+
+from ndtree._native.results import Changes as Changes
+from ndtree._native.results import Claims as Claims
+from ndtree._native.results import CompressReport as CompressReport
+from ndtree._native.results import Frontier as Frontier
+from ndtree._native.results import InsertReport as InsertReport
+from ndtree._native.results import Leaves as Leaves
+from ndtree._native.results import MapStats as MapStats
+from ndtree._native.results import NearestOccupied as NearestOccupied
+from ndtree._native.results import RayEnds as RayEnds
+from ndtree.base.scan import Scan
+from ndtree.base.typing import (
+    ChangeOf,
+    Insertion,
+    MapOptions,
+    Refinement,
+    SimulationOptions,
+    StateName,
+    UnknownAs,
+    World,
+)
+
+__version__: Final[str]
+has_octomap: Final[bool]
+
+class ReplacedFile:
+    """A file that is written under a hidden name, and takes its place when it is whole."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None: ...
+    @property
+    def temporary(self) -> str:
+        """Path of the hidden file; of the empty text when it has its place or was discarded."""
+    def discard(self) -> None:
+        """Forget what was written."""
+
+def commit_together(files: list[ReplacedFile]) -> None:
+    """Put files into their places, all or none; of several, the one that names the others comes last."""
+
+class HeldOutTruth:
+    """How right a map is about beams that it was not built from; counts that add up.
+
+    Of points every 10 cm along a returned beam up to 10 cm before its end, the shares that the map calls
+    free, occupied and unknown; of end points, the share within 5 cm of an occupied cell; of ray casts
+    along the beams, the share that ends within 10 cm of the measured range, and the median error.
+    """
+
+    def __init__(self) -> None: ...
+    @property
+    def samples(self) -> int:
+        """Points looked at."""
+    @property
+    def free(self) -> float:
+        """Share in [0, 1]; nan of none."""
+    @property
+    def occupied(self) -> float:
+        """Share in [0, 1]; nan of none."""
+    @property
+    def unknown(self) -> float:
+        """Share in [0, 1]; nan of none."""
+    @property
+    def endpoints(self) -> int:
+        """End points looked at."""
+    @property
+    def endpoints_near(self) -> float:
+        """Share of end points near an occupied cell."""
+    @property
+    def casts(self) -> int:
+        """Rays cast."""
+    @property
+    def casts_within(self) -> float:
+        """Share of casts that end where the beam did."""
+    @property
+    def balanced_accuracy(self) -> float:
+        """Mean of `free` and `endpoints_near`."""
+    @property
+    def log_score(self) -> float:
+        """Mean log-likelihood [nats] of free samples and end points, weighted equally; at most 0."""
+    @property
+    def median_error(self) -> float:
+        """Median distance [m] between cast and beam; inf where most casts find nothing."""
+    def __iadd__(self, other: HeldOutTruth) -> Self: ...
+
+class SeenSpace:
+    """Points drawn uniformly around the end points of a log, and whether some scan saw them.
+
+    A scan has a point in view if its beam that is nearest in direction is at most `spacings` times the median
+    distance between neighbouring beams' directions away. It sees the point if that beam goes past it, or
+    returned at most `tolerance` before it. Beams are cut at `max_range`, and one that did not return sees up to
+    where it ends. Beams from several origins are scans of their own, and a single beam sees nothing. In a
+    simulated world the exact line of sight says what is seen of what is in view, as far as the sensor reaches.
+
+    Parameters
+    ----------
+    scans : iterable of Scan
+        All of the same dim; 2, 3 or 4.
+    max_range : float
+        As for insert() [m].
+    simulation : SimulatedLog2 or SimulatedLog3, optional
+        The log that the scans are from. Left out: beams alone say what was seen.
+    samples : int
+        Number of points.
+    spacings : float
+        Of beams, in which a point is in view.
+    tolerance : float
+        How far behind its end point a beam that returned sees [m].
+    margin : float
+        The points are drawn up to so far [m] around the box ...
+    middle : float
+        ... that holds this share of the end points on each axis.
+    seed : int
+        Of the points; equal seeds and logs give equal points.
+
+    Raises
+    ------
+    ValueError
+        If there is no scan, the scans differ in dim, or a value is out of its limits; it is named.
+    """
+
+    def __init__(
+        self,
+        scans: Iterable[Scan],
+        *,
+        max_range: float = ...,
+        simulation: SimulatedLog2 | SimulatedLog3 | None = None,
+        samples: int = ...,
+        spacings: float = ...,
+        tolerance: float = ...,
+        margin: float = ...,
+        middle: float = ...,
+        seed: int = ...,
+    ) -> None: ...
+    @property
+    def dim(self) -> int:
+        """Of the points."""
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(n, dim) float64 [m]; none without a valid beam."""
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(n,) bool: whether some scan saw the point."""
+    @property
+    def box(self) -> NDArray[np.float64] | None:
+        """(2, dim) float64: lower and upper corner of where the points are [m]; None without a valid beam."""
+
+class DistanceField:
+    """Signed distances to obstacles at the centres of equal cells that fill a box."""
+
+    @property
+    def values(self) -> NDArray[np.float32]:
+        """(nx, ny[, nz]) float32 [m]: positive outside obstacles, negative inside."""
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """(dim,) float64: lower corner of the first cell [m]."""
+    @property
+    def centers(self) -> NDArray[np.float64]:
+        """(nx, ny[, nz], dim) float64: where `values` are [m]."""
+    @property
+    def cell_size(self) -> float:
+        """[m]"""
+    @property
+    def max_distance(self) -> float:
+        """Farther away, values are this [m]."""
+    def update(self, map: OccupancyMap, *, since: OccupancyMap) -> None:
+        """Follow the map: afterwards every value is what distance_field() would give now, bit for bit.
+
+        Only points are looked at for which something that changed is no farther away than what was nearest. Other threads that
+        ask the field meanwhile wait, and get answers of before or after.
+
+        Parameters
+        ----------
+        map : OccupancyMap
+            That the field was made of.
+        since : OccupancyMap
+            A snapshot() of it from when the field was made, or last updated.
+
+        Raises
+        ------
+        ValueError
+            The maps are not of the same kind, or not of the field's dimension.
+        """
+    def distance(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Distance between the centres of cells, linear on each axis.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64
+            [m]; nan outside the field.
+        """
+    def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Gradient of distance(): away from obstacles.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n, dim) float64
+            Of length 1, or nearly, but where several obstacles are as near; nan outside the field.
+        """
+
+class Shape:
+    """A robot's body in its own frame: Sphere, Capsule, Box, or several by `a | b`."""
+
+    @property
+    def reach(self) -> float:
+        """float: no point of the body is farther from its origin [m]."""
+    def __or__(self, other: Shape) -> Shape: ...
+
+def Sphere(radius: float, center: ArrayLike | None = None) -> Shape:
+    """All points at most radius from a centre.
+
+    Parameters
+    ----------
+    radius : float
+        >= 0 [m].
+    center : (dim,) array of float, optional
+        In the body's frame [m]. Default: its origin.
+    """
+
+def Capsule(a: ArrayLike, b: ArrayLike, radius: float) -> Shape:
+    """All points at most radius from a segment.
+
+    Parameters
+    ----------
+    a, b : (dim,) array of float
+        Its ends in the body's frame [m].
+    radius : float
+        >= 0 [m].
+    """
+
+def Box(size: ArrayLike, center: ArrayLike | None = None, *, rotation: ArrayLike | None = None) -> Shape:
+    """A box in the body's frame.
+
+    Parameters
+    ----------
+    size : (dim,) array of float
+        Edge lengths, >= 0 [m].
+    center : (dim,) array of float, optional
+        [m]. Default: the frame's origin.
+    rotation : (dim, dim) array of float, optional
+        Its columns are the box's axes. Default: the frame's axes.
+    """
+
+class OccupancyMap:
+    """What all maps have in common. Make an AdaptiveMap or a FixedMap."""
+
+    @property
+    def dim(self) -> int:
+        """Dimension of space."""
+    @property
+    def branching(self) -> int:
+        """Children of a node along each axis."""
+    @property
+    def refinement(self) -> str:
+        """Name of the rule that decides on cell sizes."""
+    @property
+    def options(self) -> MapOptions:
+        """dict of float: the options that the map reads."""
+    def insert(
+        self,
+        points: ArrayLike,
+        origin: ArrayLike,
+        *,
+        returned: ArrayLike | None = None,
+        range_sigma: ArrayLike | None = None,
+        max_range: float = ...,
+        threads: int = 0,
+        window: ArrayLike | None = None,
+        layers: Mapping[str, ArrayLike] | None = None,
+        number: int | None = None,
+    ) -> InsertReport:
+        """Integrate a scan.
+
+        All beams together, so that their order does not matter; a fixed map, and one refined as the paper has it,
+        beam by beam (Sec. III of the paper).
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            End points in the map frame [m]. A beam that is not finite or of zero length is skipped and counted.
+        origin : (dim,) or (n, dim) array of float
+            Sensor position [m], one for all beams or one each.
+        returned : (n,) array of bool, optional
+            False: nothing was hit, the space up to the point is free. Default: all True.
+        range_sigma : (n,) array of float, optional
+            Standard deviation of each range [m], > 0, where it is known beam by beam. Default: the map's options say.
+            OctoMap has no use for it.
+        max_range : float
+            Longer beams are free up to there and have no end point [m].
+        threads : int
+            That may work on a large scan; 0: as many as the machine has cores. The map is the same, bit for bit, for
+            every number. Beam by beam there is only one.
+        window : (2, dim) array of float, optional
+            Lower and upper corner [m]: only cells in this box change, and become, bit for bit, what they would
+            without it. In it are all cells of `max_cell_size` (of a fixed map: all cells) that share a volume with it.
+        layers : dict of str and array, optional
+            By the name of a layer of the map, each beam's value for the cell in which it ends: (n,), or (n, 3) for
+            "mean3". Values of beams that did not return are ignored. See `layer`.
+        number : int, optional
+            The scan's number among all scans, from 0: each number samples other beams of a dense scan. For maps that
+            take only some of the scans, as the parts of a distributed one do. Default: ``stats().scans``.
+
+        Returns
+        -------
+        InsertReport
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, an option out of bounds, the one origin not finite, a point too far away for the
+            lattice of cells, or a beam longer than 2**20 of the smallest cells. The map is then unchanged.
+        MemoryError
+            The map would hold more than max_memory. If that was given, the map is then unchanged.
+        UserWarning
+            A beam is longer than 20,000 of the smallest cells, and no max_range is given: points in millimetres, or in
+            another frame than their origin.
+        KeyboardInterrupt
+            Ctrl-C, heard within a fraction of a second; the map is then unchanged. So with all long calls.
+        """
+    @property
+    def layers(self) -> dict[str, str]:
+        """dict of str: what cells carry, name and rule."""
+    def layer(self, name: str, points: ArrayLike) -> NDArray[Any]:
+        """What the cells around points carry.
+
+        A cell of which beams were told something (see `insert`) has the mean of it, the label that most gave, or the
+        latest time. Where it splits, its parts have the same; where cells merge, the rule joins theirs. So
+        ``m.layer("color", m.leaves().center)`` is what the leaves carry.
+
+        Parameters
+        ----------
+        name : str
+            Of the layer.
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64 of "mean" and "latest", (n, 3) float64 of "mean3", (n,) int64 of "majority"
+            nan, or -1, where the cell carries nothing: unknown, or no beam ended in it.
+
+        Raises
+        ------
+        ValueError
+            The map has no such layer; those that it has are named.
+        """
+    def compress(
+        self,
+        *,
+        max_loss: float | None = None,
+        max_leaves: int | None = None,
+        max_bytes: int | None = None,
+    ) -> CompressReport:
+        """Make the map smaller, losing as little information as possible.
+
+        Siblings join in the order of what that loses for each leaf saved: the logarithm of how much better several
+        cells explain the beams than one does (a Bayes factor), and the divergence of their occupancies from the one of
+        the cell that takes their place. What was never observed stays unknown. Later scans go on from there. Only for maps refined by "evidence".
+
+        Parameters
+        ----------
+        max_loss : float, optional
+            What may be lost, the sum over all merges [bits].
+        max_leaves : int, optional
+            Observed leaves that may remain.
+        max_bytes : int, optional
+            Memory that the map may hold.
+
+        Returns
+        -------
+        CompressReport
+
+        Raises
+        ------
+        ValueError
+            No limit is given, one is out of bounds or cannot be met, or the map has another refinement. The map is then
+            unchanged.
+        """
+    def shrink_to_fit(self) -> None:
+        """Give the memory back that merging has freed; no answer changes. For an OctoMap, nothing."""
+    def probability(self, points: ArrayLike) -> NDArray[np.float32]:
+        """Probability that space is occupied at points.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float32
+            0.5 where unknown: outside the map, or not observed.
+        """
+    def state(self, points: ArrayLike) -> NDArray[np.int8]:
+        """State of space at points.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) int8
+            -1 unknown, 0 free, 1 occupied.
+        """
+    def occupied_within(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
+        """Whether some occupied cell is near each point.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+        radius : float
+            Largest distance from the point to the cell's border, >= 0 [m].
+
+        Returns
+        -------
+        (n,) bool
+        """
+    @overload
+    def cast_rays(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        max_range: float = ...,
+        unknown: Literal["pass", "stop"] = "pass",
+        details: Literal[False] = False,
+    ) -> NDArray[np.float64]:
+        """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
+
+        Parameters
+        ----------
+        origins : (dim,) or (n, dim) array of float
+            Where the rays start, one for all or one each [m].
+        directions : (n, dim) array of float
+            Of any length but zero.
+        max_range : float
+            How far to look, > 0 [m].
+        unknown : str
+            "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
+        details : bool
+            Whether to say what the rays end at, too.
+
+        Returns
+        -------
+        (n,) float64, or RayEnds with details
+            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
+            and .lower and .size of the cell.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, max_range not > 0, or a ray is not finite or has a zero direction; it is named.
+        """
+    @overload
+    def cast_rays(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        *,
+        max_range: float = ...,
+        unknown: Literal["pass", "stop"] = "pass",
+        details: Literal[True],
+    ) -> RayEnds:
+        """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
+
+        Parameters
+        ----------
+        origins : (dim,) or (n, dim) array of float
+            Where the rays start, one for all or one each [m].
+        directions : (n, dim) array of float
+            Of any length but zero.
+        max_range : float
+            How far to look, > 0 [m].
+        unknown : str
+            "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
+        details : bool
+            Whether to say what the rays end at, too.
+
+        Returns
+        -------
+        (n,) float64, or RayEnds with details
+            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
+            and .lower and .size of the cell.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, max_range not > 0, or a ray is not finite or has a zero direction; it is named.
+        """
+    def evaluate(
+        self,
+        points: ArrayLike,
+        origin: ArrayLike,
+        *,
+        returned: ArrayLike | None = None,
+        max_range: float = ...,
+        truth: HeldOutTruth | None = None,
+    ) -> HeldOutTruth:
+        """Compare the map with beams that it was not built from.
+
+        Parameters
+        ----------
+        points, origin, returned, max_range
+            As for insert(). Only returned beams within max_range count.
+        truth : HeldOutTruth, optional
+            Counts of earlier scans to add to; it is not changed itself.
+
+        Returns
+        -------
+        HeldOutTruth
+        """
+    def claims(self, space: SeenSpace) -> Claims:
+        """Compare what the map calls free and unknown with what was seen.
+
+        Parameters
+        ----------
+        space : SeenSpace
+            Of the scans that were mapped.
+
+        Returns
+        -------
+        Claims
+
+        Raises
+        ------
+        ValueError
+            If the space has another dim than the map.
+        """
+    @overload
+    def to_grid(
+        self, box: ArrayLike, cell_size: float | None = None, *, values: Literal["state"] = "state"
+    ) -> NDArray[np.int8]:
+        """A part of the map as a dense array.
+
+        Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to
+        lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is
+        what it says at the cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell
+        overlaps it, else free if some free one does, else unknown, and has the largest log-odds of those known cells.
+
+        Parameters
+        ----------
+        box : (2, dim) array of float
+            Lower and upper corner [m]. Cells begin at the lower one, as many as cover the box.
+        cell_size : float, optional
+            [m]; left out, the map's smallest.
+        values : {"state", "probability", "log_odds"}
+            What is stored.
+
+        Returns
+        -------
+        array of int8, or of float32
+            One axis for each of space. States are -1 unknown, 0 free, 1 occupied; unknown space has the probability
+            0.5 and the log-odds 0.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, the box not finite or not from low to high, or cell_size not > 0.
+        """
+    @overload
+    def to_grid(
+        self, box: ArrayLike, cell_size: float | None = None, *, values: Literal["probability", "log_odds"]
+    ) -> NDArray[np.float32]:
+        """A part of the map as a dense array.
+
+        Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to
+        lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is
+        what it says at the cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell
+        overlaps it, else free if some free one does, else unknown, and has the largest log-odds of those known cells.
+
+        Parameters
+        ----------
+        box : (2, dim) array of float
+            Lower and upper corner [m]. Cells begin at the lower one, as many as cover the box.
+        cell_size : float, optional
+            [m]; left out, the map's smallest.
+        values : {"state", "probability", "log_odds"}
+            What is stored.
+
+        Returns
+        -------
+        array of int8, or of float32
+            One axis for each of space. States are -1 unknown, 0 free, 1 occupied; unknown space has the probability
+            0.5 and the log-odds 0.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, the box not finite or not from low to high, or cell_size not > 0.
+        """
+    def states_in(self, lower: ArrayLike, upper: ArrayLike) -> NDArray[np.bool_]:
+        """Which states there are in boxes.
+
+        Parameters
+        ----------
+        lower, upper : (n, dim) array of float
+            Corners [m]. The boxes are closed: a cell that shares a point with one counts.
+
+        Returns
+        -------
+        (n, 3) bool
+            Whether something in the box is unknown, free, occupied. Space outside the map is unknown.
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, or a box not from low to high.
+        """
+    def distance_to_occupied(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Distance from points to the nearest occupied cell.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64
+            To the cell's border, 0 inside [m]; nan where the map has no occupied cell, or the point is nan; inf of points
+            beyond 1e154.
+        """
+    def map_server_image(
+        self, *, cell_size: float | None = None, height: tuple[float, float] | None = None
+    ) -> tuple[NDArray[np.uint8], tuple[float, float], float]:
+        """The image that save_map_server() writes.
+
+        Parameters
+        ----------
+        cell_size, height
+            As of save_map_server().
+
+        Returns
+        -------
+        pixels : (rows, columns) uint8
+            254 free, 0 occupied, 205 unknown; the first row is the one with the largest y.
+        origin : (x, y)
+            Lower left corner of the last row's first pixel [m].
+        cell_size : float
+            Edge of a pixel [m].
+        """
+    def leaves(
+        self,
+        box: ArrayLike | None = None,
+        *,
+        states: Sequence[StateName] | None = None,
+    ) -> Leaves:
+        """Leaves as arrays.
+
+        Parameters
+        ----------
+        box : (2, dim) array of float, optional
+            Lower and upper corner [m]: only leaves that touch it. Default: all.
+        states : sequence of str, optional
+            Only leaves of these: "free", "occupied", "unknown". Default: all.
+
+        Returns
+        -------
+        Leaves
+
+        Raises
+        ------
+        ValueError
+            A shape or a name is wrong, or the box not from low to high, or nan.
+        """
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """The smallest box around all cells that were observed.
+
+        Returns
+        -------
+        (lower, upper) or None
+            Two (dim,) float64 [m]; None if nothing was observed.
+        """
+    def nearest_occupied(self, points: ArrayLike, *, max_distance: float = ...) -> NearestOccupied:
+        """The nearest point of occupied space, for each point.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+        max_distance : float
+            How far to look, >= 0 [m].
+
+        Returns
+        -------
+        NearestOccupied
+            .distance (n,), inf where there is nothing, 0 in an occupied cell; .point (n, dim), nan where there is
+            nothing.
+        """
+    def distance_field(
+        self,
+        box: ArrayLike,
+        cell_size: float,
+        *,
+        max_distance: float = 2.0,
+        unknown: UnknownAs = "free",
+    ) -> DistanceField:
+        """Signed Euclidean distance to the nearest obstacle, on a grid; exact for cells of any size.
+
+        Parameters
+        ----------
+        box : (2, dim) array of float
+            Lower and upper corner of the grid [m]; rounded up to whole cells.
+        cell_size : float
+            Of the grid, > 0 [m]; any.
+        max_distance : float
+            That matters, > 0 [m]: farther away, values are this.
+        unknown : str
+            What unknown space, outside the map too, is taken for: "free" or "occupied".
+
+        Returns
+        -------
+        DistanceField
+            .values (nx, ny[, nz]) float32, positive outside obstacles and negative inside; .distance(points) and
+            .gradient(points) between the centres.
+
+        Raises
+        ------
+        ValueError
+            A value or a shape is wrong; the message names it.
+        """
+    def frontiers(self, box: ArrayLike | None = None, *, min_cells: float = 8.0) -> list[Frontier]:
+        """Where free space ends and unknown space begins.
+
+        Parameters
+        ----------
+        box : (2, dim) array of float, optional
+            Lower and upper corner [m]: free cells that touch it count. Default: everywhere.
+        min_cells : float
+            Frontiers with a border smaller than this many faces of smallest cells are left out.
+
+        Returns
+        -------
+        list of Frontier
+            The largest border first: .center, .direction, .area, .cells and .size of the free cells.
+        """
+    def collides(self, shape: Shape, poses: ArrayLike, *, unknown: UnknownAs = "free") -> NDArray[np.bool_]:
+        """Whether a body meets an obstacle, in each of many poses.
+
+        Parameters
+        ----------
+        shape : Shape
+            Sphere, Capsule, Box, or several by ``a | b``.
+        poses : (n, dim + 1, dim + 1) array of float; or (n, 3) in 2-D, (n, 7) in 3-D
+            From the body's frame to the map's: homogeneous matrices; or x, y and yaw; or x, y, z and a quaternion qx, qy,
+            qz, qw [m, rad].
+        unknown : str
+            What unknown space, outside the map too, is taken for: "free" or "occupied".
+
+        Returns
+        -------
+        (n,) bool
+            Exact for cells of any size; touching counts.
+
+        Raises
+        ------
+        ValueError
+            A pose is not finite, its rotation mirrors or is none, or the last row of its matrix is not 0, ..., 0, 1; it is
+            named.
+        """
+    def path_collides(self, shape: Shape, poses: ArrayLike, *, unknown: UnknownAs = "free") -> int:
+        """The first pose of a path that a body cannot move to.
+
+        Between two poses it moves straight and turns evenly, the shorter way; it is looked at in steps of at most half
+        a smallest cell, so that what reaches less than a quarter of one into the way may be missed.
+
+        Parameters
+        ----------
+        shape, poses, unknown
+            As for collides().
+
+        Returns
+        -------
+        int
+            Index of the pose; -1 if the whole path is free.
+        """
+    def crop(self, box: ArrayLike) -> None:
+        """Forget all cells but those that share a volume with a box.
+
+        Parameters
+        ----------
+        box : (2, dim) array of float
+            Lower and upper corner [m].
+        """
+    def clear(self, box: ArrayLike) -> None:
+        """Forget what is in a box, which is unknown then.
+
+        Larger cells on its border are divided; of smallest cells there, those go that share a volume with it.
+
+        Parameters
+        ----------
+        box : (2, dim) array of float
+            Lower and upper corner [m].
+        """
+    def keep_near(self, center: ArrayLike, radius: float) -> None:
+        """Forget all cells that are farther than a radius from a point.
+
+        A window that moves with a robot: in time proportional to what goes, and what lies on the border. The map goes
+        on growing elsewhere.
+
+        Parameters
+        ----------
+        center : (dim,) array of float
+            [m]
+        radius : float
+            > 0 [m]; inf keeps everything.
+        """
+    def snapshot(self) -> Self:
+        """The map as it is now, which stays so while this one goes on.
+
+        It shares all cells that do not change from now on, so that it is made in microseconds for each megabyte. Other
+        threads may read it as long as they like, without waiting. It is a map as any other: what is inserted into it
+        changes nothing here.
+
+        Returns
+        -------
+        OccupancyMap
+            Of the same kind.
+
+        Raises
+        ------
+        ValueError
+            For OctoMap.
+        """
+    @property
+    def revision(self) -> Self:
+        """What the map is now, to be asked for `changes(since=...)` later: a snapshot()."""
+    def changes(self, *, since: OccupancyMap, of: ChangeOf = "states") -> Changes:
+        """What is different from what the map, or another one of the same cells, was.
+
+        Takes time in proportion to what was written since the snapshot was made, whatever the size of the map. Any number
+        of listeners may each keep a snapshot of their own; one holds at most the memory that the map held then.
+
+        Parameters
+        ----------
+        since : OccupancyMap
+            An earlier snapshot() or `revision` of this map, or any map of the same kind with cells of the same sizes.
+        of : {"states", "cells"}
+            What has to be different: the state, or anything that a cell holds, as its probability, hits and misses, size, or
+            values of its layers (which takes time in proportion to those of layers that changed).
+
+        Returns
+        -------
+        Changes
+            Regions, free of overlaps; each lies in one cell of either map.
+
+        Raises
+        ------
+        ValueError
+            The maps are not of the same kind, their cells not of the same sizes, or `of` is none of these.
+        """
+    def merge(self, other: OccupancyMap) -> None:
+        """Add what another map of the same place knows.
+
+        Evidence and counts of cells add up, as if this map had seen both (of paper and fixed maps the log-odds, clamped);
+        where the cells of one are larger, each of the other's gets its part. What both come to does not depend on which is
+        merged into which. To put maps of different frames together, move one first: see transformed().
+
+        Parameters
+        ----------
+        other : OccupancyMap
+            Of the same kind, with cells of the same sizes.
+
+        Raises
+        ------
+        ValueError
+            They are not. The map is then unchanged.
+        MemoryError
+            The map would hold more than max_memory. It is then unchanged.
+        """
+    def adopt(self, other: OccupancyMap, box: ArrayLike | None = None) -> None:
+        """Copy the cells of another map where this one is unknown.
+
+        Every cell stays what it is, bit for bit: parts of space that were mapped apart, see insert(window=), become the map that
+        one would have made. To add up the evidence of two maps of the same place, see merge().
+
+        Parameters
+        ----------
+        other : OccupancyMap
+            Of the same kind, with cells of the same sizes.
+        box : (2, dim) array of float, optional
+            Lower and upper corner [m]: only cells in it are taken over, that is, in all cubes of `max_cell_size` (of a fixed
+            map: all cells) that share a volume with it, and the counts of `stats` stay this map's. Default: all, and the
+            counts add up.
+
+        Raises
+        ------
+        ValueError
+            The maps are not of the same kind, their cells not of the same sizes, the box has no volume, or both maps hold cells
+            in a cube of `max_cell_size`; it is named. The map is then unchanged.
+        MemoryError
+            The map would hold more than max_memory. It is then unchanged.
+        """
+    def transformed(self, pose: ArrayLike) -> Self:
+        """The map in another frame: moved by a rigid motion.
+
+        A motion by right angles and whole cells of max_cell_size (of a fixed map: whole cells) moves every cell as it is, with
+        what it carries, bit for bit, and keeps the counters; the identity gives a map of the same bytes. After any other,
+        borders and surfaces are moved to the nearest smallest cell, by at most half its diagonal more than the motion; nothing
+        is blurred, and nothing unknown becomes known.
+
+        Parameters
+        ----------
+        pose : (dim + 1, dim + 1) array of float; or (3,) in 2-D, (7,) in 3-D
+            Every point x of this map is at `pose * x` in the other: a homogeneous matrix; or x, y and yaw; or x, y, z and a
+            quaternion qx, qy, qz, qw [m, rad].
+
+        Returns
+        -------
+        OccupancyMap
+            Of the same kind and options.
+
+        Raises
+        ------
+        ValueError
+            The pose is not finite, its rotation mirrors or is none, the last row of its matrix is not 0, ..., 0, 1, or it moves
+            cells to where the lattice of cells does not reach; or borders and surfaces would go through more than 2**24 of the
+            smallest cells, and 16 more for each leaf.
+        MemoryError
+            The map, with what its cells carry, would hold more than max_memory.
+        """
+    def __eq__(self, other: object) -> bool: ...
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def stats(self) -> MapStats:
+        """Size of the map and what happened to it: a MapStats."""
+    def to_bytes(self) -> bytes:
+        """The bytes of the map's file; equal maps give equal bytes."""
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the map's file, of the kind that the ending says; it appears whole or not at all.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            .ndt, or no ending at all: a map of ours, which `load` reads. .bt and .ot: OctoMap's; an OctoMap
+            writes its own .ot. .yaml, .pgm and .png: an image for map_server. .ply, .npz and others: see
+            `ndtree.convert`, which takes options, too.
+
+        Raises
+        ------
+        OSError
+            The file cannot be written.
+        ValueError
+            No format has this ending, or it cannot hold the map.
+        ImportError
+            The format needs a library that is not installed; it names the extra.
+        """
+    def _repr_html_(self) -> str: ...
+    def _repr_png_(self) -> bytes | None: ...
+    def save_octomap(self, path: str | os.PathLike[str], *, cell_size: float | None = None) -> None:
+        """Write an OctoMap file of a 3-D map.
+
+        With the map's own cell size that is exact; other cells follow from the map's as in to_grid(), so that thin
+        walls stay. Unknown space stays unknown. The file appears whole or not at all.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            Ends in .ot, with the log-odds of each cell, or in .bt, where cells are free or occupied and no more.
+        cell_size : float, optional
+            OctoMap's resolution [m]; left out, the map's smallest cell size.
+
+        Raises
+        ------
+        ValueError
+            The map is not 3-D, the name ends otherwise, or something known lies more than 32768 cells from 0.
+        OSError
+            The file cannot be written.
+        """
+    def save_map_server(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        cell_size: float | None = None,
+        height: tuple[float, float] | None = None,
+    ) -> None:
+        """Write a map for navigation, as ROS's map_server and nav2 read it: .yaml, and .pgm beside it.
+
+        A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            Ends in .yaml; the image has the same name with .pgm.
+        cell_size : float, optional
+            Edge of a pixel [m]; left out, the map's smallest cell size.
+        height : (low, high), optional
+            Of a 3-D map, only cells that overlap low <= z < high [m]; left out, all.
+
+        Raises
+        ------
+        ValueError
+            The map is not 2-D or 3-D, a value is out of bounds, or nothing is known there.
+        OSError
+            A file cannot be written.
+        """
+    def save_ply(self, path: str | os.PathLike[str], *, leaves: ArrayLike | None = None) -> None:
+        """Write cells as points of a PLY file.
+
+        Each has x, y, z of the cell's centre and its size [m], its probability and its state (-1 unknown, 0 free,
+        1 occupied). In the plane, z is 0. The file appears whole or not at all.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+        leaves : (n,) array of bool, optional
+            Which of leaves() are written; left out, the occupied ones.
+
+        Raises
+        ------
+        ValueError
+            The map is not 2-D or 3-D, or the mask has another length.
+        OSError
+            The file cannot be written.
+        """
+
+class FrontierSearch:
+    """Frontiers that follow a map.
+
+    What has not changed since the last update() is not looked at again. Threads may share it.
+
+    Parameters
+    ----------
+    map : OccupancyMap
+        One of ndtree's own.
+    box : (2, dim) array of float, optional
+        Lower and upper corner [m]: free cells that touch it count. Default: everywhere.
+
+    Raises
+    ------
+    ValueError
+        The map is an OctoMap, or the box has a wrong shape.
+    """
+
+    def __init__(self, map: OccupancyMap, box: ArrayLike | None = None) -> None: ...
+    def update(self, map: OccupancyMap) -> None:
+        """Follow the map: afterwards the frontiers are those of the map as it is now.
+
+        Parameters
+        ----------
+        map : OccupancyMap
+            That the search was made of, or a copy of it that has changed.
+
+        Raises
+        ------
+        ValueError
+            The map is of another kind, or its cells of other sizes.
+        KeyboardInterrupt
+            Ctrl-C: there are no frontiers then until the next update.
+        """
+    def frontiers(self, *, min_cells: float = 8.0) -> list[Frontier]:
+        """As OccupancyMap.frontiers() of the map at the last update.
+
+        Parameters
+        ----------
+        min_cells : float
+            Frontiers with a border smaller than this many faces of smallest cells are left out.
+
+        Returns
+        -------
+        list of Frontier
+            The largest border first.
+        """
+
+class AdaptiveMap(OccupancyMap):
+    """Occupancy map whose cells find their size while mapping.
+
+    Parameters
+    ----------
+    dim : int
+        Dimension of space: 2, 3 or 4.
+    branching : int
+        Children of a node along each axis: 2, 3 or 4 (in four dimensions 2).
+    refinement : str
+        "evidence": cells split where a beam ends behind a free way through them or hits and misses contradict each
+        other, start with a part of their parents' evidence, and merge where little is lost by it. "paper": the rules of
+        Einhorn, Schroeter and Gross (ICRA 2011), as published.
+    layers : dict of str, optional
+        What cells carry beside their occupancy, by a name: "mean" of a number a beam, "mean3" of three, as of a
+        colour, "majority" of labels, whole numbers in [0, 65535], or "latest" of times [s]. See `insert`, `layer`.
+    min_cell_size : float
+        Cells are never split below this edge length [m].
+    max_cell_size : float
+        No larger cell is ever updated [m]; rounded down to min_cell_size * branching**k.
+    range_sigma, range_sigma_quadratic : float
+        Standard deviation of a range r is range_sigma + range_sigma_quadratic * r**2 [m, 1/m].
+    probability_min, probability_max : float
+        Bounds of a single beam's inverse sensor model.
+    log_odds_min, log_odds_max : float
+        Bounds of a cell's log-odds.
+    miss_given_occupied, hit_given_free : float
+        Error rates p(miss|occ) and p(hit|free) of the sensor.
+    split_probability : float
+        A cell splits if it is more probably than this partially occupied ("evidence").
+    merge_loss : float
+        Siblings merge if that loses at most this for each cell that it saves ("evidence") [bits].
+    inherited_beams : float
+        A cell that splits divides its evidence as the scan's beams go, with this many more beams spread evenly
+        ("evidence").
+    noise_sigmas : float
+        No split makes cells smaller than this many standard deviations of the range ("evidence").
+    evidence_memory : float
+        Evidence that a cell remembers at most; older evidence fades ("evidence") [nats].
+    free_memory : float
+        Cap of evidence in a cell that has it for free space only ("evidence") [nats].
+    scan_beams : float
+        Beams of one scan that count at most in a cell if all of them passed it ("evidence").
+    known_evidence, sample_beams : float
+        Cells sample a scan that is denser than they are: a well observed cell, with known_evidence [nats], about
+        sample_beams beams per cell of min_cell_size side by side in it, any other five times as many ("evidence").
+    evidence_prior : float
+        Evidence of both kinds that every cell begins with ("evidence") [nats].
+    change_probability : float
+        A streak of scans that contradicts a cell and is less likely than this is a change, and the cell forgets its
+        earlier evidence; 0 for never ("evidence").
+    evidence_half_life : float
+        A cell's evidence halves in this many scans that observe it; 0 for never ("evidence") [scans].
+    covered_share : float
+        A cell is observed once this fraction of each of its halves was seen, along every axis; 0: as soon as a beam
+        passed it ("evidence").
+    coverage_cells : float
+        A cell of which a part was not seen splits to show it if it is larger than this many of min_cell_size
+        ("evidence").
+    significance : float
+        Confidence of the chi-square test that splits a cell ("paper").
+    merge_free_below, merge_occupied_above : float
+        Siblings merge if all are at most, or all at least, this probable ("paper").
+    max_memory : float
+        A scan with which the map would hold more is refused [bytes]; 0: three quarters of the machine's memory.
+
+    Raises
+    ------
+    ValueError
+        A value is out of bounds; the message names it and the limit.
+    TypeError
+        There is no such option, or the refinement does not read it.
+    """
+
+    def __init__(
+        self,
+        *,
+        dim: int = 2,
+        branching: int = 2,
+        refinement: Refinement = "evidence",
+        layers: Mapping[str, str] | None = None,
+        min_cell_size: float = ...,
+        max_cell_size: float = ...,
+        range_sigma: float = ...,
+        range_sigma_quadratic: float = ...,
+        probability_min: float = ...,
+        probability_max: float = ...,
+        log_odds_min: float = ...,
+        log_odds_max: float = ...,
+        miss_given_occupied: float = ...,
+        hit_given_free: float = ...,
+        split_probability: float = ...,
+        merge_loss: float = ...,
+        inherited_beams: float = ...,
+        noise_sigmas: float = ...,
+        evidence_memory: float = ...,
+        free_memory: float = ...,
+        scan_beams: float = ...,
+        known_evidence: float = ...,
+        sample_beams: float = ...,
+        evidence_prior: float = ...,
+        change_probability: float = ...,
+        evidence_half_life: float = ...,
+        covered_share: float = ...,
+        coverage_cells: float = ...,
+        significance: float = ...,
+        merge_free_below: float = ...,
+        merge_occupied_above: float = ...,
+        max_memory: float = ...,
+    ) -> None: ...
+    def __copy__(self) -> Self: ...
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self: ...
+    def cell_size(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Edge of the leaf around each point.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64
+            [m], unknown space included; nan outside the map.
+        """
+
+class FixedMap(OccupancyMap):
+    """The baseline: the same map with every cell of one size.
+
+    Parameters
+    ----------
+    dim, branching, layers
+        As for AdaptiveMap.
+    cell_size : float
+        Edge length of every cell that a beam updates [m].
+    range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_min, log_odds_max, max_memory : float
+        As for AdaptiveMap.
+    """
+
+    def __init__(
+        self,
+        *,
+        dim: int = 2,
+        branching: int = 2,
+        refinement: Literal["fixed"] = "fixed",
+        layers: Mapping[str, str] | None = None,
+        cell_size: float = ...,
+        range_sigma: float = ...,
+        range_sigma_quadratic: float = ...,
+        probability_min: float = ...,
+        probability_max: float = ...,
+        log_odds_min: float = ...,
+        log_odds_max: float = ...,
+        max_memory: float = ...,
+    ) -> None: ...
+    def __copy__(self) -> Self: ...
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self: ...
+    def cell_size(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Edge of the leaf around each point.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64
+            [m], unknown space included; nan outside the map.
+        """
+
+class OctoMap(OccupancyMap):
+    """OctoMap itself (liboctomap), with the calls of the other maps.
+
+    save() writes OctoMap's own .ot file. `stats()` counts cells of `cell_size` as observed_leaves, before
+    pruning, and those after as pruned_leaves. `leaves()` gives them as stored, without counts of hits.
+
+    Parameters
+    ----------
+    cell_size : float
+        Edge length of the smallest cell [m].
+    dim : int
+        3; or 2: scans then lie in the plane z = 0.
+    insertion : str
+        "ray": insertRay() for each beam. "scan": insertPointCloud(), which updates a cell once a scan; it takes
+        one origin a scan. "scan_lazy": the same with lazy evaluation. "scan_discretized": the same, and of the
+        beams that end in one cell, one counts.
+    probability_min, probability_max, log_odds_min, log_odds_max : float
+        A miss and a hit add the log-odds of the first two, within the bounds of the last two.
+
+    Raises
+    ------
+    ValueError
+        A value is out of bounds; the message names it and the limit.
+    """
+
+    def __init__(
+        self,
+        *,
+        dim: int = 3,
+        insertion: Insertion = "ray",
+        cell_size: float = ...,
+        probability_min: float = ...,
+        probability_max: float = ...,
+        log_odds_min: float = ...,
+        log_odds_max: float = ...,
+    ) -> None: ...
+    def __copy__(self) -> Self: ...
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self: ...
+
+_ScanTuple = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], float]
+
+class CarmenParser:
+    """Turns FLASER and ROBOTLASER1 records of a CARMEN log into scans."""
+
+    def __init__(self, *, max_range: float | None = None, field_of_view: float | None = None) -> None: ...
+    def parse_line(self, line: str) -> _ScanTuple | None:
+        """(endpoints (n, 2), origin (2,), returned (n,), stamp) of a laser record, else None; ValueError naming the line."""
+    @property
+    def field_of_view(self) -> tuple[float, str] | None:
+        """Field of view of the last FLASER record [rad], and whether the option, a PARAM record, the number of beams or none of them says it; None before the first."""
+    @property
+    def line_number(self) -> int:
+        """Lines read so far."""
+
+class XyzParser2:
+    """Collects scans from lines of plain text: origin, end point[, 0 or 1]."""
+
+    def __init__(self) -> None: ...
+    def parse_line(self, line: str) -> _ScanTuple | None:
+        """The scan that ends because this line starts another, as a tuple; else None."""
+    def finish(self) -> _ScanTuple | None:
+        """The last scan, as a tuple; None if no beam is waiting."""
+    @property
+    def line_number(self) -> int:
+        """Lines read so far."""
+
+class XyzParser3:
+    """Collects scans from lines of plain text: origin, end point[, 0 or 1]."""
+
+    def __init__(self) -> None: ...
+    def parse_line(self, line: str) -> _ScanTuple | None:
+        """The scan that ends because this line starts another, as a tuple; else None."""
+    def finish(self) -> _ScanTuple | None:
+        """The last scan, as a tuple; None if no beam is waiting."""
+    @property
+    def line_number(self) -> int:
+        """Lines read so far."""
+
+class SimulatedLog2:
+    """A simulated log, and the world that it measures."""
+
+    @property
+    def dim(self) -> int: ...
+    def __len__(self) -> int: ...
+    def scan(self, i: int) -> _ScanTuple:
+        """(endpoints (n, dim), origin (dim,), returned (n,), stamp) of scan i; the same at each call."""
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """(n,) bool: whether each of the (n, dim) points is inside something."""
+    def distance(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = ...
+    ) -> NDArray[np.float64]:
+        """(n,) metres from origins to the first surface along directions; nan where there is none."""
+
+class SimulatedLog3:
+    """A simulated log, and the world that it measures."""
+
+    @property
+    def dim(self) -> int: ...
+    def __len__(self) -> int: ...
+    def scan(self, i: int) -> _ScanTuple:
+        """(endpoints (n, dim), origin (dim,), returned (n,), stamp) of scan i; the same at each call."""
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """(n,) bool: whether each of the (n, dim) points is inside something."""
+    def distance(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = ...
+    ) -> NDArray[np.float64]:
+        """(n,) metres from origins to the first surface along directions; nan where there is none."""
+
+def pose_matrix(pose: ArrayLike, *, dim: int, name: str = "pose") -> NDArray[np.float64]:
+    """A pose as a homogeneous matrix, checked as all are that maps are given.
+
+    Parameters
+    ----------
+    pose : (dim + 1, dim + 1) array of float; or (3,) in 2-D, (7,) in 3-D
+        As of `OccupancyMap.transformed`.
+    dim : int
+        2, 3 or 4.
+    name : str
+        What errors call it.
+
+    Returns
+    -------
+    (dim + 1, dim + 1) float64
+
+    Raises
+    ------
+    ValueError
+        As of `OccupancyMap.transformed`.
+    """
+
+@overload
+def simulate(
+    world: Literal["office"], *, seed: int = 1, scans: int | None = None, **options: Unpack[SimulationOptions]
+) -> SimulatedLog2:
+    """A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,
+    position_sigma, heading_sigma and yaw as in SimulationOptions.
+    """
+
+@overload
+def simulate(
+    world: Literal["apartment", "street"],
+    *,
+    seed: int = 1,
+    scans: int | None = None,
+    **options: Unpack[SimulationOptions],
+) -> SimulatedLog3:
+    """A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,
+    position_sigma, heading_sigma and yaw as in SimulationOptions.
+    """
+
+@overload
+def simulate(
+    world: World, *, seed: int = 1, scans: int | None = None, **options: Unpack[SimulationOptions]
+) -> SimulatedLog2 | SimulatedLog3:
+    """A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,
+    position_sigma, heading_sigma and yaw as in SimulationOptions.
+    """
+
+def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:
+    """Read a map that save() wrote, or an OctoMap file, .bt or .ot; the content says what it is.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+
+    Returns
+    -------
+    AdaptiveMap or FixedMap
+        Of an OctoMap file as load_octomap() gives it, which takes options, too.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        It is no such file, truncated, damaged, or of another version.
+    """
+
+def write_ply(
+    path: str | os.PathLike[str],
+    points: ArrayLike,
+    *,
+    size: ArrayLike,
+    probability: ArrayLike,
+    state: ArrayLike,
+) -> None:
+    """A PLY file as OccupancyMap.save_ply() writes it, of any cells: their centres and more."""
+
+@overload
+def load_octomap(
+    path: str | os.PathLike[str], *, refinement: Refinement = "evidence", max_memory: float = 0.0
+) -> AdaptiveMap:
+    """Read an OctoMap file, .bt or .ot, into a map.
+
+    Cells have the borders and states of the file's leaves. Log-odds are the file's with refinement "paper" and
+    "fixed". With "evidence" a cell gets the least evidence that gives its log-odds, which is met within 0.008 from
+    -4.6 to 5.9, and is the nearer bound outside. Leaves of a .bt file get the map's log_odds_min or log_odds_max.
+    Colours of a ColorOcTree's .ot become the layer 'color' of the rule 'mean3', red, green and blue from 0 to 255.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+    refinement : {"evidence", "paper", "fixed"}
+        How the map goes on when scans are inserted. With "fixed" all cells are of the smallest size.
+    max_memory : float
+        As of AdaptiveMap: a file that needs more is refused [bytes].
+
+    Returns
+    -------
+    AdaptiveMap or FixedMap
+        With dim 3, branching 2, and the file's resolution as its smallest cell size.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        It is not an OctoMap file, or damaged: what was found, and where.
+    MemoryError
+        The map would hold more than max_memory.
+    """
+
+@overload
+def load_octomap(
+    path: str | os.PathLike[str], *, refinement: Literal["fixed"], max_memory: float = 0.0
+) -> FixedMap:
+    """Read an OctoMap file, .bt or .ot, into a map.
+
+    Cells have the borders and states of the file's leaves. Log-odds are the file's with refinement "paper" and
+    "fixed". With "evidence" a cell gets the least evidence that gives its log-odds, which is met within 0.008 from
+    -4.6 to 5.9, and is the nearer bound outside. Leaves of a .bt file get the map's log_odds_min or log_odds_max.
+    Colours of a ColorOcTree's .ot become the layer 'color' of the rule 'mean3', red, green and blue from 0 to 255.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+    refinement : {"evidence", "paper", "fixed"}
+        How the map goes on when scans are inserted. With "fixed" all cells are of the smallest size.
+    max_memory : float
+        As of AdaptiveMap: a file that needs more is refused [bytes].
+
+    Returns
+    -------
+    AdaptiveMap or FixedMap
+        With dim 3, branching 2, and the file's resolution as its smallest cell size.
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    ValueError
+        It is not an OctoMap file, or damaged: what was found, and where.
+    MemoryError
+        The map would hold more than max_memory.
+    """
+
+@overload
+def from_grid(
+    states: ArrayLike, lower: ArrayLike, cell_size: float, *, refinement: Refinement = "evidence"
+) -> AdaptiveMap:
+    """A map with the states of a dense array.
+
+    The inverse of OccupancyMap.to_grid(). Free cells get the map's log_odds_min, occupied ones its log_odds_max.
+
+    Parameters
+    ----------
+    states : 2-D or 3-D array of int
+        -1 unknown, 0 free, 1 occupied; the first axis is x, the second y, the third z.
+    lower : (dim,) array of float
+        Lower corner of the first cell [m]: within a millionth of a cell of whole numbers of cells from 0.
+    cell_size : float
+        [m].
+    refinement : {"evidence", "paper", "fixed"}
+        How the map goes on when scans are inserted. With the first two, equal neighbours are joined.
+
+    Returns
+    -------
+    AdaptiveMap or FixedMap
+        With branching 2.
+
+    Raises
+    ------
+    ValueError
+        A shape or a number is wrong, or the corner is not on the lattice of cells.
+    """
+
+@overload
+def from_grid(
+    states: ArrayLike, lower: ArrayLike, cell_size: float, *, refinement: Literal["fixed"]
+) -> FixedMap:
+    """A map with the states of a dense array.
+
+    The inverse of OccupancyMap.to_grid(). Free cells get the map's log_odds_min, occupied ones its log_odds_max.
+
+    Parameters
+    ----------
+    states : 2-D or 3-D array of int
+        -1 unknown, 0 free, 1 occupied; the first axis is x, the second y, the third z.
+    lower : (dim,) array of float
+        Lower corner of the first cell [m]: within a millionth of a cell of whole numbers of cells from 0.
+    cell_size : float
+        [m].
+    refinement : {"evidence", "paper", "fixed"}
+        How the map goes on when scans are inserted. With the first two, equal neighbours are joined.
+
+    Returns
+    -------
+    AdaptiveMap or FixedMap
+        With branching 2.
+
+    Raises
+    ------
+    ValueError
+        A shape or a number is wrong, or the corner is not on the lattice of cells.
+    """
+
+def from_bytes(bytes: bytes) -> AdaptiveMap | FixedMap:
+    """The map that to_bytes() wrote; ValueError as load()."""
+
+def default_options() -> MapOptions:
+    """dict of float: what maps use where nothing is said."""
+
+def normal_quantile(p: ArrayLike) -> Any:
+    """Inverse of the standard normal distribution function, elementwise."""
+
+def chi_square_quantile(significance: ArrayLike) -> Any:
+    """Critical value of the chi-square test with one degree of freedom, elementwise."""
+
+def sensor_probability(entry: ArrayLike, exit: ArrayLike, range: ArrayLike, sigma: ArrayLike) -> Any:
+    """Inverse sensor model p(n|z) = F(exit) - F(entry) / 2 before clamping, elementwise; metres (Sec. III)."""
+
+def splits(
+    hits: ArrayLike,
+    misses: ArrayLike,
+    *,
+    miss_given_occupied: float,
+    hit_given_free: float,
+    significance: float,
+) -> Any:
+    """Whether a cell with these counts is split, elementwise (Sec. III-A)."""

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Methods of the compiled classes that are written in Python: files by their ending, pictures, texts."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree import _lazy
+from ndtree._native import _core
+
+_save_own = _core.OccupancyMap.save
+
+
+def save(self: _core.OccupancyMap, path: str | os.PathLike[str]) -> None:
+    """Write the map's file, of the kind that the ending says; it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : str or os.PathLike
+        .ndt, or no ending at all: a map of ours, which `load` reads. .bt and .ot: OctoMap's; an OctoMap
+        writes its own .ot. .yaml, .pgm and .png: an image for map_server. .ply, .npz and others: see
+        `ndtree.convert`, which takes options, too.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    ValueError
+        No format has this ending, or it cannot hold the map.
+    ImportError
+        The format needs a library that is not installed; it names the extra.
+    """
+    if not isinstance(path, (str, os.PathLike)):
+        raise TypeError(f"save(): path = {path!r}: must be a path")
+    target = Path(path)
+    suffix = target.suffix.lower()
+    own = ".ot" if self.refinement == "octomap" else ".ndt"
+    if suffix in ("", own):
+        _save_own(self, path)
+        return
+    _lazy.method("write")(self, target)
+
+
+def _html(self: _core.OccupancyMap) -> str:
+    """What notebooks show: the map's numbers and a small picture."""
+    text: str = _lazy.method("html")(self)
+    return text
+
+
+def _png(self: _core.OccupancyMap) -> bytes | None:
+    """The small picture of `_repr_html_`, where nothing but pictures is shown."""
+    picture: bytes | None = _lazy.method("png")(self)
+    return picture
+
+
+def _field_text(self: _core.DistanceField) -> str:
+    values = self.values
+    shape = " x ".join(map(str, values.shape))
+    return (
+        f"DistanceField({shape} cells of {self.cell_size:g} m, {values.min():g} to {values.max():g} m, "
+        f"max_distance={self.max_distance:g})"
+    )
+
+
+def _field_centers(self: _core.DistanceField) -> NDArray[np.float64]:
+    """(nx, ny[, nz], dim) float64: where `values` are [m]."""
+    places = np.moveaxis(np.indices(self.values.shape), 0, -1)
+    return self.lower + (places + 0.5) * self.cell_size
+
+
+def _truth_text(self: _core.HeldOutTruth) -> str:
+    return (
+        f"HeldOutTruth(samples={self.samples}, free={self.free:.4g}, occupied={self.occupied:.4g}, "
+        f"unknown={self.unknown:.4g}, endpoints={self.endpoints}, endpoints_near={self.endpoints_near:.4g}, "
+        f"casts={self.casts}, casts_within={self.casts_within:.4g}, median_error={self.median_error:.4g})"
+    )
+
+
+def _space_text(self: _core.SeenSpace) -> str:
+    return f"SeenSpace({len(self.points)} points in {self.dim}-D, {int(self.seen.sum())} seen)"
+
+
+def _given(type_: type, name: str, function: Any) -> None:
+    """Add a method that is written here."""
+    function.__name__, function.__qualname__ = name, f"{type_.__name__}.{name}"
+    function.__module__ = type_.__module__
+    setattr(type_, name, function)
+
+
+_given(_core.OccupancyMap, "save", save)
+_given(_core.OccupancyMap, "_repr_html_", _html)
+_given(_core.OccupancyMap, "_repr_png_", _png)
+_given(_core.DistanceField, "__repr__", _field_text)
+_core.DistanceField.centers = property(_field_centers)  # type: ignore[assignment, method-assign]
+_given(_core.HeldOutTruth, "__repr__", _truth_text)
+_given(_core.SeenSpace, "__repr__", _space_text)

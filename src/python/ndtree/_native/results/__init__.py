@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What maps answer: plain objects with arrays and numbers, which can be indexed, shown and pickled."""
+
+from ndtree._native.results.arrays import Answers as Answers
+from ndtree._native.results.arrays import Changes, Frontier, Leaves, NearestOccupied, RayEnds
+from ndtree._native.results.reports import Claims, CompressReport, InsertReport, MapStats
+
+__all__ = [
+    "Changes",
+    "Claims",
+    "CompressReport",
+    "Frontier",
+    "InsertReport",
+    "Leaves",
+    "MapStats",
+    "NearestOccupied",
+    "RayEnds",
+]

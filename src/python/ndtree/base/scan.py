@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""All beams of one sensor reading: the Python twin of ``ndtree::Scan``."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree._native._arguments import refuse_masked
+
+if TYPE_CHECKING:
+    from ndtree._native._core import HeldOutTruth, InsertReport, OccupancyMap
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """One sensor reading in the map frame.
+
+    Parameters
+    ----------
+    endpoints : array_like, (n, dim)
+        Measured points [m]. A beam whose end point is not finite says nothing; maps count it as invalid.
+    origin : array_like, (dim,) or (n, dim)
+        Position of the sensor [m], one for all beams or one for each.
+    returned : array_like of bool, (n,), optional
+        False where nothing was hit up to the end point. Left out: every beam hit a surface.
+    stamp : float
+        Time of the reading [s]; 0 where the log has none.
+    range_sigma : array_like, (n,), optional
+        Standard deviation of each beam's range [m]. Left out: the map's own, from its options.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit together, both are named; or if a `range_sigma` is not above 0 and finite.
+    """
+
+    endpoints: NDArray[np.floating[Any]]
+    origin: NDArray[np.floating[Any]]
+    returned: NDArray[np.bool_] | None = None
+    stamp: float = 0.0
+    range_sigma: NDArray[np.floating[Any]] | None = None
+
+    def __post_init__(self) -> None:
+        refuse_masked("Scan", {f.name: getattr(self, f.name) for f in fields(self)})
+        endpoints = _floats(self.endpoints)
+        origin = _floats(self.origin)
+        if endpoints.ndim != 2 or endpoints.shape[1] < 1:
+            raise ValueError(f"endpoints has shape {endpoints.shape}: must be (n, dim)")
+        n, dim = endpoints.shape
+        if origin.shape not in ((dim,), (n, dim)):
+            raise ValueError(
+                f"origin has shape {origin.shape}: "
+                f"must be ({dim},) or ({n}, {dim}) for endpoints of shape ({n}, {dim})"
+            )
+        object.__setattr__(self, "endpoints", endpoints)
+        object.__setattr__(self, "origin", origin)
+        object.__setattr__(self, "stamp", float(self.stamp))
+        if self.returned is not None:
+            returned = np.asarray(self.returned)
+            if returned.dtype != np.bool_:
+                raise ValueError(f"returned has dtype {returned.dtype}: must be bool")
+            self._set_of_each_beam("returned", returned)
+        if self.range_sigma is not None:
+            range_sigma = _floats(self.range_sigma)
+            self._set_of_each_beam("range_sigma", range_sigma)
+            wrong = np.flatnonzero(~((range_sigma > 0) & np.isfinite(range_sigma)))
+            if wrong.size:
+                raise ValueError(
+                    f"range_sigma = {range_sigma[wrong[0]]:g} m of beam {wrong[0]}: must be > 0 and finite"
+                )
+
+    def _set_of_each_beam(self, name: str, values: NDArray[Any]) -> None:
+        n, dim = self.endpoints.shape
+        if values.shape != (n,):
+            raise ValueError(
+                f"{name} has shape {values.shape}: must be ({n},) for endpoints of shape ({n}, {dim})"
+            )
+        object.__setattr__(self, name, values)
+
+    def __len__(self) -> int:
+        """Number of beams."""
+        return self.endpoints.shape[0]
+
+    def __bool__(self) -> bool:
+        """True, also for a scan without beams."""
+        return True
+
+    def __repr__(self) -> str:
+        silent = 0 if self.returned is None else int(np.count_nonzero(~self.returned))
+        return f"Scan({len(self)} beams in {self.dim}-D, {silent} not returned, stamp={self.stamp!r})"
+
+    @property
+    def dim(self) -> int:
+        """Number of coordinates of a point."""
+        return self.endpoints.shape[1]
+
+    def returned_only(self) -> Scan:
+        """The same scan with only the beams that returned, in their order.
+
+        For sensors whose missing returns say nothing: glass, dark surfaces and the sky cause them alike.
+        """
+        if self.returned is None:
+            return self
+        return replace(self.only(self.returned), returned=None)
+
+    def only(self, which: NDArray[np.bool_] | slice) -> Scan:
+        """The same scan with only some beams, in their order.
+
+        Parameters
+        ----------
+        which : ndarray of bool, (n,), or slice
+        """
+
+        def part(values: NDArray[Any] | None) -> Any:
+            return None if values is None else values[which]
+
+        return Scan(
+            self.endpoints[which],
+            self.origin if self.origin.ndim == 1 else self.origin[which],
+            part(self.returned),
+            self.stamp,
+            part(self.range_sigma),
+        )
+
+    def returned_beams(
+        self, max_range: float = math.inf
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Beams that met a surface within `max_range`: those of which a map can be asked whether it is there.
+
+        Parameters
+        ----------
+        max_range : float
+            Beams that are longer are left out [m].
+
+        Returns
+        -------
+        starts : (n, dim) float64
+            Where the beams come from [m].
+        directions : (n, dim) float64
+            Unit vectors.
+        ranges : (n,) float64
+            Their lengths [m].
+        """
+        use = np.isfinite(self.endpoints).all(axis=1)
+        if self.returned is not None:
+            use &= self.returned
+        start = np.broadcast_to(self.origin, self.endpoints.shape)[use].astype(np.float64)
+        way = self.endpoints[use] - start
+        length = np.linalg.norm(way, axis=1)
+        use = (length > 0) & (length <= max_range)
+        return start[use], way[use] / length[use, None], length[use]
+
+    def insert_into(
+        self, target: OccupancyMap, *, max_range: float = math.inf, threads: int = 0
+    ) -> InsertReport:
+        """Integrate the scan into a map; the same as the map's own ``insert``.
+
+        Parameters
+        ----------
+        target : AdaptiveMap, FixedMap or OctoMap
+            Of the same ``dim`` as the scan.
+        max_range : float
+            Longer beams are free up to there and have no end point [m].
+        threads : int
+            As for ``insert``; 0: all cores.
+
+        Returns
+        -------
+        InsertReport
+            What became of the beams.
+        """
+        own = {} if self.range_sigma is None else {"range_sigma": self.range_sigma}
+        return target.insert(
+            self.endpoints, self.origin, returned=self.returned, max_range=max_range, threads=threads, **own
+        )
+
+    def evaluate_on(
+        self, target: OccupancyMap, *, max_range: float = math.inf, truth: HeldOutTruth | None = None
+    ) -> HeldOutTruth:
+        """Compare a map with this scan, which the map must not have seen.
+
+        Parameters
+        ----------
+        target : AdaptiveMap, FixedMap or OctoMap
+            Of the same ``dim`` as the scan.
+        max_range : float
+            As for `insert_into` [m].
+        truth : HeldOutTruth, optional
+            Counts of other scans, to add to.
+
+        Returns
+        -------
+        HeldOutTruth
+            The counts of this scan, and of those in `truth`.
+        """
+        return target.evaluate(
+            self.endpoints, self.origin, returned=self.returned, max_range=max_range, truth=truth
+        )
+
+
+def _floats(values: Any) -> NDArray[np.floating[Any]]:
+    """As float32 where the values are float32, else as float64."""
+    array = np.asarray(values)
+    if array.dtype == np.float32:
+        return array
+    return np.asarray(array, dtype=np.float64)

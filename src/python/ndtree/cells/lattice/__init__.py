@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Leaves on the lattice of the smallest: neighbours, covered faces, unknown by free space, coarser views."""
+
+from ndtree.cells.lattice.blocks import Block, around, block_edge, block_runs, joined, parted, with_rim
+from ndtree.cells.lattice.cells import Booleans, Cells, Floats, Integers
+from ndtree.cells.lattice.neighbours import CellIndex, covered_faces, frontier, hidden, neighbours
+from ndtree.cells.lattice.pyramid import Pyramid, coarsened
+
+__all__ = [
+    "Block",
+    "Booleans",
+    "CellIndex",
+    "Cells",
+    "Floats",
+    "Integers",
+    "Pyramid",
+    "around",
+    "block_edge",
+    "block_runs",
+    "coarsened",
+    "covered_faces",
+    "frontier",
+    "hidden",
+    "joined",
+    "neighbours",
+    "parted",
+    "with_rim",
+]

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The commands of the command line, one file each.
+
+Imports run one way: app, options, output ← logs ← figures, pictures, comparing ← the commands. A command's
+module is loaded when the command is called, so that the help comes at once.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ndtree.cli.commands.app import announce, app, loaded
+
+__all__ = ["COMMANDS", "app", "every"]
+
+#: In the order of the help: a command's module, and what the help says of it, which is how its own begins.
+COMMANDS = {
+    "demo": (
+        "demo",
+        "Map a log in several ways, print what each map costs and how true it is, and draw them.",
+    ),
+    "simulate": (
+        "simulate",
+        "Simulate a drive through a world, and write its log to a file that can be mapped.",
+    ),
+    "map": (
+        "map_log",
+        "Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.",
+    ),
+    "fleet": (
+        "fleet",
+        "Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.",
+    ),
+    "compare": (
+        "compare",
+        "Compare maps of the same log: cells, updates, time, memory, and truth on scans held out.",
+    ),
+    "study": (
+        "study",
+        "Map several logs with several sets of parameters, and write tables and a picture of the results.",
+    ),
+    "calibrate": (
+        "calibrate",
+        "Estimate the options of the sensor from a log: the noise of its ranges, and its error rates.",
+    ),
+    "view": (
+        "view",
+        "Show a map on an interactive page of this computer until Ctrl-C, or draw it into a file.",
+    ),
+    "convert": ("convert", "Write a map as a file of another kind."),
+    "info": ("info", "Say what is in a map or a log."),
+}
+
+for _name, (_module, _summary) in COMMANDS.items():
+    announce(_name, f"{__name__}.{_module}", _summary)
+
+
+def every() -> dict[str, Any]:
+    """All commands by name; their modules are loaded."""
+    return {name: loaded(name, f"{__name__}.{module}") for name, (module, _) in COMMANDS.items()}

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree calibrate``: the options of the sensor, or where it sits."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from ndtree.base.exit_status import WrongCall
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.flags import Reading, reading_options
+from ndtree.cli.commands.logs import limit_of, print_settings, settled, warn_of_skipped
+from ndtree.cli.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption
+from ndtree.cli.commands.output import check_target, is_stdout, write, write_json
+from ndtree.cli.commands.progress import progress
+from ndtree.tuning import calibration
+
+
+@command(
+    "calibrate",
+    epilog=examples(
+        "ndtree calibrate office.npz --max-range 20 --no-return ignore",
+        "ndtree calibrate room.npz --json room.json",
+    ),
+)
+@reports_errors
+@reading_options
+def calibrate(
+    log: GivenLog,
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    no_return: NoReturnOption = NoReturnKind.auto,
+    limit: Annotated[
+        Optional[int], typer.Option(min=1, help="Only the first scans, this many.", show_default=False)
+    ] = None,
+    find_mount: Annotated[
+        bool,
+        typer.Option("--find-mount", help="Of a ROS bag: find where the sensor sits on its base, instead."),
+    ] = False,
+    json_file: Json = None,
+    reading: Any = None,
+) -> None:
+    """Estimate the options of the sensor from a log: the noise of its ranges, and its error rates."""
+    if find_mount:
+        _find_mount(log, dim, reading, json_file)
+        return
+    far = limit_of(max_range)
+    opened = reading.open(log, dim, max_range)
+    check_target(json_file)
+    settings = settled(opened, {}, far, no_return.value)
+    with progress() as advance:
+        figures = calibration.calibrate(
+            opened,
+            max_range=settings.max_range,
+            no_return=settings.no_return,
+            limit=limit,
+            progress=advance,
+        )
+    warn_of_skipped(opened)
+    if not is_stdout(json_file):
+        print_settings(opened, settings)
+        print(figures)
+        flags = [f"--{name.replace('_', '-')} {value:.3g}" for name, value in figures.options().items()]
+        if flags:
+            print(f"\nfor ndtree map and ndtree compare: {' '.join(flags)}")
+    write(figures.to_json, json_file)
+
+
+def _find_mount(path: Path, dim: Optional[int], reading: Reading, json_file: Optional[Path]) -> None:
+    """Where the sensor of a bag sits, from where its map is sharpest."""
+    from ndtree.logs.ros.rosbag import RosbagLog
+    from ndtree.tuning.calibration.mount import find_mount
+
+    check_target(json_file)
+    if reading.selection:
+        raise WrongCall("--find-mount: looks at the whole log, expected no part of it")
+    opened = reading.with_default("mount", "0,0,0").open(path, dim)
+    if not isinstance(opened, RosbagLog):
+        raise WrongCall(f"--find-mount: {path} is no ROS bag")
+    with progress() as advance:
+        found = find_mount(opened, progress=advance)
+        # There the log may bear out another understanding of the times of beams, which moves the clock.
+        _, mount, _, offset = found.flags.split()
+        options = {**reading.options, "mount": mount, "time_offset": float(offset)}
+        again = replace(reading, options=options).open(path, dim)
+        assert isinstance(again, RosbagLog)
+        if again.sweeps != opened.sweeps:
+            better = find_mount(again, progress=advance)
+            found = replace(better, gain=1 - (1 - found.gain) * (1 - better.gain))
+    if not is_stdout(json_file):
+        print(f"{path}: {found}")
+    write_json(found.figures(), json_file)

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree compare``: maps of one log, or two maps."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from ndtree.base.exit_status import WrongCall
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.comparing import compared
+from ndtree.cli.commands.flags import map_options, reading_options
+from ndtree.cli.commands.logs import open_log, warn_of_skipped
+from ndtree.cli.commands.options import (
+    Dim,
+    HeldOut,
+    Json,
+    MaxRange,
+    NoReturnKind,
+    NoReturnOption,
+    Repeat,
+    Scans,
+    Seed,
+    World,
+)
+from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write, write_json
+from ndtree.cli.commands.pictures import draw_side_by_side, plotting
+from ndtree.evaluation.map_comparison import compare_maps
+from ndtree.maps.kinds import KINDS
+from ndtree.maps.open import is_map
+
+
+@command(
+    "compare",
+    epilog=examples(
+        "ndtree compare office.npz --max-range 20 --no-return ignore --json office.json",
+        "ndtree compare --world apartment --maps adaptive,fixed,fixed@0.1,octomap --picture rooms.png",
+        "ndtree compare hall.ndt hall.bt --picture differences.png",
+    ),
+)
+@reports_errors
+@reading_options
+@map_options
+def compare_(
+    context: typer.Context,
+    log: Annotated[
+        Optional[Path],
+        typer.Argument(metavar="LOG | A", help="A log, or the first of two maps.", show_default=False),
+    ] = None,
+    other: Annotated[
+        Optional[Path],
+        typer.Argument(
+            metavar="B", help="The second: .ndt, .bt, .ot or map_server's .yaml.", show_default=False
+        ),
+    ] = None,
+    world: Annotated[
+        Optional[World], typer.Option(help="Simulate this instead of LOG.", show_default=False)
+    ] = None,
+    maps: Annotated[
+        Optional[str],
+        typer.Option(
+            help=f"Of {', '.join(KINDS)}, with @ and a cell size where it differs.", show_default=False
+        ),
+    ] = None,
+    held_out: HeldOut = 10,
+    repeat: Repeat = 1,
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    no_return: NoReturnOption = NoReturnKind.auto,
+    scans: Scans = None,
+    seed: Seed = 1,
+    json_file: Json = None,
+    csv_file: Annotated[
+        Optional[Path], typer.Option("--csv", metavar="FILE", help="Write a line a map.")
+    ] = None,
+    picture: Annotated[
+        Optional[Path],
+        typer.Option(metavar="FILE", help="Draw the first two maps side by side, or how A and B differ."),
+    ] = None,
+    options: Any = None,
+    reading: Any = None,
+) -> None:
+    """Compare maps of the same log: cells, updates, time, memory, and truth on scans held out.
+
+    Or two maps A and B of any kind: their states cell by cell, and how far their surfaces are apart.
+    """
+    if log is not None and (other is not None or is_map(log)):
+        _compare_two(context, log, other, json_file, picture)
+        return
+    if (log is None) == (world is None):
+        raise WrongCall("compare: expected either LOG or --world")
+    opened = open_log(log, world, dim, reading, scans, seed, max_range)
+    names = [name.strip() for name in maps.split(",")] if maps is not None else None
+    plot = plotting() if picture else None
+    for path in (json_file, csv_file):
+        check_target(path)
+    check_picture(plot, picture)
+    if picture and names is not None and len(names) < 2:
+        raise WrongCall("--picture: expected at least two maps")
+    comparison = compared(
+        opened,
+        names,
+        options,
+        max_range=max_range,
+        no_return=no_return.value,
+        held_out=held_out,
+        repeat=repeat,
+        json_file=json_file or csv_file,
+    )
+    warn_of_skipped(opened)
+    if plot and picture:
+        draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], picture)
+    if not (is_stdout(json_file) or is_stdout(csv_file)):
+        print(comparison)
+    write(comparison.to_csv, csv_file)
+    write_json(comparison, json_file)
+
+
+def _compare_two(
+    context: typer.Context,
+    a: Path,
+    b: Optional[Path],
+    json_file: Optional[Path],
+    picture: Optional[Path],
+) -> None:
+    if b is None:
+        raise WrongCall(f"compare: {a} is a map, expected a second one")
+    _refuse_others(context, ("log", "other", "json_file", "picture"), f"is for a LOG, and {a} is a map")
+    check_target(json_file)
+    check_picture(plotting() if picture else None, picture)
+    comparison = compare_maps(a, b)
+    if picture:
+        comparison.draw(picture)
+    if not is_stdout(json_file):
+        print(comparison)
+    write(comparison.to_json, json_file)
+
+
+def _refuse_others(context: typer.Context, allowed: Sequence[str], why: str) -> None:
+    """Refuses flags that were given, but that nothing would read."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is not None and source.name == "COMMANDLINE" and parameter.name not in allowed:
+            raise WrongCall(f"{parameter.opts[0]}: {why}")

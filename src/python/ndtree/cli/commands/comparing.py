@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps of one log, compared with what the log says of its beams."""
+
+import functools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Optional
+
+from ndtree._native import _core
+from ndtree.base.exit_status import WrongCall
+from ndtree.cli.commands.logs import limit_of, made, print_settings, settled
+from ndtree.cli.commands.output import is_stdout
+from ndtree.cli.commands.progress import progress
+from ndtree.evaluation.comparison import DEFAULT_MAPS, Comparison, compare
+from ndtree.logs import Log
+from ndtree.maps.kinds import make_map
+from ndtree.tuning.scale import Scale
+
+
+def compared(
+    log: Log,
+    maps: Optional[Sequence[str]],
+    options: dict[str, Any],
+    *,
+    max_range: Optional[float],
+    no_return: str,
+    json_file: Optional[Path],
+    **more: Any,
+) -> Comparison:
+    limit = limit_of(max_range)
+    if more.get("held_out") == 1:
+        raise WrongCall("--held-out 1: must be 0, or at least 2, or nothing is left to map")
+    maps = maps or DEFAULT_MAPS
+    if len(set(maps)) != len(maps):
+        raise WrongCall(f"--maps {','.join(maps)}: must be different")
+    settings = dict(options)
+    size = settings.pop("min_cell_size", None)
+    for name in maps:
+        made(functools.partial(make_map, name, dim=log.dim, cell_size=size, **settings))
+    settings = settled(log, options, limit, no_return)
+    limit, no_return = settings.max_range, settings.no_return
+    with progress() as advance:
+        try:
+            found = compare(
+                log, maps, max_range=limit, no_return=no_return, progress=advance, **more, **options
+            )
+        except ValueError as error:
+            if str(error).startswith(log.name):
+                raise
+            raise ValueError(f"{log.name}: {error}") from None
+    if not is_stdout(json_file):
+        print_settings(log, settings)
+        scale = Scale(_core.default_options()["min_cell_size"] if size is None else size, limit)
+        for scan in settings.look.sample if settings.look else ():
+            scale.add(scan)
+        absurd = scale.warning()
+        if absurd:
+            print(f"{log.name}: {absurd}")
+    return found

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree convert``: a map as a file of another kind."""
+
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.logs import made
+from ndtree.cli.commands.output import check_target
+from ndtree.maps.conversion import convert
+from ndtree.maps.writers import FORMATS as MAP_FORMATS
+from ndtree.maps.writers import STATES as CELL_STATES
+from ndtree.maps.writers import format_of
+
+
+def _endings() -> str:
+    every = dict.fromkeys(suffix for one in MAP_FORMATS for suffix in one.suffixes)
+    return f"Its ending says what is written: {', '.join(every)}."
+
+
+@command(
+    "convert",
+    epilog=examples(
+        "ndtree convert hall.ndt hall.bt",
+        "ndtree convert hall.ndt hall.yaml --height 0.1 1.8",
+        "ndtree convert hall.ndt hall.ply --states occupied,frontier",
+    ),
+)
+@reports_errors
+def convert_(
+    source: Annotated[Path, typer.Argument(metavar="MAP", help=".ndt, .bt, .ot, or map_server's .yaml.")],
+    output: Annotated[Path, typer.Argument(metavar="OUT", help=_endings())],
+    format: Annotated[
+        Optional[str],
+        typer.Option(
+            help=f"Where the ending does not say: {', '.join(one.name for one in MAP_FORMATS)}.",
+            show_default=False,
+        ),
+    ] = None,
+    cell_size: Annotated[
+        Optional[float],
+        typer.Option(
+            help="Of the cells in all files but .ndt \\[m]; else the map's own.", show_default=False
+        ),
+    ] = None,
+    height: Annotated[
+        Optional[tuple[float, float]],
+        typer.Option(
+            metavar="LOW HIGH", help="Of an image of a 3-D map: cells within \\[m].", show_default=False
+        ),
+    ] = None,
+    states: Annotated[
+        Optional[str],
+        typer.Option(help=f"Which cells, of {', '.join(CELL_STATES)}.", show_default=False),
+    ] = None,
+    faces: Annotated[bool, typer.Option("--faces", help="A mesh in a .ply, instead of points.")] = False,
+) -> None:
+    """Write a map as a file of another kind."""
+    given: dict[str, Any] = {
+        "cell_size": cell_size,
+        "height": height,
+        "states": states.split(",") if states is not None else None,
+        "faces": faces or None,
+    }
+    options = {name: value for name, value in given.items() if value is not None}
+    made(lambda: format_of(output, format, options))
+    check_target(output)
+    convert(source, output, format=format, **options)
+    print(f"{source}: wrote {output}")

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What commands print of maps and logs."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ndtree._native._core import OccupancyMap, default_options
+from ndtree.cli.commands.logs import length_of
+from ndtree.cli.commands.progress import progress
+from ndtree.logs import Log
+
+
+def map_figures(m: OccupancyMap) -> dict[str, Any]:
+    stats, leaves = m.stats(), m.leaves()
+    counts = ("leaves", "observed_leaves", "nodes", "updates", "splits", "merges", "memory_bytes")
+    seen = leaves.observed
+    states = {
+        state: int(np.count_nonzero(leaves.state[seen] == value))
+        for state, value in (("free", 0), ("occupied", 1))
+    }
+    bounds = None
+    if seen.any():
+        upper = leaves.lower + leaves.size[:, None]
+        bounds = {"lower": leaves.lower[seen].min(axis=0).tolist(), "upper": upper[seen].max(axis=0).tolist()}
+    sizes, count = np.unique(leaves.size[seen], return_counts=True)
+    return {
+        "dim": m.dim,
+        "branching": m.branching,
+        "refinement": m.refinement,
+        "options": m.options,
+        "stats": {key: int(getattr(stats, key)) for key in counts},
+        "cells": states,
+        "cell_sizes": [{"size": float(s), "observed": int(n)} for s, n in zip(sizes, count)],
+        "observed_bounds": bounds,
+    }
+
+
+def print_map(m: OccupancyMap) -> None:
+    figures = map_figures(m)
+    stats, states = figures["stats"], figures["cells"]
+    print(
+        f"  {stats['observed_leaves']} observed leaves of {stats['leaves']}: {states['occupied']} occupied, "
+        f"{states['free']} free; {stats['nodes']} nodes in {stats['memory_bytes'] / 2**20:.2f} MiB"
+    )
+    print(f"  {stats['updates']} updates, {stats['splits']} splits, {stats['merges']} merges")
+    if figures["observed_bounds"]:
+        print(
+            f"  observed from {point(figures['observed_bounds']['lower'])} "
+            f"to {point(figures['observed_bounds']['upper'])} m"
+        )
+    for row in figures["cell_sizes"]:
+        print(f"  cells of {row['size']:g} m: {row['observed']}")
+
+
+#: Frames of a bag that are printed.
+FRAME_LINES = 60
+
+
+#: A beam may pass this many of the smallest cells; maps refuse longer ones.
+LONGEST_BEAM = 2**20
+
+#: The median range of longer logs is that of every second, fourth, ... beam.
+RANGE_SAMPLE = 2_000_000
+
+
+def log_figures(log: Log) -> dict[str, Any]:
+    beams = dict.fromkeys(("beams", "returned", "not_returned", "invalid"), 0)
+    ranges: list[Any] = []
+    low, high = np.full(log.dim, np.inf), np.full(log.dim, -np.inf)
+    kept, thin = 0, 1
+    scans, longest, first, last = 0, 0.0, math.inf, -math.inf
+    with progress() as advance:
+        for scan in log:
+            scans += 1
+            first, last = min(first, scan.stamp), max(last, scan.stamp)
+            distance = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
+            valid = np.isfinite(distance) & (distance > 0)
+            returned = valid if scan.returned is None else valid & scan.returned
+            beams["beams"] += len(scan)
+            beams["invalid"] += int(np.count_nonzero(~valid))
+            beams["returned"] += int(np.count_nonzero(returned))
+            beams["not_returned"] += int(np.count_nonzero(valid & ~returned))
+            ranges.append(distance[returned][::thin])
+            kept += len(ranges[-1])
+            if kept > RANGE_SAMPLE:
+                ranges = [np.concatenate(ranges)[::2]]
+                kept, thin = len(ranges[0]), 2 * thin
+            if returned.any():
+                longest = max(longest, float(distance[returned].max()))
+                low = np.minimum(low, scan.endpoints[returned].min(axis=0))
+                high = np.maximum(high, scan.endpoints[returned].max(axis=0))
+            advance("reading", scans, length_of(log))
+    if not scans:
+        raise ValueError(f"{log.path}: no scans, expected at least one")
+    every = np.concatenate(ranges)
+    known = every.size > 0
+    return {
+        "log": str(log.path),
+        "format": log.format,
+        "uses": log.uses,
+        "dim": log.dim,
+        "scans": scans,
+        "beams": beams,
+        "seconds": float(last - first),
+        "range": {"median": float(np.median(every)), "max": longest} if known else None,
+        "bounds": {"lower": low.tolist(), "upper": high.tolist()} if known else None,
+    }
+
+
+def print_contents(path: Path, held: dict[str, Any]) -> None:
+    """The topics of a bag."""
+    start, end = held["start"], held["end"]
+    print(f"{path}: {end - start:.1f} s from {start:.3f} to {end:.3f} s")
+    rows = [
+        (
+            topic["topic"],
+            topic["type"],
+            str(topic["messages"]),
+            topic["frame"] or "",
+            "" if topic["rate"] is None else f"{topic['rate']:.3g} Hz",
+            topic["encoding"] or "",
+        )
+        for topic in held["topics"]
+    ]
+    widths = [max((len(row[i]) for row in rows), default=0) for i in range(5)]
+    for name, type_, messages, frame, rate, encoding in rows:
+        line = f"  {name:<{widths[0]}}  {type_:<{widths[1]}}  {messages:>{widths[2]}}  "
+        line += f"{frame:<{widths[3]}}  {rate:<{widths[4]}}  {encoding}"
+        print(line.rstrip())
+    if held["frames"]:
+        print("  frames:")
+        for line in held["frames"][:FRAME_LINES]:
+            print(f"    {line}")
+        if len(held["frames"]) > FRAME_LINES:
+            print(f"    ... and {len(held['frames']) - FRAME_LINES} more")
+    for line in held["damage"]:
+        print(f"  {line}")
+
+
+def print_log(figures: dict[str, Any]) -> None:
+    print(
+        f"{figures['log']}: {figures['format']} log, {figures['dim']}-D, {figures['scans']} scans"
+        + (f" in {figures['seconds']:.1f} s" if figures["seconds"] > 0 else "")
+    )
+    if figures["uses"]:
+        print(f"  uses {figures['uses']}")
+    print(f"  {counted(figures['beams'])}")
+    if figures["range"]:
+        median, longest = figures["range"]["median"], figures["range"]["max"]
+        print(f"  ranges: median {_metres(median)} m, longest {_metres(longest)} m")
+        if longest > LONGEST_BEAM * (cell := default_options()["min_cell_size"]):
+            print(
+                f"  beams of more than {LONGEST_BEAM * cell:,.0f} m can be no map's: give `map` a --max-range"
+            )
+        print(
+            f"  end points from {point(figures['bounds']['lower'])} to {point(figures['bounds']['upper'])} m"
+        )
+
+
+def counted(counts: dict[str, int]) -> str:
+    parts = [f"{count} {key.replace('_', ' ')}" for key, count in counts.items() if key != "beams" and count]
+    return f"{counts['beams']} beams" + (f": {', '.join(parts)}" if parts else "")
+
+
+def point(values: Sequence[float]) -> str:
+    return f"({', '.join(_metres(value) for value in values)})"
+
+
+def _metres(value: float) -> str:
+    return f"{value:.2f}" if abs(value) < 1e9 else f"{value:.3g}"  # Not three hundred digits.

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree fleet``: logs of several robots into one map in tiles, on an engine."""
+
+import functools
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from ndtree import distributed
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.flags import map_options
+from ndtree.cli.commands.logs import limit_of, made, new_map, settled
+from ndtree.cli.commands.options import Dim, Json, MaxRange, NoReturnKind, NoReturnOption
+from ndtree.cli.commands.output import check_target, is_stdout, write_json
+from ndtree.cli.commands.progress import progress
+from ndtree.logs import read
+from ndtree.tiles import TileGrid
+from ndtree.tiles.order import named, opened
+
+
+class EngineName(str, Enum):
+    """What runs the tasks."""
+
+    local = "local"
+    ray = "ray"
+    dask = "dask"
+
+
+@command(
+    "fleet",
+    epilog=examples(
+        "ndtree fleet monday.bag tuesday.bag -o depot.tiles",
+        "ndtree fleet robots/*.bag -o s3://maps/depot --engine ray",
+    ),
+)
+@reports_errors
+@map_options
+def fleet(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Files or folders, as of map.")],
+    output: Annotated[
+        str, typer.Option("--output", "-o", metavar="URL", help="Folder of the map, or a URL of fsspec.")
+    ],
+    engine: Annotated[
+        EngineName, typer.Option(help="Threads of this process, Ray or Dask.")
+    ] = EngineName.local,
+    workers: Annotated[
+        Optional[int], typer.Option(min=1, help="Tasks at a time; else all cores.", show_default=False)
+    ] = None,
+    tile_size: Annotated[
+        Optional[float],
+        typer.Option(help="Least edge of tiles \\[m]; else that of 16 largest cells.", show_default=False),
+    ] = None,
+    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    no_return: NoReturnOption = NoReturnKind.auto,
+    json_file: Json = None,
+    options: Any = None,
+) -> None:
+    """Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.
+
+    What the options leave open is chosen for the first log. A run that was killed goes on where it was.
+    """
+    check_target(json_file)
+    limit = limit_of(max_range)
+    sources = named([str(log) for log in logs])
+    if dim is not None:  # Workers read them as well.
+        sources = {name: functools.partial(read, log, dim=dim) for name, log in sources.items()}
+    first = opened(next(iter(sources.values())))
+    made(lambda: new_map(first.dim, fixed, options))
+    settings = settled(first, options, limit, no_return.value, with_sigma=True)
+    target = new_map(first.dim, fixed, settings.options)
+    made(lambda: TileGrid.of(target, tile_size))
+    with progress() as advance:
+        report = distributed.map(
+            sources,
+            output,
+            engine=engine.value,
+            like=target,
+            tile_size=tile_size,
+            max_range=settings.max_range,
+            no_return=settings.no_return,
+            workers=workers,
+            progress=advance,
+        )
+    if not is_stdout(json_file):
+        print(f"{len(sources)} logs: {report.scans} scans, {report.beams:,} beams")
+        for line in settings.lines():
+            print(f"  {line}")
+        print(
+            f"  {report.tiles} tiles by {report.tasks} tasks; {report.seconds:.3f} s on {report.workers} "
+            f"workers, {report.idle:.0%} of their time idle"
+        )
+        print(f"wrote {output}; look at it: ndtree view {output} --open")
+    write_json(report.figures(), json_file)

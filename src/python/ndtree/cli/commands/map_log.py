@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree map``: a log becomes a map, and so do several: one each, or one of all."""
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from ndtree.base.exit_status import BAD_INPUT, WrongCall
+from ndtree.cli.commands.app import command, examples, reason_of, reports_errors
+from ndtree.cli.commands.flags import Reading, map_options, reading_options
+from ndtree.cli.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
+from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
+from ndtree.cli.commands.mapping import Mapped, mapped, written
+from ndtree.cli.commands.options import (
+    Dim,
+    GivenLogs,
+    Json,
+    MaxRange,
+    NoReturnKind,
+    NoReturnOption,
+    Port,
+    StyleOption,
+)
+from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write_json
+from ndtree.cli.commands.pictures import observers_of, plotting, stay
+from ndtree.logs import JoinedLog, Log
+from ndtree.tuning.settings import Settings
+
+
+@command(
+    "map",
+    epilog=examples(
+        "ndtree map drive.bag",
+        "ndtree map office.npz -o office.ndt --picture office.png",
+        "ndtree map room.npz -o room.ndt --min-cell-size 0.025 --range-sigma-quadratic 0.0015",
+        "ndtree map drive.bag -o drive.ndt --topic /scan --fixed-frame map --from 10 --keep-going",
+        "ndtree map monday.bag tuesday.bag -o maps/",
+        "ndtree map monday.bag tuesday.bag --merge -o both.ndt",
+        "ndtree map city.bag -o city.tiles --max-resident 500MB",
+    ),
+)
+@reports_errors
+@reading_options
+@map_options
+def map_(
+    logs: GivenLogs,
+    output: Annotated[
+        Optional[Path],
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="MAP",
+            help="Where the map is written, or the folder for several; else LOG's name with .ndt, here. "
+            ".tiles: a folder of tiles.",
+        ),
+    ] = None,
+    merge: Annotated[
+        bool,
+        typer.Option("--merge", help="One map of all logs, in the order given: they are in one frame."),
+    ] = False,
+    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
+    picture: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Draw the map, too.")] = None,
+    style: StyleOption = None,
+    watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
+    port: Port = None,
+    record: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Film how it grows: .mp4 or .gif.")
+    ] = None,
+    record_every: Annotated[
+        Optional[int],
+        typer.Option(min=1, help="Scans from picture to picture of the film; else 10.", show_default=False),
+    ] = None,
+    max_resident: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="SIZE",
+            help="Memory of the cells of a .tiles map, as 500MB; else 2GiB.",
+            show_default=False,
+        ),
+    ] = None,
+    tile_size: Annotated[
+        Optional[float],
+        typer.Option(
+            help="Least edge of its tiles \\[m]; else that of 16 largest cells.", show_default=False
+        ),
+    ] = None,
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    no_return: NoReturnOption = NoReturnKind.auto,
+    json_file: Json = None,
+    options: Any = None,
+    reading: Any = None,
+) -> None:
+    """Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.
+
+    A map in tiles may be larger than memory, and one that was killed goes on where it was.
+    """
+    if style is not None and picture is None:
+        raise WrongCall("--style: is for --picture")
+    wanted = _Wanted(fixed, options, dim, max_range, limit_of(max_range), no_return.value, reading)
+    if len(logs) > 1 and not merge:
+        alone = {"--picture": picture, "--record": record, "--watch": watch or None}
+        for flag, value in alone.items():
+            if value is not None:
+                raise WrongCall(f"{flag}: is for one map, expected one LOG, or --merge")
+        if output is not None and is_tiled(output):
+            raise WrongCall(f"{output}: is a map in tiles, expected one LOG, or --merge")
+        _refuse_others(output, {"--max-resident": max_resident, "--tile-size": tile_size}, False)
+        _map_each(logs, _maps_in(output, logs), wanted, json_file)
+        return
+    output = _named_as(logs[0]) if output is None else output
+    begin = time.perf_counter()
+    opened = wanted.open(logs)
+    read_seconds = time.perf_counter() - begin
+    plot = plotting() if picture else None
+    tiled = is_tiled(output)
+    _refuse_others(
+        output,
+        {"--max-resident": max_resident, "--tile-size": tile_size}
+        if not tiled
+        else {"--picture": picture, "--watch": watch or None, "--record": record},
+        tiled,
+    )
+    for path in (None if tiled else output, json_file, record):
+        check_target(path)
+    check_picture(plot, picture)
+    if tiled:
+        settings = wanted.settings(opened)
+        figures = {
+            "format": opened.format,
+            "uses": opened.uses,
+            "skipped": skipped(opened),
+            **map_into_tiles(opened, output, settings, fixed, tile_size, max_resident),
+        }
+        if not is_stdout(json_file):
+            print_tiled(figures, settings, output)
+        write_json(figures, json_file)
+        warn_of_skipped(opened)
+        return
+    with observers_of(watch, port, record, record_every) as observers:
+        done = wanted.map(opened, read_seconds, observers)
+    written(done, output, plot, picture, style)
+    figures = done.figures()
+    if not is_stdout(json_file):
+        done.print(output, picture, record)
+        print(f"look at it: ndtree view {output} --open")
+    write_json(figures, json_file)
+    warn_of_skipped(opened)
+    if watch:
+        stay(observers[0], done.target, json_file)
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """How logs are mapped."""
+
+    fixed: bool
+    options: dict[str, Any]
+    dim: Optional[int]
+    max_range: Optional[float]  # As it was given.
+    limit: float
+    no_return: str
+    reading: Reading
+
+    def open(self, logs: Sequence[Path]) -> Log:
+        opened = [self.reading.open(log, self.dim, self.max_range) for log in logs]
+        return opened[0] if len(opened) == 1 else JoinedLog(opened)
+
+    def settings(self, log: Log) -> Settings:
+        """What is chosen for a log."""
+        made(lambda: new_map(log.dim, self.fixed, self.options))
+        return settled(log, self.options, self.limit, self.no_return, with_sigma=True)
+
+    def map(self, log: Log, read_seconds: float, observers: Sequence[Any] = ()) -> Mapped:
+        return mapped(
+            log,
+            self.fixed,
+            self.options,
+            max_range=self.limit,
+            no_return=self.no_return,
+            read_seconds=read_seconds,
+            observers=observers,
+        )
+
+
+def _map_each(
+    logs: Sequence[Path], outputs: Sequence[Path], wanted: _Wanted, json_file: Optional[Path]
+) -> None:
+    """A map of each log; one that cannot be mapped does not stop the others."""
+    for path in (*outputs, json_file):
+        check_target(path)
+    figures: list[dict[str, Any]] = []
+    failed = 0
+    for log, output in zip(logs, outputs):
+        begin = time.perf_counter()
+        try:
+            opened = wanted.open([log])
+            done = wanted.map(opened, time.perf_counter() - begin)
+            written(done, output)
+        except (OSError, ValueError, MemoryError, RuntimeError) as error:
+            failed += 1
+            figures.append({"log": str(log), "error": reason_of(error)})
+            print(f"ndtree: {reason_of(error)}", file=sys.stderr)
+            continue
+        figures.append({**done.figures(), "map": str(output)})
+        if not is_stdout(json_file):
+            done.print(output)
+        warn_of_skipped(opened)
+    write_json({"maps": figures}, json_file)
+    if failed:
+        raise typer.Exit(BAD_INPUT)
+
+
+def _refuse_others(output: Optional[Path], given: dict[str, Any], tiled: bool) -> None:
+    for flag, value in given.items():
+        if value is not None:
+            raise WrongCall(f"{flag}: is {'not ' if tiled else ''}for a map in tiles, -o {output or 'MAP'}")
+
+
+#: Endings that stand behind another one.
+_OUTER = (".gz", ".zst", ".zstd", ".active")
+
+
+def _map_name(log: Path) -> str:
+    """A log's name with the ending of maps."""
+    path = log.resolve()
+    name = Path(path.name)
+    if not path.is_dir():
+        name = Path(name.stem) if name.suffix in _OUTER else name
+        name = Path(name.stem)
+    return f"{name}.ndt"
+
+
+def _named_as(log: Path) -> Path:
+    """A map in this folder with a log's name, if there is none yet: only named files are replaced."""
+    target = Path(_map_name(log))
+    if target.exists():
+        raise WrongCall(f"{target}: is there already, expected -o MAP, which may be the same")
+    return target
+
+
+def _maps_in(folder: Optional[Path], logs: Sequence[Path]) -> list[Path]:
+    """A map for each log, in a folder that was named, or in this one."""
+    names: dict[str, Path] = {}
+    for log in logs:
+        name = _map_name(log)
+        if name in names:
+            raise WrongCall(f"{names[name]} and {log}: would both be {name}, expected different names")
+        names[name] = log
+    if folder is None:
+        return [_named_as(log) for log in logs]
+    if not folder.is_dir():
+        if folder.exists() or folder.suffix:
+            raise WrongCall(f"-o {folder}: expected a folder for {len(logs)} maps, or --merge for one")
+        folder.mkdir(parents=True)
+    return [folder / name for name in names]

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One log becomes one map: inserted scan by scan, and what is said of it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Optional
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree._native._core import OccupancyMap
+from ndtree.base.scan import Scan
+from ndtree.cli.commands.figures import counted, map_figures, print_map
+from ndtree.cli.commands.logs import made, new_map, settled, skipped, timed
+from ndtree.cli.commands.options import PictureStyle
+from ndtree.cli.commands.pictures import draw
+from ndtree.cli.commands.progress import mapping_progress
+from ndtree.logs import Log
+from ndtree.tuning.scale import Scale
+from ndtree.tuning.settings import BEYOND_MEMORY, Settings
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A map, and what it is from."""
+
+    log: Log
+    target: OccupancyMap
+    settings: Settings
+    report: dict[str, int]
+    scans: int
+    seconds: float
+    read_seconds: float
+    track: NDArray[np.float64]  # (2, dim): least and largest coordinates of the sensor [m].
+    scale: Scale
+
+    def figures(self) -> dict[str, Any]:
+        return {
+            "log": self.log.name,
+            "format": self.log.format,
+            "uses": self.log.uses,
+            "chosen": None if self.settings.look is None else self.settings.look.figures(),
+            "scans": self.scans,
+            "beams": self.report,
+            "seconds": self.seconds,
+            "read_seconds": self.read_seconds,
+            "skipped": skipped(self.log),
+            **map_figures(self.target),
+        }
+
+    def print(self, *written: Optional[Path]) -> None:
+        """What was mapped, and which files were written: the map first."""
+        print(f"{self.log.name}: {self.scans} scans, {counted(self.report)}")
+        absurd = self.scale.warning()
+        lines = [f"uses {self.log.uses}"] if self.log.uses else []
+        for line in lines + self.settings.lines() + ([absurd] if absurd else []):
+            print(f"  {line}")
+        print_map(self.target)
+        files = " and ".join(str(path) for path in written if path)
+        print(f"read in {self.read_seconds:.3f} s, inserted in {self.seconds:.3f} s; wrote {files}")
+
+
+@dataclass
+class Passage:
+    """The scans of a log on their way into a map, and what became of them."""
+
+    log: Log
+    settings: Settings
+    read_seconds: float = 0.0
+    scans: int = 0
+    ignored: int = 0  # Beams without return, which the settings leave out.
+
+    def into(
+        self, insert: Callable[[Scan], Any], is_final: Callable[[ValueError], bool] = lambda _: False
+    ) -> Iterator[tuple[Scan, Any]]:
+        """Each scan that was inserted, with what that gave; skips others, unless an error `is_final`."""
+        for number, (scan, took) in enumerate(timed(self.log)):
+            self.read_seconds += took
+            if self.settings.no_return == "ignore":
+                beams = len(scan)
+                scan = scan.returned_only()
+                self.ignored += beams - len(scan)
+            name = f"{self.log.name}: scan {number}"
+            try:
+                one = insert(scan)
+            except ValueError as error:
+                if is_final(error):
+                    raise
+                self.log._skip("scans that cannot be mapped", ValueError(f"{name}: {error}"))
+                continue
+            except MemoryError:
+                raise ValueError(f"{name}: {BEYOND_MEMORY}") from None
+            self.scans += 1
+            yield scan, one
+
+    def report(self, counts: dict[str, int]) -> dict[str, int]:
+        """What a map counted, with the beams that it never saw. @raises ValueError if it saw nothing."""
+        if not self.scans:
+            raise ValueError(f"{self.log.name}: no scans, expected at least one")
+        if self.ignored:
+            counts = {**counts, "beams": counts["beams"] + self.ignored, "ignored": self.ignored}
+        if not any(counts[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
+            raise ValueError(f"{self.log.name}: nothing to map in {self.scans} scans, {counted(counts)}")
+        return counts
+
+
+def mapped(
+    log: Log,
+    fixed: bool,
+    options: dict[str, Any],
+    *,
+    max_range: float,
+    no_return: str,
+    read_seconds: float = 0.0,
+    observers: Sequence[Any] = (),
+) -> Mapped:
+    """Insert all scans of a log; observers see the map after each."""
+    made(lambda: new_map(log.dim, fixed, options))
+    settings = settled(log, options, max_range, no_return, with_sigma=True)
+    target = new_map(log.dim, fixed, settings.options)
+    counts = dict.fromkeys(("beams", "returned", "not_returned", "beyond_max_range", "invalid"), 0)
+    seconds = 0.0
+    track = np.full((2, log.dim), np.nan)
+    scale = Scale(target.options["min_cell_size"], settings.max_range)
+    passage = Passage(log, settings, read_seconds)
+    with mapping_progress(log, target) as advance:
+        for scan, one in passage.into(lambda scan: scan.insert_into(target, max_range=settings.max_range)):
+            counts = {key: count + getattr(one, key) for key, count in counts.items()}
+            seconds += one.seconds
+            scale.add(scan)
+            origins = np.atleast_2d(scan.origin)
+            if len(origins):
+                track = np.stack([np.fmin(track[0], origins.min(0)), np.fmax(track[1], origins.max(0))])
+            for observer in observers:
+                observer.update(target, scan)
+            advance(passage.scans, counts["beams"])
+    report = passage.report(counts)
+    return Mapped(log, target, settings, report, passage.scans, seconds, passage.read_seconds, track, scale)
+
+
+def written(
+    done: Mapped,
+    output: Path,
+    plot: Any = None,
+    picture: Optional[Path] = None,
+    style: Optional[PictureStyle] = None,
+) -> None:
+    """Write the map, and then its picture: where that fails, the map is there."""
+    done.target.save(output)
+    if plot and picture:
+        draw(plot, done.target, picture, track=done.track, style=style)

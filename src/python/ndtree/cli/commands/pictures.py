@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Pictures, pages and films of maps."""
+
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Optional
+
+from ndtree._native._core import OccupancyMap
+from ndtree.base.exit_status import WrongCall
+from ndtree.cli.commands.logs import made
+from ndtree.cli.commands.options import CellColor, PictureStyle
+from ndtree.cli.commands.output import is_stdout
+
+
+@contextmanager
+def observers_of(
+    watch: bool, port: Optional[int], record: Optional[Path], every: Optional[int]
+) -> Iterator[list[Any]]:
+    """Who looks on while a map grows: a page, which stays, and a film, which is written if all goes well."""
+    if port is not None and not watch:
+        raise WrongCall("--port: is for the page of --watch")
+    if every is not None and record is None:
+        raise WrongCall("--record-every: is for --record")
+    observers: list[Any] = []
+    film = None
+    if record is not None:
+        from ndtree.plot.record import Recorder
+
+        film = made(lambda: Recorder(record, **({} if every is None else {"every": every})))
+    try:
+        if watch:
+            from ndtree.viewer import PORT, Viewer
+
+            observers.append(Viewer(port=PORT if port is None else port))
+            print(f"{observers[0].url} shows the map as it grows", file=sys.stderr, flush=True)
+        if film is not None:
+            observers.append(film)
+        yield observers
+        if film is not None:
+            film.close()
+    finally:
+        if film is not None:
+            film.abandon()
+
+
+def stay(page: Any, m: OccupancyMap, json_file: Optional[Path]) -> None:
+    """Keeps a page with the map as it became, until the user interrupts."""
+    page.show(m)
+    with suppress(KeyboardInterrupt):
+        print(f"{page.url} until Ctrl-C", file=sys.stderr if is_stdout(json_file) else sys.stdout, flush=True)
+        page.wait()
+    page.close()
+
+
+def parsed_slice(text: Optional[str]) -> tuple[Optional[int], Optional[float]]:
+    """Axis and position of a slice like z=1.2."""
+    if text is None:
+        return None, None
+    axis, _, value = text.partition("=")
+    try:
+        at = float(value)
+    except ValueError:
+        at = math.nan
+    if axis not in ("x", "y", "z") or not math.isfinite(at):
+        raise WrongCall(f"--slice {text}: expected an axis and a position in metres, as in z=1.2")
+    return "xyz".index(axis), at
+
+
+def suited(m: OccupancyMap, color: Optional[CellColor], axis: Optional[int]) -> OccupancyMap:
+    """The map, if it can be shown so."""
+    if m.dim != 3 and axis is not None:
+        raise WrongCall(f"--slice: the map is {m.dim}-D, only 3-D maps can be cut")
+    if m.dim != 3 and color is CellColor.height:
+        raise WrongCall(f"--color height: the map is {m.dim}-D and has none, expected size or probability")
+    return m
+
+
+def plotting() -> Any:
+    """The module that draws; @raises ImportError that names the extra."""
+    from ndtree import plot
+
+    return plot
+
+
+def draw(
+    plot: Any,
+    m: OccupancyMap,
+    path: Path,
+    color: Optional[CellColor] = None,
+    axis: Optional[int] = None,
+    at: Optional[float] = None,
+    *,
+    track: Any = None,
+    style: Optional[PictureStyle] = None,
+) -> None:
+    """Draws a map, cut at a slice if there is one; a flat one with the robot's track in the frame.
+
+    In ROS's colors, unless its probabilities were asked for, which only the paper's grey levels show.
+    """
+    more: dict[str, Any] = {} if color is None else {"color": color.value}
+    usual = PictureStyle.paper if m.dim == 2 and color is CellColor.probability else PictureStyle.ros
+    more["style"] = (style or usual).value
+    if m.dim == 2:
+        plot.overview(m, path, track=track, **more)
+        return
+    if axis is not None:
+        more.update(slice_axis=axis, slice_at=at)
+        if axis == 2:
+            more["cut_above"] = at
+    plot.overview_3d(m, path, **more)
+
+
+def draw_side_by_side(plot: Any, one: OccupancyMap, other: OccupancyMap, target: Path) -> None:
+    draw = plot.side_by_side if one.dim == 2 else plot.side_by_side_3d
+    draw(one, other, target)

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Bars that show on a terminal how far a command is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich import progress as bars
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+
+from ndtree._native._core import OccupancyMap
+from ndtree.base.progress import Progress, no_progress
+from ndtree.logs import Log
+
+#: A mapping's figures are drawn anew after so long [s].
+REFRESH = 0.2
+
+
+@contextmanager
+def progress() -> Iterator[Progress]:
+    """A function that shows what is going on, on a terminal only."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield no_progress
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with bars.Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("")
+        current = ""
+
+        def advance(what: str, done: int, total: int) -> None:
+            nonlocal current
+            if what != current:
+                current = what
+                bar.reset(task)
+            bar.update(task, description=what, completed=done, total=total or None)
+
+        yield advance
+
+
+@contextmanager
+def mapping_progress(log: Log, target: OccupancyMap) -> Iterator[Callable[[int, int], None]]:
+    """A function of the scans and beams so far that shows how far a map is, on a terminal only.
+
+    The time left is shown for logs that can tell how much of them is read.
+    """
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda scans, beams: None
+        return
+    columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
+    with bars.Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=None)
+        begin = last = time.monotonic()
+
+        def advance(scans: int, beams: int) -> None:
+            nonlocal last
+            now = time.monotonic()
+            if now - last < REFRESH:
+                return
+            last = now
+            share = log.share_read
+            bar.update(
+                task,
+                description=mapping_line(scans, beams, now - begin, target),
+                completed=share or 0.0,
+                total=None if share is None else 1.0,
+            )
+
+        yield advance
+
+
+def mapping_line(scans: int, beams: int, seconds: float, target: OccupancyMap) -> str:
+    """Scans, beams a second, leaves and memory of a map that grows."""
+    stats = target.stats()
+    return (
+        f"{scans} scans, {beams / max(seconds, 1e-9):,.0f} beams/s, {stats.leaves:,} leaves, "
+        f"{stats.memory_bytes / 2**20:.1f} MiB"
+    )

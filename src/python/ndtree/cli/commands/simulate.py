@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree simulate``: a log of a world that is known exactly, as a file."""
+
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from ndtree import logs
+from ndtree.base.exit_status import WrongCall
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.options import Scans, Seed, World
+from ndtree.cli.commands.output import check_target
+from ndtree.cli.commands.progress import progress
+
+
+@command(
+    "simulate",
+    epilog=examples("ndtree simulate office -o office.npz", "ndtree simulate apartment --scans 50 --seed 2"),
+)
+@reports_errors
+def simulate(
+    world: Annotated[World, typer.Argument(help="A laser in an office, a depth camera, or a lidar.")],
+    output: Annotated[
+        Optional[Path],
+        typer.Option("--output", "-o", metavar="LOG", help="An .npz file; else the world's name, here."),
+    ] = None,
+    scans: Scans = None,
+    seed: Seed = 1,
+) -> None:
+    """Simulate a drive through a world, and write its log to a file that can be mapped."""
+    target = Path(f"{world.value}.npz") if output is None else output
+    if output is None and target.exists():
+        raise WrongCall(f"{target}: is there already, expected -o LOG, which may be the same")
+    if target.suffix != ".npz":
+        raise WrongCall(f"-o {target}: the name must end in .npz")
+    check_target(target)
+    log = logs.simulate(world.value, seed=seed, scans=scans)
+    with progress() as advance:
+        count = log.save(target, progress=advance)
+    print(f"wrote {target}: {count} scans, {log.dim}-D")
+    print(f"map it: ndtree map {target} --picture {target.stem}.png")

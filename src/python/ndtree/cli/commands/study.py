@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree study``: several logs with several sets of parameters."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from ndtree.base.exit_status import BAD_INPUT
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.options import Json
+from ndtree.cli.commands.output import check_target, is_stdout, write_json
+from ndtree.cli.commands.progress import progress
+from ndtree.study import load, run
+
+
+@command(
+    "study", epilog=examples("ndtree study sizes.toml", "ndtree study sizes.toml --processes 1 --json -")
+)
+@reports_errors
+def study(
+    config: Annotated[Path, typer.Argument(metavar="CONFIG", help="A TOML file: logs, maps, output.")],
+    output: Annotated[
+        Optional[Path],
+        typer.Option("--output", "-o", metavar="FOLDER", help="For the results, instead of CONFIG's."),
+    ] = None,
+    processes: Annotated[
+        Optional[int],
+        typer.Option(min=1, help="Jobs at once; else one a processor. Times want 1.", show_default=False),
+    ] = None,
+    json_file: Json = None,
+) -> None:
+    """Map several logs with several sets of parameters, and write tables and a picture of the results.
+
+    What is done is kept: the same call once more goes on where the last one ended, and maps nothing twice.
+    """
+    planned = load(config)
+    if output is not None:
+        planned = replace(planned, output=output)
+    check_target(json_file)
+    with progress() as advance:
+        table = run(planned, processes=processes, progress=advance)
+    if not is_stdout(json_file):
+        print(table)
+        print(f"wrote {planned.output}")
+    write_json(table.figures(), json_file)
+    for row in table.failed:
+        print(f"ndtree: {row['log']}: {row['map']}: {row['error']}", file=sys.stderr)
+    if table.failed:
+        raise typer.Exit(BAD_INPUT)

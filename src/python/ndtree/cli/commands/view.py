@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree view``: a map on a page, or in a picture."""
+
+import webbrowser
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from ndtree.base.exit_status import WrongCall
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.flags import reading_options
+from ndtree.cli.commands.logs import length_of, load_map
+from ndtree.cli.commands.options import CellColor, Port, StyleOption
+from ndtree.cli.commands.output import check_picture
+from ndtree.cli.commands.pictures import draw, parsed_slice, plotting, suited
+from ndtree.cli.commands.progress import progress
+
+
+@command(
+    "view",
+    epilog=examples(
+        "ndtree view intel.ndt --open",
+        "ndtree view room.ndt --color size --slice z=1.2 --log room.npz",
+        "ndtree view room.ndt --png room.png --color probability",
+    ),
+)
+@reports_errors
+@reading_options
+def view(
+    map_file: Annotated[
+        Path, typer.Argument(metavar="MAP", help="A map: .ndt, .bt, .ot, or map_server's .yaml.")
+    ],
+    color: Annotated[
+        Optional[CellColor],
+        typer.Option(help="What colors say; else height, in 2-D probability.", show_default=False),
+    ] = None,
+    slice_: Annotated[
+        Optional[str], typer.Option("--slice", metavar="AXIS=M", help="Cut a 3-D map, as at z=1.2.")
+    ] = None,
+    png: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Draw it into this file instead of a page.")
+    ] = None,
+    style: StyleOption = None,
+    free: Annotated[
+        Optional[bool], typer.Option("--free/--no-free", help="Show free cells.", show_default=False)
+    ] = None,
+    unknown: Annotated[
+        Optional[bool], typer.Option("--unknown", help="Show unknown cells by free ones.", show_default=False)
+    ] = None,
+    log: Annotated[
+        Optional[Path], typer.Option(metavar="LOG", help="Show where its scans were taken.")
+    ] = None,
+    port: Port = None,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    reading: Any = None,
+) -> None:
+    """Show a map on an interactive page of this computer until Ctrl-C, or draw it into a file.
+
+    Rooms are cut below their ceiling, unless --slice says where; the page's switch "Slice" brings it back.
+    """
+    axis, at = parsed_slice(slice_)
+    if log is None:
+        reading.require_none("a map alone")
+    if png is not None:
+        for flag, value in (("--free", free), ("--unknown", unknown), ("--log", log), ("--port", port)):
+            if value is not None:
+                raise WrongCall(f"{flag}: is for the page, not for --png")
+        if open_:
+            raise WrongCall("--open: is for the page, not for --png")
+        plot = plotting()
+        check_picture(plot, png, "--png")
+        m = suited(load_map(map_file), color, axis)
+        draw(plot, m, png, color, axis, at, style=style)
+        print(f"wrote {png}")
+        return
+    if style is not None:
+        raise WrongCall("--style: is for --png")
+    from ndtree.viewer import PORT, Look, Viewer
+
+    m = suited(load_map(map_file), color, axis)
+    shown = {"color": color and color.value, "free": free, "unknown": unknown}
+    look = Look.below_ceiling(m, **shown, axis=axis, slice_at=at)
+    opened = reading.open(log, None) if log is not None else None
+    with Viewer(m, port=PORT if port is None else port, look=look) as page:
+        if opened is not None:
+            with progress() as advance:
+                for done, scan in enumerate(opened, start=1):
+                    page.add_track(scan)
+                    advance("reading", done, length_of(opened))
+            page.refresh()
+        with suppress(KeyboardInterrupt):
+            print(f"{map_file}: {page.url} until Ctrl-C", flush=True)
+            if open_:
+                webbrowser.open(page.url)
+            page.wait()

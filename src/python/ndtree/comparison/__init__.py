@@ -1,9 +1,0 @@
-# SPDX-License-Identifier: BSD-3-Clause
-"""Maps of the same log side by side: cells, updates, time, memory and truth, all counted alike."""
-
-from ndtree.comparison.building import Progress, no_progress
-from ndtree.comparison.result import Comparison
-from ndtree.comparison.run import DEFAULT_MAPS, NO_RETURN, compare
-from ndtree.comparison.truth import is_held_out
-
-__all__ = ["DEFAULT_MAPS", "NO_RETURN", "Comparison", "Progress", "compare", "is_held_out", "no_progress"]

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps of one log, built and judged alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ndtree._native import _core
+from ndtree.base.held_out import is_held_out
+from ndtree.base.progress import Progress, no_progress
+from ndtree.base.scan import Scan
+from ndtree.evaluation.comparison.building import OUTCOMES, Built, Maps, build_once, figures_of, makers_of
+from ndtree.evaluation.comparison.result import Comparison
+from ndtree.evaluation.comparison.truth import (
+    claims_of,
+    finite_or_none,
+    held_out_truth,
+    seen_space,
+    truth_by_size,
+)
+from ndtree.evaluation.exact_truth import ExactTruth
+from ndtree.evaluation.no_returns import AUTO, believed
+from ndtree.logs.core.log import Log
+from ndtree.logs.formats.simulated import SimulatedLog
+
+DEFAULT_MAPS = ("adaptive", "fixed", "octomap") if _core.has_octomap else ("adaptive", "fixed")
+NO_RETURN = ("free", "ignore", AUTO)
+NEEDED = ("cells", "nodes", "updates", "memory_bytes", "resident_bytes")
+
+
+def compare(
+    log: Log | Iterable[Scan],
+    maps: Maps | None = None,
+    *,
+    held_out: int = 10,
+    max_range: float = math.inf,
+    no_return: str = AUTO,
+    repeat: int = 1,
+    cell_size: float | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Comparison:
+    """Map a log in several ways, and say what each map costs and how true it is.
+
+    Parameters
+    ----------
+    log : Log or iterable of Scan
+        Read once, and kept in memory.
+    maps : sequence of str, or mapping of str to callable, optional
+        Names are "adaptive", "paper" (refined exactly as the paper has it), "fixed", "octomap" and
+        "octomap-scan" (updated once a scan), with @ and a cell size [m] where it is not the common one, as
+        in "fixed@0.1". A mapping has own names with functions that make the maps. Left out: adaptive, fixed
+        and, where there is one, OctoMap.
+    held_out : int
+        Each held_out-th scan is not mapped, and tells how true the maps are; 0 maps all.
+    max_range : float
+        Longer beams are free up to there and have no end point [m].
+    no_return : str
+        What a beam without return says: "free", that space is free up to its end point; "ignore", nothing;
+        "auto": what `ndtree.evaluation.no_returns.judge` finds.
+    repeat : int
+        How often each map is made, in turns, for the times. Updates and cells do not depend on it.
+    cell_size : float, optional
+        Smallest cells [m]. Left out: the adaptive map's own default.
+    progress : callable, optional
+        Called as ``progress(what, done, total)`` with numbers of scans.
+    **options
+        As in `AdaptiveMap`; each map gets those that it knows.
+
+    Returns
+    -------
+    Comparison
+        A dict. "cells" are leaves that at least one beam updated, "updates" pairs of a beam and a leaf,
+        "seconds" the insertion alone. "truth" is about the scans held out: of "samples", points every 0.1 m
+        along the beams up to 0.1 m before their end, how many the map calls free, occupied and unknown; how
+        many end points are within 0.05 m of an occupied cell; how many ray casts end within 0.1 m of the
+        measured range, and their median error [m]; "balanced_accuracy", the mean of the shares of free space
+        and end points that are right; and "log_score", the mean log-likelihood [nats] of both under the map's
+        probabilities, clipped to [0.02, 0.98]. "claims" is about space that no beam has seen, and the scans
+        that were mapped: of "points" drawn uniformly around the log's end points, how many were "seen" by
+        some beam's share of its scan's view (`SeenSpace`; on simulated logs by the exact line of sight),
+        and what the map says of them. "free_unseen" is the share of the space called free that was not seen,
+        "seen_unknown" the share of the space seen that is called unknown, and "wrong_volume" both volumes
+        over the volume seen. "exact", on simulated logs, compares with the world itself. "ratios" say what
+        the adaptive map needs of the fixed one.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of its limits, or the log is damaged or empty.
+    """
+    for name, value, least in (("held_out", held_out, 0), ("repeat", repeat, 1)):
+        if value < least:
+            raise ValueError(f"{name} = {value}: must be >= {least}")
+    if held_out == 1:
+        raise ValueError("held_out = 1: must be 0 or at least 2, or nothing is left to map")
+    if no_return not in NO_RETURN:
+        raise ValueError(f"no_return = {no_return!r}: must be one of {', '.join(NO_RETURN)}")
+    if maps is None:
+        maps = DEFAULT_MAPS
+    if "min_cell_size" in options:
+        if cell_size is not None:
+            raise ValueError("cell_size and min_cell_size say the same: give one of them")
+        cell_size = options.pop("min_cell_size")
+    progress = progress or no_progress
+    scans = _loaded(log, progress)
+    if no_return == AUTO:
+        no_return = believed(log, scans)
+    if no_return == "ignore":
+        scans = [scan.returned_only() for scan in scans]
+    dim = scans[0].dim
+    makers = makers_of(maps, dim, cell_size, options)
+    mapped = {i: scan for i, scan in enumerate(scans) if not is_held_out(i, held_out)}
+    if not mapped:
+        raise ValueError("held_out: no scan is left to map")
+    unseen = [scan for i, scan in enumerate(scans) if is_held_out(i, held_out)]
+
+    built = {name: Built() for name in makers}
+    for run in range(repeat):
+        for name, make in makers.items():
+            label = name if repeat == 1 else f"{name}, run {run + 1}"
+            build_once(built[name], make, mapped, max_range, partial(progress, label))
+
+    space = seen_space(log, list(mapped.values()), max_range, partial(progress, "what the scans saw"))
+    rows = []
+    for name, one in built.items():
+        row = figures_of(name, one)
+        row["truth"] = held_out_truth(one.map, unseen, max_range, partial(progress, f"{name}, truth"))
+        row["claims"] = claims_of(one.map, space)
+        rows.append(row)
+    if isinstance(log, SimulatedLog):
+        exact = ExactTruth(log, scans, max_range)
+        for row in rows:
+            row["exact"] = exact.of(built[row["map"]].map)
+
+    first = next(iter(built.values()))
+    map_objects = {name: one.map for name, one in built.items()}
+    result = Comparison(
+        log=getattr(log, "name", "scans"),
+        dim=dim,
+        branching=first.map.branching,
+        scans=len(scans),
+        scans_mapped=len(mapped),
+        beams={outcome: first.beams[outcome] for outcome in OUTCOMES},
+        parameters={
+            **_plain(first.map.options),
+            "held_out": held_out,
+            "max_range": finite_or_none(max_range),
+            "no_return": no_return,
+            "repeat": repeat,
+            "maps": {name: _plain(one.map.options) for name, one in built.items()},
+        },
+        maps=rows,
+        truth_by_cell_size=truth_by_size(map_objects, unseen, max_range),
+        ratios=_ratios(rows),
+    )
+    result.map_objects = map_objects
+    return result
+
+
+def _loaded(log: Log | Iterable[Scan], progress: Progress) -> list[Scan]:
+    total = len(log) if hasattr(log, "__len__") else 0
+    scans: list[Scan] = []
+    for scan in log:
+        scans.append(scan)
+        if scan.dim != scans[0].dim:
+            raise ValueError(f"scan {len(scans) - 1} is {scan.dim}-D: must be {scans[0].dim}-D as the first")
+        progress("reading", len(scans), total)
+    if not scans:
+        raise ValueError(f"{getattr(log, 'path', None) or 'log'}: no scans, expected at least one")
+    return scans
+
+
+def _ratios(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What the adaptive map, or else the first, needs of the fixed one, and of others under their names."""
+    ours = next((row for row in rows if row["map"] == "adaptive"), rows[0])
+    result: dict[str, Any] = {}
+    for row in rows:
+        if row is ours:
+            continue
+        pairs = {key: (ours[key], row[key]) for key in NEEDED}
+        pairs["seconds"] = (ours["seconds"]["median"], row["seconds"]["median"])
+        if "cells_pruned" in row:
+            pairs["cells_pruned"] = (ours["cells"], row["cells_pruned"])
+        of_map = {key: one / other if one and other else None for key, (one, other) in pairs.items()}
+        result.update(of_map if row["map"] == "fixed" else {row["map"]: of_map})
+    return result
+
+
+def _plain(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        key: finite_or_none(float(value)) if isinstance(value, (float, np.floating)) else value
+        for key, value in options.items()
+    }

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How true maps are: on scans held out, and of space that no beam has seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
+from ndtree.base.scan import Scan
+from ndtree.evaluation.exact_truth import FOUND_WITHIN, NEAR_SURFACE
+from ndtree.logs.core.log import Log
+from ndtree.logs.formats.simulated import SimulatedLog
+
+CLAIMED = ("points", "seen", "free", "free_and_unseen", "unknown_and_seen")
+SHARES_OF_VOLUME = ("free_unseen", "seen_unknown", "wrong_volume")
+
+
+def held_out_truth(
+    target: OccupancyMap, scans: Sequence[Scan], max_range: float, progress: Callable[[int, int], None]
+) -> dict[str, Any] | None:
+    if not scans:
+        return None
+    truth = _core.HeldOutTruth()
+    for done, scan in enumerate(scans, start=1):
+        truth += scan.evaluate_on(target, max_range=max_range)
+        progress(done, len(scans))
+    result: dict[str, Any] = {}
+    for total, shares in (
+        ("samples", ("free", "occupied", "unknown")),
+        ("endpoints", ("endpoints_near",)),
+        ("casts", ("casts_within",)),
+    ):
+        n = getattr(truth, total)
+        result.update({key: round(getattr(truth, key) * n) if n else 0 for key in shares})
+        result[total] = n
+    for key in ("balanced_accuracy", "log_score", "median_error"):
+        result[key] = finite_or_none(getattr(truth, key))
+    return result
+
+
+def seen_space(
+    log: Log | Iterable[Scan], scans: Sequence[Scan], max_range: float, progress: Callable[[int, int], None]
+) -> _core.SeenSpace:
+    progress(0, len(scans))
+    of = log.seen_space if isinstance(log, SimulatedLog) else _core.SeenSpace
+    space = of(scans, max_range=max_range)
+    progress(len(scans), len(scans))
+    return space
+
+
+def claims_of(target: OccupancyMap, space: _core.SeenSpace) -> dict[str, Any]:
+    claims = target.claims(space)
+    result: dict[str, Any] = {key: getattr(claims, key) for key in CLAIMED}
+    result.update({key: finite_or_none(getattr(claims, key)) for key in SHARES_OF_VOLUME})
+    return result
+
+
+def truth_by_size(
+    maps: Mapping[str, OccupancyMap], scans: Sequence[Scan], max_range: float
+) -> dict[str, Any] | None:
+    """Held-out truth of all maps, by the size of the first adaptive map's cells: where errors live.
+
+    One point of each beam is drawn from the free space before its end, beside the end point itself.
+    """
+    ours = next((name for name, one in maps.items() if isinstance(one, _core.AdaptiveMap)), None)
+    if ours is None or not scans:
+        return None
+    generator = np.random.default_rng(0)
+    sizes: dict[float, dict[str, Any]] = {}
+
+    def count(
+        points: NDArray[np.float64],
+        is_right: Callable[[OccupancyMap], NDArray[np.bool_]],
+        total: str,
+        right: str,
+    ) -> None:
+        size_here = np.nan_to_num(maps[ours].cell_size(points), nan=math.inf)  # type: ignore[attr-defined]
+        answers = {name: is_right(one) for name, one in maps.items()}
+        for size in np.unique(size_here):
+            here = size_here == size
+            row = sizes.setdefault(float(size), _no_counts(maps))
+            row[total] += int(np.count_nonzero(here))
+            for name, answer in answers.items():
+                row[right][name] += int(np.count_nonzero(answer[here]))
+
+    for scan in scans:
+        start, way, far = scan.returned_beams(max_range)
+        if not len(far):
+            continue
+        ends = start + far[:, None] * way
+        count(ends, lambda m, p=ends: m.occupied_within(p, FOUND_WITHIN), "endpoints", "endpoints_near")
+        long = far > 2 * NEAR_SURFACE
+        along = generator.uniform(NEAR_SURFACE, far[long] - NEAR_SURFACE)
+        free = start[long] + along[:, None] * way[long]
+        if len(free):
+            count(free, lambda m, p=free: np.asarray(m.state(p)) == 0, "samples", "free")
+    rows = [{"size": finite_or_none(size), **sizes[size]} for size in sorted(sizes, reverse=True)]
+    return {"of": ours, "sizes": rows}
+
+
+def _no_counts(maps: Iterable[str]) -> dict[str, Any]:
+    none = dict.fromkeys(maps, 0)
+    return {"samples": 0, "free": dict(none), "endpoints": 0, "endpoints_near": dict(none)}
+
+
+def finite_or_none(value: float | None) -> float | None:
+    """None for what JSON has no number for."""
+    return None if value is None or not math.isfinite(value) else value

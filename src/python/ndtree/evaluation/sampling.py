@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A few scans from all over a log, in one pass and without knowing how many there are."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from ndtree.base.scan import Scan
+
+#: Scans in a row, so that some of them see the same, and at least RUNS of these runs.
+RUN, RUNS = 4, 40
+#: Beams kept of a scan.
+MOST_BEAMS = 4000
+#: Coordinates [m] with which one can reckon.
+FARTHEST = 1e9
+
+
+def skipping_unmappable() -> contextlib.AbstractContextManager[None]:
+    """Around a scan on its way into a map that is only tried: one that no map takes is left out.
+
+    Mapping itself refuses it by name, or passes over it where it is told to keep going.
+    """
+    return contextlib.suppress(ValueError)
+
+
+def spread(
+    scans: Iterable[Scan], progress: Callable[[int], None] | None = None
+) -> tuple[list[list[Scan]], int, int]:
+    """Runs of scans, evenly over a log.
+
+    Of each run the scans follow each other. Where there are twice as many runs as wanted, every second is
+    dropped, and from then on half as many are taken: the result depends on nothing but the log.
+
+    Returns
+    -------
+    runs : list of list of Scan
+        40 to 80 runs of four scans; fewer only of a short log. Of long scans every second, third, ... beam,
+        and none that ends farther than 1e9 m from the map's origin.
+    scans, beams : int
+        How many the log has.
+    """
+    runs: list[list[Scan]] = []
+    step = 1  # Of the runs that the log could be cut into, every so manieth is kept.
+    number = beams = 0
+    for scan in scans:
+        beams += len(scan)
+        run, place = divmod(number, RUN)
+        number += 1
+        if progress is not None:
+            progress(number)
+        if run % step:
+            continue
+        if place == 0:
+            if len(runs) == 2 * RUNS:
+                runs, step = runs[::2], 2 * step
+                if run % step:
+                    continue
+            runs.append([])
+        if len(runs) * step > run:  # Else the run began before it was dropped.
+            runs[-1].append(_some(scan))
+    return runs, number, beams
+
+
+def _some(scan: Scan) -> Scan:
+    stride = -(-len(scan) // MOST_BEAMS)
+    if stride > 1:
+        scan = scan.only(slice(None, None, stride))
+    too_far = (np.abs(scan.endpoints) > FARTHEST).any(axis=1)
+    too_far |= (np.abs(np.broadcast_to(scan.origin, scan.endpoints.shape)) > FARTHEST).any(axis=1)
+    return scan.only(~too_far) if too_far.any() else scan

@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Logs in, scans out: one file for each format, recognised by what is in the file or folder."""
+
+from __future__ import annotations
+
+import errno
+import os
+from typing import Any
+
+from ndtree.logs.core.failures import readable
+from ndtree.logs.core.joined import JoinedLog
+from ndtree.logs.core.log import Log, SizedLog
+from ndtree.logs.core.source import Format, ReaderOption, Source, WrongOption, source_of
+from ndtree.logs.folders.kitti import KITTI
+from ndtree.logs.folders.point_clouds import POINT_CLOUDS
+from ndtree.logs.folders.seven_scenes import SEVEN_SCENES
+from ndtree.logs.folders.tum_rgbd import TUM_RGBD
+from ndtree.logs.formats.carmen import CARMEN
+from ndtree.logs.formats.npz import NPZ, ZIP_MAGIC
+from ndtree.logs.formats.octomap_graph import OCTOMAP_GRAPH
+from ndtree.logs.formats.simulated import SimulatedLog, simulate
+from ndtree.logs.formats.text import EXPECTED, TEXT, first_line
+from ndtree.logs.ros.rosbag_format import ROSBAG
+from ndtree.logs.sfm.bal import BAL
+from ndtree.logs.sfm.bundler import BUNDLER
+from ndtree.logs.sfm.colmap import COLMAP
+
+__all__ = [
+    "FORMATS",
+    "MAP_MAGIC",
+    "READER_OPTIONS",
+    "JoinedLog",
+    "Log",
+    "SimulatedLog",
+    "SizedLog",
+    "WrongOption",
+    "contents",
+    "read",
+    "simulate",
+]
+
+#: The table of formats, tried in this order: a format that others could be taken for comes late.
+_TABLE: tuple[Format, ...] = (
+    CARMEN,
+    NPZ,
+    ROSBAG,
+    SEVEN_SCENES,
+    TUM_RGBD,
+    KITTI,
+    COLMAP,
+    BUNDLER,
+    BAL,
+    OCTOMAP_GRAPH,
+    POINT_CLOUDS,
+    TEXT,
+)
+
+#: The words for ``format=``.
+FORMATS = tuple(sorted(format.name for format in _TABLE))
+
+#: Every option that at least one format takes.
+READER_OPTIONS: tuple[ReaderOption, ...] = tuple(
+    {option.name: option for format in _TABLE for option in format.options}.values()
+)
+
+_DESCRIPTIONS = [format.description for format in _TABLE]
+_KNOWN = f"{', '.join(_DESCRIPTIONS[:-1])}, or {_DESCRIPTIONS[-1]}"
+
+#: First bytes of a map's own file.
+MAP_MAGIC = b"\x89NDT"
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    dim: int | None = None,
+    keep_going: bool = False,
+    strict: bool = False,
+    **options: Any,
+) -> Log:
+    """Open a log of range scans.
+
+    Logs are read while they are iterated, so that errors far down in a file come only then.
+
+    Parameters
+    ----------
+    path : str or path
+        A file or a folder. CARMEN logs and text may be packed by gzip.
+    format : str, optional
+        One of ``ndtree.logs.FORMATS``. Left out, it is recognised from the content.
+    dim : {2, 3}, optional
+        Left out, it is what the file says: an .npz recording is 2-D if no point or origin leaves one plane z.
+    keep_going : bool
+        Pass over damaged lines, messages and the like; the log's ``skipped`` counts them.
+    strict : bool
+        Raise for a scan whose pose is not known, and for a file that ends too early. Else such scans are left
+        out, what there is of the file is read, and the log's ``skipped`` says so.
+    **options
+        What the format takes, see ``ndtree.logs.READER_OPTIONS``; None is as if left out.
+
+    Returns
+    -------
+    Log
+        An iterable of `Scan` with ``path``, ``format`` and ``dim``.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ValueError
+        If the file is not what it should be: which file, where, and what was expected.
+    WrongOption
+        A TypeError, if the format does not take one of the options.
+    """
+    if dim not in (None, 2, 3):
+        raise ValueError(f"dim = {dim!r}: must be 2 or 3")
+    source, chosen = _looked_up(path, format)
+    given = {key: value for key, value in options.items() if value is not None}
+    _require_taken(source, chosen, given)
+    with readable(source.path, f"cannot be read as {chosen.description}"):
+        log = chosen.open(source, dim=dim, **given)
+    log.keep_going, log.strict = keep_going, strict
+    return log
+
+
+def contents(path: str | os.PathLike[str], *, format: str | None = None) -> dict[str, Any]:
+    """Say what a file or folder holds, also where it takes options to read it as a log.
+
+    Parameters
+    ----------
+    path, format
+        As for `read`.
+
+    Returns
+    -------
+    dict
+        Of a ROS bag: "start" and "end" [s], and "topics", each with "topic", "type", "messages" and "frame".
+        Of formats that hold nothing but one log: nothing.
+    """
+    source, chosen = _looked_up(path, format)
+    with readable(source.path, f"cannot be read as {chosen.description}"):
+        return chosen.contents(source) if chosen.contents else {}
+
+
+def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source, Format]:
+    """A file or folder, and its format."""
+    name = os.fspath(path)
+    by_name = {row.name: row for row in _TABLE}
+    if format is not None and format not in by_name:
+        raise ValueError(f"format = {format!r}: must be one of {', '.join(FORMATS)}")
+    with readable(name):
+        source = source_of(name, _KNOWN)
+        chosen = by_name[format] if format is not None else _recognised(source)
+    if not chosen.may_be(source):
+        if source.is_folder:
+            raise IsADirectoryError(errno.EISDIR, f"is a directory, expected {chosen.description}", name)
+        raise NotADirectoryError(errno.ENOTDIR, f"is a file, expected {chosen.description}", name)
+    return source, chosen
+
+
+def _recognised(source: Source) -> Format:
+    for row in _TABLE:
+        if row.may_be(source) and row.recognises(source):
+            return row
+    if source.is_folder:
+        some = ", ".join(source.names[:6]) + (", ..." if len(source.names) > 6 else "")
+        found = f"a directory with {some}" if source.names else "an empty directory"
+        raise IsADirectoryError(errno.EISDIR, f"is {found}, expected {_KNOWN}", source.path)
+    if source.head.startswith(ZIP_MAGIC):
+        raise ValueError(f"{source.path}: a zip archive without points.npy, expected {_KNOWN}")
+    if source.head.startswith(MAP_MAGIC):
+        raise ValueError(f"{source.path}: a map, to be opened by ndtree.load(), expected {_KNOWN}")
+    if b"\0" in source.head:
+        raise ValueError(f"{source.path}: binary data, expected {_KNOWN}")
+    line = first_line(source)
+    if line is None:
+        raise ValueError(f"{source.path}: only comments, expected {_KNOWN}")
+    start = line[1].strip()
+    start = start if len(start) <= 40 else start[:37] + "..."
+    raise ValueError(f"{source.path}: line {line[0]}: found {start!r}, expected {_KNOWN} ({EXPECTED})")
+
+
+def _require_taken(source: Source, format: Format, options: dict[str, Any]) -> None:
+    taken = [option.name for option in format.options]
+    for name in options:
+        if name not in taken:
+            raise WrongOption(
+                f"{source.path}: {name}: {format.description} takes no such option, "
+                f"it takes {', '.join(taken) or 'none'}"
+            )

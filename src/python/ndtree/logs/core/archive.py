@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scans as an .npz recording, which `read` reads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.base.files import replaced
+from ndtree.base.scan import Scan
+
+
+def save_archive(scans: Iterable[Scan], path: str | os.PathLike[str], name: str) -> int:
+    """Write scans; `name` is how errors call their log. Returns how many there are."""
+    if not os.fspath(path).endswith(".npz"):
+        raise ValueError(f"{os.fspath(path)}: the name must end in .npz")
+    points: list[NDArray[Any]] = []
+    origins: list[NDArray[Any]] = []
+    returned: list[NDArray[np.bool_]] = []
+    stamps: list[float] = []
+    for i, scan in enumerate(scans):
+        if scan.origin.ndim != 1:
+            raise ValueError(f"{name}: scan {i} has an origin for each beam, expected one: .npz has no more")
+        if scan.range_sigma is not None:
+            raise ValueError(f"{name}: scan {i} has a range_sigma for each beam, of which .npz has none")
+        points.append(scan.endpoints)
+        origins.append(scan.origin)
+        returned.append(np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned)
+        stamps.append(scan.stamp)
+    if not points:
+        raise ValueError(f"{name}: no scans, expected at least one")
+    arrays: dict[str, Any] = {
+        "origins": np.asarray(origins),
+        "points": np.concatenate(points),
+        "offsets": np.cumsum([0, *map(len, points)]),
+        "stamps": np.asarray(stamps),
+    }
+    no_return = ~np.concatenate(returned)
+    if no_return.any():
+        arrays["no_return"] = no_return
+    with replaced(path) as part:
+        np.savez_compressed(part, **arrays)
+    return len(points)

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Several logs as one, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from ndtree.base.scan import Scan
+from ndtree.logs.core.log import Log, Skipped
+
+
+class JoinedLog(Log):
+    """Logs of one place and one frame, read one after the other in the order given.
+
+    Raises
+    ------
+    ValueError
+        If there is none, or they differ in dimension.
+    """
+
+    may_be_padded = False
+
+    def __init__(self, logs: Sequence[Log]) -> None:
+        if not logs:
+            raise ValueError("logs: expected at least one")
+        first = logs[0]
+        for log in logs:
+            if log.dim != first.dim:
+                raise ValueError(
+                    f"{log.name}: is {log.dim}-D, and {first.name} {first.dim}-D: must be the same in one map"
+                )
+        more = f" and {len(logs) - 1} more" if len(logs) > 1 else ""
+        super().__init__(f"{first.name}{more}", first.dim)
+        self._logs = tuple(logs)
+        self.format = ", ".join(dict.fromkeys(log.format for log in logs))
+        self.uses = "; ".join(f"{log.name}: {log.uses}" for log in logs if log.uses)
+        self.keep_going = any(log.keep_going for log in logs)
+        self.strict = any(log.strict for log in logs)
+        self.knows_no_returns = any(log.knows_no_returns for log in logs)
+        self.is_depth_camera = all(log.is_depth_camera for log in logs)
+        self.is_raw = any(log.is_raw for log in logs)
+        self.may_be_zero = any(log.may_be_zero for log in logs)
+        self.zero_is = first.zero_is
+        self._at = 0
+
+    @property
+    def cut_off(self) -> float | None:
+        """The largest of all logs."""
+        return max((limit for log in self._logs if (limit := log.cut_off) is not None), default=None)
+
+    @property
+    def share_read(self) -> float | None:
+        """Each log counts alike; None where one cannot tell how much of it is read."""
+        if self._at >= len(self._logs):
+            return 1.0
+        share = self._logs[self._at].share_read
+        return None if share is None else (self._at + share) / len(self._logs)
+
+    def _scans(self) -> Iterator[Scan]:
+        self.notes.clear()
+        for i, log in enumerate(self._logs):
+            self._at = i
+            log.zero_is = self.zero_is
+            try:
+                yield from log
+            finally:
+                self.notes += log.notes
+                self.zeros += log.zeros
+                for kind, one in log.skipped.items():
+                    self._take_over(kind, one)
+        self._at = len(self._logs)
+
+    def _take_over(self, kind: str, one: Skipped) -> None:
+        """What one of the logs has passed over counts for all."""
+        before = self.skipped.get(kind)
+        if before is None:
+            self.skipped[kind] = Skipped(one.count, one.first, one.summary)
+            return
+        before.count += one.count
+        before.summary = "; ".join(text for text in (before.summary, one.summary) if text) or None

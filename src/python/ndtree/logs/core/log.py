@@ -1,0 +1,394 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What all logs have in common, and those whose lines a parser reads."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+from numpy.typing import ArrayLike
+
+from ndtree.base.scan import Scan
+from ndtree.logs.core.archive import save_archive
+from ndtree.logs.core.failures import NoPose, readable
+from ndtree.logs.core.padding import without_padding
+from ndtree.logs.core.plain_file import DamagedStream, open_plain
+from ndtree.logs.core.selection import Selection
+from ndtree.logs.core.silence import CutOff, cut_off_of
+
+#: The kind of scans that are left out unless `Log.strict`.
+UNPOSED = "scans without a pose"
+
+
+@dataclass
+class Skipped:
+    """What was passed over of one kind: how often, what was said of the first, and of all together."""
+
+    count: int
+    first: str
+    summary: str | None = None
+
+
+class Log(ABC):
+    """An iterable of `Scan`; every loop starts again from the first.
+
+    Attributes
+    ----------
+    path : str or None
+        The file; None for a simulated log.
+    format : str
+        The word for ``format=`` of `read`, or "simulated".
+    dim : int
+        Number of coordinates of a point.
+    uses : str
+        What of the file is read, where it holds more than one log.
+    hint : str
+        What may help where no scan has a pose.
+    keep_going : bool
+        Pass over what is damaged instead of raising.
+    strict : bool
+        Raise for scans whose pose is not known, and for files that end too early, instead of leaving out what
+        cannot be used.
+    no_return_range : float or None
+        Up to where a beam that met nothing is free [m] if the log does not say; None: it says nothing then.
+    notes : list of str
+        What the reader decided, and a user should know, each in one line.
+    knows_no_returns : bool
+        Whether the scans may say of beams that nothing was hit.
+    is_depth_camera : bool
+        Whether ranges are from structured light or stereo, whose noise grows with the squared range.
+    zero_is : {"no-echo", "invalid"} or None
+        What beams with a range of 0 mean: that nothing was hit, or nothing at all. None: not stated, and they
+        mean nothing; `ndtree.tuning.settings.settle` lets the log decide.
+    may_be_zero : bool
+        Whether the format can tell such beams, and their directions.
+    zeros : int
+        Such beams in what the last loop has read.
+    may_be_cut_off : bool
+        Whether readings at the log's largest range may be a driver's way to say that nothing was hit.
+    marks_no_returns : bool
+        Whether the format has a mark for beams without return.
+    is_raw : bool
+        Whether scans are as a robot recorded them, not prepared for mapping.
+    may_be_padded : bool
+        Whether beams that end nearer than 1 mm to their sensor are padding, and become invalid; those of no
+        length are so already. Not where the unit of length is not known, nor where another log has looked.
+    skipped : dict of str to Skipped
+        By kind, what the last loop has passed over so far.
+    """
+
+    format: str
+    uses: str = ""
+    hint: str = ""
+    knows_no_returns = True
+    is_depth_camera = False
+    is_raw = False
+    may_be_padded = True
+    may_be_zero = False
+    may_be_cut_off = False
+    marks_no_returns = False
+
+    def __init__(self, path: str | None, dim: int) -> None:
+        self.path = path
+        self.dim = dim
+        self.keep_going = False
+        self.strict = False
+        self.no_return_range: float | None = None
+        self.zero_is: str | None = None
+        self.zeros = 0
+        self.notes: list[str] = []
+        self.skipped: dict[str, Skipped] = {}
+        self._done = 0
+        self._cut_off: CutOff | None = None
+        self._is_searched = not self.may_be_cut_off
+
+    @property
+    def name(self) -> str:
+        """How reports call the log: by its path."""
+        return self.path or self.format
+
+    def __iter__(self) -> Iterator[Scan]:
+        self.skipped.clear()
+        self._unposed: dict[str, float] = {}
+        self._done = self.zeros = 0
+        try:
+            with readable(self.path, f"cannot be read as a {self.format} log"):
+                self._search_cut_off()
+                for scan in self._scans():
+                    self._done += 1
+                    if self.may_be_padded:
+                        scan = _without_padding(scan)
+                    if self._cut_off is not None:
+                        scan = self._cut_off.applied(scan)
+                    yield scan
+            if self._unposed and not self._done:
+                self._sum_up_unposed()
+                left_out = self.skipped[UNPOSED]
+                hint = f"; {self.hint}" if self.hint else ""
+                raise ValueError(f"{self.name}: {left_out.summary}{hint}; the first: {left_out.first}")
+        except (ValueError, OSError) as error:
+            if not self._done:  # There is nothing to keep.
+                raise
+            self._skip("ends that cannot be read", error)
+        finally:
+            self._sum_up_unposed()
+
+    def _search_cut_off(self) -> None:
+        """Read the log once for where its ranges end; the loop that follows reports what is damaged."""
+        if self._is_searched:
+            return
+        self._is_searched = True
+        self._cut_off = self._found_cut_off()
+        self._done = self.zeros = 0
+        self.skipped.clear()
+        self._unposed = {}
+
+    def _found_cut_off(self) -> CutOff | None:
+        def whole() -> Iterator[Scan]:
+            with contextlib.suppress(ValueError, OSError):
+                yield from self._scans()
+
+        return cut_off_of(whole(), says_itself=self.marks_no_returns)
+
+    @property
+    def cut_off(self) -> float | None:
+        """The log's largest range [m], if readings there are taken for beams that met nothing."""
+        self._search_cut_off()
+        return None if self._cut_off is None else self._cut_off.at
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """First and last time [s] of "scans" and of "poses", where the log has them apart."""
+        return {}
+
+    @property
+    def share_read(self) -> float | None:
+        """How much of the log the last loop has read, 0 to 1; None where that is not known."""
+        return None
+
+    def select(
+        self,
+        *,
+        every: int = 1,
+        start: float | None = None,
+        stop: float | None = None,
+        min_range: float = 0.0,
+        stride: int = 1,
+        box: tuple[ArrayLike, ArrayLike] | None = None,
+        origin: ArrayLike | None = None,
+    ) -> Log:
+        """A part of the log, read as lazily as the log itself.
+
+        Parameters
+        ----------
+        every : int
+            Of the scans that `start` and `stop` leave, the first and every n-th after it.
+        start, stop : float, optional
+            Only scans at these times since the log's first scan, [start, stop) [s]. Reading ends with the
+            first scan at `stop` or later. For logs whose scans have stamps.
+        min_range : float
+            Shorter beams are left out [m].
+        stride : int
+            Of each scan's beams, the first and every n-th after it.
+        box : (lower, upper), optional
+            Two points (dim,) [m]: of each beam what lies up to where it leaves [lower, upper). Beams that end
+            in the box stay as they are. Others that pass it say that it is free up to where they leave it.
+            The rest is left out. Beams from outside keep their origin: the way to the box is free, too.
+        origin : (dim,), optional
+            Point of the log that becomes the map's origin [m], for far-away coordinates. It is subtracted
+            first, in double precision: `box` is in the map.
+
+        Returns
+        -------
+        Log
+
+        Raises
+        ------
+        ValueError
+            If a value is out of its limits, or does not fit the log's ``dim``.
+        """
+        parts = {"every": every, "start": start, "stop": stop, "min_range": min_range, "stride": stride}
+        return SelectedLog(self, Selection(self.dim, **parts, box=box, origin=origin))
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> int:
+        """Write all scans to one .npz file, which `read` reads.
+
+        Parameters
+        ----------
+        path : str or path
+            Its name ends in .npz; it appears whole or not at all.
+        progress : callable, optional
+            Called as ``progress(what, done, total)`` with numbers of scans.
+
+        Returns
+        -------
+        int
+            Number of scans.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        ValueError
+            If the log is damaged or empty, or its beams have origins or noise of their own, for which the
+            file has no place.
+        """
+        return save_archive(self._watched(progress), path, self.name)
+
+    def _watched(self, progress: Callable[[str, int, int], None] | None) -> Iterator[Scan]:
+        total = len(self) if isinstance(self, SizedLog) else 0
+        for done, scan in enumerate(self, start=1):
+            yield scan
+            if progress is not None:
+                progress("writing", done, total)
+
+    @abstractmethod
+    def _scans(self) -> Iterator[Scan]:
+        """Read the scans from the first on."""
+
+    def _skip(self, kind: str, error: Exception) -> None:
+        """Raise an error, or with ``keep_going`` note it: the reader then goes on behind the damage.
+
+        `kind` is in the plural, as in "scans without a pose"; a reader returns where nothing can follow.
+        """
+        if not self.keep_going:
+            raise error
+        if kind in self.skipped:
+            self.skipped[kind].count += 1
+        else:
+            self.skipped[kind] = Skipped(1, str(error))
+
+    def _leave_out(self, kind: str, error: Exception, summary: str | None = None) -> None:
+        """Note what cannot be used but is no damage either; with ``strict`` raise it."""
+        if self.strict:
+            raise error
+        if kind in self.skipped:
+            self.skipped[kind].count += 1
+        else:
+            self.skipped[kind] = Skipped(1, str(error), summary)
+
+    def _leave_out_unposed(self, error: NoPose) -> None:
+        """Note a scan at whose time no pose is known; with ``strict`` raise it."""
+        self._leave_out(UNPOSED, error)
+        self._unposed[error.where] = max(self._unposed.get(error.where, 0.0), error.seconds)
+
+    def _sum_up_unposed(self) -> None:
+        """Say once how many scans had no pose, and why."""
+        if not self._unposed:
+            return
+        left_out = self.skipped[UNPOSED]
+        ways = {
+            "before": "the poses begin {} s later",
+            "after": "the poses end {} s earlier",
+            "in a gap": "the poses have gaps of up to {} s",
+        }
+        seconds = {at: f"{s:.2f}" if s < 1e9 else f"{s:.3g}" for at, s in self._unposed.items()}
+        why = ", ".join(text.format(seconds[at]) for at, text in ways.items() if at in seconds)
+        total = left_out.count + self._done
+        left_out.summary = f"{left_out.count} of {total} scans had no pose: {why}"
+
+    def __repr__(self) -> str:
+        return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D>"
+
+
+def _without_padding(scan: Scan) -> Scan:
+    """The scan without padding; beams of no length stay as they are, for they are invalid already."""
+    ends = without_padding(scan.endpoints, scan.origin)
+    if ends is scan.endpoints:
+        return scan
+    without_length = (scan.endpoints == scan.origin).all(axis=1)
+    ends[without_length] = scan.endpoints[without_length]
+    return replace(scan, endpoints=ends)
+
+
+class LineLog(Log):
+    """A text file, packed by gzip or not, whose lines a parser turns into scans."""
+
+    path: str
+    may_be_cut_off = True
+    _place = 0
+
+    @property
+    def share_read(self) -> float | None:
+        """By the place in the file, packed or not."""
+        return min(1.0, self._place / max(os.path.getsize(self.path), 1))
+
+    def _parsed(self, parse: Callable[[str], Scan | None]) -> Iterator[Scan]:
+        """Scans that a parser finds in the lines; its errors get the file's name."""
+        with open_plain(self.path) as file:
+            try:
+                for line in file:
+                    try:
+                        scan = parse(line.decode("utf-8", "replace").rstrip("\r\n"))
+                    except ValueError as error:
+                        self._skip("damaged lines", ValueError(f"{self.path}: {error}"))
+                        continue
+                    if scan is not None:
+                        self._place = file.place
+                        yield scan
+            except DamagedStream as error:
+                self._skip(f"damaged {error.kind} streams", error)
+
+
+class SizedLog(Log):
+    """A log that knows its number of scans without being read."""
+
+    @abstractmethod
+    def __len__(self) -> int: ...
+
+    @property
+    def share_read(self) -> float | None:
+        """By the number of scans."""
+        return self._done / max(len(self), 1)
+
+    def __repr__(self) -> str:
+        return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D, {len(self)} scans>"
+
+
+class SelectedLog(Log):
+    """The part of a log that `Log.select` chose; it is read as lazily as the log."""
+
+    may_be_padded = False
+
+    def __init__(self, log: Log, selection: Selection) -> None:
+        super().__init__(log.path, log.dim)
+        self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
+        self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
+        self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
+        self.skipped = log.skipped
+        self.zero_is, self.may_be_zero = log.zero_is, log.may_be_zero
+        self._log = log
+        self._selection = selection
+
+    @property
+    def name(self) -> str:
+        """How reports call the log: as the whole one."""
+        return self._log.name
+
+    @property
+    def cut_off(self) -> float | None:
+        """As of the whole log."""
+        return self._log.cut_off
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """As of the whole log."""
+        return self._log.spans
+
+    @property
+    def share_read(self) -> float | None:
+        """As of the whole log."""
+        return self._log.share_read
+
+    def _scans(self) -> Iterator[Scan]:
+        self._log.zero_is = self.zero_is
+        yield from self._selection.of(self._log, self.name)
+        self.zeros = self._log.zeros

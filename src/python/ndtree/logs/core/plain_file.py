@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files for reading: regular ones only, unpacked where gzip or bzip2 has packed them, and never endless."""
+
+from __future__ import annotations
+
+import bz2
+import codecs
+import gzip
+import io
+import os
+import stat
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+from ndtree.logs.core.failures import one_line
+
+GZIP_MAGIC = b"\x1f\x8b"
+BZIP2_MAGIC = b"BZh"
+
+#: Longer lines are no text of anybody's.
+LINE_BYTES = 1 << 24
+#: FREE_BYTES are unpacked from however little; beyond that, a packed byte stands for MOST_PACKED at most.
+FREE_BYTES, MOST_PACKED = 1 << 26, 1000
+_PART = 1 << 17
+
+
+class DamagedStream(ValueError):
+    """What gzip or bzip2 has packed cannot be unpacked to its end.
+
+    Attributes
+    ----------
+    kind : str
+        "gzip" or "bzip2".
+    is_cut_off : bool
+        It only ends too early.
+    """
+
+    def __init__(self, message: str, kind: str, is_cut_off: bool) -> None:
+        super().__init__(message)
+        self.kind = kind
+        self.is_cut_off = is_cut_off
+
+
+def open_regular(path: str | os.PathLike[str]) -> IO[bytes]:
+    """Open a file for reading, if it is one: a FIFO would wait for a writer, and a device may have no end.
+
+    Raises
+    ------
+    OSError
+        If there is none, it cannot be read, or is a folder or anything else; it names the file.
+    """
+    return open(path, "rb", opener=_opened)
+
+
+def _opened(path: str, flags: int) -> int:
+    handle = os.open(path, flags | os.O_NONBLOCK)
+    mode = os.fstat(handle).st_mode
+    if stat.S_ISREG(mode):
+        return handle
+    os.close(handle)
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(21, os.strerror(21), path)
+    raise OSError(22, "is no regular file, expected one", path)
+
+
+class PlainFile:
+    """Content of a file, unpacked on the way.
+
+    Iterating gives its lines, each with its end, the first without a byte order mark. Reading stops with a
+    ValueError that names file and line where the file is damaged, where a line is longer than `LINE_BYTES`,
+    and where it unpacks to more than any log does: beyond `FREE_BYTES`, `MOST_PACKED` for each byte that is
+    packed.
+
+    Attributes
+    ----------
+    line : int
+        Number of the line that was read last, from 1.
+    """
+
+    def __init__(self, path: str, file: IO[bytes]) -> None:
+        self.path = path
+        self.line = 0
+        self._file = file
+        magic = file.read(max(len(GZIP_MAGIC), len(BZIP2_MAGIC)))
+        file.seek(0)
+        raw: Any = None
+        if magic.startswith(GZIP_MAGIC):
+            raw = _Unpacked(path, "gzip", gzip.GzipFile(fileobj=file), file)
+        elif magic == BZIP2_MAGIC:
+            raw = _Unpacked(path, "bzip2", bz2.BZ2File(file), file)
+        self._content: Any = file if raw is None else io.BufferedReader(raw, _PART)
+
+    @property
+    def place(self) -> int:
+        """How much of the file, packed as it is, has been read [bytes]."""
+        return self._file.tell()
+
+    def __iter__(self) -> Iterator[bytes]:
+        readline = self._content.readline
+        while True:
+            try:
+                line = readline(LINE_BYTES + 1)
+            except DamagedStream as error:
+                raise DamagedStream(
+                    f"{self.path}: behind line {self.line}: {error}, expected a whole one",
+                    error.kind,
+                    error.is_cut_off,
+                ) from None
+            if not line:
+                return
+            self.line += 1
+            if self.line == 1 and line.startswith(codecs.BOM_UTF8):
+                line = line[len(codecs.BOM_UTF8) :] or b"\n"
+            if len(line) > LINE_BYTES:
+                raise ValueError(
+                    f"{self.path}: line {self.line}: longer than {LINE_BYTES >> 20} MiB, expected text"
+                )
+            yield line
+
+    def read(self, size: int) -> bytes:
+        """At most `size` bytes: fewer at the end."""
+        content: bytes = self._content.read(size)
+        return content
+
+    def beginning(self, size: int) -> tuple[bytes, DamagedStream | None]:
+        """The first bytes, and why there are fewer than asked for, if that is because of damage."""
+        head = b""
+        try:
+            while len(head) < size:
+                part = self._content.read1(size - len(head))
+                if not part:
+                    break
+                head += part
+        except DamagedStream as error:
+            return head, error
+        return head, None
+
+
+class _Unpacked(io.RawIOBase):
+    """What is packed, as far as it may be unpacked."""
+
+    def __init__(self, path: str, kind: str, stream: Any, file: IO[bytes]) -> None:
+        self._path, self._kind, self._stream, self._file = path, kind, stream, file
+        self._count = 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        try:
+            part = self._stream.read1(len(buffer))
+        except EOFError:
+            raise DamagedStream(f"the {self._kind} stream is cut off or damaged", self._kind, True) from None
+        except (OSError, zlib.error) as error:
+            if isinstance(error, OSError) and error.errno is not None:
+                raise  # Not what the unpackers say of their data.
+            raise DamagedStream(
+                f"the {self._kind} stream is cut off or damaged ({one_line(error)})", self._kind, False
+            ) from None
+        self._count += len(part)
+        if self._count > FREE_BYTES + MOST_PACKED * self._file.tell():
+            raise ValueError(
+                f"{self._path}: {self._file.tell()} bytes of {self._kind} unpack to more than "
+                f"{self._count >> 20} MiB, expected at most {MOST_PACKED} for one"
+            )
+        buffer[: len(part)] = part
+        return len(part)
+
+
+@contextmanager
+def open_plain(path: str | os.PathLike[str]) -> Iterator[PlainFile]:
+    """Open a file for reading; what gzip or bzip2 has packed is unpacked on the way."""
+    with open_regular(path) as file:
+        yield PlainFile(os.fspath(path), file)
+
+
+def text_lines(path: str | os.PathLike[str]) -> Iterator[tuple[int, str]]:
+    """Lines of a text file, packed or not, with their numbers from 1; bytes that are no UTF-8: U+FFFD."""
+    with open_plain(path) as file:
+        for line in file:
+            yield file.line, line.decode("utf-8", "replace")
+
+
+class BoundedPath(type(Path())):  # type: ignore[misc]
+    """A path for libraries that open it: regular files only, and reads of no more bytes than the file has.
+
+    A false length in a file would else make room for as much as it says.
+    """
+
+    def open(self, mode: str = "r", *more: Any, **named: Any) -> IO[Any]:
+        if mode != "rb" or more or named:
+            return super().open(mode, *more, **named)
+        with open_regular(self) as file:
+            return _BoundedFile(io.FileIO(os.dup(file.fileno())))
+
+
+class _BoundedFile(io.BufferedReader):
+    def read(self, size: int | None = -1) -> bytes:
+        if size is not None and size > 0:
+            size = min(size, os.fstat(self.fileno()).st_size)
+        return super().read(size)

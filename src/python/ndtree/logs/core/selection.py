@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parts of a log: some of its scans, some of their beams, cut to a box, counted from another origin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ndtree.base.scan import Scan
+
+Floats = NDArray[np.float64]
+
+
+class Selection:
+    """Which scans of a log, and what of them; see `Log.select` for the parameters."""
+
+    def __init__(
+        self,
+        dim: int,
+        *,
+        every: int = 1,
+        start: float | None = None,
+        stop: float | None = None,
+        min_range: float = 0.0,
+        stride: int = 1,
+        box: tuple[ArrayLike, ArrayLike] | None = None,
+        origin: ArrayLike | None = None,
+    ) -> None:
+        for name, value in (("every", every), ("stride", stride)):
+            if value != int(value) or value < 1:
+                raise ValueError(f"{name} = {value}: must be a whole number >= 1")
+        self._every, self._stride = int(every), int(stride)
+        if not 0 <= min_range < math.inf:
+            raise ValueError(f"min_range = {min_range:g} m: must be >= 0 and finite")
+        self._min_range = float(min_range)
+        self._is_timed = start is not None or stop is not None
+        self._start = 0.0 if start is None else float(start)
+        self._stop = math.inf if stop is None else float(stop)
+        if not 0 <= self._start < self._stop:
+            raise ValueError(f"start = {self._start:g} s, stop = {self._stop:g} s: must be 0 <= start < stop")
+        self._box = None if box is None else _box(box, dim)
+        self._origin = None if origin is None else _point("origin", origin, dim)
+
+    def of(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
+        """The part of some scans, read as they are asked for; `name` is how errors call their log."""
+        for number, scan in enumerate(self._in_time(scans, name)):
+            if number % self._every == 0:
+                yield self._cut(scan)
+
+    def _in_time(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
+        first = math.nan
+        for i, scan in enumerate(scans):
+            if i == 0:
+                first = scan.stamp
+            elif i == 1 and self._is_timed and first == scan.stamp == 0.0:
+                raise ValueError(f"{name}: its scans have no times, expected neither start nor stop")
+            if scan.stamp - first >= self._stop:
+                return
+            if scan.stamp - first >= self._start:
+                yield scan
+
+    def _cut(self, scan: Scan) -> Scan:
+        if self._origin is not None:
+            # In double precision whatever the log has: far-away coordinates lose nothing more than they have.
+            ends = scan.endpoints.astype(np.float64) - self._origin
+            scan = replace(scan, endpoints=ends, origin=scan.origin.astype(np.float64) - self._origin)
+        if self._stride > 1:
+            scan = scan.only(slice(None, None, self._stride))
+        if self._min_range > 0:
+            length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
+            scan = scan.only(~(length < self._min_range))
+        return scan if self._box is None else _cropped(scan, *self._box)
+
+
+def _cropped(scan: Scan, lower: Floats, upper: Floats) -> Scan:
+    """The beams that touch a box, cut off where they leave it."""
+    start = np.broadcast_to(scan.origin, scan.endpoints.shape).astype(np.float64)
+    end = scan.endpoints.astype(np.float64)
+    way = end - start
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = np.stack([(lower - start) / way, (upper - start) / way])
+    # Along an axis on which a beam does not move, it is inside all the way or nowhere.
+    still, between = way == 0, (start >= lower) & (start < upper)
+    enter = np.where(still, np.where(between, -np.inf, np.inf), at.min(axis=0)).max(axis=1)
+    leave = np.where(still, np.where(between, np.inf, -np.inf), at.max(axis=0)).min(axis=1)
+    ends_inside = ((end >= lower) & (end < upper)).all(axis=1)
+    touches = np.isfinite(way).all(axis=1) & (enter < leave) & (enter < 1) & (leave > 0)
+    keep = ends_inside | touches
+    cut = keep & ~ends_inside & (leave < 1)
+    end[cut] = start[cut] + leave[cut, None] * way[cut]
+    returned = np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned
+    cropped = replace(scan, endpoints=end, returned=returned & ends_inside)
+    return cropped.only(keep)
+
+
+def _box(box: tuple[ArrayLike, ArrayLike], dim: int) -> tuple[Floats, Floats]:
+    if len(box) != 2:
+        raise ValueError(f"box has {len(box)} corners: must be (lower, upper)")
+    lower, upper = (_point("box", corner, dim) for corner in box)
+    if not (lower < upper).all():
+        raise ValueError(
+            f"box from {lower.tolist()} to {upper.tolist()}: must be lower < upper on every axis"
+        )
+    return lower, upper
+
+
+def _point(name: str, values: ArrayLike, dim: int) -> Floats:
+    point = np.asarray(values, dtype=np.float64)
+    if point.shape != (dim,) or not np.isfinite(point).all():
+        raise ValueError(f"{name} has a point {np.asarray(values).tolist()}: must be {dim} finite numbers")
+    return point

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Readings at the largest range of a log: a driver wrote them where nothing was hit.
+
+Strategy: the log is read once for its largest range, and for whether several readings of one scan are exactly
+there, and more than just below. What is measured does not come twice to the last bit; a limit does. In every
+scan with several of them, these readings did not return.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.base.scan import Scan
+
+#: This many readings of one scan at the largest range of all are cut off there, not measured.
+LEAST_CUT_OFF = 2
+#: Of the largest range: readings so near below it are fewer than those at it.
+_NEAR = 0.01
+#: Coordinates in files have at most this many decimals where they are rounded to be read by people.
+_MOST_DECIMALS = 6
+#: Points that are looked at for these.
+_MOST_POINTS = 1000
+
+
+@dataclass(frozen=True)
+class CutOff:
+    """Where the ranges of a log end.
+
+    Attributes
+    ----------
+    at : float
+        Their largest [m].
+    tolerance : float
+        What is as near to it is there: end points are rounded [m].
+    """
+
+    at: float
+    tolerance: float
+
+    def applied(self, scan: Scan) -> Scan:
+        """The scan, in which readings there did not return if there are several."""
+        there = _ranges(scan) >= self.at - max(self.tolerance, _exact(scan))
+        if np.count_nonzero(there) < LEAST_CUT_OFF:
+            return scan
+        returned = ~there if scan.returned is None else scan.returned & ~there
+        return replace(scan, returned=returned)
+
+
+def cut_off_of(scans: Iterable[Scan], *, says_itself: bool, least_scans: int = 1) -> CutOff | None:
+    """Where the ranges of a log are cut off; None if they are not.
+
+    Nor are they if all readings of the log are equal: a round room around a laser that stands would be none.
+
+    Parameters
+    ----------
+    scans : iterable of Scan
+    says_itself : bool
+        The log has a mark for beams that did not return: if it has any, it means all.
+    least_scans : int
+        This many scans have several readings there: 1 where all scans are given, more of a sample.
+    """
+    largest = tolerance = 0.0
+    has_shorter, cut, there, below = False, 0, 0, 0
+    for scan in scans:
+        if says_itself and scan.returned is not None and not scan.returned.all():
+            return None
+        ranges = _ranges(scan)
+        farthest = float(ranges.max(initial=-1.0))
+        if farthest <= 0:
+            continue
+        if farthest >= largest - tolerance:
+            own = _rounding(scan)
+            has_shorter |= 0 < largest < farthest - own
+            if farthest > largest + own:
+                cut = there = below = 0
+            largest, tolerance = max(largest, farthest), own
+            count = int(np.count_nonzero(ranges >= largest - tolerance))
+            if count >= LEAST_CUT_OFF:
+                cut += 1
+                there += count
+                below += int(np.count_nonzero(ranges >= (1 - _NEAR) * largest)) - count
+        has_shorter = has_shorter or bool(((ranges > 0) & (ranges < largest - tolerance)).any())
+    return CutOff(largest, tolerance) if cut >= least_scans and has_shorter and there > below else None
+
+
+def _ranges(scan: Scan) -> NDArray[np.float64]:
+    """Of the beams that returned [m]; -1 for the others."""
+    way = scan.endpoints - scan.origin
+    ranges = np.sqrt(np.einsum("ij,ij->i", way, way, dtype=np.float64))
+    use = np.isfinite(ranges)
+    if scan.returned is not None:
+        use &= scan.returned
+    return np.where(use, ranges, -1.0)
+
+
+def _rounding(scan: Scan) -> float:
+    """By how much two equal ranges may differ, once they are end points [m]."""
+    exact = _exact(scan)
+    known = scan.endpoints[np.isfinite(scan.endpoints).all(axis=1)][:_MOST_POINTS]
+    for decimals in range(2, _MOST_DECIMALS + 1):
+        if np.allclose(known, np.round(known, decimals), rtol=0, atol=exact):
+            return exact + 2.0 * 10.0**-decimals
+    return exact
+
+
+def _exact(scan: Scan) -> float:
+    """By how much, if they were float32 once, as in most files [m]."""
+    known = np.abs(scan.endpoints[np.isfinite(scan.endpoints)])
+    largest = max(float(known.max(initial=0.0)), float(np.abs(scan.origin).max(initial=0.0)))
+    return 4 * float(np.finfo(np.float32).eps) * largest

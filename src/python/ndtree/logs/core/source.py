@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a format is, and what it is recognised from."""
+
+from __future__ import annotations
+
+import codecs
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ndtree.logs.core.failures import WrongOption
+from ndtree.logs.core.log import Log
+from ndtree.logs.core.plain_file import open_plain
+
+__all__ = ["Format", "ReaderOption", "Source", "WrongOption", "require_dim", "source_of"]
+
+HEAD_BYTES = 1 << 18
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file or a folder that somebody wants to read.
+
+    Attributes
+    ----------
+    path : str
+        Its name as it was given.
+    head : bytes
+        The first 256 KiB of a file, unpacked by gzip, without a byte order mark, cut at the end of a line
+        where there is more; empty for a folder.
+    names : tuple of str
+        Names of a folder's entries, sorted; empty for a file.
+    is_folder : bool
+    """
+
+    path: str
+    head: bytes
+    names: tuple[str, ...] = ()
+    is_folder: bool = False
+
+    def inside(self, *parts: str) -> str:
+        """Path of something in the folder."""
+        return os.path.join(self.path, *parts)
+
+
+@dataclass(frozen=True)
+class ReaderOption:
+    """A keyword that `read` hands to a format, and a flag of the command line.
+
+    Formats that mean the same by a name share one object.
+    """
+
+    name: str
+    type: type
+    help: str
+
+
+@dataclass(frozen=True)
+class Format:
+    """One row of the table of formats: how to recognise it, and how to open it.
+
+    Attributes
+    ----------
+    name : str
+        The word for ``format=``.
+    description : str
+        With its article, for messages: "a CARMEN log".
+    recognises : callable
+        Whether a `Source` is of this format. It may raise ValueError where the source is certainly of this
+        format, and damaged.
+    open : callable
+        ``open(source, dim=..., **options)`` makes the `Log`; ``dim`` is None, 2 or 3.
+    options : tuple of ReaderOption
+        What ``open`` takes beside ``dim``.
+    stored_as : {"file", "folder", "either"}
+        Nothing else is handed to ``recognises`` and ``open``.
+    contents : callable, optional
+        ``contents(source)`` says as a dictionary what else is in it, also where it cannot be opened as a log.
+    """
+
+    name: str
+    description: str
+    recognises: Callable[[Source], bool]
+    open: Callable[..., Log]
+    options: tuple[ReaderOption, ...] = ()
+    stored_as: str = "file"
+    contents: Callable[[Source], dict[str, Any]] | None = None
+
+    def may_be(self, source: Source) -> bool:
+        """Whether it is stored as the source is: as a file or as a folder."""
+        return self.stored_as in ("either", "folder" if source.is_folder else "file")
+
+
+def source_of(path: str, expected: str) -> Source:
+    """Look at a file or a folder.
+
+    Raises
+    ------
+    OSError
+        If there is no such file, or it cannot be read.
+    ValueError
+        If it is empty, or gzip cannot unpack its beginning; `expected` says what it should have been.
+    """
+    if os.path.isdir(path):
+        return Source(path, b"", tuple(sorted(os.listdir(path))), is_folder=True)
+    return Source(path, _head(path, expected))
+
+
+def require_dim(source: Source, format: Format, has: int, wanted: int | None) -> None:
+    """Refuse a `wanted` dimension that a format does not have; None is any."""
+    if wanted not in (None, has):
+        raise ValueError(f"{source.path}: {format.description} is {has}-D, expected dim={has}")
+
+
+def _head(path: str, expected: str) -> bytes:
+    """The first bytes, unpacked, cut at the end of a line if there is more."""
+    with open_plain(path) as file:
+        head, damage = file.beginning(HEAD_BYTES)
+    if len(head) == HEAD_BYTES or damage:
+        whole = head[: head.rfind(b"\n") + 1]
+        head = whole if damage else whole or head
+    head = head.removeprefix(codecs.BOM_UTF8)
+    if damage and not (damage.is_cut_off and head):  # What there is may still tell the format.
+        what = "cut off" if damage.is_cut_off else "damaged"
+        raise ValueError(f"{path}: the {damage.kind} stream is {what}, expected {expected}")
+    if not head.strip():
+        raise ValueError(f"{path}: the file is empty, expected {expected}")
+    return head

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files of one point cloud: PCD, PLY, LAS and LAZ."""
+
+from __future__ import annotations
+
+import codecs
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.logs.core.plain_file import open_regular
+from ndtree.logs.folders.las_files import las_points
+from ndtree.logs.folders.pcd_files import pcd_columns
+from ndtree.logs.folders.ply_files import ply_columns
+from ndtree.logs.poses.pose import Pose
+
+Points = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class CloudFile:
+    """One kind of file: its endings, how its content begins, and how its points are read.
+
+    ``points`` makes (n, 3) of a path, float32 where the file has no more [m]; it raises ValueError that says
+    what is wrong with the file.
+    """
+
+    name: str
+    endings: tuple[str, ...]
+    magic: tuple[bytes, ...]
+    points: Callable[[str], Points]
+
+
+def pcd_points(path: str) -> Points:
+    """Points of a PCD: ascii, binary or binary_compressed; NaN where the sensor measured nothing."""
+    return _columns(*pcd_columns(path))
+
+
+def pcd_viewpoint(path: str) -> Pose:
+    """Pose of the sensor in a PCD's header; the identity where the header has none."""
+    with open_regular(path) as file:
+        for _ in range(100):
+            line = file.readline(4096)
+            if not line or line.startswith(b"DATA"):
+                break
+            if line.startswith(b"VIEWPOINT"):
+                fields = line.decode("ascii", "replace").split()[1:]
+                try:
+                    x, y, z, qw, qx, qy, qz = (float(field) for field in fields)
+                    if not np.isfinite((x, y, z)).all():
+                        raise ValueError("not finite")
+                    return Pose.from_quaternion((x, y, z), (qx, qy, qz, qw))
+                except ValueError as error:
+                    raise ValueError(
+                        f"{path}: VIEWPOINT: found {' '.join(fields)!r}, expected x y z qw qx qy qz ({error})"
+                    ) from None
+    return Pose.identity()
+
+
+def ply_points(path: str) -> Points:
+    """Vertices of a PLY, ascii or binary, with or without faces."""
+    return _columns(*ply_columns(path))
+
+
+CLOUD_FILES = (
+    CloudFile("PCD", (".pcd",), (b"# .PCD", b"# .pcd", b"VERSION", b"FIELDS", b"COLUMNS"), pcd_points),
+    CloudFile("PLY", (".ply",), (b"ply\n", b"ply\r"), ply_points),
+    CloudFile("LAS", (".las", ".laz"), (b"LASF",), las_points),
+)
+
+
+#: A PCD's header may begin with any comments and blank lines; bytes of a file that are looked at for it.
+_PCD_HEADER = re.compile(
+    rb"\s*#[ \t]*\.PCD\b|(?:\s*#[^\n]*\n)*\s*(?:VERSION|FIELDS|COLUMNS)[ \t]", re.IGNORECASE
+)
+_LOOKED_AT = 4096
+
+
+def kind_of_file(head: bytes) -> CloudFile | None:
+    """What a file is by its first bytes."""
+    head = head.removeprefix(codecs.BOM_UTF8)
+    for kind in CLOUD_FILES:
+        if head.startswith(kind.magic):
+            return kind
+    return kind_of_name("a.pcd") if _PCD_HEADER.match(head[:_LOOKED_AT]) else None
+
+
+def kind_of_name(name: str) -> CloudFile | None:
+    """What a file should be by the ending of its name."""
+    ending = os.path.splitext(name)[1].lower()
+    for kind in CLOUD_FILES:
+        if ending in kind.endings:
+            return kind
+    return None
+
+
+def points_of_file(path: str) -> Points:
+    """(n, 3) points of a file that is one of these by its content."""
+    with open_regular(path) as file:
+        kind = kind_of_file(file.read(_LOOKED_AT))
+    if kind is None:
+        raise ValueError(f"{path}: expected a {', '.join(kind.name for kind in CLOUD_FILES)} or LAZ file")
+    return kind.points(path)
+
+
+def _columns(*columns: NDArray[Any]) -> Points:
+    small = all(column.dtype.newbyteorder("=") == np.float32 for column in columns)
+    return np.stack([column.astype(np.float32 if small else np.float64) for column in columns], axis=1)

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Depth images: a pixel with a depth is a measured point, one without says nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.logs.core.plain_file import open_regular
+from ndtree.logs.core.source import ReaderOption
+
+CAMERA = ReaderOption("camera", str, "Of depth images: fx,fy,cx,cy[,image values per metre].")
+PIXEL_STRIDE = ReaderOption("pixel_stride", int, "Use each n-th row and column of depth images.")
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera whose image holds depths along its optical axis, z.
+
+    Attributes
+    ----------
+    fx, fy : float
+        Focal lengths [px], > 0.
+    cx, cy : float
+        Principal point [px]; the middle of the first pixel is (0, 0).
+    scale : float
+        Image values in a metre, > 0.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("fx", "fy", "scale"):
+            value = getattr(self, name)
+            if not (value > 0 and math.isfinite(value)):
+                raise ValueError(f"{name} = {value:g} of the camera: must be > 0 and finite")
+        for name in ("cx", "cy"):
+            if not math.isfinite(getattr(self, name)):
+                raise ValueError(f"{name} = {getattr(self, name):g} of the camera: must be finite")
+
+
+def camera_of(text: str, *, scale: float) -> Camera:
+    """The camera that a text names.
+
+    Parameters
+    ----------
+    text : str
+        ``"fx,fy,cx,cy"`` or ``"fx,fy,cx,cy,scale"``.
+    scale : float
+        Where the text names none.
+
+    Raises
+    ------
+    ValueError
+        If it is something else.
+    """
+    try:
+        numbers = [float(field) for field in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (4, 5):
+        raise ValueError(f"camera = {text!r}: expected fx,fy,cx,cy or fx,fy,cx,cy,scale")
+    return Camera(*numbers[:4], scale=numbers[4] if len(numbers) == 5 else scale)
+
+
+def points_of(
+    image: NDArray[Any], camera: Camera, *, pixel_stride: int = 1, no_depth: tuple[int, ...] = ()
+) -> NDArray[np.float64]:
+    """Points that a depth image measured.
+
+    Parameters
+    ----------
+    image : ndarray, (rows, columns)
+        Integers or floats, ``camera.scale`` a metre. Zero, negative and not finite values are no depth.
+    camera : Camera
+    pixel_stride : int
+        Of each block of this many rows and columns, its middle pixel is used; >= 1.
+    no_depth : tuple of int
+        Further values that are no depth.
+
+    Returns
+    -------
+    ndarray of float64, (n, 3)
+        In the camera's frame [m]: x to the right, y down, z ahead. Row by row.
+    """
+    rays = _rays(camera, image.shape, pixel_stride)
+    first = pixel_stride // 2
+    values = image[first::pixel_stride, first::pixel_stride]
+    known = values > 0
+    if values.dtype.kind == "f":
+        known &= np.isfinite(values)
+    for value in no_depth:
+        known &= values != value
+    return rays[known] * values[known].astype(np.float64)[:, None]
+
+
+def check_stride(pixel_stride: int) -> None:
+    """Refuses what is not a number of rows and columns."""
+    if pixel_stride < 1:
+        raise ValueError(f"pixel_stride = {pixel_stride}: must be >= 1")
+
+
+@lru_cache(maxsize=4)
+def _rays(camera: Camera, shape: tuple[int, int], pixel_stride: int) -> NDArray[np.float64]:
+    """(rows, columns, 3): what a depth of one image value is in the camera's frame [m]."""
+    first = pixel_stride // 2
+    v, u = np.mgrid[first : shape[0] : pixel_stride, first : shape[1] : pixel_stride].astype(np.float64)
+    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+    return np.stack([x, y, np.ones_like(x)], axis=2) / camera.scale
+
+
+def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
+    """A depth image of one channel.
+
+    Parameters
+    ----------
+    path : str
+        A PNG of 16 bits a pixel.
+
+    Returns
+    -------
+    ndarray of uint16, (rows, columns)
+
+    Raises
+    ------
+    ImportError
+        If Pillow is not there.
+    ValueError
+        If it is no such image, or damaged.
+    """
+    try:
+        from PIL import Image, UnidentifiedImageError
+    except ImportError as error:
+        raise ImportError(
+            f"depth images in PNG need Pillow ({error}); install it with: "
+            "pip install 'ndtree-mapping[clouds]'"
+        ) from None
+    expected = "expected a PNG of one channel of 16 bits"
+    with open_regular(path) as file:
+        try:
+            with Image.open(file, formats=["PNG"]) as image:
+                # Pillow names 16 bits "I;16", and before version 10.3 widened them to "I".
+                if image.mode not in ("I;16", "I;16B", "I"):
+                    raise ValueError(f"{path}: found an image of mode {image.mode}, {expected}")
+                return np.asarray(image).astype(np.uint16)
+        except UnidentifiedImageError:
+            raise ValueError(f"{path}: not a PNG, {expected}") from None
+        except (OSError, SyntaxError, EOFError) as error:
+            raise ValueError(f"{path}: the PNG is damaged ({error}), expected a whole one") from None

@@ -1,0 +1,238 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Folders with a file for each scan: what all of them have in common."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.base.scan import Scan
+from ndtree.logs.core.failures import NoPose
+from ndtree.logs.core.log import SizedLog
+from ndtree.logs.core.silence import CutOff, cut_off_of
+from ndtree.logs.core.source import ReaderOption
+from ndtree.logs.poses.pose import Pose
+from ndtree.logs.poses.trajectory import Trajectory
+from ndtree.logs.poses.trajectory_files import read_times, read_trajectory, trajectory_kind
+
+TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to find their poses [s].")
+
+
+#: Files that are looked at for where the ranges of all end.
+_SAMPLE = 8
+
+
+class FolderLog(SizedLog):
+    """One file a scan, of which one is in memory at a time.
+
+    A scan at a time outside of the poses is left out; a pose that should be there, and is not, is an error.
+
+    Parameters
+    ----------
+    path : str
+        The folder.
+    files : sequence of str
+        Paths, in the order of the scans.
+    """
+
+    def __init__(self, path: str, files: Sequence[str]) -> None:
+        super().__init__(path, dim=3)
+        self._files = files
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    @property
+    def knows_no_returns(self) -> bool:  # type: ignore[override]
+        """Where ranges are cut off: of beams without return there is no point in a file."""
+        self._search_cut_off()
+        return self._cut_off is not None
+
+    def _scans(self) -> Iterator[Scan]:
+        for i in range(len(self)):
+            try:
+                T_map_sensor = self._pose(i)
+            except NoPose as error:
+                self._leave_out_unposed(error)
+                continue
+            except (ValueError, OSError) as error:
+                self._skip("scans without a pose", error)
+                continue
+            try:
+                points = self._points(i)
+            except (ValueError, OSError) as error:
+                self._skip("damaged scans", error)
+                continue
+            yield Scan(self._in_map(points, T_map_sensor), T_map_sensor.position, stamp=self._stamp(i))
+
+    def _found_cut_off(self) -> CutOff | None:
+        """From some of the files, evenly spread: they may be large."""
+        chosen = sorted({i * (len(self) - 1) // max(_SAMPLE - 1, 1) for i in range(_SAMPLE)})
+        return cut_off_of(self._some(chosen), says_itself=False, least_scans=min(2, len(chosen)))
+
+    def _some(self, numbers: Sequence[int]) -> Iterator[Scan]:
+        for i in numbers:
+            with contextlib.suppress(ValueError, OSError):
+                pose = self._pose(i)
+                yield Scan(self._in_map(self._points(i), pose), pose.position)
+
+    @abstractmethod
+    def _pose(self, i: int) -> Pose:
+        """T_map_sensor of a scan."""
+
+    @abstractmethod
+    def _points(self, i: int) -> NDArray[np.floating]:
+        """(n, 3): what a scan measured [m]."""
+
+    def _stamp(self, i: int) -> float:
+        """Time of a scan [s]; 0 where there is none."""
+        return 0.0
+
+    def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
+        return T_map_sensor.apply(points)
+
+
+class PosesOfFiles:
+    """Which pose of a trajectory belongs to which file of a folder.
+
+    Of a KITTI trajectory (a pose a line), the pose on the line of the number at the end of the file's name,
+    from 0. Of a TUM trajectory (poses with times), the pose at the file's time, which is its whole name
+    (see `stamps_in`), or the time on the line of its
+    number. Files without a number are counted in their order, and there must be a line for each.
+
+    Parameters
+    ----------
+    trajectory : str
+        Its file, which is read when the first pose is asked for.
+    files : sequence of str
+        Paths, in their order.
+    times : str, optional
+        File of times, one a line [s].
+    time_offset : float
+        Added to the files' times before their poses are looked up [s].
+    """
+
+    def __init__(
+        self, trajectory: str, files: Sequence[str], times: str | None = None, time_offset: float = 0.0
+    ) -> None:
+        self._path = trajectory
+        self._files = files
+        self._times_path = times
+        self._time_offset = time_offset
+        stems = [stem_of(file) for file in files]
+        stamps = stamps_in(stems)
+        self._stamps = [stamp for stamp in stamps if stamp is not None]
+        self._named_by_stamps = len(self._stamps) == len(files) > 0
+        numbers = [number_in(stem) for stem in stems]
+        known = [number for number in numbers if number is not None]
+        self._numbered = len(known) == len(files) and not self._named_by_stamps
+        self._lines = known if self._numbered else list(range(len(files)))
+
+    def pose(self, i: int) -> Pose:
+        """T_map_sensor of file i; ValueError where there is none."""
+        trajectory = self._trajectory
+        if self._is_kitti:
+            return trajectory.pose_at(self._line(i, len(trajectory), self._path, "poses"))
+        if not self._named_by_stamps and self._times is None:
+            raise ValueError(
+                f"{self._files[i]}: has no time to find its pose in {self._path}, "
+                "expected a time as its name, or times.txt beside it"
+            )
+        return trajectory.pose_at(self.stamp(i) + self._time_offset)
+
+    def stamp(self, i: int) -> float:
+        """Time of file i [s]; 0 where there is none."""
+        if self._named_by_stamps:
+            return self._stamps[i]
+        if self._times is None:
+            return 0.0
+        return float(self._times[self._line(i, len(self._times), self._times_path, "times")])
+
+    def _line(self, i: int, lines: int, path: str | None, what: str) -> int:
+        if not self._numbered and lines != len(self._files):
+            raise ValueError(
+                f"{path}: {lines} {what} for {len(self._files)} files whose names are no numbers, "
+                "expected as many"
+            )
+        line = self._lines[i]
+        if line >= lines:
+            raise ValueError(f"{self._files[i]}: number {line}, but {path} has {what} 0 to {lines - 1}")
+        return line
+
+    @cached_property
+    def _is_kitti(self) -> bool:
+        return trajectory_kind(self._path) == "kitti"
+
+    @cached_property
+    def _trajectory(self) -> Trajectory:
+        return read_trajectory(self._path)
+
+    @cached_property
+    def _times(self) -> NDArray[np.float64] | None:
+        return None if self._times_path is None else read_times(self._times_path)
+
+
+def stem_of(path: str) -> str:
+    """A file's name without its ending."""
+    return os.path.splitext(os.path.basename(path))[0]
+
+
+def number_in(stem: str) -> int | None:
+    """The number at the end of a name."""
+    found = re.search(r"\d+$", stem)
+    return int(found.group()) if found else None
+
+
+def stamps_in(stems: Sequence[str]) -> list[float | None]:
+    """The times that the names of a folder's files are or end in [s]; None where a name has none.
+
+    Seconds with a point, or 13 digits of milliseconds, 16 of microseconds, 19 of nanoseconds, each behind
+    a word or not; or seconds and nanoseconds as in ``cloud_1583836591_182590976``. Nanoseconds may lack
+    leading zeros.
+
+    Raises
+    ------
+    ValueError
+        If names end in seconds since 1970 and another number that is too short for nanoseconds in all.
+    """
+    stamps = [stamp_in(stem) for stem in stems]
+    if None not in stamps:
+        return stamps
+    pairs = [re.fullmatch(r"(?:.*[^0-9])?(\d{1,10})[_-](\d{1,9})", stem) for stem in stems]
+    found = [pair for pair in pairs if pair]
+    are_epoch = [len(pair.group(1)) == 10 for pair in found]
+    if not found or len(found) < len(stems):
+        return stamps
+    digits = {len(pair.group(2)) for pair in found}
+    if max(digits) < 7:
+        if not all(are_epoch):
+            return stamps
+        if digits not in ({3}, {6}):
+            raise ValueError(
+                f"{stems[0]}: a name of seconds and a number of {max(digits)} digits or fewer, expected "
+                "milliseconds (3), microseconds (6) or nanoseconds (up to 9)"
+            )
+    elif not all(are_epoch) and (max(digits) != 9 or max(int(pair.group(2)) for pair in found) < 10**7):
+        return stamps  # Numbers with many zeros in front.
+    per_second = 10 ** (max(digits) if digits in ({3}, {6}) else 9)
+    return [int(pair.group(1)) + int(pair.group(2)) / per_second for pair in found]
+
+
+def stamp_in(stem: str) -> float | None:
+    """The time that a name alone tells [s]."""
+    if re.fullmatch(r"\d+\.\d+", stem):
+        return float(stem)
+    behind_word = re.fullmatch(r"(?:.*[^0-9.])?(\d{9,10}\.\d+)", stem)
+    if behind_word:
+        return float(behind_word.group(1))
+    count = re.fullmatch(r"(?:.*[^0-9])?(\d{13}|\d{16}|\d{19})", stem)
+    if count:
+        return int(count.group(1)) / 10 ** (len(count.group(1)) - 10)
+    return None

@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""CARMEN logs: laser scans in 2-D with the laser's pose, plain or packed by gzip."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+
+from ndtree._native import _core
+from ndtree.base.scan import Scan
+from ndtree.logs.core.log import LineLog
+from ndtree.logs.core.source import Format, ReaderOption, Source, require_dim
+from ndtree.logs.core.zeros import NO_ECHO, ZERO_IS, checked
+from ndtree.logs.formats.text import first_fields
+
+#: Records of the format.
+KEYWORDS = frozenset(
+    "PARAM SYNC ODOM RAWLASER1 RAWLASER2 RAWLASER3 RAWLASER4 ROBOTLASER1 ROBOTLASER2 FLASER RLASER "
+    "LASER3 LASER4 LASER5 REMISSIONFLASER REMISSIONRLASER TRUEPOS GLOBALPOS NMEA-GGA NMEA-RMC "
+    "NMEAGGA NMEARMC SONAR BUMPER IMU".split()
+)
+#: What makes a file one whose first lines are records of unknown names.
+_LASER_RECORD = re.compile(
+    rb"^(?:FLASER[ \t]+\d+(?:[ \t]+[-+0-9.einfa]+)+|ROBOTLASER1(?:[ \t]+[-+0-9.einfa]+){8,})", re.MULTILINE
+)
+
+
+FOV = ReaderOption("fov", float, "Field of view of FLASER records [deg]; else as PARAM or the beams say.")
+
+#: Where the ranges of a record begin; their number stands before them.
+_FIRST_RANGE = {"FLASER": 2, "ROBOTLASER1": 9}
+_ZERO = re.compile(r"(?<!\S)-?0+(\.0*)?(?!\S)")
+#: As the parser takes it for a beam without return [m]: where records do not say how far their laser sees.
+_NO_ECHO_RANGE = "80"
+
+
+class CarmenLog(LineLog):
+    """The FLASER and ROBOTLASER1 records of a CARMEN log.
+
+    Parameters
+    ----------
+    path : str
+    fov : float, optional
+        Angle from the first to the last beam of FLASER records [deg], in (0, 360]; of an even number of
+        beams, to where one more would be. Left out, it is what PARAM records declare, else that of the
+        laser that is known for its number of beams, else 180, with a note.
+    """
+
+    format = "carmen"
+    may_be_zero = True
+
+    def __init__(self, path: str, fov: float | None = None, zero_is: str | None = None) -> None:
+        super().__init__(path, dim=2)
+        if fov is not None and not 0.0 < fov <= 360.0:
+            raise ValueError(f"fov = {fov} degrees: must be in (0, 360]")
+        self._fov = fov
+        self.zero_is = checked(path, zero_is)
+
+    def _scans(self) -> Iterator[Scan]:
+        parser = _core.CarmenParser(field_of_view=None if self._fov is None else math.radians(self._fov))
+
+        def parse(line: str) -> Scan | None:
+            record = parser.parse_line(_with_no_echo(line) if self.zero_is == NO_ECHO else line)
+            if record is None:
+                return None
+            scan = Scan(*record)
+            self.zeros += _zeros_of(line, scan)
+            return scan
+
+        found = False
+        for scan in self._parsed(parse):
+            if not found:
+                self._say_field_of_view(len(scan), parser.field_of_view)
+            found = True
+            yield scan
+        if not found:
+            raise ValueError(
+                f"{self.path}: no FLASER or ROBOTLASER1 record: expected at least one laser scan"
+            )
+
+    def _say_field_of_view(self, beams: int, found: tuple[float, str] | None) -> None:
+        """Note what the first record is taken for, where neither the log nor the user said it."""
+        self.notes[:] = [note for note in self.notes if not note.startswith(_NOTE)]
+        if found is None or found[1] in ("option", "param"):
+            return
+        degrees = round(math.degrees(found[0]), 3)
+        if found[1] == "none":
+            self.notes.append(
+                f"{_NOTE} {degrees:g} degrees is assumed: no PARAM says it, and no laser is known for "
+                f"{beams} beams; --fov says another"
+            )
+        elif degrees != 180:
+            self.notes.append(f"{_NOTE} {degrees:g} degrees is that of lasers with {beams} beams")
+
+
+_NOTE = "field of view of"
+
+
+def _recognises(source: Source) -> bool:
+    fields = first_fields(source)
+    if not fields:
+        return False
+    return fields[0] in KEYWORDS or _LASER_RECORD.search(source.head) is not None
+
+
+def _zeros_of(line: str, scan: Scan) -> int:
+    """Beams of a record whose range is 0: these end at their origin, unless they were replaced."""
+    begin = _FIRST_RANGE.get(line.split(maxsplit=1)[0], 0)
+    if not _ZERO.search(line):
+        return 0
+    return sum(1 for field in line.split()[begin : begin + len(scan)] if _is_zero(field))
+
+
+def _with_no_echo(line: str) -> str:
+    """A laser's record with a range that says "nothing was hit" where it is 0."""
+    fields = line.split()
+    begin = _FIRST_RANGE.get(fields[0], 0) if fields else 0
+    if not begin or len(fields) < begin or not fields[begin - 1].isdigit():
+        return line
+    stated = fields[5] if fields[0] == "ROBOTLASER1" and not _is_zero(fields[5]) else _NO_ECHO_RANGE
+    end = begin + int(fields[begin - 1])
+    fields[begin:end] = [stated if _is_zero(field) else field for field in fields[begin:end]]
+    return " ".join(fields)
+
+
+def _is_zero(field: str) -> bool:
+    return _ZERO.fullmatch(field) is not None
+
+
+def _open(
+    source: Source, *, dim: int | None = None, fov: float | None = None, zero_is: str | None = None
+) -> CarmenLog:
+    require_dim(source, CARMEN, 2, dim)
+    return CarmenLog(source.path, fov, zero_is)
+
+
+CARMEN = Format("carmen", "a CARMEN log", _recognises, _open, (ZERO_IS, FOV))

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""NumPy archives of whole recordings: every end point in one array, cut into scans by offsets."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+import zlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.base.scan import Scan
+from ndtree.logs.core.log import SizedLog
+from ndtree.logs.core.source import Format, Source
+
+ZIP_MAGIC = b"PK\x03\x04"
+REQUIRED = ("origins", "points", "offsets")
+#: Bytes that the arrays of an archive may unpack to: three quarters of the machine's memory.
+MOST_BYTES = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 4 * 3
+
+
+class NpzLog(SizedLog):
+    """An archive with these arrays, of which the first three must be there.
+
+    - ``origins`` (S, 2) or (S, 3): position of the sensor, one a scan [m]
+    - ``points`` (P, 2) or (P, 3): end points in the map frame [m]
+    - ``offsets`` (S + 1,) integer: scan i is ``points[offsets[i]:offsets[i + 1]]``
+    - ``no_return`` (P,) bool: true where nothing was hit up to the point
+    - ``stamps`` (S,): times [s]
+
+    A log of 3-D points is 2-D if all have one z, and all origins too; ``dim=3`` keeps it as it is.
+    """
+
+    format = "npz"
+    may_be_cut_off = True
+    marks_no_returns = True
+
+    def __init__(self, path: str, dim: int | None = None) -> None:
+        arrays = _load(path)
+        self._origins = arrays["origins"].astype(np.float64, copy=False)
+        self._points = arrays["points"]
+        self._offsets = arrays["offsets"]
+        no_return = arrays.get("no_return")
+        self._returned = None if no_return is None else ~no_return
+        self._stamps = arrays.get("stamps")
+        stored = self._points.shape[1]
+        if stored == 3 and dim != 3:
+            flat = _is_one_value(self._points[:, 2]) and _is_one_value(self._origins[:, 2])
+            if dim == 2 and not flat:
+                raise ValueError(f"{path}: points: z is not the same for all, expected a 2-D log (or dim=3)")
+            if flat:
+                self._points = np.ascontiguousarray(self._points[:, :2])
+                self._origins = np.ascontiguousarray(self._origins[:, :2])
+        elif stored == 2 and dim == 3:
+            raise ValueError(f"{path}: points: has shape {self._points.shape}, expected (P, 3) for dim=3")
+        super().__init__(path, dim=self._points.shape[1])
+
+    def __len__(self) -> int:
+        return len(self._origins)
+
+    def _scans(self) -> Iterator[Scan]:
+        for i in range(len(self)):
+            part = slice(int(self._offsets[i]), int(self._offsets[i + 1]))
+            yield Scan(
+                self._points[part],
+                self._origins[i],
+                None if self._returned is None else self._returned[part],
+                0.0 if self._stamps is None else float(self._stamps[i]),
+            )
+
+
+def _load(path: str) -> dict[str, NDArray[Any]]:
+    """The arrays of an archive that is whole."""
+    if not zipfile.is_zipfile(path):
+        raise ValueError(f"{path}: not a zip archive or cut off, expected a whole .npz")
+    arrays: dict[str, NDArray[Any]] = {}
+    name = "archive"
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            found = archive.files
+            wanted = [name for name in (*REQUIRED, "no_return", "stamps") if name in found]
+            size = sum(
+                member.file_size for member in archive.zip.infolist() if member.filename[:-4] in wanted
+            )
+            if size <= MOST_BYTES:
+                for name in wanted:
+                    arrays[name] = archive[name]
+    except (
+        OSError,
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        MemoryError,
+        ValueError,
+        RuntimeError,
+    ) as error:
+        if isinstance(error, FileNotFoundError):
+            raise
+        raise ValueError(f"{path}: {name}: cannot be read as an array, expected a whole .npz") from None
+    if size > MOST_BYTES:
+        raise ValueError(f"{path}: its arrays unpack to {size:,} bytes, expected at most {MOST_BYTES:,} here")
+    missing = [name for name in REQUIRED if name not in arrays]
+    if missing:
+        raise ValueError(
+            f"{path}: no array {' and no '.join(missing)}, expected {', '.join(REQUIRED)}, "
+            f"found {', '.join(found) or 'nothing'}"
+        )
+    _check(path, arrays)
+    return arrays
+
+
+def _check(path: str, arrays: dict[str, NDArray[Any]]) -> None:
+    def require(name: str, holds: bool, expected: str) -> None:
+        if not holds:
+            array = arrays[name]
+            raise ValueError(f"{path}: {name}: has shape {array.shape} of {array.dtype}, expected {expected}")
+
+    points, origins, offsets = (arrays[name] for name in ("points", "origins", "offsets"))
+    require(
+        "points",
+        points.ndim == 2 and points.shape[1] in (2, 3) and points.dtype.kind == "f",
+        "(P, 2) or (P, 3) floats",
+    )
+    dim = points.shape[1]
+    require(
+        "origins",
+        origins.ndim == 2 and origins.shape[1] == dim and origins.dtype.kind == "f",
+        f"(S, {dim}) floats",
+    )
+    require(
+        "offsets",
+        offsets.shape == (len(origins) + 1,) and offsets.dtype.kind in "iu",
+        f"({len(origins) + 1},) integers, one more than origins",
+    )
+    if offsets[0] != 0 or offsets[-1] != len(points) or np.any(offsets[1:] < offsets[:-1]):
+        raise ValueError(f"{path}: offsets: must rise from 0 to {len(points)}, the number of points")
+    if "no_return" in arrays:
+        no_return = arrays["no_return"]
+        require(
+            "no_return",
+            no_return.shape == (len(points),) and no_return.dtype == np.bool_,
+            f"({len(points)},) bools",
+        )
+    if "stamps" in arrays:
+        stamps = arrays["stamps"]
+        require(
+            "stamps",
+            stamps.shape == (len(origins),) and stamps.dtype.kind in "fiu",
+            f"({len(origins)},) numbers",
+        )
+
+
+def _is_one_value(values: NDArray[Any]) -> bool:
+    """Whether all values that are not NaN are equal."""
+    known = values[~np.isnan(values)]
+    return known.size == 0 or bool(np.all(known == known[0]))
+
+
+def _recognises(source: Source) -> bool:
+    """Whether a zip file holds at least one of the arrays that a recording must have."""
+    if not source.head.startswith(ZIP_MAGIC):
+        return False
+    try:
+        with zipfile.ZipFile(source.path) as archive:
+            return any(f"{name}.npy" in archive.namelist() for name in REQUIRED)
+    except zipfile.BadZipFile:
+        raise ValueError(
+            f"{source.path}: the zip archive is cut off or damaged, expected a whole .npz"
+        ) from None
+
+
+def _open(source: Source, *, dim: int | None = None) -> NpzLog:
+    return NpzLog(source.path, dim)
+
+
+NPZ = Format("npz", "an .npz recording", _recognises, _open)

@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Simulated logs, whose truth is known exactly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ndtree._native import _core
+from ndtree.base.scan import Scan
+from ndtree.logs.core.log import SizedLog
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from ndtree.base.typing import SimulationOptions, World
+
+
+class SimulatedLog(SizedLog):
+    """A log that measures each scan when it is asked for, and knows the world that it measures."""
+
+    format = "simulated"
+    may_be_padded = False
+
+    def __init__(self, world: str, simulation: Any) -> None:
+        self.world = world
+        self._simulation = simulation
+        super().__init__(None, dim=simulation.dim)
+
+    @property
+    def name(self) -> str:
+        """For example "world office"."""
+        return f"world {self.world}"
+
+    def __len__(self) -> int:
+        return len(self._simulation)
+
+    def _scans(self) -> Iterator[Scan]:
+        for i in range(len(self)):
+            yield self[i]
+
+    def __getitem__(self, i: int) -> Scan:
+        """Scan i, which depends on the seed and on i only."""
+        if not -len(self) <= i < len(self):
+            raise IndexError(f"scan {i}: the log has {len(self)}")
+        return Scan(*self._simulation.scan(i % len(self)))
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Whether points are inside something solid, or on its surface.
+
+        Parameters
+        ----------
+        points : array_like, (n, dim)
+            In the map frame [m].
+
+        Returns
+        -------
+        ndarray of bool, (n,)
+        """
+        return self._simulation.contains(points)
+
+    def distance(
+        self, origins: ArrayLike, directions: ArrayLike, *, max_range: float = math.inf
+    ) -> NDArray[np.float64]:
+        """Exact distances to the first surface.
+
+        Parameters
+        ----------
+        origins : array_like, (n, dim) or (dim,)
+            Where the rays start [m].
+        directions : array_like, (n, dim)
+            Of any length but zero.
+        max_range : float
+            Surfaces beyond it do not count [m].
+
+        Returns
+        -------
+        ndarray of float64, (n,)
+            Distances [m], nan where there is no surface.
+        """
+        return self._simulation.distance(origins, directions, max_range=max_range)
+
+    def seen_space(
+        self, scans: Iterable[Scan], *, max_range: float = math.inf, **options: Any
+    ) -> _core.SeenSpace:
+        """Which space scans of this log saw, by the exact line of sight.
+
+        Parameters
+        ----------
+        scans : iterable of Scan
+            Some or all of this log.
+        max_range : float
+            As for `Scan.insert_into` [m]; the sensor's own limits it, too.
+        **options
+            As in `SeenSpace`: ``samples``, ``spacings``, ``tolerance`` [m], ``margin`` [m], ``middle``,
+            ``seed``.
+
+        Returns
+        -------
+        SeenSpace
+
+        Raises
+        ------
+        ValueError
+            As for `SeenSpace`.
+        """
+        return _core.SeenSpace(scans, max_range=max_range, simulation=self._simulation, **options)
+
+
+def simulate(
+    world: World, *, seed: int = 1, scans: int | None = None, **options: Unpack[SimulationOptions]
+) -> SimulatedLog:
+    """Simulate a drive through a world that is known exactly.
+
+    Parameters
+    ----------
+    world : {"office", "apartment", "street"}
+        A planar laser in an office (2-D), a depth camera in an apartment (3-D), a lidar in a street (3-D).
+    seed : int
+        Of everything random; the world itself is always the same.
+    scans : int, optional
+        Number of scans, spread evenly along the way. Left out: as many as the world suggests.
+    **options
+        As in `ndtree.typing.SimulationOptions`: ``noise_scale``, ``outlier_rate``, ``no_return_rate``,
+        ``position_sigma`` [m], ``heading_sigma`` [rad], ``yaw`` [rad].
+
+    Returns
+    -------
+    SimulatedLog
+
+    Raises
+    ------
+    ValueError
+        If there is no such world, or an option is out of its limits.
+    """
+    return SimulatedLog(world, _core.simulate(world, seed=seed, scans=scans, **options))

@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Frames of a robot and the transforms between them, some fixed and some known over time."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ndtree.logs.poses.pose import Pose, matrices_of, unit_quaternions
+from ndtree.logs.poses.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+#: Numbers of a transform that differ no more than this are the same.
+SAME = 1e-6
+
+
+class TransformTree:
+    """Transforms ``T_parent_child``, and through them that between any two connected frames.
+
+    Where several ways connect two frames, the shortest counts. A transform that was ever said to be fixed
+    is fixed, and holds at every time.
+    """
+
+    def __init__(self) -> None:
+        self._fixed: dict[tuple[str, str], Pose] = {}
+        self._rows: dict[tuple[str, str], list[tuple[float, ...]]] = {}
+        self._moving: dict[tuple[str, str], Trajectory] = {}
+        self._ways: dict[tuple[str, str], list[tuple[str, str]] | None] = {}
+
+    def add_fixed(self, parent: str, child: str, pose: Pose) -> None:
+        """A transform that holds at every time; a later one replaces it."""
+        self._fixed[plain(parent), plain(child)] = pose
+        self._ways.clear()
+
+    def add(self, parent: str, child: str, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> None:
+        """A transform at one time [s], in any order; of two at the same time the later counts."""
+        edge = plain(parent), plain(child)
+        self._rows.setdefault(edge, []).append((stamp, *position, *quaternion))  # type: ignore[misc]
+        self._moving.pop(edge, None)
+        self._ways.clear()
+
+    def add_trajectory(self, parent: str, child: str, trajectory: Trajectory) -> None:
+        """A transform over time as a whole."""
+        self._moving[plain(parent), plain(child)] = trajectory
+        self._ways.clear()
+
+    def fixed_only(self) -> TransformTree:
+        """A tree of its own with the fixed transforms."""
+        tree = TransformTree()
+        tree._fixed.update(self._fixed)
+        return tree
+
+    def connected(self, frame: str) -> list[str]:
+        """Sorted names of all frames that are connected with one, itself included."""
+        return sorted(self._origins_of(plain(frame)))
+
+    def stamps(self, target: str, source: str) -> Floats:
+        """Times [s] at which a pose was said on the way between frames, as far as all of it is known."""
+        moving = [self._trajectory(edge) for edge in self._way(target, source) if edge not in self._fixed]
+        if not moving:
+            return np.zeros(0)
+        first = max(trajectory.stamps[0] for trajectory in moving)
+        last = min(trajectory.stamps[-1] for trajectory in moving)
+        every = np.unique(np.concatenate([trajectory.stamps for trajectory in moving]))
+        return every[(every >= first) & (every <= last)]
+
+    def pose_at(self, target: str, source: str, stamp: float) -> Pose:
+        """``T_target_source`` at a time [s].
+
+        Raises
+        ------
+        ValueError
+            If the frames are not connected, or a transform is not known at that time.
+        """
+        T_at_source = Pose.identity()
+        at = plain(source)
+        for edge in self._way(target, source):
+            fixed = self._fixed.get(edge)
+            T_parent_child = self._trajectory(edge).pose_at(stamp) if fixed is None else fixed
+            if at == edge[1]:
+                T_at_source, at = T_parent_child @ T_at_source, edge[0]
+            else:
+                T_at_source, at = T_parent_child.inverse() @ T_at_source, edge[1]
+        return T_at_source
+
+    def poses_at(self, target: str, source: str, stamps: ArrayLike) -> tuple[Floats, Floats]:
+        """``T_target_source`` at times (n,) [s]: rotations (n, 3, 3) and positions (n, 3) [m].
+
+        Raises
+        ------
+        ValueError
+            As `pose_at`, for any of the times.
+        """
+        times = np.asarray(stamps, dtype=np.float64)
+        rotations = np.broadcast_to(np.eye(3), (len(times), 3, 3))
+        positions = np.zeros((len(times), 3))
+        at = plain(source)
+        for edge in self._way(target, source):
+            fixed = self._fixed.get(edge)
+            if fixed is None:
+                moved, quaternions = self._trajectory(edge).poses_at(times)
+                turned = matrices_of(quaternions)
+            else:
+                moved, turned = fixed.position, fixed.rotation
+            if at == edge[0]:
+                turned = np.swapaxes(turned, -1, -2)
+                moved = -(turned @ moved[..., None])[..., 0]
+            rotations = turned @ rotations
+            positions = (turned @ positions[..., None])[..., 0] + moved
+            at = edge[0] if at == edge[1] else edge[1]
+        return rotations, positions
+
+    def is_fixed(self, target: str, source: str) -> bool:
+        """Whether all transforms on the way between connected frames are fixed."""
+        return all(edge in self._fixed for edge in self._way(target, source))
+
+    def stands(self, target: str, source: str) -> bool:
+        """Whether the pose between connected frames is the same at all times at which it is known."""
+        return all(edge in self._fixed or self._is_constant(edge) for edge in self._way(target, source))
+
+    def span(self, target: str, source: str) -> tuple[float, float]:
+        """First and last time [s] at which the pose between connected frames is known; may be infinite."""
+        first, last = -np.inf, np.inf
+        for edge in self._way(target, source):
+            if edge not in self._fixed:
+                stamps = self._trajectory(edge).stamps
+                first, last = max(first, float(stamps[0])), min(last, float(stamps[-1]))
+        return first, last
+
+    def fix_constant(self, target: str, source: str) -> list[str]:
+        """Take transforms between frames that never changed for fixed; which, as "a to b"."""
+        fixed = []
+        for edge in self._way(target, source):
+            if edge not in self._fixed and self._is_constant(edge):
+                poses = self._trajectory(edge)
+                self._fixed[edge] = Pose.from_quaternion(poses.positions[0], poses.quaternions[0])
+                fixed.append(f"{edge[0]} to {edge[1]}")
+        return fixed
+
+    def fixed_parent(self, frame: str) -> tuple[str, Pose]:
+        """The frame to which one is fixed, and ``T_parent_frame``; ValueError if there is none."""
+        for (parent, child), pose in self._fixed.items():
+            if child == frame:
+                return parent, pose
+        raise ValueError(f"{frame} is fixed to no frame")
+
+    def roots(self, frame: str, *, fixed: bool = False) -> list[str]:
+        """Frames connected with one that are no frame's child; with `fixed` by fixed transforms alone."""
+        connected = self._origins_of(plain(frame), fixed=fixed)
+        edges = self._fixed if fixed else {**self._fixed, **self._rows, **self._moving}
+        children = {child for _, child in edges}
+        return sorted(one for one in connected if one not in children)
+
+    def frames(self) -> list[str]:
+        """Sorted names of all frames."""
+        return sorted({frame for edge in self._edges() for frame in edge})
+
+    def below(self, frame: str) -> list[str]:
+        """Children of a frame, their children, and so on; the uppermost first."""
+        edges = self._edges()
+        found: list[str] = []
+        waiting = deque([plain(frame)])
+        while waiting:
+            at = waiting.popleft()
+            for child in sorted(child for parent, child in edges if parent == at):
+                if child not in found and child != plain(frame):
+                    found.append(child)
+                    waiting.append(child)
+        return found
+
+    def lines(self) -> list[str]:
+        """The frames as trees, a line each, indented; moving ones say so."""
+        children: dict[str, list[str]] = {}
+        for parent, child in self._edges():
+            children.setdefault(parent, []).append(child)
+        lines: list[str] = []
+        seen: set[str] = set()
+
+        def walk(frame: str, parent: str | None, depth: int) -> None:
+            edge = (parent or "", frame)
+            moves = parent is not None and edge not in self._fixed and not self._is_constant(edge)
+            lines.append("  " * depth + frame + (" (moves)" if moves else ""))
+            if frame not in seen:
+                seen.add(frame)
+                for child in sorted(children.get(frame, ())):
+                    walk(child, frame, depth + 1)
+
+        everyone = {child for ones in children.values() for child in ones}
+        for root in sorted(children.keys() - everyone):
+            walk(root, None, 0)
+        for frame in sorted(children.keys() - seen):  # What goes round in circles.
+            if frame not in seen:
+                walk(frame, None, 0)
+        return lines
+
+    def _is_constant(self, edge: tuple[str, str]) -> bool:
+        poses = self._trajectory(edge)
+        return bool(
+            max(np.ptp(poses.positions, axis=0).max(), np.ptp(poses.quaternions, axis=0).max()) <= SAME
+        )
+
+    def _edges(self) -> list[tuple[str, str]]:
+        return list(dict.fromkeys((*self._fixed, *self._rows, *self._moving)))
+
+    def _trajectory(self, edge: tuple[str, str]) -> Trajectory:
+        if edge not in self._moving:
+            rows = np.array(self._rows[edge], dtype=np.float64)
+            rows = rows[np.argsort(rows[:, 0], kind="stable")]
+            rows = rows[np.append(rows[1:, 0] != rows[:-1, 0], True)]
+            name = f"transform from {edge[0]} to {edge[1]}"
+            self._moving[edge] = Trajectory(rows[:, 0], rows[:, 1:4], rows[:, 4:], name=name)
+        return self._moving[edge]
+
+    def _way(self, target: str, source: str) -> list[tuple[str, str]]:
+        key = plain(target), plain(source)
+        if key not in self._ways:
+            self._ways[key] = self._search(*key)
+        way = self._ways[key]
+        if way is None:
+            raise ValueError(
+                f"no transform between {key[1]} and {key[0]}, "
+                f"{key[1]} is connected with {', '.join(self.connected(key[1])[:12])}"
+            )
+        return way
+
+    def _search(self, target: str, source: str) -> list[tuple[str, str]] | None:
+        origins = self._origins_of(source)
+        if target not in origins:
+            return None
+        way: list[tuple[str, str]] = []
+        at = target
+        while at != source:
+            edge = origins[at]
+            assert edge is not None
+            way.append(edge)
+            at = edge[0] if edge[1] == at else edge[1]
+        return way[::-1]
+
+    def _origins_of(self, source: str, *, fixed: bool = False) -> dict[str, tuple[str, str] | None]:
+        """By frame, the last transform on the shortest way to it; with `fixed` by fixed ones alone."""
+        edges = list(self._fixed) if fixed else self._edges()
+        by_frame: dict[str, list[tuple[str, str]]] = {}
+        for edge in edges:
+            for frame in edge:
+                by_frame.setdefault(frame, []).append(edge)
+        origins: dict[str, tuple[str, str] | None] = {source: None}
+        waiting = deque([source])
+        while waiting:
+            at = waiting.popleft()
+            for edge in by_frame.get(at, ()):
+                other = edge[0] if edge[1] == at else edge[1]
+                if other not in origins:
+                    origins[other] = edge
+                    waiting.append(other)
+        return origins
+
+
+def plain(frame: str) -> str:
+    """A frame's name without the slash that old recordings have before it."""
+    return frame.lstrip("/")
+
+
+def is_transform(position: ArrayLike, quaternion: ArrayLike) -> bool:
+    """Whether numbers are finite and a quaternion is of length 1."""
+    try:
+        unit_quaternions(np.asarray(quaternion, dtype=np.float64)[None])
+    except ValueError:
+        return False
+    return bool(np.isfinite(np.asarray(position, dtype=np.float64)).all())

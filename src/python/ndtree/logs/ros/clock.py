@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Bags whose clock begins at 0, or again, as where a simulator was reset or a recording played in a loop."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Hashable, Mapping, Sequence
+
+#: Stamps that fall by more than this from message to message begin anew [s]; less is late.
+FALL = 2.0
+#: And this many messages stay below, or as many as there are.
+LASTS = 6
+#: Streams that begin anew within this time of each other do so together [s].
+TOGETHER = 2.0
+#: What is put between what came before, and what is measured again [s].
+BETWEEN = 60.0
+#: A stamp of 0 is a time where others of its stream begin before this [s]; else no time was given.
+BEGINS = 60.0
+
+#: When messages were received, and their stamps, in the order of receiving [s].
+Stream = Sequence[tuple[float, float]]
+
+
+class Clock:
+    """Makes one time of stamps that begin again: those after are moved behind those before.
+
+    A stamp of 0 says nothing, and the message counts as measured when it was received; unless its clock
+    begins at 0, as a simulator's does.
+
+    Parameters
+    ----------
+    streams : mapping of Hashable to Stream
+        Of each topic, or each transform on a topic: what one writer stamps should rise.
+
+    Attributes
+    ----------
+    falls : list of float
+        Stamps at which it began again [s].
+    """
+
+    def __init__(self, streams: Mapping[Hashable, Stream]) -> None:
+        self._zero_is_time = {name: _begins_at_zero(stream) for name, stream in streams.items()}
+        self._zero_of_others = any(self._zero_is_time.values())
+        for name, stream in streams.items():  # One message alone cannot tell.
+            if len(stream) < 2:
+                del self._zero_is_time[name]
+        streams = {
+            name: [(received, self.stamp(name, received, stamp)) for received, stamp in stream]
+            for name, stream in streams.items()
+        }
+        fallen = {name: _falls(stream) for name, stream in streams.items()}
+        when = sorted(at for times in fallen.values() for at in times)
+        begins: list[float] = []
+        for at in when:
+            if not begins or at > begins[-1] + TOGETHER:
+                begins.append(at)
+        self._usual = begins
+        self._own = {
+            name: [
+                min((t for t in times if begin <= t <= begin + TOGETHER), default=begin) for begin in begins
+            ]
+            for name, times in fallen.items()
+            if times
+        }
+        self._shifts = [0.0]
+        self.falls: list[float] = []
+        spans: list[list[float]] = [[] for _ in range(len(begins) + 1)]
+        for name, stream in streams.items():
+            for received, stamp in stream if begins else ():
+                spans[self._number(name, received)].append(stamp)
+        last = max(spans[0], default=0.0)
+        for stamps in spans[1:]:
+            self.falls.append(min(stamps))
+            self._shifts.append(last + BETWEEN - min(stamps))
+            last = max(stamps) + self._shifts[-1]
+
+    def time(self, name: Hashable, received: float, stamp: float) -> float:
+        """When a message of a stream was measured [s]."""
+        stamp = self.stamp(name, received, stamp)
+        return stamp + self._shifts[self._number(name, received)] if self._usual else stamp
+
+    def stamp(self, name: Hashable, received: float, stamp: float) -> float:
+        """What the stamp of a message says, by its own clock: when it was received if it says nothing [s]."""
+        return stamp if stamp or self._zero_is_time.get(name, self._zero_of_others) else received
+
+    def _number(self, name: Hashable, received: float) -> int:
+        """How often the clock had begun again when a message was received."""
+        return bisect_right(self._own.get(name, self._usual), received)
+
+
+def _begins_at_zero(stream: Stream) -> bool:
+    """Whether some stamps are 0 because a clock begins there."""
+    stamps = [stamp for _, stamp in stream]
+    others = [stamp for stamp in stamps if stamp]
+    return bool(others) and len(others) < len(stamps) and 0 < min(others) < BEGINS
+
+
+def _falls(stream: Stream) -> list[float]:
+    """When stamps fell, and stayed below what they had been [s]; some that are late are no fall."""
+    found = []
+    before = None
+    for i, (received, stamp) in enumerate(stream):
+        if before is not None and stamp < before - FALL:
+            after = [later for _, later in stream[i + 1 : i + LASTS]]
+            if not after or max(after) >= before - FALL:
+                continue
+            found.append(received)
+        before = stamp
+    return found

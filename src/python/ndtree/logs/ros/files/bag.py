@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A bag of ROS 1 or ROS 2 as a whole: the files that it consists of, its topics, and its messages."""
+
+from __future__ import annotations
+
+import heapq
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from ndtree.logs.core.plain_file import FREE_BYTES, MOST_PACKED
+from ndtree.logs.poses.transforms import plain
+from ndtree.logs.ros.files import mcap_file, ros1_file, sqlite_file
+from ndtree.logs.ros.files.chunks import Damaged, unpacked_message
+from ndtree.logs.ros.messages import foxglove, livox, multi_echo
+from ndtree.logs.ros.storage import Connection, OnDamage, Raw, Storage, line_of
+
+METADATA, METADATA_BEGINS = "metadata.yaml", b"rosbag2_bagfile_information:"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+ENDINGS = (".db3", ".mcap", ".bag", ".db3.zstd", ".mcap.zstd", ".bag.active")
+#: First bytes of the files that bags consist of.
+MAGICS = (ros1_file.MAGIC, mcap_file.MAGIC, sqlite_file.MAGIC)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of a bag."""
+
+    name: str
+    type: str
+    messages: int
+
+
+class Bag:
+    """A bag that is open: its topics, and their messages in the order of recording.
+
+    Attributes
+    ----------
+    path : str
+    topics : list of Topic
+        By name.
+    start, end : float
+        When the first and the last message were recorded [s].
+    damage : list of str
+        A line for each file of which not everything can be read.
+    unread : list of (Topic, str)
+        Topics whose messages are packed so that they cannot be read, and how they are packed.
+    """
+
+    def __init__(self, path: str, files: list[Storage]) -> None:
+        self.path = path
+        self._files = files
+        self._stores: dict[str, Any] = {}
+        counts: dict[str, int] = {}
+        types: dict[str, str] = {}
+        for file in files:
+            for one in file.connections:
+                types.setdefault(one.topic, one.type)
+                counts[one.topic] = counts.get(one.topic, 0) + file.counts.get(one.id, 0)
+        self.topics = [Topic(name, types[name], counts[name]) for name in sorted(types)]
+        spans = [file.span for file in files if file.span is not None]
+        self.start = 1e-9 * min((span[0] for span in spans), default=0)
+        self.end = 1e-9 * max((span[1] for span in spans), default=0)
+        self.unread = [
+            (Topic(one.topic, one.type, file.counts.get(one.id, 0)), one.encoding)
+            for file in files
+            for one in file.unread
+        ]
+        self.damage = [f"{file.path}: {file.damage}" for file in files if file.damage]
+
+    def of_type(self, *types: str) -> list[Topic]:
+        """Topics of some types that have messages."""
+        return [topic for topic in self.topics if topic.type in types and topic.messages]
+
+    def topic(self, name: str) -> Topic | None:
+        """A topic by its name, with a slash before it or not."""
+        return next((topic for topic in self.topics if plain(topic.name) == plain(name)), None)
+
+    def messages(
+        self, topics: Collection[str], *, heads: Collection[str] = (), on_damage: OnDamage | None = None
+    ) -> Iterator[Raw]:
+        """Messages of some topics; of those in `heads` the beginnings are enough.
+
+        Raises
+        ------
+        ValueError
+            Where the bag is damaged, unless `on_damage` takes note of it.
+        """
+        rows = [
+            file.messages(
+                [one.id for one in file.connections if one.topic in topics],
+                [one.id for one in file.connections if one.topic in heads and one.topic not in topics],
+                on_damage or _raised,
+            )
+            for file in self._files
+        ]
+        for raw in heapq.merge(*rows, key=lambda raw: raw.received) if len(rows) > 1 else rows[0]:
+            yield _unpacked(raw) if raw.data.startswith(ZSTD_MAGIC) else raw
+
+    def decoded(self, raw: Raw) -> Any:
+        """A message of one of ROS's own types, or of a Livox lidar; ValueError if it is damaged."""
+        one = raw.connection
+        if one.encoding == "json":
+            return foxglove.decoded(raw.data, one.type)
+        for ours in (livox, multi_echo):
+            if one.type in ours.TYPES:
+                return ours.decoded(raw.data, is_ros1=one.encoding == "ros1")
+        if one.encoding not in self._stores:
+            self._stores[one.encoding] = self._store(one.encoding)
+        store = self._stores[one.encoding]
+        try:
+            if one.encoding == "ros1":
+                return store.deserialize_ros1(raw.data, one.type)
+            return store.deserialize_cdr(raw.data, one.type)
+        except (
+            Exception
+        ) as error:  # A library at the mercy of foreign bytes: it raises whatever it runs into.
+            raise ValueError(f"no whole {one.type} ({type(error).__name__}: {line_of(error)})") from None
+
+    def whole(self, topics: Collection[str]) -> Iterator[tuple[Raw, Any]]:
+        """Messages of some topics that must all be whole, decoded."""
+        for raw in self.messages(topics):
+            yield raw, self.named(raw)
+
+    def named(self, raw: Raw) -> Any:
+        """As `decoded`; its errors have the names of the bag and the topic."""
+        try:
+            return self.decoded(raw)
+        except ValueError as error:
+            raise ValueError(f"{self.path}: {raw.connection.topic}: {error}") from None
+
+    def first(self, topic: str) -> Any:
+        """The first message of a topic that is whole."""
+        wrong: ValueError | None = None
+        for raw in self.messages([topic]):
+            try:
+                return self.decoded(raw)
+            except ValueError as error:
+                wrong = wrong or ValueError(f"{self.path}: {topic}: first message: {error}")
+        raise wrong or ValueError(f"{self.path}: {topic}: no message, expected at least one")
+
+    def close(self) -> None:
+        """Nothing can be read afterwards."""
+        for file in self._files:
+            file.close()
+
+    def _store(self, encoding: str) -> Any:
+        """Definitions of the types: as the bag has them, else ROS's own."""
+        definitions: dict[str, str] = {}
+        for file in self._files:
+            for one in file.connections:
+                if one.encoding == encoding and one.definition and one.type.startswith(_READ_PACKAGES):
+                    definitions[one.type] = one.definition
+        return _store_of(tuple(sorted(definitions.items())), encoding == "ros1")
+
+
+#: Packages of messages that are read; of others the definitions are not needed.
+_READ_PACKAGES = ("sensor_msgs/", "geometry_msgs/", "nav_msgs/", "tf2_msgs/", "tf/", "std_msgs/")
+
+
+@lru_cache(maxsize=8)
+def _store_of(definitions: tuple[tuple[str, str], ...], is_ros1: bool) -> Any:
+    """Makes the store of definitions, which takes a while."""
+    try:
+        from rosbags import typesys
+    except ImportError as error:
+        raise ImportError(
+            f"ROS bags need rosbags ({error}); install it with: pip install 'ndtree-mapping[ros]'"
+        ) from None
+    known = typesys.get_typestore(typesys.Stores.ROS1_NOETIC if is_ros1 else typesys.Stores.ROS2_HUMBLE)
+    every = dict(known.fielddefs)
+    for type_, text in definitions:
+        try:
+            every.update(typesys.get_types_from_msg(text, type_))
+        except Exception:  # An unreadable definition: ROS's own has to do.
+            continue
+    _give_up_unknown(every, known.fielddefs)
+    store = typesys.get_typestore(typesys.Stores.EMPTY)
+    store.register(every)
+    return store
+
+
+def _give_up_unknown(every: dict[str, Any], known: Any) -> None:
+    """Take ROS's own definitions, or none, for those that name types that there are not."""
+    while True:
+        unknown = [
+            name for name, (_, fields) in every.items() if any(not _is_known(of, every) for _, of in fields)
+        ]
+        if not unknown:
+            return
+        for name in unknown:
+            if name in known and every[name] is not known[name]:
+                every[name] = known[name]
+            else:
+                del every[name]
+
+
+def _is_known(field: Any, types: dict[str, Any]) -> bool:
+    """Whether a field's type, or that of its elements, is there."""
+    kind, of = field
+    if kind.name in ("ARRAY", "SEQUENCE"):
+        return _is_known(of[0], types)
+    return kind.name != "NAME" or of in types
+
+
+@contextmanager
+def open_bag(path: str) -> Iterator[Bag]:
+    """Open a bag of ROS 1 or ROS 2 for as long as it is read.
+
+    Parameters
+    ----------
+    path : str
+        A file, or a folder with the files of one recording: those that its metadata.yaml names, and without
+        one all of them.
+
+    Raises
+    ------
+    ImportError
+        If a library is not there.
+    OSError
+        If there is no such file.
+    ValueError
+        If it is no bag, or damaged so that nothing in it can be read.
+    """
+    _store_of((), True)  # So that a missing library is reported before anything else.
+    with ExitStack() as stack:
+        files: list[Storage] = []
+        for name in _files_of(path) if os.path.isdir(path) else [path]:
+            file = _opened(name, stack)
+            stack.callback(file.close)
+            files.append(file)
+        yield Bag(path, files)
+
+
+def _files_of(folder: str) -> list[str]:
+    """The files of the recording in a folder, in their order."""
+    names = sorted((name for name in os.listdir(folder) if name.endswith(ENDINGS)), key=_natural)
+    named = _named_by_metadata(folder)
+    listed = [name for name in named if name in names]
+    if listed:
+        missing = [name for name in named if name not in names]
+        if missing:
+            raise ValueError(f"{folder}: {missing[0]} is not there, expected it, as {METADATA} names it")
+        return [os.path.join(folder, name) for name in listed]
+    recordings = {re.sub(r"_\d+$", "", name.split(".")[0]) for name in names}
+    if len(recordings) > 1:
+        some = ", ".join(names[:6])
+        raise ValueError(f"{folder}: {len(recordings)} recordings, expected the path of one of them: {some}")
+    if not names:
+        raise ValueError(f"{folder}: no {', '.join(ENDINGS[:3])} in it, expected the files of a ROS bag")
+    return [os.path.join(folder, name) for name in names]
+
+
+def _named_by_metadata(folder: str) -> list[str]:
+    """Names of files that metadata.yaml has; none if it is not there, or says nothing."""
+    try:
+        with open(os.path.join(folder, METADATA), encoding="utf-8", errors="replace") as file:
+            text = file.read()
+    except OSError:
+        return []
+    found = re.search(r"relative_file_paths:\s*\n((?:\s*-\s*\S.*\n?)+)", text)
+    if found is None:
+        return []
+    rows = re.findall(r"-\s*(\S.*)", found.group(1))
+    return [os.path.basename(row.strip().strip("'\"")) for row in rows]
+
+
+def _natural(name: str) -> list[Any]:
+    """Sorts run_9 before run_10."""
+    return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+
+
+def _opened(name: str, stack: ExitStack) -> Storage:
+    """One file, by its first bytes; what is packed as a whole is unpacked into a temporary one."""
+    if not os.path.isfile(name):  # A pipe would wait for somebody to write.
+        raise ValueError(f"{name}: is no regular file, expected one of a ROS bag")
+    path, head = name, _head(name)
+    if head.startswith(ZSTD_MAGIC):
+        path = _unpacked_file(name, stack)
+        head = _head(path)
+        if not head:
+            raise ValueError(f"{name}: cannot be unpacked (cut off), expected a whole file")
+    elif head.startswith(sqlite_file.MAGIC) and _has_content(name + sqlite_file.WAL):
+        path = _with_wal(name, stack)
+    if head.startswith(ros1_file.MAGIC):
+        return ros1_file.Ros1File(path, name)
+    if head.startswith(mcap_file.MAGIC):
+        return mcap_file.McapFile(path, name)
+    if head.startswith(sqlite_file.MAGIC):
+        return sqlite_file.SqliteFile(path, name)
+    found = f"begins with {head[:12]!r}" if head else "is empty"
+    raise ValueError(f"{name}: {found}, expected a ROS bag: a .bag of version 2.0, .mcap or .db3")
+
+
+def _head(path: str) -> bytes:
+    with open(path, "rb") as file:
+        return file.read(16)
+
+
+def _has_content(path: str) -> bool:
+    return os.path.isfile(path) and os.path.getsize(path) > 0
+
+
+def _with_wal(path: str, stack: ExitStack) -> str:
+    """A copy of a database that was never closed: SQLite completes it from what was written beside it."""
+    folder = stack.enter_context(tempfile.TemporaryDirectory())
+    target = os.path.join(folder, os.path.basename(path))
+    for ending in ("", sqlite_file.WAL):
+        shutil.copyfile(path + ending, target + ending)
+    return target
+
+
+def _unpacked_file(path: str, stack: ExitStack) -> str:
+    zstandard = _zstandard(path)
+    folder = stack.enter_context(tempfile.TemporaryDirectory())
+    target = os.path.join(folder, os.path.basename(path).removesuffix(".zstd"))
+    left = FREE_BYTES + MOST_PACKED * os.path.getsize(path)
+    try:
+        with open(path, "rb") as packed, open(target, "wb") as file:
+            for part in zstandard.ZstdDecompressor().read_to_iter(packed):
+                left -= len(part)
+                if left < 0:
+                    raise ValueError(
+                        f"{path}: {os.path.getsize(path)} bytes unpack to more than {file.tell() >> 20} MiB, "
+                        f"expected at most {MOST_PACKED} for one"
+                    )
+                file.write(part)
+    except zstandard.ZstdError as error:
+        raise ValueError(f"{path}: cannot be unpacked ({line_of(error)}), expected a whole file") from None
+    return target
+
+
+def _unpacked(raw: Raw) -> Raw:
+    """A message that was packed by itself; as it is where that fails, and so it is no whole message."""
+    _zstandard(raw.connection.topic)
+    try:
+        return Raw(raw.connection, raw.received, unpacked_message(raw.data))
+    except Damaged:
+        return raw
+
+
+def _zstandard(what: str) -> Any:
+    try:
+        import zstandard
+    except ImportError as error:
+        raise ImportError(
+            f"{what}: packed by zstd, which needs zstandard ({error}); "
+            "install it with: pip install 'ndtree-mapping[ros]'"
+        ) from None
+    return zstandard
+
+
+def _raised(error: ValueError) -> None:
+    raise error
+
+
+__all__ = [
+    "ENDINGS", "MAGICS", "METADATA", "METADATA_BEGINS", "ZSTD_MAGIC",
+    "Bag", "Connection", "Topic", "open_bag",
+]  # fmt: skip

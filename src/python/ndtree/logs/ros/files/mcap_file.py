@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""MCAP files with messages of ROS 1 or ROS 2."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ndtree.logs.ros.files.chunks import Damaged, in_order, unpacked
+from ndtree.logs.ros.messages import foxglove
+from ndtree.logs.ros.storage import Connection, FileStorage, OnDamage, Raw, line_of, ros2_type
+
+MAGIC = b"\x89MCAP0\r\n"
+#: The last record, of which the third number is where the summary begins, and the magic bytes after it.
+_END = struct.Struct("<BQQQI8s")
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Where a chunk's record begins, when its first message was recorded [ns], and its channels, if known."""
+
+    position: int
+    first: int
+    channels: frozenset[int]
+
+
+class McapFile(FileStorage):
+    """An .mcap file. One without its last part, as a crash leaves it, is read up to where it ends.
+
+    Raises
+    ------
+    ImportError
+        If the library mcap is not there.
+    ValueError
+        If nothing in it can be read.
+    """
+
+    def __init__(self, path: str, name: str) -> None:
+        try:
+            from mcap import records, stream_reader
+        except ImportError as error:
+            raise ImportError(
+                f"MCAP files need mcap ({error}); install it with: pip install 'ndtree-mapping[ros]'"
+            ) from None
+        self._records, self._stream = records, stream_reader
+        super().__init__(path, name)
+
+    def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
+        wanted = self._wanted(ids, heads)
+
+        def messages_of(records: Iterator[Any], where: str) -> Iterator[Raw]:
+            try:
+                for one in records:
+                    if isinstance(one, self._records.Message) and one.channel_id in wanted:
+                        yield Raw(wanted[one.channel_id], int(one.log_time), bytes(one.data))
+            except Exception as error:  # A library at the mercy of foreign bytes.
+                if self.damage is None:  # Else it is known.
+                    on_damage(self._unreadable(line_of(error), where))
+
+        # Without chunks all messages would have to be sorted in memory: they are taken as they come.
+        if not self._chunks:
+            return messages_of(self._every_record(), "")
+        chunks = [
+            one for one in self._chunks if not one.channels or not wanted.keys().isdisjoint(one.channels)
+        ]
+        return in_order(
+            chunks,
+            lambda one: messages_of(self._records_at(one.position), f"the chunk at byte {one.position} "),
+        )
+
+    def _open(self) -> None:
+        self._chunks: list[_Chunk] = []
+        if self._read_summary():
+            return
+        self._chunks, self.connections, self.counts, self.span = [], [], {}, None
+        self.unread = []
+        self.damage = "it has no summary, it was never closed or is cut off"
+        schemas: dict[int, Any] = {}
+        reason = "no message"
+        try:
+            for record in self._every_record():
+                if isinstance(record, self._records.Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, self._records.Channel):
+                    self._add(record, schemas.get(record.schema_id))
+                elif isinstance(record, self._records.Message):
+                    self._count(record.channel_id, int(record.log_time))
+                elif isinstance(record, self._records.Footer):
+                    self.damage = None if not self.counts else "it has no summary"
+        except Exception as error:  # As above.
+            reason = line_of(error)
+        if self.damage and not self.counts:
+            raise self._unreadable(reason)
+        if self.damage:
+            self._note_damage(self.damage, " (mcap recover mends it)")
+
+    def _add(self, channel: Any, schema: Any) -> None:
+        """Note a channel, and whether its messages are those of ROS or can be turned into such."""
+        encoding = channel.message_encoding
+        if any(one.id == channel.id for one in (*self.connections, *self.unread)):
+            return
+        name = schema.name if schema is not None else ""
+        known = foxglove.type_of(name) if encoding == "json" else ros2_type(name)
+        if encoding not in ("ros1", "cdr", "json") or not name or known is None:
+            self.unread.append(
+                Connection(channel.id, channel.topic, name or "no type", encoding or "nothing")
+            )
+            return
+        definition = (
+            schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
+        )
+        self.connections.append(
+            Connection(channel.id, _topic_of(channel.topic, name), known, encoding, definition or None)
+        )
+
+    def _read_summary(self) -> bool:
+        """Connections, counts, span and chunks, as the end of the file has them; whether it does."""
+        schemas: dict[int, Any] = {}
+        channels: list[Any] = []
+        statistics: Any = None
+        try:
+            self._file.seek(self._size - _END.size)
+            _, _, begin, _, _, magic = _END.unpack(self._file.read(_END.size))
+            if not begin or magic != MAGIC:
+                return False
+            for record in self._records_from(begin):
+                if isinstance(record, self._records.Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, self._records.Channel):
+                    channels.append(record)
+                elif isinstance(record, self._records.Statistics):
+                    statistics = record
+                elif isinstance(record, self._records.ChunkIndex):
+                    of = frozenset(record.message_index_offsets)
+                    self._chunks.append(_Chunk(record.chunk_start_offset, record.message_start_time, of))
+        except Exception:  # As above.
+            return False
+        if statistics is None or not channels:
+            return False
+        for channel in channels:
+            self._add(channel, schemas.get(channel.schema_id))
+        self.counts = {int(id): int(count) for id, count in statistics.channel_message_counts.items()}
+        if statistics.message_count:
+            self.span = (int(statistics.message_start_time), int(statistics.message_end_time))
+        return True
+
+    def _every_record(self) -> Iterator[Any]:
+        """All records of the file, also those in chunks."""
+        for record in self._records_from(0):
+            if isinstance(record, self._records.Chunk):
+                yield from self._records_in(record)
+            else:
+                yield record
+
+    def _records_at(self, position: int) -> Iterator[Any]:
+        """Those in the chunk there."""
+        chunk = next(self._records_from(position))
+        if not isinstance(chunk, self._records.Chunk):
+            raise Damaged("there is none")
+        yield from self._records_in(chunk)
+
+    def _records_from(self, position: int) -> Iterator[Any]:
+        """Records, chunks as such: the library unpacks without bounds."""
+        self._file.seek(position)
+        yield from self._stream.StreamReader(
+            self._file, skip_magic=position > 0, emit_chunks=True, record_size_limit=self._size
+        ).records
+
+    def _records_in(self, chunk: Any) -> list[Any]:
+        data = unpacked(chunk.compression, chunk.data, chunk.uncompressed_size)
+        records: list[Any] = self._stream.breakup_chunk(replace(chunk, compression="", data=data))
+        return records
+
+
+def _topic_of(name: str, type: str) -> str:
+    """A topic as ROS calls it: DDS puts "rt" before it."""
+    return name[2:] if name.startswith("rt/") and "::" in type else name

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Bags of ROS 2 in SQLite files."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Collection, Iterator
+from urllib.parse import quote
+
+from ndtree.logs.ros.storage import HEAD_BYTES, Connection, OnDamage, Raw, Storage, line_of
+
+MAGIC = b"SQLite format 3\0"
+#: Ending of the file beside a database with what was written to it last.
+WAL = "-wal"
+#: Rows that damage has not emptied.
+_WHOLE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
+
+
+class SqliteFile(Storage):
+    """A .db3 file of a ROS 2 bag.
+
+    Raises
+    ------
+    ValueError
+        If the database has no messages and topics, or is too damaged to say which.
+    """
+
+    def __init__(self, path: str, name: str) -> None:
+        super().__init__(name)
+        how = "mode=rw" if path != name else "immutable=1"  # A copy may be changed.
+        self._base = sqlite3.connect(f"file:{quote(path)}?{how}", uri=True)
+        try:
+            definitions = self._definitions()
+            for id, topic, type, encoding in self._base.execute(
+                "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
+            ):
+                if encoding == "cdr":
+                    self.connections.append(Connection(id, topic, type, encoding, definitions.get(type)))
+            for id, count, first, last in self._base.execute(
+                "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages "
+                f"WHERE {_WHOLE} GROUP BY topic_id"
+            ):
+                self.counts[id] = count
+                span = self.span or (first, last)
+                self.span = (min(span[0], first), max(span[1], last))
+        except sqlite3.Error as error:
+            self._look_through(error)
+
+    def close(self) -> None:
+        self._base.close()
+
+    def messages(self, ids: Collection[int], heads: Collection[int], on_damage: OnDamage) -> Iterator[Raw]:
+        wanted = self._wanted(ids, heads)
+        whole = ",".join(str(int(id)) for id in ids) or "-1"
+        among = ",".join(str(id) for id in wanted)
+        order = "" if self.damage else "ORDER BY timestamp, id"
+        rows = self._base.execute(
+            f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({whole}) THEN data "
+            f"ELSE substr(data, 1, {HEAD_BYTES}) END FROM messages "
+            f"WHERE topic_id IN ({among}) AND {_WHOLE} {order}"
+        )
+        while True:
+            try:
+                row = next(rows, None)
+            except sqlite3.Error as error:
+                if not self.damage:  # Else it is known.
+                    on_damage(self._unreadable(line_of(error)))
+                return
+            if row is None:
+                return
+            yield Raw(wanted[row[0]], row[1], bytes(row[2]))
+
+    def _definitions(self) -> dict[str, str]:
+        """Texts of the types, which recorders since 2023 write."""
+        try:
+            return dict(
+                self._base.execute(
+                    "SELECT topic_type, encoded_message_definition FROM message_definitions "
+                    "WHERE encoding = 'ros2msg'"
+                )
+            )
+        except sqlite3.Error:
+            return {}
+
+    def _look_through(self, error: sqlite3.Error) -> None:
+        """What can be found in a file that is cut off or damaged."""
+        self.counts, self.span = {}, None
+        try:
+            rows = self._base.execute(f"SELECT topic_id, timestamp FROM messages WHERE {_WHOLE}")
+            while True:
+                row = next(rows, None)
+                if row is None:
+                    break
+                self._count(*row)
+        except sqlite3.Error:
+            pass
+        if not self.counts or not self.connections:
+            self._base.close()
+            raise self._unreadable(line_of(error)) from None
+        self._note_damage("the database is cut off or damaged")

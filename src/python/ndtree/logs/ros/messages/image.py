@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Depth images and their cameras, packed or not, to points in the camera's frame."""
+
+from __future__ import annotations
+
+import io
+import posixpath
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.logs.folders.depth_image import Camera, points_of
+from ndtree.logs.ros.messages import rvl
+from ndtree.logs.ros.messages.beams import COMPRESSED_IMAGE, Beams, pitch_of
+
+#: Images that hold depths: type of a pixel, and its values in a metre.
+DEPTH_ENCODINGS = {
+    "16UC1": ("u2", 1000.0),
+    "mono16": ("u2", 1000.0),
+    "Z16": ("u2", 1000.0),
+    "16SC1": ("i2", 1000.0),
+    "32FC1": ("f4", 1.0),
+}
+_BY_LOWER_CASE = {name.lower(): name for name in DEPTH_ENCODINGS}
+#: What stands before the picture in compressedDepth: a number, and two of its quantisation.
+_CONFIG = struct.Struct("<iff")
+_PNG = b"\x89PNG"
+#: Where a PNG says how many bits a value has, and which colours: grey is 0.
+_BITS, _GREY_OF_16_BITS = slice(24, 26), bytes([16, 0])
+
+
+def depth_beams(message: Any, camera: Camera, pixel_stride: int) -> Beams:
+    """Points of a depth image; pixels without depth are no beams."""
+    return Beams(points_of(depth_of(message), camera, pixel_stride=pixel_stride))
+
+
+def encoding_of(message: Any) -> str:
+    """How the pixels of an Image or a CompressedImage are encoded, "" where it does not say.
+
+    Of depths one of `DEPTH_ENCODINGS`, in whatever case it is written. A CompressedImage may say only that it
+    is a PNG: one of 16 bits and one channel holds depths.
+    """
+    is_packed = message.__msgtype__ == COMPRESSED_IMAGE
+    said = str(message.format).split(";")[0].strip() if is_packed else str(message.encoding).strip()
+    known = _BY_LOWER_CASE.get(said.lower())
+    if known is None and is_packed and _is_grey_of_16_bits(message.data):
+        return "16UC1"
+    return known or said
+
+
+def _is_grey_of_16_bits(data: Any) -> bool:
+    head = np.asarray(data[:64], dtype=np.uint8).tobytes()
+    return any(
+        part.startswith(_PNG) and part[_BITS] == _GREY_OF_16_BITS for part in (head, head[_CONFIG.size :])
+    )
+
+
+def is_integer(message: Any) -> bool:
+    """Whether depths are integers, whose unit may be any."""
+    return DEPTH_ENCODINGS[encoding_of(message)][0] != "f4"
+
+
+def has_depth(message: Any) -> bool:
+    """Whether an image holds depths."""
+    return encoding_of(message) in DEPTH_ENCODINGS
+
+
+def scale_of(message: Any) -> float:
+    """An image's values in a metre; ValueError if it holds no depths."""
+    encoding = encoding_of(message)
+    if encoding not in DEPTH_ENCODINGS:
+        raise ValueError(f"the image has encoding {encoding!r}, expected {', '.join(DEPTH_ENCODINGS)}")
+    return DEPTH_ENCODINGS[encoding][1]
+
+
+def size_of(message: Any) -> tuple[int, int]:
+    """Width and height [px]."""
+    if message.__msgtype__ == COMPRESSED_IMAGE:
+        height, width = depth_of(message).shape
+        return width, height
+    return int(message.width), int(message.height)
+
+
+def depth_of(message: Any) -> NDArray[Any]:
+    """The pixels of a depth image, (rows, columns), in its own unit."""
+    scale_of(message)
+    if message.__msgtype__ == COMPRESSED_IMAGE:
+        return _unpacked(message)
+    kind = np.dtype((">" if message.is_bigendian else "<") + DEPTH_ENCODINGS[encoding_of(message)][0])
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    data = np.ascontiguousarray(message.data, dtype=np.uint8)
+    if height and width:
+        step = pitch_of(step, height, width * kind.itemsize, len(data))
+    needed = (height - 1) * step + width * kind.itemsize if height and width else 0
+    if step < width * kind.itemsize or len(data) < needed:
+        raise ValueError(
+            f"the image has {len(data)} bytes, expected {needed} for {height} rows of {step} bytes "
+            f"and {width} pixels of {kind.itemsize}"
+        )
+    image = np.ndarray((height, width), kind, data, strides=(step, kind.itemsize))
+    return image if kind.isnative else image.astype(kind.newbyteorder("="))
+
+
+def _unpacked(message: Any) -> NDArray[Any]:
+    """The pixels of a CompressedImage: a PNG of 16 bits, or compressedDepth with one in it, or with RVL.
+
+    compressedDepth of an image in metres holds their inverse, quantised: depth is a / (value - b).
+    """
+    data = np.asarray(message.data, dtype=np.uint8).tobytes()
+    is_metres = encoding_of(message) == "32FC1"
+    a = b = 0.0
+    is_rvl = "compresseddepth rvl" in " ".join(message.format.lower().split())
+    if (is_rvl and len(data) >= _CONFIG.size) or data[_CONFIG.size :].startswith(_PNG):
+        _, a, b = _CONFIG.unpack_from(data)
+        data = data[_CONFIG.size :]
+    elif not data.startswith(_PNG) or is_metres:
+        raise ValueError(
+            f"the image is packed as {message.format!r}, expected a PNG of 16 bits, "
+            "as compressedDepth or plain, or compressedDepth with RVL"
+        )
+    values = rvl.unpacked(data) if is_rvl else _png_pixels(data)
+    if not is_metres:
+        return values
+    depth = np.full(values.shape, np.nan, dtype=np.float32)
+    known = values > 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth[known] = a / (values[known].astype(np.float64) - b)
+    return depth
+
+
+def _png_pixels(data: bytes) -> NDArray[np.uint16]:
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise ImportError(
+            f"packed images need Pillow ({error}); install it with: pip install 'ndtree-mapping[ros]'"
+        ) from None
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            values = np.asarray(picture)
+    except (OSError, SyntaxError, ValueError) as error:
+        raise ValueError(f"the image cannot be unpacked ({error}), expected a whole PNG") from None
+    if values.ndim != 2:
+        raise ValueError(f"the image has {values.ndim} axes, expected rows and columns of depths")
+    return values.astype(np.uint16)
+
+
+def camera_of_info(message: Any, scale: float) -> Camera:
+    """The camera of a CameraInfo of ROS 1 or 2, of the rectified image if it has one."""
+    projection = np.asarray(message.p if hasattr(message, "p") else message.P, dtype=np.float64)
+    matrix = np.asarray(message.k if hasattr(message, "k") else message.K, dtype=np.float64)
+    if projection.shape == (12,) and projection[0] > 0:
+        fx, cx, fy, cy = projection[[0, 2, 5, 6]]
+    else:
+        fx, cx, fy, cy = matrix[[0, 2, 4, 5]]
+    return Camera(float(fx), float(fy), float(cx), float(cy), scale)
+
+
+def is_beside(info_topic: str, image_topic: str) -> bool:
+    """Whether a CameraInfo belongs to an image by its name; a packed image has a name one level deeper."""
+    folder = posixpath.dirname(info_topic)
+    own = posixpath.dirname(image_topic)
+    return folder in (own, posixpath.dirname(own)) if folder else not own

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages of sensors that measure ranges, to beams in the sensor's own frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.logs.ros.messages.beams import LONGEST_SWEEP, Beams, Floats
+
+#: A laser that turns this far [rad] looks all around.
+FULL_TURN = math.radians(350)
+#: This many beams of a message at exactly range_max are cut off there, not measured.
+LEAST_CUT_OFF = 2
+
+
+def laser_beams(message: Any, no_return_range: float | None = None, zero_is_silent: bool = False) -> Beams:
+    """Beams of a LaserScan by the rules of REP 117.
+
+    A range within [range_min, range_max] is a surface. +inf is no return: free up to range_max, and where
+    that is no length above range_min, up to `no_return_range` [m] if it is given. NaN, -inf (too close to be
+    measured) and other ranges are invalid. Several beams of a message at exactly range_max did not return
+    either: a driver cut them off there. With `zero_is_silent`, 0 counts as +inf.
+
+    A beam's time is that of the message and its number times time_increment. Of a laser that looks all
+    around and has no time_increment, but a scan_time, the beams may be spread over that: it is a guess, for
+    simulators say so, too, and measure at once.
+    """
+    ranges = np.asarray(message.ranges)
+    zeros = ranges == 0
+    if zero_is_silent:
+        ranges = np.where(zeros, np.float32(np.inf), ranges)
+    beams = _planar_beams(message, ranges, no_return_range)
+    return replace(beams, zeros=int(np.count_nonzero(zeros)))
+
+
+def multi_echo_beams(message: Any, no_return_range: float | None = None) -> Beams:
+    """Beams of a MultiEchoLaserScan, of each its nearest echo that is valid as in `laser_beams`.
+
+    `message` is what `ndtree.logs.ros.messages.multi_echo` decodes. A beam with no valid echo did not return
+    if one of its echoes is +inf.
+    """
+    echoes, numbers = message.echoes, message.numbers
+    (least, most), _ = _limits(message.range_min, message.range_max, "range_max")
+    valid = (echoes >= least) & (echoes <= most) & np.isfinite(echoes)
+    nearest = np.full(message.beams, np.nan, dtype=np.float32)
+    nearest[numbers[np.isposinf(echoes)]] = np.inf
+    nearest[numbers[valid]] = np.inf
+    np.minimum.at(nearest, numbers[valid], echoes[valid])
+    return _planar_beams(message, nearest, no_return_range)
+
+
+def range_beams(message: Any, no_return_range: float | None = None) -> Beams:
+    """The beam of a Range, along x in the middle of its cone: ranges as of a LaserScan."""
+    limits, said = (float(message.min_range), float(message.max_range)), ""
+    if not limits[0] == limits[1] > 0:  # As of sensors that only tell whether something is nearer than that.
+        limits, said = _limits(*limits, "max_range")
+    ranges = np.array([message.range], dtype=np.float32)
+    beams = _measured(ranges, limits, np.array([[1.0, 0, 0]]), None, no_return_range, least_cut_off=1)
+    return replace(beams, unlimited=said)
+
+
+def _planar_beams(message: Any, ranges: NDArray[np.floating[Any]], no_return_range: float | None) -> Beams:
+    n = len(ranges)
+    turn = float(message.angle_increment)
+    if n > 1 and not (math.isfinite(turn) and turn != 0):
+        raise ValueError(f"angle_increment = {turn:g} rad of {n} ranges: must be finite and not 0")
+    ways = _directions(float(message.angle_min), turn, n)
+    limits, said = _limits(message.range_min, message.range_max, "range_max")
+    beams = _measured(ranges, limits, ways, _times(message, n), no_return_range)
+    step = float(message.time_increment)
+    senseless = f"time_increment = {step:g} s of {n} beams" if beams.times is None and step and n > 1 else ""
+    is_guess = beams.times is not None and step == 0
+    return replace(beams, is_guess=is_guess, senseless=senseless, unlimited=said)
+
+
+def _limits(nearest: float, farthest: float, name: str) -> tuple[tuple[float, float], str]:
+    """Between which ranges [m] a surface is; what is wrong with the largest where it counts as not given.
+
+    Drivers that know none say 0, or NaN: it would make all beams invalid.
+    """
+    least = float(nearest) if nearest > 0 else 0.0
+    if farthest > least:
+        return (float(nearest), float(farthest)), ""
+    return (least, math.inf), f"{name} = {farthest:g} m, expected more than {least:g} m"
+
+
+def _measured(
+    ranges: NDArray[np.floating[Any]],
+    limits: tuple[float, float],
+    ways: Floats,
+    times: Floats | None,
+    no_return_range: float | None,
+    least_cut_off: int = LEAST_CUT_OFF,
+) -> Beams:
+    nearest, farthest = limits
+    silent = np.isposinf(ranges)
+    cut_off = ranges == np.float32(farthest)
+    if np.count_nonzero(cut_off) >= least_cut_off:  # What is measured does not come twice to the last bit.
+        silent |= cut_off & np.isfinite(ranges)
+    returned = (ranges >= nearest) & (ranges <= farthest) & np.isfinite(ranges) & ~silent
+    length = np.where(returned, ranges, np.nan).astype(np.float64)
+    limit = farthest if 0 < farthest < np.inf else no_return_range
+    endless = 0
+    if limit is not None:
+        length[silent] = limit
+    else:
+        endless = int(np.count_nonzero(silent))
+    return Beams(length[:, None] * ways, returned, times, endless)
+
+
+def _times(message: Any, n: int) -> Floats | None:
+    """When the beams were measured since the stamp [s]; None where all at once, or where it is unknown."""
+    step = float(message.time_increment)
+    if step == 0 and abs(message.angle_increment) * n >= FULL_TURN:
+        step = float(message.scan_time) / max(n, 1)
+    if not 0 < abs(step) * n <= LONGEST_SWEEP:
+        return None
+    return step * np.arange(n)
+
+
+@lru_cache(maxsize=8)
+def _directions(angle_min: float, angle_increment: float, count: int) -> Floats:
+    angles = angle_min + angle_increment * np.arange(count)
+    return np.stack([np.cos(angles), np.sin(angles), np.zeros(count)], axis=1)

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""When the beams of a sweep were measured: as messages say, or as the log shows that drivers mean it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.logs.poses.transforms import TransformTree
+from ndtree.logs.ros.messages.beams import Beams
+from ndtree.logs.ros.messages.deskew import in_map
+
+Floats = NDArray[np.float64]
+
+#: Scans that overlap well, looked at together, and the GROUPS such groups in which the sensor turns most.
+GROUP, GROUPS = 8, 12
+#: Below this turn within a sweep [rad] it hardly matters when a beam was measured.
+LEAST_TURN = 0.005
+#: What the log shows must make the picture so much sharper than what the messages say, or they are believed.
+LEAST_GAIN = 0.05
+#: Beams of a scan that are looked at, their lengths [m], and the cells in which they are counted [m].
+MOST_BEAMS, RANGES, CELL = 2000, (0.4, 12.0), 0.05
+#: Angles of the grids of cells [rad], and factors that make one number of a cell's three.
+GRIDS, KEY = (0.2, 0.6, 1.0, 1.4), (1, 1 << 20, 1 << 40)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """How to read the times of beams.
+
+    Attributes
+    ----------
+    name : str
+        For reports.
+    is_used : bool
+        Else all beams count as measured at the stamp.
+    is_reversed : bool
+        The last beam of a message was the first.
+    ends_at_stamp : bool
+        The stamp is the time of the last beam, not of the first.
+    """
+
+    name: str
+    is_used: bool = True
+    is_reversed: bool = False
+    ends_at_stamp: bool = False
+
+    def applied(self, beams: Beams) -> Beams:
+        """The beams with their times so understood."""
+        if beams.times is None or not len(beams.times):
+            return beams
+        if not self.is_used:
+            return replace(beams, times=None)
+        times = beams.times
+        first, last = float(times.min()), float(times.max())
+        if self.is_reversed:
+            times = first + last - times
+        if self.ends_at_stamp:
+            times = times - last
+        return beams if times is beams.times else replace(beams, times=times)
+
+
+AS_SAID = Sweep("each beam at its own time")
+OFF = Sweep("all beams at the stamp", is_used=False)
+#: What drivers do, beside what messages say.
+OTHERS = (
+    OFF,
+    Sweep("each beam at its own time, the stamp being that of the last", ends_at_stamp=True),
+    Sweep("each beam at its own time, the last being the first measured", is_reversed=True),
+    Sweep(
+        "each beam at its own time, the last being the first measured, and the stamp that of the end",
+        is_reversed=True,
+        ends_at_stamp=True,
+    ),
+)
+
+
+def turning(tree: TransformTree, fixed_frame: str, frame: str, stamps: Floats, sweep: float) -> list[int]:
+    """Numbers of the scans at which the groups begin in which the sensor turns most; none if it hardly does.
+
+    `sweep` is how long one takes [s].
+    """
+    if len(stamps) < 2 * GROUP or tree.is_fixed(fixed_frame, frame):
+        return []
+    first, last = tree.span(fixed_frame, frame)
+    at = np.flatnonzero((stamps - sweep >= first) & (stamps + sweep <= last))
+    starts = [int(i) for i in at[: -GROUP + 1 or None : GROUP]]
+    turns = []
+    for start in starts:
+        try:
+            rotations, _ = tree.poses_at(fixed_frame, frame, stamps[start] + sweep * np.arange(GROUP))
+        except ValueError:
+            turns.append(0.0)
+            continue
+        step = np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:]
+        cosine = (np.trace(step, axis1=1, axis2=2) - 1) / 2
+        turns.append(float(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+    order = sorted(range(len(starts)), key=lambda i: -turns[i])
+    return sorted(starts[i] for i in order[:GROUPS] if turns[i] >= LEAST_TURN)
+
+
+def sharpest(
+    tree: TransformTree,
+    fixed_frame: str,
+    frame: str,
+    groups: Sequence[Sequence[tuple[Beams, float]]],
+    base: Sweep,
+) -> tuple[Sweep, float]:
+    """The understanding of the beams' times under which scans that follow each other agree best.
+
+    Each group's end points are counted in cells; the entropy of the counts says over how many cells they
+    spread. The times as the messages say them are believed unless another understanding, one that drivers
+    are known for, spreads them over at least 5 % fewer cells.
+
+    Parameters
+    ----------
+    groups : sequence of sequences of (Beams, float)
+        Scans that follow each other, with their stamps [s].
+    base : Sweep
+        What counts as said.
+
+    Returns
+    -------
+    Sweep
+    float
+        Cells that it needs, as a share of those under what the messages say.
+    """
+    said = spread_of(tree, fixed_frame, frame, groups, base)
+    best, least = base, said * (1 - LEAST_GAIN)
+    for other in (AS_SAID, *OTHERS):
+        if other is base:
+            continue
+        cells = spread_of(tree, fixed_frame, frame, groups, other)
+        if cells < least:
+            best, least = other, cells
+    return best, least / said if best is not base and said > 0 else 1.0
+
+
+def spread_of(
+    tree: TransformTree,
+    fixed_frame: str,
+    frame: str,
+    groups: Sequence[Sequence[tuple[Beams, float]]],
+    sweep: Sweep,
+) -> float:
+    """Over how many cells the end points of a group spread, in the geometric mean."""
+    entropies = []
+    for group in groups:
+        parts = []
+        for beams, stamp in group:
+            try:
+                ends, _ = in_map(tree, fixed_frame, frame, sweep.applied(thinned(beams)), stamp)
+            except ValueError:
+                continue
+            parts.append(ends)
+        if parts:
+            entropies.append(entropy(np.concatenate(parts)))
+    return float(np.exp(np.mean(entropies))) if entropies else 0.0
+
+
+def thinned(beams: Beams) -> Beams:
+    """Some of the beams that returned, neither very short nor very long."""
+    length = np.linalg.norm(beams.points, axis=1)
+    use = (length >= RANGES[0]) & (length <= RANGES[1])
+    if beams.returned is not None:
+        use &= beams.returned
+    which = np.flatnonzero(use)
+    which = which[:: max(1, -(-len(which) // MOST_BEAMS))]
+    return Beams(beams.points[which], None, None if beams.times is None else beams.times[which])
+
+
+def entropy(points: Floats, cell: float = CELL) -> float:
+    """Of the numbers of points in cells of some edge [m], in nats: the mean of grids that lie askew.
+
+    In one grid it would matter whether a wall runs along the cells, or between them.
+    """
+    if not len(points):
+        return 0.0
+    x, y, z = np.ascontiguousarray(points.T) / cell
+    found = []
+    for i, angle in enumerate(GRIDS):
+        c, s = np.cos(angle), np.sin(angle)
+        places = [
+            np.floor(one + i / len(GRIDS)).astype(np.int64) for one in (c * x - s * y, s * x + c * y, z)
+        ]
+        _, counts = np.unique(sum(factor * place for factor, place in zip(KEY, places)), return_counts=True)
+        share = counts / counts.sum()
+        found.append(float(-(share * np.log(share)).sum()))
+    return float(np.mean(found))

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What to say to a user whose bag does not tell where its sensor is."""
+
+from __future__ import annotations
+
+from ndtree.logs.poses.transforms import TransformTree
+from ndtree.logs.ros.files.bag import Topic
+from ndtree.logs.ros.messages.beams import SENSOR_NAMES, short
+from ndtree.logs.ros.messages.image import DEPTH_ENCODINGS
+from ndtree.logs.ros.placement.registered import bases_in
+
+#: Types in which drivers record what lidars sent.
+PACKETS = (
+    "VelodyneScan",
+    "VelodynePacket",
+    "PacketMsg",
+    "PandarScan",
+    "HesaiScan",
+    "RslidarScan",
+    "RslidarPacket",
+)
+HOW_TO_MOUNT = (
+    "--mount X,Y,Z,ROLL,PITCH,YAW (metres, and radians or degrees as in 90deg; "
+    "ndtree calibrate --find-mount finds it)"
+)
+
+
+def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
+    """The error of a sensor whose frame hangs nowhere: what there is, and what to say."""
+    frames = tree.frames()
+    say = _sources(others)
+    what = f"no transform to {frame}, the frame of {topic}" if frame else f"{topic} names no frame of its own"
+    if not frames:
+        begin = f"{path}: {what}: there is no /tf"
+        if not say:
+            return (
+                f"{begin}, nor any other poses, expected --trajectory FILE, or --still if the sensor stands"
+            )
+        return (
+            f"{begin}, expected poses from {' or '.join(say)}, with {HOW_TO_MOUNT} where the sensor is not "
+            "in their place; or --trajectory FILE, or --still if the sensor stands"
+        )
+    base = next(bases_in(frames), "FRAME")
+    what += ", in /tf or /tf_static, whose frames are" if frame else "; those of /tf and /tf_static are"
+    return (
+        f"{path}: {what} {listed(frames)}; say where the sensor is: --base-frame {base} {HOW_TO_MOUNT}; "
+        "or --sensor-frame as one of these frames, if the sensor is there"
+    )
+
+
+def without_sensors(
+    path: str, topics: list[Topic], encodings: dict[str, str], unread: list[tuple[Topic, str]]
+) -> str:
+    """The error of a bag that has nothing to map.
+
+    `encodings` are those of its images, by topic, and `unread` are topics that cannot be read, each with how
+    its messages are packed.
+    """
+    held = ", ".join(_named(one, encodings.get(one.name)) for one in topics[:12]) + (
+        ", ..." if len(topics) > 12 else ""
+    )
+    packets = next((one.name for one in topics if one.messages and short(one.type) in PACKETS), None)
+    remedy = (
+        ""
+        if packets is None
+        else f"; {packets} has a lidar's raw packets: its driver makes PointCloud2 of them"
+    )
+    if unread:
+        some = ", ".join(f"{one.name} ({one.type} as {packing})" for one, packing in unread[:6])
+        some += ", ..." if len(unread) > 6 else ""
+        remedy += f"; not read: {some}; expected ros1, cdr, or json of ROS's or Foxglove's types"
+    if encodings:
+        remedy += f"; images with depths are {', '.join(DEPTH_ENCODINGS)}, or PNG of 16 bits and one channel"
+    return f"{path}: no {SENSOR_NAMES} in it, found {held or 'none'}{remedy}"
+
+
+def _named(topic: Topic, encoding: str | None) -> str:
+    return f"{topic.name} ({short(topic.type)}{f' of {encoding}' if encoding else ''})"
+
+
+def standing(
+    path: str, sensor: str, connected: list[str], usual: tuple[str, ...], others: dict[str, str]
+) -> str:
+    """The error of a sensor that is fixed to all that it is connected with."""
+    say = _sources(others)
+    poses = f"poses from {' or '.join(say)}, or " if say else ""
+    return (
+        f"{path}: {sensor} is connected with none of {', '.join(usual)} and with no frame that it moves in, "
+        f"expected {poses}--trajectory FILE, or --still if the sensor stands, or fixed_frame as one of "
+        f"{listed(connected)}"
+    )
+
+
+def _sources(others: dict[str, str]) -> list[str]:
+    """How to ask for the poses of each topic that has some."""
+    return [f"{'--odometry' if type == 'Odometry' else '--poses'} {name}" for name, type in others.items()]
+
+
+def listed(frames: list[str]) -> str:
+    """Names for errors."""
+    return ", ".join(frames[:24] + ["..."] * (len(frames) > 24))

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where a sensor sits on its robot, as a user types it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ndtree.logs.poses.pose import Pose
+
+EXPECTED = "expected x,y,z,roll,pitch,yaw or x,y,yaw, lengths in metres, angles in radians or as in 90deg"
+
+
+def mount_of(text: str) -> Pose:
+    """The pose of a sensor on its base.
+
+    Parameters
+    ----------
+    text : str
+        ``"x,y,z,roll,pitch,yaw"``, or in the plane ``"x,y,yaw"``: metres, and radians or degrees with "deg"
+        behind the number. As in URDF the sensor is turned about the base's x axis (roll), then about its y,
+        then about its z axis.
+
+    Raises
+    ------
+    ValueError
+        If it is something else. An angle in radians of more than one turn is taken for a mistake.
+    """
+    fields = text.split(",")
+    if len(fields) not in (3, 6):
+        raise ValueError(f"mount = {text!r}: {len(fields)} numbers, {EXPECTED}")
+    lengths = fields[:2] if len(fields) == 3 else fields[:3]
+    try:
+        position = [float(field) for field in lengths]
+        angles = [_angle(field) for field in fields[len(lengths) :]]
+    except ValueError:
+        raise ValueError(f"mount = {text!r}: {EXPECTED}") from None
+    if not all(math.isfinite(value) for value in (*position, *angles)):
+        raise ValueError(f"mount = {text!r}: {EXPECTED}, all of them finite")
+    if any(abs(angle) > 2 * math.pi + 1e-9 for angle in angles):
+        raise ValueError(f"mount = {text!r}: an angle of more than one turn, {EXPECTED}")
+    if len(fields) == 3:
+        position, angles = [*position, 0.0], [0.0, 0.0, *angles]
+    return Pose(_rotation(*angles), np.array(position))
+
+
+def _angle(field: str) -> float:
+    field = field.strip()
+    if field.endswith("deg"):
+        return math.radians(float(field[:-3]))
+    return float(field)
+
+
+def _rotation(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    (a, b), (c, d), (e, f) = ((math.cos(angle), math.sin(angle)) for angle in (roll, pitch, yaw))
+    about_x = np.array([[1, 0, 0], [0, a, -b], [0, b, a]])
+    about_y = np.array([[c, 0, d], [0, 1, 0], [-d, 0, c]])
+    about_z = np.array([[e, -f, 0], [f, e, 0], [0, 0, 1]])
+    return about_z @ about_y @ about_x

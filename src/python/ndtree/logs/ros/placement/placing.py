@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where the sensors are that are mapped, and which of them is taken if none is named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+from ndtree.logs.ros.files.bag import Bag, Topic
+from ndtree.logs.ros.placement.placement import Asked, Placement, placed
+from ndtree.logs.ros.sensors import listed
+from ndtree.logs.ros.survey import ODOMETRY, POSE_NAMES, POSES, Survey
+
+#: Makes the survey of a bag with the poses of a topic, or without any.
+Surveyed = Callable[["str | None"], Survey]
+
+
+def poses_topic(bag: Bag, odometry: str | None, poses: str | None) -> str | None:
+    """The topic with poses that was asked for."""
+    wanted, types = (odometry, (ODOMETRY,)) if odometry is not None else (poses, POSES)
+    if wanted is None:
+        return None
+    topic = bag.topic(wanted)
+    if topic is None or topic.type not in types or not topic.messages:
+        what = "Odometry" if odometry is not None else f"poses ({POSE_NAMES})"
+        raise ValueError(f"{bag.path}: no {what} in {wanted}, expected one of {listed(bag.of_type(*types))}")
+    return topic.name
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Sensors, and how the pose of each is found.
+
+    Attributes
+    ----------
+    topics : list of Topic
+    places : dict of str to Placement
+        By topic.
+    survey : Survey
+        That they are from.
+    notes : list of str
+        What was taken for granted.
+    """
+
+    topics: list[Topic]
+    places: dict[str, Placement]
+    survey: Survey
+    notes: list[str] = field(default_factory=list)
+
+
+def find_places(
+    bag: Bag, surveyed: Surveyed, topics: list[Topic], asked: Asked, poor: set[str] | None
+) -> Placed:
+    """Where sensors are: all of them, or the first of which it is known where `poor` is not None.
+
+    `poor` has the names of those that make no map beside the others: they are not taken in the place of a
+    better one of which it is not known where it is.
+
+    Where nothing was said of poses and the transforms do not tell, a topic with Odometry counts whose
+    messages say of which frame they are, if the sensor is connected with that.
+
+    Raises
+    ------
+    ValueError
+        If it is not known; of the first topic.
+    """
+    survey = surveyed(asked.poses)
+    try:
+        return _placed(bag, survey, topics, asked, poor)
+    except ValueError as error:
+        wrong = error
+    if not (asked.still or asked.poses or asked.trajectory or asked.fixed_frame):
+        sources = bag.of_type(ODOMETRY)
+        for source in sources:
+            other = surveyed(source.name)
+            if not (other.poses and (other.poses[0].child or asked.mount)):
+                continue
+            try:
+                found = _placed(bag, other, topics, replace(asked, poses=source.name), poor)
+            except ValueError:
+                continue
+            left = [one for one in sources if one is not source]
+            note = f"/tf does not say where the sensor is: poses are those of --odometry {source.name}"
+            found.notes.append(note + (f"; others are {listed(left)}" if left else ""))
+            return found
+    if unread := [*survey.ends, *survey.damaged]:
+        raise ValueError(f"{wrong}; but not all of it could be read: {unread[0]}")
+    raise wrong
+
+
+def _placed(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked, poor: set[str] | None) -> Placed:
+    if poor is None:
+        return Placed(topics, _together(bag, survey, topics, asked), survey)
+    wrong: ValueError | None = None
+    registered: list[tuple[Topic, dict[str, Placement]]] = []
+    for topic in topics:
+        try:
+            places = _together(bag, survey, [topic], asked)
+        except ValueError as error:
+            wrong = wrong or error
+            continue
+        if places[topic.name].observer is None:
+            if wrong is not None and topic.name in poor:
+                raise ValueError(f"{wrong}; --topic {topic.name} maps a sensor that sees far less")
+            return Placed([topic], places, survey)
+        registered.append((topic, places))
+    if registered:  # Of clouds in a fixed frame the rare ones are whole maps.
+        topic, places = max(registered, key=lambda one: one[0].messages)
+        return Placed([topic], places, survey)
+    assert wrong is not None
+    raise wrong
+
+
+def _together(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked) -> dict[str, Placement]:
+    """Where some sensors are, all of them in the frame of the first."""
+    others = {one.name: one.type.rpartition("/")[2] for one in bag.of_type(*POSES)}
+    places: dict[str, Placement] = {}
+    for topic in topics:
+        places[topic.name] = placed(bag.path, survey, topic, asked, others)
+        if asked.poses is None and asked.trajectory is None:
+            asked = replace(asked, fixed_frame=places[topic.name].fixed_frame)
+    return places

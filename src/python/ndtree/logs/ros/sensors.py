@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which topics of a bag are mapped, and how the messages of each become beams."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ndtree.logs.core.source import WrongOption
+from ndtree.logs.folders.depth_image import Camera, camera_of
+from ndtree.logs.poses.transforms import plain
+from ndtree.logs.ros.files.bag import Bag, Topic
+from ndtree.logs.ros.messages import image, livox
+from ndtree.logs.ros.messages.beams import (
+    IMAGES,
+    LASER,
+    LIVOX,
+    MULTI_ECHO_LASER,
+    PLANAR,
+    POINT_CLOUD,
+    RANGE,
+    SENSOR_NAMES,
+    SENSORS,
+    Beams,
+    short,
+)
+from ndtree.logs.ros.messages.cloud import cloud_beams
+from ndtree.logs.ros.messages.head import head_of
+from ndtree.logs.ros.messages.laser import laser_beams, multi_echo_beams, range_beams
+from ndtree.logs.ros.storage import Raw
+from ndtree.logs.ros.survey import Survey
+from ndtree.logs.ros.units import recorded_unit
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A topic that a user asked for, and the standard deviation of its ranges [m] if they said."""
+
+    name: str
+    sigma: float | None = None
+
+    @staticmethod
+    def of(text: str) -> Wanted:
+        """From ``"/scan"`` or ``"/scan@0.02"``."""
+        name, at, number = text.partition("@")
+        if not at:
+            return Wanted(name)
+        try:
+            sigma = float(number)
+        except ValueError:
+            sigma = -1.0
+        if not 0 < sigma < np.inf:
+            raise WrongOption(f"topic {text}: expected a standard deviation in metres > 0 behind the @")
+        return Wanted(name, sigma)
+
+
+class Sensor:
+    """One topic with measurements.
+
+    Parameters
+    ----------
+    bag : Bag
+    topic : Topic
+    survey : Survey
+    sigma : float, optional
+        Of its ranges [m].
+    camera : str, optional
+        Of depth images.
+    pixel_stride : int
+        Of depth images.
+
+    Attributes
+    ----------
+    camera_topic : str or None
+        Where its cameras are from.
+    note : str
+        What was found out of the unit of its depths.
+    """
+
+    def __init__(
+        self,
+        bag: Bag,
+        topic: Topic,
+        survey: Survey,
+        *,
+        sigma: float | None = None,
+        camera: str | None = None,
+        pixel_stride: int = 1,
+    ) -> None:
+        self.topic, self.sigma = topic, sigma
+        self.seen = survey.seen[topic.name]
+        self.camera_topic: str | None = None
+        self.note = ""
+        self._pixel_stride = pixel_stride
+        self._cameras: tuple[np.ndarray[Any, Any], list[Camera]] | None = None
+        if topic.type in IMAGES:
+            first = bag.first(topic.name)
+            scale = image.scale_of(first)
+            if image.is_integer(first) and (recorded := recorded_unit(bag, topic.name)) is not None:
+                scale = 1 / recorded[0]
+                self.note = f"{topic.name}: depths are in units of {recorded[0]:g} m, as {recorded[1]} says"
+            if camera is not None:
+                self._cameras = np.zeros(1), [camera_of(camera, scale=scale)]
+            else:
+                self.camera_topic, self._cameras = _cameras(bag, survey, topic.name, first, scale)
+
+    @property
+    def is_planar(self) -> bool:
+        """Whether it measures in one plane."""
+        return self.topic.type in PLANAR
+
+    @property
+    def description(self) -> str:
+        """For reports."""
+        return f"{self.topic.name} ({short(self.topic.type)} in {self.seen.frame or 'no frame'})"
+
+    def own_messages(self, bag: Bag) -> Iterator[Raw]:
+        """Those that are not another sensor's in the same topic, up to where the bag is damaged."""
+        for raw in bag.messages([self.topic.name], on_damage=lambda error: None):
+            head = head_of(raw)
+            if head is not None and head[1] == self.seen.frame:
+                yield raw
+
+    def beams(
+        self,
+        message: Any,
+        stamp: float,
+        no_return_range: float | None = None,
+        zero_is_silent: bool = False,
+    ) -> Beams:
+        """What a message measured; ValueError if it contradicts itself.
+
+        `no_return_range` is up to where a beam without return is free if the message does not say [m];
+        `zero_is_silent`, whether a LaserScan's range of 0 is one.
+        """
+        kind = self.topic.type
+        if kind == LASER:
+            return laser_beams(message, no_return_range, zero_is_silent)
+        if kind == MULTI_ECHO_LASER:
+            return multi_echo_beams(message, no_return_range)
+        if kind == RANGE:
+            return range_beams(message, no_return_range)
+        if kind == POINT_CLOUD:
+            return cloud_beams(message, stamp)
+        if kind in LIVOX:
+            return livox.beams(message)
+        assert self._cameras is not None
+        stamps, cameras = self._cameras
+        return image.depth_beams(message, cameras[int(np.abs(stamps - stamp).argmin())], self._pixel_stride)
+
+
+def readable(bag: Bag) -> list[Topic]:
+    """Topics with measurements, the default one first.
+
+    By type: lasers, clouds, depth images, single ranges. Of one type the one whose name has the fewest parts,
+    and then by the alphabet.
+    """
+    topics = [
+        topic
+        for topic in bag.of_type(*SENSORS)
+        if topic.type not in IMAGES or image.has_depth(bag.first(topic.name))
+    ]
+    return sorted(topics, key=lambda one: (SENSORS.index(one.type), plain(one.name).count("/"), one.name))
+
+
+def encodings_in(bag: Bag) -> dict[str, str]:
+    """How the pixels of each topic with images are encoded, by the first message that is whole."""
+    found = {}
+    for topic in bag.of_type(*IMAGES):
+        try:
+            found[topic.name] = image.encoding_of(bag.first(topic.name))
+        except ValueError:
+            continue
+    return found
+
+
+def chosen(bag: Bag, wanted: list[Wanted]) -> list[Topic]:
+    """The topics that were asked for."""
+    found = []
+    for one in wanted:
+        topic = bag.topic(one.name)
+        if topic is None:
+            raise ValueError(
+                f"{bag.path}: no topic {one.name}, expected one of {listed(bag.of_type(*SENSORS))}"
+            )
+        if topic.type not in SENSORS:
+            raise ValueError(
+                f"{bag.path}: topic {topic.name} is of type {topic.type}, expected {SENSOR_NAMES}"
+            )
+        if not topic.messages:
+            raise ValueError(f"{bag.path}: {topic.name}: no message, expected at least one")
+        if topic in found:
+            raise WrongOption(f"{bag.path}: topic {one.name}: is there twice")
+        found.append(topic)
+    return found
+
+
+def listed(topics: list[Topic]) -> str:
+    """Topics for errors."""
+    shown = [f"{topic.name} ({short(topic.type)})" for topic in topics[:12]]
+    return ", ".join(shown + ["..."] * (len(topics) > 12)) or "none"
+
+
+def _cameras(
+    bag: Bag, survey: Survey, topic: str, first: Any, scale: float
+) -> tuple[str, tuple[np.ndarray[Any, Any], list[Camera]]]:
+    """The topic with an image's cameras, and stamps and cameras in it."""
+    frame = plain(first.header.frame_id)
+    size = image.size_of(first)
+    by_topic: dict[str, tuple[list[float], list[Camera]]] = {}
+    wrong = ""
+    for name, infos in survey.infos.items():
+        for stamp, message in infos:
+            is_alike = (message.width, message.height) == size
+            if is_alike and (image.is_beside(name, topic) or plain(message.header.frame_id) == frame):
+                try:
+                    camera = image.camera_of_info(message, scale)
+                except ValueError as error:  # As of uncalibrated cameras.
+                    wrong = f"; of {name}: {error}"
+                    continue
+                stamps, cameras = by_topic.setdefault(name, ([], []))
+                stamps.append(stamp)
+                cameras.append(camera)
+    if not by_topic:
+        found = ", ".join(survey.infos) or "none"
+        raise ValueError(
+            f"{bag.path}: no CameraInfo of {size[0]} x {size[1]} pixels beside {topic} or in frame "
+            f"{frame}, expected one, or --camera fx,fy,cx,cy; found {found}{wrong}"
+        )
+    best = min(by_topic, key=lambda name: (not image.is_beside(name, topic), name))
+    return best, (np.array(by_topic[best][0]), by_topic[best][1])

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which understanding of the times of its beams a log's own scans bear out, for each of its sensors."""
+
+from __future__ import annotations
+
+from itertools import islice
+
+import numpy as np
+
+from ndtree.logs.ros.clock import Clock
+from ndtree.logs.ros.files.bag import Bag, open_bag
+from ndtree.logs.ros.messages.beams import IMAGES, Beams, stamp_of
+from ndtree.logs.ros.messages.sweep import AS_SAID, GROUP, OFF, Sweep, sharpest, turning
+from ndtree.logs.ros.placement.placement import Placement
+from ndtree.logs.ros.sensors import Sensor
+from ndtree.logs.ros.storage import Raw
+
+#: A sweep that lasts so much longer than the time from scan to scan is none.
+LONGER_THAN_INTERVAL = 1.2
+#: The length of a sweep is taken from this many messages of a topic.
+FIRST_MESSAGES = 20
+
+
+def understood(
+    path: str,
+    sensors: list[Sensor],
+    places: dict[str, Placement],
+    clock: Clock,
+    time_offset: float,
+    deskew: bool,
+) -> tuple[dict[str, Sweep], list[str]]:
+    """What the times of each sensor's beams mean, and a line for each that is not what its messages say.
+
+    Times by which a scan would last longer than it takes until the next are none. Of the others a sample of
+    scans decides in which the sensor turns, see `ndtree.logs.ros.messages.sweep.sharpest`.
+    """
+    sweeps: dict[str, Sweep] = {}
+    lines: list[str] = []
+    for sensor in sensors:
+        name = sensor.topic.name
+        place = places[name]
+        sweeps[name] = AS_SAID if deskew else OFF
+        if not deskew or sensor.topic.type in IMAGES:
+            continue
+        if place.stands or place.observer is not None:  # It does not matter when a beam was measured.
+            sweeps[name] = OFF
+            continue
+        with open_bag(path) as bag:
+            lasts, is_guess = _duration(bag, sensor, clock)
+            if not lasts:
+                continue
+            base = OFF if is_guess else AS_SAID
+            sweeps[name] = base
+            if sensor.seen.interval and lasts > LONGER_THAN_INTERVAL * sensor.seen.interval:
+                sweeps[name] = OFF
+                lines.append(
+                    f"{name}: its beams would take {lasts:.3f} s, but a scan comes every "
+                    f"{sensor.seen.interval:.3f} s: their times are not used"
+                )
+                continue
+            stamps = np.array(sensor.seen.own_stamps)
+            starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
+            groups = _groups(bag, sensor, starts, clock, time_offset)
+        if groups:
+            sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups, base)
+            sweeps[name] = sweep
+            if sweep is not base:
+                lines.append(
+                    f"{name}: {sweep.name}: so scans agree better than as their messages say "
+                    f"({100 * (1 - gain):.0f} % fewer cells)"
+                )
+    return sweeps, lines
+
+
+def _duration(bag: Bag, sensor: Sensor, clock: Clock) -> tuple[float, bool]:
+    """How long the beams of the first message take that has times for them [s]; whether it is a guess.
+
+    0 where none of the first messages has.
+    """
+    for raw in islice(sensor.own_messages(bag), FIRST_MESSAGES):
+        measured = _measured(bag, sensor, raw, clock)
+        if measured is None:
+            continue
+        beams, _ = measured
+        if beams.times is not None and len(beams.times) > 1:
+            return float(np.ptp(beams.times)), beams.is_guess
+    return 0.0, False
+
+
+def _measured(bag: Bag, sensor: Sensor, raw: Raw, clock: Clock) -> tuple[Beams, float] | None:
+    """A message's beams, and its time as the message says it [s]; None if it cannot be read."""
+    stream = (sensor.topic.name, sensor.seen.frame)
+    try:
+        message = bag.decoded(raw)
+        stamp = clock.stamp(stream, 1e-9 * raw.received, stamp_of(message))
+        return sensor.beams(message, stamp), stamp
+    except ValueError:
+        return None
+
+
+def _groups(
+    bag: Bag, sensor: Sensor, starts: list[int], clock: Clock, time_offset: float
+) -> list[list[tuple[Beams, float]]]:
+    """Scans that follow each other from some numbers on."""
+    if not starts:
+        return []
+    groups: dict[int, list[tuple[Beams, float]]] = {start: [] for start in starts}
+    wanted = {start + i: start for start in starts for i in range(GROUP)}
+    stream = (sensor.topic.name, sensor.seen.frame)
+    for number, raw in enumerate(sensor.own_messages(bag)):
+        if number > starts[-1] + GROUP:
+            break
+        if number in wanted:
+            measured = _measured(bag, sensor, raw, clock)
+            if measured is None:
+                continue
+            beams, stamp = measured
+            at = clock.time(stream, 1e-9 * raw.received, stamp) + time_offset
+            groups[wanted[number]].append((beams, at))
+    return [group for group in groups.values() if len(group) > 1]

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What structure from motion leaves: cameras, points, and which saw which."""

@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Models of COLMAP, binary or text: a folder of cameras, images and points3D."""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+from collections.abc import Iterator
+from functools import cached_property
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.base.scan import Scan
+from ndtree.logs.core.plain_file import open_regular, text_lines
+from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.poses.pose import Pose
+from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, SfmLog, Triangulation
+
+PARTS = ("cameras", "images", "points3D")
+
+#: Models of cameras: their number in binary files, their parameters, and how many of these are focal lengths.
+CAMERA_MODELS = {
+    "SIMPLE_PINHOLE": (0, 3, 1),
+    "PINHOLE": (1, 4, 2),
+    "SIMPLE_RADIAL": (2, 4, 1),
+    "RADIAL": (3, 5, 1),
+    "OPENCV": (4, 8, 2),
+    "OPENCV_FISHEYE": (5, 8, 2),
+    "FULL_OPENCV": (6, 12, 2),
+    "FOV": (7, 5, 2),
+    "SIMPLE_RADIAL_FISHEYE": (8, 4, 1),
+    "RADIAL_FISHEYE": (9, 5, 1),
+    "THIN_PRISM_FISHEYE": (10, 12, 2),
+    "RAD_TAN_THIN_PRISM_FISHEYE": (11, 16, 2),
+    "SIMPLE_DIVISION": (12, 4, 1),
+    "DIVISION": (13, 5, 2),
+    "SIMPLE_FISHEYE": (14, 3, 1),
+    "FISHEYE": (15, 4, 2),
+    "EUCM": (16, 6, 2),
+    "EQUIRECTANGULAR": (17, 2, 0),
+}
+_NAMES = {number: name for name, (number, _, _) in CAMERA_MODELS.items()}
+
+#: Of the smallest image in a binary file.
+IMAGE_BYTES = 73
+
+Floats = NDArray[np.float64]
+Identities = NDArray[np.int64]
+
+
+class ColmapLog(SfmLog):
+    """One scan each image, in the order of the file; the points are held in memory, the images are not.
+
+    Distances are in the unit of the model, which is not a metre unless the model was scaled.
+
+    Parameters
+    ----------
+    path : str
+        Folder with ``cameras``, ``images`` and ``points3D``, all ``.bin`` or all ``.txt``.
+    pixel_sigma : float
+        Standard deviation of a feature's place in its image [px].
+    """
+
+    format = "colmap"
+
+    def __init__(self, path: str, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> None:
+        super().__init__(path, pixel_sigma)
+        ending = _ending(os.listdir(path))
+        if ending is None:
+            raise ValueError(f"{path}: expected {' and '.join(PARTS)}, all with .bin or all with .txt")
+        self._files: type[_Files] = _Binary if ending == ".bin" else _Text
+        self._names = {part: os.path.join(path, part + ending) for part in PARTS}
+
+    def __len__(self) -> int:
+        return self._number_of_images
+
+    @cached_property
+    def _number_of_images(self) -> int:
+        return self._files.count(self._names["images"])
+
+    @cached_property
+    def _focal_lengths(self) -> dict[int, float]:
+        return dict(self._files.cameras(self._names["cameras"]))
+
+    @cached_property
+    def _triangulated(self) -> tuple[Identities, Triangulation]:
+        """Sorted names of the points, and the points."""
+        identities, points = self._files.points(self._names["points3D"])
+        order = np.argsort(identities)
+        triangulation = Triangulation(points[order], self._pixel_sigma)
+        identities = identities[order]
+        self._check_points(identities, triangulation.points)
+        try:
+            for rows, center, focal_length in self._observations(identities):
+                triangulation.observe(rows, center, focal_length)
+        except ValueError:
+            if not self.keep_going:
+                raise  # Else the loop over the scans comes upon it again, and notes it.
+        return identities, triangulation
+
+    def _check_points(self, identities: Identities, points: Floats) -> None:
+        path = self._names["points3D"]
+        twice = np.flatnonzero(np.diff(identities) == 0)
+        if twice.size:
+            raise ValueError(
+                f"{path}: point {identities[twice[0]]} is there twice, expected names of their own"
+            )
+        finite = np.isfinite(points).all(axis=1)
+        if not finite.all():
+            raise ValueError(f"{path}: point {identities[finite.argmin()]} is not finite")
+
+    def _observations(self, identities: Identities) -> Iterator[tuple[NDArray[np.intp], Floats, float]]:
+        """Of each image: rows of the points, the camera's centre, and its focal length."""
+        path = self._names["images"]
+        for where, camera, T_camera_map, seen in self._files.images(path):
+            if camera not in self._focal_lengths:
+                raise ValueError(f"{path}: {where}: camera {camera} is not in {self._names['cameras']}")
+            seen = np.unique(seen[seen >= 0])  # Two features of an image may be one point.
+            rows = np.searchsorted(identities, seen)
+            known = rows < len(identities)
+            known[known] = identities[rows[known]] == seen[known]
+            if not known.all():
+                lost = seen[known.argmin()]
+                raise ValueError(f"{path}: {where}: point {lost} is not in {self._names['points3D']}")
+            yield rows, T_camera_map.inverse().position, self._focal_lengths[camera]
+
+    def _scans(self) -> Iterator[Scan]:
+        identities, triangulation = self._triangulated
+        try:
+            for rows, center, focal_length in self._observations(identities):
+                yield self._scan(triangulation, rows, center, focal_length)
+        except ValueError as error:
+            self._skip("damaged files", error)
+
+
+class _Files:
+    """How the three files are written; the errors of all name the file and the place in it."""
+
+    @staticmethod
+    def cameras(path: str) -> Iterator[tuple[int, float]]:
+        """Name and focal length [px]."""
+        raise NotImplementedError
+
+    @staticmethod
+    def count(path: str) -> int:
+        """How many images a file has, or had before it was cut off."""
+        raise NotImplementedError
+
+    @staticmethod
+    def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
+        """Where it stands, the camera's name, T_camera_map, and names of points, -1 for a feature without."""
+        raise NotImplementedError
+
+    @staticmethod
+    def points(path: str) -> tuple[Identities, Floats]:
+        """Names (n,), and points (n, 3)."""
+        raise NotImplementedError
+
+
+class _Text(_Files):
+    @staticmethod
+    def cameras(path: str) -> Iterator[tuple[int, float]]:
+        for where, line in _lines(path):
+            fields = line.split()
+            try:
+                camera, model, _, _ = int(fields[0]), *fields[1:4]
+                parameters = [float(field) for field in fields[4:]]
+            except (ValueError, IndexError):
+                raise ValueError(f"{path}: {where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS") from None
+            yield camera, _focal_length(path, where, model, parameters)
+
+    @staticmethod
+    def count(path: str) -> int:
+        lines = _lines(path, skip_blank=False)
+        count = 0
+        for _, line in lines:
+            if line.strip():
+                count += 1
+                next(lines, None)
+        return count
+
+    @staticmethod
+    def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
+        lines = _lines(path, skip_blank=False)
+        for where, line in lines:
+            if not line.strip():
+                continue
+            fields = line.split(maxsplit=9)
+            try:
+                numbers = [float(field) for field in fields[1:8]]
+                camera = int(fields[8])
+            except (ValueError, IndexError):
+                raise ValueError(
+                    f"{path}: {where}: expected IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
+                ) from None
+            pose = _pose(path, where, numbers)
+            # The line of features, which is blank for an image without.
+            where_seen, second = next(lines, ("", ""))
+            if not where_seen:
+                raise ValueError(f"{path}: behind {where}: cut off, expected a line of X Y POINT3D_ID")
+            features = second.split()
+            try:
+                seen = np.array(features[2::3], dtype=np.int64)
+            except (ValueError, OverflowError):
+                seen = np.empty(0, dtype=np.int64)
+            if 3 * len(seen) != len(features):
+                raise ValueError(
+                    f"{path}: {where_seen}: found {len(features)} fields, expected X Y POINT3D_ID each"
+                )
+            yield where, camera, pose, seen
+
+    @staticmethod
+    def points(path: str) -> tuple[Identities, Floats]:
+        identities, points = [], []
+        for where, line in _lines(path):
+            fields = line.split(maxsplit=4)
+            try:
+                identities.append(int(fields[0]))
+                x, y, z = (float(field) for field in fields[1:4])
+            except (ValueError, IndexError):
+                raise ValueError(f"{path}: {where}: expected POINT3D_ID X Y Z R G B ERROR TRACK") from None
+            points.append((x, y, z))
+        return np.array(identities, dtype=np.int64), np.array(points, dtype=np.float64).reshape(-1, 3)
+
+
+class _Binary(_Files):
+    @staticmethod
+    def cameras(path: str) -> Iterator[tuple[int, float]]:
+        with open_regular(path) as file:
+            for where in _records(file, path, "camera", smallest=24):
+                camera, number, _, _ = _unpacked(file, path, where, "<IiQQ")
+                if number not in _NAMES:
+                    raise ValueError(f"{path}: {where}: found model {number}, expected 0 to {max(_NAMES)}")
+                name = _NAMES[number]
+                parameters = _unpacked(file, path, where, f"<{CAMERA_MODELS[name][1]}d")
+                yield camera, _focal_length(path, where, name, list(parameters))
+
+    @staticmethod
+    def count(path: str) -> int:
+        with open_regular(path) as file:
+            (said,) = _unpacked(file, path, "number of images", "<Q")
+            return min(said, os.fstat(file.fileno()).st_size // IMAGE_BYTES)
+
+    @staticmethod
+    def images(path: str) -> Iterator[tuple[str, int, Pose, Identities]]:
+        with open_regular(path) as file:
+            for where in _records(file, path, "image", smallest=IMAGE_BYTES):
+                numbers = _unpacked(file, path, where, "<I7dI")
+                while _take(file, path, where, 1) != b"\0":
+                    pass  # The image's name.
+                (features,) = _unpacked(file, path, where, "<Q")
+                table = np.frombuffer(_take(file, path, where, 24 * features), dtype="<i8").reshape(-1, 3)
+                yield where, numbers[8], _pose(path, where, list(numbers[1:8])), table[:, 2]
+
+    @staticmethod
+    def points(path: str) -> tuple[Identities, Floats]:
+        with open_regular(path) as file:
+            identities, points = [], []
+            for where in _records(file, path, "point", smallest=51):
+                identity, x, y, z, _, _, _, _, track = _unpacked(file, path, where, "<q3d3BdQ")
+                identities.append(identity)
+                points.append((x, y, z))
+                _take(file, path, where, 8 * track)
+        return np.array(identities, dtype=np.int64), np.array(points, dtype=np.float64).reshape(-1, 3)
+
+
+def _ending(names: list[str] | tuple[str, ...]) -> str | None:
+    """Binary files come first, as COLMAP itself takes them."""
+    for ending in (".bin", ".txt"):
+        if all(part + ending in names for part in PARTS):
+            return ending
+    return None
+
+
+def _focal_length(path: str, where: str, model: str, parameters: list[float]) -> float:
+    """The mean of both axes [px]."""
+    if model not in CAMERA_MODELS:
+        raise ValueError(f"{path}: {where}: found model {model!r}, expected {', '.join(CAMERA_MODELS)}")
+    _, count, focal = CAMERA_MODELS[model]
+    if len(parameters) != count:
+        raise ValueError(f"{path}: {where}: found {len(parameters)} parameters, {model} has {count}")
+    if focal == 0:  # Columns of equal angles: `focal` of them are a radian.
+        length = parameters[0] / (2 * math.pi)
+    else:
+        length = min(parameters[:focal])
+        length = sum(parameters[:focal]) / focal if length > 0 else length
+    if not (length > 0 and math.isfinite(length)):
+        raise ValueError(f"{path}: {where}: found a focal length of {length:g} px, expected one > 0")
+    return length
+
+
+def _pose(path: str, where: str, numbers: list[float]) -> Pose:
+    """T_camera_map of a quaternion w x y z and a translation."""
+    w, x, y, z = numbers[:4]
+    if not np.isfinite(numbers).all():
+        raise ValueError(f"{path}: {where}: found a pose that is not finite")
+    try:
+        return Pose.from_quaternion(numbers[4:], (x, y, z, w))
+    except ValueError as error:
+        raise ValueError(f"{path}: {where}: {error}") from None
+
+
+def _lines(path: str, *, skip_blank: bool = True) -> Iterator[tuple[str, str]]:
+    """Lines that are no comments, and where they stand."""
+    for number, line in text_lines(path):
+        if not line.startswith("#") and (line.strip() or not skip_blank):
+            yield f"line {number}", line
+
+
+def _records(file: IO[bytes], path: str, what: str, *, smallest: int) -> Iterator[str]:
+    """Where each record of a file stands that begins with their number, and that ends with the last."""
+    (count,) = _unpacked(file, path, f"number of {what}s", "<Q")
+    left = os.fstat(file.fileno()).st_size - 8
+    if count * smallest > left:
+        raise ValueError(f"{path}: {left} bytes for {count} {what}s, expected at least {count * smallest}")
+    for i in range(count):
+        yield f"{what} {i + 1} of {count}"
+    if file.read(1):
+        raise ValueError(f"{path}: behind {what} {count} of {count}: more bytes, expected the end")
+
+
+def _take(file: IO[bytes], path: str, where: str, size: int) -> bytes:
+    if size > 1 << 16 and size > os.fstat(file.fileno()).st_size - file.tell():
+        content = b""
+    else:
+        content = file.read(size)
+    if len(content) != size:
+        raise ValueError(f"{path}: {where}: the file is cut off, expected {size} bytes more")
+    return content
+
+
+def _unpacked(file: IO[bytes], path: str, where: str, layout: str) -> tuple:
+    return struct.unpack(layout, _take(file, path, where, struct.calcsize(layout)))
+
+
+def _recognises(source: Source) -> bool:
+    return _ending(source.names) is not None
+
+
+def _open(source: Source, *, dim: int | None = None, pixel_sigma: float = DEFAULT_PIXEL_SIGMA) -> ColmapLog:
+    require_dim(source, COLMAP, 3, dim)
+    return ColmapLog(source.path, pixel_sigma)
+
+
+COLMAP = Format("colmap", "a COLMAP model", _recognises, _open, (PIXEL_SIGMA,), "folder")

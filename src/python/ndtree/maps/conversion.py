@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps of any kind into files of any kind."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ndtree._native._core import OccupancyMap
+from ndtree.maps.open import open_map
+from ndtree.maps.writers import format_of
+
+
+def convert(
+    source: OccupancyMap | str | os.PathLike[str],
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    cell_size: float | None = None,
+    height: tuple[float, float] | None = None,
+    states: Sequence[str] | None = None,
+    faces: bool = False,
+) -> None:
+    """Write a map as a file of another kind; it appears whole or not at all.
+
+    Parameters
+    ----------
+    source : map, str or path
+        A map, or a file: ours, OctoMap's (.bt, .ot) or map_server's (.yaml).
+    path : str or path
+        Its ending says what is written: .ndt, a map of ours; .bt and .ot, OctoMap's; .yaml, .pgm and .png, an
+        image for map_server and nav2, and its .yaml; .bag, .mcap and .db3, a ROS bag with an Octomap or an
+        OccupancyGrid; .ply, points, or a mesh; .pcd, points; .glb and .gltf, a mesh; .vtu, VTK's cells; .npz,
+        the leaves as records, or with ``format="grid"`` a dense array of states; .npy, the latter.
+    format : str, optional
+        One of "ndtree", "octomap", "map_server", "rosbag", "ply", "pcd", "gltf", "vtk", "leaves" and "grid",
+        where the ending does not say.
+    cell_size : float, optional
+        Of the cells in all files but .ndt [m]; left out, the map's own, or where all are of one size, its
+        smallest. A larger cell is occupied if some occupied cell overlaps it, else free if some free one
+        does, else unknown. Written so, cells in points, meshes and records are all of that size, without
+        counts of beams and layers; an .ot keeps its colours.
+    height : (low, high), optional
+        Of an image or an OccupancyGrid of a 3-D map: only cells that overlap low <= z < high [m].
+    states : sequence of {"occupied", "free", "frontier"}, optional
+        Which cells are written as points, mesh, VTK's cells or records; frontier is unknown space beside free
+        cells. Left out, the occupied ones, and for .vtu and .npz the free ones, too.
+    faces : bool
+        A .ply holds the mesh of the cells' faces, without those that other cells hide, instead of points.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read or written.
+    ValueError
+        If the source is no map or damaged, the ending or a value is wrong, or the format does not read an
+        option or cannot hold the map.
+    ImportError
+        If the format needs a library that is not installed; it names the extra.
+    """
+    target = Path(path)
+    options: dict[str, Any] = {}
+    if cell_size is not None:
+        options["cell_size"] = cell_size
+    if height is not None:
+        options["height"] = height
+    if states is not None:
+        options["states"] = states
+    if faces:
+        options["faces"] = faces
+    chosen = format_of(target, format, options)
+    if isinstance(source, OccupancyMap):
+        m = source
+    else:
+        m = open_map(source).resampled(cell_size)
+    chosen.write(m, target, **options)

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps of any kind in files: ours, OctoMap's, and the images of ROS's map_server."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
+from ndtree.logs import MAP_MAGIC
+from ndtree.logs.core.failures import readable
+from ndtree.logs.core.plain_file import open_regular
+from ndtree.maps.images import states_of_image
+from ndtree.tiles import MANIFEST, open_tiles
+
+OCTOMAP_MAGIC = b"# Octomap OcTree"
+#: Of files of before OctoMap 1.0: a number that other files may begin with, too, so that the name counts.
+OLD_OCTOMAP_MAGIC = b"\3\0\0\0"
+YAML_SUFFIXES = (".yaml", ".yml")
+_KNOWN = "a map of ndtree's, OctoMap's (.bt, .ot) or map_server's (.yaml)"
+TILES_MAGIC = b'"ndtree tiles"'
+TILES_SUFFIX = ".tiles"
+_URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):/{1,2}(?=[^/]|$)")  # A Path takes one slash away.
+_ON_LATTICE = 1e-6  # [cells]
+
+
+@dataclass(frozen=True)
+class PlacedMap:
+    """A map whose frame may be shifted: what it says of a point p is found at p - offset.
+
+    Attributes
+    ----------
+    map : OccupancyMap
+    offset : (dim,) float64
+        [m]; 0 but for images that do not begin at a whole number of pixels from 0.
+    name : str
+        The file's name as it was given, for messages.
+    """
+
+    map: OccupancyMap
+    offset: NDArray[np.float64]
+    name: str
+
+    @property
+    def cell_size(self) -> float:
+        """Edge of the smallest cells [m]."""
+        return float(self.map.options["min_cell_size"])
+
+    def state(self, points: NDArray[np.float64]) -> NDArray[np.int8]:
+        """(n,) states at points (n, dim) of the common frame."""
+        return np.asarray(self.map.state(points - self.offset))
+
+    def resampled(self, cell_size: float | None) -> OccupancyMap:
+        """The map without its shift: itself where there is none, else in other cells, see `to_grid`.
+
+        Raises
+        ------
+        ValueError
+            If there is a shift, and no cell size.
+        """
+        if not self.offset.any():
+            return self.map
+        if cell_size is None:
+            at = ", ".join(f"{value:g}" for value in self.offset)
+            raise ValueError(
+                f"{self.name}: origin ({at}) m is no whole number of pixels of {self.cell_size:g} m from 0: "
+                "give a cell size to sample it anew"
+            )
+        if not (cell_size > 0 and math.isfinite(cell_size)):
+            raise ValueError(f"cell_size = {cell_size} m: must be > 0 and finite")
+        leaves = self.map.leaves()
+        lower = leaves.lower[leaves.observed].min(axis=0) + self.offset
+        upper = (leaves.lower + leaves.size[:, None])[leaves.observed].max(axis=0) + self.offset
+        first = np.floor(lower / cell_size)
+        shape = (np.ceil(upper / cell_size) - first).astype(int)
+        corner = first * cell_size
+        states = self.map.to_grid(
+            [corner - self.offset, corner + (shape - 0.5) * cell_size - self.offset], cell_size
+        )
+        return _core.from_grid(states, corner, cell_size)
+
+
+def is_map(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a map of any kind, and not a log; decided by its first bytes, or by ``.yaml``.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    """
+    if tiles_url(path) is not None:
+        return True
+    if os.path.isdir(path):  # Some logs are folders.
+        return False
+    with open_regular(path) as file:
+        head = file.read(len(OCTOMAP_MAGIC))
+    if head.startswith(MAP_MAGIC) or _is_octomap(os.fspath(path), head):
+        return True
+    return Path(path).suffix.lower() in YAML_SUFFIXES
+
+
+def _is_octomap(name: str, head: bytes) -> bool:
+    if head.startswith(OCTOMAP_MAGIC):
+        return True
+    return head.startswith(OLD_OCTOMAP_MAGIC) and Path(name).suffix.lower() == ".bt"
+
+
+def tiles_url(path: str | os.PathLike[str]) -> str | None:
+    """Where a map in tiles is: for a folder that has its manifest or name, and what has a URL; else None."""
+    text = os.fspath(path)
+    scheme = _URL.match(text)
+    if scheme is not None:
+        return f"{scheme[1]}://{text[scheme.end() :]}"
+    if os.path.isdir(text) and Path(text).suffix.lower() == TILES_SUFFIX:
+        return text  # Also if its manifest is damaged, or not there.
+    manifest = os.path.join(text, MANIFEST)
+    if not os.path.isfile(manifest):
+        return None
+    with open_regular(manifest) as file:  # Other folders have a file of this name, too.
+        return text if TILES_MAGIC in file.read(100) else None
+
+
+def open_map(path: str | os.PathLike[str]) -> PlacedMap:
+    """Open a map of any kind: `load`, `load_octomap`, tiles, or an image that map_server and nav2 read.
+
+    Of a map in tiles, all are read into one.
+
+    A pixel of an image becomes a free, an occupied or an unknown cell by the YAML file's thresholds and
+    mode, as nav2's map_server has it: where an image has an alpha channel, the mode trinary takes that for a
+    fourth color, and the mode scale calls all pixels unknown that are not opaque.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be read.
+    ValueError
+        If it is damaged or no map: which file, what was found, and what was expected.
+    ImportError
+        If map_server's files need a library that is not installed; it names the extra.
+    """
+    name = os.fspath(path)
+    with readable(name, "cannot be read as a map"):
+        url = tiles_url(name)
+        if url is not None:
+            whole = open_tiles(url).to_map()
+            return PlacedMap(whole, np.zeros(whole.dim), name)
+        with open_regular(name) as file:
+            head = file.read(len(OCTOMAP_MAGIC))
+        if Path(name).suffix.lower() in YAML_SUFFIXES:
+            return _map_server(name)
+        if _is_octomap(name, head):
+            loaded: OccupancyMap = _core.load_octomap(name)
+        elif head.startswith(MAP_MAGIC):
+            loaded = _core.load(name)
+        else:
+            raise ValueError(
+                f"{name}: neither the first bytes nor the name are those of a map, expected {_KNOWN}"
+            )
+        return PlacedMap(loaded, np.zeros(loaded.dim), name)
+
+
+def _map_server(name: str) -> PlacedMap:
+    states, lower, size = states_of_image(name)
+    on_lattice = np.all(np.abs(lower / size - np.rint(lower / size)) <= _ON_LATTICE)
+    offset = np.zeros(2) if on_lattice else lower
+    return PlacedMap(_core.from_grid(states, lower - offset, size), offset, name)

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Maps out: one file for each format, chosen by the name of the file that is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ndtree._native._core import OccupancyMap
+from ndtree.maps.writers import arrays, map_server, mesh, octomap, pcd, ply, rosbag, vtu
+from ndtree.maps.writers.cells import STATES
+
+__all__ = ["FORMATS", "OPTIONS", "STATES", "MapFormat", "format_of", "write"]
+
+#: Keywords that formats may read.
+OPTIONS = ("cell_size", "height", "states", "faces")
+
+
+@dataclass(frozen=True)
+class MapFormat:
+    """One row of the table of formats.
+
+    Attributes
+    ----------
+    name : str
+        The word for ``format=``.
+    suffixes : tuple of str
+        Endings of its files.
+    options : tuple of str
+        Which of `OPTIONS` it reads.
+    write : callable
+        ``write(map, path, **options)``; the file appears whole or not at all.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    options: tuple[str, ...]
+    write: Callable[..., None]
+
+
+def _save(m: OccupancyMap, path: Path) -> None:
+    if m.refinement == "octomap":
+        raise ValueError(f"{path}: an OctoMap cannot be written as a map of ndtree's, but as .ot")
+    m.save(path)
+
+
+#: Of several formats with one ending, the first is chosen unless another is named.
+FORMATS = (
+    MapFormat("ndtree", (".ndt",), (), _save),
+    MapFormat("octomap", (".bt", ".ot"), ("cell_size",), octomap.write),
+    MapFormat("map_server", (".yaml", ".pgm", ".png"), ("cell_size", "height"), map_server.write),
+    MapFormat("rosbag", (".bag", ".mcap", ".db3"), ("cell_size", "height"), rosbag.write),
+    MapFormat("ply", (".ply",), ("cell_size", "states", "faces"), ply.write),
+    MapFormat("pcd", (".pcd",), ("cell_size", "states"), pcd.write),
+    MapFormat("gltf", (".glb", ".gltf"), ("cell_size", "states"), mesh.write),
+    MapFormat("vtk", (".vtu",), ("cell_size", "states"), vtu.write),
+    MapFormat("leaves", (".npz",), ("cell_size", "states"), arrays.write_leaves),
+    MapFormat("grid", (".npy", ".npz"), ("cell_size",), arrays.write_grid),
+)
+
+
+def format_of(path: Path, format: str | None, options: dict[str, Any]) -> MapFormat:
+    """The format of a file that is to be written.
+
+    Raises
+    ------
+    ValueError
+        If there is none for the ending or of that name, or it does not read one of the options.
+    """
+    if format is not None:
+        named = {one.name: one for one in FORMATS}
+        if format not in named:
+            raise ValueError(f"format = {format!r}: must be one of {', '.join(named)}")
+        chosen = named[format]
+        if path.suffix not in chosen.suffixes:
+            raise ValueError(f"{path}: format {format} writes {', '.join(chosen.suffixes)}")
+    else:
+        by_suffix = [one for one in FORMATS if path.suffix in one.suffixes]
+        if not by_suffix:
+            every = dict.fromkeys(suffix for one in FORMATS for suffix in one.suffixes)
+            raise ValueError(f"{path}: no format has this ending, expected one of {', '.join(every)}")
+        chosen = by_suffix[0]
+    for option in options:
+        if option not in chosen.options:
+            what = ", ".join(chosen.options) or "no options"
+            raise ValueError(f"{option}: format {chosen.name} ({path.suffix}) does not read it, but {what}")
+    return chosen
+
+
+def write(m: OccupancyMap, path: Path) -> None:
+    """Write a map as its file's ending says; raises as `format_of` and the format do."""
+    format_of(path, None, {}).write(m, path)

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Images for ROS's map_server and nav2: PGM or PNG, and the YAML file about it."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from ndtree._native._core import OccupancyMap
+from ndtree.base.files import replaced_together
+
+
+def write(
+    m: OccupancyMap,
+    path: Path,
+    *,
+    cell_size: float | None = None,
+    height: tuple[float, float] | None = None,
+) -> None:
+    """See ``OccupancyMap.save_map_server()``; the image and the YAML file have the same name."""
+    yaml = path.with_suffix(".yaml")
+    if path.suffix != ".png":
+        m.save_map_server(yaml, cell_size=cell_size, height=height)
+        return
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise ImportError(
+            f"PNG files need Pillow ({error}); install it with: pip install 'ndtree-mapping[convert]'"
+        ) from None
+    with tempfile.TemporaryDirectory() as folder:
+        same = Path(folder, "map.yaml")
+        m.save_map_server(same, cell_size=cell_size, height=height)
+        lines = same.read_text(encoding="utf-8").splitlines(keepends=True)
+        lines[0] = "image: '{}'\n".format(path.name.replace("'", "''"))
+        with replaced_together(path, yaml) as (png_part, yaml_part):
+            with Image.open(same.with_suffix(".pgm")) as image:
+                image.save(png_part)
+            yaml_part.write_text("".join(lines), encoding="utf-8")

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A first look at a log: the options with which it should be mapped."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ndtree._native import _core
+from ndtree.base.progress import Progress, no_progress
+from ndtree.base.scan import Scan
+from ndtree.evaluation.no_returns import NoReturns, judge
+from ndtree.evaluation.sampling import skipping_unmappable, spread
+from ndtree.logs.core.log import Log
+from ndtree.tuning.agreement import Disagreement, disagreement
+from ndtree.tuning.calibration import range_noise
+
+#: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
+#: with the squared range [1/m].
+DEPTH_CAMERA = (0.005, 0.0015)
+#: A sigma is chosen between these [m]: poses are hardly better, and worse ones are not the sensor's noise.
+SIGMA_LIMITS = (0.005, 0.1)
+#: Growth that adds less than this share to sigma at the longest range is none.
+NEGLIGIBLE = 0.1
+#: At least this many scans are mapped to see what mapping costs, if there are as many.
+TRIED = 80
+#: Of the longest range that was measured, how far beams without return are believed.
+BELIEVED = 1.2
+
+
+@dataclass(frozen=True)
+class FirstLook:
+    """What `first_look` found.
+
+    Parameters
+    ----------
+    dim, scans, beams : int
+    range_sigma, range_sigma_quadratic : float
+        Standard deviation of a range [m], and its growth with the squared range [1/m].
+    is_measured : bool
+        The noise is from the log; else it is what such sensors usually have.
+    no_returns : NoReturns
+        What beams without return say, and why.
+    max_range : float
+        How far they are believed [m]; infinite where it does not matter.
+    seconds, read_seconds : float
+        That the look took, and of these the reading of the log.
+    sample : list of Scan
+        That was looked at.
+    cut_off : float or None
+        The log's largest range, where readings are taken for beams without return [m].
+    disagreement : Disagreement or None
+        From when on the poses of a 2-D log do not fit its scans.
+    """
+
+    dim: int
+    scans: int
+    beams: int
+    range_sigma: float
+    range_sigma_quadratic: float
+    is_measured: bool
+    no_returns: NoReturns
+    max_range: float
+    seconds: float
+    read_seconds: float
+    sample: list[Scan] = field(repr=False, compare=False)
+    cut_off: float | None = None
+    disagreement: Disagreement | None = None
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Keywords for `AdaptiveMap`."""
+        options = {"range_sigma": self.range_sigma}
+        if self.range_sigma_quadratic:
+            options["range_sigma_quadratic"] = self.range_sigma_quadratic
+        return options
+
+    def figures(self) -> dict[str, Any]:
+        """All of it as plain numbers, ready for JSON."""
+        return {
+            "dim": self.dim,
+            **self.options,
+            "is_measured": self.is_measured,
+            "no_return": self.no_returns.choice,
+            "no_return_beams": self.no_returns.beams,
+            "no_return_crossing": self.no_returns.crossing,
+            "no_return_expected": self.no_returns.expected,
+            "max_range": self.max_range if math.isfinite(self.max_range) else None,
+        }
+
+    def cost(self) -> tuple[float, float]:
+        """Time [s] and memory [bytes] that `ndtree map` will take, about: a part of the sample is mapped."""
+        m = _core.AdaptiveMap(dim=self.dim, **self.options)
+        part = self.sample[:: max(1, len(self.sample) // TRIED)]
+        begin = time.perf_counter()
+        for scan in part:
+            one = scan.returned_only() if self.no_returns.choice == "ignore" else scan
+            with skipping_unmappable():
+                one.insert_into(m, max_range=self.max_range)
+        inserted = time.perf_counter() - begin
+        inserted *= self.beams / max(sum(len(scan) for scan in part), 1)
+        return self.seconds + self.read_seconds + inserted, float(m.stats().memory_bytes)
+
+
+def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
+    """Read a log once, and find the options with which it should be mapped.
+
+    160 to 320 scans from all over the log are looked at, in runs of four. The noise of the ranges is measured
+    as by `calibrate`. What beams without return say is decided by `ndtree.evaluation.no_returns.judge`; where
+    they are believed, then up to 1.2 times the longest range that was measured.
+
+    Parameters
+    ----------
+    log : Log
+    progress : callable, optional
+        Called as ``progress(what, done, total)``.
+
+    Raises
+    ------
+    ValueError
+        If the log has no scans, or is damaged.
+    """
+    begin = time.perf_counter()
+    report = progress or no_progress
+    total = len(log) if hasattr(log, "__len__") else 0
+    runs, scans, beams = spread(log, lambda done: report("looking at the log", done, total))
+    read_seconds = time.perf_counter() - begin
+    sample = [scan for run in runs for scan in run]
+    if not sample:
+        raise ValueError(f"{log.name}: no scans, expected at least one")
+    noise = range_noise(sample)
+    if noise is not None:
+        sigma, quadratic = noise[0].value, noise[1].value
+    elif log.is_depth_camera:
+        sigma, quadratic = DEPTH_CAMERA
+    else:
+        sigma, quadratic = _core.default_options()["range_sigma"], 0.0
+    longest = max((float(scan.returned_beams()[2].max(initial=0.0)) for scan in sample), default=0.0)
+    sigma = _rounded(min(max(sigma, SIGMA_LIMITS[0]), SIGMA_LIMITS[1]))
+    if quadratic * longest**2 < NEGLIGIBLE * sigma:
+        quadratic = 0.0
+    quadratic = _rounded(quadratic)
+    said = judge(sample)
+    limit = math.inf
+    if said.choice == "free" and said.share > 0 and longest > 0:
+        limit = _rounded(BELIEVED * longest)
+    return FirstLook(
+        dim=log.dim,
+        scans=scans,
+        beams=beams,
+        range_sigma=sigma,
+        range_sigma_quadratic=quadratic,
+        is_measured=noise is not None,
+        no_returns=said,
+        max_range=limit,
+        seconds=time.perf_counter() - begin,
+        read_seconds=read_seconds,
+        sample=sample,
+        cut_off=log.cut_off,
+        disagreement=disagreement(runs) if log.dim == 2 else None,
+    )
+
+
+def _rounded(value: float) -> float:
+    """To two digits, as a person would type it."""
+    if not value or not np.isfinite(value):
+        return value
+    return float(f"{value:.2g}")

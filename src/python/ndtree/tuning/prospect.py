@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What will come of mapping a log: with which options, whether its poses reach, how long it takes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from ndtree.base.progress import Progress
+from ndtree.evaluation.no_returns import AUTO
+from ndtree.logs.core.log import Log
+from ndtree.tuning.settings import BEYOND_MEMORY, Settings, settle
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """What `prospect_of` found.
+
+    Parameters
+    ----------
+    settings : Settings
+        Without any option given.
+    spans : dict of str to (float, float)
+        Of scans and poses [s].
+    cost : (float, float) or None
+        Time [s] and memory [bytes] that mapping will take, about; None where no look was taken.
+    """
+
+    settings: Settings
+    spans: dict[str, tuple[float, float]]
+    cost: tuple[float, float] | None
+
+    def figures(self) -> dict[str, Any]:
+        """All of it as plain numbers, ready for JSON."""
+        look = self.settings.look
+        return {
+            "chosen": None if look is None else look.figures(),
+            "flags": list(self.settings.chosen),
+            "spans": {name: list(span) for name, span in self.spans.items()},
+            "cost": None if self.cost is None else dict(zip(("seconds", "memory_bytes"), self.cost)),
+        }
+
+    def lines(self) -> list[str]:
+        """For people."""
+        lines = []
+        scans, poses = self.spans.get("scans"), self.spans.get("poses")
+        if scans is not None and poses is not None:
+            lines.append(
+                f"scans from {scans[0]:.3f} to {scans[1]:.3f} s, "
+                f"poses from {poses[0]:.3f} to {poses[1]:.3f} s "
+                f"(scans begin {_away(scans[0] - poses[0])} and end {_away(scans[1] - poses[1])})"
+            )
+        lines += self.settings.lines()
+        if self.cost is not None:
+            seconds, memory = self.cost
+            lines.append(f"mapping will take about {_rounded(seconds)} s, and {_rounded(memory / 2**20)} MiB")
+        return lines
+
+
+def prospect_of(log: Log, *, progress: Progress | None = None) -> Prospect:
+    """Look at a log as `settle` does where nothing was given."""
+    settings = settle(log, options={}, max_range=math.inf, no_return=AUTO, with_sigma=True, progress=progress)
+    try:
+        cost = None if settings.look is None else settings.look.cost()
+    except MemoryError:
+        raise ValueError(f"{log.name}: {BEYOND_MEMORY}") from None
+    return Prospect(settings, log.spans, cost)
+
+
+def _away(seconds: float) -> str:
+    return f"{abs(seconds):.2f} s {'earlier' if seconds < 0 else 'later'}"
+
+
+def _rounded(value: float) -> str:
+    return f"{value:.1g}" if value < 1 else f"{value:.2g}" if value < 100 else f"{value:.0f}"

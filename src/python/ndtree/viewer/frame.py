@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What tells how large a map on a page is: a grid below it, its axes, and a scale bar."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import viser
+
+from ndtree.cells.lattice import Floats
+from ndtree.plot.legends import round_length
+
+_GREY, _LINE, _FINE = (40, 40, 40), (150, 150, 150), (210, 210, 210)
+_SQUARES = 12  # Of the grid along the longer side, about.
+_BAR = 0.25  # Share of the longer side that the scale bar takes at most.
+
+
+def draw_frame(scene: viser.SceneApi, lower: Floats, upper: Floats) -> list[Any]:
+    """Draw them around a box in the page's frame (3,), (3,) [m]; what can be removed again."""
+    extent = upper[:2] - lower[:2]
+    step = round_length(max(float(extent.max()) / _SQUARES, 1e-3))
+    below = float(lower[2]) - 0.01 * step
+    begin = np.floor(lower[:2] / step) * step
+    end = np.ceil(upper[:2] / step) * step
+    wide, high = (float(side) for side in end - begin)
+    middle = 0.5 * (begin + end)
+    handles: list[Any] = [
+        scene.add_grid(
+            "/frame/grid",
+            wide,
+            high,
+            cell_size=step,
+            cell_color=_FINE,
+            section_size=5 * step,
+            section_color=_LINE,
+            fade_distance=1e6,
+            shadow_opacity=0.0,
+            position=(float(middle[0]), float(middle[1]), below),
+        )
+    ]
+    length = round_length(_BAR * max(wide, high))
+    corner = np.array([begin[0], begin[1] - 0.5 * step, below])
+    tick = np.array([0.0, 0.15 * step, 0.0])
+    along = np.array([length, 0.0, 0.0])
+    bar = [(corner, corner + along), (corner - tick, corner + tick)]
+    bar.append((corner + along - tick, corner + along + tick))
+    handles.append(
+        scene.add_line_segments(
+            "/frame/scale", np.array(bar, dtype=np.float32), _GREY, thickness=3.0, thickness_units="screen"
+        )
+    )
+    words = {
+        f"{length:g} m": corner + 0.5 * along - (0.0, 0.2 * step, 0.0),
+        "x": np.array([end[0] + 0.3 * step, begin[1], below]),
+        "y": np.array([begin[0], end[1] + 0.3 * step, below]),
+    }
+    for text, at in words.items():
+        position = tuple(float(value) for value in at)
+        handles.append(scene.add_label(f"/frame/{text}", text, position=position, anchor="top-center"))
+    return handles

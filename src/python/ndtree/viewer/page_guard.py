@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Who may open the page of a map, which is no page from elsewhere; and what it is called."""
+
+from __future__ import annotations
+
+import http
+import re
+import threading
+import urllib.parse
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from viser.infra import _infra
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+#: Names that only this computer has; through a tunnel its port may be another.
+LOCAL_NAMES = ("127.0.0.1", "localhost", "::1")
+#: A name or an address, that of IPv6 in brackets, and perhaps a port; nothing else is a Host (RFC 9110, 7.2).
+_HOST = re.compile(r"(?P<name>\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z.-]+)(?::[0-9]{1,5})?")
+#: Each open page has a thread, and what it shows in memory.
+MOST_PAGES = 16
+#: What a page says is where its camera is, and what was clicked.
+MOST_SAID = 1 << 20
+TITLE = "ndtree"
+
+_ICON = (
+    "<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 16 16'>"
+    "<path fill='#fff' stroke='#1f5582' d='M.5.5h15v15H.5zM8 .5v15M.5 8h15M12 8v7.5M8 12h7.5'/>"
+    "<path fill='#c81e78' d='M12 8h3.5v4H12z'/></svg>"
+)
+_ICON_LINK = re.compile(rb'<link\s+rel="icon"\s[^>]*?/?>', re.DOTALL)
+_TITLE_TAG = re.compile(rb"<title>.*?</title>", re.DOTALL)
+_SAFER = {
+    "Content-Security-Policy": "frame-ancestors 'self' http://localhost:* http://127.0.0.1:*",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+_PATCHING = threading.Lock()
+
+Answer = Callable[[ServerConnection, Request], "Response | None"]
+Handler = Callable[[ServerConnection], Awaitable[None]]
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Servers of viser's that are started within check who asks: viser itself has no place for that."""
+    with _PATCHING:
+        server = _infra.websockets.asyncio.server
+        serve = server.serve
+
+        def guarded_serve(handler: Handler, *place: Any, process_request: Answer, **more: Any) -> Any:
+            more["max_size"] = MOST_SAID
+            return serve(_limited(handler), *place, process_request=_checked(process_request), **more)
+
+        server.serve = guarded_serve
+        try:
+            yield
+        finally:
+            server.serve = serve
+
+
+def why_not(headers: Headers) -> str | None:
+    """Why a request is refused, None if it is not.
+
+    The name of a stranger's server may lead here, and a stranger's page may call here: the first is seen by
+    ``Host``, which must be a name of this computer, the second by ``Origin``, which must be the same.
+    """
+    hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+    if len(hosts) != 1 or len(origins) > 1:
+        return "expected one Host, and one Origin at most"
+    found = _HOST.fullmatch(hosts[0])
+    name = found and found["name"].strip("[]").lower()
+    if name not in LOCAL_NAMES:
+        return f"expected {', '.join(LOCAL_NAMES)} as Host"
+    if origins and origins[0].lower() != f"http://{hosts[0].lower()}":
+        return "pages from elsewhere may not ask"
+    return None
+
+
+def own_page(page: bytes) -> bytes:
+    """Viser's page with a title and an icon of our own."""
+    icon = f'<link rel="icon" href="data:image/svg+xml,{urllib.parse.quote(_ICON)}" />'.encode()
+    page = _ICON_LINK.sub(lambda _: icon, page, count=1)
+    return _TITLE_TAG.sub(f"<title>{TITLE}</title>".encode(), page, count=1)
+
+
+def _checked(answer: Answer) -> Answer:
+    def checked(connection: ServerConnection, request: Request) -> Response | None:
+        reason = why_not(request.headers)
+        if reason is not None:
+            return _said(http.HTTPStatus.FORBIDDEN, reason)
+        is_page = request.path.partition("?")[0] in ("/", "/index.html")
+        if is_page and "Accept-Encoding" in request.headers:
+            del request.headers["Accept-Encoding"]  # It is changed, and small beside what follows.
+        response = answer(connection, request)
+        if response is None or response.status_code != http.HTTPStatus.OK:
+            return response
+        for name, value in _SAFER.items():
+            response.headers[name] = value
+        if is_page:
+            body = own_page(bytes(response.body))
+            del response.headers["Content-Length"]
+            response.headers["Content-Length"] = str(len(body))
+            response = Response(response.status_code, response.reason_phrase, response.headers, body)
+        return response
+
+    return checked
+
+
+def _said(status: http.HTTPStatus, text: str) -> Response:
+    body = f"{text}\n".encode()
+    headers = Headers(
+        {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body)), **_SAFER}
+    )
+    return Response(status.value, status.phrase, headers, body)
+
+
+def _limited(handler: Handler) -> Handler:
+    """At most this many pages at once; further ones get an answer to try again later."""
+    pages: set[int] = set()
+
+    async def limited(connection: ServerConnection) -> None:
+        if len(pages) >= MOST_PAGES:
+            await connection.close(1013, f"{MOST_PAGES} pages are open")
+            return
+        pages.add(id(connection))
+        try:
+            await handler(connection)
+        finally:
+            pages.discard(id(connection))
+
+    return limited
