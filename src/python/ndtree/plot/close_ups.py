@@ -96,8 +96,9 @@ def close_up_region(every: Cells) -> tuple[float, float, float, float]:
     span = np.maximum(span, step)
     bins = [np.arange(low, high + s, s) for (low, high), s in zip(region, step)]
     middle = seen.lower + 0.5 * seen.size[:, None]
-    area = np.histogram2d(*middle.T, bins=bins, weights=seen.size.astype(np.float64) ** 2)[0]
-    hits = np.histogram2d(*middle[seen.occupied].T, bins=bins)[0]
+    area = np.histogram2d(middle[:, 0], middle[:, 1], bins=bins, weights=seen.size.astype(np.float64) ** 2)[0]
+    hit = middle[seen.occupied]
+    hits = np.histogram2d(hit[:, 0], hit[:, 1], bins=bins)[0]
     window = np.minimum(np.maximum(np.rint(span / step).astype(int), 1), area.shape)
     views = [np.lib.stride_tricks.sliding_window_view(grid, window).sum((2, 3)) for grid in (area, hits)]
     good = np.minimum(views[0], span.prod())
