@@ -96,8 +96,8 @@ struct Beams {
 
 /// Behind the last beam, those who read many at a time find numbers of some.
 template <int D>
-void expect_closed(const BeamList& list, const ScanBeams<D>& beams) {
-  if (Simd::width() < 8) return;  // Nobody does.
+void expect_padded(const BeamList& list, const ScanBeams<D>& beams) {
+  if (Simd::width() < 8) return;  // Loops of width 1 read no padding.
   for (std::size_t i = 0; i < BeamList::kSlack; ++i) ASSERT_LT(list.beam[list.size + i], beams.size());
 }
 
@@ -157,7 +157,7 @@ TYPED_TEST(ScanLists, ChildrenShareTheWayOfEachBeamAmongThem) {
             ray[beam] += static_cast<double>(exit) - static_cast<double>(enter);
           }
           EXPECT_EQ(found, child.size);
-          expect_closed(child, scan.beams);
+          expect_padded(child, scan.beams);
           crossings += found;
         }
         const CellCrossings<N, D> of_root(scan.geometry, scan.beams, root);
@@ -374,10 +374,10 @@ TYPED_TEST(ScanLists, InPiecesTheyAreTheSame) {
       const BeamList expected = whole.of(j);
       ASSERT_EQ(child.size, expected.size);
       for (std::size_t i = 0; i < child.size; ++i) ASSERT_EQ(child.beam[i], expected.beam[i]);
-      expect_closed(child, scan.beams);
+      expect_padded(child, scan.beams);
     }
-    for (int j = 1; j < Partition::kNumChildren;
-         ++j)  // Whoever frees one frees those of the children before it.
+    // Releasing a child's list releases the lists of the children before it.
+    for (int j = 1; j < Partition::kNumChildren; ++j)
       ASSERT_GE(joined.of(j - 1).beam, joined.of(j).beam + joined.of(j).size + BeamList::kSlack);
   }
 }

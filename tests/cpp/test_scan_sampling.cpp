@@ -24,10 +24,10 @@ namespace {
 
 constexpr double kUnit = 0.05;
 
-/// A face that so many beams go through, evenly or on a line, with its steps; the first steps alone have
+/// A face with `count` beams, spread evenly or on a line, and its buckets, of which only the first have
 /// beams.
 template <int D>
-CubeFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t number_of_steps_before) {
+CubeFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t num_buckets_before) {
   Vector<D> origin;
   for (int a = 0; a < D; ++a) origin[a] = random.uniform(-1.0, 1.0);
   CubeFace<D> face(origin, random.integer(0, D - 1), random.chance(0.5));
@@ -41,7 +41,7 @@ CubeFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t 
   for (const bool is_well_observed : {false, true})
     face.depth_of_full_sample[is_well_observed] =
         face.depth_for(static_cast<float>(model.sample_beams(is_well_observed)), static_cast<float>(kUnit));
-  face.first_bucket = number_of_steps_before;
+  face.first_bucket = num_buckets_before;
   const auto all = static_cast<std::uint32_t>(face.num_all_buckets());
   face.num_buckets =
       random.chance(0.5) ? all : 1 + static_cast<std::uint32_t>(random.integer(0, static_cast<int>(all) - 1));

@@ -31,7 +31,7 @@ std::array<float, D> floats(const Vector<D>& v) {
   return result;
 }
 
-/// One origin or many; in a cone or all around; some beams of no length, broken, without return, or long.
+/// One origin or many; beams in a cone or all around, some of length 0, with NaN, without return, or long.
 template <int D>
 Scan<D> random_scan(Random& random, int count, int kind) {
   Scan<D> scan;
@@ -54,7 +54,7 @@ Scan<D> random_scan(Random& random, int count, int kind) {
 }
 
 template <int D>
-void looks_over_as_one_by_one(std::uint64_t seed) {
+void surveys_as_one_by_one(std::uint64_t seed) {
   Random random(seed);
   SCOPED_TRACE(random.trace());
   const LatticeGeometry<2, D> geometry(0.05, 3);
@@ -70,28 +70,28 @@ void looks_over_as_one_by_one(std::uint64_t seed) {
         ScanPart<D, BeamSensorModel> part;
         {
           const AtATime loops(at_a_time);
-          part.look_over(measurements, measurements.all(), sensor, geometry);
+          part.survey_beams(measurements, measurements.all(), sensor, geometry);
         }
         const ScanSurvey<D>& survey = part.survey();
         EXPECT_EQ(survey.outcomes, exact.outcomes);
         if (exact.num_valid() == 0) continue;
         EXPECT_TRUE((survey.reach.lower.array() <= exact.reach.lower.array()).all());
         EXPECT_TRUE((survey.reach.upper.array() >= exact.reach.upper.array()).all());
-        // A cell that takes all beams of a scan keeps them all.
-        CubeMap<D> image;
-        const auto numbers = image.join(part.image());
+        // If a cell samples all beams of a scan, all are kept.
+        CubeMap<D> cube_map;
+        const auto numbers = cube_map.join(part.cube_map());
         std::uint64_t beams = 0;
-        for (CubeFace<D>& face : image.faces()) {
+        for (CubeFace<D>& face : cube_map.faces()) {
           beams += face.num_beams;
           face.divide();
         }
         EXPECT_EQ(beams, exact.num_valid());
-        part.keep(image, numbers, {1e9, 0.05, 0.4});
+        part.keep(cube_map, numbers, {1e9, 0.05, 0.4});
         EXPECT_EQ(part.num_kept(), exact.num_valid());
         for (std::size_t k = 0; k < part.num_kept(); ++k) {
           const auto i = static_cast<Eigen::Index>(part.kept(k));
           const Beam<D> beam = measurements.beam(i);
-          const CubeFace<D>& face = image.face(numbers[part.face(k)]);
+          const CubeFace<D>& face = cube_map.face(numbers[part.face(k)]);
           EXPECT_EQ(face.origin, beam.origin);
           EXPECT_EQ(std::abs(beam.displacement[face.axis]), beam.displacement.cwiseAbs().maxCoeff());
           EXPECT_EQ(beam.displacement[face.axis] < 0.0, face.negative);
@@ -106,14 +106,14 @@ void looks_over_as_one_by_one(std::uint64_t seed) {
   for (const std::uint64_t n : outcomes) EXPECT_GT(n, 20u);
 }
 
-TEST(ScanSample, LooksOverAsOneByOne) {
-  looks_over_as_one_by_one<1>(170);
-  looks_over_as_one_by_one<2>(171);
-  looks_over_as_one_by_one<3>(172);
-  looks_over_as_one_by_one<4>(173);
+TEST(ScanSample, SurveysAsOneByOne) {
+  surveys_as_one_by_one<1>(170);
+  surveys_as_one_by_one<2>(171);
+  surveys_as_one_by_one<3>(172);
+  surveys_as_one_by_one<4>(173);
 }
 
-/// Parts put their beams where they belong: by face and step of chance, else in the order of the scan.
+/// Parts write their beams where they belong: by face and bucket, within a bucket in the order of the scan.
 template <int D>
 void puts_beams_where_they_belong(std::uint64_t seed) {
   Random random(seed);
@@ -130,37 +130,37 @@ void puts_beams_where_they_belong(std::uint64_t seed) {
       for (const int at_a_time : {1, 8}) {
         const AtATime loops(at_a_time);
         std::vector<ScanPart<D, BeamSensorModel>> parts(3);
-        CubeMap<D> image;
+        CubeMap<D> cube_map;
         std::vector<std::vector<std::uint32_t>> numbers;
         for (std::size_t p = 0; p < parts.size(); ++p) {
-          parts[p].look_over(measurements, measurements.part(p, parts.size()), sensor, geometry);
-          numbers.push_back(image.join(parts[p].image()));
+          parts[p].survey_beams(measurements, measurements.part(p, parts.size()), sensor, geometry);
+          numbers.push_back(cube_map.join(parts[p].cube_map()));
         }
-        for (CubeFace<D>& face : image.faces()) face.divide();
-        std::vector<CubeFace<D>> faces = image.faces();
+        for (CubeFace<D>& face : cube_map.faces()) face.divide();
+        std::vector<CubeFace<D>> faces = cube_map.faces();
         for (CubeFace<D>& face : faces) face.num_buckets = static_cast<std::uint32_t>(face.num_all_buckets());
         const BeamBuckets<D> buckets(faces);
-        std::vector<std::tuple<std::size_t, std::uint32_t>> expected;  // Step and number.
-        std::vector<std::vector<std::uint32_t>> places;
+        std::vector<std::tuple<std::size_t, std::uint32_t>> expected;  // Bucket and number.
+        std::vector<std::vector<std::uint32_t>> indices;
         for (std::size_t p = 0; p < parts.size(); ++p) {
-          parts[p].keep(image, numbers[p], sampling);
+          parts[p].keep(cube_map, numbers[p], sampling);
           for (std::size_t k = 0; k < parts[p].num_kept(); ++k)
             expected.emplace_back(buckets.of(numbers[p][parts[p].face(k)], parts[p].key(k)),
                                   parts[p].kept(k));
-          places.push_back(parts[p].count(buckets, numbers[p]));
+          indices.push_back(parts[p].count(buckets, numbers[p]));
         }
         std::sort(expected.begin(), expected.end());
         Workers workers(1);
-        buckets.begin(places, workers);
+        buckets.prefix_sum(indices, workers);
         std::vector<std::uint32_t> beams(expected.size());
-        for (std::size_t p = 0; p < parts.size(); ++p) parts[p].put(places[p], beams.data());
+        for (std::size_t p = 0; p < parts.size(); ++p) parts[p].scatter(indices[p], beams.data());
         for (std::size_t i = 0; i < beams.size(); ++i) ASSERT_EQ(beams[i], std::get<1>(expected[i]));
-        std::size_t i = 0;  // The last part's places tell where steps begin.
+        std::size_t i = 0;  // The last part's indices are the begins of buckets.
         for (std::size_t bucket = 0; bucket < buckets.count(); ++bucket) {
-          ASSERT_EQ(places.back()[bucket], i);
+          ASSERT_EQ(indices.back()[bucket], i);
           while (i < expected.size() && std::get<0>(expected[i]) == bucket) ++i;
         }
-        EXPECT_EQ(places.back().back(), expected.size());
+        EXPECT_EQ(indices.back().back(), expected.size());
         put += beams.size();
       }
     }
@@ -174,17 +174,17 @@ TEST(ScanSample, PutsBeamsWhereTheyBelong) {
   puts_beams_where_they_belong<4>(177);
 }
 
-/// Of beams that are denser than cells need, those that no cell of some size takes are not kept; but all that
-/// one does.
+/// Where beams are denser than cells need, beams that no cell samples are dropped, and no beam that some
+/// cell, of any size, samples.
 template <int D>
-void keeps_what_some_cell_takes(std::uint64_t seed) {
+void keeps_what_some_cell_samples(std::uint64_t seed) {
   Random random(seed);
   SCOPED_TRACE(random.trace());
   const LatticeGeometry<2, D> geometry(0.25, 2);
   SensorOptions options;
   options.range_sigma = 0.02;
   const BeamSensorModel sensor(options);
-  int taken = 0;
+  int sampled = 0;
   std::size_t left_out = 0;
   for (const double beams_of_a_cell : {0.02, 0.3, 2.0}) {
     Scan<D> scan;
@@ -196,19 +196,19 @@ void keeps_what_some_cell_takes(std::uint64_t seed) {
     }
     const Measurements<D, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
     ScanPart<D, BeamSensorModel> part;
-    part.look_over(measurements, measurements.all(), sensor, geometry);
-    CubeMap<D> image;
-    const auto numbers = image.join(part.image());
-    for (CubeFace<D>& face : image.faces()) face.divide();
+    part.survey_beams(measurements, measurements.all(), sensor, geometry);
+    CubeMap<D> cube_map;
+    const auto numbers = cube_map.join(part.cube_map());
+    for (CubeFace<D>& face : cube_map.faces()) face.divide();
     const SubsampleLimits sampling{beams_of_a_cell, 0.25, 1.0};
-    part.keep(image, numbers, sampling);
+    part.keep(cube_map, numbers, sampling);
     std::set<std::uint32_t> kept;
     for (std::size_t k = 0; k < part.num_kept(); ++k) {
       kept.insert(part.kept(k));
-      const CubeFace<D>& face = image.face(numbers[part.face(k)]);
+      const CubeFace<D>& face = cube_map.face(numbers[part.face(k)]);
       EXPECT_LT(face.bucket_of(part.key(k)),
                 face.buckets_within(part.depth_of_kept(sampling), 0.25f, static_cast<float>(beams_of_a_cell)))
-          << "there is a step for each";
+          << "each has a bucket";
     }
     left_out += 2000 - kept.size();
     for (int i = 0; i < 300; ++i) {
@@ -225,47 +225,47 @@ void keeps_what_some_cell_takes(std::uint64_t seed) {
           continue;
         Eigen::Index axis = 0;
         beam.displacement.cwiseAbs().maxCoeff(&axis);
-        for (const CubeFace<D>& face : image.faces()) {
+        for (const CubeFace<D>& face : cube_map.faces()) {
           if (face.axis != axis || face.negative != (beam.displacement[axis] < 0.0)) continue;
           const float expected =
               face.expected_beams(face.depth_of(cell.lower[axis], cell.upper[axis]), 0.25f);
           const std::uint32_t bucket = face.bucket_of(sampling_key_of<D>(floats<D>(beam.displacement)));
           if (!(face.fraction_below(bucket) * expected < static_cast<float>(beams_of_a_cell))) continue;
           EXPECT_EQ(kept.count(static_cast<std::uint32_t>(k)), 1u);
-          ++taken;
+          ++sampled;
         }
       }
       if (::testing::Test::HasFailure()) return;
     }
   }
-  EXPECT_GT(taken, 100);
+  EXPECT_GT(sampled, 100);
   if (D > 1) {
     EXPECT_GT(left_out, D == 4 ? 20u : 1000u);
   }
 }
 
-TEST(ScanSample, KeepsWhatSomeCellTakes) {
-  keeps_what_some_cell_takes<1>(166);
-  keeps_what_some_cell_takes<2>(167);
-  keeps_what_some_cell_takes<3>(168);
-  keeps_what_some_cell_takes<4>(169);
+TEST(ScanSample, KeepsWhatSomeCellSamples) {
+  keeps_what_some_cell_samples<1>(166);
+  keeps_what_some_cell_samples<2>(167);
+  keeps_what_some_cell_samples<3>(168);
+  keeps_what_some_cell_samples<4>(169);
 }
 
-/// All the rest of a beam being equal, a face that expects more beams in a cell lets it take a smaller share.
+/// Density, pixels and expected beams of a face whose beams are spread evenly.
 TEST(CubeMap, FacesAreAsDenseAsTheirBeams) {
-  CubeMap<3> image;
+  CubeMap<3> cube_map;
   const Vector<3> origin(1.0, 2.0, 3.0);
-  const std::uint32_t number = image.face_of(image.cube_of(origin), origin, 2);
-  CubeFace<3>& face = image.faces()[number];
+  const std::uint32_t number = cube_map.face_of(cube_map.cube_of(origin), origin, 2);
+  CubeFace<3>& face = cube_map.faces()[number];
   EXPECT_EQ(face.axis, 1);
   EXPECT_FALSE(face.negative);
   face.lower = {-0.5f, -0.25f};
   face.upper = {0.5f, 0.25f};
-  face.num_beams = 5000;  // On an area of 1 / 2: a hundred in a row of length 1.
+  face.num_beams = 5000;  // On an area of 1 / 2: a hundred pixels in a row of length 1.
   face.divide();
   EXPECT_NEAR(face.density, 100.0f, 1e-4f);
   EXPECT_NEAR(face.expected_beams(2.0f, 0.1f), 25.0f, 1e-4f);
-  EXPECT_EQ(face.expected_beams(0.01f, 0.1f), face.places[0] * face.places[1]) << "no more than there are";
+  EXPECT_EQ(face.expected_beams(0.01f, 0.1f), face.pixels[0] * face.pixels[1]) << "no more than there are";
   EXPECT_NEAR(face.width_of_beam(), 0.01f, 1e-6f);
   EXPECT_EQ(face.depth_of(4.0, 5.0), 2.5f);
   EXPECT_EQ(face.depth_of(1.0, 4.0), 1.5f) << "half the edge, if the origin is in the cell";
@@ -273,19 +273,19 @@ TEST(CubeMap, FacesAreAsDenseAsTheirBeams) {
   EXPECT_NEAR(face.expected_beams(face.depth_for(7.0f, 0.1f), 0.1f), 7.0f, 1e-3f);
 }
 
-TEST(ScanSample, AChanceSaysNothingAboutWhatABeamMeasured) {
+TEST(ScanSample, KeysAreIndependentOfWhatBeamsMeasured) {
   Random random(165);
   SCOPED_TRACE(random.trace());
   constexpr int kClasses = 16;
-  // Of end points that a sensor gives: single precision, or of 1 mm, near each other; by their range.
-  for (const double bucket : {0.0, 0.001}) {
+  // End points near each other, exact or rounded to 1 mm, in two classes of range.
+  for (const double rounding : {0.0, 0.001}) {
     int count[2][kClasses] = {};
     constexpr int kBeams = 40000;
     for (int i = 0; i < kBeams; ++i) {
       const double angle = 1e-4 * i;
       double range = 2.0 + 0.01 * random.uniform();
       const bool is_near = range < 2.005;
-      if (bucket > 0.0) range = std::round(range / bucket) * bucket;
+      if (rounding > 0.0) range = std::round(range / rounding) * rounding;
       const std::uint32_t key =
           sampling_key_of<3>(floats<3>({range * std::cos(angle), range * std::sin(angle), 0.3}));
       ASSERT_LT(key, 1u << 24);

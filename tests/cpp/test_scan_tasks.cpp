@@ -22,16 +22,16 @@ namespace {
 using Tree = NdTree<2, 3, EvidenceCell>;
 using Ref = Tree::Ref;
 
-/// What was asked of walks, by all threads.
+/// Calls of walks, by all threads.
 struct Record {
   std::mutex mutex;
-  std::size_t made = 0;  // Crossings in lists of children.
+  std::size_t written = 0;  // Crossings that subdivide() wrote into lists.
   std::vector<CellIndex<3>> run;
-  std::vector<CellIndex<3>> closed;
-  bool closed_before_run = false;
+  std::vector<CellIndex<3>> finalized;
+  bool finalized_before_run = false;
 };
 
-/// A bundle of beams, each of which crosses four children of every node.
+/// A walk of beams that all cross the same four children of every node.
 struct BundleWalk {
   Tree* tree;
   Record* record;
@@ -48,21 +48,21 @@ struct BundleWalk {
     for (int c = 0; c < 4; ++c)
       lists.add(tree->geometry().child(node, child_offset<2, 3>(c)).lower, beams.part, beams.list);
     const std::lock_guard<std::mutex> lock(record->mutex);
-    record->made += 4 * beams.list.size;
+    record->written += 4 * beams.list.size;
   }
-  [[nodiscard]] bool run(const Ref& ref, const TaskCell<3>& beams) const {
-    std::uint32_t next = 0;  // All beams, in their order.
+  [[nodiscard]] bool integrate(const Ref& ref, const TaskCell<3>& beams) const {
+    std::uint32_t next = 0;  // The beams come in ascending order, none is missing.
     for (const TaskList<3>* part = beams.first; part != beams.last; ++part)
       for (std::size_t i = 0; i < part->list.size; ++i) EXPECT_EQ(part->list.beam[i], next++);
     EXPECT_EQ(next, beams.size);
     const std::lock_guard<std::mutex> lock(record->mutex);
-    record->closed_before_run = record->closed_before_run || !record->closed.empty();
+    record->finalized_before_run = record->finalized_before_run || !record->finalized.empty();
     record->run.push_back(ref.index);
     return true;
   }
   [[nodiscard]] bool finalize(const Ref& ref, bool changed) const {
     EXPECT_TRUE(changed);
-    record->closed.push_back(ref.index);
+    record->finalized.push_back(ref.index);
     return changed;
   }
 };
@@ -83,36 +83,37 @@ void run_bundle(std::size_t beams, std::size_t threads, std::size_t most_to_subd
       .run(beams);
 }
 
-TEST(ScanTasks, OpensCellsUntilThereIsWorkForAll) {
+TEST(ScanTasks, SubdividesUntilThereIsWorkForAll) {
   Record record;
   run_bundle(1000, 4, 1000000, record);
-  EXPECT_EQ(record.run.size(), 16u);  // Not 256: then all would do the same work, but more of it.
-  EXPECT_EQ(record.made, 1000u * (4 + 16));
-  ASSERT_EQ(record.closed.size(), 5u);  // The root after its children.
-  EXPECT_FALSE(record.closed_before_run);
-  for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(record.closed[i].level, record.closed.back().level - 1);
+  EXPECT_EQ(record.run.size(), 16u);  // Not 256, which would be more work without more parallelism.
+  EXPECT_EQ(record.written, 1000u * (4 + 16));
+  ASSERT_EQ(record.finalized.size(), 5u);  // Four children, then the root.
+  EXPECT_FALSE(record.finalized_before_run);
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(record.finalized[i].level, record.finalized.back().level - 1);
 }
 
-TEST(ScanTasks, OpensNothingForFewBeams) {
+TEST(ScanTasks, DoesNotSubdivideForFewBeams) {
   for (const std::size_t beams : {2u, 150u}) {
     Record record;
     run_bundle(beams, 4, 1000000, record);
     EXPECT_EQ(record.run.size(), 1u);
-    EXPECT_TRUE(record.closed.empty());
+    EXPECT_TRUE(record.finalized.empty());
   }
 }
 
-TEST(ScanTasks, MakesNoMoreListsThanItMay) {
+TEST(ScanTasks, WritesNoMoreCrossingsThanItMay) {
   for (const std::size_t most : {0u, 3999u, 4000u, 19999u, 20000u}) {
     Record record;
     run_bundle(1000, 4, most, record);
-    EXPECT_LE(record.made, most);
+    EXPECT_LE(record.written, most);
     EXPECT_EQ(record.run.size(), most < 4000 ? 1u : most < 20000 ? 4u : 16u);
   }
 }
 
-/// The large ones first, by size; of the others, which stay in the order of the tree, as much for each.
-TEST(TaskOrder, SharesOutWhatIsSmall) {
+/// Large tasks come first, by size; small ones stay in the order of the tree, with about as much work for
+/// each worker.
+TEST(TaskOrder, DividesSmallTasksEvenly) {
   Random random(420);
   SCOPED_TRACE(random.trace());
   std::size_t large = 0;
@@ -124,7 +125,7 @@ TEST(TaskOrder, SharesOutWhatIsSmall) {
     const auto workers = static_cast<std::size_t>(random.integer(1, 9));
     const TaskOrder order(sizes, workers);
     const std::size_t all = std::accumulate(sizes.begin(), sizes.end(), std::size_t{0});
-    const auto size = [&](std::size_t place) { return sizes[order.tasks[place]]; };
+    const auto size = [&](std::size_t index) { return sizes[order.tasks[index]]; };
     ASSERT_EQ(order.ends.size(), std::clamp<std::size_t>(sizes.size(), 1, workers));
     ASSERT_EQ(order.ends.back(), sizes.size());
     ASSERT_LE(order.num_large, order.ends.front());
@@ -149,9 +150,9 @@ TEST(TaskOrder, SharesOutWhatIsSmall) {
       all_small += size(t);
     }
     for (std::size_t worker = 0, t = order.num_large; worker < order.ends.size(); ++worker) {
-      double share = 0.0;
-      for (; t < order.ends[worker]; ++t) share += static_cast<double>(size(t));
-      EXPECT_NEAR(share, static_cast<double>(all_small) / static_cast<double>(order.ends.size()),
+      double of_worker = 0.0;
+      for (; t < order.ends[worker]; ++t) of_worker += static_cast<double>(size(t));
+      EXPECT_NEAR(of_worker, static_cast<double>(all_small) / static_cast<double>(order.ends.size()),
                   most_of_small + 1.0);
     }
     large += order.num_large;

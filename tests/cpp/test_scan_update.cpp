@@ -193,8 +193,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6, 0.0, 2.0},
       {0.06, 0.0, 1.0, 4.0, 200.0, 2.0, 3.0, 2.0, 0.3, 0.0, 2.0},  // Free space is saturated soon.
       {0.3, 0.0, 0.0, 1.0, 200.0, 20.0, 16.0, 1.0, 1e6, 0.0,
-       2.0},  // Cells of all sizes are small beside the noise ...
-      {0.2, 0.0, 1.5, 2.0, 20.0, 200.0, 16.0, 3.0, 0.1, 0.0, 2.0},   // ... and may not all be split.
+       2.0},  // Cells of all sizes are small beside the noise.
+      {0.2, 0.0, 1.5, 2.0, 20.0, 200.0, 16.0, 3.0, 0.1, 0.0, 2.0},   // So they are, and not all may split.
       {0.02, 0.002, 3.0, 0.3, 5.0, 1.0, 1.0, 1.0, 0.05, 0.0, 2.0}};  // Every beam has noise of its own.
   const int levels = N == 2 ? 2 : 1;
   const double coarsest = kUnit * std::pow(N, levels);
@@ -258,7 +258,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_GE(sampled, D == 1 ? 0u : 1000u);
 }
 
-/// More beams than are handed down at once, of one origin and of several.
+/// More beams than are partitioned at once, of one origin and of several.
 TYPED_TEST(ScanUpdateOf, LongListsSayWhatEachOfTheirBeamsDoes) {
   NDTREE_SHAPE;
   if constexpr (D > 2) return;  // The plain map takes too long; pieces are put together as in the plane.
@@ -281,7 +281,7 @@ TYPED_TEST(ScanUpdateOf, LongListsSayWhatEachOfTheirBeamsDoes) {
   }
 }
 
-/// What the first of many beams say about an occupied cell must not decide about it.
+/// The evidence of the first of many beams must not decide about an occupied cell.
 TYPED_TEST(ScanUpdateOf, OccupiedCellsOfManyBeamsAreWeighedAsAWhole) {
   NDTREE_SHAPE;
   Random random(143);
@@ -522,8 +522,8 @@ TYPED_TEST(ScanUpdateOf, ALongWayAndAHitSplitUnknownSpaceAtOnce) {
         ASSERT_NO_THROW(map.check_invariants());
 
         const auto end = *map.tree().find_leaf(to);
-        double way = 0.0;   // Through the cell of the end point, up to it ...
-        double rest = 0.0;  // ... and from there.
+        double way = 0.0;   // Length in the cell of the end point, up to the end point.
+        double rest = 0.0;  // Length behind the end point.
         traverse_beam(map.tree(), from, Vector<D>(to - from), 0.0, 1.0 + 3.0 * sigma / range,
                       [&](const auto& leaf, double t_enter, double t_exit) {
                         if (leaf.index == end.index) {

@@ -19,6 +19,7 @@
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/even_ranges.hpp"
+#include "ndtree/core/inline.hpp"
 
 namespace ndtree {
 
@@ -51,17 +52,31 @@ class Workers {
   ///   CancelScope, if nothing else was thrown.
   template <class Work>
   void for_each_task(std::size_t tasks, Work&& work) {
-    const std::size_t sharing = std::min(count_, tasks);
-    if (sharing <= 1) return do_alone(tasks, work);
-    for_each_task(0, even_ranges(tasks, sharing), work);
+    run_tasks(0, even_ranges(tasks, std::max<std::size_t>(1, std::min(count_, tasks))), std::ref(work));
   }
   /// As above with ranges of any size, and before them tasks without an owner: an idle worker takes the next.
   /// @param first of the tasks in ranges. @param ends of the ranges, one behind the other, of as many workers
   ///   as are to work, not more than there are; the last is the number of tasks.
   template <class Work>
   void for_each_task(std::size_t first, const std::vector<std::size_t>& ends, Work&& work) {
+    run_tasks(first, ends, std::ref(work));
+  }
+
+ private:
+  /// Tasks side by side that workers take one by one.
+  struct alignas(kCacheLines) Range {
+    std::atomic<std::size_t> next{0};
+    std::size_t end = 0;
+  };
+
+  /// As for_each_task(); compiled once, whatever the work.
+  NDTREE_NEVER_INLINE void run_tasks(std::size_t first, const std::vector<std::size_t>& ends,
+                                     const std::function<void(std::size_t, std::size_t)>& work) {
     const std::size_t tasks = ends.empty() ? first : ends.back();
-    if (ends.size() <= 1 || tasks <= 1) return do_alone(tasks, work);
+    if (ends.size() <= 1 || tasks <= 1) {
+      for (std::size_t task = 0; task < tasks; ++task) work(0, task);
+      return;
+    }
     Range unowned;
     unowned.end = first;
     std::vector<Range> ranges(ends.size());
@@ -104,18 +119,6 @@ class Workers {
     });
     if (error) std::rethrow_exception(error);
     checkpoint();
-  }
-
- private:
-  /// Tasks side by side that workers take one by one.
-  struct alignas(kCacheLines) Range {
-    std::atomic<std::size_t> next{0};
-    std::size_t end = 0;
-  };
-
-  template <class Work>
-  static void do_alone(std::size_t tasks, Work&& work) {
-    for (std::size_t task = 0; task < tasks; ++task) work(std::size_t{0}, task);
   }
   /// Calls `job(worker)` once for each worker.
   void run(std::function<void(std::size_t)> job) {

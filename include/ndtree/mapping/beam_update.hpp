@@ -44,7 +44,7 @@ class BeamUpdate : public BeamVisitor {
 
   /// Surveys a scan, which must stay where it is until finish() is done; the tree stays as it is.
   /// @throws as survey_exactly().
-  ScanSurvey<D> look_over(const Measurements<D, Sensor>& measurements, Workers& /*workers*/) {
+  ScanSurvey<D> survey(const Measurements<D, Sensor>& measurements, Workers& /*workers*/) {
     measurements_ = &measurements;
     return survey_exactly(tree_.geometry(), measurements, measurements.all());
   }

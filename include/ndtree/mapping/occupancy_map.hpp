@@ -365,7 +365,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   const Measurements<D, Sensor> measurements(scan, max_range, sensor_, scan_number);
   // The survey checks the whole scan before the tree grows: from then on only out-of-memory, node-id
   // exhaustion or cancellation can interrupt.
-  const ScanSurvey<D> survey = update.look_over(measurements, workers);
+  const ScanSurvey<D> survey = update.survey(measurements, workers);
   for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
                                     BeamOutcome::beyond_max_range, BeamOutcome::invalid})
     report.count(outcome) = survey.num(outcome);

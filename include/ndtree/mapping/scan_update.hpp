@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Integration of whole scans: looked over, thinned to what cells take, and handed down the tree.
+/// Integration of a whole scan: the pipeline from its survey to the walk over the tree.
 #pragma once
 
 #include <algorithm>
@@ -30,14 +30,29 @@
 
 namespace ndtree {
 
-/// Integrates all beams of a scan in one walk over the tree. A leaf gets the joint evidence of the beams that
-/// cross it over more than a point (see LeafEvidence): a sum of whole numbers, so that neither their order
-/// matters nor how they are found. A leaf that splits passes the same beams on to its children, which begin
-/// with what is due to them of what it knew. Siblings of which a cell changed are merged on the way back. A
-/// leaf that splits and is whole again after the same scan was neither split nor merged.
+/// Integrates a scan as a whole, in one walk over the tree, for n beams by p workers:
 ///
-/// A cell that a scan leaves as it was is not updated, and does not count as such. That is so for cells that
-/// know as much free space as a cell can remember: where all beams pass, they are not even asked.
+/// 1. survey: beams -> outcome, face, depth and sampling key of each, and the scan's reach. O(n), parallel.
+/// 2. bin on the cube map: directions -> number and extent of the beams of each face, which give its pixels.
+///    O(n), parallel, in the same pass over the beams as 1.
+/// 3. subsample: faces, depths and keys -> the beams that some cell can sample. O(n), parallel.
+/// 4. counting sort: kept beams -> their numbers by face and bucket. O(n + p * buckets), parallel.
+/// 5. pack: sorted numbers -> two table rows per beam, see ScanBeams. O(n), parallel.
+/// 6. walk: rows and tree -> changed cells, their summaries, counters. O(pairs of a beam and a node that it
+///    crosses, without saturated subtrees that all beams pass), parallel by tasks, see ScanTasks.
+///
+/// survey() does 1 and 2 for each part of the scan; finish() joins the parts' cube maps, and does the others.
+///
+/// Invariants:
+/// - Same scan, same map, bit for bit. A leaf's evidence is a sum of whole numbers over the beams that it
+///   samples and that cross it over more than a point (see LeafEvidence), so neither the order of the beams
+///   nor the number of workers nor the width of loops matters.
+/// - A leaf that splits passes its beams on to its children, which start with parts of its evidence. Siblings
+///   are merged on the way back if one of them changed. A leaf that splits and re-merges within the scan
+///   counts neither as split nor as merged.
+/// - A cell that the scan leaves as it was does not count as updated. A saturated cell is skipped if all its
+///   beams pass.
+/// - survey() does not change the tree, so that a scan with an error leaves the map as it was.
 template <class Tree, class Refinement, class Sensor>
 class ScanUpdate {
   static constexpr int D = Tree::kDim;
@@ -49,30 +64,30 @@ class ScanUpdate {
              UpdateCounters& counters)
       : tree_(tree), refinement_(refinement), sensor_(sensor), counters_(counters) {}
 
-  /// So many that the start of a thread is worth it for each.
+  /// Number of workers that a scan of this many beams is worth.
   [[nodiscard]] static std::size_t most_workers(Eigen::Index beams) {
     constexpr Eigen::Index kBeamsOfWorker = 1000;
     return static_cast<std::size_t>(std::max<Eigen::Index>(1, beams / kBeamsOfWorker));
   }
 
-  /// Looks over a scan, which must stay where it is until finish() is done; the tree stays as it is.
-  /// @throws as survey_exactly().
-  ScanSurvey<D> look_over(const Measurements<D, Sensor>& measurements, Workers& workers) {
+  /// Surveys a scan and bins its beams on the cube map. The tree stays as it is.
+  /// @param measurements must stay where they are until finish() returns. @throws as survey_exactly().
+  ScanSurvey<D> survey(const Measurements<D, Sensor>& measurements, Workers& workers) {
     measurements_ = &measurements;
     parts_.resize(workers.count());
     workers.for_each_task(parts_.size(), [&](std::size_t, std::size_t p) {
-      parts_[p].look_over(measurements, measurements.part(p, parts_.size()), sensor_, tree_.geometry());
+      parts_[p].survey_beams(measurements, measurements.part(p, parts_.size()), sensor_, tree_.geometry());
     });
-    ScanSurvey<D> survey;
-    for (const Part& part : parts_) survey.add(part.survey());
-    reach_ = survey.reach;
-    return survey;
+    ScanSurvey<D> whole;
+    for (const Part& part : parts_) whole.add(part.survey());
+    reach_ = whole.reach;
+    return whole;
   }
 
-  /// @pre the tree contains what the survey reaches.
-  /// The result is the same for every number of workers.
-  /// @param undo grows to as many logs as are needed; null if none is to be kept.
-  /// @param window of cells of the coarsest level, outside which nothing is to change; null: all may.
+  /// Integrates the surveyed scan. The result is the same for every number of workers.
+  /// @pre the tree contains the survey's reach.
+  /// @param undo is resized to 1 + workers.count() logs of changed nodes; null: nothing is logged.
+  /// @param window of cells of the coarsest level, outside which no cell changes; null: all may change.
   void finish(Workers& workers, std::vector<UndoLog<Tree>>* undo = nullptr,
               const LatticeBox<D>* window = nullptr) {
     prepare(workers);
@@ -91,17 +106,18 @@ class ScanUpdate {
   }
 
  private:
-  /// Puts the beams that some cell may take into arrays, by face and step of chance.
+  /// Subsamples, sorts and packs the beams.
   void prepare(Workers& workers) {
-    std::vector<std::vector<std::uint32_t>> numbers;
+    // Subsample: one cube map of all parts, then each part drops the beams that no cell can sample.
+    std::vector<std::vector<std::uint32_t>> numbers;  // [part][face]: its number in the cube map.
     numbers.reserve(parts_.size());
-    for (Part& part : parts_) numbers.push_back(image_.join(part.image()));
-    for (CubeFace<D>& face : image_.faces()) face.divide();
+    for (Part& part : parts_) numbers.push_back(cube_map_.join(part.cube_map()));
+    for (CubeFace<D>& face : cube_map_.faces()) face.divide();
     const auto& geometry = tree_.geometry();
     const SubsampleLimits sampling{refinement_.model.sample_beams(false), geometry.unit(),
                                    geometry.cell_size(coarsest_level())};
-    workers.for_each_task(parts_.size(),
-                          [&](std::size_t, std::size_t p) { parts_[p].keep(image_, numbers[p], sampling); });
+    workers.for_each_task(
+        parts_.size(), [&](std::size_t, std::size_t p) { parts_[p].keep(cube_map_, numbers[p], sampling); });
     std::size_t num_beams = 0;
     float depth = 0.0f;
     Eigen::Index any = 0;
@@ -111,21 +127,24 @@ class ScanUpdate {
       if (part.num_kept() > 0) any = static_cast<Eigen::Index>(part.kept(0));
     }
     if (num_beams == 0) return;
+    // Counting sort by face and bucket.
     std::vector<CubeFace<D>> faces = number_faces(numbers);
     for (CubeFace<D>& face : faces)
       face.num_buckets = face.buckets_within(depth, static_cast<float>(sampling.smallest_cell),
                                              static_cast<float>(sampling.beams));
-    const BeamBuckets<D> steps(faces);
-    std::vector<std::vector<std::uint32_t>> places(parts_.size());
-    workers.for_each_task(
-        parts_.size(), [&](std::size_t, std::size_t p) { places[p] = parts_[p].count(steps, numbers[p]); });
-    steps.begin(places, workers);
-    const std::unique_ptr<std::uint32_t[]> kept(new std::uint32_t[num_beams]);  // Parts initialise that.
+    const BeamBuckets<D> buckets(faces);
+    std::vector<std::vector<std::uint32_t>> indices(parts_.size());
+    workers.for_each_task(parts_.size(), [&](std::size_t, std::size_t p) {
+      indices[p] = parts_[p].count(buckets, numbers[p]);
+    });
+    buckets.prefix_sum(indices, workers);
+    const std::unique_ptr<std::uint32_t[]> kept(new std::uint32_t[num_beams]);  // Parts write it.
     workers.for_each_task(parts_.size(),
-                          [&](std::size_t, std::size_t p) { parts_[p].put(places[p], kept.get()); });
+                          [&](std::size_t, std::size_t p) { parts_[p].scatter(indices[p], kept.get()); });
     parts_.clear();
+    // Pack.
     const ScanView<D>& scan = measurements_->scan();
-    beams_.resize(num_beams, std::move(faces), std::move(places.back()), scan.origin_per_beam,
+    beams_.resize(num_beams, std::move(faces), std::move(indices.back()), scan.origin_per_beam,
                   geometry.coordinates(scan.origin(any)), ends_nearby(), scan.range_sigma != nullptr);
     const bool by_eights = may_go_by_eights();
     std::vector<BeamNoise> noise(workers.count());
@@ -138,11 +157,12 @@ class ScanUpdate {
     beams_.finish(noise.front());
   }
 
+  /// True if any two cells of the reach are so near that ScanBeams::ends_nearby() holds.
   [[nodiscard]] bool ends_nearby() const {
     const double nearby = 0.5 * static_cast<double>(ScanBeams<D>::kNearby) * tree_.geometry().unit();
     return (reach_.upper - reach_.lower).maxCoeff() < nearby;
   }
-  /// Whether ScanBeams::set_eight() may do: for scans of one origin, that end nearby.
+  /// True if the scan meets the preconditions of ScanBeams::set_eight(), but for beams without return.
   [[nodiscard]] bool may_go_by_eights() const {
 #ifdef NDTREE_HAS_EIGHTS
     const ScanView<D>& scan = measurements_->scan();
@@ -153,7 +173,7 @@ class ScanUpdate {
     return false;
 #endif
   }
-  /// FreeMargin::growth, for noise that grows with the square of the range.
+  /// FreeMargin::growth that fits the sensor's noise, which grows with the square of the range.
   [[nodiscard]] float margin_growth() const {
     const double range = (reach_.upper - reach_.lower).norm();
     const auto margin = [&](double r) {
@@ -163,7 +183,7 @@ class ScanUpdate {
     };
     return static_cast<float>(std::max(0.0, (margin(range) - margin(0.0)) / (range * range)));
   }
-  /// Sets beams by number, from the first to before the last. @returns their noise.
+  /// Packs the beams [first, last) of the sorted array. @returns their noise.
   BeamNoise set_beams(const std::uint32_t* kept, std::size_t first, std::size_t last,
                       [[maybe_unused]] bool by_eights) {
     BeamNoise noise(margin_growth());
@@ -175,7 +195,7 @@ class ScanUpdate {
     std::size_t i = first + 1;
 #ifdef NDTREE_HAS_EIGHTS
     if constexpr (std::is_same_v<Sensor, BeamSensorModel>) {
-      // Beams come in an order that is not that of the scan, of which the first cache does not hold all.
+      // Sorted beams lie scattered in the scan's array, which the first cache does not hold: prefetch.
       constexpr std::size_t kAhead = 32;
       const ScanView<D>& scan = measurements_->scan();
       for (; by_eights && i + 8 <= last; i += 8) {
@@ -193,10 +213,10 @@ class ScanUpdate {
     for (; i < last; ++i) set(i);
     return noise;
   }
-  /// The faces of which some beams are kept; those of beams that are alone are one.
-  /// @param numbers of each part's faces, in the image; then, in the result.
+  /// The faces that have kept beams. Face 0 stands for all faces with a single beam.
+  /// @param numbers of each part's faces in the cube map; on return, in the result.
   std::vector<CubeFace<D>> number_faces(std::vector<std::vector<std::uint32_t>>& numbers) const {
-    std::vector<std::uint32_t> kept(image_.faces().size(), 0);
+    std::vector<std::uint32_t> kept(cube_map_.faces().size(), 0);
     for (std::size_t p = 0; p < parts_.size(); ++p)
       for (std::size_t f = 0; f < numbers[p].size(); ++f) kept[numbers[p][f]] += parts_[p].kept_of_faces()[f];
     std::vector<CubeFace<D>> faces;
@@ -205,7 +225,7 @@ class ScanUpdate {
     faces.front().num_beams = 1;
     std::vector<std::uint32_t> number(kept.size(), 0);
     for (std::size_t f = 0; f < kept.size(); ++f) {
-      const CubeFace<D>& face = image_.faces()[f];
+      const CubeFace<D>& face = cube_map_.faces()[f];
       if (kept[f] > 0 && !face.is_single()) {
         number[f] = static_cast<std::uint32_t>(faces.size());
         faces.push_back(face);
@@ -222,8 +242,8 @@ class ScanUpdate {
     return faces;
   }
 
-  /// Whether tasks, which all have their lists at the same time, take less than a gigabyte: a beam crosses at
-  /// most so many planes between cells of the coarsest level, and one cell more.
+  /// True if the lists of all tasks, which exist at the same time, surely take less than a gigabyte. A beam
+  /// crosses at most one cell of the coarsest level more than planes between such cells.
   [[nodiscard]] bool lists_fit_in_memory() const {
     constexpr double kMost = 0x1p26;
     const double planes_per_metre = std::sqrt(D) / tree_.geometry().cell_size(coarsest_level());
@@ -234,7 +254,7 @@ class ScanUpdate {
                                [](double sum, const BeamRay<D>& ray) { return sum + ray.t_max; }));
   }
 
-  /// Arenas of threads, which the tree gets back whatever happens.
+  /// Arenas of nodes, one for each worker; the tree takes them back when this ends, also by an exception.
   class Arenas {
    public:
     struct alignas(kCacheLines) Lent {
@@ -256,10 +276,12 @@ class ScanUpdate {
     std::vector<Lent> arenas_;
   };
 
+  /// The level of cells that are tasks, above which nothing is merged.
   [[nodiscard]] int coarsest_level() const {
     return Refinement::coarsest_level(tree_.geometry().finest_level());
   }
 
+  /// Walks with all workers.
   void run_tasks(Workers& workers) {
     Arenas arenas(tree_, workers.count());
     std::vector<Walk> walks;
@@ -271,7 +293,7 @@ class ScanUpdate {
     for (const Walk& walk : walks) add(walk.counters());
   }
 
-  /// One for what one thread does alone, then one for each.
+  /// Undo log 0 is of this thread alone, log 1 + w of worker w; null if nothing is logged.
   [[nodiscard]] UndoLog<Tree>* log(std::size_t number) const {
     return undo_ == nullptr ? nullptr : undo_->data() + number;
   }
@@ -287,9 +309,9 @@ class ScanUpdate {
   const Sensor& sensor_;
   UpdateCounters& counters_;
   const Measurements<D, Sensor>* measurements_ = nullptr;
-  std::vector<Part> parts_;  // Until the beams are chosen.
+  std::vector<Part> parts_;  // Until the beams are sorted.
   Box<D> reach_;
-  CubeMap<D> image_;
+  CubeMap<D> cube_map_;
   ScanBeams<D> beams_;
   std::vector<UndoLog<Tree>>* undo_ = nullptr;
   const LatticeBox<D>* window_ = nullptr;

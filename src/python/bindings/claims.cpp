@@ -23,7 +23,7 @@ AnySeenSpace seen_space(const std::vector<BeamArrays>& scans, const py::object& 
                         const ClaimsOptions& options) {
   std::vector<ScanView<D>> views;
   views.reserve(scans.size());
-  for (const BeamArrays& scan : scans) views.push_back(scan.view<D>());
+  for (const BeamArrays& scan : scans) views.push_back(scan.pointers().view<D>());
   if constexpr (D <= 3) {
     if (!simulation.is_none()) {
       if (!py::isinstance<SimulatedLog<D>>(simulation))

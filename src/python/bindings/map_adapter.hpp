@@ -18,6 +18,7 @@
 
 #include "map_interface.hpp"
 #include "map_layers.hpp"
+#include "map_shapes.hpp"
 #include "ndtree/core/forget_rule.hpp"
 #include "ndtree/core/memory.hpp"
 #include "ndtree/io/map_file.hpp"
@@ -27,75 +28,166 @@
 #include "ndtree/query/ray.hpp"
 #include "ndtree/query/transform.hpp"
 #include "ndtree/tree/visit.hpp"
+#include "query_adapter.hpp"
 
 namespace ndtree::python {
 
-/// Queries in bulk over any map that answers state(), probability(), occupied_within() and cast_ray().
-template <class Map, int D>
-class QueryAdapter : public MapInterface {
-  using Point = Eigen::Map<const Vector<D>>;
+/// Of our own maps, what does not depend on their rules: queries, and values that cells carry.
+template <class Cells>
+class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
+ protected:
+  static constexpr int D = Cells::kDim;
+  using Layers = MapLayers<Cells::kBranching, D>;
 
  public:
-  explicit QueryAdapter(Map map) : map_(std::move(map)) {}
+  explicit CellsAdapter(Layers layers) : layers_(std::move(layers)) {}
 
-  [[nodiscard]] int dim() const final { return D; }
-
-  void probability(const double* points, std::size_t n, float* out) const override {
-    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
-      out[i] = static_cast<float>(ndtree::probability(map_, Vector<D>(Point(points + i * D))));
+  [[nodiscard]] int branching() const final { return Cells::kBranching; }
+  [[nodiscard]] const MapOptions& options() const final { return cells().options(); }
+  [[nodiscard]] std::vector<LayerKind> layers() const final { return layers_.kinds(); }
+  [[nodiscard]] std::vector<double> layer(const std::string& name, const double* points,
+                                          std::size_t n) const final {
+    std::vector<double> numbers;
+    layers_.values_at(LayeredCellsOf(cells()), name, points, n, numbers);
+    return numbers;
+  }
+  [[nodiscard]] ChangeArrays changes(const MapInterface& before, ChangeOf what) const final {
+    const Cells& map = cells();
+    const auto& geometry = map.tree().geometry();
+    ChangeArrays arrays;
+    const auto add = [&](const Change<D>& change) {
+      for (const std::int64_t coordinate : change.index.lower)
+        arrays.lower.push_back(geometry.border(coordinate));
+      arrays.size.push_back(geometry.cell_size(change.index.level));
+      arrays.before.push_back(static_cast<std::int8_t>(change.before));
+      arrays.after.push_back(static_cast<std::int8_t>(change.after));
+    };
+    const CellsAdapter& old = same_kind(before);
+    for_each_change(old.cells(), map, add, what);
+    if (what == ChangeOf::cells) for_each_changed_value(old, add);
+    return arrays;
+  }
+  void update_field(AnyField& field, const MapInterface& before) const final {
+    auto* const same = std::get_if<DistanceField<D>>(&field.field);
+    if (same == nullptr)
+      throw std::invalid_argument("a field with dim = " + std::to_string(field.dim()) +
+                                  " of a map with dim = " + std::to_string(D));
+    update(*same, cells(), ndtree::changes(same_kind(before).cells(), cells()));
+  }
+  void probability(const double* points, std::size_t n, float* out) const final {
+    for_each_cell_at(cells(), points, n, [out](std::size_t i, const auto& cell) {
+      out[i] = static_cast<float>(cell.probability());
     });
   }
-  void state(const double* points, std::size_t n, std::int8_t* out) const override {
-    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
-      out[i] = static_cast<std::int8_t>(ndtree::state(map_, Vector<D>(Point(points + i * D))));
+  void state(const double* points, std::size_t n, std::int8_t* out) const final {
+    for_each_cell_at(cells(), points, n, [out](std::size_t i, const auto& cell) {
+      out[i] = static_cast<std::int8_t>(cell.state());
     });
   }
-  void occupied_within(const double* points, std::size_t n, double radius, bool* out) const final {
+  void cell_size(const double* points, std::size_t n, double* out) const final {
+    const auto& tree = cells().tree();
     for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
-      out[i] = ndtree::occupied_within(map_, Vector<D>(Point(points + i * D)), radius);
+      const auto leaf = tree.find_leaf(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
+      out[i] = leaf ? tree.geometry().cell_size(leaf->index.level) : std::numeric_limits<double>::quiet_NaN();
     });
   }
-  void cast_rays(const double* origins, std::size_t origin_step, const double* directions, std::size_t n,
-                 double max_range, double* out) const final {
-    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
-      out[i] = ndtree::cast_ray(map_, Vector<D>(Point(origins + i * origin_step)),
-                                Vector<D>(Point(directions + i * D)), max_range)
-                   .value_or(std::numeric_limits<double>::quiet_NaN());
-    });
+  [[nodiscard]] std::string to_bytes() const final {
+    return detail::to_bytes(cells(), this->refinement().c_str(), layers_.stored());
   }
-  void evaluate(const BeamArrays& beams, double max_range, HeldOutTruth& truth) const final {
-    ndtree::evaluate(map_, beams.view<D>(), max_range, truth);
+  [[nodiscard]] std::unique_ptr<MapExports> exports() const final {
+    return std::make_unique<MapExportsOf<Cells>>(cells(), layers_);
   }
-  [[nodiscard]] Claims claims(const AnySeenSpace& any) const final {
-    const SeenSpace<D>* const own = std::get_if<SeenSpace<D>>(&any.space);
-    if (own == nullptr)
-      throw std::invalid_argument("space has dim = " + std::to_string(any.dim()) + ": must be " +
-                                  std::to_string(D) + " as the map");
-    return ndtree::claims(map_, *own);
+  [[nodiscard]] std::unique_ptr<MapQueries> queries() const final {
+    return std::make_unique<MapQueriesOf<Cells>>(cells(), this->refinement());
+  }
+  [[nodiscard]] LeafArrays leaves() const final {
+    const std::size_t n = cells().tree().num_leaves();
+    LeafArrays arrays;
+    arrays.lower.reserve(n * D);
+    arrays.size.reserve(n);
+    arrays.log_odds.reserve(n);
+    arrays.hits.reserve(n);
+    arrays.misses.reserve(n);
+    arrays.observed.reserve(n);
+    for_each_leaf(cells().tree(), [&](const auto& leaf) { add(leaf, arrays); });
+    return arrays;
+  }
+  [[nodiscard]] LeafArrays leaves_in(const double* lower, const double* upper,
+                                     const RegionStates& states) const final {
+    LeafArrays arrays;
+    for_each_leaf_of(cells(), box(lower, upper), states, [&](const auto& leaf) { add(leaf, arrays); });
+    return arrays;
   }
 
  protected:
-  Map map_;
+  [[nodiscard]] const Cells& cells() const override = 0;
+
+  [[nodiscard]] static Box<D> box(const double* lower, const double* upper) {
+    return {Eigen::Map<const Vector<D>>(lower), Eigen::Map<const Vector<D>>(upper)};
+  }
+  /// @throws std::invalid_argument if it is of another kind.
+  [[nodiscard]] const CellsAdapter& same_kind(const MapInterface& other) const {
+    const auto* const same = dynamic_cast<const CellsAdapter*>(&other);
+    if (same == nullptr || other.refinement() != this->refinement())
+      throw std::invalid_argument("a map with " + kind_of(other) + " beside one with " + kind_of(*this) +
+                                  ": both must be of the same kind");
+    return *same;
+  }
+  /// Bytes that layers may hold beside a map.
+  template <class Map>
+  [[nodiscard]] static std::size_t memory_for_layers(const Map& map) {
+    return memory_beside(map.memory_bytes(), map.options().memory_limit());
+  }
+
+  Layers layers_;
+
+ private:
+  /// Calls `add(change)` for the cells that are what they were but for their layers, each once.
+  template <class Add>
+  void for_each_changed_value(const CellsAdapter& before, const Add& add) const {
+    std::set<std::pair<int, Lattice<D>>> added;
+    layers_.for_each_change(before.layers_, [&](const CellIndex<D>&, const Vector<D>& centre) {
+      const auto now = cells().tree().find_leaf(centre);
+      const auto then = before.cells().tree().find_leaf(centre);
+      if (!now || !then || now->index != then->index || !(now->cell() == then->cell())) return;
+      if (!added.emplace(now->index.level, now->index.lower).second) return;
+      add(Change<D>{now->index, now->cell().state(), now->cell().state()});
+    });
+  }
+  [[nodiscard]] static std::string kind_of(const MapInterface& map) {
+    return "dim = " + std::to_string(map.dim()) + ", branching = " + std::to_string(map.branching()) +
+           ", refinement = '" + map.refinement() + "'";
+  }
+  void add(const typename Cells::Tree::ConstRef& leaf, LeafArrays& arrays) const {
+    const auto& geometry = cells().tree().geometry();
+    for (const std::int64_t coordinate : leaf.index.lower)
+      arrays.lower.push_back(geometry.border(coordinate));
+    arrays.size.push_back(geometry.cell_size(leaf.index.level));
+    arrays.log_odds.push_back(leaf.cell().log_odds());
+    arrays.hits.push_back(leaf.cell().hits());
+    arrays.misses.push_back(leaf.cell().misses());
+    arrays.observed.push_back(leaf.cell().observed());
+  }
 };
 
-/// Our own maps.
+/// Our own maps: what changes them.
 template <class Map>
-class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
-  static constexpr int D = Map::kDim;
-  using Layers = MapLayers<Map::kBranching, D>;
-  using QueryAdapter<Map, Map::kDim>::map_;
+class MapAdapter final : public CellsAdapter<typename Map::Cells> {
+  using Base = CellsAdapter<typename Map::Cells>;
+  using Base::box;
+  using Base::D;
+  using Base::layers_;
+  using Base::memory_for_layers;
+  using typename Base::Layers;
 
  public:
-  explicit MapAdapter(Map map, Layers layers = {})
-      : QueryAdapter<Map, D>(std::move(map)), layers_(std::move(layers)) {}
+  explicit MapAdapter(Map map, Layers layers = {}) : Base(std::move(layers)), map_(std::move(map)) {}
 
   [[nodiscard]] std::unique_ptr<MapInterface> clone() const override {
     return std::make_unique<MapAdapter>(map_, layers_);
   }
-  [[nodiscard]] int branching() const override { return Map::kBranching; }
   [[nodiscard]] std::string refinement() const override { return Map::RefinementType::kName; }
-  [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
-  InsertReport insert(const BeamArrays& beams, double max_range, int threads,
+  InsertReport insert(const BeamPointers& beams, double max_range, int threads,
                       const std::optional<AnyBox>& window,
                       const std::vector<LayerMeasurements>& measurements) override {
     const ScanView<D> scan = beams.view<D>();
@@ -105,8 +197,9 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     if (layers_.empty()) return map_.insert(scan, max_range, threads, region);
     return change([&](Map& map, Layers& layers) {
       const InsertReport report = map.insert(scan, max_range, threads, region);
-      layers.add_scan(map, scan, measurements, max_range, region);
       const std::size_t limit = map.options().memory_limit();
+      layers.add_scan(LayeredCellsOf(map.cells()), map.memory_bytes(), limit, scan, measurements, max_range,
+                      region);
       if (map.memory_bytes() + layers.memory_bytes() > limit) throw MemoryLimitReached(limit);
       return report;
     });
@@ -115,60 +208,29 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     layers_.add(kind, map_.tree().geometry());
     require_room_for_empty(map_.memory_bytes() + layers_.memory_bytes(), map_.options().memory_limit());
   }
-  [[nodiscard]] std::vector<LayerKind> layers() const override { return layers_.kinds(); }
-  [[nodiscard]] std::vector<double> layer(const std::string& name, const double* points,
-                                          std::size_t n) const override {
-    std::vector<double> numbers;
-    layers_.values_at(map_, name, points, n, numbers);
-    return numbers;
-  }
-  [[nodiscard]] ChangeArrays changes(const MapInterface& before, ChangeOf what) const override {
-    const auto& geometry = map_.tree().geometry();
-    ChangeArrays arrays;
-    const auto add = [&](const Change<D>& change) {
-      for (const std::int64_t coordinate : change.index.lower)
-        arrays.lower.push_back(geometry.border(coordinate));
-      arrays.size.push_back(geometry.cell_size(change.index.level));
-      arrays.before.push_back(static_cast<std::int8_t>(change.before));
-      arrays.after.push_back(static_cast<std::int8_t>(change.after));
-    };
-    const Map& old = same_kind(before);
-    for_each_change(old, map_, add, what);
-    if (what == ChangeOf::cells) for_each_changed_value(static_cast<const MapAdapter&>(before), old, add);
-    return arrays;
-  }
-  void update_field(AnyField& field, const MapInterface& before) const override {
-    auto* const same = std::get_if<DistanceField<D>>(&field.field);
-    if (same == nullptr)
-      throw std::invalid_argument("a field with dim = " + std::to_string(field.dim()) +
-                                  " of a map with dim = " + std::to_string(D));
-    update(*same, map_, ndtree::changes(same_kind(before), map_));
-  }
   void merge(const MapInterface& other) override {
-    const Map& beside = same_kind(other);
-    const Layers& layers_beside = static_cast<const MapAdapter&>(other).layers_;
+    const MapAdapter& beside = same_kind(other);
     change(
         [&](Map& map, Layers& layers) {
-          map.merge(beside);
-          layers.join(layers_beside, map.tree(), memory_for_layers(map));
+          map.merge(beside.map_);
+          layers.join(beside.layers_, LayeredCellsOf(map.cells()), memory_for_layers(map));
           return 0;
         },
-        !layers_beside.empty());
+        !beside.layers_.empty());
   }
-  void adopt(const MapInterface& other, const std::optional<AnyBox>& box) override {
-    const Map& beside = same_kind(other);
-    const Layers& layers_beside = static_cast<const MapAdapter&>(other).layers_;
-    const auto region = box ? std::optional(MapAdapter::box(box->lower, box->upper)) : std::nullopt;
+  void adopt(const MapInterface& other, const std::optional<AnyBox>& window) override {
+    const MapAdapter& beside = same_kind(other);
+    const auto region = window ? std::optional(box(window->lower, window->upper)) : std::nullopt;
     change(
         [&](Map& map, Layers& layers) {
-          map.adopt(beside, region);
-          if (layers_beside.empty()) return 0;
+          map.adopt(beside.map_, region);
+          if (beside.layers_.empty()) return 0;
           Map adopted(map.options());  // What lies in the box, alone.
-          adopted.adopt(beside, region);
-          layers.join(layers_beside, adopted.tree(), memory_for_layers(map));
+          adopted.adopt(beside.map_, region);
+          layers.join(beside.layers_, LayeredCellsOf(adopted.cells()), memory_for_layers(map));
           return 0;
         },
-        !layers_beside.empty());
+        !beside.layers_.empty());
   }
   [[nodiscard]] std::unique_ptr<MapInterface> transformed(const double* pose) const override {
     Pose<D> motion;
@@ -176,8 +238,10 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
       for (int column = 0; column < D; ++column) motion.rotation(row, column) = pose[row * D + column];
     motion.translation = Eigen::Map<const Vector<D>>(pose + D * D);
     Map moved = ndtree::transformed(map_, motion);
-    Layers layers = naming_whole_limit(
-        [&] { return layers_.transformed(map_, moved, motion, memory_for_layers(moved)); });
+    Layers layers = naming_whole_limit([&] {
+      return layers_.transformed(LayeredCellsOf(moved.cells()), motion, lattice_motion_of(map_, motion),
+                                 memory_for_layers(moved));
+    });
     return std::make_unique<MapAdapter>(std::move(moved), std::move(layers));
   }
   CompressReport compress(const CompressBudget& budget) override {
@@ -186,38 +250,14 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     else
       return MapInterface::compress(budget);
   }
-  void probability(const double* points, std::size_t n, float* out) const override {
-    for_each_cell_at(map_, points, n, [out](std::size_t i, const auto& cell) {
-      out[i] = static_cast<float>(cell.probability());
-    });
-  }
-  void state(const double* points, std::size_t n, std::int8_t* out) const override {
-    for_each_cell_at(map_, points, n, [out](std::size_t i, const auto& cell) {
-      out[i] = static_cast<std::int8_t>(cell.state());
-    });
-  }
   void shrink_to_fit() override {
     map_.shrink_to_fit();
     layers_.shrink_to_fit();
-  }
-  void cell_size(const double* points, std::size_t n, double* out) const override {
-    const auto& tree = map_.tree();
-    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
-      const auto leaf = tree.find_leaf(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
-      out[i] = leaf ? tree.geometry().cell_size(leaf->index.level) : std::numeric_limits<double>::quiet_NaN();
-    });
   }
   [[nodiscard]] PythonStats stats() const override {
     PythonStats stats{map_.stats(), {}};
     stats.memory_bytes += layers_.memory_bytes();
     return stats;
-  }
-  [[nodiscard]] std::string to_bytes() const override { return ndtree::to_bytes(map_, layers_.stored()); }
-  [[nodiscard]] std::unique_ptr<MapExports> exports() const override {
-    return std::make_unique<MapExportsOf<Map>>(map_, layers_);
-  }
-  [[nodiscard]] std::unique_ptr<MapQueries> queries() const override {
-    return std::make_unique<MapQueriesOf<Map>>(map_);
   }
   void crop(const double* lower, const double* upper) override {
     const Box<D> region = map_.tree().geometry().on_borders(box(lower, upper));
@@ -231,41 +271,13 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
     const Vector<D> middle = Eigen::Map<const Vector<D>>(center);
     forget(NearRule<D>{middle, radius}, [&](Map& map) { map.keep_near(middle, radius); });
   }
-  [[nodiscard]] LeafArrays leaves() const override {
-    const std::size_t n = map_.tree().num_leaves();
-    LeafArrays arrays;
-    arrays.lower.reserve(n * D);
-    arrays.size.reserve(n);
-    arrays.log_odds.reserve(n);
-    arrays.hits.reserve(n);
-    arrays.misses.reserve(n);
-    arrays.observed.reserve(n);
-    for_each_leaf(map_.tree(), [&](const auto& leaf) { add(leaf, arrays); });
-    return arrays;
-  }
-  [[nodiscard]] LeafArrays leaves_in(const double* lower, const double* upper,
-                                     const RegionStates& states) const override {
-    LeafArrays arrays;
-    for_each_leaf_of(map_, box(lower, upper), states, [&](const auto& leaf) { add(leaf, arrays); });
-    return arrays;
-  }
 
  private:
-  /// Calls `add(change)` for the cells that are what they were but for their layers, each once.
-  template <class Add>
-  void for_each_changed_value(const MapAdapter& before, const Map& old, const Add& add) const {
-    std::set<std::pair<int, Lattice<D>>> added;
-    layers_.for_each_change(before.layers_, [&](const CellIndex<D>&, const Vector<D>& centre) {
-      const auto now = map_.tree().find_leaf(centre);
-      const auto then = old.tree().find_leaf(centre);
-      if (!now || !then || now->index != then->index || !(now->cell() == then->cell())) return;
-      if (!added.emplace(now->index.level, now->index.lower).second) return;
-      add(Change<D>{now->index, now->cell().state(), now->cell().state()});
-    });
-  }
-  /// Bytes that layers may hold beside a map.
-  [[nodiscard]] static std::size_t memory_for_layers(const Map& map) {
-    return memory_beside(map.memory_bytes(), map.options().memory_limit());
+  [[nodiscard]] const typename Map::Cells& cells() const override { return map_; }
+
+  /// @throws std::invalid_argument if it is of another kind.
+  [[nodiscard]] const MapAdapter& same_kind(const MapInterface& other) const {
+    return static_cast<const MapAdapter&>(Base::same_kind(other));  // Cells and refinement are the type.
   }
   /// What is thrown where a layer may not take what is left names the limit of all.
   template <class Function>
@@ -297,37 +309,13 @@ class MapAdapter final : public QueryAdapter<Map, Map::kDim> {
   void forget(const Rule& rule, const Forget& forget) {
     change([&](Map& map, Layers& layers) {
       forget(map);
-      layers.keep_known(map.tree(), [&](const Box<D>& region) { return takes_from(rule, region); });
+      layers.keep_known(LayeredCellsOf(map.cells()),
+                        [&](const Box<D>& region) { return takes_from(rule, region); });
       return 0;
     });
   }
-  [[nodiscard]] static Box<D> box(const double* lower, const double* upper) {
-    return {Eigen::Map<const Vector<D>>(lower), Eigen::Map<const Vector<D>>(upper)};
-  }
-  /// @throws std::invalid_argument if it is of another kind.
-  [[nodiscard]] const Map& same_kind(const MapInterface& other) const {
-    const auto* const same = dynamic_cast<const MapAdapter*>(&other);
-    if (same == nullptr)
-      throw std::invalid_argument("a map with " + kind_of(other) + " beside one with " + kind_of(*this) +
-                                  ": both must be of the same kind");
-    return same->map_;
-  }
-  [[nodiscard]] static std::string kind_of(const MapInterface& map) {
-    return "dim = " + std::to_string(map.dim()) + ", branching = " + std::to_string(map.branching()) +
-           ", refinement = '" + map.refinement() + "'";
-  }
-  void add(const typename Map::Tree::ConstRef& leaf, LeafArrays& arrays) const {
-    const auto& geometry = map_.tree().geometry();
-    for (const std::int64_t coordinate : leaf.index.lower)
-      arrays.lower.push_back(geometry.border(coordinate));
-    arrays.size.push_back(geometry.cell_size(leaf.index.level));
-    arrays.log_odds.push_back(leaf.cell().log_odds());
-    arrays.hits.push_back(leaf.cell().hits());
-    arrays.misses.push_back(leaf.cell().misses());
-    arrays.observed.push_back(leaf.cell().observed());
-  }
 
-  Layers layers_;
+  Map map_;
 };
 
 template <class T>
@@ -363,9 +351,5 @@ std::unique_ptr<MapInterface> map_from_bytes(std::string_view bytes, const std::
     return MapAdapter<Map>(std::move(map), std::move(layers));
   });
 }
-
-#define NDTREE_PYTHON_MAP(prefix, N, D)                                                              \
-  prefix template std::unique_ptr<MapInterface> make_map<N, D>(std::string_view, const MapOptions&); \
-  prefix template std::unique_ptr<MapInterface> map_from_bytes<N, D>(std::string_view, const std::string&)
 
 }  // namespace ndtree::python

@@ -1,7 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <memory>
 #include <stdexcept>
+#include <string>
+#include <string_view>
 
-#include "map_adapter.hpp"
+#include "map_shapes.hpp"
+#include "ndtree/io/map_file.hpp"
 
 namespace ndtree::python {
 

@@ -13,6 +13,7 @@
 #include <variant>
 #include <vector>
 
+#include "beam_pointers.hpp"
 #include "map_exports.hpp"
 #include "map_layers.hpp"
 #include "map_queries.hpp"
@@ -20,7 +21,6 @@
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/changes.hpp"
-#include "numpy.hpp"
 
 namespace ndtree::python {
 
@@ -69,7 +69,7 @@ class MapInterface {
 
   /// @param window none, or the box outside which nothing changes. @param layers measurements of layers.
   /// @throws std::invalid_argument for a window or layers in a map that is not ours.
-  virtual InsertReport insert(const BeamArrays& beams, double max_range, int threads,
+  virtual InsertReport insert(const BeamPointers& beams, double max_range, int threads,
                               const std::optional<AnyBox>& window,
                               const std::vector<LayerMeasurements>& layers) = 0;
   /// What cells carry. @throws std::invalid_argument for a rule that there is not.
@@ -99,7 +99,7 @@ class MapInterface {
   /// `origin_step` is dim, or 0 for one origin for all rays.
   virtual void cast_rays(const double* origins, std::size_t origin_step, const double* directions,
                          std::size_t n, double max_range, double* out) const = 0;
-  virtual void evaluate(const BeamArrays& beams, double max_range, HeldOutTruth& truth) const = 0;
+  virtual void evaluate(const BeamPointers& beams, double max_range, HeldOutTruth& truth) const = 0;
   /// @throws std::invalid_argument if the space has not the map's dimension.
   [[nodiscard]] virtual Claims claims(const AnySeenSpace& space) const = 0;
   [[nodiscard]] virtual LeafArrays leaves() const = 0;

@@ -3,27 +3,23 @@
 /// The layers of a Python map: named, of rules that are chosen when the map is made, and numbers in and out.
 #pragma once
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstddef>
-#include <cstdint>
-#include <limits>
+#include <functional>
 #include <optional>
-#include <stdexcept>
 #include <string>
-#include <string_view>
-#include <type_traits>
-#include <utility>
 #include <variant>
 #include <vector>
 
-#include "ndtree/core/memory.hpp"
-#include "ndtree/core/option.hpp"
-#include "ndtree/io/layer_file.hpp"
+#include "ndtree/core/body.hpp"
+#include "ndtree/core/scan.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/io/map_file.hpp"
 #include "ndtree/io/ply.hpp"
-#include "ndtree/layers/layered_map.hpp"
-#include "ndtree/query/transform.hpp"
+#include "ndtree/layers/layer.hpp"
+#include "ndtree/layers/values.hpp"
+#include "ndtree/mapping/map_cells.hpp"
+#include "ndtree/tree/lattice.hpp"
+#include "ndtree/tree/lattice_motion.hpp"
 
 namespace ndtree::python {
 
@@ -39,46 +35,59 @@ struct LayerMeasurements {
   std::size_t width = 1;
 };
 
-/// How a value is given and taken as numbers: nan where there is none.
-template <class Value>
-struct ValueNumbers;
-template <int K>
-struct ValueNumbers<MeanValue<K>> {
-  static constexpr std::size_t kWidth = K;
-  static typename MeanValue<K>::Measurement from(const double* numbers) {
-    typename MeanValue<K>::Measurement measurement;
-    constexpr double kMost = std::numeric_limits<float>::max();
-    for (std::size_t i = 0; i < K; ++i) {
-      if (std::isfinite(numbers[i]) && std::abs(numbers[i]) > kMost)
-        throw std::invalid_argument(describe_number(numbers[i]) + ": must be within " +
-                                    describe_number(kMost) + ", as it is held as float32");
-      measurement[i] = static_cast<float>(numbers[i]);
-    }
-    return measurement;
-  }
-  static void to(const MeanValue<K>& value, double* numbers) {
-    for (std::size_t i = 0; i < K; ++i) numbers[i] = static_cast<double>(value.mean()[i]);
-  }
-};
-template <>
-struct ValueNumbers<MajorityLabel> {
-  static constexpr std::size_t kWidth = 1;
-  static std::int64_t from(const double* number) {
-    if (std::nearbyint(*number) != *number || !(std::abs(*number) < 1e15))
-      throw std::invalid_argument(describe_number(*number) + ": must be a whole number in [0, " +
-                                  std::to_string(MajorityLabel::kMaxLabel) + "]");
-    return static_cast<std::int64_t>(*number);
-  }
-  static void to(const MajorityLabel& value, double* number) { *number = value.label(); }
-};
-template <>
-struct ValueNumbers<LatestStamp> {
-  static constexpr std::size_t kWidth = 1;
-  static double from(const double* number) { return *number; }
-  static void to(const LatestStamp& value, double* number) { *number = value.stamp(); }
-};
+/// What layers ask of their map, whatever its cells, so that they are compiled once for all refinements.
+template <int N, int D>
+class LayeredCells {
+ public:
+  static constexpr int kBranching = N;
+  static constexpr int kDim = D;
+  struct Leaf {
+    CellIndex<D> index;
+    bool is_observed = false;
 
-/// All layers of a map with cells of N^D children.
+    [[nodiscard]] const Leaf& cell() const { return *this; }
+    [[nodiscard]] bool observed() const { return is_observed; }
+  };
+
+  virtual ~LayeredCells() = default;
+  [[nodiscard]] const LayeredCells& tree() const { return *this; }
+  [[nodiscard]] virtual const LatticeGeometry<N, D>& geometry() const = 0;
+  [[nodiscard]] virtual int coarsest_level() const = 0;
+  [[nodiscard]] virtual std::optional<Leaf> find_leaf(const Vector<D>& point) const = 0;
+  [[nodiscard]] virtual KnownPart known_part(const CellIndex<D>& cell) const = 0;
+};
+template <int N, int D>
+[[nodiscard]] KnownPart known_part(const LayeredCells<N, D>& cells, const CellIndex<D>& cell) {
+  return cells.known_part(cell);
+}
+
+/// A view of a map's cells.
+template <class Cells>
+class LayeredCellsOf final : public LayeredCells<Cells::kBranching, Cells::kDim> {
+  static constexpr int D = Cells::kDim;
+  using Leaf = typename LayeredCells<Cells::kBranching, D>::Leaf;
+
+ public:
+  explicit LayeredCellsOf(const Cells& cells) : cells_(cells) {}
+  [[nodiscard]] const LatticeGeometry<Cells::kBranching, D>& geometry() const override {
+    return cells_.tree().geometry();
+  }
+  [[nodiscard]] int coarsest_level() const override { return cells_.coarsest_level(); }
+  [[nodiscard]] std::optional<Leaf> find_leaf(const Vector<D>& point) const override {
+    const auto leaf = cells_.tree().find_leaf(point);
+    return leaf ? std::optional(Leaf{leaf->index, leaf->cell().observed()}) : std::nullopt;
+  }
+  [[nodiscard]] KnownPart known_part(const CellIndex<D>& cell) const override {
+    return ndtree::known_part(cells_.tree(), cell);
+  }
+
+ private:
+  const Cells& cells_;
+};
+template <int N, int D, class Cell>
+LayeredCellsOf(const MapCells<N, D, Cell>&) -> LayeredCellsOf<MapCells<N, D, Cell>>;
+
+/// All layers of a map with cells of N^D children. What they do is compiled once, see layer_functions.hpp.
 template <int N, int D>
 class MapLayers {
   using AnyLayer = std::variant<Layer<N, D, MeanValue<1>>, Layer<N, D, MeanValue<3>>,
@@ -91,278 +100,67 @@ class MapLayers {
   using ValueOf = typename std::decay_t<LayerType>::ValueType;
 
  public:
+  MapLayers();
+  MapLayers(const MapLayers&);
+  MapLayers(MapLayers&&) noexcept;
+  MapLayers& operator=(const MapLayers&);
+  MapLayers& operator=(MapLayers&&) noexcept;
+  ~MapLayers();
+
   [[nodiscard]] bool empty() const { return layers_.empty(); }
-  [[nodiscard]] std::vector<LayerKind> kinds() const {
-    std::vector<LayerKind> kinds;
-    for (const Named& one : layers_)
-      std::visit(
-          [&](const auto& layer) {
-            kinds.push_back({one.name, ValueOf<decltype(layer)>::rule()});
-          },
-          one.layer);
-    return kinds;
-  }
+  [[nodiscard]] std::vector<LayerKind> kinds() const;
   /// @throws std::invalid_argument for a rule that there is not.
-  void add(const LayerKind& kind, const LatticeGeometry<N, D>& geometry) {
-    AnyLayer layer{Layer<N, D, LatestStamp>(geometry)};
-    if (!choose<MeanValue<1>, MeanValue<3>, MajorityLabel, LatestStamp>(kind.rule, geometry, layer))
-      throw std::invalid_argument("layers: " + describe_text(kind.name) + ": " + describe_text(kind.rule) +
-                                  ": must be 'mean', 'mean3', 'majority' or 'latest'");
-    layers_.push_back({kind.name, std::move(layer)});
-  }
+  void add(const LayerKind& kind, const LatticeGeometry<N, D>& geometry);
 
   /// @throws std::invalid_argument naming the layer, and what of it is wrong.
-  void check(const ScanView<D>& scan, const std::vector<LayerMeasurements>& all) const {
-    for (const LayerMeasurements& one : all)
-      std::visit(
-          [&](const auto& layer) {
-            using Value = ValueOf<decltype(layer)>;
-            try {
-              if (one.width != ValueNumbers<Value>::kWidth)
-                throw std::invalid_argument(std::to_string(one.width) + " numbers a beam: must be " +
-                                            std::to_string(ValueNumbers<Value>::kWidth));
-              check_measurements<Value>(scan, measurements<Value>(scan, one).data());
-            } catch (const std::invalid_argument& error) {
-              throw std::invalid_argument("layers: " + describe_text(one.name) + ": " + error.what());
-            }
-          },
-          find(one.name).layer);
-  }
-  /// After a map has taken a scan. @pre check() has passed.
-  template <class Map>
-  void add_scan(const Map& map, const ScanView<D>& scan, const std::vector<LayerMeasurements>& all,
-                double max_range, const std::optional<Box<D>>& window) {
-    for (const LayerMeasurements& one : all)
-      std::visit(
-          [&](auto& layer) {
-            using Value = ValueOf<decltype(layer)>;
-            const std::size_t limit = map.options().memory_limit();
-            const std::size_t others = map.memory_bytes() + memory_bytes() - layer.memory_bytes();
-            layer = with_scan<Map, Value>(layer, map, scan, measurements<Value>(scan, one).data(), max_range,
-                                          window, memory_beside(others, limit));
-          },
-          find(one.name).layer);
-  }
+  void check(const ScanView<D>& scan, const std::vector<LayerMeasurements>& all) const;
+  /// After a map has taken a scan. @param max_memory of map and layers, of which the map holds `map_bytes`.
+  /// @pre check() has passed.
+  void add_scan(const LayeredCells<N, D>& map, std::size_t map_bytes, std::size_t max_memory,
+                const ScanView<D>& scan, const std::vector<LayerMeasurements>& all, double max_range,
+                const std::optional<Box<D>>& window);
   /// Of the cells around points, `width` numbers each: nan where there are none.
-  template <class Map>
-  void values_at(const Map& map, const std::string& name, const double* points, std::size_t n,
-                 std::vector<double>& numbers) const {
-    std::visit(
-        [&](const auto& layer) {
-          using Value = ValueOf<decltype(layer)>;
-          constexpr std::size_t kWidth = ValueNumbers<Value>::kWidth;
-          numbers.assign(n * kWidth, std::numeric_limits<double>::quiet_NaN());
-          for_each_paced(n, 16, [&](std::size_t i) {
-            const Value value = value_at(map, layer, Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
-            if (!value.is_empty()) ValueNumbers<Value>::to(value, numbers.data() + i * kWidth);
-          });
-        },
-        find(name).layer);
-  }
-  template <class MapTree, class MayDiffer>
-  void keep_known(const MapTree& tree, const MayDiffer& may_differ) {
-    for (Named& one : layers_)
-      std::visit([&](auto& layer) { layer.keep_known(tree, may_differ); }, one.layer);
-  }
+  void values_at(const LayeredCells<N, D>& map, const std::string& name, const double* points, std::size_t n,
+                 std::vector<double>& numbers) const;
+  void keep_known(const LayeredCells<N, D>& tree, const std::function<bool(const Box<D>&)>& may_differ);
   /// Adds those of another map, of which some may be new. @param max_memory of all layers together.
   /// @throws std::invalid_argument if rules differ, MemoryLimitReached.
-  template <class MapTree>
-  void join(const MapLayers& others, const MapTree& tree, std::size_t max_memory) {
-    for (const LayerKind& kind : others.kinds()) {
-      const Named* const own = find_or_null(kind.name);
-      if (own == nullptr) add(kind, tree.geometry());
-      std::visit(
-          [&](const auto& other) {
-            auto* const layer = std::get_if<std::decay_t<decltype(other)>>(&find(kind.name).layer);
-            if (layer == nullptr)
-              throw std::invalid_argument("layers: " + describe_text(kind.name) + ": follows the rule " +
-                                          describe_text(kind.rule) + " in the other map: must be the same");
-            const std::size_t beside = memory_bytes() - layer->memory_bytes();
-            layer->limit_memory(memory_beside(beside, max_memory));
-            layer->join(other, tree);
-            layer->limit_memory(kUnlimitedMemory);
-          },
-          others.find(kind.name).layer);
-    }
-  }
-  /// The values at their new places in a map that was moved. @param max_memory of all layers together.
-  /// @throws MemoryLimitReached.
-  template <class Map>
-  [[nodiscard]] MapLayers transformed(const Map& map, const Map& moved, const Pose<D>& pose,
-                                      std::size_t max_memory) const {
-    const auto& geometry = map.tree().geometry();
-    const auto motion = lattice_motion_of(map, pose);
-    const int level = Map::RefinementType::coarsest_level(geometry.finest_level());
-    MapLayers result;
-    for (const Named& one : layers_)
-      std::visit(
-          [&](const auto& layer) {
-            using LayerType = std::decay_t<decltype(layer)>;
-            const std::size_t left = memory_beside(result.memory_bytes(), max_memory);
-            std::optional<LayerType> target;
-            if (motion) target = transformed_layer(layer, level, *motion, left);
-            if (!target) {
-              target.emplace(geometry);
-              target->limit_memory(left);
-              layer.for_each([&](const auto&, const Vector<D>& centre, const auto& value) {
-                const Vector<D> point = pose * centre;
-                const auto leaf = moved.tree().find_leaf(point);
-                if (leaf && leaf->cell().observed()) target->join(leaf->index, point, value);
-              });
-              target->limit_memory(kUnlimitedMemory);
-            }
-            result.layers_.push_back({one.name, std::move(*target)});
-          },
-          one.layer);
-    if (result.memory_bytes() > max_memory) throw MemoryLimitReached(map.options().memory_limit());
-    return result;
-  }
+  void join(const MapLayers& others, const LayeredCells<N, D>& tree, std::size_t max_memory);
+  /// The values at their new places in a map that was moved. @param motion as which the pose moves its cells.
+  /// @param max_memory of all layers together. @throws MemoryLimitReached.
+  [[nodiscard]] MapLayers transformed(const LayeredCells<N, D>& moved, const Pose<D>& pose,
+                                      const std::optional<LatticeMotion<D>>& motion,
+                                      std::size_t max_memory) const;
   /// Calls `visit(cell, centre)` for values that are not what they were: cells of the layers, perhaps several
   /// times. O(values) of layers that are not the same all over.
-  template <class Visit>
-  void for_each_change(const MapLayers& before, const Visit& visit) const {
-    for (const Named& one : layers_) {
-      const Named* const other = before.find_or_null(one.name);
-      std::visit(
-          [&](const auto& layer) {
-            const auto* const old =
-                other != nullptr ? std::get_if<std::decay_t<decltype(layer)>>(&other->layer) : nullptr;
-            if (old != nullptr && is_shared(layer, *old)) return;
-            layer.for_each([&](const CellIndex<D>& cell, const Vector<D>& centre, const auto& value) {
-              if (old == nullptr || old->of(cell).words() != value.words()) visit(cell, centre);
-            });
-            if (old == nullptr) return;
-            old->for_each([&](const CellIndex<D>& cell, const Vector<D>& centre, const auto&) {
-              if (layer.of(cell).is_empty()) visit(cell, centre);
-            });
-          },
-          one.layer);
-    }
-  }
-  void shrink_to_fit() {
-    for (Named& one : layers_) std::visit([](auto& layer) { layer.tree().shrink_to_fit(); }, one.layer);
-  }
-  [[nodiscard]] std::size_t memory_bytes() const {
-    std::size_t bytes = 0;
-    for (const Named& one : layers_)
-      bytes += std::visit([](const auto& layer) { return layer.memory_bytes(); }, one.layer);
-    return bytes;
-  }
+  void for_each_change(const MapLayers& before,
+                       const std::function<void(const CellIndex<D>&, const Vector<D>&)>& visit) const;
+  void shrink_to_fit();
+  [[nodiscard]] std::size_t memory_bytes() const;
 
-  [[nodiscard]] std::vector<StoredLayer> stored() const {
-    std::vector<StoredLayer> all;
-    for (const Named& one : layers_)
-      all.push_back(
-          std::visit([&](const auto& layer) { return ndtree::stored(layer, one.name); }, one.layer));
-    return all;
-  }
+  [[nodiscard]] std::vector<StoredLayer> stored() const;
   /// @throws std::runtime_error for one that is damaged, or of a rule that there is not.
-  void restore(const std::vector<StoredLayer>& all, const LatticeGeometry<N, D>& geometry) {
-    for (const StoredLayer& one : all) {
-      try {
-        add({one.name, one.rule}, geometry);
-      } catch (const std::invalid_argument& error) {
-        throw std::runtime_error(error.what());
-      }
-      std::visit([&](auto& layer) { layer = restored<std::decay_t<decltype(layer)>>(one, geometry); },
-                 layers_.back().layer);
-    }
-  }
+  void restore(const std::vector<StoredLayer>& all, const LatticeGeometry<N, D>& geometry);
 
   /// The first layer of three numbers that is called colour or color; null if there is none.
-  [[nodiscard]] const Layer<N, D, MeanValue<3>>* colors() const {
-    for (const Named& one : layers_)
-      if (one.name == "color" || one.name == "colour")
-        if (const auto* const layer = std::get_if<Layer<N, D, MeanValue<3>>>(&one.layer)) return layer;
-    return nullptr;
-  }
+  [[nodiscard]] const Layer<N, D, MeanValue<3>>* colors() const;
 
   /// Columns of a PLY file: three numbers called colour or color as red, green and blue.
-  [[nodiscard]] std::vector<PlyProperty> ply_properties() const {
-    using Type = PlyProperty::Type;
-    std::vector<PlyProperty> all;
-    const auto add = [&](std::string name, Type type) {
-      static constexpr std::array<std::string_view, 6> kOfCells = {"x",    "y",           "z",
-                                                                   "size", "probability", "state"};
-      const auto is_taken = [&] {
-        return std::find(kOfCells.begin(), kOfCells.end(), name) != kOfCells.end() ||
-               std::any_of(all.begin(), all.end(), [&](const PlyProperty& one) { return one.name == name; });
-      };
-      while (is_taken()) name += "_";
-      all.push_back({name, type});
-    };
-    for (const LayerKind& kind : kinds()) {
-      if (kind.rule != MeanValue<3>::rule()) {
-        add(kind.name, kind.rule == MajorityLabel::rule() ? Type::int_
-                       : kind.rule == LatestStamp::rule() ? Type::double_
-                                                          : Type::float_);
-      } else if (kind.name == "color" || kind.name == "colour") {
-        for (const char* const name : {"red", "green", "blue"}) add(name, Type::uchar);
-      } else {
-        for (const char* const suffix : {"_0", "_1", "_2"}) add(kind.name + suffix, Type::float_);
-      }
-    }
-    return all;
-  }
-  void ply_numbers(const CellIndex<D>& leaf, double* numbers) const {
-    for (const Named& one : layers_)
-      std::visit(
-          [&](const auto& layer) {
-            using Value = ValueOf<decltype(layer)>;
-            using Numbers = ValueNumbers<Value>;
-            const Value value = leaf.level <= 0 ? layer.of(leaf) : Value{};
-            std::fill_n(
-                numbers, Numbers::kWidth,
-                std::is_same_v<Value, MajorityLabel> ? -1.0 : std::numeric_limits<double>::quiet_NaN());
-            if (!value.is_empty()) Numbers::to(value, numbers);
-            numbers += Numbers::kWidth;
-          },
-          one.layer);
-  }
+  [[nodiscard]] std::vector<PlyProperty> ply_properties() const;
+  void ply_numbers(const CellIndex<D>& leaf, double* numbers) const;
 
  private:
   template <class LayerType>
-  [[nodiscard]] static bool is_shared(const LayerType& one, const LayerType& other) {
-    const auto own = one.tree().root();
-    const auto others = other.tree().root();
-    return own.index == others.index && !own.is_leaf() && !others.is_leaf() &&
-           one.tree().shares_children(*own.node, other.tree(), *others.node);
-  }
+  [[nodiscard]] static bool is_shared(const LayerType& one, const LayerType& other);
   template <class... Values>
-  static bool choose(const std::string& rule, const LatticeGeometry<N, D>& geometry, AnyLayer& layer) {
-    return (... || (rule == Values::rule() && (layer = Layer<N, D, Values>(geometry), true)));
-  }
-  template <class Value>
+  static bool choose(const std::string& rule, const LatticeGeometry<N, D>& geometry, AnyLayer& layer);
   /// @throws std::invalid_argument naming the beam.
+  template <class Value>
   static std::vector<typename Value::Measurement> measurements(const ScanView<D>& scan,
-                                                               const LayerMeasurements& given) {
-    std::vector<typename Value::Measurement> all(static_cast<std::size_t>(scan.size));
-    for (std::size_t i = 0; i < all.size(); ++i) {
-      if (!ends_in_a_cell(scan, static_cast<Eigen::Index>(i))) continue;
-      try {
-        all[i] = ValueNumbers<Value>::from(given.numbers + i * given.width);
-      } catch (const std::invalid_argument& error) {
-        throw std::invalid_argument("'" + Value::rule() + "' of beam " + std::to_string(i) + " = " +
-                                    error.what());
-      }
-    }
-    return all;
-  }
-  [[nodiscard]] const Named* find_or_null(const std::string& name) const {
-    for (const Named& one : layers_)
-      if (one.name == name) return &one;
-    return nullptr;
-  }
-  [[nodiscard]] const Named& find(const std::string& name) const {
-    if (const Named* const one = find_or_null(name)) return *one;
-    std::string all;
-    for (const Named& one : layers_) all += (all.empty() ? "" : ", ") + describe_text(one.name);
-    throw std::invalid_argument("layers: " + describe_text(name) + ": the map has " +
-                                (all.empty() ? "none" : all));
-  }
-  [[nodiscard]] Named& find(const std::string& name) {
-    return const_cast<Named&>(std::as_const(*this).find(name));
-  }
+                                                               const LayerMeasurements& given);
+  [[nodiscard]] const Named* find_or_null(const std::string& name) const;
+  [[nodiscard]] const Named& find(const std::string& name) const;
+  [[nodiscard]] Named& find(const std::string& name);
 
   std::vector<Named> layers_;
 };

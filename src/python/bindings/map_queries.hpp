@@ -103,7 +103,8 @@ class MapQueriesOf final : public MapQueries {
   using Point = Eigen::Map<const Vector<D>>;
 
  public:
-  explicit MapQueriesOf(const Map& map) : map_(map) {}
+  /// @param refinement its name: maps of several may have cells of one type.
+  MapQueriesOf(const Map& map, std::string refinement) : map_(map), refinement_(std::move(refinement)) {}
 
   [[nodiscard]] std::vector<double> bounds() const override {
     const auto box = ndtree::bounds(map_);
@@ -143,7 +144,7 @@ class MapQueriesOf final : public MapQueries {
   }
   [[nodiscard]] std::unique_ptr<AnyFrontierSearch> frontier_search(
       const std::optional<AnyBox>& box) const override {
-    return std::make_unique<Search>(map_, box ? std::optional<Box<D>>(box_of(*box)) : std::nullopt);
+    return std::make_unique<Search>(*this, box ? std::optional<Box<D>>(box_of(*box)) : std::nullopt);
   }
   void collides(const std::vector<AnyShapePart>& body, const double* poses, std::size_t n,
                 UnknownSpace unknown, bool* out) const override {
@@ -180,10 +181,11 @@ class MapQueriesOf final : public MapQueries {
   [[nodiscard]] static Box<D> box_of(const AnyBox& box) { return {Point(box.lower), Point(box.upper)}; }
   class Search final : public AnyFrontierSearch {
    public:
-    Search(const Map& map, const std::optional<Box<D>>& box) : search_(map, box) {}
+    Search(const MapQueriesOf& map, const std::optional<Box<D>>& box)
+        : search_(map.map_, box), refinement_(map.refinement_) {}
     void update(const MapQueries& map) override {
       const auto* const same = dynamic_cast<const MapQueriesOf*>(&map);
-      if (same == nullptr)
+      if (same == nullptr || same->refinement_ != refinement_)
         throw std::invalid_argument("a map of another kind: must be of the kind that the search was made of");
       search_.update(same->map_);
     }
@@ -193,6 +195,7 @@ class MapQueriesOf final : public MapQueries {
 
    private:
     FrontierSearch<Map> search_;
+    std::string refinement_;
   };
   [[noreturn]] static void throw_no_shapes() {
     throw std::invalid_argument("a map with dim = 4: shapes are of maps with dim = 2 or 3");
@@ -233,6 +236,7 @@ class MapQueriesOf final : public MapQueries {
   }
 
   const Map& map_;
+  std::string refinement_;
 };
 
 }  // namespace ndtree::python

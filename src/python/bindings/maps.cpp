@@ -113,7 +113,8 @@ HeldOutTruth evaluate(const PythonMap& map, const py::object& points, const py::
                       const py::object& returned, double max_range, std::optional<HeldOutTruth> truth) {
   const BeamArrays beams(points, origin, returned, map.constant().dim());
   HeldOutTruth result = truth ? std::move(*truth) : HeldOutTruth{};
-  map.read([&](const MapInterface& m) { m.evaluate(beams, max_range, result); });
+  map.read(
+      [&, pointers = beams.pointers()](const MapInterface& m) { m.evaluate(pointers, max_range, result); });
   return result;
 }
 
@@ -427,8 +428,9 @@ void bind_maps(py::module_& module) {
             std::optional<BoxArgument> box;
             if (!window.is_none()) box.emplace(window, map.constant().dim(), "window");
             warn_of_scale(beams, map.constant().dim(), map.constant().options().min_cell_size, max_range);
-            return map.write([&, region = box ? std::optional<AnyBox>(*box) : std::nullopt](MapInterface& m) {
-              return m.insert(beams, max_range, threads, region, of_layers.all());
+            return map.write([&, pointers = beams.pointers(),
+                              region = box ? std::optional<AnyBox>(*box) : std::nullopt](MapInterface& m) {
+              return m.insert(pointers, max_range, threads, region, of_layers.all());
             });
           },
           "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "range_sigma"_a = py::none(),

@@ -97,11 +97,18 @@ BeamArrays::BeamArrays(const py::object& points, const py::object& origin, const
     : endpoints(as_points(points, "points", dimension)),
       origins(as_points_or_one(origin, "origin", dimension, endpoints.shape(0))),
       returned(as_mask(mask, "returned", endpoints.shape(0))),
-      range_sigma(as_one_each(sigma, "range_sigma", endpoints.shape(0))),
-      size_(endpoints.shape(0)),
-      origin_per_beam_(origins.ndim() == 2) {
-  if (!returned.is_none()) mask_data_ = py::reinterpret_borrow<BoolArray>(returned).data();
-  if (!range_sigma.is_none()) sigma_data_ = py::reinterpret_borrow<DoubleArray>(range_sigma).data();
+      range_sigma(as_one_each(sigma, "range_sigma", endpoints.shape(0))) {}
+
+BeamPointers BeamArrays::pointers() const {
+  BeamPointers pointers;
+  pointers.endpoints = endpoints.data();
+  pointers.origins = origins.data();
+  if (!returned.is_none()) pointers.returned = py::reinterpret_borrow<BoolArray>(returned).data();
+  if (!range_sigma.is_none()) pointers.range_sigma = py::reinterpret_borrow<DoubleArray>(range_sigma).data();
+  pointers.size = endpoints.shape(0);
+  pointers.origin_per_beam = origins.ndim() == 2;
+  pointers.number = number;
+  return pointers;
 }
 
 }  // namespace ndtree::python

@@ -7,11 +7,13 @@
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 
+#include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
-#include "ndtree/core/scan.hpp"
+#include "beam_pointers.hpp"
 
 namespace ndtree::python {
 
@@ -50,7 +52,7 @@ py::object as_mask(const py::object& object, const char* name, py::ssize_t n);
 /// An (n,) array of numbers, or none. @throws TypeError or ValueError.
 py::object as_one_each(const py::object& object, const char* name, py::ssize_t n);
 
-/// The arguments of one scan, checked; they keep the arrays alive while the view is used.
+/// The arguments of one scan, checked; they keep the arrays alive while the pointers are used.
 struct BeamArrays {
   DoubleArray endpoints;
   DoubleArray origins;
@@ -61,24 +63,7 @@ struct BeamArrays {
   BeamArrays(const py::object& points, const py::object& origin, const py::object& mask, int dimension,
              const py::object& sigma = py::none());
 
-  template <int D>
-  [[nodiscard]] ScanView<D> view() const {
-    ScanView<D> scan;
-    scan.endpoints = endpoints.data();
-    scan.origins = origins.data();
-    scan.returned = mask_data_;
-    scan.range_sigma = sigma_data_;
-    scan.size = size_;
-    scan.origin_per_beam = origin_per_beam_;
-    scan.number = number;
-    return scan;
-  }
-
- private:
-  const bool* mask_data_ = nullptr;
-  const double* sigma_data_ = nullptr;
-  py::ssize_t size_ = 0;
-  bool origin_per_beam_ = false;
+  [[nodiscard]] BeamPointers pointers() const;
 };
 
 /// A one-dimensional array that takes over a vector's memory.

@@ -2,11 +2,12 @@
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "octomap_baseline.hpp"  // Before the adapter, which finds OctoMap's queries only if they are declared.
 //
-#include "map_adapter.hpp"
 #include "python_map.hpp"
+#include "query_adapter.hpp"
 
 namespace ndtree::python {
 
@@ -20,10 +21,8 @@ struct PythonOctoMap : PythonMap {
 
 template <int D>
 class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
-  using QueryAdapter<OctomapBaseline, D>::map_;
-
  public:
-  using QueryAdapter<OctomapBaseline, D>::QueryAdapter;
+  explicit OctomapAdapter(OctomapBaseline map) : map_(std::move(map)) {}
 
   [[nodiscard]] std::unique_ptr<MapInterface> clone() const override {
     return std::make_unique<OctomapAdapter>(map_);
@@ -32,7 +31,7 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
   [[nodiscard]] std::string refinement() const override { return kOctomap; }
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
   [[nodiscard]] bool clones_cheaply() const override { return false; }
-  InsertReport insert(const BeamArrays& beams, double max_range, int threads,
+  InsertReport insert(const BeamPointers& beams, double max_range, int threads,
                       const std::optional<AnyBox>& window,
                       const std::vector<LayerMeasurements>& layers) override {
     (void)number_of_threads(threads);                      // OctoMap has one.
@@ -73,6 +72,11 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
     map_.write_ot(out);
     return out.str();
   }
+
+ private:
+  [[nodiscard]] const OctomapBaseline& cells() const override { return map_; }
+
+  OctomapBaseline map_;
 };
 
 std::unique_ptr<MapInterface> adapter(OctomapBaseline map, int dim) {

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "map_interface.hpp"
+#include "numpy.hpp"
 #include "released.hpp"
 #include "shared_lock.hpp"
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The map refined by evidence without a tree: a list of cells, each clipped against each beam of a scan.
+/// Oracle of the default map, without a tree: a list of cells, each clipped against each beam of a scan.
 #pragma once
 
 #include <algorithm>
@@ -17,8 +17,15 @@
 
 namespace ndtree::test {
 
-/// Slow and plain. What a cell makes of its evidence, and when siblings join, is taken from their models,
-/// which have their own tests.
+/// The algorithm of a scan, slow and plain. Of mapping/scan it uses sampling_key_of() alone.
+///
+/// Strategy: for each cell, sum the evidence of all sampled beams that cross it, then decide: partly
+/// seen, split or update. A split puts the children on the list of cells to be visited. In the end
+/// siblings are merged, the finest first, where one of them changed.
+/// Invariants: cells partition the box of level-0 cells; all numbers are rounded as in the library, so
+/// that maps are compared bit by bit. Updates of a cell by its evidence and the rule for merging are the
+/// library's EvidenceModel and EvidenceMergeRule, which have tests of their own.
+/// Cost: O(cells * beams) for each scan.
 template <int N, int D>
 class FlatScanMap {
  public:
@@ -26,13 +33,13 @@ class FlatScanMap {
   std::uint64_t updates = 0;
   std::uint64_t splits = 0;
   std::uint64_t merges = 0;
-  std::uint64_t remerged = 0;            ///< Splits undone by the same scan, which count as neither.
-  std::uint64_t predicted_remerges = 0;  ///< Splits that were predicted to re-merge, and not made.
-  std::uint64_t for_coverage = 0;        ///< Splits of cells of which only a part was seen.
+  std::uint64_t remerged = 0;  ///< Splits that re-merged after the same scan; neither splits nor merges.
+  std::uint64_t predicted_remerges = 0;  ///< Splits not made, as they were predicted to re-merge.
+  std::uint64_t for_coverage = 0;        ///< Splits because a part was not seen.
   std::uint64_t partly_seen = 0;         ///< Updates of partly seen cells that did not split.
-  std::uint64_t sampled = 0;             ///< Pairs of a cell and a beam that was in no sample.
+  std::uint64_t sampled = 0;             ///< Pairs of a cell and a crossing beam that it did not sample.
 
-  /// Level-0 cells of [first, last) on each axis; beams must not leave them.
+  /// One leaf for each level-0 cell of [first, last) on each axis. Beams must stay inside.
   FlatScanMap(const MapOptions& options, int first, int last)
       : options_(options),
         num_levels_(options.num_levels(N)),
@@ -70,7 +77,7 @@ class FlatScanMap {
       const bool is_asked = next.level > -num_levels_ && splits_now(cell, scan_evidence);
       const bool is_predicted_to_remerge =
           is_asked && !coverage.splits &&
-          model_.predicted_to_remerge(cell, scan_evidence, kShare, next.level + num_levels_);
+          model_.predicted_to_remerge(cell, scan_evidence, kChildrenAcross, next.level + num_levels_);
       if (!coverage.enough && !coverage.splits) {
         const EvidenceCell before = cell;
         cell.set_partly_seen(
@@ -86,9 +93,9 @@ class FlatScanMap {
         const EvidenceCell parent = cell;
         cells.erase(next);
         for (const auto& child : children_of<N, D>(next, edge(next.level - 1))) {
-          cells[child] = model_.initial_child(parent, kShare, num_beams(child, true, next, sample_beams),
-                                              num_beams(next, false, next, sample_beams),
-                                              part_of(child, next), child.level == -num_levels_);
+          cells[child] = model_.initial_child(
+              parent, kChildrenAcross, num_beams(child, true, next, sample_beams),
+              num_beams(next, false, next, sample_beams), part_of(child, next), child.level == -num_levels_);
           waiting.push_back(child);
         }
         split_now.emplace(next, std::make_pair(parent, scan_evidence));
@@ -105,7 +112,7 @@ class FlatScanMap {
         updates += scan_evidence.beams;
       }
     }
-    // Parents of which a cell changed, the finest first.
+    // Merge siblings where one of them changed, the finest first.
     for (int level = -num_levels_; level < 0; ++level) {
       std::set<CellIndex<D>, IndexLess> parents;
       for (const auto& [index, cell] : cells)
@@ -115,7 +122,7 @@ class FlatScanMap {
         if (const auto split = split_now.find(parent); split != split_now.end()) {
           --splits;
           ++remerged;
-          // What passes say adds up as if the cell had not split.
+          // Misses add up as if the cell had not split.
           const auto& [before, scan_evidence] = split->second;
           if (before.observed() && scan_evidence.hits == 0 && scan_evidence.occupied == 0) {
             cells[parent] = before;
@@ -128,7 +135,7 @@ class FlatScanMap {
     }
   }
 
-  /// What the beams of the last scan say about a cell, of each face's a sample.
+  /// Evidence of the last scan's beams for a cell: of each face, the beams that the cell samples.
   [[nodiscard]] ScanEvidence evidence(const CellIndex<D>& index, double sample_beams) const {
     const float size = size_of(index);
     const bool finest = index.level == -num_levels_;
@@ -141,7 +148,7 @@ class FlatScanMap {
       const auto child_size =
           static_cast<float>(static_cast<double>(edge(index.level) / N) * options_.min_cell_size);
       const bool resolvable = !finest && child_size >= noise_sigmas * beam.sigma;
-      // Of the way of a beam in the mean, a miss is worth one.
+      // A way as long as a beam's mean way through the cell counts as one miss.
       constexpr double kMeanChords[] = {1.0, 0.78539816339744831, 2.0 / 3.0, 0.58904862254808623};
       const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
       const auto units_per_metre = static_cast<float>(
@@ -157,7 +164,8 @@ class FlatScanMap {
         count_miss();
         continue;
       }
-      // A surface is never thinner than 5/3 of the noise, or the cells that are small would say less than it.
+      // A way through a small cell is at least 5/3 sigma long, or the evidence of small cells would be too
+      // small.
       const bool small = finest || size <= 2.0f * beam.sigma;
       if (small) exit = std::max(exit, enter + beam.surface);
       if (exit < beam.clear) {
@@ -166,7 +174,7 @@ class FlatScanMap {
       }
       const float per_sigma = 1.0f / beam.sigma;
       const bool hit = contains(index, cell_of_hit(beam));
-      // The cell of a hit goes on behind it.
+      // The cell of a hit counts as reaching at least 0.5 sigma behind it.
       const float behind_end = std::max((exit - beam.range) * per_sigma, hit ? 0.5f : -HUGE_VALF);
       const float nats = sensor_.quick_log_odds((enter - beam.range) * per_sigma, behind_end);
       const bool behind = !hit && enter >= beam.range;
@@ -192,7 +200,7 @@ class FlatScanMap {
 
  private:
   struct FlatBeam;
-  /// The smallest cell that counts the hit: the one right behind the end point.
+  /// The smallest cell in which the beam is a hit: the one right behind its end point.
   [[nodiscard]] CellIndex<D> cell_of_hit(const FlatBeam& beam) const {
     const auto cell_at = [&](const Vector<D>& point) {
       CellIndex<D> cell;
@@ -209,7 +217,7 @@ class FlatScanMap {
     Vector<D> origin;
     Vector<D> path;
     Vector<D> endpoint;
-    std::array<float, D> inverse;  ///< Metres of the beam for one along an axis.
+    std::array<float, D> inverse;  ///< Inverse direction: metres along the beam for one along the axis.
     float range;                   ///< Distances from the origin [m].
     float sigma;
     float reach;
@@ -217,17 +225,17 @@ class FlatScanMap {
     float surface;
     float slant;  ///< Depth over range.
     bool returned;
-    std::array<double, D + 2> face;  ///< Where it comes from, and the axis and sense in which it mainly goes.
-    std::uint32_t chance;
+    std::array<double, D + 2> face;  ///< Origin, main axis and its sign.
+    std::uint32_t key;
   };
-  /// All beams through one side of a cube around one origin.
+  /// A cube-map face.
   struct Face {
     std::array<float, D> lower, upper;
     int beams = 0;
-    float density = 0.0f;  ///< Places of one beam in a row of length 1.
-    std::array<float, D> places;
+    float density = 0.0f;  ///< Pixels in a row of length 1.
+    std::array<float, D> pixels;
   };
-  static constexpr int kShare = static_cast<int>(integer_power(N, D)) / N;
+  static constexpr int kChildrenAcross = static_cast<int>(integer_power(N, D)) / N;
 
   static float log_odds_of(double p) { return static_cast<float>(std::log(p / (1.0 - p))); }
   [[nodiscard]] float size_of(const CellIndex<D>& index) const {
@@ -243,7 +251,7 @@ class FlatScanMap {
     const double t_free = cut ? max_range / range : 1.0;
     returned = returned && !cut;
     int axis = 0;
-    for (int a = 1; a < D; ++a)  // The first of the longest, as floats.
+    for (int a = 1; a < D; ++a)  // The first axis with the largest component, as floats.
       if (std::abs(static_cast<float>(path[a])) > std::abs(static_cast<float>(path[axis]))) axis = a;
     std::array<double, D + 2> face{};
     for (int a = 0; a < D; ++a) face[static_cast<std::size_t>(a)] = origin[a];
@@ -279,11 +287,11 @@ class FlatScanMap {
     beam.slant = depth / length;
     beam.returned = returned;
     beam.face = face;
-    beam.chance = sampling_key_of<D>(displacement, scans_);
+    beam.key = sampling_key_of<D>(displacement, scans_);
     beams_.push_back(beam);
   }
 
-  /// The bins of a face are squares of one beam each in the mean, over the part of it that beams go through.
+  /// Divides the part of each face that beams pass through into square pixels of one beam each in the mean.
   void measure_faces() {
     faces_.clear();
     for (const FlatBeam& beam : beams_) {
@@ -291,10 +299,10 @@ class FlatScanMap {
       Face& face = found->second;
       ++face.beams;
       for (std::size_t a = 0; a < D; ++a) {
-        const float place = static_cast<float>(beam.path[static_cast<int>(a)]) /
-                            static_cast<float>(beam.path.cwiseAbs().maxCoeff());
-        face.lower[a] = is_new ? place : std::min(face.lower[a], place);
-        face.upper[a] = is_new ? place : std::max(face.upper[a], place);
+        const float coordinate = static_cast<float>(beam.path[static_cast<int>(a)]) /
+                                 static_cast<float>(beam.path.cwiseAbs().maxCoeff());
+        face.lower[a] = is_new ? coordinate : std::min(face.lower[a], coordinate);
+        face.upper[a] = is_new ? coordinate : std::max(face.upper[a], coordinate);
       }
     }
     for (auto& [key, face] : faces_) {
@@ -313,46 +321,48 @@ class FlatScanMap {
       const double width = std::max(least, widest / face.beams);
       face.density = static_cast<float>(1.0 / width);
       for (std::size_t a = 0; a < D; ++a)
-        face.places[a] = static_cast<float>(
+        face.pixels[a] = static_cast<float>(
             1.0 +
             std::floor((static_cast<double>(face.upper[a]) - static_cast<double>(face.lower[a])) / width));
     }
   }
-  /// Places of the beam's face that a cube at the cell's centre covers.
-  [[nodiscard]] float places_of(const FlatBeam& beam, const CellIndex<D>& index, float size) const {
+  /// Number of pixels of the beam's face that a cube of this size at the cell's centre covers.
+  [[nodiscard]] float pixels_of(const FlatBeam& beam, const CellIndex<D>& index, float size) const {
     const Face& face = faces_.at(beam.face);
     const auto axis = static_cast<std::size_t>(beam.face[D]);
     const double lower = border(index.lower[axis]);
     const double upper = border(index.lower[axis] + edge(index.level));
     const double centre = 0.5 * (lower + upper) - beam.origin[static_cast<int>(axis)];
     const auto depth = static_cast<float>(std::max(0.5 * (upper - lower), std::abs(centre)));
-    float places = 1.0f;
+    float pixels = 1.0f;
     for (std::size_t a = 0; a < D; ++a)
-      if (a != axis) places *= std::min(size * face.density / depth, face.places[a]);
-    return places;
+      if (a != axis) pixels *= std::min(size * face.density / depth, face.pixels[a]);
+    return pixels;
   }
-  /// Of the beams of the beam's face, those that count; of one that is alone there, all.
-  [[nodiscard]] float sample_of(const FlatBeam& beam, const CellIndex<D>& index, double sample_beams) const {
+  /// The cell's sampling fraction on the beam's face, may be above 1; 1 if the beam is the face's only one.
+  [[nodiscard]] float fraction_of(const FlatBeam& beam, const CellIndex<D>& index,
+                                  double sample_beams) const {
     if (faces_.at(beam.face).beams == 1) return 1.0f;
-    return static_cast<float>(sample_beams) / places_of(beam, index, static_cast<float>(smallest()));
+    return static_cast<float>(sample_beams) / pixels_of(beam, index, static_cast<float>(smallest()));
   }
   [[nodiscard]] bool is_in_sample(const FlatBeam& beam, const CellIndex<D>& index,
                                   double sample_beams) const {
-    // Beams are in and out of samples by steps of chance, of one to two beams each in the mean.
-    const float share = sample_of(beam, index, sample_beams);
-    const float steps = std::exp2(std::floor(std::log2(static_cast<float>(faces_.at(beam.face).beams))));
-    return share >= 1.0f || std::floor(static_cast<float>(beam.chance) / 16777216.0f * steps) < share * steps;
+    // A bucket of one to two beams in the mean is sampled as a whole or not.
+    const float fraction = fraction_of(beam, index, sample_beams);
+    const float buckets = std::exp2(std::floor(std::log2(static_cast<float>(faces_.at(beam.face).beams))));
+    return fraction >= 1.0f ||
+           std::floor(static_cast<float>(beam.key) / 16777216.0f * buckets) < fraction * buckets;
   }
   [[nodiscard]] double smallest() const {
     return static_cast<double>(edge(-num_levels_)) * options_.min_cell_size;
   }
-  /// Cells that know much take fewer beams, unless they know of free space only and too many end there.
+  /// Well observed cells sample fewer beams, unless they are saturated and too many beams end in them.
   [[nodiscard]] double sample_beams_of(const CellIndex<D>& index, const EvidenceCell& cell) const {
     const bool is_well_observed = static_cast<double>(cell.occupied_evidence() + cell.free_evidence()) >=
                                   std::floor(options_.known_evidence * 256.0 + 0.5);
     const double learning = 5.0 * options_.sample_beams;
-    std::map<std::array<double, D + 2>, std::pair<int, float>>
-        ends;  // Of each face, and beams expected there.
+    // For each face: number of beams that end in the cell, and number of beams expected there.
+    std::map<std::array<double, D + 2>, std::pair<int, float>> ends;
     for (const FlatBeam& beam : beams_) {
       float enter = 0.0f;
       float exit = 0.0f;
@@ -363,8 +373,8 @@ class FlatScanMap {
       ++count;
       expected = faces_.at(beam.face).beams == 1
                      ? 1.0f
-                     : std::max(1.0f, std::min(1.0f, sample_of(beam, index, learning)) *
-                                          places_of(beam, index, size_of(index)));
+                     : std::max(1.0f, std::min(1.0f, fraction_of(beam, index, learning)) *
+                                          pixels_of(beam, index, size_of(index)));
     }
     double blocked = 0.0;
     for (const auto& [face, of_face] : ends) blocked += of_face.first / static_cast<double>(of_face.second);
@@ -373,20 +383,20 @@ class FlatScanMap {
   }
 
   struct Coverage {
-    bool is_asked = false;  ///< It had to be seen.
+    bool is_asked = false;  ///< Coverage decides whether the cell is observed.
     bool is_covered = false;
     bool enough = true;
     bool splits = false;
     std::uint32_t parts = 0;
   };
-  /// Which of the 2^D parts of a cell, up to 16 of them, a child lies in.
+  /// The part of a cell in which a child lies, of its 2^D parts, at most 16.
   [[nodiscard]] int part_of(const CellIndex<D>& child, const CellIndex<D>& parent) const {
     int part = 0;
     for (std::size_t a = 0; a < static_cast<std::size_t>(std::min(D, 4)); ++a)
       if (2 * (child.lower[a] - parent.lower[a]) >= edge(parent.level)) part += 1 << a;
     return part;
   }
-  /// What was seen of a cell that was not seen enough of before.
+  /// Coverage of a cell that was not observed before.
   [[nodiscard]] Coverage coverage_of(const CellIndex<D>& index, const EvidenceCell& cell,
                                      const ScanEvidence& scan, double sample_beams) const {
     Coverage result;
@@ -410,11 +420,11 @@ class FlatScanMap {
       float exit = 0.0f;
       if (!clip(beam, index, enter, exit) || !is_in_sample(beam, index, sample_beams)) continue;
       const Face& face = faces_.at(beam.face);
-      const float share = std::min(1.0f, sample_of(beam, index, sample_beams));
+      const float fraction = std::min(1.0f, fraction_of(beam, index, sample_beams));
       const float widening = D < 2    ? 1.0f
-                             : D == 2 ? 1.0f / share
-                             : D == 3 ? 1.0f / std::sqrt(share)
-                                      : std::pow(share, -1.0f / static_cast<float>(D - 1));
+                             : D == 2 ? 1.0f / fraction
+                             : D == 3 ? 1.0f / std::sqrt(fraction)
+                                      : std::pow(fraction, -1.0f / static_cast<float>(D - 1));
       for (std::size_t j = 0; j < children.size(); ++j) {
         if (!clip(beam, children[j], enter, exit) || enter >= beam.range) continue;
         exit = std::min(exit, beam.range);
@@ -441,13 +451,15 @@ class FlatScanMap {
     result.is_covered = true;
     for (std::size_t j = 0; j < children.size(); ++j) {
       auto& [of_part, count] = parts[part_of(children[j], index)];
-      const double share = seen[j] / static_cast<double>(kUnits);
-      of_part += std::min(1.0, share);
+      const double seen_fraction = seen[j] / static_cast<double>(kUnits);
+      of_part += std::min(1.0, seen_fraction);
       ++count;
-      if (share < least) with_missing.insert(part_of(children[j], index));
-      if (share < least && !seen_before(part_of(children[j], index)) && may_split) result.splits = true;
-      // Covered is what was seen but for one smallest cell in depth, or half a child.
-      if (share < (1.0 - 1e-4) * (1.0 - std::min(0.5, N / smallest_cells)) - 1e-6) result.is_covered = false;
+      if (seen_fraction < least) with_missing.insert(part_of(children[j], index));
+      if (seen_fraction < least && !seen_before(part_of(children[j], index)) && may_split)
+        result.splits = true;
+      // Covered: each child was seen, but for one smallest cell in depth, or half of it.
+      if (seen_fraction < (1.0 - 1e-4) * (1.0 - std::min(0.5, N / smallest_cells)) - 1e-6)
+        result.is_covered = false;
     }
     int seen_children = 0;
     for (const auto& [part, of_part] : parts) {
@@ -484,7 +496,7 @@ class FlatScanMap {
         return false;
     return true;
   }
-  /// @returns whether the beam crosses the cell over more than a point of (0, reach), as floats have it.
+  /// @returns true if the beam crosses the cell over more than a point of (0, reach), in floats.
   [[nodiscard]] bool clip(const FlatBeam& beam, const CellIndex<D>& index, float& enter, float& exit) const {
     enter = 0.0f;
     exit = beam.reach;
@@ -498,8 +510,8 @@ class FlatScanMap {
     }
     return enter < exit;
   }
-  /// Beams of a parent's sample that cross a cell; only those that passed it, which it is clearly before the
-  /// end of, or all.
+  /// Number of beams in the parent's sample that cross a cell.
+  /// @param passed only beams that clearly passed the cell.
   [[nodiscard]] std::size_t num_beams(const CellIndex<D>& index, bool passed, const CellIndex<D>& parent,
                                       double sample_beams) const {
     std::size_t n = 0;
@@ -526,7 +538,7 @@ class FlatScanMap {
       else
         nodes[j].become_leaf(found->second);
     }
-    const auto merged = merge_rule_(nodes.data(), static_cast<int>(nodes.size()), kShare);
+    const auto merged = merge_rule_(nodes.data(), static_cast<int>(nodes.size()), kChildrenAcross);
     if (!merged) return false;
     for (const auto& child : children) cells.erase(child);
     cells[parent] = *merged;

@@ -15,10 +15,9 @@
 
 namespace ndtree {
 
-/// Beams that cross a node over more than a point, by their numbers, ascending. Where they do is found anew
-/// by whoever asks (CellCrossings): that takes less than to hand it down. Whoever writes many at a time may
-/// write up to kSlack behind the last; then the list is closed: whoever reads many at a time may read so many
-/// there, and finds numbers of beams.
+/// The beams that cross a node over more than a point: ascending beam numbers. Entry and exit are recomputed
+/// from the planes (CellCrossings), which costs less than storing them. Vector code may write up to kSlack
+/// entries past the end; pad() then fills them with valid beam numbers, so that vector code may read them.
 struct BeamList {
   static constexpr std::size_t kSlack = 16;
   static constexpr std::uint32_t kAll = 0xffffffff;  ///< No beam has this number.
@@ -30,11 +29,12 @@ struct BeamList {
   [[nodiscard]] std::uint32_t first_beam() const { return beam[0]; }
   [[nodiscard]] std::uint32_t last_beam() const { return beam[size - 1]; }
   void pad() { std::fill_n(beam + size, kSlack, 0u); }
-  /// The place of the first beam, from a place on, that has this number or more.
+  /// Index of the first beam, at or after index `from`, whose number is at least this. Size if there is none.
   [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from = 0) const {
     return find(number, from, size);
   }
-  /// The same up to a place, which it is if none has. By halves, without a branch that nobody can foresee.
+  /// find() among indices [from, to); `to` if there is none. Bisection without unpredictable branches, O(log
+  /// n).
   [[nodiscard]] std::size_t find(std::uint32_t number, std::size_t from, std::size_t to) const {
     if (from == to || beam[to - 1] < number) return to;
     for (std::size_t left = to - from; left > 1; left -= left / 2)
@@ -46,9 +46,8 @@ struct BeamList {
   }
 };
 
-/// Adds one list to another, not closed, which has room for it, in other memory or in the same only before
-/// it.
-/// @pre its beams come after those that are there.
+/// Appends a list to another one, which must have room for it, and does not pad it.
+/// @pre the numbers of `list` are larger than those of `to`; if both share memory, `to` lies before `list`.
 inline void append(const BeamList& list, BeamList& to) {
   std::copy_n(list.beam, list.size, to.beam + to.size);
   to.size += list.size;
@@ -57,9 +56,9 @@ inline void append(const BeamList& list, BeamList& to) {
 /// The lists of a node's children, in one piece of memory.
 template <int kCount>
 struct SiblingLists {
-  BeamList memory;  ///< Of all; its size does not count.
+  BeamList memory;  ///< Of all lists; its size has no meaning.
   std::array<std::size_t, std::size_t{kCount}>
-      first;  ///< Where the list of each child begins there, and ends.
+      first;  ///< Index in `memory` of each child's list; `last` is that of its end.
   std::array<std::size_t, std::size_t{kCount}> last;
 
   [[nodiscard]] BeamList of(int child) const {
@@ -69,7 +68,7 @@ struct SiblingLists {
   void pad() {
     for (int c = 0; c < kCount; ++c) of(c).pad();
   }
-  /// Moves the lists together, not closed. @returns how much of the memory they take.
+  /// Moves the lists to the front of the memory, without padding. @returns the entries that they take.
   std::size_t pack() {
     std::size_t end = 0;
     for (std::size_t c = 0; c < kCount; ++c) {
@@ -86,10 +85,10 @@ struct SiblingLists {
   }
 };
 
-/// Memory for lists: what is allocated last is given back first.
+/// Memory for lists, released in the opposite order of its allocation.
 class ListStack {
  public:
-  /// What was allocated up to some time.
+  /// A state of the stack, to which release() returns.
   struct Mark {
     std::size_t block = 0;
     std::size_t used = 0;
@@ -107,26 +106,27 @@ class ListStack {
     used_ = mark.used;
   }
 
-  /// Leaves room for n to the list that was allocated last.
+  /// Reduces the list that was allocated last to n entries.
   void shrink(const BeamList& list, std::size_t n) {
     used_ = static_cast<std::size_t>(list.beam - blocks_[block_].beams.get()) + n;
   }
 
-  /// Frees a list, and what was allocated after it, if it is in the block in use.
+  /// Releases a list and everything that was allocated after it, if the list is in the current block.
   void free_from(const BeamList& list) {
     if (block_ == blocks_.size()) return;
     const auto* const begin = blocks_[block_].beams.get();
     if (std::less_equal<>()(begin, list.beam) && std::less<>()(list.beam, begin + used_)) shrink(list, 0);
   }
 
-  /// An empty list with room for n, the slack included.
+  /// An empty list with room for n entries, kSlack included.
   [[nodiscard]] NDTREE_ALWAYS_INLINE BeamList allocate(std::size_t n) {
     if (block_ == blocks_.size() || used_ + n > blocks_[block_].room) next_block(n);
     const Block& block = blocks_[block_];
     const BeamList list{block.beams.get() + used_, 0};
     used_ += n;
 #ifndef NDEBUG
-    std::fill_n(list.beam, n, BeamList::kAll);  // No beam: whoever reads what was not written is found out.
+    std::fill_n(list.beam, n,
+                BeamList::kAll);  // No beam's number, so that tests notice reads of unwritten ones.
 #endif
     return list;
   }
@@ -135,7 +135,7 @@ class ListStack {
   static constexpr std::size_t kBlock = std::size_t{1} << 15;
   struct Block {
     std::size_t room;
-    std::unique_ptr<std::uint32_t[]> beams;  // Not initialised: what is not used is not resident.
+    std::unique_ptr<std::uint32_t[]> beams;  // Not initialised, so that unused pages are not resident.
     explicit Block(std::size_t n) : room(n), beams(new std::uint32_t[n]) {}
   };
 
@@ -151,19 +151,33 @@ class ListStack {
   std::size_t used_ = 0;  // Of the block.
 };
 
-/// Children's lists of a long list that is clipped piece by piece: so they take memory for the beams that
-/// there are, and not for those that there could be.
+/// Releases at its end the memory of lists that were allocated in its scope.
+class ListScope {
+ public:
+  explicit ListScope(ListStack& stack) : stack_(stack), mark_(stack.mark()) {}
+  ListScope(const ListScope&) = delete;
+  ListScope& operator=(const ListScope&) = delete;
+  ~ListScope() { stack_.release(mark_); }
+
+ private:
+  ListStack& stack_;
+  const ListStack::Mark mark_;
+};
+
+/// The children's lists of a long list that is partitioned in pieces. They take memory for the beams that
+/// cross each child, where one partition would reserve memory for all beams in each child.
 template <int kCount>
 class PiecewiseLists {
  public:
-  /// Where a piece's lists belong.
+  /// The stack on which a piece's lists are allocated.
   [[nodiscard]] ListStack& memory() { return memory_; }
-  /// @pre the piece was allocated last, and its beams come after those of the pieces before.
+  /// Adds the lists of a piece. @pre they were allocated last, and their numbers follow those of earlier
+  /// pieces.
   void add(SiblingLists<kCount> piece) {
     memory_.shrink(piece.memory, piece.pack());
     pieces_.push_back(piece);
   }
-  /// All pieces as one, which are then forgotten; the list of the last child comes first.
+  /// Joins and removes all pieces. The list of the last child is first in memory.
   [[nodiscard]] SiblingLists<kCount> join(ListStack& stack) {
     SiblingLists<kCount> all;
     std::size_t room = 0;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// How noisy the beams of a scan are, and what they have surely passed.
+/// The noise of a scan's beams, and how far before its end a beam has surely passed all cells.
 #pragma once
 
 #include <algorithm>
@@ -12,14 +12,18 @@
 
 namespace ndtree {
 
-/// How far before its reach a beam has surely passed all cells, of any size, that end there: so much, and as
-/// noise grows with the square of the range, so much for each square metre of it.
+/// A beam has passed every cell, of any size, that it leaves before t_max - fixed - growth * t_max^2. The
+/// margin grows with the square of the distance, as noise does.
 struct FreeMargin {
-  float fixed = 0.0f;
-  float growth = 0.0f;
+  float fixed = 0.0f;   ///< [m]
+  float growth = 0.0f;  ///< [1 / m]
 };
 
-/// The least and the largest noise of some beams, and the margin that they need.
+/// The least and the largest noise of a set of beams, and the least margin that holds for each of them.
+///
+/// Strategy: a running minimum and maxima, eight of each, so that loops over eight beams need no reduction.
+/// Invariants: the result depends neither on the order of the beams nor on the width.
+/// Cost: O(1) for each beam.
 class BeamNoise {
  public:
   explicit BeamNoise(float margin_growth = 0.0f) : growth_(margin_growth) {
@@ -27,7 +31,8 @@ class BeamNoise {
     largest_.fill(0.0f);
     margin_.fill(0.0f);
   }
-  /// @param pass what the beam has surely passed ends before this distance.
+  /// Adds a beam. @param sigma standard deviation of the range. @param reach t_max of the beam.
+  /// @param pass t_free: the beam has passed every cell that it leaves before this distance. All in [m].
   void add(float sigma, float reach, float pass) {
     smallest_[0] = std::min(smallest_[0], sigma);
     largest_[0] = std::max(largest_[0], sigma);
@@ -35,6 +40,7 @@ class BeamNoise {
     margin_[0] = std::max(margin_[0], rounded(reach * kAboveRounding) - pass - grown);
   }
 #ifdef NDTREE_HAS_EIGHTS
+  /// Adds eight beams.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(__m256 sigma, __m256 reach, __m256 pass) {
     _mm256_store_ps(smallest_.data(), _mm256_min_ps(_mm256_load_ps(smallest_.data()), sigma));
     _mm256_store_ps(largest_.data(), _mm256_max_ps(_mm256_load_ps(largest_.data()), sigma));
@@ -44,14 +50,17 @@ class BeamNoise {
     _mm256_store_ps(margin_.data(), _mm256_max_ps(_mm256_load_ps(margin_.data()), margin));
   }
 #endif
+  /// Adds the beams of another set. @pre both have the same growth.
   void add(const BeamNoise& other) {
     smallest_[0] = std::min(smallest_[0], other.smallest());
     largest_[0] = std::max(largest_[0], other.largest());
     margin_[0] = std::max(margin_[0], other.margin().fixed);
   }
-  // Of standard deviations [m].
+  /// The smallest standard deviation [m].
   [[nodiscard]] float smallest() const { return *std::min_element(smallest_.begin(), smallest_.end()); }
+  /// The largest standard deviation [m].
   [[nodiscard]] float largest() const { return *std::max_element(largest_.begin(), largest_.end()); }
+  /// The least margin of this growth that holds for every beam.
   [[nodiscard]] FreeMargin margin() const {
     return {*std::max_element(margin_.begin(), margin_.end()), growth_};
   }
@@ -59,7 +68,7 @@ class BeamNoise {
  private:
   static constexpr float kAboveRounding = 1.0f + 0x1p-21f;
   float growth_;
-  // Of every eighth of them; the first alone without vectors.
+  // Element k is of every eighth beam; width 1 uses element 0 alone.
   alignas(32) std::array<float, 8> smallest_;
   alignas(32) std::array<float, 8> largest_;
   alignas(32) std::array<float, 8> margin_;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What nodes and leaves ask of a beam: two rows of a table, and the same of eight beams.
+/// The two table rows of a beam, and the rows of eight beams in vectors.
 #pragma once
 
 #include <array>
@@ -11,47 +11,51 @@
 
 namespace ndtree {
 
-/// Where a beam goes: what handing it down asks.
+/// The row that partitioning a list reads: a beam's inverse direction and t_max. 16 bytes up to 3-D.
 template <int D>
 struct alignas(16) BeamRay {
-  /// Range over displacement on an axis: how far it goes for a metre along it.
+  /// Range over displacement on each axis: metres along the beam for one metre along the axis.
   std::array<float, std::size_t{D}> inverse;
-  float t_max;  ///< The last distance that it says anything about [m].
+  float t_max;  ///< The distance at which its evidence ends [m].
 };
 
-/// What cells near its end ask of it, in metres along it. Rows of 32 bytes lie in one cache line each.
+/// The row that leaves near a beam's end read; distances are along the beam [m]. A row of 32 bytes lies in
+/// one cache line.
 template <int D>
 struct alignas(D <= 3 ? 32 : 16) BeamEnd {
-  float range;    ///< Of the end point, or of the end of what was seen free.
-  float slant;    ///< How much of its way it goes along the axis of its face, in [1 / sqrt D, 1].
-  float clear;    ///< Cells that end before this distance were passed ...
-  float surface;  ///< ... small ones only if they end by so much before it. 0: without return.
+  float range;    ///< Of the end point, or t_free of a beam without return.
+  float slant;    ///< Depth over range, in [1 / sqrt D, 1].
+  float clear;    ///< The beam has passed cells that it leaves before this distance.
+  float surface;  ///< Its way through a small cell counts as at least this long. 0: without return.
   float sigma;    ///< Standard deviation of the range.
-  std::array<std::int32_t, std::size_t{D}> cell;  ///< That it ends in, from the base; see ends_nearby().
+  /// Smallest cell of its end minus the base, see ScanBeams::ends_nearby().
+  std::array<std::int32_t, std::size_t{D}> cell;
 
   [[nodiscard]] bool is_returned() const { return surface != 0.0f; }
 };
 
 #ifdef NDTREE_HAS_EIGHTS
-/// The same of eight beams.
+/// The columns of eight BeamRay rows.
 template <int D>
 struct EightRays {
   __m256 inverse[std::size_t{D}];
   __m256 t_max;
 };
+/// The columns of eight BeamEnd rows.
 template <int D>
 struct EightEnds {
   __m256 range, slant, clear, surface, sigma;
   __m256i cell[std::size_t{D}];
 };
 
-/// Up to eight beams on their way down to the leaves together: what is known of them is looked up once.
+/// A ray packet: up to eight beams that go down the tree together. Their rows are read once, at its start.
 template <int D>
 struct EightBeams {
-  alignas(32) std::array<std::uint32_t, 8> number;  ///< Ascending, where a beam is.
+  /// Ascending; elements without a beam hold any valid number.
+  alignas(32) std::array<std::uint32_t, 8> number;
   EightRays<D> rays;
-  __m256 t_free;      ///< ScanBeams::t_free_of() of them.
-  EightEnds<D> ends;  ///< If they were asked for, see ScanBeams::ends_of().
+  __m256 t_free;      ///< See ScanBeams::t_free_of().
+  EightEnds<D> ends;  ///< Valid if has_ends; ScanBeams::ends_of() reads them.
   bool has_ends = false;
 };
 #endif

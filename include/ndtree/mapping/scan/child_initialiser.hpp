@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What a leaf that splits hands down of what it knew.
+/// Evidence for the children of a leaf that splits.
 #pragma once
 
 #include <cstddef>
@@ -17,8 +17,9 @@
 
 namespace ndtree {
 
-/// Gives the children of a leaf what is due to them of what it knew, by how many of the beams that counted in
-/// it have passed each: have left it before they could have met anything.
+/// Initialises the children of a leaf that splits with parts of its evidence, see ChildInitialisation. A
+/// child's part depends on how many of the leaf's sampled beams passed the child: left it before their end,
+/// noise included. Cost: O(sampled beams) for each child.
 template <class Tree>
 class ChildrenInitialiser {
   static constexpr int N = Tree::kBranching;
@@ -32,7 +33,7 @@ class ChildrenInitialiser {
                       const ScanBeams<D>& beams)
       : geometry_(geometry), model_(model), beams_(beams), width_(beams.width()) {}
 
-  /// @param leaf what it knew. @param sample which beams of its list counted.
+  /// @param leaf its evidence before the split. @param sample the beams of its list that it sampled.
   /// @param lists of its children. @param planes of the leaf, if all beams have one origin.
   void initialise(const EvidenceCell& leaf, const CellIndex<D>& index, const LeafSample<D>& sample,
                   const BeamList& list, const SiblingLists<kNumChildren>& lists, const Planes& planes,
@@ -51,7 +52,8 @@ class ChildrenInitialiser {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of a packet. @param few where its rays cross the leaf's children.
+  /// Initialises the children of a leaf that a ray packet crosses. @param sample set of the rays that it
+  /// sampled.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void initialise(const EvidenceCell& leaf, int level,
                                                        std::uint32_t sample,
                                                        RayPacket<D, kNumChildren>& packet,
@@ -64,7 +66,7 @@ class ChildrenInitialiser {
       children[j].cell() = initial_child(leaf, count(set & sample), count(sample), j, are_finest);
     }
   }
-  /// The set of a packet's rays that a sample of their list takes.
+  /// The sampled beams of a packet's list as a set of its rays.
   [[nodiscard]] std::uint32_t set_of(const LeafSample<D>& sample, const BeamList& list) const {
     std::uint32_t set = 0;
     sample.for_each_part(beams_, list, [&](const BeamList& part) {
@@ -75,7 +77,7 @@ class ChildrenInitialiser {
 #endif
 
  private:
-  /// @param passed of so many beams.
+  /// @param passed beams that passed the child. @param beams that the leaf sampled.
   [[nodiscard]] EvidenceCell initial_child(const EvidenceCell& leaf, std::size_t passed, std::size_t beams,
                                            std::size_t child, bool is_finest) const {
     return model_.initial_child(leaf, kChildrenAcross<Tree>, passed, beams,
@@ -112,7 +114,7 @@ class ChildrenInitialiser {
     }
     return n;
   }
-  /// The set of those that have passed, as has_passed() says, by where they leave a cell.
+  /// has_passed() of eight beams, as a set. @param exit where they leave a cell.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static std::uint32_t passed(const EightEnds<D>& ends,
                                                                                   __m256 exit) {
     const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
@@ -120,10 +122,10 @@ class ChildrenInitialiser {
     return static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
   }
 #endif
-  /// Whether a beam has clearly not met anything where it leaves a cell.
+  /// Whether a beam passed a cell: it has clearly not met a surface where it leaves the cell.
   [[nodiscard]] bool has_passed(std::uint32_t beam, float exit) const {
     const BeamEnd<D>& end = beams_.end(beam);
-    // Without a branch, as nobody can foresee it.
+    // Without a branch, which would be unpredictable.
     return static_cast<int>(!end.is_returned()) | static_cast<int>(exit < end.clear);
   }
 #ifdef NDTREE_HAS_EIGHTS

@@ -16,14 +16,14 @@
 
 namespace ndtree {
 
-/// Where a beam enters a cell, and where it leaves it; distances from the origin [m].
+/// Distances from the origin at which a beam enters and leaves a cell [m].
 struct Crossing {
   float enter;
   float exit;
 };
 
 #ifdef NDTREE_HAS_EIGHTS
-/// The same of eight beams.
+/// Crossings of eight beams.
 struct EightCrossings {
   __m256 enter;
   __m256 exit;
@@ -31,23 +31,24 @@ struct EightCrossings {
 };
 #endif
 
-/// Where beams cross one cell. A beam crosses the plane at p, on an axis, at (p - origin) * inverse: two
-/// roundings to float, of a number that depends on the plane and the beam alone, and grows from plane to
-/// plane along the beam. So cells share their borders to the last bit, and what a beam crosses of a node is
-/// the sum of what it crosses of the children, without gap or overlap. The cell must stay where it is.
+/// Where beams cross one cell, by the slab test. A beam crosses the plane at p, on an axis, at the distance
+/// (p - origin) * inverse direction: rounded twice to float, a function of plane and beam alone that grows
+/// from plane to plane along the beam. So neighbouring cells have equal borders to the last bit, and the
+/// length of a beam in a node is the sum of its lengths in the children, without gap or overlap. O(D) for
+/// each beam. The cell must stay where it is.
 template <int N, int D>
 class CellCrossings {
  public:
   /// The planes of a node, and between its children, on each axis, from the one origin of all beams [m].
   using Planes = std::array<std::array<float, std::size_t{N} + 1>, std::size_t{D}>;
 
-  /// Where a plane lies, seen from an origin. @param coordinate of it on the lattice.
+  /// Position of a plane minus an origin [m]. @param coordinate of the plane on the lattice.
   [[nodiscard]] NDTREE_ALWAYS_INLINE static float plane(const LatticeGeometry<N, D>& geometry,
                                                         std::int64_t coordinate, double origin) {
     return static_cast<float>(geometry.border(coordinate) - origin);
   }
-  /// What is left of a beam's way between two planes on each axis: where it enters and leaves a cell. Empty,
-  /// or with its ends turned, if it does not cross the cell.
+  /// Clips a beam between two planes on each axis. Entry is not before exit if the beam does not cross the
+  /// cell.
   /// @param lower, upper `(axis)` planes from its origin.
   template <class Lower, class Upper>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static Crossing clipped(const BeamRay<D>& ray, const Lower& lower,
@@ -72,7 +73,7 @@ class CellCrossings {
       upper_[a] = plane(geometry, cell.lower[a] + edge, origin);
     }
   }
-  /// The same of a node's child. @param planes of the node, if all beams have one origin.
+  /// For a node's child. @param planes of the node, if all beams have one origin.
   NDTREE_ALWAYS_INLINE CellCrossings(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams,
                                      const CellIndex<D>& cell, const Planes& planes, int child)
       : geometry_(geometry), beams_(beams), cell_(cell) {
@@ -83,7 +84,7 @@ class CellCrossings {
     }
   }
 
-  /// See clipped().
+  /// The crossing of one beam, see clipped().
   [[nodiscard]] NDTREE_ALWAYS_INLINE Crossing of(std::uint32_t beam) const {
     if (beams_.has_own_origins()) {
       const Vector<D>& origin = beams_.origin(beam);
@@ -98,8 +99,8 @@ class CellCrossings {
         beams_.ray(beam), [&](std::size_t a) { return lower_[a]; }, [&](std::size_t a) { return upper_[a]; });
   }
 #ifdef NDTREE_HAS_EIGHTS
-  /// The same of eight. @param ways of these beams. @tparam kAlike ScanBeams::are_alike(): loops are
-  /// compiled for both, as the call that others need costs registers.
+  /// The crossings of eight beams. @param rays of these beams. @tparam kAlike ScanBeams::are_alike(): loops
+  /// are compiled for both values, as the call that beams with own origins need costs registers.
   template <bool kAlike>
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightCrossings
   of([[maybe_unused]] const std::uint32_t* beams, const EightRays<D>& rays) const {
@@ -141,12 +142,12 @@ class CellCrossings {
   std::array<float, std::size_t{D}> upper_;
 };
 
-/// So few beams fit one vector, and are not worth telling apart by what cells below take.
+/// Largest size of a ray packet. Lists of at most as many beams are not subsampled on the way down.
 inline constexpr std::size_t kPacketSize = 8;
 
 #ifdef NDTREE_HAS_EIGHTS
-/// Where at most eight beams cross the children of a node: so few need no lists. Those that cross a child are
-/// a set of bits, of their places among the eight.
+/// A ray packet: where at most eight beams cross the children of a node. Sets of rays are bits, one for each
+/// lane.
 template <int D, int kCount>
 struct RayPacket {
   static constexpr std::size_t kMost = kPacketSize;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What the beams of a list have seen of the children of the leaf that they cross.
+/// How much of a leaf's children the beams of a list have seen.
 #pragma once
 
 #include <algorithm>
@@ -21,13 +21,14 @@
 
 namespace ndtree {
 
-/// How wide the beams of a list are, in edges of a child.
+/// Widths of the beams of a list, in edges of a child.
 struct BeamWidths {
-  float per_depth = 0.0f;  ///< At a depth of 1 m [1/m]; 0 if it is the same everywhere:
+  float per_depth = 0.0f;  ///< Width at a depth of 1 m [1/m]; 0 if all widths are `fixed`.
   float fixed = 0.0f;
 };
 
-/// Sums over the children that the beams of a list cross.
+/// Sums over the children that the beams of a list cross, see ScanCoverage. O(beams (N D + children
+/// crossed)).
 template <int N, int D>
 class LeafCoverage {
   using Partition = ChildPartition<N, D>;
@@ -38,8 +39,8 @@ class LeafCoverage {
   LeafCoverage(const ScanBeams<D>& beams, const Partition& partition)
       : beams_(beams), partition_(partition) {}
 
-  /// Adds what beams that cross a leaf see of its children, up to their end points, until that is certain to
-  /// be enough.
+  /// Adds what beams see of a leaf's children, up to their end points, until the leaf is certain to be
+  /// covered.
   /// @param per_child 1 / edge of a child [1/m]. @param size of the leaf, in smallest cells.
   void operator()(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
                   const CoverageModel& model, double size, Sum& sum) const {
@@ -49,7 +50,7 @@ class LeafCoverage {
     }
   }
   /// Whether enough of a leaf was seen to update it as a whole.
-  /// @param sample which beams of its list count in it. @param beams that have passed it so far.
+  /// @param sample the beams of its list that it samples. @param beams that have passed it so far.
   [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
                                       const BeamList& list, const LeafSample<D>& sample,
                                       const CoverageModel& model, double beams) const {
@@ -59,7 +60,7 @@ class LeafCoverage {
     Sum sum;
     sample.for_each_fraction(
         beams_, list, [&](const CubeFace<D>& face, float fraction, const BeamList& part) {
-          // Those of a sample stand for those that are not in it, too.
+          // Sampled beams stand for the others, too.
           const BeamWidths widths{face.width_of_beam() * BeamSampling<N, D>::widening(fraction) * per_child,
                                   static_cast<float>(geometry.unit()) * per_child};
           (*this)(leaf, part, per_child, widths, model, size, sum);
@@ -69,7 +70,7 @@ class LeafCoverage {
   }
 
  private:
-  static constexpr std::size_t kChunk = 16;  // Beams, until it is asked anew; up to 64, all sums fit 32 bits.
+  static constexpr std::size_t kChunk = 16;  // Beams between two tests; sums of up to 64 fit 32 bits.
 
   void add(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
            Sum& sum) const {

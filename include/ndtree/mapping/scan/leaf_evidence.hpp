@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What the beams of a scan say about one leaf: sums of whole numbers over the list of those that cross it.
+/// The evidence of a scan's beams for one leaf: sums of integers over the beams that cross it.
 #pragma once
 
 #include <algorithm>
@@ -22,31 +22,34 @@
 
 namespace ndtree {
 
-/// Adds up evidence, so that neither the order of beams matters nor how many are looked at at a time. What a
-/// beam says about a leaf, by where its end point lies:
-/// - behind the leaf, and clearly so: a miss, evidence for free space in proportion to the way through it;
-/// - near it, within the sensor's noise: what the inverse sensor model says, and a miss if behind;
-/// - in it: a hit, and what the inverse sensor model says;
-/// - before it: up to three standard deviations behind a hit the leaf takes what the model says, but only if
-///   it is small, or of the smallest. A surface is not the whole of a coarse cell that it lies in front of.
+/// Strategy. Most beams clearly pass a leaf: a vector loop adds up their misses from entry and exit alone.
+/// Only for vectors with a beam that ends near the leaf are the ends looked up (add_near_end()). Evidence by
+/// where a beam's end point lies:
+/// - clearly behind the leaf: a miss, evidence for free space in proportion to the length inside the leaf;
+/// - near the leaf, within the noise: the inverse sensor model's evidence, and a miss if the end is behind;
+/// - in the leaf: a hit, and the inverse sensor model's evidence;
+/// - before the leaf, by at most three standard deviations: the inverse sensor model's evidence, but only for
+///   cells as small as the noise, or smallest cells. A coarse cell behind a surface is not the surface.
 ///
-/// A hit asks for smaller cells if the beam came a longer way through the leaf than noise explains, or if the
-/// leaf is larger than what the noise leaves open. A beam without return, or cut at the maximum range, is a
-/// miss of every leaf that it crosses, up to where it ends: what stood there would have returned it.
+/// A hit is resolvable if smaller cells would be larger than the noise, and deep if the beam's length in the
+/// leaf, or the leaf itself, exceeds what the noise explains. A beam without return, or cut at the maximum
+/// range, is a miss of every leaf that it crosses up to its end: a surface there would have returned it.
+///
+/// Invariants: sums are integers, so the order of beams and the width do not matter; the loops over eight
+/// beams give the bits of OfBeam. Cost: O(beams), a vector of eight that clearly pass in about 40
+/// instructions.
 template <int N, int D, class Sensor>
 class LeafEvidence {
-  static constexpr float kNoiseReach = 3.0f;  // Standard deviations that noise is taken to explain.
-  /// Standard deviations by which the cell of a hit goes on behind the end point, at least: a surface that
-  /// lies near the far border of its cell, in every scan, would else be evidence for nothing, as F(exit) is
-  /// 1/2 there.
+  static constexpr float kNoiseReach = 3.0f;  // Standard deviations that are explained by noise.
+  /// Least distance from a hit's end point to the exit of its cell [standard deviations]. Without it a
+  /// surface near the far border of its cell would give no evidence in any scan, as F(exit) is 1/2 there.
   static constexpr float kLeastBehindHit = 0.5f;
   static constexpr float kWidestSigma = static_cast<float>(1.0 / ScanBeams<D>::kThinnestSurface);
   static constexpr float kSmallCell = 2.0f;  // Standard deviations up to which a cell is small.
   static constexpr double kMeanChord = mean_chord_of_unit_cube(D);
   struct Size;
 #ifdef NDTREE_HAS_EIGHTS
-  using Place =
-      std::array<std::int32_t, std::size_t{D}>;  // Lower corner of a leaf, from the base of the end cells.
+  using Corner = std::array<std::int32_t, std::size_t{D}>;  // Lower corner of a leaf minus ScanBeams::base().
 #endif
 
  public:
@@ -80,7 +83,7 @@ class LeafEvidence {
     }
   }
 
-  /// Whether every beam of a list passes its node, whatever the size of the cells in it.
+  /// Whether every beam of a list passes its node, whatever the size of the cells in it. O(beams).
   /// @param crossings where beams cross the node.
   [[nodiscard]] bool all_pass(const CellCrossings<N, D>& crossings, const BeamList& list) const {
 #ifdef NDTREE_HAS_EIGHTS
@@ -93,37 +96,37 @@ class LeafEvidence {
     return true;
   }
 
-  /// What a list's beams say about a leaf of level 0 or below. @param crossings where beams cross it.
-  /// @param end number of the one after the last that counts.
+  /// The evidence of a list's beams with numbers below `end` for a leaf of level 0 or below.
+  /// @param crossings where beams cross the leaf.
   [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence of(const CellIndex<D>& leaf,
                                                      const CellCrossings<N, D>& crossings,
                                                      const BeamList& list,
                                                      std::uint32_t end = BeamList::kAll) const {
 #ifdef NDTREE_HAS_EIGHTS
     const Size& size = size_of(leaf.level);
-    // Of an empty list, one less is more than that.
+    // An empty list's size minus 1 is the largest number.
     if (size.is_simple && list.size - 1 < kMostAtOnce)
       return of_eights<true>(leaf, crossings, list, end, size);
 #endif
     return of_any(leaf, crossings, list.part(0, list.find(end)));
   }
 
-  /// What one beam says about leaves of one level, of 0 or below.
+  /// The evidence of one beam for leaves of one level, 0 or below: the scalar twin of the vector loops.
   class OfBeam {
    public:
     NDTREE_ALWAYS_INLINE OfBeam(const LeafEvidence& all, int level, std::uint32_t beam)
         : all_(all), size_(all.size_of(level)), number_(beam) {}
 
-    /// Of a leaf that it clearly passes, see ScanBeams::t_free_of().
+    /// For a leaf that the beam clearly passes, see ScanBeams::t_free_of().
     /// @param crossing where it crosses the leaf.
     [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(const Crossing& crossing) const {
-      return {units_of_way(crossing.exit - crossing.enter, size_), 1, is_resolvable()};
+      return {units_of_length(crossing.exit - crossing.enter, size_), 1, is_resolvable()};
     }
-    /// Of any leaf.
+    /// Adds the beam's evidence for any leaf.
     NDTREE_ALWAYS_INLINE void add(const CellIndex<D>& leaf, const Crossing& crossing,
                                   ScanEvidence& sum) const {
       const float enter = crossing.enter;
-      // No surface seems thinner than the noise: what is said of smaller cells does not depend on their size.
+      // A surface is as thick as the noise: evidence for smaller cells does not depend on their size.
       const BeamEnd<D>& beam = all_.beams_.end(number_);
       const bool is_small = size_.small <= kSmallCell * beam.sigma;
       const float end = is_small ? std::max(crossing.exit, enter + beam.surface) : crossing.exit;
@@ -150,7 +153,7 @@ class LeafEvidence {
     }
 
    private:
-    /// Whether children could tell more, for all its noise.
+    /// Whether the beam's noise is small enough for the leaf's children.
     [[nodiscard]] NDTREE_ALWAYS_INLINE bool is_resolvable() const {
       if (size_.resolves_all || !size_.resolves_some) return size_.resolves_all;
       return size_.child >= all_.noise_sigmas_ * all_.beams_.end(number_).sigma;
@@ -165,9 +168,9 @@ class LeafEvidence {
   static constexpr int kNumChildren = ChildPartition<N, D>::kNumChildren;
   using Packet = RayPacket<D, kNumChildren>;
 
-  /// Whether few beams may be handed down from a node of a level, and of all levels below.
+  /// Whether nodes of a level, and of all levels below, may have ray packets.
   [[nodiscard]] bool takes_packets(int level) const { return size_of(level).fits_32_bits; }
-  /// What a packet says about a node's child that all of its rays clearly pass.
+  /// The evidence of a packet for a node's child that all its rays clearly pass.
   /// @param level of the children. @pre takes_packets() there.
   [[nodiscard]] PassedEvidence passed(int level, Packet& packet, std::size_t child) const {
     const Size& size = size_of(level);
@@ -175,7 +178,7 @@ class LeafEvidence {
     return {packet.free[child], detail::kBitCount[packet.set[child]],
             detail::kBitCount[packet.set[child] & packet.resolvable]};
   }
-  /// What a packet says about a node's child. @param end number of the one after the last ray that counts.
+  /// The evidence of a packet's rays with numbers below `end` for a node's child.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of(const CellIndex<D>& node, Packet& packet,
                                                                      std::size_t child,
                                                                      std::uint32_t end) const {
@@ -190,9 +193,9 @@ class LeafEvidence {
     __m256i misses =
         _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(exit, packet.beams.t_free, _CMP_LT_OQ)));
     if ((packet.passing[child] & set) != set)
-      misses = add_near_end(child_of(place_of(node), child, size), size, beams_.ends_of(packet.beams), enter,
+      misses = add_near_end(child_of(corner_of(node), child, size), size, beams_.ends_of(packet.beams), enter,
                             exit, misses, live, sums, sum);
-    sums.free = _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_way(enter, exit, size), misses));
+    sums.free = _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_length(enter, exit, size), misses));
     sums.passed = misses;
     if (size.resolves_some && !size.resolves_all)
       sum.resolvable_misses =
@@ -208,25 +211,25 @@ class LeafEvidence {
     float per_cell;         // 1 / cell [1/m].
     float child;            // Of its children [m]; less than any noise if it cannot split.
     float units_per_metre;  // Of evidence for free space, for a metre through it.
-    bool resolves_all;      // Children could tell more whatever the noise of a beam ...
-    bool resolves_some;     // ... or at least that of some beams.
-    bool fits_32_bits;      // Where it lies, from the base of the end cells.
-    bool goes_by_eights;    // Loops take eight beams at a time, ...
-    bool is_simple;         // ... and they are alike.
-    std::int32_t edge;      // Of the cell, in smallest cells, if it fits.
-    bool is_inside_alike;   // Of all beams: they are equally noisy.
+    bool resolves_all;      // The noise of every beam is small enough for children of this size.
+    bool resolves_some;     // The noise of at least one beam is.
+    bool fits_32_bits;      // Corner and edge do.
+    bool goes_by_eights;    // Vector loops are used.
+    bool is_simple;         // Vector loops are used, and ScanBeams::are_alike().
+    std::int32_t edge;      // Of the cell, in smallest cells, if it fits 32 bits.
+    bool is_inside_alike;   // All beams have equal noise.
     float inside;           // BeamWeight::probability_inside() of the most precise beam.
-    float small;  // The cell's, or 0 if it is one of the smallest, which are small beside any noise.
+    float small;            // Edge of the cell; 0 for smallest cells, which are small beside any noise.
   };
 
   [[nodiscard]] const Size& size_of(int level) const {
     return sizes_[static_cast<std::size_t>(level - geometry_.finest_level())];
   }
-  [[nodiscard]] static std::int32_t units_of_way(float ray, const Size& size) {
+  [[nodiscard]] static std::int32_t units_of_length(float ray, const Size& size) {
     return std::max(1, nearest_integer(ray * size.units_per_metre));
   }
 
-  /// of() of any list, leaf and beams.
+  /// of() for any list, leaf and beams.
   [[nodiscard]] NDTREE_NEVER_INLINE ScanEvidence of_any(const CellIndex<D>& leaf,
                                                         const CellCrossings<N, D>& crossings,
                                                         const BeamList& list) const {
@@ -273,13 +276,13 @@ class LeafEvidence {
   }
   static constexpr std::size_t kMostAtOnce = 1024;  // Beams, whose sums fit 32 bits.
 
-  /// What beams say, lane by lane.
+  /// Sums of eight lanes.
   struct EightSums {
     __m256i occupied, free;  // Evidence.
-    __m256i passed, near;    // Minus the number of beams: those that passed, and others that say anything.
+    __m256i passed, near;    // Minus the number of beams that passed, and of others with evidence.
   };
 
-  /// As OfBeam, of those before an end, of up to kMostAtOnce beams, not none.
+  /// The evidence of 1 to kMostAtOnce beams, those with numbers below `end`: the bits of OfBeam.
   template <bool kAlike>
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE ScanEvidence of_eights(const CellIndex<D>& leaf,
                                                               const CellCrossings<N, D>& crossings,
@@ -298,10 +301,10 @@ class LeafEvidence {
       __m256i misses =
           _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(at.exit, at.t_free, _CMP_LT_OQ)));
       if (!_mm256_testc_si256(misses, live))
-        misses =
-            add_near_end(place_of(leaf), size, beams_.ends(beam), at.enter, at.exit, misses, live, sums, sum);
+        misses = add_near_end(corner_of(leaf), size, beams_.ends(beam), at.enter, at.exit, misses, live, sums,
+                              sum);
       sums.free =
-          _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_way(at.enter, at.exit, size), misses));
+          _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_length(at.enter, at.exit, size), misses));
       sums.passed = _mm256_add_epi32(sums.passed, misses);
       if (size.resolves_some && !size.resolves_all)
         sum.resolvable_misses +=
@@ -311,7 +314,7 @@ class LeafEvidence {
     finish(sums, size, sum);
     return sum;
   }
-  /// Brings sums together. @param sum of what is counted otherwise.
+  /// Adds up the lanes. @param sum has the counts that are not kept in lanes.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE static void finish(const EightSums& sums, const Size& size,
                                                            ScanEvidence& sum) {
     const __m256i evidence = _mm256_hadd_epi32(sums.occupied, sums.free);
@@ -325,21 +328,21 @@ class LeafEvidence {
     sum.resolvable_misses += size.resolves_all ? passed : 0;
     sum.beams = passed - static_cast<std::uint32_t>(_mm_extract_epi32(all, 3));
   }
-  [[nodiscard]] NDTREE_ALWAYS_INLINE Place place_of(const CellIndex<D>& cell) const {
-    Place place;  // It fits: what beams cross is where they reach, see ScanBeams::ends_nearby().
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Corner corner_of(const CellIndex<D>& cell) const {
+    Corner corner;  // It fits: what beams cross is where they reach, see ScanBeams::ends_nearby().
     for (std::size_t a = 0; a < D; ++a)
-      place[a] = static_cast<std::int32_t>(static_cast<std::uint32_t>(cell.lower[a]) -
-                                           static_cast<std::uint32_t>(beams_.base()[a]));
-    return place;
+      corner[a] = static_cast<std::int32_t>(static_cast<std::uint32_t>(cell.lower[a]) -
+                                            static_cast<std::uint32_t>(beams_.base()[a]));
+    return corner;
   }
-  /// Place of a node's child.
-  [[nodiscard]] static Place child_of(Place place, std::size_t child, const Size& size) {
+  /// Corner of a node's child.
+  [[nodiscard]] static Corner child_of(Corner corner, std::size_t child, const Size& size) {
     for (std::size_t a = 0; a < D; ++a, child /= N)
-      place[a] += static_cast<std::int32_t>(child % N) * size.edge;
-    return place;
+      corner[a] += static_cast<std::int32_t>(child % N) * size.edge;
+    return corner;
   }
-  /// All ones for those of eight end cells that lie in a leaf.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i lie_in(const Place& leaf,
+  /// All ones in the lanes whose end cells lie in a leaf.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i lie_in(const Corner& leaf,
                                                                             const Size& size,
                                                                             const __m256i* cell) {
     __m256i farthest = _mm256_sub_epi32(cell[0], _mm256_set1_epi32(leaf[0]));  // Without sign: before is far.
@@ -349,9 +352,10 @@ class LeafEvidence {
     const __m256i last = _mm256_set1_epi32(size.edge - 1);
     return _mm256_cmpeq_epi32(_mm256_max_epu32(farthest, last), last);
   }
-  /// Adds what beams say of eight that do not all clearly pass.
-  /// @param misses those that do. @returns them, and others that have passed, which are yet to be added.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE __m256i add_near_end(const Place& leaf, const Size& size,
+  /// Adds the evidence of eight beams that do not all clearly pass a leaf, but for misses.
+  /// @param misses beams that clearly pass. @returns these and other beams that passed; their misses are not
+  ///   added.
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE __m256i add_near_end(const Corner& leaf, const Size& size,
                                                              const EightEnds<D>& beams, __m256 enter,
                                                              __m256 exit, __m256i misses, __m256i live,
                                                              EightSums& sums, ScanEvidence& sum) const {
@@ -396,7 +400,7 @@ class LeafEvidence {
                                            _mm256_mul_ps(_mm256_set1_ps(kNoiseReach), sigma), _CMP_GT_OQ))));
     return misses;
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i units_of_way(__m256 enter, __m256 exit, const Size& size) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i units_of_length(__m256 enter, __m256 exit, const Size& size) {
     return _mm256_max_epi32(
         _mm256_set1_epi32(1),
         _mm256_cvtps_epi32(_mm256_mul_ps(_mm256_sub_ps(exit, enter), _mm256_set1_ps(size.units_per_metre))));
@@ -405,7 +409,7 @@ class LeafEvidence {
     return set_of(_mm256_cmp_ps(_mm256_set1_ps(size.child),
                                 _mm256_mul_ps(_mm256_set1_ps(noise_sigmas_), sigma), _CMP_GE_OQ));
   }
-  /// Adds up what the rays of a packet that cross each child say as misses.
+  /// Adds up the misses of a packet's rays for each child that they cross.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void weigh_passes(const Size& size, Packet& packet) const {
     constexpr std::size_t kLast = kNumChildren - 1;
     packet.resolvable = size.resolves_all    ? 0xff
@@ -426,7 +430,7 @@ class LeafEvidence {
                                                                                   std::size_t child) {
     const __m256 enter = _mm256_load_ps(packet.enter[child].data());
     const __m256 exit = _mm256_load_ps(packet.exit[child].data());
-    return _mm256_and_si256(units_of_way(enter, exit, size),
+    return _mm256_and_si256(units_of_length(enter, exit, size),
                             _mm256_castps_si256(_mm256_cmp_ps(exit, enter, _CMP_GT_OQ)));
   }
   NDTREE_BY_EIGHTS [[nodiscard]] static unsigned set_of(__m256 mask) {

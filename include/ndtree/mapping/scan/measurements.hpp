@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The beams of a scan as a map takes them: with their noise, cut at the range that counts, and looked over.
+/// The beams of a scan with their noise, cut at max_range, and the exact survey of them.
 #pragma once
 
 #include <algorithm>
@@ -19,24 +19,26 @@
 
 namespace ndtree {
 
-/// So many of the smallest cells a beam may pass, what noise leaves open behind it included. Distances along
-/// it have the 24 bits of a float: until here, where it crosses a border is known within a 16th of such a
-/// cell. At 5 cm that is 52 km, at 1 mm 1 km. More can only be a mistake, and would take minutes and
-/// gigabytes.
+/// The longest beam, with the noise behind its end, in smallest cells. Distances along a beam have the 24
+/// bits of a float: up to this length, a border is crossed at a distance that is exact to a 16th of a
+/// smallest cell. With cells of 5 cm that is 52 km, with cells of 1 mm 1 km. A longer beam is a mistake, and
+/// would take minutes and gigabytes.
 inline constexpr double kLongestBeam = 0x1p20;
 
-/// Beams of a scan, from the first to before the last.
+/// The beams [first, last) of a scan.
 struct BeamRange {
   Eigen::Index first = 0;
   Eigen::Index last = 0;
   [[nodiscard]] Eigen::Index size() const { return last - first; }
 };
 
-/// A scan, the range up to which its beams count, and how noisy they are. The scan must stay where it is.
+/// A scan with max_range and the noise of its beams.
+/// Invariants: it refers to the arrays of the scan and to the sensor, which must outlive it.
+/// Cost: O(1) each.
 template <int D, class Sensor>
 class Measurements {
  public:
-  /// @param scan_number of the scan among those of its map, see ScanView::number.
+  /// @param scan_number of the scan in its map, see ScanView::number.
   Measurements(const ScanView<D>& scan, double max_range, const Sensor& sensor, std::uint64_t scan_number = 0)
       : scan_(scan), max_range_(max_range), sensor_(&sensor), scan_number_(scan_number) {}
 
@@ -44,16 +46,17 @@ class Measurements {
   [[nodiscard]] double max_range() const { return max_range_; }
   [[nodiscard]] std::uint64_t scan_number() const { return scan_number_; }
   [[nodiscard]] BeamRange all() const { return {0, scan_.size}; }
-  /// About as many beams in each of some parts.
+  /// Part `number` of `parts` parts, whose sizes differ by at most one beam.
   [[nodiscard]] BeamRange part(std::size_t number, std::size_t parts) const {
     const auto n = static_cast<std::size_t>(scan_.size);
     return {static_cast<Eigen::Index>(n * number / parts),
             static_cast<Eigen::Index>(n * (number + 1) / parts)};
   }
+  /// The i-th beam, cut at max_range.
   [[nodiscard]] Beam<D> beam(Eigen::Index i) const {
     return Beam<D>(scan_.origin(i), scan_.endpoint(i), scan_.is_returned(i), max_range_);
   }
-  /// Standard deviation of the i-th beam's range [m].
+  /// Standard deviation of the i-th beam's range [m]: the scan's own, else that of the sensor at this range.
   [[nodiscard]] double sigma(Eigen::Index i, double range) const {
     return scan_.range_sigma == nullptr ? sensor_->sigma(range) : scan_.range_sigma[i];
   }
@@ -65,12 +68,12 @@ class Measurements {
   std::uint64_t scan_number_;
 };
 
-/// What the beams of a scan reach, and how they ended.
+/// Result of a survey: a box that contains all that the beams reach [m], and the number of each outcome.
 template <int D>
 struct ScanSurvey {
   Box<D> reach{Vector<D>::Constant(std::numeric_limits<double>::infinity()),
                Vector<D>::Constant(-std::numeric_limits<double>::infinity())};
-  std::array<std::uint64_t, 4> outcomes{};  ///< How many, by BeamOutcome.
+  std::array<std::uint64_t, 4> outcomes{};  ///< Number of beams, by BeamOutcome.
 
   [[nodiscard]] std::uint64_t& count(BeamOutcome outcome) {
     return outcomes[static_cast<std::size_t>(outcome)];
@@ -78,7 +81,7 @@ struct ScanSurvey {
   [[nodiscard]] std::uint64_t num(BeamOutcome outcome) const {
     return outcomes[static_cast<std::size_t>(outcome)];
   }
-  /// Beams that say anything.
+  /// Number of beams with any evidence.
   [[nodiscard]] std::uint64_t num_valid() const {
     return num(BeamOutcome::returned) + num(BeamOutcome::not_returned) + num(BeamOutcome::beyond_max_range);
   }
@@ -93,7 +96,7 @@ struct ScanSurvey {
   }
 };
 
-/// Looks over every beam of a range, to the last bit.
+/// Surveys each beam of a range exactly, including the noise behind its end. Takes longer than ScanSurveyor.
 /// @throws std::invalid_argument naming the first beam that reaches beyond what the lattice can address, is
 ///   longer than kLongestBeam, or whose noise is out of kRangeSigmaBounds.
 template <class Geometry, int D, class Sensor>

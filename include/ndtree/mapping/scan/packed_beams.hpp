@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The beams of a scan that count, as arrays of plain numbers.
+/// The kept beams of a scan, packed: sorted by face and bucket, as rows of tables.
 #pragma once
 
 #include <algorithm>
@@ -25,10 +25,10 @@
 
 namespace ndtree {
 
-/// The smallest cell in which a returned beam counts as a hit: the one right behind its end point. It is the
-/// cell that holds the end point, unless that lies on the cell's far border, within rounding: a surface on a
-/// border is the front of the cell behind it, from whatever side it is seen, so that mirror images make
-/// mirror maps.
+/// The smallest cell in which a returned beam is a hit: the one right behind its end point. It contains the
+/// end point, unless this lies, within rounding, on the border through which the beam leaves the cell: then
+/// it is the cell behind. A surface on a border is thus the front of the cell behind it, seen from either
+/// side, and mirrored scans make mirrored maps.
 template <int N, int D>
 [[nodiscard]] Lattice<D> cell_of_hit(const LatticeGeometry<N, D>& geometry, const Beam<D>& beam) {
   Lattice<D> cell = geometry.coordinates(beam.endpoint);
@@ -44,36 +44,43 @@ template <int N, int D>
   return cell;
 }
 
-/// Beams by number: those of a face one after the other (see CubeFace), the least chance first. Distances are
-/// metres from the origin, along the beam. Float is enough where a beam crosses a plane: its direction is
-/// known less well.
+/// The kept beams of a scan by number, in two tables: a row of 16 bytes that partitioning reads, a row of 32
+/// bytes that leaves near the beam's end read (see beam_rows.hpp; sizes up to 3-D).
+///
+/// Strategy: beams are numbered in the order of the counting sort, so that a cell samples a prefix of each
+/// face's beams, and end_of_fraction() finds the prefix's end by one look-up. Threads write disjoint ranges.
+/// Invariants: numbers ascend by face, then by bucket, then in the order of the scan; all rows are written by
+/// set() or set_eight(), with the same bits, between resize() and finish(), and are constant afterwards.
+/// Distances are in metres from the origin along the beam, as floats: directions are measured less exactly.
+/// Cost: O(1) for each beam; memory 52 bytes for each, more if beams have origins or noise of their own.
 template <int D>
 class ScanBeams {
  public:
   static constexpr std::size_t kColumnsOfRay = sizeof(BeamRay<D>) / sizeof(float);
-  static constexpr double kThinnestSurface = 5.0 / 3.0;  ///< Standard deviations; see LeafEvidence.
+  static constexpr double kThinnestSurface = 5.0 / 3.0;  ///< In standard deviations; see LeafEvidence.
 
   [[nodiscard]] std::size_t size() const { return size_; }
-  /// How many of them loops may take at a time: of more than they can count, one.
+  /// Number of beams that loops take at a time: 1 if there are more beams than vectors of int32 can number.
   [[nodiscard]] int width() const { return size_ <= kMostInLoops ? Simd::width() : 1; }
   static constexpr std::uint32_t kMostInLoops = 0x7fffffff;
-  /// @param faces that the beams go through. Those of number 0 are alone in their faces, of which there is no
-  ///   other number. @param have_own_origins whether not all begin in one place.
-  /// @param bucket_begins the first beam of each step of the faces, and the end of the last.
-  /// @param base the cell from which end points are counted. @param end_nearby see ends_nearby().
-  /// @param have_own_noise whether the sensor alone does not say how noisy each is.
+  /// Makes room for n beams, whose rows set() or set_eight() writes.
+  /// @param faces of the beams, with end_of_beams. Face 0 stands for all faces with a single beam.
+  /// @param bucket_begins number of the first beam of each bucket of each face, and behind them n.
+  /// @param have_own_origins true if the scan has an origin for each beam.
+  /// @param base smallest cell relative to which end cells are stored. @param end_nearby see ends_nearby().
+  /// @param have_own_noise true if the scan has a range_sigma for each beam.
   void resize(std::size_t n, std::vector<CubeFace<D>> faces, std::vector<std::uint32_t> bucket_begins,
               bool have_own_origins, const Lattice<D>& base, bool end_nearby, bool have_own_noise) {
     size_ = n;
     faces_ = std::move(faces);
     bucket_begins_ = std::move(bucket_begins);
-    rays_.reset(new BeamRay<D>[n]);  // Not initialised: set() does that.
+    rays_.reset(new BeamRay<D>[n]);  // Not initialised; set() writes it.
     ends_.reset(new BeamEnd<D>[n]);
     t_free_.reset(have_own_noise ? new float[n] : nullptr);
-    faces_of_.reset(new std::uint32_t[n]);
+    face_numbers_.reset(new std::uint32_t[n]);
     std::uint32_t number = 0;
     for (std::size_t first = 0; number < faces_.size(); first = faces_[number++].end_of_beams)
-      std::fill(faces_of_.get() + first, faces_of_.get() + faces_[number].end_of_beams, number);
+      std::fill(face_numbers_.get() + first, face_numbers_.get() + faces_[number].end_of_beams, number);
     cells_.reset(end_nearby ? nullptr : new Lattice<D>[n]);
     ends_nearby_ = end_nearby;
     has_own_origins_ = have_own_origins;
@@ -81,7 +88,8 @@ class ScanBeams {
     base_ = base;
   }
 
-  /// @param i number of the beam in the scan, valid. @param noise to which its own is added, for finish().
+  /// Writes the rows of a beam.
+  /// @param i index of the beam in the scan; a valid beam. @param noise to which the beam's is added.
   template <int N, class Sensor>
   void set(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
            const Measurements<D, Sensor>& measurements, Eigen::Index i, BeamNoise& noise) {
@@ -95,7 +103,7 @@ class ScanBeams {
       square += rounded(ray[a] * ray[a]);
       depth = std::max(depth, std::abs(ray[a]));
     }
-    // Too long for float, or too short, are only beams that are cut, or of cells far smaller than real ones.
+    // The square exceeds floats only if the beam is cut, or cells are far smaller than real ones.
     constexpr auto kMost = static_cast<double>(std::numeric_limits<float>::max());
     const float range = square >= kLeastSquare && square <= kLargestSquare
                             ? std::sqrt(square)
@@ -128,9 +136,10 @@ class ScanBeams {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  /// set() of eight beams from one origin that are all returned, and have no noise of their own.
-  /// @param numbers of these beams in the scan. @pre all end nearby, see ends_nearby().
-  /// @returns false if set() has more to think about: a beam is cut, or ends on a border of a cell.
+  /// Writes the rows of eight beams, with the same bits as set().
+  /// @param numbers indices of these beams in the scan.
+  /// @pre the scan has one origin and no range_sigma, all eight beams returned, and ends_nearby().
+  /// @returns false, with nothing written, if set() must write them: a beam is cut, or ends on a border.
   template <int N, class Sensor>
   NDTREE_BY_EIGHTS bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry,
                                   const Sensor& sensor, const Measurements<D, Sensor>& measurements,
@@ -198,7 +207,7 @@ class ScanBeams {
     store(rays, ends, number);
     return true;
   }
-  /// Of eight beams, by their numbers.
+  /// The BeamRay rows of eight beams.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightRays<D> rays(const std::uint32_t* numbers) const {
     return rays(rays(), numbers);
   }
@@ -213,13 +222,14 @@ class ScanBeams {
     return rays;
   }
 #ifdef NDTREE_HAS_SIXTEENS
-  /// The same of sixteen. @param column kColumnsOfWay: how far they go for a metre along each axis, and their
-  /// reach.
+  /// Reads the BeamRay rows of sixteen beams.
+  /// @param column kColumnsOfRay columns: the inverse direction on each axis, then t_max.
   NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void rays(const BeamRay<D>* of_all,
                                                            const std::uint32_t* numbers, __m512* column) {
     detail::load_columns(of_all, numbers, column);
   }
 #endif
+  /// The BeamEnd rows of eight beams.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightEnds<D> ends(const std::uint32_t* numbers) const {
     __m256 column[kColumnsOfEnd];
     detail::load_columns(ends_.get(), numbers, column);
@@ -228,15 +238,16 @@ class ScanBeams {
     for (std::size_t a = 0; a < D; ++a) ends.cell[a] = _mm256_castps_si256(column[5 + a]);
     return ends;
   }
-  /// Cells of any size that end before this distance were passed. Where the sensor alone says how noisy beams
-  /// are, none says for itself how far that is before its reach: a number fewer is looked up.
-  /// @pre are_alike().
+  /// t_free of eight beams: each has passed all cells, of any size, that it leaves before this distance.
+  /// Computed from t_max with one margin for all beams, which saves reading another number for each.
+  /// @param reach t_max of the beams. @pre no beam has noise of its own.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 t_free_of(__m256 reach) const {
     const __m256 growth = _mm256_set1_ps(margin_.growth);
     return _mm256_sub_ps(reach, _mm256_add_ps(_mm256_set1_ps(margin_.fixed),
                                               _mm256_mul_ps(_mm256_mul_ps(growth, reach), reach)));
   }
-  /// The same, alike or not. @param numbers of the beams whose reach that is.
+  /// t_free of eight beams, read from memory if beams have noise of their own.
+  /// @param numbers of the beams. @param reach their t_max.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 t_free_of(const std::uint32_t* numbers,
                                                                        __m256 reach) const {
     if (t_free_ == nullptr) return t_free_of(reach);
@@ -244,14 +255,14 @@ class ScanBeams {
     for (std::size_t i = 0; i < 8; ++i) pass[i] = t_free_[numbers[i]];
     return _mm256_load_ps(pass.data());
   }
-  /// What is needed of beams on their way down.
+  /// Starts a ray packet: reads the rows of eight beams that inner nodes need.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void look_up(const std::uint32_t* numbers,
                                                     EightBeams<D>& beams) const {
     std::copy_n(numbers, beams.number.size(), beams.number.begin());
     beams.rays = rays(numbers);
     beams.t_free = t_free_of(numbers, beams.rays.t_max);
   }
-  /// What is needed of them where some of them end.
+  /// The BeamEnd rows of a ray packet, read when they are first asked for.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE const EightEnds<D>& ends_of(
       EightBeams<D>& beams) const {
     if (!beams.has_ends) beams.ends = ends(beams.number.data());
@@ -260,37 +271,39 @@ class ScanBeams {
   }
 #endif
 
-  /// After the last beam. @param noise of all of them.
+  /// Called after the last beam. @param noise of all beams.
   void finish(const BeamNoise& noise) {
     smallest_sigma_ = noise.smallest();
     largest_sigma_ = noise.largest();
     margin_ = noise.margin();
   }
-  /// Of all beams [m].
+  /// The smallest standard deviation of a beam's range [m].
   [[nodiscard]] float smallest_sigma() const { return smallest_sigma_; }
+  /// The largest [m].
   [[nodiscard]] float largest_sigma() const { return largest_sigma_; }
 
+  /// True if each beam has an origin of its own.
   [[nodiscard]] bool has_own_origins() const { return has_own_origins_; }
-  /// Whether no beam has an origin or noise of its own.
+  /// True if no beam has an origin or noise of its own.
   [[nodiscard]] bool are_alike() const { return !has_own_origins_ && t_free_ == nullptr; }
   [[nodiscard]] const Vector<D>& origin(std::size_t number) const {
     return origins_[has_own_origins_ ? number : 0];
   }
-  [[nodiscard]] const CubeFace<D>& face_of(std::size_t number) const { return faces_[faces_of_[number]]; }
-  /// The first beams of a face's steps, and the one after its last.
+  [[nodiscard]] const CubeFace<D>& face_of(std::size_t number) const { return faces_[face_numbers_[number]]; }
+  /// Numbers of the first beams of a face's buckets, and of the one after its last beam.
   [[nodiscard]] const std::uint32_t* bucket_begins(const CubeFace<D>& face) const {
     return bucket_begins_.data() + face.first_bucket;
   }
-  /// Of the sample that is a share of a face's beams, the number of the one after the last.
+  /// One more than the number of the last beam of the sample that is this fraction of a face's beams. O(1).
   [[nodiscard]] NDTREE_ALWAYS_INLINE std::uint32_t end_of_fraction(const CubeFace<D>& face,
                                                                    float fraction) const {
     if (!(fraction < 1.0f)) return face.end_of_beams;
     const float buckets = fraction * face.num_all_buckets();
-    auto whole = static_cast<std::uint32_t>(buckets);
-    whole += static_cast<float>(whole) < buckets;
-    return bucket_begins(face)[std::min(whole, face.num_buckets)];
+    auto num_buckets = static_cast<std::uint32_t>(buckets);
+    num_buckets += static_cast<float>(num_buckets) < buckets;
+    return bucket_begins(face)[std::min(num_buckets, face.num_buckets)];
   }
-  /// The smallest cell that a beam ends in.
+  /// The smallest cell that a beam ends in: for returned beams cell_of_hit().
   [[nodiscard]] Lattice<D> end_cell(std::size_t number) const {
     if (!ends_nearby_) return cells_[number];
     Lattice<D> cell = base_;
@@ -298,18 +311,19 @@ class ScanBeams {
     return cell;
   }
 
-  /// Of all beams, by number.
+  /// The rows of all beams, by number.
   [[nodiscard]] const BeamRay<D>* rays() const { return rays_.get(); }
   [[nodiscard]] const BeamRay<D>& ray(std::size_t number) const { return rays_[number]; }
   [[nodiscard]] const BeamEnd<D>& end(std::size_t number) const { return ends_[number]; }
-  /// Cells of any size that end before this distance were passed by a beam: as of eight, to the last bit.
+  /// t_free of one beam, with the same bits as of eight: it has passed all cells that it leaves before this
+  /// distance.
   [[nodiscard]] float t_free_of(std::uint32_t number) const {
     if (t_free_ != nullptr) return t_free_[number];
     const float reach = rays_[number].t_max;
     return reach - (margin_.fixed + rounded(rounded(margin_.growth * reach) * reach));
   }
 
-  /// Asks for what is known of beams before it is needed, for all at once: another core may have written it.
+  /// Prefetches the rows of a list's beams, all at once, since another core may have written them.
   void fetch(const std::uint32_t* numbers, std::size_t count) const {
     for (std::size_t i = 0; i < count; ++i) {
       prefetch<1>(&rays_[numbers[i]]);
@@ -317,16 +331,17 @@ class ScanBeams {
     }
   }
 
-  /// Whether all end cells are at most kNearby smallest cells from the base on each axis.
+  /// True if all end cells are at most kNearby smallest cells from the base on each axis.
   [[nodiscard]] bool ends_nearby() const { return ends_nearby_; }
   [[nodiscard]] const Lattice<D>& base() const { return base_; }
   static constexpr std::int64_t kNearby = std::int64_t{1} << 29;
 
  private:
-  static constexpr float kSteepest = 1e12f;  // Instead of 1 / 0: times 0 it is not NaN.
+  static constexpr float kSteepest = 1e12f;  // Stands for 1 / 0; its product with 0 is not NaN.
   static constexpr float kLeastSquare = 1e-36f;
   static constexpr float kLargestSquare = 1e37f;
 
+  /// Writes a beam's distances and noise. @param reach its t_max [m].
   void set_range(std::size_t number, bool returned, float end, float slant, float sigma, float clear,
                  float reach, BeamNoise& noise) {
     const float surface = returned ? rounded(static_cast<float>(kThinnestSurface) * sigma) : 0.0f;
@@ -344,7 +359,7 @@ class ScanBeams {
 #ifdef NDTREE_HAS_EIGHTS
   static constexpr std::size_t kColumnsOfEnd = sizeof(BeamEnd<D>) / sizeof(float);
 
-  /// Of eight beams from a number on.
+  /// Writes the rows of beams [number, number + 8).
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void store(const EightRays<D>& rays, const EightEnds<D>& ends,
                                                    std::size_t number) {
     __m256 ray[kColumnsOfRay] = {};
@@ -363,12 +378,12 @@ class ScanBeams {
   std::size_t size_ = 0;
   std::unique_ptr<BeamRay<D>[]> rays_;
   std::unique_ptr<BeamEnd<D>[]> ends_;
-  std::unique_ptr<float[]> t_free_;  // t_free_of(), if each has noise of its own.
-  std::unique_ptr<std::uint32_t[]> faces_of_;
-  std::unique_ptr<Lattice<D>[]> cells_;
+  std::unique_ptr<float[]> t_free_;  // See t_free_of(); null if no beam has noise of its own.
+  std::unique_ptr<std::uint32_t[]> face_numbers_;
+  std::unique_ptr<Lattice<D>[]> cells_;  // End cells; null if ends_nearby_.
   std::vector<CubeFace<D>> faces_;
-  std::vector<std::uint32_t> bucket_begins_;  // And the end of the last.
-  std::vector<Vector<D>> origins_;            // One, or one each.
+  std::vector<std::uint32_t> bucket_begins_;  // And the number of beams.
+  std::vector<Vector<D>> origins_;            // One, or one for each beam.
   Lattice<D> base_{};
   bool has_own_origins_ = false;
   bool ends_nearby_ = true;

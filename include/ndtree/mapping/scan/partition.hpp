@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Which of a node's beams cross which of its children: all beams against all planes between them.
+/// Which children of a node each beam crosses: all beams against the planes between the children.
 #pragma once
 
 #include <algorithm>
@@ -19,8 +19,13 @@
 
 namespace ndtree {
 
-/// Hands beams down to children: those that cross a child leave it behind where they enter it, see
-/// CellCrossings.
+/// Partitions a node's beams among its children. A beam crosses a child if it leaves it behind where it
+/// enters it, see CellCrossings.
+///
+/// Strategy. With up to kMostAtOnce children, vectors of 8 or 16 beams are clipped against all N + 1 planes
+/// of each axis, and compressed into the list of each child; with more, each beam finds its way from child to
+/// child. Invariant: both give the same lists, to the last bit. Cost: O(N D) products for each beam, and
+/// O(N^D) stores for each vector.
 template <int N, int D>
 class ChildPartition {
  public:
@@ -33,14 +38,15 @@ class ChildPartition {
 
   [[nodiscard]] const LatticeGeometry<N, D>& geometry() const { return geometry_; }
 
-  /// Lists for the children, as long as they may get, and empty: each of few children has room for all beams.
+  /// Empty lists for the children: up to kMostAtOnce children have room for all beams, more for those that
+  /// cross.
   [[nodiscard]] Lists lists_for(const CellIndex<D>& node, const BeamList& list, ListStack& stack) const {
     Lists lists;
     std::size_t used = 0;
     if constexpr (kHasRoomForAll) {
       for (std::size_t c = 0; c < lists.last.size(); ++c, used += list.size + BeamList::kSlack)
         lists.first[c] = lists.last[c] = used;
-    } else {  // A beam crosses few of many.
+    } else {  // A beam crosses few children of many.
       std::array<std::size_t, static_cast<std::size_t>(kNumChildren)> count{};
       for_each_crossing(node, list, [&](std::size_t child, std::uint32_t, float, float) { ++count[child]; });
       for (std::size_t c = 0; c < lists.last.size(); ++c) {
@@ -52,7 +58,7 @@ class ChildPartition {
     return lists;
   }
 
-  /// Adds a node's beams to the lists of its children, in their order, and closes those.
+  /// Appends a node's beams to the lists of its children, in ascending order, and pads these.
   /// @param planes see planes_of(), of the node, if all beams have one origin.
   void operator()(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
                   Lists& children) const {
@@ -75,7 +81,7 @@ class ChildPartition {
     for_each_crossing(node, list, [&](std::size_t child, std::uint32_t beam, float, float) {
       children.memory.beam[children.last[child]++] = beam;
     });
-    if (width_ >= 8) children.pad();  // Else nobody reads more than one.
+    if (width_ >= 8) children.pad();  // Loops of width 1 read no padding.
   }
 
   /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses.
@@ -98,9 +104,9 @@ class ChildPartition {
       divide(list.beam[i], visit, [&](std::size_t a, std::size_t plane) { return planes[a][plane]; });
   }
   static constexpr std::size_t kPlanes = N + 1;  ///< On an axis: those between children, and the outer ones.
-  static constexpr int kMostAtOnce = 32;         ///< Children; among more, a beam finds its way faster alone.
+  static constexpr int kMostAtOnce = 32;         ///< Children; with more, single beams are faster.
   static constexpr bool kHasRoomForAll = kNumChildren <= kMostAtOnce;  ///< Of lists_for().
-  /// Whether eight_beams() may do.
+  /// Whether vector loops are used.
   [[nodiscard]] bool goes_by_eights() const {
     return kNumChildren <= kMostAtOnce && width_ >= 8 && !beams_.has_own_origins();
   }
@@ -108,26 +114,26 @@ class ChildPartition {
   [[nodiscard]] NDTREE_ALWAYS_INLINE Planes planes_of(const CellIndex<D>& node) const {
     return planes_of(node, 0, N);
   }
-  /// The same for beams of which it is known where they cross the node: its own planes are at no place.
+  /// planes_of() for beams that are clipped to the node already: its outer planes are infinitely far away.
   [[nodiscard]] NDTREE_ALWAYS_INLINE Planes inner_planes_of(const CellIndex<D>& node) const {
     return planes_of(node, 1, N - 1);
   }
 #ifdef NDTREE_HAS_EIGHTS
   using Packet = RayPacket<D, kNumChildren>;
-  /// Clips a packet, without lists for the children. @param list of its rays. @pre goes_by_eights().
+  /// Clips a packet against the children of a node. @param list of its rays. @pre goes_by_eights().
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void operator()(const CellIndex<D>& node, const BeamList& list,
                                                        Packet& packet) const {
     const __m256 live = _mm256_castsi256_ps(detail::first_of_eight(list.size));
     clip_packet(planes_of(node), _mm256_setzero_ps(), _mm256_and_ps(packet.beams.rays.t_max, live), packet);
   }
-  /// The same for rays of which it is known where they cross the node: it is the child of another.
+  /// Clips the rays of a packet that cross a child of a node against the child's children.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void operator()(const CellIndex<D>& node, const Packet& above,
                                                        std::size_t child, Packet& packet) const {
     clip_packet(inner_planes_of(node), _mm256_load_ps(above.enter[child].data()),
                 _mm256_load_ps(above.exit[child].data()), packet);
   }
 
-  /// Where eight beams enter and leave each child, of what lies between two distances.
+  /// Where eight beams enter and leave each child, between two distances.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, const EightRays<D>& rays,
                                                          __m256 from, __m256 to, __m256* enter,
                                                          __m256* exit) const {
@@ -156,12 +162,12 @@ class ChildPartition {
 #endif
 
  private:
-  /// Of a plane of a node on the lattice.
+  /// Lattice coordinate of a plane of a node.
   [[nodiscard]] NDTREE_ALWAYS_INLINE std::int64_t coordinate(const CellIndex<D>& node, std::size_t axis,
                                                              std::size_t plane) const {
     return node.lower[axis] + static_cast<std::int64_t>(plane) * geometry_.edge(node.level - 1);
   }
-  /// Where it lies, from the one origin of all beams.
+  /// Position of a plane minus the one origin of all beams.
   [[nodiscard]] NDTREE_ALWAYS_INLINE float plane_of(const CellIndex<D>& node, std::size_t axis,
                                                     std::size_t plane) const {
     return CellCrossings<N, D>::plane(geometry_, coordinate(node, axis, plane),
@@ -178,7 +184,7 @@ class ChildPartition {
     }
     return planes;
   }
-  /// Divides a beam's way among the children. @param plane_of `(axis, number)` planes from its origin.
+  /// Clips one beam against the children. @param plane_of `(axis, number)` planes minus its origin.
   template <class Visit, class PlaneOf>
   void divide(std::uint32_t beam, const Visit& visit, const PlaneOf& plane_of) const {
     const Crossing whole = CellCrossings<N, D>::clipped(
@@ -186,7 +192,7 @@ class ChildPartition {
         [&](std::size_t a) { return plane_of(a, N); });
     divide<D - 1>(beam, whole, 0, visit, plane_of);
   }
-  /// The same among slabs of children, axis by axis.
+  /// Clips one beam against slabs of children, axis by axis.
   template <int Axis, class Visit, class PlaneOf>
   void divide(std::uint32_t beam, Crossing left, int child, const Visit& visit,
               const PlaneOf& plane_of) const {
@@ -208,7 +214,7 @@ class ChildPartition {
     }
   }
 
-  /// Among four children, as in the plane, sixteen beams at a time are no faster than eight.
+  /// With four children, in 2-D, sixteen beams at a time are no faster than eight.
   static constexpr bool kHasSixteens = N == 2 && kNumChildren >= 8;
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void clip_packet(const Planes& planes, __m256 from, __m256 to,
@@ -227,7 +233,7 @@ class ChildPartition {
     }
   }
   NDTREE_BY_EIGHTS void eight_at_a_time(const Planes& plane, const BeamList& list, Lists& children) const {
-    // Compilers take what is stored for anything: copies stay in registers.
+    // Copies, as stores through `to` might alias the members.
     const BeamList from = list;
     std::uint32_t* const to = children.memory.beam;
     const BeamRay<D>* const rows = beams_.rays();
@@ -255,7 +261,7 @@ class ChildPartition {
   }
 #endif
 #ifdef NDTREE_HAS_SIXTEENS
-  // Those without a mask are written so that GCC takes part of them for not initialised, and warns of it.
+  // GCC warns of uninitialised parts in the intrinsics without a mask.
   NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static __m512 larger(__m512 a, __m512 b) {
     return _mm512_maskz_max_ps(0xffff, a, b);
   }

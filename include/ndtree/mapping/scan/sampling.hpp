@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What share of a scan's beams counts in a leaf: of each face those of the lowest steps of chance.
+/// Which beams a leaf samples: of each cube-map face those in the lowest buckets of sampling keys.
 #pragma once
 
 #include <algorithm>
@@ -20,7 +20,7 @@
 
 namespace ndtree {
 
-/// Calls `visit(face, first, last)` for each part of a list whose beams are of one face.
+/// Calls `visit(face, first, last)` for each range [first, last) of a list whose beams belong to one face.
 template <int D, class Visit>
 void for_each_face(const ScanBeams<D>& beams, const BeamList& list, const Visit& visit) {
   for (std::size_t first = 0; first < list.size;) {
@@ -31,22 +31,22 @@ void for_each_face(const ScanBeams<D>& beams, const BeamList& list, const Visit&
   }
 }
 
-/// Of a face's beams, those that count in a leaf.
+/// The beams of a face that a leaf samples.
 template <int D>
 struct FaceSample {
   const CubeFace<D>* face;
-  std::uint32_t end;  ///< Number of the one after the last.
+  std::uint32_t end;  ///< Beams with smaller numbers are sampled.
   float fraction;     ///< Of all, at most 1.
 };
 
-/// What is known of all leaves in a node, by what they take of its beams.
+/// Properties of the samples of all leaves in a node.
 template <int D>
 struct NodeSampling {
-  const CubeFace<D>* face = nullptr;  ///< Of all beams; null: of several, or nobody asked.
+  const CubeFace<D>* face = nullptr;  ///< Of all beams; null: several faces, or not determined.
   bool samples_all = false;           ///< Each leaf takes all of them.
 };
 
-/// Which of a list's beams count in a leaf: all of them, until it is told of which faces how many.
+/// The beams of a list that a leaf samples; all of them by default.
 template <int D>
 class LeafSample {
  public:
@@ -54,10 +54,10 @@ class LeafSample {
     is_all_ = false;
     of_faces_.clear();
   }
-  /// @pre clear() before the first; in the order of the faces' beams.
+  /// @pre clear() before the first; faces in ascending order of their beams.
   void add(const FaceSample<D>& of_face) { of_faces_.push_back(of_face); }
 
-  /// Calls `visit(face, share, list)` for the parts of a list that are in the sample.
+  /// Calls `visit(face, fraction, part)` for each sampled part of a list.
   template <class Visit>
   void for_each_fraction(const ScanBeams<D>& beams, const BeamList& list, const Visit& visit) const {
     if (is_all_) {
@@ -74,7 +74,7 @@ class LeafSample {
       if (from == list.size) return;
     }
   }
-  /// The same whatever faces they are of. Calls `visit(list)`.
+  /// Calls `visit(part)` for each sampled part of a list.
   template <class Visit>
   void for_each_part(const ScanBeams<D>& beams, const BeamList& list, const Visit& visit) const {
     if (is_all_)
@@ -88,7 +88,10 @@ class LeafSample {
   std::vector<FaceSample<D>> of_faces_;
 };
 
-/// Tells leaves what they take of a scan. Lists are sorted by face and step of chance.
+/// Sampling fractions of leaves. A leaf expects more beams the closer it is to the origin; it samples the
+/// fraction that leaves SamplingRate::sample_beams() for each smallest cell side by side in it. Beams are
+/// sorted by face and bucket, so that a sample is a range of numbers for each face: a bisection finds it.
+/// O(log beams) for each face.
 template <int N, int D>
 class BeamSampling {
  public:
@@ -99,15 +102,15 @@ class BeamSampling {
         sample_beams_{static_cast<float>(model.sample_beams(false)),
                       static_cast<float>(model.sample_beams(true))} {}
 
-  /// The share of a face's beams that count in a leaf: so many for each smallest cell side by side in it.
+  /// The fraction of a face's beams that a leaf samples.
   [[nodiscard]] float of(const CellIndex<D>& leaf, const CubeFace<D>& face, bool is_well_observed) const {
     return at_depth(depth_of(leaf, face), face, is_well_observed);
   }
   [[nodiscard]] FaceSample<D> sample_of(const CubeFace<D>& face, float fraction) const {
     return {&face, beams_.end_of_fraction(face, fraction), fraction};
   }
-  /// Finds out which beams of a list count in a leaf. Calls `visit(face, share, list)` for those of each
-  /// face, if there are any.
+  /// Determines the beams of a list that a leaf samples. Calls `visit(face, fraction, part)` for each face
+  /// with sampled beams.
   template <class Visit>
   void take(const CellIndex<D>& leaf, const BeamList& list, bool is_well_observed, LeafSample<D>& sample,
             const Visit& visit) const {
@@ -120,8 +123,8 @@ class BeamSampling {
     });
   }
 
-  /// How many beams end in a leaf that is learning, of a sample, for each that would cross it if beams were
-  /// spread evenly.
+  /// Sampled beams that end in a leaf, for each beam that would cross it if beams were spread evenly; sampled
+  /// as for a leaf that is not well observed.
   [[nodiscard]] double ends_per_expected_beam(const CellIndex<D>& leaf, const BeamList& list,
                                               LeafSample<D>& sample) const {
     double sum = 0.0;
@@ -138,18 +141,18 @@ class BeamSampling {
     return sum;
   }
 
-  /// The face of beams that are all of one, as most are; else null.
+  /// The face of beams that belong to one face; null if they belong to several.
   template <class Beams>
   [[nodiscard]] const CubeFace<D>* only_face_of(const Beams& beams) const {
     const CubeFace<D>& face = beams_.face_of(beams.first_beam());
     return beams.last_beam() < face.end_of_beams ? &face : nullptr;
   }
-  /// The same, where a node above may have told it.
+  /// only_face_of(), which a node above may have determined.
   template <class Beams>
   [[nodiscard]] const CubeFace<D>* only_face_of(const Beams& beams, const NodeSampling<D>& above) const {
     return above.face != nullptr ? above.face : only_face_of(beams);
   }
-  /// What is known of a node whose beams are not none. @param above of its parent, or of nodes above that.
+  /// Properties of the samples in a node with at least one beam. @param above those of a node above.
   template <class Beams>
   [[nodiscard]] NDTREE_ALWAYS_INLINE NodeSampling<D> of_node(const CellIndex<D>& node, const Beams& beams,
                                                              const NodeSampling<D>& above) const {
@@ -157,12 +160,12 @@ class BeamSampling {
     const CubeFace<D>* const face = only_face_of(beams, above);
     return {face, face != nullptr ? all_sample_all(node, *face) : all_sample_all(node, beams)};
   }
-  /// Whether all leaves in a node, whatever they know, take all beams of a face, ...
+  /// Whether all leaves in a node, well observed or not, sample all beams of a face.
   [[nodiscard]] bool all_sample_all(const CellIndex<D>& node, const CubeFace<D>& face) const {
     const double ahead = border(node, face.axis, face.negative) - face.origin[face.axis];
     return static_cast<float>(face.negative ? -ahead : ahead) >= face.depth_of_full_sample_in_any_cell();
   }
-  /// ... of a list, ...
+  /// Whether all leaves in a node sample all beams of a list.
   [[nodiscard]] bool all_sample_all(const CellIndex<D>& node, const BeamList& list) const {
     for (std::size_t first = 0; first < list.size;) {
       const CubeFace<D>& face = beams_.face_of(list.beam[first]);
@@ -171,7 +174,7 @@ class BeamSampling {
     }
     return true;
   }
-  /// ... or of a ray packet: of what crosses one cell.
+  /// Whether all leaves in a node sample all rays of a packet that cross one cell.
   template <class PacketInCell>
   [[nodiscard]] bool all_sample_all(const CellIndex<D>& node, const PacketInCell& packet) const {
     for (std::uint32_t left = packet.set(); left != 0;) {
@@ -183,7 +186,8 @@ class BeamSampling {
     return true;
   }
 
-  /// Of a part of a list, of one face, where those end that some leaf in a node may take.
+  /// Index behind the last beam among [first, last) of a list, all of one face, that some leaf in a node may
+  /// sample.
   [[nodiscard]] std::size_t end_of_sampled(const CellIndex<D>& node, const CubeFace<D>& face,
                                            const BeamList& list, std::size_t first, std::size_t last) const {
     const double behind = std::abs(border(node, face.axis, !face.negative) - face.origin[face.axis]);
@@ -198,7 +202,7 @@ class BeamSampling {
   [[nodiscard]] float expected_beams(const CellIndex<D>& leaf, const CubeFace<D>& face) const {
     return face.expected_beams(depth_of(leaf, face), static_cast<float>(geometry_.cell_size(leaf.level)));
   }
-  /// How much wider beams get if only a share of them is left.
+  /// Factor by which beams get wider if a fraction of them stands for all.
   [[nodiscard]] static float widening(float fraction) {
     if constexpr (D < 2) return 1.0f;
     if constexpr (D == 2) return 1.0f / fraction;
@@ -206,8 +210,7 @@ class BeamSampling {
     return std::pow(fraction, -1.0f / static_cast<float>(D - 1));
   }
 
-  /// What children of a node take of its beams, where those are of one face: the same in all children side
-  /// by side.
+  /// Sampling fractions of a node's children for beams of one face: equal in all children at one depth.
   class Children {
    public:
     NDTREE_ALWAYS_INLINE Children(const BeamSampling& sampling, const CellIndex<D>& node,
@@ -231,7 +234,7 @@ class BeamSampling {
     [[nodiscard]] FaceSample<D> of_slab(std::size_t slab, bool is_well_observed) const {
       return sampling_.sample_of(face_, sampling_.at_depth(depths_[slab], face_, is_well_observed));
     }
-    /// On the face's axis.
+    /// Index of a child on the face's axis.
     [[nodiscard]] std::size_t slab_of(std::size_t child) const {
       if constexpr (N == 2) return child >> face_.axis & 1u;
       for (int a = 0; a < face_.axis; ++a) child /= N;
@@ -250,7 +253,7 @@ class BeamSampling {
   [[nodiscard]] float depth_of(const CellIndex<D>& cell, const CubeFace<D>& face) const {
     return face.depth_of(border(cell, face.axis, false), border(cell, face.axis, true));
   }
-  /// The share that counts in a leaf at a depth.
+  /// The fraction that a leaf samples at a depth.
   [[nodiscard]] NDTREE_ALWAYS_INLINE float at_depth(float depth, const CubeFace<D>& face,
                                                     bool is_well_observed) const {
     if (depth >= face.depth_of_full_sample[is_well_observed]) return 1.0f;
@@ -260,7 +263,7 @@ class BeamSampling {
   const LatticeGeometry<N, D>& geometry_;
   const ScanBeams<D>& beams_;
   const float smallest_size_;
-  const std::array<float, 2> sample_beams_;  // Of leaves that are learning, and that know much.
+  const std::array<float, 2> sample_beams_;  // Of leaves that are not well observed, and that are.
 };
 
 }  // namespace ndtree

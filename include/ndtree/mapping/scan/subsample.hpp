@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Leaving out the beams of a scan that no cell would take.
+/// Subsampling: drops the beams of a scan that no cell can sample.
 #pragma once
 
 #include <algorithm>
@@ -22,34 +22,41 @@
 
 namespace ndtree {
 
-/// How many beams of a scan a cell may take: fewer than `beams` for each smallest cell that lies side by side
-/// in it.
+/// How many beams of a scan a cell can sample: at most `beams` for each smallest cell side by side in it.
 struct SubsampleLimits {
   double beams;
   double smallest_cell;  ///< [m]
   double largest_cell;   ///< [m]
 };
 
-/// Some beams of a scan, looked over by one thread.
+/// A part of a scan on its way from the survey to the sorted array; one thread handles a part in each step.
+///
+/// Strategy: survey_beams() surveys the part; keep() compacts keys and faces of the beams that some cell can
+/// sample; count() replaces keys by buckets and counts them; scatter() writes the beams' numbers into the
+/// sorted array. Between the steps, the caller joins the parts' cube maps and sums up their counts.
+/// Invariants: the steps are called once, in this order; kept beams stay in the order of the scan; no beam is
+/// dropped that a cell samples; loops over eight beams keep the same beams as loops over one.
+/// Cost: O(beams) for each step; memory 16 bytes for each beam.
 template <int D, class Sensor>
 class alignas(kCacheLines) ScanPart {
   static constexpr std::size_t kAxes = D - 1;
 
  public:
-  /// @throws as survey_exactly().
+  /// Surveys the part's beams. @param measurements must live as long as this. @throws as survey_exactly().
   template <class Geometry>
-  void look_over(const Measurements<D, Sensor>& measurements, const BeamRange& range, const Sensor& sensor,
-                 const Geometry& geometry) {
+  void survey_beams(const Measurements<D, Sensor>& measurements, const BeamRange& range, const Sensor& sensor,
+                    const Geometry& geometry) {
     measurements_ = &measurements;
     first_ = range.first;
     beams_ = ScanSurveyor<D, Sensor>(measurements, range)(sensor, geometry);
   }
   [[nodiscard]] const ScanSurvey<D>& survey() const { return beams_.survey; }
-  [[nodiscard]] CubeMap<D>& image() { return beams_.image; }
+  [[nodiscard]] CubeMap<D>& cube_map() { return beams_.cube_map; }
 
-  /// No cell takes a beam that none takes at the depth of its end, or behind it by half a cell.
-  /// @param image of the whole scan. @param numbers that this part's faces have there.
-  void keep(const CubeMap<D>& image, const std::vector<std::uint32_t>& numbers,
+  /// Drops the beams that no cell can sample. Sampling fractions grow with depth, so it is enough to ask a
+  /// smallest cell at the last depth: that of the beam's end with its noise, and half a largest cell.
+  /// @param cube_map of the whole scan, after CubeFace::divide(). @param numbers of this part's faces there.
+  void keep(const CubeMap<D>& cube_map, const std::vector<std::uint32_t>& numbers,
             const SubsampleLimits& sampling) {
     const float behind = this->behind(sampling);
     const auto smallest = static_cast<float>(sampling.smallest_cell);
@@ -60,32 +67,33 @@ class alignas(kCacheLines) ScanPart {
     std::size_t i = 0;
 #ifdef NDTREE_HAS_EIGHTS
     if (Simd::width() >= 8 && numbers.size() <= 2 * D)
-      i = keep_by_eights(image, numbers, smallest, most, farthest, behind);
+      i = keep_by_eights(cube_map, numbers, smallest, most, farthest, behind);
 #endif
     for (; i < beams_.size; ++i)
       if (beams_.face[i] != CubeMap<D>::kNoFace &&
-          may_be_sampled(image.face(numbers[beams_.face[i]]), beams_.key[i],
+          may_be_sampled(cube_map.face(numbers[beams_.face[i]]), beams_.key[i],
                          last_depth(beams_.depth[i], farthest, behind), smallest, most))
         add_kept(i);
   }
-  /// The depth up to which cells may take beams.
+  /// The largest depth at which a cell can sample a beam of the part [m].
   [[nodiscard]] float depth_of_kept(const SubsampleLimits& sampling) const {
     return last_depth(beams_.deepest, farthest(), behind(sampling));
   }
-  /// How many some cell may take, ...
+  /// Number of kept beams.
   [[nodiscard]] std::size_t num_kept() const { return num_kept_; }
-  /// ... these, in the order of the scan, ...
+  /// The scan's number of the k-th kept beam; ascending.
   [[nodiscard]] std::uint32_t kept(std::size_t k) const {
     return static_cast<std::uint32_t>(first_) + kept_[k];
   }
-  /// ... the faces that they go through, by the number that those have in this part, ...
+  /// The face of the k-th kept beam, by its number in this part.
   [[nodiscard]] std::uint32_t face(std::size_t k) const { return beams_.face[k]; }
-  /// ... their chances, until count(), ...
+  /// The sampling key of the k-th kept beam. @pre before count().
   [[nodiscard]] std::uint32_t key(std::size_t k) const { return beams_.key[k]; }
-  /// ... and how many there are of each face.
+  /// Number of kept beams of each face of this part.
   [[nodiscard]] const std::vector<std::uint32_t>& kept_of_faces() const { return kept_of_faces_; }
 
-  /// How many of them each step has. @param numbers that this part's faces have there.
+  /// Number of kept beams per bucket, as BeamBuckets::prefix_sum() takes it.
+  /// @param numbers of this part's faces in `buckets`.
   [[nodiscard]] std::vector<std::uint32_t> count(const BeamBuckets<D>& buckets,
                                                  const std::vector<std::uint32_t>& numbers) {
     std::vector<std::uint32_t> counts = buckets.counts();
@@ -98,44 +106,46 @@ class alignas(kCacheLines) ScanPart {
     for (k = 0; k < num_kept_; ++k) ++counts[1 + beams_.key[k]];
     return counts;
   }
-  /// Puts them where they belong. @param places of the next of each step.
-  void put(std::vector<std::uint32_t>& places, std::uint32_t* numbers) const {
-    for (std::size_t k = 0; k < num_kept_; ++k) numbers[places[1 + beams_.key[k]]++] = kept(k);
+  /// Writes the kept beams' numbers into the sorted array.
+  /// @param indices of the next beam of each bucket, see BeamBuckets::prefix_sum().
+  /// @param numbers the sorted array, of all parts.
+  void scatter(std::vector<std::uint32_t>& indices, std::uint32_t* numbers) const {
+    for (std::size_t k = 0; k < num_kept_; ++k) numbers[indices[1 + beams_.key[k]]++] = kept(k);
   }
 
  private:
   static constexpr float kSlack = CubeFace<D>::kSlack;
   static constexpr float kKeyUnit = 1.0f / (1u << CubeFace<D>::kKeyBits);
 
-  /// How far behind its end a beam is asked for [m].
+  /// How far behind a beam's end a cell's centre can lie that the beam crosses [m].
   [[nodiscard]] float behind(const SubsampleLimits& sampling) const {
     return beams_.reach_behind + rounded(0.5f * static_cast<float>(sampling.largest_cell));
   }
-  /// Where beams are cut [m].
+  /// The length at which beams are cut, max_range as float [m].
   [[nodiscard]] float farthest() const {
     return static_cast<float>(
         std::min(measurements_->max_range(), static_cast<double>(std::numeric_limits<float>::max())));
   }
 
-  /// Where a beam that ends at a depth is asked for at last [m].
+  /// The largest depth at which a cell can sample a beam that ends at a depth [m].
   [[nodiscard]] static float last_depth(float depth, float farthest, float behind) {
     return rounded(std::min(depth, farthest) * kSlack) + behind;
   }
 
-  /// Whether a cell of the smallest size may take a beam at this depth.
+  /// True if a smallest cell at this depth can sample a beam with this key.
   [[nodiscard]] static bool may_be_sampled(const CubeFace<D>& face, std::uint32_t key, float depth,
                                            float smallest, float beams) {
     return face.fraction_below(face.bucket_of(key)) * face.expected_beams(depth, smallest) < beams;
   }
-  void add_kept(std::size_t place) {
-    kept_[num_kept_] = static_cast<std::uint32_t>(place);
-    beams_.key[num_kept_] = beams_.key[place];
-    beams_.face[num_kept_++] = beams_.face[place];
-    ++kept_of_faces_[beams_.face[place]];
+  void add_kept(std::size_t index) {
+    kept_[num_kept_] = static_cast<std::uint32_t>(index);
+    beams_.key[num_kept_] = beams_.key[index];
+    beams_.face[num_kept_++] = beams_.face[index];
+    ++kept_of_faces_[beams_.face[index]];
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  static constexpr std::size_t kNone = 2 * D;  // Beams that say nothing go through no face.
+  static constexpr std::size_t kNone = 2 * D;  // Stands for CubeMap::kNoFace.
   using OfFaces = std::array<float, std::max<std::size_t>(kNone + 1, 8)>;
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256 of_face(const OfFaces& values,
                                                                             __m256i faces) {
@@ -147,24 +157,25 @@ class alignas(kCacheLines) ScanPart {
                             values[at[5]], values[at[6]], values[at[7]]);
     }
   }
-  /// Beams of few faces. @returns the place of the first that is left.
-  NDTREE_BY_EIGHTS std::size_t keep_by_eights(const CubeMap<D>& image,
+  /// Does keep()'s work for eight beams at a time. @pre at most 2 D faces.
+  /// @returns the index of the first beam that is left.
+  NDTREE_BY_EIGHTS std::size_t keep_by_eights(const CubeMap<D>& cube_map,
                                               const std::vector<std::uint32_t>& numbers, float smallest,
                                               float beams, float farthest, float behind) {
     OfFaces row;
-    OfFaces counts;  // Bits of a chance that count.
-    std::array<OfFaces, kAxes> places;
+    OfFaces key_masks;  // Bits of a key that its bucket keeps.
+    std::array<OfFaces, kAxes> pixels;
     row.fill(0.0f);
-    counts.fill(0.0f);
-    for (auto& of_axis : places) of_axis.fill(0.0f);
+    key_masks.fill(0.0f);
+    for (auto& of_axis : pixels) of_axis.fill(0.0f);
     for (std::size_t f = 0; f < numbers.size(); ++f) {
-      const CubeFace<D>& face = image.face(numbers[f]);
+      const CubeFace<D>& face = cube_map.face(numbers[f]);
       row[f] = face.is_single() ? 0.0f : smallest * face.density;
       const std::uint32_t bits = ~std::uint32_t{0} << face.key_shift;
-      std::memcpy(&counts[f], &bits, sizeof bits);
-      for (std::size_t k = 0; k < kAxes; ++k) places[k][f] = face.places[k];
+      std::memcpy(&key_masks[f], &bits, sizeof bits);
+      for (std::size_t k = 0; k < kAxes; ++k) pixels[k][f] = face.pixels[k];
     }
-    std::array<std::uint32_t, kNone + 1> kept_of_faces{};  // And of none.
+    std::array<std::uint32_t, kNone + 1> kept_of_faces{};  // The last: of invalid beams.
     std::size_t i = 0;
     for (; i + 8 <= beams_.size; i += 8) {
       const __m256i face =
@@ -176,15 +187,15 @@ class alignas(kCacheLines) ScanPart {
       const __m256 in_row = _mm256_div_ps(of_face(row, face), depth);
       __m256 expected = _mm256_set1_ps(1.0f);
       for (std::size_t k = 0; k < kAxes; ++k)
-        expected = _mm256_mul_ps(expected, _mm256_min_ps(in_row, of_face(places[k], face)));
+        expected = _mm256_mul_ps(expected, _mm256_min_ps(in_row, of_face(pixels[k], face)));
       const __m256i number = detail::load(beams_.key.get() + i);
-      const __m256i bucket = _mm256_and_si256(number, _mm256_castps_si256(of_face(counts, face)));
+      const __m256i bucket = _mm256_and_si256(number, _mm256_castps_si256(of_face(key_masks, face)));
       const __m256 key = _mm256_mul_ps(_mm256_cvtepi32_ps(bucket), _mm256_set1_ps(kKeyUnit));
       const __m256 is_kept = _mm256_and_ps(
           _mm256_cmp_ps(_mm256_mul_ps(key, expected), _mm256_set1_ps(beams), _CMP_LT_OQ),
           _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)));
       const auto set = static_cast<unsigned>(_mm256_movemask_ps(is_kept));
-      for (unsigned left = 0xff; left != 0;) {  // Most go through one face, be they kept or not.
+      for (unsigned left = 0xff; left != 0;) {  // Adjacent beams mostly have the same face.
         const std::uint32_t one = std::min(beams_.face[i + static_cast<std::size_t>(__builtin_ctz(left))],
                                            static_cast<std::uint32_t>(kNone));
         const __m256i is_one = _mm256_cmpeq_epi32(face, _mm256_set1_epi32(static_cast<int>(one)));
@@ -205,7 +216,8 @@ class alignas(kCacheLines) ScanPart {
     return i;
   }
 
-  /// Finds the steps of those that are kept, of few faces. @returns the first that is left.
+  /// Replaces the kept beams' keys by buckets, eight at a time. @pre at most 2 D faces.
+  /// @returns the first kept beam that is left.
   NDTREE_BY_EIGHTS std::size_t find_buckets_by_eights(const BeamBuckets<D>& buckets,
                                                       const std::vector<std::uint32_t>& numbers) {
     OfFaces first;
@@ -232,8 +244,9 @@ class alignas(kCacheLines) ScanPart {
 
   const Measurements<D, Sensor>* measurements_ = nullptr;
   Eigen::Index first_ = 0;
-  SurveyedBeams<D> beams_;  // Since keep(), chances and faces of those that are kept alone; then their steps.
-  std::unique_ptr<std::uint32_t[]> kept_;  // Places of those that some cell may take, in their order.
+  // After keep(), `face` and `key` begin with the kept beams' values; after count(), `key` holds buckets.
+  SurveyedBeams<D> beams_;
+  std::unique_ptr<std::uint32_t[]> kept_;  // Indices of the kept beams in the part, ascending.
   std::size_t num_kept_ = 0;
   std::vector<std::uint32_t> kept_of_faces_;
 };

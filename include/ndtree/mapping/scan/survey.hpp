@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Looking over the beams of a scan: how they ended, how far the scan reaches, and where its beams point.
+/// The survey of a scan: outcome and direction of each beam, and how far the scan reaches.
 #pragma once
 
 #include <algorithm>
@@ -22,15 +22,15 @@
 
 namespace ndtree {
 
-/// What a scan's number adds to the sampling keys of its beams.
+/// The summand of a scan's number in the hash of its sampling keys.
 [[nodiscard]] inline std::uint32_t key_of_scan(std::uint64_t number) {
   return static_cast<std::uint32_t>(number) * 0x7feb352du;
 }
 
-/// Sampling key of a beam: a hash in [0, 2^24) of its direction, its length and the scan's number. Whatever
-/// the order of the beams, the same ones are sampled; equal beams of the next scan are sampled anew, so that
-/// every beam of a sensor that stands still counts in the end. A cell that samples a fraction of a scan's
-/// beams takes those whose key is below this fraction of 2^24.
+/// Sampling key of a beam: a hash in [0, 2^24) of its displacement and the scan's number. A cell that samples
+/// a fraction of a scan's beams samples the beams with keys below this fraction of 2^24.
+/// A key does not depend on the order of the beams. Equal beams of two scans have independent keys, so that
+/// of a sensor that stands still each beam is sampled in some scan.
 template <int D>
 [[nodiscard]] std::uint32_t sampling_key_of(const std::array<float, std::size_t{D}>& displacement,
                                             std::uint64_t scan_number = 0) {
@@ -47,24 +47,31 @@ template <int D>
   return (hash * 0xc2b2ae3du) >> 8;
 }
 
-/// What is found out about some beams of a scan.
+/// The survey's result for a part of a scan. Arrays are indexed by the beam's position in the part.
 template <int D>
 struct SurveyedBeams {
   ScanSurvey<D> survey;
-  CubeMap<D> image;
-  float deepest = 0.0f;       ///< Of all of them, along the axis of its face [m].
-  float reach_behind = 0.0f;  ///< The end of a beam, at most [m].
+  CubeMap<D> cube_map;
+  float deepest = 0.0f;       ///< The largest depth of a beam [m].
+  float reach_behind = 0.0f;  ///< Most that noise adds to a beam behind its end [m].
   std::size_t size = 0;
-  std::unique_ptr<std::uint32_t[]> face;  ///< Of each; CubeMap::kNoFace of those that say nothing.
-  std::unique_ptr<float[]> depth;         ///< Of those that do, along the axis of the face [m].
-  std::unique_ptr<std::uint32_t[]> key;   ///< Of those that do, see sampling_key_of().
+  std::unique_ptr<std::uint32_t[]> face;  ///< Face numbers; CubeMap::kNoFace: invalid beam.
+  std::unique_ptr<float[]> depth;         ///< Along the face's axis [m]; of valid beams.
+  std::unique_ptr<std::uint32_t[]> key;   ///< See sampling_key_of(); of valid beams.
 
   SurveyedBeams() = default;
   explicit SurveyedBeams(std::size_t n)
       : size(n), face(new std::uint32_t[n]), depth(new float[n]), key(new std::uint32_t[n]) {}
 };
 
-/// Looks over some beams of a scan, in one thread.
+/// Surveys a part of a scan, in one thread.
+///
+/// Strategy: each beam is read once. Its displacement as float gives face, depth, key and its position on the
+/// face; bounds of the reach are the extremes of all displacements, with the largest noise as margin. Only if
+/// these bounds exceed what the map can address, or a beam is too long for float, survey_exactly() decides.
+/// Invariants: the bounds contain the exact reach; outcomes are exact; faces, depths and keys have the same
+/// bits at every width.
+/// Cost: O(beams), about one read of their end points from memory.
 template <int D, class Sensor>
 class ScanSurveyor {
   static constexpr std::size_t kAxes = D - 1;
@@ -73,16 +80,16 @@ class ScanSurveyor {
   ScanSurveyor(const Measurements<D, Sensor>& measurements, const BeamRange& range)
       : measurements_(measurements), range_(range), beams_(static_cast<std::size_t>(range.size())) {}
 
-  /// Counts the beams and finds out where they point, once. @throws as survey_exactly().
+  /// Surveys the part; the surveyor is used up. @throws as survey_exactly().
   template <class Geometry>
   [[nodiscard]] SurveyedBeams<D> operator()(const Sensor& sensor, const Geometry& geometry) && {
     const ScanView<D>& scan = measurements_.scan();
     Eigen::Index i = range_.first;
-    if (!scan.origin_per_beam && beams_.size > 0) beams_.image.add_all_faces(scan.origin(0));
+    if (!scan.origin_per_beam && beams_.size > 0) beams_.cube_map.add_all_faces(scan.origin(0));
 #ifdef NDTREE_HAS_EIGHTS
-    if (!scan.origin_per_beam && Simd::width() >= 8) i = look_over_by_eights();
+    if (!scan.origin_per_beam && Simd::width() >= 8) i = survey_by_eights();
 #endif
-    for (; i < range_.last; ++i) look_over_one(i);
+    for (; i < range_.last; ++i) survey_one(i);
     if (beams_.survey.num_valid() == 0) return std::move(beams_);
 
     const double reached =
@@ -98,7 +105,7 @@ class ScanSurveyor {
     }
     is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
     const double margin =
-        rounded(Sensor::kReachSigmas * sigma) + rounded(1e-6 * reached);  // Above all rounding.
+        rounded(Sensor::kReachSigmas * sigma) + rounded(1e-6 * reached);  // Exceeds all rounding.
     is_valid = is_valid && reached + margin <= kLongestBeam * geometry.unit();
     beams_.survey.reach.lower.array() -= margin;
     beams_.survey.reach.upper.array() += margin;
@@ -110,21 +117,22 @@ class ScanSurveyor {
   }
 
  private:
-  static constexpr float kShortest = 2e-18f;  // Squares of such numbers are floats [m] ...
-  static constexpr float kLongest = 1e18f;    // ... and of such.
+  // Squares of lengths in [kShortest, kLongest] are normal floats [m].
+  static constexpr float kShortest = 2e-18f;
+  static constexpr float kLongest = 1e18f;
 
-  void look_over_one(Eigen::Index i) {
+  void survey_one(Eigen::Index i) {
     const ScanView<D>& scan = measurements_.scan();
     const Vector<D> origin = scan.origin(i);
     Vector<D> ray = scan.endpoint(i) - origin;
     const double length = ray.cwiseAbs().maxCoeff();
-    const auto place = static_cast<std::size_t>(i - range_.first);
+    const auto index = static_cast<std::size_t>(i - range_.first);
     if (!(length >= static_cast<double>(kShortest)) || !(length <= static_cast<double>(kLongest)) ||
         !ray.allFinite() || !origin.allFinite()) {
       const Beam<D> beam = measurements_.beam(i);
       if (beam.outcome == BeamOutcome::invalid) {
         ++beams_.survey.count(BeamOutcome::invalid);
-        beams_.face[place] = CubeMap<D>::kNoFace;
+        beams_.face[index] = CubeMap<D>::kNoFace;
         return;
       }
       if (!(length <= static_cast<double>(kLongest))) {
@@ -147,23 +155,23 @@ class ScanSurveyor {
       end[static_cast<int>(a)] += std::clamp(static_cast<double>(d[a]), -max_range, max_range);
     beams_.survey.include(end);
     beams_.survey.include(origin);
-    const std::uint32_t number = beams_.image.face_of(beams_.image.cube_of(origin), origin,
-                                                      2 * axis + static_cast<std::size_t>(d[axis] < 0.0f));
-    CubeFace<D>& face = beams_.image.faces()[number];
+    const std::uint32_t number = beams_.cube_map.face_of(beams_.cube_map.cube_of(origin), origin,
+                                                         2 * axis + static_cast<std::size_t>(d[axis] < 0.0f));
+    CubeFace<D>& face = beams_.cube_map.faces()[number];
     ++face.num_beams;
     for (std::size_t k = 0; k < kAxes; ++k) {
       const float at = d[k + (k >= axis)] / depth;
       face.lower[k] = std::min(face.lower[k], at);
       face.upper[k] = std::max(face.upper[k], at);
     }
-    beams_.depth[place] = depth;
-    beams_.key[place] = sampling_key_of<D>(d, measurements_.scan_number());
-    beams_.face[place] = number;
+    beams_.depth[index] = depth;
+    beams_.key[index] = sampling_key_of<D>(d, measurements_.scan_number());
+    beams_.face[index] = number;
     beams_.deepest = std::max(beams_.deepest, depth);
   }
 
-  /// How a valid beam ended. @param depth its length is between this and sqrt(D) times as much, but for
-  ///   rounding.
+  /// Outcome of a valid beam.
+  /// @param depth of the beam [m]; but for rounding, its length is in [depth, sqrt(D) depth].
   [[nodiscard]] BeamOutcome outcome_of(Eigen::Index i, float depth) const {
     const ScanView<D>& scan = measurements_.scan();
     if (!scan.is_returned(i)) return BeamOutcome::not_returned;
@@ -176,16 +184,17 @@ class ScanSurveyor {
   }
 
 #ifdef NDTREE_HAS_EIGHTS
-  static constexpr Eigen::Index kAhead = 176;  // Beams: memory is read a page ahead, which processors do not.
+  static constexpr Eigen::Index kAhead = 176;  // Beams: a page ahead, where processors do not prefetch.
 
-  /// look_over_one() for beams of one origin. @returns the first that is left.
-  NDTREE_BY_EIGHTS Eigen::Index look_over_by_eights() {
+  /// Surveys beams of one origin, eight at a time, as survey_one() does.
+  /// @returns the first beam that is not surveyed.
+  NDTREE_BY_EIGHTS Eigen::Index survey_by_eights() {
     const ScanView<D>& scan = measurements_.scan();
     const Vector<D> origin = scan.origin(0);
     const double max_range = measurements_.max_range();
     const double longest = std::min(max_range, 2.0 * static_cast<double>(kLongest));
     const auto cut = _mm256_set1_ps(static_cast<float>(longest));
-    // Up to this depth a beam is shorter than that, with all rounding.
+    // A beam up to this depth is at most `longest` long, whatever the rounding.
     const auto in_reach = _mm256_set1_ps(static_cast<float>(longest / (std::sqrt(D) * (1.0 + 1e-5))));
     const __m256 sign = _mm256_set1_ps(-0.0f);
     const __m256 infinity = _mm256_set1_ps(std::numeric_limits<float>::infinity());
@@ -224,16 +233,17 @@ class ScanSurveyor {
       }
       const __m256 fits = _mm256_and_ps(finite, _mm256_cmp_ps(depth, _mm256_set1_ps(kShortest), _CMP_GE_OQ));
       if (_mm256_movemask_ps(fits) != 0xff) {
-        for (Eigen::Index k = 0; k < 8; ++k) look_over_one(i + k);
+        for (Eigen::Index k = 0; k < 8; ++k) survey_one(i + k);
         continue;
       }
-      // Where it meets the face: the other axes, in their order.
+      // Coordinates on the face: those of the other axes, in their order.
       __m256 main = d[0];
       __m256 at[kAxes + 1];
 #pragma GCC unroll 4
       for (std::size_t k = 0; k < kAxes; ++k) {
         const __m256i this_axis = _mm256_set1_epi32(static_cast<int>(2 * (k + 1)));
-        const __m256 is_behind = _mm256_castsi256_ps(_mm256_cmpgt_epi32(this_axis, axis));  // Axes after it.
+        // Axes after the face's axis.
+        const __m256 is_behind = _mm256_castsi256_ps(_mm256_cmpgt_epi32(this_axis, axis));
         at[k] = _mm256_blendv_ps(d[k], d[k + 1], is_behind);
         main = _mm256_blendv_ps(main, d[k + 1], _mm256_castsi256_ps(_mm256_cmpeq_epi32(this_axis, axis)));
       }
@@ -254,18 +264,18 @@ class ScanSurveyor {
       hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 13));
       hash = _mm256_srli_epi32(_mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0xc2b2ae3du))), 8);
 
-      const auto place = static_cast<std::size_t>(i - range_.first);
-      _mm256_storeu_ps(beams_.depth.get() + place, depth);
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.key.get() + place), hash);
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.face.get() + place), side);
+      const auto index = static_cast<std::size_t>(i - range_.first);
+      _mm256_storeu_ps(beams_.depth.get() + index, depth);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.key.get() + index), hash);
+      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.face.get() + index), side);
       deepest = _mm256_max_ps(deepest, depth);
       for (std::size_t a = 0; a < D; ++a) {
         reach[a].lower = _mm256_min_ps(reach[a].lower, _mm256_max_ps(d[a], _mm256_xor_ps(cut, sign)));
         reach[a].upper = _mm256_max_ps(reach[a].upper, _mm256_min_ps(d[a], cut));
       }
       unsigned left = 0xff;
-      do {  // Most beams side by side go through the same face.
-        const std::uint32_t one = beams_.face[place + static_cast<std::size_t>(__builtin_ctz(left))];
+      do {  // Adjacent beams mostly have the same face.
+        const std::uint32_t one = beams_.face[index + static_cast<std::size_t>(__builtin_ctz(left))];
         const __m256 same =
             _mm256_castsi256_ps(_mm256_cmpeq_epi32(side, _mm256_set1_epi32(static_cast<int>(one))));
         const auto set = static_cast<unsigned>(_mm256_movemask_ps(same));
@@ -280,42 +290,43 @@ class ScanSurveyor {
       valid += 8;
       count_outcomes(i, depth, in_reach);
     }
-    join_sides(count, extents);
+    add_sides(count, extents);
     if (valid > 0) {
       Vector<D> lower = origin;
       Vector<D> upper = origin;
       for (std::size_t a = 0; a < D; ++a) {
-        lower[static_cast<int>(a)] += static_cast<double>(least_of(reach[a].lower));
-        upper[static_cast<int>(a)] += static_cast<double>(most_of(reach[a].upper));
+        lower[static_cast<int>(a)] += static_cast<double>(min_of(reach[a].lower));
+        upper[static_cast<int>(a)] += static_cast<double>(max_of(reach[a].upper));
       }
       beams_.survey.include(lower);
       beams_.survey.include(upper);
-      beams_.deepest = std::max(beams_.deepest, most_of(deepest));
+      beams_.deepest = std::max(beams_.deepest, max_of(deepest));
     }
     return i;
   }
-  /// Adds the beams of each side to its face, which has the same number.
+  /// Adds numbers and extents of the beams of each side to the side's face. @pre face numbers are sides.
   template <class Extents>
-  NDTREE_BY_EIGHTS void join_sides(const std::array<std::uint32_t, std::size_t{2 * D}>& count,
-                                   const Extents& extents) {
+  NDTREE_BY_EIGHTS void add_sides(const std::array<std::uint32_t, std::size_t{2 * D}>& count,
+                                  const Extents& extents) {
     for (std::size_t side = 0; side < 2 * D; ++side) {
       if (count[side] == 0) continue;
-      CubeFace<D>& face = beams_.image.faces()[side];
+      CubeFace<D>& face = beams_.cube_map.faces()[side];
       face.num_beams += count[side];
       for (std::size_t k = 0; k < kAxes; ++k) {
-        face.lower[k] = std::min(face.lower[k], least_of(extents[side][k].lower));
-        face.upper[k] = std::max(face.upper[k], most_of(extents[side][k].upper));
+        face.lower[k] = std::min(face.lower[k], min_of(extents[side][k].lower));
+        face.upper[k] = std::max(face.upper[k], max_of(extents[side][k].upper));
       }
     }
   }
-  /// The set of those of eight beams that returned.
+  /// Bit k is set if beam first + k returned, for eight beams.
   NDTREE_BY_EIGHTS [[nodiscard]] unsigned returned_of_eight(Eigen::Index first) const {
     const bool* const returned = measurements_.scan().returned;
     if (returned == nullptr) return 0xff;
     const __m128i flags = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(returned + first));
     return ~static_cast<unsigned>(_mm_movemask_epi8(_mm_cmpeq_epi8(flags, _mm_setzero_si128()))) & 0xff;
   }
-  /// @param in_reach depths up to which all that return count.
+  /// Counts the outcomes of eight valid beams.
+  /// @param in_reach depth up to which every beam is within max_range [m].
   NDTREE_BY_EIGHTS void count_outcomes(Eigen::Index first, __m256 depths, __m256 in_reach) {
     if (_mm256_movemask_ps(_mm256_cmp_ps(depths, in_reach, _CMP_LE_OQ)) == 0xff) {
       const auto returned = static_cast<unsigned>(__builtin_popcount(returned_of_eight(first)));
@@ -328,12 +339,12 @@ class ScanSurveyor {
     for (std::size_t k = 0; k < 8; ++k)
       ++beams_.survey.count(outcome_of(first + static_cast<Eigen::Index>(k), depth[k]));
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] static float least_of(__m256 v) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static float min_of(__m256 v) {
     std::array<float, 8> values;
     _mm256_storeu_ps(values.data(), v);
     return *std::min_element(values.begin(), values.end());
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] static float most_of(__m256 v) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static float max_of(__m256 v) {
     std::array<float, 8> values;
     _mm256_storeu_ps(values.data(), v);
     return *std::max_element(values.begin(), values.end());
@@ -343,7 +354,7 @@ class ScanSurveyor {
   const Measurements<D, Sensor>& measurements_;
   const BeamRange range_;
   SurveyedBeams<D> beams_;
-  bool is_exact_needed_ = false;  // Some beam is too long for float.
+  bool is_exact_needed_ = false;  // A beam is too long for float.
 };
 
 }  // namespace ndtree

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The beams of a scan, part by part, brought to cells that threads share out.
+/// Lists of a scan's beams by part and cell: the input of tasks.
 #pragma once
 
 #include <algorithm>
@@ -16,26 +16,28 @@
 
 namespace ndtree {
 
-/// Some beams of a scan that cross a cell.
+/// The beams of one part of a scan that cross a cell.
 template <int D>
 struct TaskList {
   Lattice<D> cell;   ///< Its lower corner.
-  std::size_t part;  ///< Of the scan; beams of a part come after those of the parts before.
+  std::size_t part;  ///< Of the scan. A part's beam numbers are above those of the parts before.
   BeamList list;     ///< Not empty.
 };
 
-/// Lists of the beams of some parts of a scan, which one thread has made.
+/// Lists that one thread makes, with the memory that holds them.
+/// Invariants: lists are not empty and padded; their memory is freed with this.
+/// Cost: one copy of each list.
 template <int D>
 class alignas(kCacheLines) TaskLists {
  public:
-  /// Keeps a copy of a list.
+  /// Adds a copy of a list, padded.
   void add(const Lattice<D>& cell, std::size_t part, const BeamList& list) {
     BeamList copy = memory_.allocate(list.size + BeamList::kSlack);
     append(list, copy);
     copy.pad();
     lists_.push_back({cell, part, copy});
   }
-  /// Moves what was added since the last time to others. The lists last as long as this.
+  /// Appends the lists that were added since the last call. Their beams stay in the memory of this.
   void move_to(std::vector<TaskList<D>>& lists) {
     lists.insert(lists.end(), lists_.begin(), lists_.end());
     lists_.clear();
@@ -46,16 +48,16 @@ class alignas(kCacheLines) TaskLists {
   std::vector<TaskList<D>> lists_;
 };
 
-/// Beams that cross a cell: lists of parts, one after the other.
+/// The beams that cross a cell: lists [first, last), one of each part with such beams, in the order of parts.
 template <int D>
 struct TaskCell {
   Lattice<D> lower;
   const TaskList<D>* first;
   const TaskList<D>* last;
-  std::size_t size;  ///< Of all of them.
+  std::size_t size;  ///< Number of beams in all lists.
 };
 
-/// The cells that lists are of, which this sorts, and which must stay there.
+/// Sorts lists by cell and part. @returns the cells, sorted, which point into `lists`. O(n log n).
 template <int D>
 [[nodiscard]] std::vector<TaskCell<D>> join(std::vector<TaskList<D>>& lists) {
   std::sort(lists.begin(), lists.end(), [](const TaskList<D>& a, const TaskList<D>& b) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Which thread begins with which tasks of a scan.
+/// The order in which threads begin the tasks of a scan.
 #pragma once
 
 #include <algorithm>
@@ -11,19 +11,24 @@
 
 namespace ndtree {
 
-/// Tasks in the order in which they are begun, see Workers::for_each_task(): the largest come first, for
-/// whoever is free. Of the others each worker gets those that lie side by side in the tree: so a beam's row
-/// in the table is mostly read by one of them, and as long as the system puts threads where they were, a cell
-/// is mostly changed by the core that has changed it with the last scan. Where cores are far from each other,
-/// what one has in its cache takes the other long to get.
+/// The order in which workers begin tasks, see Workers::for_each_task().
+///
+/// Strategy: large tasks come first, the largest before all others; each goes to the next idle worker.
+/// The small ones stay in the order of the tree and are divided into one range per worker, of about equal
+/// size. So mostly one worker reads a beam's table rows, and as long as threads stay on their cores, a
+/// cell is mostly changed by the core that changed it in the scan before: between distant cores, cache
+/// lines move slowly.
+/// Invariants: `tasks` holds each task once; a small task is at most 1 / 64 of a worker's part of the
+/// work.
+/// Cost: O(n log n) for n tasks.
 struct TaskOrder {
-  std::vector<std::uint32_t> tasks;
+  std::vector<std::uint32_t> tasks;  ///< Large ones, then small ones.
   std::size_t num_large;
-  std::vector<std::size_t> ends;  ///< Of each worker's share of the others.
+  std::vector<std::size_t> ends;  ///< Where the range of each worker's small tasks ends in `tasks`.
 
   /// @param sizes of the tasks, in the order of the tree. @param workers at least 1.
   TaskOrder(const std::vector<std::size_t>& sizes, std::size_t workers) : tasks(sizes.size()) {
-    constexpr std::size_t kSmallOfWorker = 64;  // Or more, to be shared out evenly.
+    constexpr std::size_t kSmallOfWorker = 64;  // Or more, so that ranges have about equal sizes.
     workers = std::clamp<std::size_t>(sizes.size(), 1, workers);
     const std::size_t all = std::accumulate(sizes.begin(), sizes.end(), std::size_t{0});
     const std::size_t large = all / (kSmallOfWorker * workers);

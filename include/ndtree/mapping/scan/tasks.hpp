@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The update of a scan in pieces that threads share out.
+/// The walk of a scan as tasks, which threads execute at the same time.
 #pragma once
 
 #include <algorithm>
@@ -18,19 +18,28 @@
 
 namespace ndtree {
 
-/// Threads bring the beams, part by part, to the cells of the coarsest level. Nodes there do not touch each
-/// other: each is a task. One with so many beams that the other threads would wait for it is opened: its
-/// beams are handed down one level, again part by part, and its children are the tasks.
+/// Divides the walk of a scan into tasks, and executes them by all workers.
+///
+/// Strategy: workers bin parts of the beams by level-0 cell (the coarsest level); each cell with beams is
+/// a task. A task with so large a part of all beams that other workers would wait for it is subdivided:
+/// workers partition its lists, part by part, and its children are tasks. Tasks run the largest first
+/// (TaskOrder). Subdivided nodes are finalized at last, children before parents, by one thread.
+/// Invariants: tasks are disjoint subtrees; above the coarsest level nothing is merged; a task's lists
+/// hold each of its beams once, in ascending order, so that the map does not depend on the number of
+/// workers or parts.
+/// Cost: beyond that of the walk, copies of the tasks' lists, and O(t log t) for t tasks.
+/// Memory: 4 bytes for each crossing of a beam and a task's cell; subdivision adds at most 4 bytes for each
+/// of `most_to_subdivide` crossings.
 template <class Tree, class Walk>
 class ScanTasks {
   static constexpr int D = Tree::kDim;
   using Ref = typename Tree::Ref;
 
  public:
-  /// @param arena of the tree, for what one thread does alone. @param walks one for each worker. @param undo
-  /// where what one thread does alone is remembered, or null.
-  /// @param most_to_open crossings of beams and children for which lists are made when cells are opened; each
-  /// takes four bytes.
+  /// @param arena from which this thread takes nodes. @param coarsest_level of cells that are tasks.
+  /// @param walks one for each worker. @param undo log of the nodes that this thread changes, or null.
+  /// @param most_to_subdivide crossings of beams and children that subdivision may write into lists, 4 bytes
+  ///   each.
   ScanTasks(Tree& tree, typename Tree::Arena& arena, int coarsest_level, Workers& workers,
             std::vector<Walk>& walks, UndoLog<Tree>* undo,
             std::size_t most_to_subdivide = std::size_t{1} << 24)
@@ -43,7 +52,7 @@ class ScanTasks {
         most_to_subdivide_(most_to_subdivide),
         lists_(walks.size()) {}
 
-  /// The whole update. @param beams how many there are, not none.
+  /// Updates the tree by all beams. @param beams number of beams, at least 1.
   void run(std::size_t beams) {
     bin(beams);
     subdivide_large();
@@ -53,14 +62,14 @@ class ScanTasks {
     const TaskOrder order(sizes, workers_.count());
     workers_.for_each_task(order.num_large, order.ends, [&](std::size_t worker, std::size_t i) {
       Task& task = tasks_[order.tasks[i]];
-      task.changed = walks_[worker].run(task.ref, task.beams);
+      task.changed = walks_[worker].integrate(task.ref, task.beams);
     });
     for (const Task& task : tasks_)
       if (task.subdivided != kNone) subdivided_[task.subdivided].changed |= task.changed;
     for (std::size_t i = subdivided_.size(); i-- > 0;) {
       const Subdivided& node = subdivided_[i];
       const bool changed = walks_.front().finalize(node.ref, node.changed);
-      if (node.above != kNone) subdivided_[node.above].changed |= changed;
+      if (node.parent != kNone) subdivided_[node.parent].changed |= changed;
     }
   }
 
@@ -70,24 +79,24 @@ class ScanTasks {
   struct Task {
     Ref ref;
     TaskCell<D> beams;
-    std::size_t
-        subdivided;  // The node that it was opened from, by its place among those; kNone if from none.
+    std::size_t subdivided;  // Index of its parent in subdivided_; kNone: a cell of the coarsest level.
     bool changed;
   };
   struct Subdivided {
     Ref ref;
-    std::size_t above;  // As Task::opened.
+    std::size_t parent;  // As Task::subdivided.
     bool changed;
   };
 
-  /// Of the lists of one part of the beams, in the order of the tree, those in some node.
+  /// The lists of one part of the beams in one node, in the order of the tree.
   struct Range {
     const TaskList<D>* first;
     const TaskList<D>* last;
   };
 
+  /// Bins all beams by cell of the coarsest level, and makes a task of each.
   void bin(std::size_t beams) {
-    // Some take longer than others; so there are more than workers, if that makes no short lists.
+    // Parts take unequal times: up to two for each worker, unless their lists would be short.
     constexpr std::size_t kBeamsOfPart = 4096;
     const std::size_t workers = workers_.count();
     const std::size_t parts = std::min(std::clamp(beams / kBeamsOfPart, workers, 2 * workers), beams);
@@ -102,11 +111,11 @@ class ScanTasks {
       ranges.push_back({of_part.data(), of_part.data() + of_part.size()});
       count += of_part.size();
     }
-    joined_.emplace_back().reserve(count);  // They stay where they are.
+    joined_.emplace_back().reserve(count);  // Tasks point into it: it must not move.
     if (count > 0) add_tasks(tree_.root(), ranges);
   }
-  /// Finds the nodes of cells below one, and makes those that are missing.
-  /// @param parts of which not all are empty.
+  /// Makes a task of each cell of the lists below a node; adds nodes that are missing.
+  /// @param parts lists of each part in this node; at least one list.
   void add_tasks(const Ref& ref, const std::vector<Range>& parts) {
     if (ref.index.level == coarsest_level_) {
       tasks_.push_back({ref, joined(ref.index.lower, parts), kNone, false});
@@ -116,10 +125,10 @@ class ScanTasks {
       tree_.split_node(*ref.node, {}, arena_);
     else if (undo_ != nullptr)
       undo_->keep(tree_, *ref.node);
-    ref.node->set_note(0);  // Until the scan is done.
+    ref.node->set_note(0);  // No valid summary until the scan is done.
     std::vector<Range> in_child = parts;
     for (Range& range : in_child) range.last = range.first;
-    std::size_t left = 0;  // Lists that no child has had yet.
+    std::size_t left = 0;  // Lists of children that are still to come.
     for (const Range& part : parts) left += static_cast<std::size_t>(part.last - part.first);
     for (int c = 0; c < Tree::kNumChildren && left > 0; ++c) {
       const Ref child = tree_.child(ref, c);
@@ -135,7 +144,7 @@ class ScanTasks {
     }
     assert(left == 0);
   }
-  /// The lists of all parts for one cell, one after the other.
+  /// Appends the lists of all parts for one cell to the last of joined_.
   [[nodiscard]] TaskCell<D> joined(const Lattice<D>& cell, const std::vector<Range>& parts) {
     std::vector<TaskList<D>>& lists = joined_.back();
     const TaskList<D>* const first = lists.data() + lists.size();
@@ -148,20 +157,21 @@ class ScanTasks {
     return {cell, first, lists.data() + lists.size(), size};
   }
 
-  /// Those that were brought to some cell since the last time.
+  /// The cells of all lists that workers made since the last call, sorted.
   [[nodiscard]] std::vector<TaskCell<D>> cells_of_lists() {
     std::vector<TaskList<D>>& lists = joined_.emplace_back();
     for (TaskLists<D>& of_worker : lists_) of_worker.move_to(lists);
     return join(lists);
   }
 
+  /// Subdivides tasks with more than a fraction of all crossings, again and again, up to most_to_subdivide_.
   void subdivide_large() {
-    constexpr std::size_t kFew = 200;  // Beams that are not worth it.
+    constexpr std::size_t kFewestBeams = 200;  // Of a task that is worth it.
     constexpr std::size_t kTasksOfWorker = 2;
-    constexpr std::size_t kMostChildren = 1 + D * (Tree::kBranching - 1);  // That one beam crosses.
+    constexpr std::size_t kMostChildren = 1 + D * (Tree::kBranching - 1);  // Children that one beam crosses.
     std::size_t all = crossings();
     for (std::size_t made = 0;;) {
-      const std::size_t large = std::max(kFew, all / (kTasksOfWorker * workers_.count()));
+      const std::size_t large = std::max(kFewestBeams, all / (kTasksOfWorker * workers_.count()));
       std::size_t to_subdivide = 0;
       for (const Task& task : tasks_)
         if (is_to_subdivide(task, large)) to_subdivide += task.beams.size;
@@ -172,15 +182,16 @@ class ScanTasks {
       made += all - others;
     }
   }
+  /// True if a task has children, and more beams than `large`.
   static bool is_to_subdivide(const Task& task, std::size_t large) {
     return task.beams.size > large && !task.ref.is_leaf();
   }
-  /// Of beams and tasks.
+  /// Number of crossings of a beam and a task's cell.
   [[nodiscard]] std::size_t crossings() const {
     return std::accumulate(tasks_.begin(), tasks_.end(), std::size_t{0},
                            [](std::size_t sum, const Task& task) { return sum + task.beams.size; });
   }
-  /// Opens those that have more beams than that: their children take their place.
+  /// Replaces tasks with more beams than `large` by tasks of their nodes' children.
   void subdivide(std::size_t large) {
     std::vector<std::pair<const Task*, const TaskList<D>*>> parts;
     for (const Task& task : tasks_)
@@ -220,10 +231,9 @@ class ScanTasks {
   UndoLog<Tree>* undo_;
   std::size_t most_to_subdivide_;
   std::vector<Task> tasks_;
-  std::vector<Subdivided> subdivided_;  // Before what was opened from them.
-  // What tasks' lists are made of:
-  std::vector<TaskLists<D>> lists_;  // Of each worker.
-  std::deque<std::vector<TaskList<D>>> joined_;
+  std::vector<Subdivided> subdivided_;           // A node comes before those below it.
+  std::vector<TaskLists<D>> lists_;              // Memory of the tasks' lists, one for each worker.
+  std::deque<std::vector<TaskList<D>>> joined_;  // Lists sorted by cell, to which tasks point.
 };
 
 }  // namespace ndtree

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// A whole scan into the tree at once: every node hands the beams that cross it down to its children.
+/// The descent of a whole scan through the tree: every node partitions its beams among its children, leaves
+/// are updated or split, siblings merge on the way back.
 #pragma once
 
 #include <algorithm>
@@ -23,6 +24,8 @@
 #include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/leaf_coverage.hpp"
 #include "ndtree/mapping/scan/leaf_evidence.hpp"
+#include "ndtree/mapping/scan/list_partition.hpp"
+#include "ndtree/mapping/scan/node_children.hpp"
 #include "ndtree/mapping/scan/packed_beams.hpp"
 #include "ndtree/mapping/scan/partition.hpp"
 #include "ndtree/mapping/scan/sampling.hpp"
@@ -33,7 +36,35 @@
 
 namespace ndtree {
 
-/// The part of an update that goes down the tree: what one thread does. See ScanUpdate.
+/// Integrates lists of beams into subtrees; one for each thread, see ScanUpdate.
+///
+/// Strategy. A node's list of beams is partitioned among its children, down to the leaves. At most eight
+/// beams become a ray packet, which keeps distances and sets of rays instead of lists. A leaf adds up the
+/// evidence of the beams that it samples and is updated, or splits and passes the same beams on. On the way
+/// back siblings merge, or their parent's summary is updated.
+///
+/// Where to read: update_leaf() is the only place where a leaf's occupancy changes, update_children() the
+/// only one where a node's children are visited, EvidenceRefinement::action() the split criterion.
+///
+/// Invariants, and the test that notices when one is broken (tests/cpp):
+/// - A list holds ascending beam numbers, and BeamList::kSlack valid ones behind its end: vector loops read
+///   there. Memory of lists is released in the opposite order of its allocation. (test_scan_lists, in which
+///   unwritten numbers are no beam's)
+/// - A plane has one distance (float) on a beam, wherever it is computed: nodes, children and packets have
+///   equal borders to the last bit. Products are rounded before they are added, never contracted.
+///   (test_scan_lists: widths 1, 8 and 16; test_scan_update: equal maps for lists and packets)
+/// - Evidence is a sum of integers: neither the order of beams nor of threads matters. (test_scan_update:
+///   permuted scans, any number of threads)
+/// - A node drops only beams that no leaf below it samples. (test_scan_subsample, test_scan_update: the flat
+///   oracle has all beams)
+/// - A leaf may split before all its beams have been added up, since more beams never revoke
+///   EvidenceRefinement::splits_anyway(), nor make its split predicted to re-merge. (test_leaf_action)
+/// - A saturated subtree that all beams pass stays as it is, bit for bit. (test_scan_update, test_summary)
+/// - A summary of 0 is stale: it is computed before it is used. (test_summary)
+/// - A node is kept in the undo log before it changes for the first time in a scan. (test_window,
+///   test_change)
+///
+/// Cost: O(beams that cross a node) for each node with beams, plus O(N^D) for its children.
 template <class Tree, class Refinement, class Sensor>
 class alignas(kCacheLines) ScanWalk {
   static constexpr int N = Tree::kBranching;
@@ -44,12 +75,13 @@ class alignas(kCacheLines) ScanWalk {
   using Planes = typename Partition::Planes;
   using Sampling = NodeSampling<D>;
   using ChildFractions = typename BeamSampling<N, D>::Children;
+  using Children = NodeChildren<Tree>;
 
  public:
   using Ref = typename Tree::Ref;
 
-  /// @param arena of the tree, for this thread alone. @param undo where it remembers what it changes, or
-  /// null. @param window outside which no cell of the coarsest level changes; null: all may.
+  /// @param arena of the tree, for this thread alone. @param undo log of what it changes, or null.
+  /// @param window outside which no cell of the coarsest level changes; null: all cells may change.
   ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
            const ScanBeams<D>& beams, UndoLog<Tree>* undo, const LatticeBox<D>* window = nullptr)
       : tree_(tree),
@@ -62,6 +94,7 @@ class alignas(kCacheLines) ScanWalk {
         evidence_(tree.geometry(), beams, refinement.model, sensor),
         coverage_(beams, partition_),
         sampling_(tree.geometry(), beams, refinement.model),
+        lists_(partition_, beams, sampling_),
         initialiser_(tree.geometry(), refinement.model, beams),
         summary_(refinement.model),
         finest_level_(tree.geometry().finest_level()),
@@ -70,27 +103,26 @@ class alignas(kCacheLines) ScanWalk {
 
   [[nodiscard]] const UpdateCounters& counters() const { return counters_; }
 
-  /// The whole update.
+  /// Integrates all beams into the whole tree.
   void run() {
     const BeamList list = beams_from(0, beams_.size());
     if (!list.empty()) integrate(tree_.root(), list);
   }
-  /// Brings the beams from the first to before the last to the cells of the coarsest level. The tree stays as
-  /// it is.
+  /// Bins beams [first, last) by the cells of the coarsest level that they cross. The tree stays as it is.
   void bin(std::size_t first, std::size_t last, std::size_t part, TaskLists<D>& lists) {
     const ListStack::Mark mark = stack_.mark();
     const BeamList list = beams_from(first, last);
     if (!list.empty()) bin(tree_.root().index, list, {}, part, lists);
     stack_.release(mark);
   }
-  /// Brings beams from an inner node to its children, as well.
+  /// Bins the beams of an inner node by its children that they cross. The tree stays as it is.
   void subdivide(const CellIndex<D>& node, const TaskList<D>& beams, TaskLists<D>& lists) {
     for_each_child(
         node, beams.list, sampling_.of_node(node, beams.list, {}),
         [&](const CellIndex<D>& child, const BeamList& list) { lists.add(child.lower, beams.part, list); });
   }
-  /// What is left to do in one of these cells. @returns whether it changed.
-  bool run(const Ref& ref, const TaskCell<D>& beams) {
+  /// Integrates a cell's beams into its subtree. @returns whether a cell changed.
+  bool integrate(const Ref& ref, const TaskCell<D>& beams) {
     const ListStack::Mark mark = stack_.mark();
     const BeamList list = beams.last - beams.first == 1 ? beams.first->list : joined(beams);
     if (list.size <= kFetched) beams_.fetch(list.beam, list.size);
@@ -98,9 +130,8 @@ class alignas(kCacheLines) ScanWalk {
     stack_.release(mark);
     return changed;
   }
-  /// What is left to do in a node that was opened, after its children. @param changed whether one of them
-  /// did.
-  /// @returns whether the node did.
+  /// Finishes a subdivided node after its children: merges them or updates its summary.
+  /// @param changed whether a child changed. @returns whether the node or a cell below it changed.
   bool finalize(const Ref& ref, bool changed) {
     if (!changed && ref.node->note() != 0) return false;
     return finish_children(ref, summary_(&Children(tree_, ref).node(0)), changed, false);
@@ -132,7 +163,7 @@ class alignas(kCacheLines) ScanWalk {
       bin(child, beams, sampling, part, lists);
     });
   }
-  /// Calls `visit(child, list)` for the children that some of a node's beams cross; the tree stays as it is.
+  /// Calls `visit(child, list)` for each child that beams of a node cross. The tree stays as it is.
   template <class Visit>
   void for_each_child(const CellIndex<D>& node, const BeamList& list, const Sampling& sampling,
                       const Visit& visit) {
@@ -147,98 +178,29 @@ class alignas(kCacheLines) ScanWalk {
     return window_ == nullptr || window_->overlaps(node, tree_.geometry().edge(node.level));
   }
 
-  /// Hands a node's beams to its children, without those that no cell below takes.
-  /// @param replaces whether long lists of the children take the place of the node's own, which is then gone.
-  /// @pre if so, nothing that is still in use was allocated after it.
   Lists partition(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
                   const Sampling& sampling, bool replaces) {
     pace_.spend(list.size);
-    if (Partition::kHasRoomForAll && list.size > kPiece)
-      return partition_in_pieces(node, planes, list, sampling, replaces);
-    Lists children = partition_.lists_for(node, list, stack_);
-    for_each_sampled(node, list, sampling,
-                     [&](const BeamList& taken) { partition_(node, planes, taken, children); });
-    return children;
-  }
-  NDTREE_NEVER_INLINE Lists partition_in_pieces(const CellIndex<D>& node, const Planes& planes,
-                                                const BeamList& list, const Sampling& sampling,
-                                                bool replaces) {
-    for_each_sampled(node, list, sampling, [&](const BeamList& taken) {
-      for (std::size_t first = 0; first < taken.size; first += kPiece) {
-        const BeamList part = taken.part(first, std::min(first + kPiece, taken.size));
-        Lists children = partition_.lists_for(node, part, pieces_.memory());
-        partition_(node, planes, part, children);
-        pieces_.add(children);
-      }
-    });
-    if (replaces) stack_.free_from(list);
-    return pieces_.join(stack_);
-  }
-  /// Calls `visit(part)` for those parts of a list that some cell in a node takes.
-  template <class Visit>
-  void for_each_sampled(const CellIndex<D>& node, const BeamList& list, const Sampling& sampling,
-                        const Visit& visit) const {
-    if (sampling.samples_all || list.size <= kPacketSize) return visit(list);
-    if (sampling.face != nullptr) {
-      const std::size_t end = sampling_.end_of_sampled(node, *sampling.face, list, 0, list.size);
-      if (end > 0) visit(list.part(0, end));
-      return;
-    }
-    std::size_t from = 0;  // Of beams that follow each other, and were not visited yet.
-    for_each_face(beams_, list, [&](const CubeFace<D>& face, std::size_t first, std::size_t last) {
-      const std::size_t end = sampling_.end_of_sampled(node, face, list, first, last);
-      if (end == last) return;
-      if (from < end) visit(list.part(from, end));
-      from = last;
-    });
-    if (from < list.size) visit(list.part(from, list.size));
+    return lists_(node, planes, list, sampling, replaces, stack_);
   }
 
-  /// The children of an inner node, by their numbers.
-  class Children {
-   public:
-    NDTREE_ALWAYS_INLINE Children(Tree& tree, const Ref& parent)
-        : parent_(parent),
-          nodes_(tree.children(*parent.node)),
-          edge_(tree.geometry().edge(parent.index.level - 1)) {}
-    [[nodiscard]] const Ref& parent() const { return parent_; }
-    [[nodiscard]] int level() const { return parent_.index.level - 1; }
-    [[nodiscard]] auto& node(int number) const { return nodes_[number]; }
-    [[nodiscard]] NDTREE_ALWAYS_INLINE Ref operator[](int number) const {
-      Ref child{nodes_ + number, {parent_.index.lower, parent_.index.level - 1}};
-      auto left = static_cast<unsigned>(number);
-      for (std::size_t a = 0; a < D; ++a, left /= N)
-        child.index.lower[a] += static_cast<std::int64_t>(left % N) * edge_;
-      return child;
-    }
-
-   private:
-    const Ref& parent_;
-    typename Tree::NodeType* nodes_;
-    std::int64_t edge_;
-  };
-
-  /// Gives back the memory of lists that were allocated in its scope.
-  class ListScope {
-   public:
-    explicit ListScope(ListStack& stack) : stack_(stack), mark_(stack.mark()) {}
-    ListScope(const ListScope&) = delete;
-    ListScope& operator=(const ListScope&) = delete;
-    ~ListScope() { stack_.release(mark_); }
-
-   private:
-    ListStack& stack_;
-    const ListStack::Mark mark_;
-  };
+  // Beam sources. A source (ListSource, PacketSource) is a node's children with the beams that cross each:
+  //   crosses(child), in_child(child, ref).
+  // Its beams in one child (ListInCell, PacketInCell) answer
+  //   all_pass()            whether all of them pass the child, of whatever size its cells are;
+  //   evidence(..., end)    the evidence of the beams with numbers below `end` for the child as a leaf;
+  //   passed()              evidence() if all_pass(), where that is known without a look at each beam;
+  //   with_list(use)        calls `use(list)`, for steps that are rare;
+  //   integrate_below(node) partitions them among the children of an inner node.
 
   /// A list of beams that cross a cell.
   struct ListInCell {
-    static constexpr bool kKnowsWhatPasses = false;  // all_pass() looks at every beam.
+    static constexpr bool kHasPassingSet = false;  // all_pass() tests every beam.
     ScanWalk& walk;
     const Ref& cell;
     const BeamList list;
-    const Planes* planes;  ///< Of the cell's parent, if it was reached from there, and
-    int child;             ///< its number there.
+    const Planes* planes;  ///< Of the cell's parent; null if the cell was not reached from it.
+    int child;             ///< The cell's number in its parent.
 
     [[nodiscard]] auto& node() const { return *cell.node; }
     [[nodiscard]] const Ref& ref() const { return cell; }
@@ -251,7 +213,6 @@ class alignas(kCacheLines) ScanWalk {
                                : CellCrossings<N, D>(geometry, walk.beams_, cell.index);
     }
     [[nodiscard]] bool all_pass() const { return walk.evidence_.all_pass(crossings(), list); }
-    /// @param end number of the one after the last that counts.
     [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence evidence(const EvidenceCell& leaf, int level,
                                                              std::uint32_t end) const {
       ScanEvidence scan;
@@ -270,10 +231,10 @@ class alignas(kCacheLines) ScanWalk {
       return walk.integrate_below(inner, list, sampling);
     }
   };
-  /// The children of a node, and lists of the beams that cross each.
+  /// The children of a node, and lists of the beams that cross each of them.
   struct ListSource {
-    static constexpr bool kMayBeAboveCells = true;
-    static constexpr std::size_t kPace = 0;  // partition() spends it.
+    static constexpr bool kMayBeAboveCells = true;  // The children may be larger than any cell.
+    static constexpr std::size_t kPace = 0;         // partition() spends it.
     ScanWalk& walk;
     const Children children;
     const Planes& planes;  ///< Of the node, if all beams have one origin.
@@ -305,7 +266,7 @@ class alignas(kCacheLines) ScanWalk {
   };
   /// The rays of a packet that cross a node's child.
   struct PacketInCell {
-    static constexpr bool kKnowsWhatPasses = true;
+    static constexpr bool kHasPassingSet = true;
     const PacketSource& source;
     int child;
 
@@ -348,16 +309,12 @@ class alignas(kCacheLines) ScanWalk {
       return source.walk.integrate_below(inner, *this, sampling);
     }
   };
-  /// Whether a node's children are cells, and its list is short enough to need none for them.
+  /// Whether a list is short enough for a packet, and the node's children are cells.
   [[nodiscard]] bool fits_packet(const Ref& ref, const BeamList& list) const {
     return list.size <= Rays::kMost && ref.index.level <= coarsest_level_ && partition_.goes_by_eights() &&
            evidence_.takes_packets(ref.index.level);
   }
 #endif
-
-  // Down the tree. `beams` are the beams that cross one node, from a source: a list (ListInCell) or a ray
-  // packet (PacketInCell). A source tells whether all of its beams pass the node, what they say about it as a
-  // leaf, and makes a list of them where a rare step needs one.
 
   /// Integrates a list into a node of any level, a leaf or not. @returns whether a cell changed.
   bool integrate(const ListInCell& beams, const Sampling& above) {
@@ -373,9 +330,8 @@ class alignas(kCacheLines) ScanWalk {
     return integrate(ListInCell{*this, ref, list, nullptr, 0}, {});
   }
 #ifdef NDTREE_HAS_EIGHTS
-  bool integrate(const PacketInCell&, const Sampling&) {
-    return false;
-  }  // Packets are made below such nodes.
+  /// Never called: packets are made of nodes whose children are cells.
+  bool integrate(const PacketInCell&, const Sampling&) { return false; }
 #endif
   /// Integrates beams into the subtree of an inner node. A saturated subtree that all of them pass stays as
   /// it is.
@@ -441,17 +397,16 @@ class alignas(kCacheLines) ScanWalk {
     return finish_children(node, summary_(&source.children.node(0)), changed, was_split);
   }
 
-  /// What the beams of a scan do to a leaf that they cross, the only place where a leaf's occupancy changes:
-  /// 1. A saturated leaf that all beams pass stays as it is. If so many end in it that the sensor's errors do
-  /// not
-  ///    explain it, the leaf learns anew: it samples as many beams as a new one.
-  /// 2. The leaf samples the beams: all, a fraction of those of one cube-map face, or a fraction of each
-  /// face's.
-  /// 3. Their evidence is added up, see LeafEvidence, and limited, see EvidenceModel::limit().
-  /// 4. Refinement::action() decides whether the leaf is updated or splits.
-  /// @param of_siblings sampling fractions of the leaf and its siblings; null if several faces, or all beams,
-  /// are
-  ///   sampled, or the leaf was not reached from its parent.
+  /// Integrates beams into a leaf, the only place where a leaf's occupancy changes:
+  /// 1. Saturated? A saturated leaf that all beams pass stays as it is. If more beams end in it than the
+  ///    sensor's errors explain, it samples as many beams as a leaf that is not well observed.
+  /// 2. Sampled? The leaf samples all beams, or a fraction of them: those below a bucket of each cube-map
+  ///    face.
+  /// 3. Passed? The evidence of the sampled beams is added up, see LeafEvidence, and limited, see
+  ///    EvidenceModel::limit().
+  /// 4. Split? EvidenceRefinement::action() decides whether the leaf is updated or splits.
+  /// @param of_siblings sampling fractions of the children of the leaf's parent; null unless the leaf was
+  ///   reached from there, by beams of one cube-map face of which not all are sampled.
   /// @returns whether a cell changed.
   template <class Beams>
   NDTREE_ALWAYS_INLINE bool update_leaf(EvidenceCell& cell, int level, const Beams& beams,
@@ -462,20 +417,18 @@ class alignas(kCacheLines) ScanWalk {
       if (beams.all_pass()) return false;
       is_well_observed = explains_ends(beams);
     }
-    FaceSample<D> sample{nullptr, BeamList::kAll, 1.0f};  // All.
+    FaceSample<D> sample{nullptr, BeamList::kAll, 1.0f};  // All beams.
     if (of_siblings != nullptr) {
       sample = of_siblings->of(static_cast<std::size_t>(beams.child), is_well_observed);
     } else if (!sampling.samples_all) {
       const CubeFace<D>* const face = sampling_.only_face_of(beams, sampling);
-      if (face == nullptr)
-        return beams.with_list(
-            [&](const BeamList& list) { return update_by_faces(beams.ref(), list, is_well_observed); });
+      if (face == nullptr) return update_by_faces(beams, is_well_observed);
       sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, is_well_observed));
     }
     const auto split = [&](const ScanEvidence& scan, LeafAction action) {
       return split_or_wait(beams, sample, scan, action, sampling);
     };
-    if constexpr (Beams::kKnowsWhatPasses) {
+    if constexpr (Beams::kHasPassingSet) {
       if (sample.fraction >= 1.0f && beams.all_pass() && !packet_may_exceed_limit_)
         return update_or_split(cell, level, beams.passed(), split);
     }
@@ -487,11 +440,12 @@ class alignas(kCacheLines) ScanWalk {
                                             const Split& split) {
     const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
     if (action == LeafAction::update) return update(leaf, scan);
-    const ScanEvidence& all = ScanEvidence::of(scan);  // Lives as long as the name.
+    const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
     if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
     return all.beams > 0 && split(all, action);
   }
-  // Rare steps; copies, so that what is common keeps its values in registers.
+
+  // Rare steps. They take copies, so that update_leaf() keeps its values in registers.
 
   /// update_leaf() for beams that come through several cube-map faces.
   template <class Beams>
@@ -515,7 +469,7 @@ class alignas(kCacheLines) ScanWalk {
       return split_or_wait(leaf, list, sample_, all, action, {});
     });
   }
-  /// @param sample of one face, or of all beams if it names none.
+  /// Splits a leaf, or lets it wait. @param sample of one face; of all beams if its face is null.
   template <class Beams>
   NDTREE_NEVER_INLINE bool split_or_wait(const Beams beams, const FaceSample<D> sample,
                                          const ScanEvidence scan, LeafAction action,
@@ -540,9 +494,7 @@ class alignas(kCacheLines) ScanWalk {
   [[nodiscard]] bool may_stop_early(int level, const BeamList& list) const {
     return list.size > kToSplit && level != finest_level_;
   }
-  /// Adds what beams say about a leaf until it is certain to split: then its children integrate them.
-  /// Stopping is allowed as more beams never revoke splits_anyway(), and never make a free leaf predicted to
-  /// re-merge.
+  /// Adds up evidence for a leaf until it is certain to split: then its children integrate the beams.
   NDTREE_NEVER_INLINE void add_until_split(const EvidenceCell& cell, const CellIndex<D>& leaf,
                                            const CellCrossings<N, D>& crossings, const BeamList& list,
                                            ScanEvidence& scan) const {
@@ -620,8 +572,8 @@ class alignas(kCacheLines) ScanWalk {
     return update_children(leaf, ListSource{*this, {tree_, leaf}, planes, lists}, sampling, true);
   }
 
-  /// Writes the note of a node after its children's update, or merges them.
-  /// @param all what they say together.
+  /// Finishes a node after its children were updated: merges them, or writes its summary.
+  /// @param all summary of the children.
   NDTREE_ALWAYS_INLINE bool finish_children(const Ref& ref, const SummaryOfSiblings& all, bool changed,
                                             bool was_split) {
     if (changed && ref.index.level <= coarsest_level_ && all.are_leaves && all.summary.is_uniform() &&
@@ -642,9 +594,8 @@ class alignas(kCacheLines) ScanWalk {
     return true;
   }
 
-  static constexpr std::size_t kToSplit = 32;  // Beams, of which some are likely to tell that a leaf splits.
-  static constexpr std::size_t kPiece = 2048;  // Beams at once, while each child has room for all of them.
-  static constexpr std::size_t kFetched = 1024;  // Beams that the nearest cache has room for.
+  static constexpr std::size_t kToSplit = 32;    // Beams between two tests for an early split.
+  static constexpr std::size_t kFetched = 1024;  // Beams whose rows fit the nearest cache.
 
   Tree& tree_;
   typename Tree::Arena& arena_;
@@ -656,17 +607,17 @@ class alignas(kCacheLines) ScanWalk {
   const LeafEvidence<N, D, Sensor> evidence_;
   const LeafCoverage<N, D> coverage_;
   const BeamSampling<N, D> sampling_;
+  ListPartition<N, D> lists_;
   const ChildrenInitialiser<Tree> initialiser_;
   const EvidenceSummary<kNumChildren> summary_;
   const int finest_level_;
   const int coarsest_level_;
-  const bool packet_may_exceed_limit_;  // EvidenceModel::limit() may change what a packet says.
+  const bool packet_may_exceed_limit_;  // EvidenceModel::limit() may reduce the evidence of a packet.
   UpdateCounters counters_;
   Pace pace_;
   ListStack stack_;  // Of the nodes on the path from the root, the deepest last.
-  PiecewiseLists<kNumChildren> pieces_;
   const LeafSample<D> all_;
-  LeafSample<D> sample_;  // Of the leaf that is looked at, until its children are.
+  LeafSample<D> sample_;  // Of the leaf in update_leaf(), until its children are initialised.
 };
 
 }  // namespace ndtree
