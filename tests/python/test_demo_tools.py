@@ -390,7 +390,7 @@ def built(request: pytest.FixtureRequest) -> Iterator[Machine]:
     real_python = python_for_all()
     python.write_text(
         '#!/bin/bash\nif [[ "$1 $2" == "-m pip" ]]; then\n'
-        f'  [[ $* == *build-dir* ]] && printf "{lines}" && sleep 0.3\n'
+        f'  [[ $* == *build-dir* ]] && printf %b "{lines}" && sleep 1.5\n'
         f'  exit 0\nfi\nexec "{real_python}" "$@"\n'
     )
     (bin_folder / "ndtree").write_text('#!/bin/bash\necho "ndtree $*"\n')
@@ -423,6 +423,22 @@ def test_the_demo_sets_up_builds_and_calls_ndtree(built: Machine, root: bool) ->
     assert "Debian packages: all there" in lines and "Python packages: all there" in lines
     assert lines[-1] == "ndtree demo a log.bag --every 2"
     assert sum(bool(re.fullmatch(r"ok, \d+ s", line)) for line in lines) >= 1
+
+
+def test_the_demo_shows_on_a_terminal_how_far_its_build_is(built: Machine) -> None:
+    near, far = pty.openpty()
+    env = {"PATH": str(built.programs), "HOME": str(built.folder), "TERM": "xterm"}
+    process = subprocess.Popen(["bash", built.root / "tools/demo"], stdout=far, stderr=far, env=env)
+    os.close(far)
+    shown = read_until(near, None)
+    assert process.wait(timeout=20) == 0
+    os.close(near)
+    after_heading = shown[shown.index("== Build") :]
+    assert "8 of 8, last npz.cpp, 0:0" in after_heading
+    line = after_heading.index("8 of 8")
+    # The line is gone before the result is written.
+    assert re.search(r"\r\x1b\[2Kok, \d s\r\n", after_heading[line:])
+    assert shown.rstrip().endswith("ndtree demo")
 
 
 def test_the_demo_stops_before_it_installs_anything(built: Machine) -> None:
