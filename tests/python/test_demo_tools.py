@@ -205,8 +205,12 @@ def debian(machine: Machine) -> Machine:
     installed.touch()
     known.write_text("build-essential\n")
     machine.has("dpkg-query", f'grep -qx "${{@: -1}}" "{installed}" && printf "install ok installed"')
+    # As apt-cache writes it, with more lines than a pipe holds.
     machine.has(
-        "apt-cache", f'grep -qx "$2" "{known}" && echo "  Candidate: 1" || echo "  Candidate: (none)"'
+        "apt-cache",
+        f'grep -qx "$2" "{known}" && found=1\necho "$2:"; echo "  Installed: (none)"\n'
+        'echo "  Candidate: ${found:-(none)}"\n'
+        'for ((i = 0; i < 3000; i++)); do echo "  Version table $i of what is known"; done',
     )
     machine.has(
         "apt-get",
