@@ -206,7 +206,9 @@ def test_demo_ends_with_three_calls_that_work(log: Path, tmp_path: Path, monkeyp
     made = run(*calls[0][1:])
     assert made.exit_code == 0, made.output
     assert Path(calls[0][-1]).is_file() and calls[1][2] == calls[2][2] == calls[0][-1]
-    assert run(*calls[2][1:]).exit_code == 0
+    converted = run(*calls[2][1:])
+    assert converted.exit_code == 0, converted.output
+    assert Path(calls[2][3]).read_text().startswith("image: ")
     simulated = run("demo", "--scans", 10, "--output", "b").output.split("Next, with a log of your own")[1]
     assert re.findall(r"ndtree (\w+) drive.bag", simulated) == ["info", "map", "demo"]
 

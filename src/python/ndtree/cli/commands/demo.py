@@ -84,7 +84,7 @@ def demo(
         print(f"\n{comparison}")
     write_json(comparison, json_file)
     print(f"\nPictures: {', '.join(str(path) for path in pictures)}", file=say)
-    print(*_next_lines(context, log), sep="\n", file=say)
+    print(*_next_lines(context, log, opened.dim), sep="\n", file=say)
 
 
 def _first_lines(maps: dict[str, OccupancyMap], picture: Path) -> list[str]:
@@ -98,7 +98,7 @@ def _first_lines(maps: dict[str, OccupancyMap], picture: Path) -> list[str]:
     return ["", *lines, "", f"See {picture}. How true each of them is takes somewhat longer ..."]
 
 
-def _next_lines(context: typer.Context, log: Optional[Path]) -> list[str]:
+def _next_lines(context: typer.Context, log: Optional[Path], dim: int) -> list[str]:
     """Three commands to try next: on the same log if it is the user's own."""
     program = _program()
     if log is None:
@@ -110,13 +110,18 @@ def _next_lines(context: typer.Context, log: Optional[Path]) -> list[str]:
             f"  {program} demo drive.bag                      # this comparison of it",
         ]
     given = shlex.join([str(log), *_flags_of(context)])
-    target = shlex.quote(f"{log.name.split('.')[0] or 'map'}.ndt")
+    stem = log.name.split(".")[0] or "map"
+    target = shlex.quote(f"{stem}.ndt")
+    if dim == 2:
+        converted = f"{shlex.quote(stem + '.yaml')}  # for nav2; or .bt, .ply, .png, a bag ..."
+    else:
+        converted = f"{shlex.quote(stem + '.bt')}  # for OctoMap; or .ply, .pcd, .glb, .vtu, a bag ..."
     return [
         "",
         "Next, with the same log:",
         f"  {program} map {given} -o {target}  # its map; --watch shows how it grows",
         f"  {program} view {target}  # the map on a page in the browser",
-        f"  {program} convert {target} --help  # for nav2, OctoMap, meshes, point clouds ...",
+        f"  {program} convert {target} {converted}",
     ]
 
 
