@@ -9,6 +9,7 @@ import io
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -153,6 +154,63 @@ def test_demo_draws_and_names_its_pictures(log: Path, tmp_path: Path) -> None:
             assert str(folder / name) in done.output
             assert (folder / name).read_bytes().startswith(b"\x89PNG")
         assert "ray casts within 0.1 m" in done.output
+
+
+def test_demo_takes_beams_without_return_as_map_and_compare_do(tmp_path: Path) -> None:
+    """Whole rooms would be free outside of the walls if the simulated laser's no-returns were believed."""
+    office = tmp_path / "office.npz"
+    assert run("simulate", "office", "-o", office, "--scans", 160).exit_code == 0
+    chosen = {}
+    for name, call in (
+        ("demo", ("demo", "--scans", 160, "--output", tmp_path / "pictures")),
+        ("demo of the log", ("demo", office, "--output", tmp_path / "pictures")),
+        ("compare", ("compare", office, "--maps", "adaptive")),
+        ("map", ("map", office, "-o", tmp_path / "a.ndt")),
+    ):
+        done = run(*call)
+        assert done.exit_code == 0, done.output
+        (chosen[name],) = re.findall(r"--no-return (\w+)", done.output)
+    assert chosen == dict.fromkeys(chosen, "ignore")
+
+
+def test_demo_shows_the_maps_before_it_judges_them(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def judged(self: Any, progress: Any) -> None:
+        assert (tmp_path / "adaptive-fixed.png").read_bytes().startswith(b"\x89PNG")
+        raise ValueError("judging comes last")
+
+    monkeypatch.setattr("ndtree.evaluation.comparison.Trial.judged", judged)
+    done = run("demo", log, "--output", tmp_path)
+    assert done.exit_code == 1 and "judging comes last" in done.output
+    cells = ndtree.AdaptiveMap(dim=2)
+    for number, scan in enumerate(ndtree.read(log)):
+        if number % 10 != 9:
+            scan.insert_into(cells)
+    assert re.search(rf"^adaptive +{cells.stats().observed_leaves:,} cells", done.output, re.M)
+    assert f"See {tmp_path / 'adaptive-fixed.png'}." in done.output
+
+
+def test_demo_ends_with_three_calls_that_work(log: Path, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a log.txt").write_bytes(log.read_bytes())
+    done = run("demo", "a log.txt", "--every", 2, "--max-range", 5, "--no-return", "free", "--seed", 3)
+    assert done.exit_code == 0, done.output
+    calls = [
+        shlex.split(line, comments=True)
+        for line in done.output.split("Next, with the same log:")[1].splitlines()
+    ]
+    calls = [call for call in calls if call]
+    assert [call[:2] for call in calls] == [["ndtree", "map"], ["ndtree", "view"], ["ndtree", "convert"]]
+    assert sorted(calls[0][3:-2]) == ["--every=2", "--max-range=5.0", "--no-return=free"]
+    made = run(*calls[0][1:])
+    assert made.exit_code == 0, made.output
+    assert Path(calls[0][-1]).is_file() and calls[1][2] == calls[2][2] == calls[0][-1]
+    converted = run(*calls[2][1:])
+    assert converted.exit_code == 0, converted.output
+    assert Path(calls[2][3]).read_text().startswith("image: ")
+    simulated = run("demo", "--scans", 10, "--output", "b").output.split("Next, with a log of your own")[1]
+    assert re.findall(r"ndtree (\w+) drive.bag", simulated) == ["info", "map", "demo"]
 
 
 def test_info_of_a_log_and_of_a_map(log: Path, log_3d: Path, tmp_path: Path) -> None:

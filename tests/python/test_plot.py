@@ -22,6 +22,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 
 from ndtree import plot
 from ndtree.cells.lattice import Cells
+from ndtree.plot.close_ups import close_up_region
 from ndtree.plot.colors import CUBE_SIZE_COLORS, HEIGHT_COLORS
 from ndtree.plot.figures import SIZE_COLORS
 from ndtree.plot.images import MAX_IMAGE_CELLS
@@ -371,6 +372,38 @@ def test_without_matplotlib_the_extra_is_named() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "pip install 'ndtree-mapping[plot]'" in done.stdout
     assert done.stdout.count("\n") == 1
+
+
+def test_a_close_up_shows_both_maps_alike_and_counts_their_cells(flat: Any, tmp_path: Path) -> None:
+    fixed = inserted(ndtree.FixedMap(dim=2, cell_size=0.1))
+    figure = plot.close_up(flat, fixed, tmp_path / "a.png", dpi=60)
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    whole_fixed, whole, near_fixed, near = figure.axes
+    counts = [int(Cells.of(m).observed.sum()) for m in (fixed, flat)]
+    assert f"fixed, {counts[0]:,} cells" in whole_fixed.get_title(loc="left")
+    assert f"adaptive, {counts[1]:,} cells" in whole.get_title(loc="left")
+    ratio = counts[0] / counts[1]
+    said = f"{max(ratio, 1 / ratio):.1f} times {'fewer' if ratio >= 1 else 'more'}"
+    assert said in whole.get_title(loc="left")
+    for one, other in ((whole, whole_fixed), (near, near_fixed)):
+        assert (one.get_xlim(), one.get_ylim()) == (other.get_xlim(), other.get_ylim())
+    assert whole.get_xlim()[0] <= near.get_xlim()[0] < near.get_xlim()[1] <= whole.get_xlim()[1]
+    assert whole.get_ylim()[0] <= near.get_ylim()[0] < near.get_ylim()[1] <= whole.get_ylim()[1]
+    # Borders are drawn from close by only.
+    assert [bool(ax.collections) for ax in figure.axes] == [False, False, True, True]
+    chosen = plot.close_up(flat, fixed, region=(0.0, 1.0, 0.0, 0.5)).axes[3]
+    assert (*chosen.get_xlim(), *chosen.get_ylim()) == (0.0, 1.0, 0.0, 0.5)
+
+
+def test_a_close_up_is_where_surfaces_are() -> None:
+    m = ndtree.FixedMap(dim=2, cell_size=0.1)
+    across = np.linspace(-0.2, 0.2, 40)
+    for _ in range(4):  # A corridor of 60 m, with a wall at its far end alone.
+        ends = np.stack([np.full(40, 60.0), 3 * across], axis=1)
+        m.insert(ends, np.zeros(2))
+    x_min, x_max, y_min, y_max = close_up_region(Cells.of(m))
+    assert x_min < 60.0 <= x_max and y_min < 0.5 and y_max > -0.5
+    assert x_max - x_min < 12.0
 
 
 def test_a_million_leaves_are_drawn_in_seconds(tmp_path: Path) -> None:

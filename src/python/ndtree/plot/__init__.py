@@ -14,6 +14,7 @@ except ImportError as error:
         f"ndtree.plot needs matplotlib ({error}); install it with: pip install 'ndtree-mapping[plot]'"
     ) from None
 
+from ndtree.plot.close_ups import close_up
 from ndtree.plot.colors import COLORS, Coloring, coloring
 from ndtree.plot.cubes import occupied, projected
 from ndtree.plot.figures import FORMATS, STYLES
@@ -28,6 +29,7 @@ __all__ = [
     "Coloring",
     "cell_sizes",
     "cells",
+    "close_up",
     "coloring",
     "occupancy",
     "occupied",

@@ -17,7 +17,7 @@ __all__ = ["COMMANDS", "app", "every"]
 COMMANDS = {
     "demo": (
         "demo",
-        "Map a log in several ways, print what each map costs and how true it is, and draw them.",
+        "Map a log in several ways, draw the maps, and print what each costs and how true it is.",
     ),
     "simulate": (
         "simulate",

@@ -4,14 +4,15 @@
 import functools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Optional
+from typing import Any, Callable, Optional
 
 from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.logs import limit_of, made, print_settings, settled
 from ndtree.cli.commands.output import is_stdout
 from ndtree.cli.commands.progress import progress
-from ndtree.evaluation.comparison import DEFAULT_MAPS, Comparison, compare
+from ndtree.evaluation.comparison import DEFAULT_MAPS, Comparison, map_in_turns
 from ndtree.logs import Log
 from ndtree.maps.kinds import make_map
 from ndtree.tuning.scale import Scale
@@ -25,23 +26,25 @@ def compared(
     max_range: Optional[float],
     no_return: str,
     json_file: Optional[Path],
+    made_maps: Callable[[dict[str, OccupancyMap]], None] = lambda maps: None,
     **more: Any,
 ) -> Comparison:
+    """Maps of the log, compared; `made_maps` gets them before they are judged, which takes longer."""
     limit = limit_of(max_range)
     if more.get("held_out") == 1:
         raise WrongCall("--held-out 1: must be 0, or at least 2, or nothing is left to map")
     maps = maps or DEFAULT_MAPS
     if len(set(maps)) != len(maps):
         raise WrongCall(f"--maps {','.join(maps)}: must be different")
-    settings = dict(options)
-    size = settings.pop("min_cell_size", None)
+    fitting = dict(options)
+    size = fitting.pop("min_cell_size", None)
     for name in maps:
-        made(functools.partial(make_map, name, dim=log.dim, cell_size=size, **settings))
+        made(functools.partial(make_map, name, dim=log.dim, cell_size=size, **fitting))
     settings = settled(log, options, limit, no_return)
     limit, no_return = settings.max_range, settings.no_return
     with progress() as advance:
         try:
-            found = compare(
+            trial = map_in_turns(
                 log, maps, max_range=limit, no_return=no_return, progress=advance, **more, **options
             )
         except ValueError as error:
@@ -56,4 +59,6 @@ def compared(
         absurd = scale.warning()
         if absurd:
             print(f"{log.name}: {absurd}")
-    return found
+    made_maps(trial.map_objects)
+    with progress() as advance:
+        return trial.judged(advance)

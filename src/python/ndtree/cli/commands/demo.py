@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree demo``: a log mapped in several ways, and drawn."""
 
+import os
+import shlex
+import shutil
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
 from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.comparing import compared
 from ndtree.cli.commands.flags import map_options, reading_options
@@ -24,7 +28,7 @@ from ndtree.cli.commands.options import (
     World,
 )
 from ndtree.cli.commands.output import check_target, is_stdout, write_json
-from ndtree.cli.commands.pictures import draw_side_by_side, plotting
+from ndtree.cli.commands.pictures import draw_close_up, plotting
 
 
 @command("demo", epilog=examples("ndtree demo", "ndtree demo drive.bag --output pictures"))
@@ -32,6 +36,7 @@ from ndtree.cli.commands.pictures import draw_side_by_side, plotting
 @reading_options
 @map_options
 def demo(
+    context: typer.Context,
     log: LogArgument = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the pictures.")] = Path(
         "ndtree-demo"
@@ -45,7 +50,7 @@ def demo(
     options: Any = None,
     reading: Any = None,
 ) -> None:
-    """Map a log in several ways, print what each map costs and how true it is, and draw them.
+    """Map a log in several ways, draw the maps, and print what each costs and how true it is.
 
     Without LOG it simulates an office.
     """
@@ -56,19 +61,91 @@ def demo(
         maps.append("octomap")
     plot = plotting()
     check_target(json_file)
+    say = sys.stderr if is_stdout(json_file) else sys.stdout
+    pictures = [output / f"adaptive-{name.replace('@', '-')}.png" for name in maps[1:3]]
+
+    def show(made: dict[str, OccupancyMap]) -> None:
+        output.mkdir(parents=True, exist_ok=True)
+        for name, path in zip(maps[1:3], pictures):
+            draw_close_up(plot, made["adaptive"], made[name], path)
+        print(*_first_lines(made, pictures[0]), sep="\n", file=say, flush=True)
+
     comparison = compared(
-        opened, maps, options, max_range=max_range, no_return=no_return.value, json_file=json_file
+        opened,
+        maps,
+        options,
+        max_range=max_range,
+        no_return=no_return.value,
+        json_file=json_file,
+        made_maps=show,
     )
     warn_of_skipped(opened)
     if not is_stdout(json_file):
-        print(comparison)
+        print(f"\n{comparison}")
     write_json(comparison, json_file)
-    objects = comparison.map_objects
-    output.mkdir(parents=True, exist_ok=True)
-    pictures = [output / f"adaptive-{name.replace('@', '-')}.png" for name in maps[1:3]]
-    for name, path in zip(maps[1:3], pictures):
-        draw_side_by_side(plot, objects["adaptive"], objects[name], path)
-    say = sys.stderr if is_stdout(json_file) else sys.stdout
-    print(file=say)
-    for path in pictures:
-        print(path, file=say)
+    print(f"\nPictures: {', '.join(str(path) for path in pictures)}", file=say)
+    print(*_next_lines(context, log, opened.dim), sep="\n", file=say)
+
+
+def _first_lines(maps: dict[str, OccupancyMap], picture: Path) -> list[str]:
+    """What the maps need, before they are judged, and the picture of it."""
+    stats = {name: one.stats() for name, one in maps.items()}
+    widths = max(len(name) for name in stats), max(len(f"{s.observed_leaves:,}") for s in stats.values())
+    lines = [
+        f"{name:<{widths[0]}}  {s.observed_leaves:>{widths[1]},} cells  {s.memory_bytes / 2**20:6.2f} MiB"
+        for name, s in stats.items()
+    ]
+    return ["", *lines, "", f"See {picture}. How true each of them is takes somewhat longer ..."]
+
+
+def _next_lines(context: typer.Context, log: Optional[Path], dim: int) -> list[str]:
+    """Three commands to try next: on the same log if it is the user's own."""
+    program = _program()
+    if log is None:
+        return [
+            "",
+            "Next, with a log of your own (a bag, a folder of clouds or depth images, CARMEN, .npz ...):",
+            f"  {program} info drive.bag                      # can it be read, and what is in it?",
+            f"  {program} map drive.bag -o drive.ndt --watch  # its map, which grows on a page",
+            f"  {program} demo drive.bag                      # this comparison of it",
+        ]
+    given = shlex.join([str(log), *_flags_of(context)])
+    stem = log.name.split(".")[0] or "map"
+    target = shlex.quote(f"{stem}.ndt")
+    if dim == 2:
+        converted = f"{shlex.quote(stem + '.yaml')}  # for nav2; or .bt, .ply, .png, a bag ..."
+    else:
+        converted = f"{shlex.quote(stem + '.bt')}  # for OctoMap; or .ply, .pcd, .glb, .vtu, a bag ..."
+    return [
+        "",
+        "Next, with the same log:",
+        f"  {program} map {given} -o {target}  # its map; --watch shows how it grows",
+        f"  {program} view {target}  # the map on a page in the browser",
+        f"  {program} convert {target} {converted}",
+    ]
+
+
+def _program() -> str:
+    """How this program is called from here: by its name, if the shell finds it, or by its place."""
+    here = Path(sys.argv[0])
+    found = shutil.which("ndtree")
+    if found is None and here.name == "ndtree" and here.is_file():
+        return shlex.quote(os.path.relpath(here) if here.is_relative_to(Path.cwd()) else str(here))
+    return "ndtree"
+
+
+def _flags_of(context: typer.Context) -> list[str]:
+    """The flags that were given and that mapping the log takes, too."""
+    flags = []
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        if source is None or source.name != "COMMANDLINE" or name in ("log", "output", "seed", "json_file"):
+            continue
+        value = context.params[name]
+        flag = parameter.opts[0]
+        if value is True:
+            flags.append(flag)
+        for one in value if isinstance(value, (list, tuple)) else [value] if value is not True else []:
+            flags += [f"{flag}={getattr(one, 'value', one)}"]
+    return flags

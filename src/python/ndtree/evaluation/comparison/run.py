@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
 from ndtree.base.held_out import is_held_out
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
@@ -94,6 +96,33 @@ def compare(
     ValueError
         If an option is out of its limits, or the log is damaged or empty.
     """
+    trial = map_in_turns(
+        log,
+        maps,
+        held_out=held_out,
+        max_range=max_range,
+        no_return=no_return,
+        repeat=repeat,
+        cell_size=cell_size,
+        progress=progress,
+        **options,
+    )
+    return trial.judged(progress)
+
+
+def map_in_turns(
+    log: Log | Iterable[Scan],
+    maps: Maps | None = None,
+    *,
+    held_out: int = 10,
+    max_range: float = math.inf,
+    no_return: str = AUTO,
+    repeat: int = 1,
+    cell_size: float | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Trial:
+    """The first half of `compare`, with the same arguments: makes the maps, quicker than judging them."""
     for name, value, least in (("held_out", held_out, 0), ("repeat", repeat, 1)):
         if value < least:
             raise ValueError(f"{name} = {value}: must be >= {least}")
@@ -125,42 +154,86 @@ def compare(
         for name, make in makers.items():
             label = name if repeat == 1 else f"{name}, run {run + 1}"
             build_once(built[name], make, mapped, max_range, partial(progress, label))
+    return Trial(log, scans, mapped, unseen, built, max_range, held_out, no_return, repeat)
 
-    space = seen_space(log, list(mapped.values()), max_range, partial(progress, "what the scans saw"))
-    rows = []
-    for name, one in built.items():
-        row = figures_of(name, one)
-        row["truth"] = held_out_truth(one.map, unseen, max_range, partial(progress, f"{name}, truth"))
-        row["claims"] = claims_of(one.map, space)
-        rows.append(row)
-    if isinstance(log, SimulatedLog):
-        exact = ExactTruth(log, scans, max_range)
-        for row in rows:
-            row["exact"] = exact.of(built[row["map"]].map)
 
-    first = next(iter(built.values()))
-    map_objects = {name: one.map for name, one in built.items()}
-    result = Comparison(
-        log=getattr(log, "name", "scans"),
-        dim=dim,
-        branching=first.map.branching,
-        scans=len(scans),
-        scans_mapped=len(mapped),
-        beams={outcome: first.beams[outcome] for outcome in OUTCOMES},
-        parameters={
-            **_plain(first.map.options),
-            "held_out": held_out,
-            "max_range": finite_or_none(max_range),
-            "no_return": no_return,
-            "repeat": repeat,
-            "maps": {name: _plain(one.map.options) for name, one in built.items()},
-        },
-        maps=rows,
-        truth_by_cell_size=truth_by_size(map_objects, unseen, max_range),
-        ratios=_ratios(rows),
-    )
-    result.map_objects = map_objects
-    return result
+@dataclass(frozen=True)
+class Trial:
+    """Maps of one log, which have not been judged yet.
+
+    Parameters
+    ----------
+    log : Log or iterable of Scan
+    scans : list of Scan
+        All of them, without the beams that say nothing.
+    mapped : dict of int to Scan
+        Those that were mapped, by their numbers.
+    unseen : list of Scan
+        Those that were held out.
+    built : dict of str to Built
+        The maps, by name.
+    max_range, held_out, no_return, repeat
+        As `compare` took them, but "auto" is decided.
+    """
+
+    log: Log | Iterable[Scan]
+    scans: list[Scan]
+    mapped: dict[int, Scan]
+    unseen: list[Scan]
+    built: dict[str, Built]
+    max_range: float
+    held_out: int
+    no_return: str
+    repeat: int
+
+    @property
+    def map_objects(self) -> dict[str, OccupancyMap]:
+        """The maps, by name."""
+        return {name: one.map for name, one in self.built.items()}
+
+    def judged(self, progress: Progress | None = None) -> Comparison:
+        """What each map costs and how true it is."""
+        progress = progress or no_progress
+        log, max_range, built = self.log, self.max_range, self.built
+        space = seen_space(
+            log, list(self.mapped.values()), max_range, partial(progress, "what the scans saw")
+        )
+        rows = []
+        for name, one in built.items():
+            row = figures_of(name, one)
+            row["truth"] = held_out_truth(
+                one.map, self.unseen, max_range, partial(progress, f"{name}, truth")
+            )
+            row["claims"] = claims_of(one.map, space)
+            rows.append(row)
+        if isinstance(log, SimulatedLog):
+            exact = ExactTruth(log, self.scans, max_range)
+            for row in rows:
+                row["exact"] = exact.of(built[row["map"]].map)
+
+        first = next(iter(built.values()))
+        map_objects = self.map_objects
+        result = Comparison(
+            log=getattr(log, "name", "scans"),
+            dim=self.scans[0].dim,
+            branching=first.map.branching,
+            scans=len(self.scans),
+            scans_mapped=len(self.mapped),
+            beams={outcome: first.beams[outcome] for outcome in OUTCOMES},
+            parameters={
+                **_plain(first.map.options),
+                "held_out": self.held_out,
+                "max_range": finite_or_none(max_range),
+                "no_return": self.no_return,
+                "repeat": self.repeat,
+                "maps": {name: _plain(one.map.options) for name, one in built.items()},
+            },
+            maps=rows,
+            truth_by_cell_size=truth_by_size(map_objects, self.unseen, max_range),
+            ratios=_ratios(rows),
+        )
+        result.map_objects = map_objects
+        return result
 
 
 def _loaded(log: Log | Iterable[Scan], progress: Progress) -> list[Scan]:

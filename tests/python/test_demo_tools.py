@@ -1,0 +1,452 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""tools/demo looks at the machine first, says in one line what is missing, and then how far its build is.
+
+Compilers, packages, memory and disks are made up: programs of a test's own on PATH, and functions that the
+scripts call. Nothing is built or installed.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+pty = pytest.importorskip("pty")
+_spec = importlib.util.spec_from_file_location("build_progress", ROOT / "tools/build_progress.py")
+build_progress = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(build_progress)
+
+if shutil.which("bash") is None:
+    pytest.skip("no bash here", allow_module_level=True)
+
+#: What the scripts call, beside what a test makes up.
+NEEDED = "awk bash basename cat df dirname env grep head mkdir nproc rm sed sleep tail tr uname"
+
+
+class Machine:
+    """A folder of programs that is all of PATH, and a copy of the scripts, which write beside themselves."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.root = folder / "ndtree"
+        self.programs = folder / "bin"
+        self.programs.mkdir(parents=True)
+        for name in NEEDED.split():
+            (self.programs / name).symlink_to(shutil.which(name) or pytest.skip(f"no {name} here"))
+        (self.root / "tools").mkdir(parents=True)
+        for name in ("demo", "setup", "machine", "build_progress.py"):
+            shutil.copy(ROOT / "tools" / name, self.root / "tools" / name)
+        shutil.copy(ROOT / "pyproject.toml", self.root)
+        self.has("c++", "exit 0")
+
+    def has(self, name: str, script: str) -> None:
+        """A program; what it is called with is in the file "calls"."""
+        path = self.programs / name
+        path.unlink(missing_ok=True)
+        path.write_text(f'#!/bin/bash\necho "{name} $*" >>"{self.folder}/calls"\n{script}\n')
+        path.chmod(0o755)
+
+    def lacks(self, *names: str) -> None:
+        for name in names:
+            (self.programs / name).unlink(missing_ok=True)
+
+    @property
+    def calls(self) -> list[str]:
+        path = self.folder / "calls"
+        return path.read_text().splitlines() if path.exists() else []
+
+    def run(self, code: str, **env: str) -> subprocess.CompletedProcess[str]:
+        """Shell code, after the scripts' functions."""
+        begin = f'cd "{self.root}"; source tools/setup; source tools/machine\n'
+        return self.call("bash", "-c", begin + code, **env)
+
+    def call(self, *command: str | Path, **env: str) -> subprocess.CompletedProcess[str]:
+        given = {"PATH": str(self.programs), "HOME": str(self.folder), **env}
+        return subprocess.run(command, capture_output=True, text=True, check=False, env=given)
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    return Machine(tmp_path)
+
+
+def refused(done: subprocess.CompletedProcess[str], *expected: str) -> None:
+    """One line says what is wrong, and the script ends."""
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    for text in expected:
+        assert text in done.stderr
+
+
+# --- What is looked at first ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("memory", "swap", "cores", "jobs", "said"),
+    [
+        (16000, 0, 4, 4, ""),
+        (4096, 0, 4, 4, ""),
+        (4095, 0, 4, 3, "Compiling with 3 of 4 cores: 4.0 GB of memory are free"),
+        (1900, 0, 2, 1, "Compiling with 1 of 2 cores: 1.9 GB of memory are free"),
+        (700, 2048, 2, 1, "Compiling with 1 of 2 cores: 0.7 GB of memory are free"),
+        ("", "", 8, 8, ""),  # A system that does not say.
+    ],
+)
+def test_as_many_compilers_run_as_the_memory_is_for(
+    machine: Machine, memory: object, swap: object, cores: int, jobs: int, said: str
+) -> None:
+    machine.has("nproc", f"echo {cores}")
+    known = f"available_memory() {{ echo {memory}; }}; free_swap() {{ echo {swap}; }}\n"
+    done = machine.run(known + 'check_memory; echo "jobs $CMAKE_BUILD_PARALLEL_LEVEL"')
+    assert done.returncode == 0, done.stderr
+    *lines, last = done.stdout.splitlines()
+    assert last == f"jobs {jobs}"
+    assert len(lines) == bool(said) and "".join(lines).startswith(said)
+    # A number that the user chose stays.
+    done = machine.run(
+        known + "check_memory; echo $CMAKE_BUILD_PARALLEL_LEVEL", CMAKE_BUILD_PARALLEL_LEVEL="7"
+    )
+    assert done.stdout == "7\n"
+
+
+def test_less_memory_than_one_compiler_needs_is_refused(machine: Machine) -> None:
+    done = machine.run("available_memory() { echo 600; }; free_swap() { echo 100; }; check_memory")
+    refused(done, "0.6 GB of memory are free", "needs up to 1.0 GB", "add swap")
+
+
+def test_memory_is_what_the_system_says(machine: Machine) -> None:
+    done = machine.run("memory_field MemTotal; available_memory")
+    total, available = (int(line) for line in done.stdout.split())
+    assert 0 < available <= total
+    kib = int(re.search(r"MemTotal: +(\d+) kB", Path("/proc/meminfo").read_text())[1])
+    assert total == kib // 1024
+
+
+@pytest.mark.parametrize(("there", "free", "needed"), [(False, 1400, "1.5 GB"), (True, 200, "0.3 GB")])
+def test_too_little_disk_is_refused(machine: Machine, there: bool, free: int, needed: str) -> None:
+    machine.has("df", f'echo "Filesystem 1M Used Available"; echo "/dev/x 9 9 {free} 1% /"')
+    if there:
+        (machine.root / ".venv/bin").mkdir(parents=True)
+        (machine.root / "build").mkdir()
+        (machine.root / ".venv/bin/ndtree").write_text("")
+        (machine.root / ".venv/bin/ndtree").chmod(0o755)
+    refused(machine.run("check_disk"), str(machine.root), f"{free / 1024:.1f} GB of disk are free", needed)
+    machine.has("df", f'echo "Filesystem 1M Used Available"; echo "/dev/x 9 9 {free + 110} 1% /"')
+    assert machine.run("check_disk").returncode == 0
+
+
+def test_a_compiler_that_is_missing_or_too_old_is_refused(machine: Machine) -> None:
+    machine.has("c++", "[[ $* == --version ]] && echo 'c++ (Debian 4.9) 4.9.2' && exit 0; exit 1")
+    refused(machine.run("check_compiler"), "c++ (Debian 4.9) 4.9.2) does not compile C++17", "GCC 9")
+    refused(machine.run("check_compiler", CXX="g++-99"), 'no C++ compiler "g++-99"', "named in CXX")
+    machine.lacks("c++")
+    refused(
+        machine.run("check_compiler"), "no C++ compiler: expected GCC 9", "apt-get install build-essential"
+    )
+    # Where tools/setup will install one, nothing is said.
+    machine.has("dpkg-query", "exit 1")
+    machine.has("sudo", 'exec "$@"')
+    done = machine.run("check_compiler")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_the_compiler_here_is_taken() -> None:
+    if shutil.which("c++") is None:
+        pytest.skip("no c++ here")
+    code = f'source "{ROOT}/tools/setup"; source "{ROOT}/tools/machine"; check_compiler'
+    done = subprocess.run(["bash", "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("system", "known"),
+    [
+        ('ID=debian\nVERSION_ID="12"', True),
+        ('ID=debian\nVERSION_ID="13"', True),
+        ('ID=ubuntu\nVERSION_ID="22.04"', True),
+        ('ID=ubuntu\nVERSION_ID="24.04"', True),
+        ('ID=fedora\nVERSION_ID=41\nPRETTY_NAME="Fedora Linux 41"', False),
+        ('ID=debian\nPRETTY_NAME="Debian GNU/Linux trixie/sid"', False),
+    ],
+)
+def test_other_systems_are_named(machine: Machine, system: str, known: bool) -> None:
+    release = machine.folder / "os-release"
+    release.write_text(system)
+    done = machine.run("check_system", OS_RELEASE=str(release))
+    assert done.returncode == 0
+    if known:
+        assert done.stdout == ""
+    else:
+        name = re.search('PRETTY_NAME="(.*)"', system)[1]
+        assert done.stdout.startswith(f"{name} is none of the systems") and done.stdout.count("\n") == 1
+
+
+# --- Packages ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def debian(machine: Machine) -> Machine:
+    """A system with apt, whose installed packages, and those of its release, are lists in files."""
+    machine.has("sudo", 'exec "$@"')
+    machine.has("python3", "exit 0")
+    installed, known = machine.folder / "installed", machine.folder / "known"
+    installed.touch()
+    known.write_text("build-essential\n")
+    machine.has("dpkg-query", f'grep -qx "${{@: -1}}" "{installed}" && printf "install ok installed"')
+    # As apt-cache writes it, with more lines than a pipe holds.
+    machine.has(
+        "apt-cache",
+        f'grep -qx "$2" "{known}" && found=1\necho "$2:"; echo "  Installed: (none)"\n'
+        'echo "  Candidate: ${found:-(none)}"\n'
+        'for ((i = 0; i < 3000; i++)); do echo "  Version table $i of what is known"; done',
+    )
+    machine.has(
+        "apt-get",
+        f'for word; do grep -qx -- "$word" "{known}" && echo "$word" >>"{installed}"; done\n'
+        f"[[ $* != *install* || $* != *missing-one* ]]",
+    )
+    return machine
+
+
+PACKAGES = "apt_build=(build-essential cmake) apt_optional=(liboctomap-dev) apt_optional_test=(chromium)\n"
+
+
+def test_packages_that_a_release_lacks_are_passed_over_if_they_are_optional(debian: Machine) -> None:
+    (debian.folder / "known").write_text("build-essential\ncmake\nliboctomap-dev\nlibgtest-dev\n")
+    done = debian.run(PACKAGES + "apt_optional_docs=(); setup_system test")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "This release has no package chromium: going on without\n" in done.stdout
+    (install,) = (call for call in debian.calls if call.startswith("apt-get") and " install " in call)
+    assert install.split("--no-install-recommends ")[1].split() == [
+        "build-essential", "cmake", "libgtest-dev", "liboctomap-dev"
+    ]  # fmt: skip
+    # The next time nothing is fetched for it.
+    (debian.folder / "calls").unlink()
+    done = debian.run(PACKAGES + "apt_optional_docs=(); setup_system test")
+    assert done.returncode == 0 and "no package chromium: going on without" in done.stdout
+    assert not [call for call in debian.calls if call.startswith("apt-get")]
+
+
+def test_packages_that_a_release_lacks_are_named_if_they_are_needed(debian: Machine) -> None:
+    done = debian.run(PACKAGES + "setup_system demo")
+    refused(done, "this release has no package cmake, which is needed")
+
+
+def test_the_end_of_what_apt_said_is_shown_when_it_fails(debian: Machine) -> None:
+    debian.has("apt-get", "echo E: no network; exit 100")
+    done = debian.run(PACKAGES + "setup_system demo")
+    assert done.returncode == 1
+    assert "E: no network" in done.stderr and "apt-get failed; the whole output is in" in done.stderr
+
+
+def test_with_all_packages_there_nobody_has_to_be_root(debian: Machine) -> None:
+    (debian.folder / "installed").write_text("build-essential\ncmake\nliboctomap-dev\n")
+    debian.lacks("sudo")
+    done = debian.run(PACKAGES + "setup_system demo")
+    assert done.stdout == "Debian packages: all there\n"
+    assert not [call for call in debian.calls if call.startswith("apt-get")]
+
+
+# --- How far a build is -----------------------------------------------------------------------------
+
+PARTS = [
+    *(f"CMakeFiles/ndtree_prebuilt.dir/src/prebuilt/maps_{d}.cpp.o" for d in (2, 3, 4)),
+    "src/python/bindings/CMakeFiles/_core.dir/cmake_pch.hxx.gch",
+    *(f"src/python/bindings/CMakeFiles/_core.dir/map_{n}_{d}.cpp.o" for n, d in ((2, 2), (2, 3), (3, 3))),
+    "tools/CMakeFiles/ndtree_log_input.dir/compare/npz.cpp.o",
+]
+PLAN = "".join(
+    f"build {part}{' | ' + part + '.d' if 'gch' in part else ''}: CXX_COMPILER__x_Release {part}.in\n"
+    for part in (*PARTS, "tests/cpp/CMakeFiles/a.dir/b.cpp.o", "tools/CMakeFiles/ndtree-bench.dir/m.cpp.o")
+)
+
+
+def log_of(parts: list[str], total: int) -> str:
+    return "-- Build files have been written\n" + "".join(
+        f"[{i}/{total}] Building CXX object {part}\n" for i, part in enumerate(parts, 1)
+    )
+
+
+def test_a_first_build_is_weighed_by_what_its_parts_cost() -> None:
+    objects = build_progress.objects_of(PLAN)
+    assert objects == PARTS, "neither tests nor benchmarks"
+    whole = sum(map(build_progress.cost, PARTS))
+    shares = []
+    for n in range(1, len(PARTS) + 1):
+        share, text = build_progress.share(log_of(PARTS[:n], len(PARTS) + 1), objects, jobs=1)
+        done = sum(map(build_progress.cost, PARTS[:n])) / whole
+        assert done <= share <= min(1.0, done + 8.0 / whole + 1e-9)
+        assert text == f"{n} of {len(PARTS) + 1}, last {Path(PARTS[n - 1]).name.removesuffix('.o')}"
+        shares.append(share)
+    assert shares == sorted(shares) and shares[-1] == pytest.approx(1.0)
+
+
+def test_where_few_parts_are_made_anew_they_are_counted() -> None:
+    objects = build_progress.objects_of(PLAN)
+    share, text = build_progress.share(log_of([PARTS[4]], 2), objects)
+    assert (share, text) == (0.5, "1 of 2, last map_2_2.cpp")
+    # Another build in the same log begins from the front.
+    text = log_of(PARTS, len(PARTS)) + log_of(PARTS[:1], len(PARTS))
+    first = build_progress.share(log_of(PARTS[:1], len(PARTS)), objects)
+    assert build_progress.share(text, objects) == first
+    make = "[ 25%] Building CXX object a/b.cpp.o\n[ 50%] Linking CXX executable c/d\n"
+    assert build_progress.share(make, []) == (0.5, "50 %, last d")
+    assert build_progress.share("-- The CXX compiler identification is GNU\n", [])[0] == 0.0
+
+
+def test_the_time_left_is_that_of_the_same_pace() -> None:
+    assert build_progress.left(0.25, 60.0) == pytest.approx(180.0)
+    assert build_progress.left(0.05, 60.0) is None and build_progress.left(0.5, 1.0) is None
+    assert build_progress.line_of("3 of 9", 0.25, 60.0) == "3 of 9, 1:00, some 3:00 left"
+    assert build_progress.line_of("3 of 9", 0.0, 61.0) == "3 of 9, 1:01"
+
+
+@pytest.fixture
+def build(tmp_path: Path) -> Path:
+    (tmp_path / "build.ninja").write_text(PLAN)
+    (tmp_path / "log").write_text(log_of(PARTS[:2], len(PARTS)))
+    return tmp_path
+
+
+def progress_of(build: Path) -> list[str]:
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import build_progress as b\n"
+        "b.LOOK, b.LINE = 0.02, 0.05\n"
+        "b.main(*sys.argv[2:])"
+    )
+    return [sys.executable, "-c", code, str(ROOT / "tools"), str(build / "log"), str(build)]
+
+
+def test_without_a_terminal_there_is_a_line_now_and_then(build: Path) -> None:
+    process = subprocess.Popen(progress_of(build), stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    lines = [process.stdout.readline() for _ in range(3)]
+    process.send_signal(signal.SIGTERM)
+    rest, _ = process.communicate(timeout=20)
+    assert process.returncode == 0 and "\x1b" not in "".join(lines) + rest
+    assert all(re.fullmatch(r"2 of 8, last maps_3\.cpp, 0:0\d\n", line) for line in lines)
+
+
+def test_on_a_terminal_one_line_changes_and_is_gone_at_the_end(build: Path) -> None:
+    near, far = pty.openpty()
+    process = subprocess.Popen(progress_of(build), stdout=far)
+    os.close(far)
+    text = read_until(near, "last maps_3.cpp")
+    (build / "log").write_text(log_of(PARTS[:3], len(PARTS)))
+    text += read_until(near, "last maps_4.cpp")
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=20) == 0
+    text += read_until(near, None)
+    os.close(near)
+    assert "\n" not in text, "it stays one line"
+    assert text.endswith("\r\x1b[2K")
+
+
+def read_until(end: int, expected: str | None) -> str:
+    """What a terminal shows, up to a text, or up to its end."""
+    text, give_up = "", time.monotonic() + 20
+    while expected is None or expected not in text:
+        assert time.monotonic() < give_up, text
+        if not select.select([end], [], [], 0.1)[0]:
+            continue
+        try:
+            part = os.read(end, 10_000)
+        except OSError:  # Linux says so that the other side has left.
+            return text
+        if not part:
+            return text
+        text += part.decode()
+    return text
+
+
+# --- All of it --------------------------------------------------------------------------------------
+
+
+def python_for_all() -> str:
+    """An interpreter that other users can read, too, if there is one."""
+    return shutil.which("python3", path="/usr/bin:/usr/local/bin") or os.path.realpath(sys.executable)
+
+
+@pytest.fixture
+def built(request: pytest.FixtureRequest) -> Iterator[Machine]:
+    """A machine with all packages, where pip and CMake only pretend to build; others may read it."""
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o755)
+    machine = Machine(folder)
+    machine.has("dpkg-query", 'printf "install ok installed"')
+    machine.has("cmake", "exit 0")
+    bin_folder = machine.root / ".venv/bin"
+    bin_folder.mkdir(parents=True)
+    python = bin_folder / "python"
+    lines = log_of(PARTS, len(PARTS)).replace("\n", "\\n")
+    real_python = python_for_all()
+    python.write_text(
+        '#!/bin/bash\nif [[ "$1 $2" == "-m pip" ]]; then\n'
+        f'  [[ $* == *build-dir* ]] && printf %b "{lines}" && sleep 1.5\n'
+        f'  exit 0\nfi\nexec "{real_python}" "$@"\n'
+    )
+    (bin_folder / "ndtree").write_text('#!/bin/bash\necho "ndtree $*"\n')
+    machine.has("python3", f'exec "{real_python}" "$@"')
+    for path in (python, bin_folder / "ndtree"):
+        path.chmod(0o755)
+    for path in [machine.root, *machine.root.rglob("*")]:
+        path.chmod(0o777 if path.is_dir() else 0o755)
+    machine.folder.joinpath("calls").touch()
+    machine.folder.joinpath("calls").chmod(0o666)
+    yield machine
+    shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize("root", [True, False])
+def test_the_demo_sets_up_builds_and_calls_ndtree(built: Machine, root: bool) -> None:
+    as_user: list[str] = []
+    if not root:
+        if os.geteuid() != 0 or shutil.which("setpriv") is None:
+            pytest.skip("cannot become another user here")
+        as_user = [shutil.which("setpriv") or "", "--reuid=65534", "--regid=65534", "--clear-groups"]
+        for path in (python_for_all(), built.root):
+            if subprocess.run([*as_user, "test", "-r", path], check=False).returncode:
+                pytest.skip(f"others cannot read {path}")
+    done = built.call(*as_user, "bash", built.root / "tools/demo", "a log.bag", "--every", "2")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert next(line for line in lines if line.startswith("==")) == "== Set up"
+    assert "Debian packages: all there" in lines and "Python packages: all there" in lines
+    assert lines[-1] == "ndtree demo a log.bag --every 2"
+    assert sum(bool(re.fullmatch(r"ok, \d+ s", line)) for line in lines) >= 1
+
+
+def test_the_demo_shows_on_a_terminal_how_far_its_build_is(built: Machine) -> None:
+    near, far = pty.openpty()
+    env = {"PATH": str(built.programs), "HOME": str(built.folder), "TERM": "xterm"}
+    process = subprocess.Popen(["bash", built.root / "tools/demo"], stdout=far, stderr=far, env=env)
+    os.close(far)
+    shown = read_until(near, None)
+    assert process.wait(timeout=20) == 0
+    os.close(near)
+    after_heading = shown[shown.index("== Build") :]
+    assert "8 of 8, last npz.cpp, 0:0" in after_heading
+    line = after_heading.index("8 of 8")
+    # The line is gone before the result is written.
+    assert re.search(r"\r\x1b\[2Kok, \d s\r\n", after_heading[line:])
+    assert shown.rstrip().endswith("ndtree demo")
+
+
+def test_the_demo_stops_before_it_installs_anything(built: Machine) -> None:
+    built.has("c++", "exit 1")
+    done = built.call("bash", built.root / "tools/demo")
+    refused(done, "demo: c++", "does not compile C++17")
+    assert done.stdout == "\n== Set up\n"
