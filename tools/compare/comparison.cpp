@@ -48,7 +48,13 @@ template <class Map, int D>
 InsertReport insert_alone(Map& map, const Scan<D>& scan, double max_range) {
   return map.insert(scan, max_range, 1);
 }
+/// What queries need of a map: they are compiled once for several refinements.
+template <int N, int D, class Cell>
+const MapCells<N, D, Cell>& asked(const MapCells<N, D, Cell>& map) {
+  return map;
+}
 #ifdef NDTREE_HAVE_OCTOMAP
+const OctomapBaseline& asked(const OctomapBaseline& map) { return map; }
 template <int D>
 InsertReport insert_alone(OctomapBaseline& map, const Scan<D>& scan, double max_range) {
   return map.insert(scan, max_range);
@@ -171,8 +177,8 @@ Candidate<D> candidate(const std::string& name, const Job<D>& job, Make make) {
     describe(map, into);
     for (std::size_t i = 0; i < job.scans.size(); ++i)
       if (job.is_held_out(i))
-        evaluate(map, job.scans[i].view(), job.options.max_range, into.truth, job.options.truth);
-    into.claims = claims(map, space);
+        evaluate(asked(map), job.scans[i].view(), job.options.max_range, into.truth, job.options.truth);
+    into.claims = claims(asked(map), space);
     return report;
   };
   result.seconds = [&job, make] {

@@ -172,30 +172,37 @@ class CoverageModel {
                                       double beams) const {
     using Parts = CellParts<N, D>;
     constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
-    const double missing_below =
-        kOne * std::min(least_seen_, 1.0 - std::sqrt(2.0 * kRounding / scan.beams_for_child()));  // In units.
+    const double beams_for_child = scan.beams_for_child();
+    const std::int64_t missing_below = units_from<N, D>(
+        std::max(0.0, std::min(least_seen_, 1.0 - std::sqrt(2.0 * kRounding / beams_for_child))));
     std::int64_t least = kOne;                       // Seen of the least seen child in parts not seen before.
     std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
     std::uint32_t with_missing = 0;                  // Parts of which a child is missing.
+#ifdef __GNUC__
+#pragma GCC unroll 8
+#endif
     for (int j = 0; j < Parts::kNumChildren; ++j) {
       const auto part = static_cast<std::size_t>(Parts::of_child(j));
       const std::int64_t of_child = std::min(kOne, scan.units_of_child(j));
       seen[part] += of_child;
       least = std::min(least, (seen_before >> part & 1u) == 0 ? of_child : kOne);
-      with_missing |= static_cast<std::uint32_t>(static_cast<double>(of_child) < missing_below) << part;
+      with_missing |= static_cast<std::uint32_t>(of_child < missing_below) << part;
     }
     CoverageVerdict verdict{seen_before};
+#ifdef __GNUC__
+#pragma GCC unroll 8
+#endif
     for (int p = 0; p < Parts::kCount; ++p) {
-      const bool is_seen = static_cast<double>(seen[static_cast<std::size_t>(p)]) >=
-                           least_seen_ * kRounding * kOne * Parts::num_children(p);
-      verdict.parts |= static_cast<std::uint32_t>(is_seen && (with_missing >> p & 1u) == 0) << p;
+      const bool is_seen = seen[static_cast<std::size_t>(p)] >=
+                           units_from<N, D>(least_seen_ * kRounding * Parts::num_children(p));
+      verdict.parts |= static_cast<std::uint32_t>(is_seen) << p & ~with_missing;
     }
     // Beams so far apart that fewer than two would pass a smallest cell.
-    const bool are_few = size < N + 0.5 && scan.beams_for_child() < 2.0 && verdict.parts != 0;
+    const bool are_few = size < N + 0.5 && beams_for_child < 2.0 && verdict.parts != 0;
     const bool may_split = size > least_to_split_;
     const bool has_enough = are_few || are_enough<N, D>(verdict.parts, size);
-    const bool is_missing = static_cast<double>(least) < missing_below ||
-                            (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
+    const bool is_missing =
+        least < missing_below || (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
     verdict.shows_more = is_missing && may_split;
     verdict.is_enough = !verdict.shows_more && has_enough;
     verdict.is_covered = verdict.is_enough && all_seen(scan, covered<N>(size));
@@ -203,6 +210,13 @@ class CoverageModel {
   }
 
  private:
+  /// The least number of units that is not less than a fraction of a child. @param fraction not negative.
+  template <int N, int D>
+  [[nodiscard]] static std::int64_t units_from(double fraction) {
+    const double units = fraction * ScanCoverage<N, D>::kOne;
+    const auto whole = static_cast<std::int64_t>(units);
+    return whole + (static_cast<double>(whole) < units);
+  }
   template <int N, int D>
   [[nodiscard]] static bool all_seen(const ScanCoverage<N, D>& scan, double fraction) {
     const auto least = static_cast<std::int64_t>(fraction * kRounding * ScanCoverage<N, D>::kOne);

@@ -9,37 +9,15 @@
 #include <variant>
 #include <vector>
 
-#include "ndtree/logs/simulator.hpp"
 #include "python_map.hpp"
+#include "seen_space.hpp"
+#include "simulated_log.hpp"
 
 namespace ndtree::python {
 
 using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
 
 namespace {
-
-template <int D>
-AnySeenSpace seen_space(const std::vector<BeamArrays>& scans, const py::object& simulation, double max_range,
-                        const ClaimsOptions& options) {
-  std::vector<ScanView<D>> views;
-  views.reserve(scans.size());
-  for (const BeamArrays& scan : scans) views.push_back(scan.pointers().view<D>());
-  if constexpr (D <= 3) {
-    if (!simulation.is_none()) {
-      if (!py::isinstance<SimulatedLog<D>>(simulation))
-        throw py::value_error("simulation: must be a simulated log with dim = " + std::to_string(D) +
-                              ", as the scans");
-      const auto& log = simulation.cast<const SimulatedLog<D>&>();
-      const double farthest = max_range > log.range.max_range ? log.range.max_range : max_range;
-      const Released released;
-      return {SeenSpace<D>(views, farthest, options, log.world)};
-    }
-  } else if (!simulation.is_none()) {
-    throw py::value_error("simulation: must be None for scans with dim = " + std::to_string(D));
-  }
-  const Released released;
-  return {SeenSpace<D>(views, max_range, options)};
-}
 
 AnySeenSpace make_seen_space(const py::iterable& scans, double max_range, const py::object& simulation,
                              std::size_t samples, double spacings, double tolerance, double margin,
@@ -63,9 +41,24 @@ AnySeenSpace make_seen_space(const py::iterable& scans, double max_range, const 
     }
   }
   if (beams.empty()) throw py::value_error("scans: none, expected at least one");
-  if (dim == 2) return seen_space<2>(beams, simulation, max_range, options);
-  if (dim == 3) return seen_space<3>(beams, simulation, max_range, options);
-  if (dim == 4) return seen_space<4>(beams, simulation, max_range, options);
+  std::vector<BeamPointers> pointers;
+  pointers.reserve(beams.size());
+  for (const BeamArrays& scan : beams) pointers.push_back(scan.pointers());
+  if (dim == 2) {
+    const SimulatedLog<2>* const log = simulated_log<2>(simulation);
+    const Released released;
+    return seen_space(pointers, log, max_range, options);
+  }
+  if (dim == 3) {
+    const SimulatedLog<3>* const log = simulated_log<3>(simulation);
+    const Released released;
+    return seen_space(pointers, log, max_range, options);
+  }
+  if (dim == 4) {
+    if (!simulation.is_none()) throw py::value_error("simulation: must be None for scans with dim = 4");
+    const Released released;
+    return seen_space(pointers, max_range, options);
+  }
   throw py::value_error("scan 0: dim = " + std::to_string(dim) + ": must be 2, 3 or 4");
 }
 

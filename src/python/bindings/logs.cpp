@@ -7,11 +7,13 @@
 #include <optional>
 #include <string>
 
+#include "binders.hpp"
 #include "ndtree/logs/carmen.hpp"
 #include "ndtree/logs/simulator.hpp"
 #include "ndtree/logs/xyz.hpp"
 #include "numpy.hpp"
-#include "python_map.hpp"
+#include "released.hpp"
+#include "simulated_log.hpp"
 
 namespace ndtree::python {
 
@@ -155,6 +157,18 @@ py::object simulate(const std::string& world, std::uint64_t seed, std::optional<
 }
 
 }  // namespace
+
+template <int D>
+const SimulatedLog<D>* simulated_log(const py::object& simulation) {
+  if (simulation.is_none()) return nullptr;
+  if (!py::isinstance<SimulatedLog<D>>(simulation))
+    throw py::value_error("simulation: must be a simulated log with dim = " + std::to_string(D) +
+                          ", as the scans");
+  return &simulation.cast<const SimulatedLog<D>&>();
+}
+
+template const SimulatedLog<2>* simulated_log<2>(const py::object&);
+template const SimulatedLog<3>* simulated_log<3>(const py::object&);
 
 void bind_logs(py::module_& module) {
   py::class_<CarmenParser>(module, "CarmenParser",

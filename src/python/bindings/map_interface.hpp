@@ -13,6 +13,7 @@
 #include <variant>
 #include <vector>
 
+#include "any_seen_space.hpp"
 #include "beam_pointers.hpp"
 #include "map_exports.hpp"
 #include "map_layers.hpp"
@@ -44,13 +45,6 @@ struct ChangeArrays {
 
 struct PythonStats : MapStats {
   std::optional<std::size_t> pruned_leaves;  ///< After OctoMap's prune(); none for our maps.
-};
-
-/// Of any dimension that maps have.
-struct AnySeenSpace {
-  std::variant<SeenSpace<2>, SeenSpace<3>, SeenSpace<4>> space;
-
-  [[nodiscard]] int dim() const { return static_cast<int>(space.index()) + 2; }
 };
 
 /// Points and results are bare pointers, dim doubles a point: no call touches a Python object, so that all

@@ -12,6 +12,7 @@
 #include <string_view>
 #include <utility>
 
+#include "binders.hpp"
 #include "map_interface.hpp"
 #include "numpy.hpp"
 #include "released.hpp"
@@ -121,29 +122,10 @@ std::string describe(const char* type, const PythonMap& map, bool adaptive);
 /// The one of AdaptiveMap and FixedMap that a map belongs to.
 pybind11::object to_python(std::unique_ptr<MapInterface> map);
 
-/// Remembers the thread that imports the module, in which Python calls the handlers of signals, unless
-/// another one is its main thread. What the library throws becomes an exception of Python's in one readable
-/// line; and `ReplacedFile`.
-void bind_errors(pybind11::module_& module);
-void bind_files(pybind11::module_& module);
-void bind_maps(pybind11::module_& module);
-/// Maps from files, bytes and grids. @pre as bind_exports().
-void bind_loading(pybind11::module_& module);
-/// @pre bind_maps() has run: it adds methods to its classes.
-void bind_exports(pybind11::module_& module);
-/// @pre as bind_exports().
-void bind_queries(pybind11::module_& module);
-/// @pre as bind_exports().
-void bind_changes(pybind11::module_& module);
 /// What rays end at: a RayEnds. @param origins, directions checked.
 pybind11::object trace_rays(const PythonMap& map, const DoubleArray& origins, const DoubleArray& directions,
                             double max_range, bool stops_at_unknown);
 /// A list of Frontier.
 pybind11::object to_python(AnyFrontiers&& frontiers);
-/// @pre as bind_exports().
-void bind_claims(pybind11::module_& module);
-void bind_logs(pybind11::module_& module);
-void bind_statistics(pybind11::module_& module);
-void bind_octomap(pybind11::module_& module);
 
 }  // namespace ndtree::python
