@@ -31,9 +31,9 @@ COSTS = (
 )
 #: What a first build in the folder may be asked for, but the tools and the module do not need.
 _OTHERS = re.compile(r"(^|/)(tests?|fuzz)/|verify_interface|ndtree-bench|octomap-readers")
-#: Ninja's lines and make's.
-_NINJA = re.compile(r"^\[(\d+)/(\d+)\] (.*)$", re.M)
-_MAKE = re.compile(r"^\[ *(\d+)%\] (.*)$", re.M)
+#: Ninja's lines and make's, which pip indents; ninja counts what it does before building as 0.
+_NINJA = re.compile(r"^ *\[([1-9]\d*)/(\d+)\] (.*?) *$", re.M)
+_MAKE = re.compile(r"^ *\[ *(\d+)%\] (.*?) *$", re.M)
 _PATH = re.compile(r"\S*[./]\S+$")
 #: Processor time that was spent on a part in work, on average [s].
 _HALF = 8.0
@@ -56,7 +56,7 @@ def share(log: str, objects: list[str], jobs: int = 1) -> tuple[float, str]:
     """How much of a build is done, 0 to 1, and the count and the last part in words, from its log so far.
 
     A first build is weighed by what parts cost, and the parts in work, one a job, count half. Where only some
-    have to be made anew, which ones are not known beforehand, and all count alike.
+    have to be made anew, or there is no plan, which ones are not known beforehand, and all count alike.
     """
     lines = _NINJA.findall(log)
     if lines:
@@ -65,7 +65,7 @@ def share(log: str, objects: list[str], jobs: int = 1) -> tuple[float, str]:
         begin = max((i for i, line in enumerate(lines) if line[0] == "1"), default=0)
         finished = [_path(what) for _, _, what in lines[begin:]]
         text = f"{done} of {total}, last {Path(finished[-1]).name.removesuffix('.o')}"
-        if len(objects) > int(total):
+        if not objects or len(objects) > int(total):
             return int(done) / int(total), text
         rest = sum(cost(path) for path in set(objects).difference(finished))
         in_work = min(jobs * _HALF, 0.5 * rest)

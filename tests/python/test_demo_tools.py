@@ -274,8 +274,9 @@ PLAN = "".join(
 
 
 def log_of(parts: list[str], total: int) -> str:
-    return "-- Build files have been written\n" + "".join(
-        f"[{i}/{total}] Building CXX object {part}\n" for i, part in enumerate(parts, 1)
+    """As pip writes it, with -v."""
+    return "  -- Build files have been written\n      [0/2] Re-checking globbed directories...\n" + "".join(
+        f"  [{i}/{total}] Building CXX object {part}\n" for i, part in enumerate(parts, 1)
     )
 
 
@@ -297,12 +298,14 @@ def test_where_few_parts_are_made_anew_they_are_counted() -> None:
     objects = build_progress.objects_of(PLAN)
     share, text = build_progress.share(log_of([PARTS[4]], 2), objects)
     assert (share, text) == (0.5, "1 of 2, last map_2_2.cpp")
+    assert build_progress.share(log_of(PARTS[:2], 8), [])[0] == 0.25
     # Another build in the same log begins from the front.
     text = log_of(PARTS, len(PARTS)) + log_of(PARTS[:1], len(PARTS))
     first = build_progress.share(log_of(PARTS[:1], len(PARTS)), objects)
     assert build_progress.share(text, objects) == first
     make = "[ 25%] Building CXX object a/b.cpp.o\n[ 50%] Linking CXX executable c/d\n"
     assert build_progress.share(make, []) == (0.5, "50 %, last d")
+    assert build_progress.share(log_of([], 3), objects) == (0.0, "looking for what is there")
     assert build_progress.share("-- The CXX compiler identification is GNU\n", [])[0] == 0.0
 
 
@@ -443,6 +446,19 @@ def test_the_demo_shows_on_a_terminal_how_far_its_build_is(built: Machine) -> No
     # The line is gone before the result is written.
     assert re.search(r"\r\x1b\[2Kok, \d s\r\n", after_heading[line:])
     assert shown.rstrip().endswith("ndtree demo")
+
+
+def test_a_compiler_that_was_killed_is_explained(built: Machine) -> None:
+    python = built.root / ".venv/bin/python"
+    killed = "c++: fatal error: Killed signal terminated program cc1plus"
+    python.write_text(python.read_text().replace("sleep 1.5", f'echo "  {killed}" && exit 1'))
+    done = built.call("bash", built.root / "tools/demo")
+    assert done.returncode == 1
+    assert killed in done.stdout and "FAILED after" in done.stdout
+    assert done.stdout.splitlines()[-1] == (
+        "The system ended a compiler, most likely for lack of memory; one at a time needs least: "
+        "CMAKE_BUILD_PARALLEL_LEVEL=1 tools/demo"
+    )
 
 
 def test_the_demo_stops_before_it_installs_anything(built: Machine) -> None:
