@@ -244,7 +244,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       merges += flat.merges;
       remerged += flat.remerged;
       predicted_remerges += flat.predicted_remerges;
-      sampled += flat.sampled;
+      sampled += flat.not_sampled;
       for_coverage += flat.for_coverage;
       partly_seen += flat.partly_seen;
     }

@@ -35,11 +35,10 @@ struct EvidenceMergeOptions {
 
 /// Siblings merge where one cell has nearly the information of N^D cells. Two things are lost, in bits:
 /// - about beams to come: each cell's beams end in it with a rate of its own, or all with the same. The loss
-/// is the logarithm of the ratio of the two evidences (a Bayes factor), beta-binomial with the prior
+///   is the logarithm of the ratio of the two evidences (a Bayes factor), beta-binomial with the prior
 ///   Beta(0.1, 1), most space being free; none where the one explains the beams better.
 /// - about occupancy: the Kullback-Leibler divergence of each sibling's occupancy from the parent's, 1/2
-/// being
-///   that of a cell never observed.
+///   being that of a cell never observed.
 ///
 /// While mapping, occupied siblings merge only if one rate for all is likelier by 1 bit under a uniform
 /// prior: beside a surface cells do differ. Free ones join only if all are clearly free, with log-odds of at

@@ -15,8 +15,8 @@ namespace ndtree {
 
 /// Beams of one scan are correlated, and what a cell remembers is limited: the fewer beams it samples of each
 /// scan, the more scans it remembers.
-/// - A cell samples b = sample_beams beams per smallest cell side by side in it once it is well observed (has
-///   known_evidence nats), and 5 b until then.
+/// - A well observed cell (of known_evidence nats) samples b = sample_beams beams for each smallest cell of
+///   its cross-section, (edge / min_cell_size)^(D - 1) of them; any other cell samples 5 b.
 /// - At most scan_beams misses of one scan count per cell, if all of the scan's beams passed it.
 class SamplingRate {
  public:

@@ -19,8 +19,7 @@ namespace ndtree {
 
 /// Visitor that integrates one beam (Sec. III). Three kinds of leaves:
 /// - the one that the end point of a returned beam lies in counts a hit; if the beam only touches that cell
-/// in a
-///   corner, the next one along the beam does;
+///   in a corner, the next one along the beam does;
 /// - those before it count a miss, and so does every leaf that a beam without return passes as a whole;
 /// - those behind it, up to range + 3 sigma, count neither, but get their part of the Bayes update.
 template <class Tree, class Refinement, class Sensor>

@@ -109,9 +109,8 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   /// @param window if given, only cells in it change, and become, bit for bit, what they would without it.
   ///   In it are all cells of max_cell_size (of a fixed map: all cells) that share a volume with the box.
   /// @throws std::invalid_argument if max_range is not > 0, threads is negative, the window has no volume,
-  /// the scan's
-  ///   one origin is not finite, a range_sigma outside kRangeSigmaBounds, or if a beam leaves what the
-  ///   lattice can address or is longer than kLongestBeam of the smallest cells.
+  ///   the scan's one origin is not finite, a range_sigma is outside kRangeSigmaBounds, or a beam leaves what
+  ///   the lattice can address or is longer than kLongestBeam of the smallest cells.
   /// @throws MemoryLimitReached if the map would hold more than its max_memory, Cancelled (see CancelScope),
   ///   std::bad_alloc, std::length_error. If a max_memory was given, or there is a CancelScope, or a copy
   ///   that still shares cells, the map is then as it was before the call; else it is valid, but some cells

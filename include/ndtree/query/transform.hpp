@@ -244,8 +244,7 @@ template <class LayerType, int D>
 /// their size. What was seen but is not yet known (see CoverageModel) is left out.
 /// O(smallest cells along surfaces and borders, and cells elsewhere).
 /// @throws std::invalid_argument if the pose is not a finite rigid motion, moves cells out of reach, or
-/// leaves
-///   borders and surfaces that go through more than 2^24 smallest cells, and 16 more for each leaf;
+///   leaves borders and surfaces that go through more than 2^24 smallest cells, and 16 more for each leaf;
 ///   MemoryLimitReached, std::bad_alloc, Cancelled.
 template <class Map>
 [[nodiscard]] Map transformed(const Map& map, const Pose<Map::kDim>& pose) {

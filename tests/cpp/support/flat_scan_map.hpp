@@ -37,7 +37,7 @@ class FlatScanMap {
   std::uint64_t predicted_remerges = 0;  ///< Splits not made, as they were predicted to re-merge.
   std::uint64_t for_coverage = 0;        ///< Splits because a part was not seen.
   std::uint64_t partly_seen = 0;         ///< Updates of partly seen cells that did not split.
-  std::uint64_t sampled = 0;             ///< Pairs of a cell and a crossing beam that it did not sample.
+  std::uint64_t not_sampled = 0;         ///< Pairs of a cell and a crossing beam that it did not sample.
 
   /// One leaf for each level-0 cell of [first, last) on each axis. Beams must stay inside.
   FlatScanMap(const MapOptions& options, int first, int last)
@@ -71,7 +71,7 @@ class FlatScanMap {
       EvidenceCell& cell = cells[next];
       const double sample_beams = sample_beams_of(next, cell);
       const ScanEvidence scan_evidence = evidence(next, sample_beams);
-      sampled += num_beams(next, false, next, 1e9) - num_beams(next, false, next, sample_beams);
+      not_sampled += num_beams(next, false, next, 1e9) - num_beams(next, false, next, sample_beams);
       const Coverage coverage = coverage_of(next, cell, scan_evidence, sample_beams);
       const bool was_observed = cell.observed();
       const bool is_asked = next.level > -num_levels_ && splits_now(cell, scan_evidence);

@@ -43,26 +43,27 @@ namespace ndtree {
 /// evidence of the beams that it samples and is updated, or splits and passes the same beams on. On the way
 /// back siblings merge, or their parent's summary is updated.
 ///
-/// Where to read: update_leaf() is the only place where a leaf's occupancy changes, update_children() the
-/// only one where a node's children are visited, EvidenceRefinement::action() the split criterion.
+/// Where to read: update_leaf() decides about a leaf, by EvidenceRefinement::action(), whose split criterion
+/// is splits(). EvidenceModel::update() computes a leaf's occupancy. update_children() integrates beams into
+/// a node's children, whatever their source. Splits and merges write cells as well: split(),
+/// merge_children().
 ///
 /// Invariants, and the test that notices when one is broken (tests/cpp):
 /// - A list holds ascending beam numbers, and BeamList::kSlack valid ones behind its end: vector loops read
-///   there. Memory of lists is released in the opposite order of its allocation. (test_scan_lists, in which
-///   unwritten numbers are no beam's)
+///   there. Memory of lists is released in the opposite order of its allocation. (test_scan_lists; in debug
+///   builds unwritten entries hold a number that no beam has)
 /// - A plane has one distance (float) on a beam, wherever it is computed: nodes, children and packets have
 ///   equal borders to the last bit. Products are rounded before they are added, never contracted.
 ///   (test_scan_lists: widths 1, 8 and 16; test_scan_update: equal maps for lists and packets)
 /// - Evidence is a sum of integers: neither the order of beams nor of threads matters. (test_scan_update:
 ///   permuted scans, any number of threads)
-/// - A node drops only beams that no leaf below it samples. (test_scan_subsample, test_scan_update: the flat
-///   oracle has all beams)
+/// - A node drops only beams that no leaf below it samples. (test_scan_update: the flat oracle has all beams)
 /// - A leaf may split before all its beams have been added up, since more beams never revoke
 ///   EvidenceRefinement::splits_anyway(), nor make its split predicted to re-merge. (test_leaf_action)
 /// - A saturated subtree that all beams pass stays as it is, bit for bit. (test_scan_update, test_summary)
 /// - A summary of 0 is stale: it is computed before it is used. (test_summary)
-/// - A node is kept in the undo log before it changes for the first time in a scan. (test_window,
-///   test_change)
+/// - A node's block of children is kept in the undo log before one of them changes for the first time in a
+///   scan. (test_limits, alone/test_scarce_memory)
 ///
 /// Cost: O(beams that cross a node) for each node with beams, plus O(N^D) for its children.
 template <class Tree, class Refinement, class Sensor>
@@ -233,7 +234,7 @@ class alignas(kCacheLines) ScanWalk {
   };
   /// The children of a node, and lists of the beams that cross each of them.
   struct ListSource {
-    static constexpr bool kMayBeAboveCells = true;  // The children may be larger than any cell.
+    static constexpr bool kMayBeAboveCells = true;  // The children may be of the coarsest level or above.
     static constexpr std::size_t kPace = 0;         // partition() spends it.
     ScanWalk& walk;
     const Children children;
@@ -374,7 +375,7 @@ class alignas(kCacheLines) ScanWalk {
   bool update_children(const Ref& node, const Source& source, const Sampling& sampling, bool was_split) {
     pace_.spend(Source::kPace);
     std::optional<ChildFractions> of_children;  // For the first leaf.
-    const bool are_cells = !Source::kMayBeAboveCells || node.index.level <= coarsest_level_;
+    const bool are_below_coarsest = !Source::kMayBeAboveCells || node.index.level <= coarsest_level_;
     const bool have_fractions = sampling.face != nullptr && !sampling.samples_all;
     bool changed = was_split;
     for (int c = 0; c < kNumChildren; ++c) {
@@ -382,7 +383,7 @@ class alignas(kCacheLines) ScanWalk {
       const Ref ref = source.children[c];
       const auto beams = source.in_child(c, ref);
       auto& child = source.children.node(c);
-      if (!are_cells) {
+      if (!are_below_coarsest) {
         changed = integrate(beams, sampling) || changed;
       } else if (!child.is_leaf()) {
         changed = descend(beams, sampling) || changed;
@@ -397,7 +398,7 @@ class alignas(kCacheLines) ScanWalk {
     return finish_children(node, summary_(&source.children.node(0)), changed, was_split);
   }
 
-  /// Integrates beams into a leaf, the only place where a leaf's occupancy changes:
+  /// Integrates beams into a leaf:
   /// 1. Saturated? A saturated leaf that all beams pass stays as it is. If more beams end in it than the
   ///    sensor's errors explain, it samples as many beams as a leaf that is not well observed.
   /// 2. Sampled? The leaf samples all beams, or a fraction of them: those below a bucket of each cube-map
@@ -412,37 +413,37 @@ class alignas(kCacheLines) ScanWalk {
   NDTREE_ALWAYS_INLINE bool update_leaf(EvidenceCell& cell, int level, const Beams& beams,
                                         const Sampling& sampling, const ChildFractions* of_siblings) {
     const EvidenceModel& model = refinement_.model;
-    bool is_well_observed = model.is_well_observed(cell);
-    if (is_well_observed && model.is_saturated(cell)) {
+    bool samples_few = model.is_well_observed(cell);
+    if (samples_few && model.is_saturated(cell)) {
       if (beams.all_pass()) return false;
-      is_well_observed = explains_ends(beams);
+      samples_few = explains_ends(beams);
     }
     FaceSample<D> sample{nullptr, BeamList::kAll, 1.0f};  // All beams.
     if (of_siblings != nullptr) {
-      sample = of_siblings->of(static_cast<std::size_t>(beams.child), is_well_observed);
+      sample = of_siblings->of(static_cast<std::size_t>(beams.child), samples_few);
     } else if (!sampling.samples_all) {
       const CubeFace<D>* const face = sampling_.only_face_of(beams, sampling);
-      if (face == nullptr) return update_by_faces(beams, is_well_observed);
-      sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, is_well_observed));
+      if (face == nullptr) return update_by_faces(beams, samples_few);
+      sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, samples_few));
     }
-    const auto split = [&](const ScanEvidence& scan, LeafAction action) {
-      return split_or_wait(beams, sample, scan, action, sampling);
+    const auto otherwise = [&](const ScanEvidence& scan, LeafAction action) {
+      return split_or_judge(beams, sample, scan, action, sampling);
     };
     if constexpr (Beams::kHasPassingSet) {
       if (sample.fraction >= 1.0f && beams.all_pass() && !packet_may_exceed_limit_)
-        return update_or_split(cell, level, beams.passed(), split);
+        return update_or(cell, level, beams.passed(), otherwise);
     }
-    return update_or_split(cell, level, beams.evidence(cell, level, sample.end), split);
+    return update_or(cell, level, beams.evidence(cell, level, sample.end), otherwise);
   }
-  /// Updates a leaf, or calls `split(scan, action)`.
-  template <class Scan, class Split>
-  NDTREE_ALWAYS_INLINE bool update_or_split(EvidenceCell& leaf, int level, const Scan& scan,
-                                            const Split& split) {
+  /// Updates a leaf, or calls `otherwise(scan, action)` if it may split.
+  template <class Scan, class Otherwise>
+  NDTREE_ALWAYS_INLINE bool update_or(EvidenceCell& leaf, int level, const Scan& scan,
+                                      const Otherwise& otherwise) {
     const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
     if (action == LeafAction::update) return update(leaf, scan);
     const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
     if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
-    return all.beams > 0 && split(all, action);
+    return all.beams > 0 && otherwise(all, action);
   }
 
   // Rare steps. They take copies, so that update_leaf() keeps its values in registers.
@@ -465,20 +466,20 @@ class alignas(kCacheLines) ScanWalk {
                        scan.add(evidence_.of(leaf.index, crossings, part));
                    });
     refinement_.model.limit(scan);
-    return update_or_split(leaf.cell(), level, scan, [&](const ScanEvidence& all, LeafAction action) {
-      return split_or_wait(leaf, list, sample_, all, action, {});
+    return update_or(leaf.cell(), level, scan, [&](const ScanEvidence& all, LeafAction action) {
+      return split_or_judge(leaf, list, sample_, all, action, {});
     });
   }
-  /// Splits a leaf, or lets it wait. @param sample of one face; of all beams if its face is null.
+  /// split_or_judge() with a list. @param sample of one face; of all beams if its face is null.
   template <class Beams>
-  NDTREE_NEVER_INLINE bool split_or_wait(const Beams beams, const FaceSample<D> sample,
-                                         const ScanEvidence scan, LeafAction action,
-                                         const Sampling sampling) {
+  NDTREE_NEVER_INLINE bool split_or_judge(const Beams beams, const FaceSample<D> sample,
+                                          const ScanEvidence scan, LeafAction action,
+                                          const Sampling sampling) {
     return beams.with_list([&](const BeamList& list) {
-      if (sample.face == nullptr) return split_or_wait(beams.ref(), list, all_, scan, action, sampling);
+      if (sample.face == nullptr) return split_or_judge(beams.ref(), list, all_, scan, action, sampling);
       sample_.clear();
       sample_.add(sample);
-      return split_or_wait(beams.ref(), list, sample_, scan, action, {sample.face, false});
+      return split_or_judge(beams.ref(), list, sample_, scan, action, {sample.face, false});
     });
   }
   /// Whether the sensor's errors explain the beams that end in a saturated leaf.
@@ -521,10 +522,10 @@ class alignas(kCacheLines) ScanWalk {
     return changed;
   }
 
-  /// Splits a leaf; one that was never observed, and that beams have only passed, is updated or waits instead
-  /// if the beams' coverage says so, see CoverageModel.
-  bool split_or_wait(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
-                     const ScanEvidence& scan, LeafAction action, const Sampling& sampling) {
+  /// Splits a leaf. Of a leaf that was never observed, and that beams have only passed,
+  /// CoverageModel::judge() decides: it splits, is updated, or waits for scans that see its other parts.
+  bool split_or_judge(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
+                      const ScanEvidence& scan, LeafAction action, const Sampling& sampling) {
     if (action == LeafAction::split) return split(leaf, list, sample, scan, sampling);
     EvidenceCell& cell = leaf.cell();
     const CoverageVerdict seen =
@@ -542,15 +543,16 @@ class alignas(kCacheLines) ScanWalk {
   bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const ScanEvidence& scan,
              const Sampling& sampling) {
     const EvidenceCell parent = leaf.cell();
-    const bool changed = split(leaf, parent, list, sample, sampling);
+    const bool changed = divide(leaf, parent, list, sample, sampling);
     if (leaf.is_leaf() && parent.observed() && scan.hits == 0 && scan.occupied == 0) {
       leaf.cell() = parent;
       (void)refinement_.model.update_without_split(leaf.cell(), scan);
     }
     return changed;
   }
-  bool split(const Ref& leaf, const EvidenceCell& parent, const BeamList& list, const LeafSample<D>& sample,
-             const Sampling& sampling) {
+  /// Makes a leaf an inner node, initialises its children and integrates its beams into them.
+  bool divide(const Ref& leaf, const EvidenceCell& parent, const BeamList& list, const LeafSample<D>& sample,
+              const Sampling& sampling) {
     ++counters_.splits;
 #ifdef NDTREE_HAS_EIGHTS
     if (fits_packet(leaf, list)) {
