@@ -42,9 +42,8 @@ class EvidenceModel {
 
   /// Adds the joint evidence of a scan. @returns true if the cell changed.
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const ScanEvidence& scan) const {
-    return scan.hits == 0 && scan.occupied == 0 && keeps_only_free_evidence(cell)
-               ? update_free(cell, scan.free, scan.misses)
-               : update_any(cell, scan);
+    return scan.is_free_alone() && keeps_only_free_evidence(cell) ? update_free(cell, scan.free, scan.misses)
+                                                                  : update_any(cell, scan);
   }
   NDTREE_ALWAYS_INLINE bool update(EvidenceCell& cell, const PassedEvidence& passed) const {
     return keeps_only_free_evidence(cell) ? update_free(cell, passed.free, passed.misses)

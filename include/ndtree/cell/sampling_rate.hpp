@@ -39,7 +39,7 @@ class SamplingRate {
   /// Limits evidence for free space only to that of scan_beams beams.
   NDTREE_ALWAYS_INLINE void limit(ScanEvidence& scan) const {
     if (scan.beams <= scan_beams_ && scan.free <= scan_beams_ * miss_) return;  // Most.
-    if (scan.hits > 0 || scan.occupied > 0) return;
+    if (!scan.is_free_alone()) return;
     scan.free = std::min(scan.free, scan_beams_ * miss_);
     scan.misses = std::min(scan.misses, scan_beams_);
     scan.beams = std::min(scan.beams, scan_beams_);

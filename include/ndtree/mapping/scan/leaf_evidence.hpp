@@ -317,10 +317,7 @@ class LeafEvidence {
   /// Adds up the lanes. @param sum has the counts that are not kept in lanes.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE static void finish(const EightSums& sums, const Size& size,
                                                            ScanEvidence& sum) {
-    const __m256i evidence = _mm256_hadd_epi32(sums.occupied, sums.free);
-    const __m256i beams = _mm256_hadd_epi32(sums.passed, sums.near);
-    const __m256i halves = _mm256_hadd_epi32(evidence, beams);
-    const __m128i all = _mm_add_epi32(_mm256_castsi256_si128(halves), _mm256_extracti128_si256(halves, 1));
+    const __m128i all = detail::sums_of(sums.occupied, sums.free, sums.passed, sums.near);
     const auto passed = 0u - static_cast<std::uint32_t>(_mm_extract_epi32(all, 2));
     sum.occupied = static_cast<std::uint32_t>(_mm_cvtsi128_si32(all));
     sum.free = static_cast<std::uint32_t>(_mm_extract_epi32(all, 1));

@@ -111,10 +111,9 @@ class alignas(kCacheLines) ScanWalk {
   }
   /// Bins beams [first, last) by the cells of the coarsest level that they cross. The tree stays as it is.
   void bin(std::size_t first, std::size_t last, std::size_t part, TaskLists<D>& lists) {
-    const ListStack::Mark mark = stack_.mark();
+    const ListScope scope(stack_);
     const BeamList list = beams_from(first, last);
     if (!list.empty()) bin(tree_.root().index, list, {}, part, lists);
-    stack_.release(mark);
   }
   /// Bins the beams of an inner node by its children that they cross. The tree stays as it is.
   void subdivide(const CellIndex<D>& node, const TaskList<D>& beams, TaskLists<D>& lists) {
@@ -124,12 +123,10 @@ class alignas(kCacheLines) ScanWalk {
   }
   /// Integrates a cell's beams into its subtree. @returns whether a cell changed.
   bool integrate(const Ref& ref, const TaskCell<D>& beams) {
-    const ListStack::Mark mark = stack_.mark();
+    const ListScope scope(stack_);
     const BeamList list = beams.last - beams.first == 1 ? beams.first->list : joined(beams);
     if (list.size <= kFetched) beams_.fetch(list.beam, list.size);
-    const bool changed = integrate(ref, list);
-    stack_.release(mark);
-    return changed;
+    return integrate(ref, list);
   }
   /// Finishes a subdivided node after its children: merges them or updates its summary.
   /// @param changed whether a child changed. @returns whether the node or a cell below it changed.
@@ -168,11 +165,10 @@ class alignas(kCacheLines) ScanWalk {
   template <class Visit>
   void for_each_child(const CellIndex<D>& node, const BeamList& list, const Sampling& sampling,
                       const Visit& visit) {
-    const ListStack::Mark mark = stack_.mark();
+    const ListScope scope(stack_);
     const Lists children = partition(node, partition_.planes_of(node), list, sampling, true);
     for (int c = 0; c < kNumChildren; ++c)
       if (!children.of(c).empty()) visit(tree_.geometry().child(node, child_offset<N, D>(c)), children.of(c));
-    stack_.release(mark);
   }
   /// Whether a node of the coarsest level or above lies in the window.
   [[nodiscard]] bool may_change(const CellIndex<D>& node) const {
@@ -330,10 +326,6 @@ class alignas(kCacheLines) ScanWalk {
   bool integrate(const Ref& ref, const BeamList& list) {
     return integrate(ListInCell{*this, ref, list, nullptr, 0}, {});
   }
-#ifdef NDTREE_HAS_EIGHTS
-  /// Never called: packets are made of nodes whose children are cells.
-  bool integrate(const PacketInCell&, const Sampling&) { return false; }
-#endif
   /// Integrates beams into the subtree of an inner node. A saturated subtree that all of them pass stays as
   /// it is.
   template <class Beams>
@@ -375,7 +367,6 @@ class alignas(kCacheLines) ScanWalk {
   bool update_children(const Ref& node, const Source& source, const Sampling& sampling, bool was_split) {
     pace_.spend(Source::kPace);
     std::optional<ChildFractions> of_children;  // For the first leaf.
-    const bool are_below_coarsest = !Source::kMayBeAboveCells || node.index.level <= coarsest_level_;
     const bool have_fractions = sampling.face != nullptr && !sampling.samples_all;
     bool changed = was_split;
     for (int c = 0; c < kNumChildren; ++c) {
@@ -383,9 +374,13 @@ class alignas(kCacheLines) ScanWalk {
       const Ref ref = source.children[c];
       const auto beams = source.in_child(c, ref);
       auto& child = source.children.node(c);
-      if (!are_below_coarsest) {
-        changed = integrate(beams, sampling) || changed;
-      } else if (!child.is_leaf()) {
+      if constexpr (Source::kMayBeAboveCells) {
+        if (node.index.level > coarsest_level_) {
+          changed = integrate(beams, sampling) || changed;
+          continue;
+        }
+      }
+      if (!child.is_leaf()) {
         changed = descend(beams, sampling) || changed;
       } else {
         if (have_fractions && !of_children) of_children.emplace(sampling_, node.index, *sampling.face);
@@ -544,7 +539,7 @@ class alignas(kCacheLines) ScanWalk {
              const Sampling& sampling) {
     const EvidenceCell parent = leaf.cell();
     const bool changed = divide(leaf, parent, list, sample, sampling);
-    if (leaf.is_leaf() && parent.observed() && scan.hits == 0 && scan.occupied == 0) {
+    if (leaf.is_leaf() && parent.observed() && scan.is_free_alone()) {
       leaf.cell() = parent;
       (void)refinement_.model.update_without_split(leaf.cell(), scan);
     }
