@@ -93,7 +93,7 @@ class EvidenceCell {
     halve_to_fit(hits, misses, kMaxCount);
     counts_ = (counts_ & (kStreakBits | kNotCovered)) | kObserved | misses << 9 | hits;
   }
-  /// Consecutive scans of which all beams ended in the cell, or all passed it; up to kMaxStreak.
+  /// Consecutive scans whose beams all ended in the cell, or all passed it; up to kMaxStreak.
   [[nodiscard]] std::uint32_t streak() const { return (counts_ >> 18) & kMaxStreak; }
   [[nodiscard]] bool streak_is_of_hits() const { return (counts_ & kStreakOfHits) != 0; }
   NDTREE_ALWAYS_INLINE void count_scan(bool any_hits, bool any_misses) {

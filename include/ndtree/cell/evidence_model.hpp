@@ -63,7 +63,7 @@ class EvidenceModel {
     return cell != before;
   }
 
-  /// True if scans of which all beams pass the cell leave it as it is: its evidence for free space is at its
+  /// True if scans whose beams all pass the cell leave it as it is: its evidence for free space is at its
   /// cap, and it has no other.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const {
     return cell.is_as_free_as(saturated_) && forgets_nothing();
@@ -150,7 +150,7 @@ class EvidenceModel {
   }
 
  private:
-  /// True if update_free() is enough for a scan of which all beams pass the cell.
+  /// True if update_free() is enough for a scan whose beams all pass the cell.
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool keeps_only_free_evidence(const EvidenceCell& cell) const {
     return cell.has_only_free_evidence() && forgets_nothing();
   }

@@ -65,7 +65,7 @@ struct EvidenceRefinement {
       : model(options, options), coverage(options), split_test(options), merge_rule(options, model) {}
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
-  /// Whether scans of which all beams pass leave the cell as it is.
+  /// Whether scans whose beams all pass leave the cell as it is.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
   /// **The leaf decision**: what the evidence of a scan does to a leaf.
   /// - A smallest cell is updated.
@@ -102,7 +102,7 @@ struct EvidenceRefinement {
     if (scan.resolvable_misses + scan.deep_hits == 0) return false;
     return split_test(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
   }
-  /// splits() for a scan of which all beams passed the cell.
+  /// splits() for a scan whose beams all passed the cell.
   [[nodiscard]] bool splits(const EvidenceCell& cell, const PassedEvidence& passed) const {
     return cell.state() == CellState::occupied && passed.resolvable_misses > 0 &&
            split_test(cell.hits(), cell.misses() + passed.misses);
