@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``ndtree info``: what is in a map or a log."""
+"""``ndtree info``: what is in a map or a log, and what another file is."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,11 +8,12 @@ import typer
 
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import log_figures, map_figures, print_contents, print_log, print_map
-from ndtree.cli.commands.flags import reading_options
+from ndtree.cli.commands.flags import in_flags, reading_options
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
 from ndtree.cli.commands.options import Dim, Json
 from ndtree.cli.commands.output import check_target, is_stdout, write_json
 from ndtree.cli.commands.progress import progress
+from ndtree.logs import NotALog
 from ndtree.maps.open import is_map
 from ndtree.tuning.prospect import prospect_of
 
@@ -38,7 +39,9 @@ def info(
         if not is_stdout(json_file):
             print(f"{path}: {loaded!r}")
             print_map(loaded)
-    else:
+        write_json(figures, json_file)
+        return
+    try:
         held = reading.contents(path)
         if held and not is_stdout(json_file):
             print_contents(path, held)
@@ -54,4 +57,10 @@ def info(
                 for line in prospect.lines():
                     print(f"  {line}")
         warn_of_skipped(opened)
+    except NotALog as found:
+        figures = {"file": str(path), "kind": found.kind, "try": list(found.help)}
+        if not is_stdout(json_file):
+            print(f"{path}: {found.kind}")
+            for way in found.help:
+                print(f"  try {in_flags(way)}")
     write_json(figures, json_file)
