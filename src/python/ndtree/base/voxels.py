@@ -62,7 +62,10 @@ def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> VoxelRe
         )
     size = float(target.options["min_cell_size"])
     finite = np.isfinite(points).all(axis=1)
-    cells = np.floor(points[finite].astype(np.float64) / size)
+    at = points[finite].astype(np.float64)
+    cells = np.floor(at / size)
+    cells -= cells * size > at  # The borders decide, as in the map: 17 cells of 0.1 m end beyond 1.7 m.
+    cells += (cells + 1) * size <= at
     far = np.abs(cells).max(initial=0.0)
     if far >= 2**30:
         raise ValueError(

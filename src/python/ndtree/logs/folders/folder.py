@@ -210,8 +210,8 @@ class PosesOfFiles:
 
 
 def stem_of(path: str) -> str:
-    """A file's name without its ending."""
-    return os.path.splitext(os.path.basename(path))[0]
+    """A file's name without its ending; nuScenes' files have two, ``.pcd.bin``."""
+    return os.path.splitext(os.path.basename(path))[0].removesuffix(".pcd")
 
 
 def number_in(stem: str) -> int | None:

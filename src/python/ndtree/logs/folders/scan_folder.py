@@ -12,7 +12,7 @@ from ndtree.logs.folders.bin_files import may_be_points
 from ndtree.logs.folders.cloud_files import BIN_CLOUD, TEXT_CLOUD, CloudFile, kind_of_name
 from ndtree.logs.folders.folder import number_in, stem_of
 from ndtree.logs.folders.text_clouds import MAYBE, columns_of
-from ndtree.logs.poses.trajectory_files import trajectory_kind
+from ndtree.logs.poses.trajectory_files import read_pose, trajectory_kind
 
 #: Folders beside the scans in which poses may be.
 POSE_FOLDERS = (
@@ -125,11 +125,20 @@ def _clouds(path: str, names: Sequence[str]) -> Scans | None:
 
 def _is_cloud(path: str) -> bool:
     """Whether a file of text holds points, and not poses."""
-    if trajectory_kind(path) is not None:
+    if trajectory_kind(path) is not None or _is_pose(path):
         return False
     with open_plain(path) as file:
         columns = columns_of(file)
     return columns is not None and (columns.named or columns.count in (3, 4, 6, 7))
+
+
+def _is_pose(path: str) -> bool:
+    """Whether it holds nothing but a matrix of 3x4 or 4x4 numbers."""
+    try:
+        read_pose(path)
+    except ValueError:
+        return False
+    return True
 
 
 def _below(path: str, depth: int) -> Iterator[str]:
@@ -138,7 +147,11 @@ def _below(path: str, depth: int) -> Iterator[str]:
         return
     try:
         with os.scandir(path) as entries:
-            folders = sorted(one.name for one in entries if one.is_dir() and not one.name.startswith("."))
+            folders = sorted(
+                one.name
+                for one in entries
+                if one.is_dir() and not one.name.startswith(".") and one.name.lower() not in POSE_FOLDERS
+            )
     except OSError:
         return
     for name in folders[:_MOST_FOLDERS]:

@@ -98,8 +98,8 @@ def columns_of(lines: Iterable[bytes]) -> Columns | None:
                 counted = True
                 continue
             xyz = named or (0, 1, 2)
-            if len(values) <= max(xyz):
-                return None
+            if len(values) <= max(xyz):  # Columns and rows, as 3DTK has them before the points.
+                continue
             return Columns(separator, decimal_comma, xyz, len(values), named is not None, counted)
         found = _named(fields)
         if found is not None:

@@ -23,6 +23,7 @@ MAGIC = b"ASTM-E57"
 INSTALL = "install it with: pip install 'ndtree-mapping[e57]'"
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_GRID = {"rowIndex", "columnIndex"}
 #: Bytes of memory that a point takes while it is read; a file does not hold more points than bits.
 _BITS = 8
 #: Length of the file's header, and of a page with the checksum at its end.
@@ -32,8 +33,10 @@ _HEADER = 48
 class E57Log(SizedLog):
     """The scans of an E57, one in memory at a time; points that it marks as invalid are not measured.
 
-    A scan's points are in its scanner's frame, and its pose says where that is. A scan without a pose has
-    been put together from others, or it is the only one: nothing says where its sensor was.
+    A scan's points are in its scanner's frame, and its pose says where that is. Scans without a pose
+    have been put together from others: nothing says where their sensor was. Nor does a pose that changes
+    nothing in all scans, as programs write it where they have none, unless the points are in rows and
+    columns, as scanners measure them.
 
     Parameters
     ----------
@@ -57,7 +60,7 @@ class E57Log(SizedLog):
         with _opened(path) as file:
             self._count = int(file.scan_count)
             with readable(path, "cannot be read as E57", foreign=True):
-                without = [i for i in range(self._count) if not file.get_header(i).has_pose()]
+                without = _without_pose([file.get_header(i) for i in range(self._count)])
         if not self._count:
             raise ValueError(f"{path}: no scans, expected at least one (it may hold images alone)")
         if without and not unplaced:
@@ -83,12 +86,9 @@ class E57Log(SizedLog):
     def _scan(self, file: Any, i: int) -> Scan:
         header = file.get_header(i)
         points = _points(self.path, file, header)
-        pose = Pose.identity()
-        if header.has_pose():
-            w, x, y, z = (float(value) for value in header.rotation)
-            pose = Pose.from_quaternion(header.translation, (x, y, z, w))
-            if not np.isfinite(pose.position).all():
-                raise ValueError(f"{self.path}: scan {i}: its position is not finite")
+        pose = _pose(header)
+        if not np.isfinite(pose.position).all():
+            raise ValueError(f"{self.path}: scan {i}: its position is not finite")
         stamp = _stamp(header)
         if self._unplaced:
             return self._unplaced.scan(pose.apply(points), stamp)
@@ -139,6 +139,25 @@ def _points(path: str, file: Any, header: Any) -> NDArray[np.floating[Any]]:
         columns = [level * np.cos(azimuth), level * np.sin(azimuth), distance * np.sin(elevation)]
     points = np.stack(columns, axis=1)
     return points[np.asarray(data[invalid][:read]) == 0] if invalid in known else points
+
+
+def _without_pose(headers: list[Any]) -> list[int]:
+    """Numbers of the scans of which nothing says where their sensor was."""
+    if all(_is_identity(_pose(header)) and not _GRID.issubset(header.point_fields) for header in headers):
+        return list(range(len(headers)))
+    return [i for i, header in enumerate(headers) if not header.has_pose()]
+
+
+def _is_identity(pose: Pose) -> bool:
+    return not pose.position.any() and np.array_equal(pose.rotation, np.eye(3))
+
+
+def _pose(header: Any) -> Pose:
+    """T_map_scanner; the identity where there is none."""
+    if not header.has_pose():
+        return Pose.identity()
+    w, x, y, z = (float(value) for value in header.rotation)
+    return Pose.from_quaternion(header.translation, (x, y, z, w))
 
 
 def _stamp(header: Any) -> float:
