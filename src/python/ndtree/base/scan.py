@@ -104,6 +104,17 @@ class Scan:
         """Number of coordinates of a point."""
         return self.endpoints.shape[1]
 
+    def require_sensor(self, what: str) -> None:
+        """Refuse points without a sensor for something that needs beams.
+
+        Raises
+        ------
+        ValueError
+            If there is no sensor; it names `what` needs one.
+        """
+        if self.points_only:
+            raise ValueError(f"points without a sensor have no beams, and {what} need some")
+
     def returned_only(self) -> Scan:
         """The same scan with only the beams that returned, in their order.
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 #: Cells along an edge of a block, by dimension.
 _BLOCK = {2: 1024, 3: 128}
 _OCCUPIED, _UNKNOWN = 1, -1
+_REFINEMENTS = ("evidence", "paper", "fixed")
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,10 @@ def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> VoxelRe
         If the map has another branching, or a point is too far away for its cells.
     """
     begin = time.perf_counter()
-    if target.branching != 2:
+    if target.branching != 2 or target.refinement not in _REFINEMENTS:
         raise ValueError(
-            f"branching = {target.branching}: points without a sensor need a map with branching 2"
+            f"branching = {target.branching}, refinement = {target.refinement!r}: points without a sensor "
+            f"need a map with branching 2 and one of {', '.join(_REFINEMENTS)}"
         )
     size = float(target.options["min_cell_size"])
     finite = np.isfinite(points).all(axis=1)
@@ -84,6 +86,11 @@ def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> VoxelRe
             other.merge(one)
             made.append((count + more, other))
     for _, one in reversed(made):
+        if target.refinement != "fixed" and one.options["max_cell_size"] != target.options["max_cell_size"]:
+            raise ValueError(
+                f"max_cell_size = {target.options['max_cell_size']:g} m: points without a sensor need "
+                f"{one.options['max_cell_size']:g} m"
+            )
         target.merge(one)
     count = int(np.count_nonzero(finite))
     return VoxelReport(

@@ -7,7 +7,14 @@ from typing import Annotated, Any
 import typer
 
 from ndtree.cli.commands.app import command, examples, reports_errors
-from ndtree.cli.commands.figures import log_figures, map_figures, print_contents, print_log, print_map
+from ndtree.cli.commands.figures import (
+    log_figures,
+    map_figures,
+    point,
+    print_contents,
+    print_log,
+    print_map,
+)
 from ndtree.cli.commands.flags import in_flags, reading_options
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
 from ndtree.cli.commands.options import Dim, Json
@@ -58,9 +65,24 @@ def info(
                     print(f"  {line}")
         warn_of_skipped(opened)
     except NotALog as found:
-        figures = {"file": str(path), "kind": found.kind, "try": list(found.help)}
+        held = _points_of(path, reading) if found.has_points else {}
+        figures = {"file": str(path), "kind": found.kind, "try": list(found.help), **held}
         if not is_stdout(json_file):
             print(f"{path}: {found.kind}")
+            if held:
+                lower, upper = (point(held["bounds"][name]) for name in ("lower", "upper"))
+                print(f"  {held['points']:,} points from {lower} to {upper} m")
             for way in found.help:
                 print(f"  try {in_flags(way)}")
     write_json(figures, json_file)
+
+
+def _points_of(path: Path, reading: Any) -> dict[str, Any]:
+    """How many points a file without poses has, and where they are; nothing where they cannot be read."""
+    try:
+        figures = log_figures(reading.with_default("points_only", True).open(path, None))
+    except (ImportError, OSError, ValueError):
+        return {}
+    if figures["bounds"] is None:
+        return {}
+    return {"points": figures["beams"]["returned"], "bounds": figures["bounds"]}

@@ -121,9 +121,11 @@ class NotALog(ValueError):
         With its article: "a PNG image".
     help : tuple of str
         What helps, each a command or half a sentence; the best first.
+    has_points : bool
+        It can be read with ``points_only``.
     """
 
-    def __init__(self, path: str, kind: str, help: Iterable[str] = ()) -> None:
-        self.kind, self.help = kind, tuple(help)
+    def __init__(self, path: str, kind: str, help: Iterable[str] = (), *, has_points: bool = False) -> None:
+        self.kind, self.help, self.has_points = kind, tuple(help), has_points
         ways = f"; try {', or '.join(self.help)}" if self.help else ""
         super().__init__(f"{path}: {kind}{ways}")

@@ -91,4 +91,4 @@ def without_sensor(path: str, what: str, more: Sequence[str] = ()) -> NotALog:
         "--origin-of-scan X,Y,Z (all measured from one place)",
         *more,
     ]
-    return NotALog(path, what, ways)
+    return NotALog(path, what, ways, has_points=True)

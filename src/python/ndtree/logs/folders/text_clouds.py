@@ -74,8 +74,8 @@ class Columns:
         """Fields of a line."""
         line = line.strip()
         fields = line.split(self.separator)
-        if self.separator == b"," and fields and not fields[-1].strip():
-            fields.pop()
+        if len(fields) > 1 and not fields[-1].strip() and self.count in (0, len(fields) - 1):
+            fields.pop()  # A separator at the end of the line.
         return [
             field.strip().replace(b",", b".") if self.decimal_comma else field.strip() for field in fields
         ]

@@ -138,7 +138,7 @@ def _open(
         raise NotALog(source.path, "recorded network traffic without packets of a lidar that is known")
     if sender != "Velodyne":
         raise NotALog(
-            source.path, f"packets of a lidar of {sender}", [_OF_OTHERS[sender].format(path=source.path)]
+            source.path, f"packets of a lidar by {sender}", [_OF_OTHERS[sender].format(path=source.path)]
         )
     require_dim(source, VELODYNE, 3, dim)
     if trajectory is not None and still:
