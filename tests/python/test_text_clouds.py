@@ -64,13 +64,23 @@ def test_columns_are_those_that_a_header_names() -> None:
         b"id easting northing elevation\n1 2 3 4\n": (1, 2, 3),
         b"name,pos_x,pos_y,pos_z\nwall,2,3,4\n": (1, 2, 3),
         b"x [m], y [m], z [m]\n1, 2, 3\n": (0, 1, 2),
+        b"x [m] y [m] z [m]\n1 2 3\n": (0, 1, 2),
+        b"time (s) x (m) y (m) z (m)\n1 2 3 4\n": (1, 2, 3),
+        b"# points x y z of the hall\n1 2 3\n": (0, 1, 2),
+        b"# RANGE (mm), X1 (m), Y1 (m), Z1 (m), X2 (m)\n9, 1, 2, 3, 0\n": (1, 2, 3),
         b"a,b,c\n1,2,3\n": (0, 1, 2),
     }
     for text, expected in cases.items():
         columns = columns_of(text.splitlines())
         assert columns is not None and columns.xyz == expected, text
-    for text in (b"", b"hello\n", b"1 2\n3 4\n", b"a b c\nd e f\n", b"x y z\n"):
+    for text in (b"id x y z\n1 2 3\n", b"", b"hello\n", b"1 2\n3 4\n", b"a b c\nd e f\n", b"x y z\n"):
         assert columns_of(text.splitlines()) is None, text
+
+
+def test_units_that_a_header_names_count(tmp_path: Path) -> None:
+    for unit, metres in (("mm", 0.001), ("cm", 0.01), ("m", 1.0), ("furlong", 1.0)):
+        (tmp_path / "a.csv").write_text(f"x [{unit}], y [{unit}], z [{unit}]\n1, 2, 3\n")
+        np.testing.assert_allclose(text_points(str(tmp_path / "a.csv")), [[metres, 2 * metres, 3 * metres]])
 
 
 def test_what_was_not_measured_is_nan(tmp_path: Path) -> None:

@@ -3,8 +3,7 @@
 
 Strategy: the first lines tell the separator, whether a comma is a decimal point, and the columns of x, y and
 z, by a header that names them or else the first three. Then whole blocks of lines are parsed at once; where
-that gives another number of values than expected, the block is read line by line, which finds the line at
-fault.
+that fails, a block is read line by line, which finds the line at fault.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -38,7 +37,11 @@ _AXES = (
     ("easting", "northing", "elevation"),
     ("easting", "northing", "height"),
     ("easting", "northing", "z"),
+    ("x1", "y1", "z1"),  # Ouster's first return.
 )
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+#: What is between a name and its unit.
+_UNIT_APART = re.compile(rb"\s+(?=[\[(])")
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,8 @@ class Columns:
         A line with one whole number says how many points follow, as in PTS.
     worded : bool
         There are words behind the coordinates.
+    metres : float
+        What a 1 in the file is [m], as a header may say.
     """
 
     separator: bytes | None
@@ -69,6 +74,7 @@ class Columns:
     named: bool = False
     counted: bool = False
     worded: bool = False
+    metres: float = 1.0
 
     def fields(self, line: bytes) -> list[bytes]:
         """Fields of a line."""
@@ -81,38 +87,57 @@ class Columns:
         ]
 
 
+@dataclass(frozen=True)
+class _Header:
+    """Which columns a line names: of how many, in which unit, and whether it is a comment."""
+
+    xyz: tuple[int, int, int]
+    count: int
+    metres: float
+    is_comment: bool
+
+    def fits(self, count: int) -> bool:
+        """Whether lines of some columns may be what it names; a comment may name x, y and z in a sentence."""
+        return count == self.count if self.is_comment else count >= self.count
+
+
 def columns_of(lines: Iterable[bytes]) -> Columns | None:
     """How a file is to be read, by its first lines; None if they are not points in text."""
-    named: tuple[int, int, int] | None = None
+    header: _Header | None = None
     counted = False
     for line in islice(lines, _LOOKED_AT):
         content = line.strip()
         if not content:
             continue
         comment = next((mark for mark in _COMMENT if content.startswith(mark)), None)
-        separator, decimal_comma = _separator(content.removeprefix(comment or b"").strip())
+        content = content.removeprefix(comment or b"").strip()
+        separator, decimal_comma = _separator(content)
         columns = Columns(separator, decimal_comma, (0, 1, 2), 0)
-        fields = columns.fields(content.removeprefix(comment or b""))
-        if comment is None and (values := _values(fields)) is not None:
-            if len(values) == 1 and values[0] == int(values[0]) >= 0 and not counted:
-                counted = True
-                continue
-            xyz = named or (0, 1, 2)
-            if len(values) <= max(xyz):  # Columns and rows, as 3DTK has them before the points.
-                continue
-            return Columns(separator, decimal_comma, xyz, len(values), named is not None, counted)
-        found = _named(fields)
+        fields = columns.fields(content)
+        values = None if comment else _values(fields)
+        if values is not None and len(values) == 1 and values[0] == int(values[0]) >= 0 and not counted:
+            counted = True
+            continue
+        if values is not None:
+            columns = replace(columns, count=len(values), counted=counted)
+            if header is not None and header.fits(len(values)):
+                return replace(columns, xyz=header.xyz, metres=header.metres, named=True)
+            if len(values) >= 3 and (header is None or header.is_comment):
+                return columns
+            continue  # Columns and rows, as 3DTK has them before the points.
+        found = _header(columns.fields(_UNIT_APART.sub(b"", content)), comment is not None)
         if found is not None:
-            named = found
-        elif comment is None and not named and _values(fields[:3]) is not None:
-            if len(fields) > 3:  # Words behind the coordinates.
-                return Columns(separator, decimal_comma, (0, 1, 2), len(fields), False, counted, worded=True)
-            return None
-        elif comment is None and named:  # Words before the coordinates.
-            wanted = [fields[i] for i in named if i < len(fields)]
-            if len(wanted) == 3 and _values(wanted) is not None:
-                return Columns(separator, decimal_comma, named, len(fields), True, counted)
-            return None
+            header = found
+        elif comment is None:
+            at = header.xyz if header is not None else (0, 1, 2)
+            wanted = [fields[i] for i in at if i < len(fields)]
+            if len(wanted) == 3 and len(fields) > 3 and _values(wanted) is not None:  # Words beside numbers.
+                columns = replace(columns, xyz=at, count=len(fields), counted=counted)
+                if header is None:
+                    return replace(columns, worded=True)
+                return replace(columns, metres=header.metres, named=True)
+            if header is not None or _values(fields[:3]) is not None:
+                return None
     return None
 
 
@@ -139,7 +164,8 @@ def text_points(path: str) -> Floats:
     with open_plain(path) as file:
         for first, block in _blocks(file):
             parts.append(_parsed(path, columns, first, block))
-    return np.concatenate(parts)
+    found = np.concatenate(parts)
+    return found if columns.metres == 1.0 else found * columns.metres
 
 
 def _blocks(file: PlainFile) -> Iterator[tuple[int, list[bytes]]]:
@@ -172,23 +198,19 @@ def _parsed(path: str, columns: Columns, first: int, lines: list[bytes]) -> Floa
 
 
 def _quick(columns: Columns, lines: list[bytes]) -> Floats | None:
-    """All lines at once; None where they are not all alike."""
-    text = b" ".join(lines)
+    """All lines at once; None where they are not all points."""
+    delimiter = None if columns.separator is None else columns.separator.decode()
     if columns.decimal_comma:
-        text = text.replace(b",", b".")
-    if columns.separator:
-        text = text.replace(columns.separator, b" ")
+        lines = [line.replace(b",", b".") for line in lines]
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            values = np.fromstring(text, dtype=np.float64, sep=" ")  # type: ignore[call-overload]
-    except (ValueError, DeprecationWarning):
+            found = np.loadtxt(
+                lines, delimiter=delimiter, usecols=columns.xyz, comments=None, ndmin=2, dtype=np.float64
+            )
+    except (ValueError, IndexError, UserWarning):
         return None
-    if len(values) != len(lines) * columns.count:
-        return None
-    if any(len(line.split(columns.separator)) != columns.count for line in lines):
-        return None
-    return np.ascontiguousarray(values.reshape(-1, columns.count)[:, list(columns.xyz)])
+    return found if len(found) == len(lines) else None
 
 
 def _separator(line: bytes) -> tuple[bytes | None, bool]:
@@ -210,16 +232,19 @@ def _values(fields: Iterable[bytes]) -> list[float] | None:
     return values or None
 
 
-def _named(fields: list[bytes]) -> tuple[int, int, int] | None:
-    """Columns of x, y and z, where fields are their names."""
-    names = []
+def _header(fields: list[bytes], is_comment: bool) -> _Header | None:
+    """What a line names, if its fields are the names of columns, among them x, y and z."""
+    names, units = [], []
     for field in fields:
-        name = re.sub(r"[\[(].*$", "", field.decode("utf-8", "replace")).strip(" \"'/#\t").lower()
+        text = field.decode("utf-8", "replace")
+        unit = re.search(r"[\[(]\s*(\w+)\s*[\])]", text)
+        units.append(unit[1].lower() if unit else "")
+        name = re.sub(r"[\[(].*$", "", text).strip(" \"'/#\t").lower()
         names.append(re.sub(r"^(?:pos|position|point|points|coord|cartesian)?[_.: ]?(?=[xyz]$)", "", name))
     for axes in _AXES:
         if all(names.count(axis) == 1 for axis in axes):
             x, y, z = (names.index(axis) for axis in axes)
-            return x, y, z
+            return _Header((x, y, z), len(names), _METRES.get(units[x], 1.0), is_comment)
     return None
 
 

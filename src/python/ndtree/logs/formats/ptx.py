@@ -129,12 +129,10 @@ def _table(lines: list[bytes], width: int) -> Floats | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            values = np.fromstring(b" ".join(lines), dtype=np.float64, sep=" ")  # type: ignore[call-overload]
-    except (ValueError, DeprecationWarning):
+            table = np.loadtxt(lines, comments=None, ndmin=2, dtype=np.float64)
+    except (ValueError, UserWarning):
         return None
-    if len(values) != len(lines) * width or any(len(line.split()) != width for line in lines):
-        return None
-    return values.reshape(-1, width)
+    return table if table.shape == (len(lines), width) else None
 
 
 def _wrong(path: str, number: int, line: bytes, expected: str) -> ValueError:
