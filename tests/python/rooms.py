@@ -20,7 +20,7 @@ import pytest
 
 #: The walls of the room [m]: lower and upper corner, off the borders of cells, where rounding would decide.
 ROOM = np.array([[-3.03, -2.54, -1.23], [3.47, 2.04, 1.66]])
-START = 1_700_000_000.0  # Time of the first scan, a second before the next [s].
+START = 1_700_000_000.0  # A quarter of a second before the first scan, which is a second before the next [s].
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def scanned(count: int = 4, beams: int = 5000, seed: int = 3) -> list[Placed]:
         directions = random.normal(size=(beams, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         ranges = ranges_to_walls(pose[:3, 3], directions @ pose[:3, :3].T)
-        found.append(Placed(directions * ranges[:, None], pose, START + i))
+        found.append(Placed(directions * ranges[:, None], pose, START + i + 0.25))
     return found
 
 
@@ -297,7 +297,7 @@ def kitti_raw(folder: Path, scans: Sequence[Placed]) -> Path:
         numbers = [f"{v:.15f}" for v in (lat, lon, 100 + z, roll, pitch, yaw)] + ["0"] * 24
         (drive / "oxts" / "data" / f"{i:010d}.txt").write_text(" ".join(numbers) + "\n")
         as_floats(drive / "velodyne_points" / "data" / f"{i:010d}.bin", one.points)
-        times.append(f"2023-11-14 22:13:{20 + i:02d}.000000000")
+        times.append(f"2023-11-14 22:13:{20 + i:02d}.250000000")
     (drive / "velodyne_points" / "timestamps.txt").write_text("\n".join(times) + "\n")
     return drive
 

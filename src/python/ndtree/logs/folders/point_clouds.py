@@ -141,9 +141,7 @@ class PointCloudLog(FolderLog):
             why = " (VIEWPOINT is the identity in all)" if self._kind is _PCD else ""
             return f"{len(self)} {kinds.get(kind, f'{kind} files')} without poses{why}"
         if self._kind is BIN_CLOUD:
-            return (
-                f"a laser scan of bare float32 numbers, {self._width} a point, as KITTI's, without its pose"
-            )
+            return f"a laser scan as KITTI's (.bin, {self._width} float32 numbers a point) without its pose"
         if self._kind is TEXT_CLOUD:
             why = looks_like_points(source_of(self._files[0], "points"))
             return "points in text without a pose" + (f" ({why})" if why else "")
