@@ -120,6 +120,10 @@ def test_points_only_are_mapped_by_the_command_line(tmp_path: Path) -> None:
     assert (status, wrong) == (0, [])
     made = package.load(tmp_path / "a.ndt")
     assert (made.state(points.round(6)) == 1).all() and not (made.leaves().state == 0).any()
+    status, said, _ = ndtree(
+        "map", tmp_path / "hall.xyz", "--points-only", "--range-sigma", "0.06", "-o", tmp_path / "b.ndt"
+    )
+    assert status == 0 and any("cells of 0.12 m" in line for line in said), "twice the noise"
     refused = {
         (
             "map",

@@ -81,6 +81,7 @@ class PointCloudLog(FolderLog):
         if points_in not in FRAMES:
             raise ValueError(f"points_in = {points_in!r}: must be one of {', '.join(FRAMES)}")
         self._points_in, self._unplaced = points_in, unplaced
+        self.has_sensor = not unplaced.points_only
         scans = _scans_of(source)
         if scans is None:
             raise ValueError(

@@ -57,6 +57,7 @@ class E57Log(SizedLog):
     def __init__(self, path: str, unplaced: Unplaced) -> None:
         super().__init__(path, dim=3)
         self._unplaced = unplaced
+        self.has_sensor = not unplaced.points_only
         with _opened(path) as file:
             self._count = int(file.scan_count)
             with readable(path, "cannot be read as E57", foreign=True):
