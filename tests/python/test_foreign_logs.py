@@ -91,6 +91,24 @@ def test_the_folder_of_scans_alone_finds_the_poses_above_it(tmp_path: Path) -> N
     assert any("poses.csv" in note for note in log.notes), "poses from elsewhere are said"
 
 
+def test_poses_in_the_clouds_come_before_those_above(tmp_path: Path) -> None:
+    """Stray trajectories in the folder above are not taken where the clouds have poses of their own."""
+    (tmp_path / "clouds").mkdir()
+    rooms.kitti(tmp_path / "of_another.txt", SCANS[:2])
+    for i in range(2):
+        header = "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\n"
+        header += f"VIEWPOINT {i} 5 0 1 0 0 0\n"
+        (tmp_path / "clouds" / f"{i}.pcd").write_text(header + "POINTS 1\nDATA ascii\n1 0 0\n")
+    origins = [scan.origin.tolist() for scan in read(tmp_path / "clouds")]
+    assert origins == [[0, 5, 0], [1, 5, 0]]
+    rooms.kitti(tmp_path / "and_one_more.txt", SCANS[:2])
+    rooms.as_text(tmp_path / "clouds" / "0.xyz", SCANS[0].points)
+    for name in ("0.pcd", "1.pcd"):
+        (tmp_path / "clouds" / name).unlink()
+    with pytest.raises(NotALog, match="points in text without a pose"):
+        read(tmp_path / "clouds")
+
+
 def test_several_folders_of_scans_are_named(tmp_path: Path) -> None:
     for name in ("left", "right"):
         (tmp_path / name).mkdir()
@@ -151,7 +169,7 @@ def test_an_e57_without_poses_needs_an_origin(tmp_path: Path) -> None:
         NotALog, match=r"a\.e57: an E57 of points without a pose; try ndtree map .*--points-only"
     ):
         read(path)
-    (scan,) = read(path, origin_of_scan="1,2,0.5")
+    (scan,) = read(path, origin_of_scan=(1, 2, 0.5))
     np.testing.assert_allclose(scan.origin, [1, 2, 0.5])
     np.testing.assert_allclose(scan.endpoints, SCANS[0].points, atol=1e-6)
 

@@ -26,7 +26,15 @@ from ndtree.logs.folders.cloud_files import (
     points_of_file,
 )
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stamps_in, stem_of
-from ndtree.logs.folders.scan_folder import POSE_ENDINGS, FoundPoses, Scans, poses_of, scans_in, times_of
+from ndtree.logs.folders.scan_folder import (
+    POSE_ENDINGS,
+    FoundPoses,
+    Scans,
+    poses_above,
+    poses_of,
+    scans_in,
+    times_of,
+)
 from ndtree.logs.folders.text_clouds import ENDINGS, MAYBE, columns_in, ends_as_points
 from ndtree.logs.formats.text import dimension_of, first_fields, looks_like_points
 from ndtree.logs.poses.pose import Pose
@@ -49,7 +57,8 @@ class PointCloudLog(FolderLog):
       folder ``poses``;
     - the only trajectory file beside the files, above them, or in a folder for poses there, whatever its name
       (``times.txt`` has the times of numbered files); see `PosesOfFiles` for which pose is whose;
-    - VIEWPOINT of PCD files, unless it is the identity in all of several.
+    - VIEWPOINT of PCD files, unless it is the identity in all of several;
+    - poses in the folder above.
 
     Points without poses need `origin_of_scan` or `points_only`.
 
@@ -99,14 +108,16 @@ class PointCloudLog(FolderLog):
             return
         if trajectory is None:
             found = poses_of(source.path, scans) if source.is_folder else _beside_file(scans)
+            if not found and not self._have_viewpoints():
+                found = poses_above(scans) if source.is_folder else found
+                if not found:
+                    raise without_sensor(source.path, self._said(), more=self._more())
             self._beside, trajectory = found.beside, found.trajectory
             self._say_where(found, scans.folder)
         if trajectory is not None:
             self._trajectory = PosesOfFiles(
                 trajectory, self._files, times_of(scans.folder, scans), time_offset
             )
-        elif not self._beside:
-            self._require_viewpoints()
 
     def _say_where(self, found: FoundPoses, folder: str) -> None:
         """Note poses that are not in the folder of the scans."""
@@ -119,17 +130,18 @@ class PointCloudLog(FolderLog):
         """As of other folders; points without a sensor have no beams."""
         return not self._unplaced.points_only and super().knows_no_returns
 
-    def _require_viewpoints(self) -> None:
+    def _have_viewpoints(self) -> bool:
         """Several identities are no poses: the header has them where none was given."""
-        if self._kind is _PCD:
-            for path in self._files:
-                try:
-                    pose = pcd_viewpoint(path)
-                except ValueError:
-                    return  # Said by somebody; the error is that of the scan.
-                if len(self) == 1 or pose.position.any() or not np.array_equal(pose.rotation, np.eye(3)):
-                    return
-        raise without_sensor(self.path, self._said(), more=self._more())
+        if self._kind is not _PCD:
+            return False
+        for path in self._files:
+            try:
+                pose = pcd_viewpoint(path)
+            except ValueError:
+                return True  # Said by somebody; the error is that of the scan.
+            if len(self) == 1 or pose.position.any() or not np.array_equal(pose.rotation, np.eye(3)):
+                return True
+        return False
 
     def _said(self) -> str:
         """What the files are, for the error of those without poses."""

@@ -46,6 +46,9 @@ class FoundPoses:
     beside: tuple[str | None, ...] = ()
     trajectory: str | None = None
 
+    def __bool__(self) -> bool:
+        return bool(self.beside) or self.trajectory is not None
+
 
 def scans_in(path: str, names: Sequence[str]) -> Scans | None:
     """Clouds of a folder, else those of its only subfolder that has some; None where there are none.
@@ -74,19 +77,35 @@ def poses_of(path: str, scans: Scans) -> FoundPoses:
         If a folder has several trajectories.
     """
     for folder in _places(path, scans.folder):
-        names = [name for name in _entries(folder) if folder != scans.folder or name not in scans.names]
-        beside = _beside(scans.names, names)
-        if any(beside):
-            return FoundPoses(tuple(name and os.path.join(folder, name) for name in beside))
-        trajectory = _trajectory(folder, names)
-        if trajectory is not None:
-            return FoundPoses(trajectory=trajectory)
+        found = _poses_in(folder, scans)
+        if found:
+            return found
     return FoundPoses()
+
+
+def poses_above(scans: Scans) -> FoundPoses:
+    """Poses in the folder above that of the scans: who names the scans alone may have them beside it."""
+    for folder in _above(scans.folder):
+        try:
+            found = _poses_in(folder, scans)
+        except ValueError:  # Several trajectories: they need not be of these scans.
+            continue
+        if found:
+            return found
+    return FoundPoses()
+
+
+def _poses_in(folder: str, scans: Scans) -> FoundPoses:
+    names = [name for name in _entries(folder) if folder != scans.folder or name not in scans.names]
+    beside = _beside(scans.names, names)
+    if any(beside):
+        return FoundPoses(tuple(name and os.path.join(folder, name) for name in beside))
+    return FoundPoses(trajectory=_trajectory(folder, names))
 
 
 def times_of(path: str, scans: Scans) -> str | None:
     """A file with the time of each scan, beside them or above them."""
-    for folder in _places(path, scans.folder):
+    for folder in (*_places(path, scans.folder), *_above(scans.folder)):
         for name in TIMES:
             if os.path.isfile(os.path.join(folder, name)):
                 return os.path.join(folder, name)
@@ -168,7 +187,7 @@ def _entries(path: str) -> list[str]:
 
 
 def _places(path: str, folder: str) -> Iterator[str]:
-    """Where poses are looked for, the nearest first; the folder above a folder of scans alone comes last."""
+    """Where poses are looked for, the nearest first: from the scans' folder up to `path`."""
     at, top = folder, os.path.abspath(path)
     while True:
         yield at
@@ -179,12 +198,15 @@ def _places(path: str, folder: str) -> Iterator[str]:
         if os.path.abspath(at) == top:
             break
         at = os.path.dirname(at)
-    if os.path.abspath(folder) == top:
-        above = os.path.join(path, os.pardir)
-        yield above
-        yield from (
-            os.path.join(above, name) for name in POSE_FOLDERS if os.path.isdir(os.path.join(above, name))
-        )
+
+
+def _above(folder: str) -> Iterator[str]:
+    """The folder above another, and those for poses in it."""
+    above = os.path.join(folder, os.pardir)
+    yield above
+    for name in POSE_FOLDERS:
+        if os.path.isdir(os.path.join(above, name)):
+            yield os.path.join(above, name)
 
 
 def _beside(scans: Sequence[str], names: Sequence[str]) -> list[str | None]:
@@ -221,10 +243,17 @@ def _trajectory(folder: str, names: Sequence[str]) -> str | None:
         for name in names
         if name.lower().endswith(TRAJECTORY_ENDINGS)
         and os.path.isfile(os.path.join(folder, name))
-        and trajectory_kind(os.path.join(folder, name))
+        and _is_trajectory(os.path.join(folder, name))
     ]
     if len(found) > 1:
         raise ValueError(
             f"{folder}: {len(found)} trajectories, {' and '.join(found)}: say which by the option trajectory"
         )
     return os.path.join(folder, found[0]) if found else None
+
+
+def _is_trajectory(path: str) -> bool:
+    try:
+        return trajectory_kind(path) is not None
+    except OSError:  # Not everything may be read.
+        return False
