@@ -213,7 +213,13 @@ def csv_with_time_first(path: Path, points: np.ndarray) -> None:
 # --- Files of several scans -------------------------------------------------------------------------
 
 
-def e57(folder: Path, scans: Sequence[Placed], *, with_pose: bool = True, invalid: bool = False) -> Path:
+def e57(
+    folder: Path,
+    scans: Sequence[Placed],
+    *,
+    with_pose: bool = True,
+    invalid: bool = False,
+) -> Path:
     pye57 = pytest.importorskip("pye57", reason="no pye57: no E57 can be written")
     path = folder / "a.e57"
     file = pye57.E57(str(path), mode="w")
@@ -225,6 +231,48 @@ def e57(folder: Path, scans: Sequence[Placed], *, with_pose: bool = True, invali
         if invalid:  # Each third beam has not returned.
             data["cartesianInvalidState"] = (np.arange(len(points)) % 3 == 0).astype(np.int8)
         file.write_scan_raw(data, **pose)
+    file.close()
+    return path
+
+
+def e57_in_angles(folder: Path, scans: Sequence[Placed]) -> Path:
+    """With ranges, azimuths and elevations, for which the library has no function: node by node."""
+    pye57 = pytest.importorskip("pye57", reason="no pye57: no E57 can be written")
+    lib = pye57.libe57
+    path = folder / "a.e57"
+    file = pye57.E57(str(path), mode="w")
+
+    def numbers(**values: float) -> Any:
+        node = lib.StructureNode(file.image_file)
+        for name, value in values.items():
+            node.set(name, lib.FloatNode(file.image_file, float(value), lib.E57_DOUBLE, -1e6, 1e6))
+        return node
+
+    for one in scans:
+        x, y, z = one.points.T
+        level = np.hypot(x, y)
+        columns = {
+            "sphericalRange": np.hypot(level, z),
+            "sphericalAzimuth": np.arctan2(y, x),
+            "sphericalElevation": np.arctan2(z, level),
+        }
+        arrays, buffers = file.make_buffers(list(columns), len(x))
+        for name, values in columns.items():
+            arrays[name][:] = values
+        qx, qy, qz, qw = one.quaternion
+        pose = lib.StructureNode(file.image_file)
+        pose.set("rotation", numbers(w=qw, x=qx, y=qy, z=qz))
+        pose.set("translation", numbers(**dict(zip("xyz", one.pose[:3, 3]))))
+        codecs = lib.VectorNode(file.image_file, True)
+        points = lib.CompressedVectorNode(file.image_file, numbers(**dict.fromkeys(columns, 0.0)), codecs)
+        scan = lib.StructureNode(file.image_file)
+        scan.set("guid", lib.StringNode(file.image_file, "{scan}"))
+        scan.set("pose", pose)
+        scan.set("points", points)
+        file.data3d.append(scan)
+        writer = points.writer(buffers)
+        writer.write(len(x))
+        writer.close()
     file.close()
     return path
 
@@ -405,9 +453,11 @@ def depth_images(folder: Path, scans: Sequence[Placed]) -> list[Placed]:
         length = np.linalg.norm(rays, axis=1)
         ranges = ranges_to_walls(one.pose[:3, 3], (rays / length[:, None]) @ one.pose[:3, :3].T)
         depth = np.rint(1000 * ranges / length).astype(np.uint16)
-        depth[::97] = 0  # No depth there.
+        depth[::97], depth[5::97] = 0, 65535  # No depth there.
         image_module.fromarray(depth.reshape(120, 160)).save(folder / "depth" / f"{i:05d}.png")
-        found.append(Placed((rays * depth[:, None] / 1000)[depth > 0], one.pose, one.stamp))
+        found.append(
+            Placed((rays * depth[:, None] / 1000)[(depth > 0) & (depth < 65535)], one.pose, one.stamp)
+        )
     return found
 
 

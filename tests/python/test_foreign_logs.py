@@ -152,8 +152,9 @@ def test_points_that_a_ptx_has_at_0_were_not_measured(tmp_path: Path) -> None:
     assert_same(list(read(path)), odd, MICROMETRE)
 
 
-def test_an_e57_gives_the_map_of_the_log(tmp_path: Path) -> None:
-    log = read(rooms.e57(tmp_path, SCANS))
+@pytest.mark.parametrize("write", [rooms.e57, rooms.e57_in_angles])
+def test_an_e57_gives_the_map_of_the_log(write: Callable[..., Path], tmp_path: Path) -> None:
+    log = read(write(tmp_path, SCANS))
     assert (log.format, len(log)) == ("e57", len(SCANS))
     assert_same(list(log), SCANS, 1e-6)
 

@@ -31,11 +31,13 @@ _POSES = ("trajectory.log", "scene/trajectory.log", "livingroom.log", "odometry.
 _ENDINGS = (".log", ".txt", ".freiburg", ".tum", ".csv")
 #: Open3D's own where no file says another: a PrimeSense at 640 x 480, millimetres.
 DEFAULT_CAMERA = Camera(525.0, 525.0, 319.5, 239.5, scale=1000.0)
+#: The largest value is what drivers write where they have none.
+NO_DEPTH = 65535
 _CAMERA_FILE = 1 << 20
 
 
 class DepthFolderLog(FolderLog):
-    """``depth/*.png`` (16 bits, millimetres; 0 is no depth) and ``trajectory.log``, or another trajectory.
+    """``depth/*.png`` (16 bits, millimetres; 0 and 65535 are no depth) and ``trajectory.log``.
 
     The camera is `camera`, else the intrinsic matrix in a JSON of the folder, as Open3D writes it, else
     Open3D's default, with a note.
@@ -83,7 +85,8 @@ class DepthFolderLog(FolderLog):
         return self._poses.pose(i)
 
     def _points(self, i: int) -> NDArray[np.floating]:
-        return points_of(load_png(self._files[i]), self._camera, pixel_stride=self._pixel_stride)
+        image = load_png(self._files[i])
+        return points_of(image, self._camera, pixel_stride=self._pixel_stride, no_depth=(NO_DEPTH,))
 
     def _stamp(self, i: int) -> float:
         return self._poses.stamp(i)
