@@ -72,6 +72,12 @@ class EvidenceModel {
   [[nodiscard]] const EvidenceCell& saturated() const { return saturated_; }
   [[nodiscard]] bool forgets_nothing() const { return kept_ == 1.0; }
 
+  /// Whether a scan doubles a cell's misses, or carries them past a power of two.
+  [[nodiscard]] bool misses_double(const EvidenceCell& cell, std::uint32_t misses) const {
+    const std::uint32_t after = std::min(cell.misses() + misses, memory_.free_memory_beams());
+    return (cell.misses() ^ after) > cell.misses() && after > cell.misses();
+  }
+
   // SamplingRate
   [[nodiscard]] bool is_well_observed(const EvidenceCell& cell) const {
     return sampling_.is_well_observed(cell);
@@ -94,8 +100,9 @@ class EvidenceModel {
   }
   [[nodiscard]] EvidenceCell initial_child(const EvidenceCell& parent, int children_across,
                                            std::size_t passed, std::size_t beams, int cell_part = 0,
-                                           bool is_finest = true) const {
-    return children_.child_of(parent, memory_, children_across, passed, beams, cell_part, is_finest);
+                                           bool part_is_child = true, bool is_finest = true) const {
+    return children_.child_of(parent, memory_, children_across, passed, beams, cell_part, part_is_child,
+                              is_finest);
   }
   [[nodiscard]] EvidenceCell part_of(const EvidenceCell& cell, int children_across, int cell_part) const {
     return ChildInitialisation::even_part_of(cell, memory_, children_across, cell_part);

@@ -69,9 +69,10 @@ struct EvidenceRefinement {
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
   /// **The leaf decision**: what the evidence of a scan does to a leaf.
   /// - A smallest cell is updated.
-  /// - A leaf splits if splits() says so, or if it was never observed and beams have only passed it: then
-  ///   CoverageModel::judge() has the last word.
-  /// - Unless its children are predicted to re-merge: then it is updated as if they had.
+  /// - A leaf splits if splits() says so, unless its children are predicted to re-merge: then it is updated
+  ///   as if they had.
+  /// - If beams have only passed a leaf that was never observed, CoverageModel::judge() has the last word. It
+  ///   is asked again, about an observed leaf that is not covered, each time the leaf's misses have doubled.
   /// @param scan ScanEvidence, or PassedEvidence if all beams pass the leaf.
   /// @param children_across as in EvidenceModel::initial_child(). @param levels_below the leaf; 0: it cannot
   /// split.
@@ -79,11 +80,13 @@ struct EvidenceRefinement {
   [[nodiscard]] NDTREE_ALWAYS_INLINE LeafAction action(const EvidenceCell& leaf, const Scan& scan,
                                                        int children_across, int levels_below) const {
     if (levels_below == 0) return LeafAction::update;
-    const bool is_new = !leaf.observed() && coverage.is_on() && scan.is_free_alone();
-    if (!is_new && !splits(leaf, scan)) return LeafAction::update;
-    if (model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below))
-      return LeafAction::update_without_split;
-    return is_new ? LeafAction::judge_coverage : LeafAction::split;
+    if (splits(leaf, scan))
+      return model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below)
+                 ? LeafAction::update_without_split
+                 : LeafAction::split;
+    if (leaf.is_fully_observed() || !coverage.is_on() || !scan.is_free_alone()) return LeafAction::update;
+    return !leaf.observed() || model.misses_double(leaf, scan.misses) ? LeafAction::judge_coverage
+                                                                      : LeafAction::update;
   }
   /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
   /// - Free: any resolvable hit splits, so that smaller cells show where it is.

@@ -526,12 +526,15 @@ class alignas(kCacheLines) ScanWalk {
     const CoverageVerdict seen =
         coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
                         refinement_.model.beams_of(cell.free_evidence() + scan.free));
-    if (seen.shows_more) return split(leaf, list, sample, scan, sampling);
-    if (!seen.is_enough)
-      return counted(refinement_.model.update_partly_seen(cell, seen.parts, scan), scan.beams);
-    const bool changed = update(cell, scan);
+    const EvidenceCell before = cell;
+    if (!before.observed()) {
+      if (seen.shows_more) return split(leaf, list, sample, scan, sampling);
+      if (!seen.is_enough)
+        return counted(refinement_.model.update_partly_seen(cell, seen.parts, scan), scan.beams);
+    }
+    (void)refinement_.model.update(cell, scan);
     cell.set_covered(seen.is_covered);
-    return changed;
+    return counted(cell != before, scan.beams);
   }
   /// Splits a leaf and integrates its beams into the children. If these re-merge, and the beams have only
   /// passed, the leaf is updated as if it had not split: so evidence of passes adds up, scan by scan.
