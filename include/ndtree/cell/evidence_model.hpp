@@ -72,6 +72,18 @@ class EvidenceModel {
   [[nodiscard]] const EvidenceCell& saturated() const { return saturated_; }
   [[nodiscard]] bool forgets_nothing() const { return kept_ == 1.0; }
 
+  /// Takes away so much evidence for free space that the log-odds is at least this, if evidence for occupied
+  /// space is there. @returns whether the cell changed.
+  bool raise(EvidenceCell& cell, double log_odds) const {
+    if (static_cast<double>(cell.log_odds()) >= log_odds || cell.occupied_evidence() == 0) return false;
+    const double most =
+        (static_cast<double>(cell.occupied_evidence()) + memory_.prior()) * std::exp(-log_odds) -
+        memory_.prior();
+    const auto free = static_cast<std::int64_t>(std::max(0.0, most));
+    if (free >= cell.free_evidence()) return false;
+    memory_.assign(cell, cell.occupied_evidence(), free);
+    return true;
+  }
   /// Whether a scan doubles a cell's misses, or carries them past a power of two.
   [[nodiscard]] bool misses_double(const EvidenceCell& cell, std::uint32_t misses) const {
     const std::uint32_t after = std::min(cell.misses() + misses, memory_.free_memory_beams());

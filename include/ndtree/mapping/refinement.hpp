@@ -12,6 +12,7 @@
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/partial_occupancy.hpp"
 #include "ndtree/cell/split_test.hpp"
+#include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/beam_update.hpp"
 #include "ndtree/mapping/coverage.hpp"
@@ -60,11 +61,22 @@ struct EvidenceRefinement {
   CoverageModel coverage;
   PartialOccupancySplitTest split_test;
   EvidenceMergeRule merge_rule;
+  /// Log-odds that a smallest cell has at least while it is partially occupied; none: all its beams decide.
+  std::optional<double> partial_log_odds;
 
   explicit EvidenceRefinement(const MapOptions& options)
-      : model(options, options), coverage(options), split_test(options), merge_rule(options, model) {}
+      : model(options, options), coverage(options), split_test(options), merge_rule(options, model) {
+    if (options.partial_probability > 0.0) partial_log_odds = log_odds(options.partial_probability);
+  }
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
+  /// Keeps a smallest cell occupied that would split if it could: something thin is in it, however many beams
+  /// pass beside it. @pre partial_log_odds. @returns whether the cell changed.
+  bool keep_partial(EvidenceCell& cell) const {
+    constexpr std::uint32_t kLeastHits = 2;  // One may be an outlier.
+    return cell.hits() >= kLeastHits && split_test(cell.hits(), cell.misses()) &&
+           model.raise(cell, *partial_log_odds);
+  }
   /// Whether scans whose beams all pass leave the cell as it is.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
   /// **The leaf decision**: what the evidence of a scan does to a leaf.

@@ -435,7 +435,11 @@ class alignas(kCacheLines) ScanWalk {
   NDTREE_ALWAYS_INLINE bool update_or(EvidenceCell& leaf, int level, const Scan& scan,
                                       const Otherwise& otherwise) {
     const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
-    if (action == LeafAction::update) return update(leaf, scan);
+    if (action == LeafAction::update) {
+      const bool changed = update(leaf, scan);
+      if (level != finest_level_ || !refinement_.partial_log_odds) return changed;
+      return refinement_.keep_partial(leaf) || changed;
+    }
     const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
     if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
     return all.beams > 0 && otherwise(all, action);
