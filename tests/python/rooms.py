@@ -210,6 +210,14 @@ def csv_with_time_first(path: Path, points: np.ndarray) -> None:
     path.write_text("\n".join(["timestamp,x,y,z,intensity", *lines]) + "\n")
 
 
+def ouster_csv(path: Path, points: np.ndarray) -> None:
+    """As ouster-cli writes it: two comments, of which the second names the columns."""
+    names = "TIMESTAMP (ns), ROW, COLUMN, RANGE (mm), X1 (m), Y1 (m), Z1 (m), FLAGS, NEAR_IR (photons)"
+    lines = ["# frame num: 0", f"# {names}"]
+    lines += [f"{i},0,{i},1500,{x:.6f},{y:.6f},{z:.6f},0,12" for i, (x, y, z) in enumerate(points)]
+    path.write_text("\n".join(lines) + "\n")
+
+
 # --- Files of several scans -------------------------------------------------------------------------
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import gzip
 import importlib.util
 import shutil
+import struct
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -215,6 +216,23 @@ def _room(write: Callable[..., Any], **how: Any) -> Callable[[Path], Path]:
     return lambda folder: write(folder, rooms.scanned(3, 150), **how)
 
 
+def _with_checksums(path: Path) -> Path:
+    """An E57 whose pages have the checksums of their content: damage comes behind them."""
+    table = []
+    for byte in range(256):
+        for _ in range(8):
+            byte = (byte >> 1) ^ (0x82F63B78 if byte & 1 else 0)
+        table.append(byte)
+    content = bytearray(path.read_bytes())
+    for at in range(0, len(content) - 1023, 1024):
+        checksum = 0xFFFFFFFF
+        for byte in content[at : at + 1020]:
+            checksum = (checksum >> 8) ^ table[(checksum ^ byte) & 255]
+        content[at + 1020 : at + 1024] = struct.pack(">I", checksum ^ 0xFFFFFFFF)
+    path.write_bytes(content)
+    return path
+
+
 def _packets(write: Callable[..., Path]) -> Callable[[Path], Path]:
     def make(folder: Path) -> Path:
         packets = rooms.velodyne_packets(lambda stamp: np.eye(4), 1)[::4]
@@ -240,7 +258,10 @@ def _text_cloud(write: Callable[..., None], name: str) -> Callable[[Path], Path]
 
 #: Those that libraries of their own write.
 _OF_LIBRARIES = {
-    "pye57": {"e57": Sample(_room(rooms.e57)), "e57, invalid": Sample(_room(rooms.e57, invalid=True))},
+    "pye57": {
+        "e57": Sample(_room(rooms.e57)),
+        "e57, invalid": Sample(_room(rooms.e57, invalid=True), pack=_with_checksums),
+    },
     "velodyne_decoder": {
         "pcap": Sample(_packets(rooms.pcap), ("--still",)),
         "pcapng": Sample(_packets(rooms.pcapng), ("--still",)),

@@ -73,6 +73,9 @@ FOLDERS: dict[str, Callable[[Path, Sequence[Placed]], Path]] = {
         scans_in="raw_format/ouster_scan", names=rooms.seconds_and_nanoseconds,
     ),
     "a folder of poses": folder_of(TEXT, ".xyz", rooms.pose_each, "poses", scans_in="lidar"),
+    "Ouster's csv": folder_of(
+        rooms.ouster_csv, ".csv", rooms.kitti, "poses.txt", names=lambda i, one: f"scans_{i:06d}"
+    ),
     "numbers from 1": folder_of(TEXT, ".xyz", rooms.kitti, "poses.txt", names=lambda i, one: f"scan_{i + 1}"),
 }  # fmt: skip
 

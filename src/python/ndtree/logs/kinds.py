@@ -10,7 +10,7 @@ import shlex
 from collections import Counter
 from dataclasses import dataclass
 
-from ndtree.logs.core.failures import NotALog
+from ndtree.logs.core.failures import NotALog, shown
 from ndtree.logs.core.source import Source
 from ndtree.logs.poses.trajectory_files import trajectory_kind
 
@@ -181,9 +181,27 @@ def _of_text(source: Source, path: str) -> NotALog | None:
     if start.startswith("<"):
         name = re.search(r"<(?!\?|!)([\w:.-]+)", start)
         return NotALog(source.path, f"text in XML{f' ({name[1][:_SHOWN]})' if name else ''}")
+    names = _columns_in(head)
+    if names is not None:
+        some = shown(", ".join(names), _SHOWN)
+        return NotALog(
+            source.path, f"a table with columns {some}", ["a header that names x, y and z of points"]
+        )
     if source.path.lower().endswith(_TEXTS):
         ending = os.path.splitext(source.path)[1]
         return NotALog(source.path, f"text ({ending}), and no log")
+    return None
+
+
+def _columns_in(head: str) -> list[str] | None:
+    """Names of a table's columns: words in the first line, and as many fields with numbers in the second."""
+    lines = [line for line in head.splitlines()[:20] if line.strip()][:2]
+    if len(lines) < 2:
+        return None
+    for separator in (",", ";", "\t"):
+        names, values = ([field.strip(" \"'#") for field in line.split(separator)] for line in lines)
+        if len(names) > 1 and len(names) == len(values) and all(re.match(r"[^\W\d]", name) for name in names):
+            return names if any(re.fullmatch(r"[-+.\deE]+", value) for value in values) else None
     return None
 
 
