@@ -70,11 +70,15 @@ def _number(value: float) -> str:
 def _options_table() -> str:
     """Each option with its default and the maps that read it, as the maps themselves say."""
     read_by = {
-        "adaptive": {"branching", "refinement", *ndtree.AdaptiveMap().options},
-        "paper": {"branching", "refinement", *ndtree.AdaptiveMap(refinement="paper").options},
-        "fixed": {"branching", *ndtree.FixedMap().options},
+        "adaptive": {"branching", "refinement", *ndtree.AdaptiveMap(dim=2).options},
+        "paper": {"branching", "refinement", *ndtree.AdaptiveMap(dim=2, refinement="paper").options},
+        "fixed": {"branching", *ndtree.FixedMap(dim=2).options},
     }
-    defaults = {**ndtree.default_options(), "branching": 2, "refinement": ndtree.AdaptiveMap().refinement}
+    defaults = {
+        **ndtree.default_options(),
+        "branching": 2,
+        "refinement": ndtree.AdaptiveMap(dim=2).refinement,
+    }
     rows = []
     for option in MAP_OPTIONS:
         value = defaults[option.name]

@@ -348,7 +348,7 @@ def test_an_octomap_header_in_no_encoding_is_refused(tmp_path: Path) -> None:
 
 def test_numbers_are_said_in_few_digits(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"min_cell_size = 1e\+300"):
-        ndtree.AdaptiveMap(min_cell_size=1e300, max_cell_size=1e-300)
+        ndtree.AdaptiveMap(dim=2, min_cell_size=1e300, max_cell_size=1e-300)
     with pytest.raises(ValueError, match="max_range = -1e") as caught:
         ndtree.AdaptiveMap(dim=2).cast_rays(np.zeros(2), np.ones((1, 2)), max_range=-1e300)
     assert len(str(caught.value)) < 100
