@@ -80,7 +80,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         _maps("range_sigma", "M", "m, or as measured", "as ndtree calibrate says"),
         _maps("range_sigma_quadratic", "PER_M", "1/m, or as measured", "depth cameras: 0.001 to 0.0015"),
         Row("min_range", "M", "0 m", "the robot sees itself"),
-        Row("fov", "DEG", "as PARAM or the beams say", "CARMEN logs that do not say"),
+        Row("fov", "DEG", "by PARAM, or the number of beams", "CARMEN logs that do not say"),
         Row("camera", "FX,FY,CX,CY", "as the log says", "depth images without a calibration"),
         Row("pixel_stride", "N", "1", "large depth images: mapping is faster"),
         Row("pixel_sigma", "PX", "1 px", "structure from motion of another quality"),
