@@ -111,6 +111,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("info nothing", 1, "nothing: No such file"),
     ("info a.txt", 1, "a.txt: line 1: found 'hello', expected"),
     ("info office.npz rooms.npz", 2, "rooms.npz: more than the command takes, expected FILE"),
+    ("info office.ndt --look", 2, "--look: is for a LOG, and office.ndt is a map"),
     ("info damaged.ndt", 1, "damaged.ndt"),
     ("view", 2, "MAP is missing, expected ndtree view MAP"),
     ("view office.npz", 1, "office.npz: is no map, expected a map of ndtree's"),

@@ -118,11 +118,17 @@ _QUIET = inspect.Parameter(
 )
 
 
+#: Commands that read a file of keywords, which errors name as the file has them.
+_OF_KEYWORDS = ("study",)
+
+
 def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
     """Ends a command with clear lines and the right exit status where the input or the call is bad.
 
     It gives the command the flag ``--quiet``, too.
     """
+
+    has_flags = command.__name__ not in _OF_KEYWORDS
 
     @functools.wraps(command)
     def guarded(quiet: bool = False, **arguments: Any) -> None:
@@ -139,9 +145,9 @@ def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
         except (BrokenPipeError, typer.Exit):
             raise
         except (WrongCall, ImportError) as error:
-            _end(str(error), WRONG_CALL)
+            _end(str(error), WRONG_CALL, has_flags)
         except (OSError, ValueError, MemoryError, RuntimeError) as error:
-            _end(reason_of(error), BAD_INPUT)
+            _end(reason_of(error), BAD_INPUT, has_flags)
 
     signature = inspect.signature(command)
     parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
@@ -158,15 +164,15 @@ def reason_of(error: BaseException) -> str:
     return str(error) or "not enough memory"
 
 
-def print_error(message: str) -> None:
-    """Print what is wrong, in the words of the command line; also where all else is silent."""
+def print_error(message: str, has_flags: bool = True) -> None:
+    """Print what is wrong, in the words of the command line if it has some; also where all else is silent."""
     from ndtree.cli.commands.messages import laid_out  # Not for the help alone.
 
-    print(laid_out(message), file=heard(sys.stderr))
+    print(laid_out(message, has_flags), file=heard(sys.stderr))
 
 
-def _end(message: str, status: int) -> None:
-    print_error(message)
+def _end(message: str, status: int, has_flags: bool) -> None:
+    print_error(message, has_flags)
     raise typer.Exit(status)
 
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import (
     FIRST_BEAMS,
@@ -48,6 +49,8 @@ def info(
     check_target(json_file)
     if is_map(path):
         reading.require_none("a map")
+        if look:
+            raise WrongCall(f"--look: is for a LOG, and {path} is a map")
         loaded = load_map(path)
         figures = {"map": str(path), **map_figures(loaded)}
         if not is_stdout(json_file):

@@ -62,9 +62,12 @@ def in_words(text: str) -> str:
     return text
 
 
-def laid_out(message: str) -> str:
-    """A message as it is printed, behind the program's name: in lines of less than 160 characters."""
-    first, *more = in_words(message).split("\n")
+def laid_out(message: str, has_flags: bool = True) -> str:
+    """A message as it is printed, behind the program's name: in lines of less than 160 characters.
+
+    `has_flags` is for what was typed; keywords of a file stay as they are.
+    """
+    first, *more = (in_words(message) if has_flags else message).split("\n")
     lines = _parted(f"ndtree: {' '.join(first.split())}")
     for line in more:
         lines += [f"    {line.strip()}"] if line.startswith(" ") else _parted(f"  {' '.join(line.split())}")

@@ -64,7 +64,7 @@ def _short(name: str, command: Any) -> str:
     if "output" in by_name:
         lines += _option(name, by_name["output"])
     lines.append("")
-    for one in TOUCHED[name]:
+    for one in TOUCHED.get(name, ()):
         lines += _option(name, by_name[one])
     lines += ["", *_examples(command, _EXAMPLES), f"more: ndtree {name} --help-all"]
     return "\n".join(lines) + "\n"

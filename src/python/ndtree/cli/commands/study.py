@@ -46,6 +46,6 @@ def study(
         print(f"wrote {planned.output}")
     write_json(table.figures(), json_file)
     for row in table.failed:
-        print_error(f"{row['log']}: {row['map']}: {row['error']}")
+        print_error(f"{row['log']}: {row['map']}: {row['error']}", has_flags=False)
     if table.failed:
         raise typer.Exit(BAD_INPUT)
