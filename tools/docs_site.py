@@ -42,6 +42,7 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     whole = re.search(r"<!-- include: (\S+) -->", markdown)
     if whole is not None:
         markdown = (ROOT / whole[1]).read_text()
+    markdown = re.sub(r"^<!-- (?:table: \w+|end) -->\n", "", markdown, flags=re.M)
     markdown = re.sub(r"<!-- site: (.*?) -->", r"\1", markdown)
     markdown = re.sub(r"\[`([^`]+)`\]\(\.\./include/ndtree/\S+?(\w+)\.hpp\)", _header_page, markdown)
     return re.sub(

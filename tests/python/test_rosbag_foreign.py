@@ -234,7 +234,7 @@ def test_what_is_wrong_is_said_in_flags_on_the_command_line(ros2: Messages, tmp_
         ("--topic", "/radar", "--dim", "2"): "expected --dim 3",
     }.items():
         done = CliRunner().invoke(app, ["info", path, "--look", *options])
-        assert done.exit_code in (1, 2) and said in done.stderr, done.stderr
+        assert done.exit_code in (1, 2) and said in " ".join(done.stderr.split()), done.stderr
         assert "_frame" not in done.stderr.replace(path, "").replace("base_frame.", "")
 
 

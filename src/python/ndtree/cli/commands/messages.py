@@ -75,19 +75,7 @@ def laid_out(message: str, has_flags: bool = True) -> str:
 
 
 def _parted(line: str) -> list[str]:
-    """At semicolons and before what was expected, and where that does not suffice between words."""
+    """A line that is too long as several, without cutting names of files."""
     if len(line) <= MOST:
         return [line]
-    parts = re.split(r"(?<=;) |(?<=,) (?=expected )", line)
-    return [
-        row
-        for i, part in enumerate(parts)
-        for row in textwrap.wrap(
-            part,
-            WIDTH,
-            initial_indent="  " if i else "",
-            subsequent_indent="    " if i else "  ",
-            break_long_words=False,
-            break_on_hyphens=False,
-        )
-    ]
+    return textwrap.wrap(line, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
