@@ -144,6 +144,12 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         _maps("evidence_half_life", "SCANS", "scans: never", "old evidence should fade"),
         _maps("covered_share", "SHARE", "", "0: a cell is free as soon as one beam clips it"),
         _maps("coverage_cells", "CELLS", "smallest cells", "1: a finer border of unknown space"),
+        _maps(
+            "partial_probability",
+            "P",
+            "",
+            "0.6: table tops and chair legs survive beams that pass beside them",
+        ),
         _maps("sample_beams", "BEAMS", "beams", "dense scans: more beams, slower"),
         _maps("probability_min", "P", "", "what one miss says"),
         _maps("probability_max", "P", "", "0.8: thin things survive, walls get thicker"),
