@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What tools/docs puts into the pages: tables of options and formats, measured figures, docstrings.
+"""What is made from the package in the pages of docs/: tables of options and formats, docstrings, figures.
 
-A line ``<!-- table: NAME -->`` of a page becomes a table made from the package, and
-``<!-- figures: FILE NAME -->`` the figures of that name in FILE; where there are none, building ends.
+Pages are read on a code host, too. So between ``<!-- table: NAME -->`` and ``<!-- end -->`` stands a
+table made from the package, and between ``<!-- reference: NAMES -->`` and ``<!-- end -->`` one of what
+these names are for. A test compares both, and NDTREE_UPDATE_DOCS=1 writes them. On the site a reference
+becomes the docstrings, a page with ``<!-- include: FILE -->`` that file, ``<!-- figures: FILE NAME
+-->`` the figures of that name in FILE, ``<!-- site: TEXT -->`` that text, and a link to a header one to
+its page.
 """
 
 from __future__ import annotations
@@ -10,7 +14,9 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import griffe
@@ -18,6 +24,7 @@ import griffe
 import ndtree
 from ndtree._native import _core
 from ndtree.cli.commands import every
+from ndtree.cli.commands.pages import table_of_options
 from ndtree.logs import _TABLE as READERS
 from ndtree.logs import READER_OPTIONS
 from ndtree.maps.kinds import MAP_OPTIONS
@@ -31,10 +38,102 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Called by MkDocs for each page."""
-    markdown = re.sub(r"^<!-- table: (\w+) -->$", lambda found: TABLES[found[1]](), markdown, flags=re.M)
+    markdown = _REFERENCE.sub(lambda found: _directives(found[1].split()), markdown)
+    whole = re.search(r"<!-- include: (\S+) -->", markdown)
+    if whole is not None:
+        markdown = (ROOT / whole[1]).read_text()
+    markdown = re.sub(r"^<!-- (?:table: \w+|end) -->\n", "", markdown, flags=re.M)
+    markdown = re.sub(r"<!-- site: (.*?) -->", r"\1", markdown)
+    markdown = re.sub(r"\[`([^`]+)`\]\(\.\./include/ndtree/\S+?(\w+)\.hpp\)", _header_page, markdown)
     return re.sub(
         r"^<!-- figures: (\S+) (\w+) -->$", lambda found: figures(found[1], found[2]), markdown, flags=re.M
     )
+
+
+def filled(markdown: str) -> str:
+    """A page with its tables as they are made now."""
+    markdown = re.sub(
+        r"^<!-- table: (\w+) -->\n.*?<!-- end -->$",
+        lambda found: f"<!-- table: {found[1]} -->\n{TABLES[found[1]]().strip()}\n<!-- end -->",
+        markdown,
+        flags=re.DOTALL | re.MULTILINE,
+    )
+    return _REFERENCE.sub(
+        lambda found: f"<!-- reference: {found[1]} -->\n{_names_table(found[1].split())}<!-- end -->",
+        markdown,
+    )
+
+
+#: Names of which the site has the docstrings, and a table in their place elsewhere.
+_REFERENCE = re.compile(r"^<!-- reference: ([\w. ]+) -->\n.*?<!-- end -->$", re.DOTALL | re.MULTILINE)
+_WITHOUT_HEADING = "    options:\n      show_root_heading: false\n      show_root_toc_entry: false\n"
+
+
+def _directives(names: Iterable[str]) -> str:
+    """What mkdocstrings makes docstrings of."""
+    parts = []
+    for name in names:
+        part = f"::: {name}\n"
+        if isinstance(_found(name), ModuleType):
+            part += _WITHOUT_HEADING
+        if name == "ndtree.plot":
+            part += "      members:\n" + "".join(f"        - {one}\n" for one in _members(_found(name)))
+        parts.append(part)
+    return "\n".join(parts)
+
+
+def _header_page(found: re.Match[str]) -> str:
+    """The link to a header as that to its page, which Doxygen names so."""
+    return f'<a href="cpp/{found[2].replace("_", "__")}_8hpp.html"><code>{found[1]}</code></a>'
+
+
+def _found(name: str) -> Any:
+    """What a dotted name stands for."""
+    first, *parts = name.split(".")
+    held: Any = import_module(first)
+    for number, part in enumerate(parts, start=1):
+        if not hasattr(held, part):
+            import_module(".".join([first, *parts[:number]]))
+        held = getattr(held, part)
+    return held
+
+
+def _members(held: Any) -> list[str]:
+    """Public functions and classes of a module, or what a class adds to those that it is made of."""
+    if isinstance(held, ModuleType):
+        return [name for name in held.__all__ if callable(getattr(held, name)) and name != "Coloring"]
+    if not isinstance(held, type):
+        return []
+    fields = getattr(held, "__dataclass_fields__", {})
+    return [
+        name
+        for name, member in vars(held).items()
+        if not name.startswith("_")
+        and name not in fields
+        and (callable(member) or isinstance(member, property))
+        and _summary(member)
+    ]
+
+
+def _names_table(names: Iterable[str]) -> str:
+    rows = []
+    for name in names:
+        held = _found(name)
+        short = name.replace("._native._core", "").replace(".base.typing", ".typing")
+        if not isinstance(held, ModuleType):
+            rows.append((f"`{short}`", _summary(held)))
+        inside = "" if not isinstance(held, ModuleType) else short
+        for member in _members(held):
+            rows.append((f"`{inside}.{member}`", _summary(getattr(held, member))))
+    return _table(("name", ""), rows)
+
+
+def _summary(held: Any) -> str:
+    """The first sentence of a docstring, without the type that stands before it."""
+    text = " ".join(inspect.cleandoc(held.__doc__ or "").split("\n\n")[0].split())
+    text = re.sub(r"^(?:float|int|str|bool|dict of \w+): ", "", text)
+    sentence = re.split(r"(?<=[.:]) (?=[A-Z])", text)[0].rstrip(":")
+    return sentence[:1].upper() + sentence[1:]
 
 
 def figures(file: str, name: str) -> str:
@@ -70,11 +169,15 @@ def _number(value: float) -> str:
 def _options_table() -> str:
     """Each option with its default and the maps that read it, as the maps themselves say."""
     read_by = {
-        "adaptive": {"branching", "refinement", *ndtree.AdaptiveMap().options},
-        "paper": {"branching", "refinement", *ndtree.AdaptiveMap(refinement="paper").options},
-        "fixed": {"branching", *ndtree.FixedMap().options},
+        "adaptive": {"branching", "refinement", *ndtree.AdaptiveMap(dim=2).options},
+        "paper": {"branching", "refinement", *ndtree.AdaptiveMap(dim=2, refinement="paper").options},
+        "fixed": {"branching", *ndtree.FixedMap(dim=2).options},
     }
-    defaults = {**ndtree.default_options(), "branching": 2, "refinement": ndtree.AdaptiveMap().refinement}
+    defaults = {
+        **ndtree.default_options(),
+        "branching": 2,
+        "refinement": ndtree.AdaptiveMap(dim=2).refinement,
+    }
     rows = []
     for option in MAP_OPTIONS:
         value = defaults[option.name]
@@ -174,45 +277,42 @@ def _writers_table() -> str:
 # --- Command line -----------------------------------------------------------------------------------
 
 
+def _flags_table() -> str:
+    """Every option of the commands, by the question that it answers."""
+    parts = []
+    for question, rows in table_of_options():
+        parts.append(f"**{question}**\n")
+        shown = ((f"`{flag}`", default, when, _takers(commands)) for flag, default, when, commands in rows)
+        parts.append(_table(("option", "default", "when to touch it", "of"), shown))
+    return "\n".join(parts)
+
+
+def _takers(commands: str) -> str:
+    return "all" if commands == ", ".join(every()) else commands
+
+
 def _commands() -> str:
-    """A section for each command, and one for each panel of options that commands share."""
+    """A section for each command: what it does, its arguments, and examples."""
     parts: list[str] = []
-    panels: dict[str, dict[str, str]] = {}
     for name, command in every().items():
-        own, shared = {}, {}
-        for parameter in command.params:
-            panel = getattr(parameter, "rich_help_panel", None)
-            if panel:
-                shared[panel] = None
-            rows = panels.setdefault(panel, {}) if panel else own
-            rows[_shown(parameter)] = _plain(getattr(parameter, "help", None))
         examples = [line for line in (command.epilog or "").splitlines() if line.startswith("ndtree")]
         paragraphs = map(_plain, (command.help or "").split("\n\n"))
         parts += [f"## ndtree {name}", *paragraphs, "\n".join(["```bash", *examples, "```"])]
-        parts.append(_table(("option", ""), own.items()))
-        if shared:
-            links = (f"[{panel.lower()}](#{_anchor(panel)})" for panel in shared)
-            parts.append(f"And {', '.join(links)}.")
-    for panel, rows in panels.items():
-        parts += [f"## {panel} {{#{_anchor(panel)}}}", _table(("option", ""), rows.items())]
+        arguments = [one for one in command.params if one.param_type_name == "argument"]
+        parts.append(
+            _table(("argument", ""), ((_shown(one), _plain(one.help)) for one in arguments)).rstrip()
+        )
     return "\n\n".join(parts)
 
 
 def _shown(parameter: Any) -> str:
-    """How an argument or an option is written."""
-    if parameter.param_type_name == "argument":
-        return _code((parameter.metavar or parameter.name.upper()).split(" | "))
-    value = f" `{parameter.metavar}`" if parameter.metavar else ""
-    return _code([*parameter.opts, *parameter.secondary_opts]) + value
+    """How an argument is written."""
+    return _code((parameter.metavar or parameter.name.upper()).split(" | "))
 
 
 def _plain(text: str | None) -> str:
     """Help without line breaks and the marks of what prints it."""
     return " ".join((text or "").replace("\\[", "[").split())
-
-
-def _anchor(title: str) -> str:
-    return re.sub(r"\W+", "-", title.lower()).strip("-")
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -221,6 +321,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "reader_options": _reader_options_table,
     "writers": _writers_table,
     "commands": _commands,
+    "flags": _flags_table,
 }
 
 

@@ -37,6 +37,12 @@ _NOTE = re.compile(
 )
 
 
+def info_of(path: Path | str, *options: str) -> list[str]:
+    """The call that reads all of a file: of logs a look, maps are read as a whole."""
+    is_map = Path(path).suffix.lower() in (".ndt", ".bt", ".ot", ".yaml", ".yml", ".tiles")
+    return ["info", str(path), *([] if is_map else ["--look"]), *options]
+
+
 def outcome_of(arguments: list[str], scratch: Path, *, seconds: int = SECONDS) -> tuple[str, str]:
     """Run the command line in a fork; "read", "refused", or what is wrong, and what it wrote to stderr."""
     errors = scratch / "stderr"
@@ -45,6 +51,7 @@ def outcome_of(arguments: list[str], scratch: Path, *, seconds: int = SECONDS) -
         _run(arguments, errors, seconds)
     status = _waited(child, WAITING * seconds)
     said = errors.read_text(errors="backslashreplace") if errors.exists() else ""
+    said = re.sub(r"\n {2,}", " ", said)  # Long messages are parted, and go on in lines of their own.
     if status is None or (os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU):
         return "never ends", said
     if os.WIFSIGNALED(status):
@@ -145,7 +152,7 @@ def tried(sample_name: str, first: int, count: int, scratch: Path):
         if not sample_name.startswith("map") and Random(seed).random() < 0.4:
             options.append("--keep-going")
         begin = time.monotonic()
-        outcome, said = outcome_of(["info", str(path), *options], here)
+        outcome, said = outcome_of(info_of(path, *options), here)
         yield {
             "sample": sample_name,
             "number": number,

@@ -276,7 +276,7 @@ def test_what_cannot_be_done_is_said_in_one_line(
 def test_what_is_no_call_has_status_2(arguments: tuple[object, ...], log: Path) -> None:
     done = run(*(log if argument == "LOG" else argument for argument in arguments))
     assert done.exit_code == 2
-    assert "Usage" in done.output
+    assert "ndtree calibrate --help" in done.output
 
 
 def test_help_has_examples() -> None:

@@ -32,7 +32,7 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "no path": (lambda: M.save(3), "save(): path = 3: must be a path"),
     "no bytes": (lambda: ndtree.from_bytes("x"), "from_bytes(): bytes = 'x': must be bytes"),
     "no text": (
-        lambda: ndtree.AdaptiveMap(refinement=1),
+        lambda: ndtree.AdaptiveMap(dim=2, refinement=1),
         "AdaptiveMap(): refinement = 1: must be a text",
     ),
     "none at all": (lambda: M.save(None), "save(): path = None: must be a path"),

@@ -281,9 +281,9 @@ def test_what_is_damaged_is_passed_over_and_counted(log: Path, tmp_path: Path) -
     assert kinds == {"damaged lines": 2, "scans that cannot be mapped": 1}
     assert written["scans"] == 21
     assert ndtree.load(tmp_path / "a.ndt").state([[6.0, 6.0]]) == 1
-    lines = done.stderr.splitlines()
-    assert len(lines) == 2
-    assert lines[0].startswith(f"ndtree: passed over 2 damaged lines, the first: {damaged}: line ")
+    said = " ".join(done.stderr.split())
+    assert said.count("ndtree: ") == 2
+    assert said.startswith(f"ndtree: passed over 2 damaged lines, the first: {damaged}: line ")
     for command in ("info", "compare", "calibrate"):
         more = ("--held-out", 0) if command == "compare" else ()
         done = run(command, damaged, "--keep-going", "--box=-99,-99,99,99", *more)
@@ -310,9 +310,8 @@ def test_a_bag_is_listed_and_mapped(tmp_path: Path) -> None:
     ]
     done = run("info", bag, "--topic", "/rear")
     assert done.exit_code == 1
-    assert "no transform to away, the frame of /rear, in /tf or /tf_static, whose frames are laser, odom" in (
-        plain(done.stderr)
-    )
+    assert "no transform to away, the frame of /rear, expected one of:" in plain(done.stderr)
+    assert "the frames of /tf are laser, odom" in plain(done.stderr)
     for line in listed:
         assert line in plain(done.stdout)
     done = run("info", bag, "--topic", "/scan", "--json", tmp_path / "a.json")
@@ -332,15 +331,11 @@ def test_a_bag_is_listed_and_mapped(tmp_path: Path) -> None:
     assert ndtree.load(tmp_path / "a.ndt").state([[1 + np.cos(1.5), 2 - np.sin(1.5)]]) == 1
 
 
-def test_help_has_examples_and_no_default_of_the_maps_twice() -> None:
+def test_help_has_examples() -> None:
     for command in ("demo", "map", "compare", "info"):
         done = run(command, "--help")
         assert done.exit_code == 0
-        assert f"Examples: ndtree {command}" in plain(done.output)
-    text = plain(run("compare", "--help").output)
-    assert "[m]" in text
-    for value in ndtree.default_options().values():
-        assert f"[default: {value}" not in text
+        assert f"examples: ndtree {command}" in plain(done.output)
     assert run("--version").output == f"ndtree {ndtree.__version__}\n"
 
 
@@ -357,10 +352,11 @@ def refused(done: Any, status: int, *expected: str) -> None:
     assert done.exit_code == status, done.output
     assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
     assert done.stdout == ""
-    lines = done.stderr.splitlines()
-    assert len(lines) == 1 and lines[0].startswith("ndtree: "), done.stderr
+    first, *more = done.stderr.splitlines()
+    assert first.startswith("ndtree: ") and all(line.startswith("  ") for line in more), done.stderr
+    said = " ".join(done.stderr.split())
     for text in expected:
-        assert text in lines[0]
+        assert text in said
 
 
 BAD_LOGS = {
@@ -438,7 +434,7 @@ def test_unwritable_output_is_refused_before_the_work(
     [
         (("compare",), "expected either LOG or --world"),
         (("compare", "LOG", "--world", "office"), "expected either LOG or --world"),
-        (("compare", "LOG", "--maps", "fancy"), "map 'fancy': must be one of adaptive, paper, fixed"),
+        (("compare", "LOG", "--maps", "fancy"), "--maps fancy: must be one of adaptive, paper, fixed"),
         (("compare", "LOG", "--maps", "fixed@big"), "expected a cell size in metres behind the @"),
         (("compare", "LOG", "--maps", "fixed,fixed"), "--maps fixed,fixed: must be different"),
         (("compare", "LOG", "--maps", "fixed", "--picture", "OUT/a.png"), "--picture: expected at least two"),
@@ -446,21 +442,24 @@ def test_unwritable_output_is_refused_before_the_work(
         (("compare", "LOG", "--max-range", 0), "--max-range 0: must be > 0 m"),
         (("compare", "LOG", "--scans", 3), "--scans: is for simulated logs only"),
         (("compare", "--world", "office", "--dim", 3), "--dim 3: the office is 2-D"),
-        (("compare", "LOG", "--range-sigma", -1), "range_sigma = -1.0: must be in [1e-09, 1000000] m"),
-        (("compare", "LOG", "--branching", 7), "branching = 7"),
-        (("compare", "LOG", "--refinement", "magic"), "refinement = 'magic'"),
+        (("compare", "LOG", "--range-sigma", -1), "--range-sigma -1: must be in [1e-09, 1000000] m"),
+        (("compare", "LOG", "--branching", 7), "--branching 7, --dim 2: must be"),
+        (("compare", "LOG", "--refinement", "magic"), "--refinement magic: must be"),
         (
             ("map", "LOG", "-o", "OUT/a.ndt", "--min-cell-size", 0),
-            "min_cell_size = 0.0: must be in [1e-09, 1000000] m",
+            "--min-cell-size 0: must be in [1e-09, 1000000] m",
         ),
-        (("map", "LOG", "-o", "OUT/a.ndt", "--fixed", "--significance", 0.9), "'significance'"),
+        (
+            ("map", "LOG", "-o", "OUT/a.ndt", "--fixed", "--significance", 0.9),
+            "--significance: --fixed has no use for it",
+        ),
         (("map", "LOG", "-o", "OUT/a.ndt", "--picture", "OUT/a.txt"), "the name must end in"),
         (("info", "LOG", "--format", "pcx"), "--format pcx: must be one of 3dtk, bal, bundler, carmen"),
         (("info", "LOG", "--topic", "/scan"), "topic: text with one beam a line takes no such option"),
-        (("info", "LOG", "--every", 0), "every = 0: must be a whole number >= 1"),
+        (("info", "LOG", "--every", 0), "--every 0: must be a whole number >= 1"),
         (("info", "LOG", "--box", "1,2,3"), "--box 1,2,3: expected 4 numbers with commas"),
         (("info", "LOG", "--origin", "1,a"), "--origin 1,a: expected 2 numbers with commas"),
-        (("info", "LOG", "--from", 3, "--to", 2), "start = 3 s, stop = 2 s: must be 0 <= start < stop"),
+        (("info", "LOG", "--from", 3, "--to", 2), "--from 3 s, --to 2 s: must be 0 <= --from < --to"),
         (("demo", "--to", 2), "--to: is for a LOG, not for the simulated office"),
         (("compare", "--world", "office", "--min-range", 1), "--min-range: is for a LOG"),
     ],
@@ -482,7 +481,7 @@ def test_wrong_calls_end_with_one_line_and_status_2(
 def test_what_is_no_call_at_all_has_status_2(arguments: tuple[str, ...], log: Path) -> None:
     done = run(*(str(log) if argument == "LOG" else argument for argument in arguments))
     assert done.exit_code == 2
-    assert "Usage" in done.output
+    assert " --help" in done.stderr.splitlines()[-1]
 
 
 # --- The process ------------------------------------------------------------------------------------

@@ -169,7 +169,7 @@ def test_ply_files_hold_the_chosen_leaves(tmp_path: Path) -> None:
         (lambda m, f: room(2).save_octomap(f / "a.bt"), "dim = 2: OctoMap has three"),
         (lambda m, f: ndtree.AdaptiveMap(dim=4).save_ply(f / "a.ply"), "dim = 4"),
         (lambda m, f: ndtree.AdaptiveMap(dim=4).save_map_server(f / "a.yaml"), "dim = 4"),
-        (lambda m, f: ndtree.AdaptiveMap().save_map_server(f / "a.yaml"), "the map is empty"),
+        (lambda m, f: ndtree.AdaptiveMap(dim=2).save_map_server(f / "a.yaml"), "the map is empty"),
         (lambda m, f: ndtree.from_grid(np.zeros(3, int), [0], 0.1), "two or three axes"),
         (lambda m, f: ndtree.from_grid(np.full((2, 2), 300), [0, 0], 0.1), "states holds 300"),
         (lambda m, f: ndtree.from_grid(np.zeros((2, 2), int), [0, 0, 0], 0.1), r"must be \(2,\)"),

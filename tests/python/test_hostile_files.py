@@ -21,7 +21,7 @@ import pytest
 
 pytest.importorskip("typer")
 
-from outcomes import outcome_of
+from outcomes import info_of, outcome_of
 
 import ndtree
 from ndtree.cli.commands import every
@@ -34,7 +34,7 @@ every()  # Commands are loaded once, and not in each fork.
 
 def refused(path: Path, tmp_path: Path, *more: str, seconds: int = 10) -> str:
     """The one line that the command line ends with, in little memory and time."""
-    outcome, said = outcome_of(["info", str(path), *more], tmp_path, seconds=seconds)
+    outcome, said = outcome_of(info_of(path, *more), tmp_path, seconds=seconds)
     assert outcome == "refused", (outcome, said[-2000:])
     return said
 
@@ -307,7 +307,7 @@ def test_a_laz_that_lies_does_not_end_the_process(sample: str, what: str, tmp_pa
     struct.pack_into("<I", content, at, value)
     path.write_bytes(content)
     # In a fresh process: a fork of one whose LAZ library has threads would wait for them for ever.
-    command = [sys.executable, Path(__file__).with_name("outcomes.py"), "--one", tmp_path, "info", folder]
+    command = [sys.executable, Path(__file__).with_name("outcomes.py"), "--one", tmp_path, *info_of(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     outcome, said = json.loads(done.stdout)
     assert outcome in ("read", "refused"), (outcome, said)
@@ -348,7 +348,7 @@ def test_an_octomap_header_in_no_encoding_is_refused(tmp_path: Path) -> None:
 
 def test_numbers_are_said_in_few_digits(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"min_cell_size = 1e\+300"):
-        ndtree.AdaptiveMap(min_cell_size=1e300, max_cell_size=1e-300)
+        ndtree.AdaptiveMap(dim=2, min_cell_size=1e300, max_cell_size=1e-300)
     with pytest.raises(ValueError, match="max_range = -1e") as caught:
         ndtree.AdaptiveMap(dim=2).cast_rays(np.zeros(2), np.ones((1, 2)), max_range=-1e300)
     assert len(str(caught.value)) < 100

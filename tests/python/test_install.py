@@ -16,6 +16,7 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
+from snippets import blocks
 
 ROOT = Path(__file__).parents[2]
 CONSUMER = ROOT / "tests/cpp/consumer"
@@ -204,6 +205,20 @@ def test_eigen_that_a_project_brings_along_is_taken(tmp_path: Path, installed: P
         run(cmake, "--build", tmp_path / name, "--target", "header")
     targets = run(cmake, "--install", tmp_path / "folder", "--prefix", tmp_path / "prefix")
     assert "ndtreeTargets.cmake" in targets
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/install.md"])
+def test_the_lines_for_fetchcontent_are_all_that_a_project_needs(page: str, tmp_path: Path) -> None:
+    (lines,) = [code for code in blocks((ROOT / page).read_text(), "cmake") if "FetchContent" in code]
+    assert len(lines.splitlines()) == 4
+    code = lines.replace("/path/to/ndtree", str(ROOT))
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.16)\nproject(consumer CXX)\n"
+        f'add_executable(robot "{CONSUMER}/header.cpp")\n{code}'
+    )
+    cmake = program("cmake")
+    run(cmake, "-S", tmp_path, "-B", tmp_path / "build")
+    run(cmake, "--build", tmp_path / "build", "--target", "robot")
 
 
 def test_cpack_makes_a_debian_package_of_the_headers(tmp_path: Path) -> None:

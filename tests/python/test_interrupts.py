@@ -224,7 +224,7 @@ def test_ctrl_c_while_the_command_is_imported_is_no_traceback(start: list[str], 
     site.write_text("import sys, time\nprint('here', flush=True)\ntime.sleep(20)\n")
     script = tmp_path / "ndtree"
     script.write_text("from ndtree.cli import main\nmain()\n")
-    command = [sys.executable, *(start if len(start) > 1 else [str(script)]), "--help"]
+    command = [sys.executable, *(start if len(start) > 1 else [str(script)]), "info", "nothing"]
     folder = os.path.dirname(os.path.dirname(ndtree.__file__))
     path = os.pathsep.join([str(tmp_path), folder, os.environ.get("PYTHONPATH", "")])
     if len(start) == 1:

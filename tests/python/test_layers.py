@@ -177,14 +177,16 @@ def test_a_moved_map_keeps_to_max_memory() -> None:
 
 def test_a_map_that_is_too_large_while_it_is_empty_is_not_made() -> None:
     layers = {"color": "mean3", "label": "majority"}
-    plain, layered = (ndtree.AdaptiveMap(layers=some).stats().memory_bytes for some in (None, layers))
-    assert ndtree.AdaptiveMap(layers=layers, max_memory=layered).stats().memory_bytes == layered > plain
+    plain, layered = (ndtree.AdaptiveMap(dim=2, layers=some).stats().memory_bytes for some in (None, layers))
+    assert (
+        ndtree.AdaptiveMap(dim=2, layers=layers, max_memory=layered).stats().memory_bytes == layered > plain
+    )
     with pytest.raises(
         ValueError, match=rf"max_memory = {layered - 1} bytes: must be at least {layered}, what"
     ):
-        ndtree.AdaptiveMap(layers=layers, max_memory=layered - 1)
+        ndtree.AdaptiveMap(dim=2, layers=layers, max_memory=layered - 1)
     with pytest.raises(ValueError, match=rf"max_memory = {plain - 1} bytes: must be at least {plain}, what"):
-        ndtree.AdaptiveMap(max_memory=plain - 1)
+        ndtree.AdaptiveMap(dim=2, max_memory=plain - 1)
 
 
 def test_what_is_forgotten_carries_nothing() -> None:
@@ -246,7 +248,7 @@ def test_memory_counts_them() -> None:
 )
 def test_layers_that_there_are_not(layers: object, message: str) -> None:
     with pytest.raises((ValueError, TypeError)) as error:
-        ndtree.AdaptiveMap(layers=layers)  # type: ignore[arg-type]
+        ndtree.AdaptiveMap(dim=2, layers=layers)  # type: ignore[arg-type]
     assert str(error.value) == message
 
 

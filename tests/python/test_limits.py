@@ -52,7 +52,7 @@ def test_absurd_beams_are_refused_in_one_line(reach: float) -> None:
     assert m.insert(points, origin, max_range=10).beyond_max_range == 1
 
 
-def test_the_command_line_refuses_absurd_ranges_in_one_line(tmp_path: Path) -> None:
+def test_the_command_line_refuses_absurd_ranges(tmp_path: Path) -> None:
     log = tmp_path / "far.xyz"
     log.write_text("0 0 1 0\n0 0 1e9 0\n")
     done = subprocess.run(
@@ -62,8 +62,8 @@ def test_the_command_line_refuses_absurd_ranges_in_one_line(tmp_path: Path) -> N
         check=False,
     )
     assert done.returncode == 1
-    assert done.stderr.count("\n") == 1, done.stderr
-    assert "beam 1" in done.stderr
+    assert done.stderr.count("ndtree: ") == 1, done.stderr
+    assert "beam 1 passes" in " ".join(done.stderr.split())
     assert not (tmp_path / "far.ndt").exists()
 
 

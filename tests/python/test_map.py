@@ -222,5 +222,5 @@ def test_compress_meets_its_budget_and_says_what_it_lost() -> None:
         with pytest.raises(ValueError, match=message):
             m.compress(**call)
     with pytest.raises(ValueError, match="refinement = 'paper': only a map refined by 'evidence'"):
-        ndtree.AdaptiveMap(refinement="paper").compress(max_loss=1)
+        ndtree.AdaptiveMap(dim=2, refinement="paper").compress(max_loss=1)
     assert m.stats().observed_leaves == whole.observed_leaves

@@ -19,7 +19,7 @@ pytest.importorskip("lz4")
 import zstandard
 from lz4 import frame
 from mcap import writer as mcap_writer
-from outcomes import outcome_of
+from outcomes import info_of, outcome_of
 from test_hostile_files import peak_memory
 
 import ndtree
@@ -167,6 +167,6 @@ def test_a_bag_that_unpacks_to_far_more_is_refused(kind: str, bomb: str, tmp_pat
     else:
         path = tmp_path / "bomb.mcap"
         mcap_file(path, packing, data, says, closed="without" not in kind)
-    outcome, said = outcome_of(["info", str(path)], tmp_path, seconds=20)
+    outcome, said = outcome_of(info_of(path), tmp_path, seconds=20)
     assert outcome == "refused", (outcome, said[-2000:])
     assert peak_memory(lambda: list(ndtree.read(path))) < 100 << 20

@@ -394,7 +394,10 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], str]] = {
     "binary rubbish": (written("x.log", bytes(range(256)) * 20), "binary data, expected a CARMEN log"),
     "prose": (written("x.txt", b"Dear reader,\n"), "line 1: found 'Dear reader,', expected"),
     "a picture": (written("x.png", b"\x89PNG\r\n\x1a\n\0\0"), "a PNG image; try ndtree map FOLDER"),
-    "a map": (written("x.ndt", b"\x89NDT\r\n\x1a\n\0\0"), r"a map, to be opened by ndtree.load\(\)"),
+    "a map": (
+        written("x.ndt", b"\x89NDT\r\n\x1a\n\0\0"),
+        r"is a map, expected a log; to look at it:\n  ndtree view ",
+    ),
     "three columns": (
         written("x.txt", b"1 2 3\n"),
         "points in text without a pose; try ndtree map .* --points-only",
@@ -466,7 +469,7 @@ def test_broken_files_are_named_with_place_and_expectation(case: str, tmp_path: 
     with pytest.raises(ValueError, match=message) as caught:
         list(read(path))
     assert str(caught.value).startswith(f"{path}: ")
-    assert "\n" not in str(caught.value)
+    assert all(line.startswith("  ") for line in str(caught.value).splitlines()[1:])
 
 
 def test_missing_file_and_directory(tmp_path: Path) -> None:

@@ -124,10 +124,13 @@ def bag(path: Path, way: Any, transforms: bool) -> Path:
 )
 def test_commands_warn_of_a_sensor_that_moves(options: list[str], said: str, tmp_path: Path) -> None:
     moving = bag(tmp_path / "moving", WAYS["winds"], not options)
-    for command in (["info", str(moving)], ["map", str(moving), "-o", str(tmp_path / "a.ndt"), "--to", "2"]):
+    for command in (
+        ["info", str(moving), "--look"],
+        ["map", str(moving), "-o", str(tmp_path / "a.ndt"), "--to", "2"],
+    ):
         done = CliRunner().invoke(app, [*command, *options])
         assert done.exit_code == 0, done.stderr
         assert done.stderr.count("its scans show that it moves") == 1 and f"/scan: {said}, but" in done.stderr
     standing = bag(tmp_path / "standing", lambda i: (0, 0, 0), not options)
-    done = CliRunner().invoke(app, ["info", str(standing), *options])
+    done = CliRunner().invoke(app, ["info", str(standing), "--look", *options])
     assert done.exit_code == 0 and "moves" not in done.stderr + done.stdout

@@ -92,7 +92,7 @@ def test_options_of_the_maps_are_those_of_the_library():
         for name in everything | {"cell_size"}:
             for choice in ({"refinement": "paper"}, {}) if kind == "AdaptiveMap" else ({},):
                 try:
-                    getattr(ndtree, kind)(**choice, **{name: ndtree.default_options().get(name, 0.05)})
+                    getattr(ndtree, kind)(dim=2, **choice, **{name: ndtree.default_options().get(name, 0.05)})
                 except TypeError:
                     continue
                 accepted.add(name)
@@ -142,9 +142,9 @@ def test_signatures_say_what_is_taken():
     for kind in (ndtree.AdaptiveMap, ndtree.FixedMap):
         shown = inspect.signature(kind).parameters
         used = {{"min_cell_size": "cell_size"}.get(n, n) if kind is ndtree.FixedMap else n: v
-                for n, v in kind().options.items()}  # fmt: skip
+                for n, v in kind(dim=2).options.items()}  # fmt: skip
         assert used == {name: shown[name].default for name in used}
-    bound = inspect.signature(ndtree.AdaptiveMap().state)
+    bound = inspect.signature(ndtree.AdaptiveMap(dim=2).state)
     assert list(bound.parameters) == ["points"]
 
 

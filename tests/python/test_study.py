@@ -147,7 +147,7 @@ def test_a_job_that_fails_stops_no_other(tmp_path: Path) -> None:
     file = written(tmp_path, text)
     done = CliRunner().invoke(app, ["study", str(file), "--processes", "2"])
     assert done.exit_code == 1
-    lines = done.stderr.splitlines()
+    lines = " ".join(done.stderr.split()).split("ndtree: ")[1:]
     assert len(lines) == 7 and len(list((tmp_path / "study-results" / "results").glob("*.json"))) == 2
     assert sum("missing.log: No such file" in line for line in lines) == 3
     assert sum("bad.log: line 1" in line for line in lines) == 3
@@ -189,8 +189,8 @@ def test_a_wrong_file_is_named_with_key_value_and_what_was_expected(
     file = written(tmp_path, text)
     done = CliRunner().invoke(app, ["study", str(file)])
     assert done.exit_code == 1
-    assert len(done.stderr.splitlines()) == 1
-    assert done.stderr.startswith(f"ndtree: {file}: ") and said in done.stderr
+    printed = " ".join(done.stderr.split())
+    assert printed.startswith(f"ndtree: {file}: ") and said in printed
     assert os.listdir(tmp_path) == ["study.toml"]
 
 

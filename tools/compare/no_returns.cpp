@@ -226,12 +226,12 @@ std::string NoReturns::to_text() const {
   char begin[80], found[120];
   std::snprintf(begin, sizeof begin, "beams without return (%.1f %%)", 100.0 * share);
   if (beams < kLeastBeams)
-    return std::string(begin) + " are taken for free space: " + std::to_string(beams) +
-           " that can tell are too few";
+    return std::string(begin) + " mean free space: only " + std::to_string(beams) +
+           " of them could be checked";
   std::snprintf(found, sizeof found,
-                "%.0f %% of %zu cross surfaces that others found, %.0f %% would by errors alone",
+                "%.0f %% of %zu go through walls that other scans saw, %.0f %% would by pose errors",
                 100.0 * crossing, beams, 100.0 * expected);
-  return std::string(begin) + (are_free ? " are taken for free space: " : " say nothing: ") + found;
+  return std::string(begin) + (are_free ? " mean free space: " : " are left out: ") + found;
 }
 
 NoReturns judge_no_returns(const Log& log) {

@@ -16,9 +16,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ndtree import distributed as distributed
     from ndtree import logs as logs
+    from ndtree import plot as plot
+    from ndtree import study as study
     from ndtree import tiles as tiles
     from ndtree import typing as typing
+    from ndtree import viewer as viewer
     from ndtree._native import OctoMap
     from ndtree._native._core import (
         AdaptiveMap,
@@ -57,6 +61,7 @@ if TYPE_CHECKING:
     from ndtree.tiles import TiledMap, TileMapper, open_tiles
     from ndtree.tuning.calibration import Calibration, calibrate
     from ndtree.tuning.first_look import FirstLook, first_look
+    from ndtree.viewer import view
 
 __all__ = [
     "AdaptiveMap",
@@ -103,10 +108,12 @@ __all__ = [
     "open_tiles",
     "read",
     "simulate",
+    "view",
 ]
 
-#: Modules that are attributes of the package without an import of their own; others may need an extra.
-_FOLDERS = ("logs", "tiles", "typing")
+#: Modules that are attributes of the package without an import of their own; they load when they are used,
+#: and name the extra that they need where it is not there.
+_FOLDERS = ("distributed", "logs", "plot", "study", "tiles", "typing", "viewer")
 #: Modules of the names in `__all__`; all others are the compiled module's.
 _MODULES = {
     "Calibration": "ndtree.tuning.calibration",
@@ -126,6 +133,7 @@ _MODULES = {
     "open_tiles": "ndtree.tiles",
     "read": "ndtree.logs",
     "simulate": "ndtree.logs",
+    "view": "ndtree.viewer",
 }
 
 
@@ -141,4 +149,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__, *_FOLDERS})
+    return sorted({*__all__, *_FOLDERS, *(name for name in globals() if name.startswith("__"))})

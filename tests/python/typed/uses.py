@@ -26,7 +26,10 @@ report = adaptive.insert(points, [0.0, 0.0], max_range=20)
 assert_type(report, ndtree.InsertReport)
 assert_type(report.returned, int)
 assert_type(adaptive.state(points), NDArray[np.int8])
-assert_type(adaptive.state([1.0, 2.0]), NDArray[np.int8])
+assert_type(adaptive.state([1.0, 2.0]), int)
+assert_type(adaptive.state([[1.0, 2.0]]), NDArray[np.int8])
+assert_type(adaptive.probability((1.0, 2.0)), float)
+assert_type(adaptive.min_cell_size, float)
 assert_type(adaptive.to_grid([[0, 0], [1, 1]]), NDArray[np.int8])
 assert_type(adaptive.to_grid([[0, 0], [1, 1]], 0.1, values="log_odds"), NDArray[np.float32])
 assert_type(adaptive.cast_rays([0, 0], points), NDArray[np.float64])
@@ -42,7 +45,9 @@ assert_type(adaptive.stats().pruned_leaves, Union[int, None])
 
 unknown: UnknownAs = "occupied"
 body = ndtree.Sphere(0.2) | ndtree.Box((0.5, 0.3))
-assert_type(adaptive.collides(body, [0.0, 0.0, 0.0], unknown=unknown), NDArray[np.bool_])
+assert_type(adaptive.collides(body, [0.0, 0.0, 0.0], unknown=unknown), bool)
+assert_type(adaptive.collides(body, [[0.0, 0.0], [1.0, 1.0]]), NDArray[np.bool_])
+assert_type(ndtree.view(adaptive).url, str)
 field = adaptive.distance_field([[0, 0], [1, 1]], 0.1, unknown=unknown)
 assert_type(field.gradient(points), NDArray[np.float64])
 assert_type([f.center for f in adaptive.frontiers()], list[NDArray[np.float64]])
@@ -53,11 +58,12 @@ assert_type(adaptive == fixed, bool)
 loaded: ndtree.AdaptiveMap = pickle.loads(pickle.dumps(adaptive))
 
 #: Each of these lines has a mistake that the checker must see.
-ndtree.AdaptiveMap(refinement="fixed")  # wrong: arg-type
-ndtree.AdaptiveMap(cell_size=0.1)  # wrong: call-arg
+ndtree.AdaptiveMap(dim=2, refinement="fixed")  # wrong: arg-type
+ndtree.AdaptiveMap(dim=2, cell_size=0.1)  # wrong: call-arg
+ndtree.AdaptiveMap(min_cell_size=0.1)  # wrong: call-arg
 ndtree.simulate("ofice")  # wrong: arg-type
 ndtree.simulate("office", outliers=0.1)  # wrong: call-arg
-adaptive.collides(body, points, unknown="pass")  # wrong: arg-type
+adaptive.collides(body, points, unknown="pass")  # wrong: call-overload
 adaptive.to_grid([[0, 0], [1, 1]], values="states")  # wrong: call-overload
 adaptive.leaves(states=["full"])  # wrong: list-item
 misspelt: MapOptions = {"min_cel_size": 0.1}  # wrong: typeddict-unknown-key

@@ -39,6 +39,7 @@ TAKEN: dict[str, Axes] = {
     **dict.fromkeys(("cast_rays", "SimulatedLog2.distance", "SimulatedLog3.distance"), _RAYS),
     "states_in": {"lower": 1, "upper": 1},
     "collides": {"poses": 2},
+    "path_collides": {"poses": 2},
 }
 
 
@@ -75,16 +76,9 @@ def flattened(
     array = _array(given[first])
     if array is None or (array.ndim == own + 1 and first != "poses"):
         return given, None
-    if first == "poses":  # In the plane also x, y and yaw, in space x, y, z and a quaternion.
-        flat = (dim() == 2 and array.shape == (3,)) or (dim() == 3 and array.shape[-1:] == (7,))
-        own = 1 if flat else 2
-        if array.ndim == own + 1:
-            return given, None
-        fits = flat or (array.ndim >= 2 and array.shape[-2:] == (dim() + 1, dim() + 1))
-        fits = fits and not (dim() == 2 and array.ndim == 2)
-    else:
-        fits = array.ndim >= own and array.shape[-1] == dim()
-    if not fits:
+    if first == "poses":
+        return _posed(given, array, dim())
+    if array.ndim < own or array.shape[-1] != dim():
         return given, None
     leading = array.shape[: array.ndim - own]
     changed = {**given, first: array.reshape(-1, *array.shape[array.ndim - own :])}
@@ -97,10 +91,41 @@ def flattened(
     return changed, leading
 
 
+#: Of a pose in space without a turn, what follows its position: a quaternion; in the plane an angle.
+_UNTURNED = {2: (0.0,), 3: (0.0, 0.0, 0.0, 1.0)}
+
+
+def _posed(
+    given: dict[str, Any], array: np.ndarray[Any, Any], dim: int
+) -> tuple[dict[str, Any], tuple[int, ...] | None]:
+    """Poses as compiled functions take them, and the shape of what was given.
+
+    A pose is a matrix (dim + 1, dim + 1); or x, y and yaw; or x, y, z and a quaternion; or a position alone.
+    In the plane (3, 3) are three poses of x, y and yaw, and no matrix.
+    """
+    if dim not in _UNTURNED or not array.ndim or array.dtype.kind not in "fiub":
+        return given, None
+    last, whole = array.shape[-1], dim + len(_UNTURNED[dim])
+    if last == dim:
+        turns = np.broadcast_to(np.array(_UNTURNED[dim]), (*array.shape[:-1], whole - dim))
+        array = np.concatenate([array.astype(np.float64), turns], axis=-1)
+    elif array.ndim >= 2 and array.shape[-2:] == (dim + 1, dim + 1) and not (dim == 2 and array.ndim == 2):
+        leading = array.shape[:-2]
+        return {**given, "poses": array.reshape(-1, dim + 1, dim + 1)}, leading
+    elif last != whole:
+        turned = "x, y and yaw" if dim == 2 else "x, y, z, qx, qy, qz and qw"
+        raise ValueError(
+            f"poses has shape {array.shape}: must be (n, {dim + 1}, {dim + 1}), (n, {whole}) of {turned}, "
+            f"or (n, {dim}) of {', '.join('xyz'[: dim - 1])} and {'xyz'[dim - 1]}"
+        )
+    return {**given, "poses": array.reshape(-1, whole)}, array.shape[:-1]
+
+
 def shaped(result: Any, leading: tuple[int, ...]) -> Any:
-    """A result (n, ...) in the shape of what was asked; a number of one point is a number."""
+    """A result (n, ...) in the shape of what was asked; a number of one point is one of Python's."""
     if isinstance(result, np.ndarray):
-        return result.reshape(leading + result.shape[1:])[()]
+        answer = result.reshape(leading + result.shape[1:])
+        return answer if answer.ndim else answer.item()
     if isinstance(result, Answers):
         return replace(result, **{f.name: shaped(getattr(result, f.name), leading) for f in fields(result)})
     return result

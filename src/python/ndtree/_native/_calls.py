@@ -5,11 +5,28 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from difflib import get_close_matches
 from typing import Any
 
 from ndtree._native._signatures import parameters_of
 
+UNEXPECTED = re.compile(r"got an unexpected keyword argument '(\w+)'")
+#: What other libraries call an option, by a part of the name.
+_ELSEWHERE = (
+    ("max_cell", "max_cell_size"),
+    ("max_size", "max_cell_size"),
+    ("resolution", "min_cell_size"),
+    ("voxel", "min_cell_size"),
+    ("leaf", "min_cell_size"),
+    ("cell", "min_cell_size"),
+    ("size", "min_cell_size"),
+    ("sigma", "range_sigma"),
+    ("noise", "range_sigma"),
+    ("clamp_min", "log_odds_min"),
+    ("clamp_max", "log_odds_max"),
+    ("dimension", "dim"),
+)
 MISMATCH = re.compile(r"incompatible (?:function|constructor) arguments")
 #: By what is in an annotation: a type that suits, and what it is called.
 _WANTED: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
@@ -46,6 +63,24 @@ def error_of(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) ->
     except ValueError as error:
         error.__context__ = None  # That of pybind11, in several lines.
         return error.with_traceback(None)
+
+
+def require_known(name: str, given: Collection[str], known: Collection[str]) -> None:
+    """Refuse an option that a map does not take, and name the one that is probably meant.
+
+    Raises
+    ------
+    TypeError
+        For the first of `given` that is not `known`.
+    """
+    for option in given:
+        if option in known:
+            continue
+        own = "cell_size" if "cell_size" in known else "min_cell_size"
+        meant = [own if one == "min_cell_size" else one for part, one in _ELSEWHERE if part in option]
+        near = [one for one in meant if one in known] or get_close_matches(option, known, 1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise TypeError(f"{name}(): no option {option}: {hint}help(ndtree.{name}) lists all")
 
 
 def _said(text: str, arguments: tuple[Any, ...], keywords: dict[str, Any]) -> str:

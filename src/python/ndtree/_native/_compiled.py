@@ -8,6 +8,7 @@ results are plain objects.
 from __future__ import annotations
 
 import functools
+import inspect
 import os
 import types
 from collections.abc import Callable, Mapping
@@ -16,7 +17,7 @@ from typing import Any
 
 from ndtree._native import _core, results
 from ndtree._native._arguments import TAKEN, flattened, refuse_masked, shaped
-from ndtree._native._calls import MISMATCH, error_of
+from ndtree._native._calls import MISMATCH, UNEXPECTED, error_of, require_known
 from ndtree._native._signatures import signature_of, text_of
 
 #: By the compiled type of a result: the one that takes its place.
@@ -43,6 +44,10 @@ INTERNAL = frozenset(
         "write_ply",
     )
 )
+
+
+#: Constructors whose dimension has no default: a map of the wrong one refuses the first scan, far from here.
+ASK_FOR_DIM = frozenset(("AdaptiveMap.__init__", "FixedMap.__init__"))
 
 
 def complete(module: types.ModuleType) -> None:
@@ -76,7 +81,7 @@ def _constructor_options(module: Any) -> dict[str, dict[str, float]]:
     taken = {"AdaptiveMap": defaults}
     for name in ("FixedMap", "OctoMap"):
         if hasattr(module, name):
-            read = getattr(module, name)().options
+            read = getattr(module, name)(dim=2).options
             taken[name] = {"cell_size": read.pop("min_cell_size"), **{key: defaults[key] for key in read}}
     return taken
 
@@ -89,8 +94,11 @@ def _wrapped(
     function: Any, name: str, options: Mapping[str, object] | None, *, is_method: bool
 ) -> Callable[..., Any]:
     signature = signature_of(function.__doc__, options)
+    asks_for_dim = signature is not None and name in ASK_FOR_DIM
+    if signature is not None and asks_for_dim:
+        signature = _without_default(signature, "dim")
     names = tuple(signature.parameters)[is_method:] if signature is not None else ()
-    short = name.rpartition(".")[2]
+    class_name, _, short = name.rpartition(".")
     axes = TAKEN.get(name, TAKEN.get(short)) if is_method else None
     takes_path = "path" in names
 
@@ -101,6 +109,10 @@ def _wrapped(
             keywords = {key: _path_as_text(value) for key, value in keywords.items()}
         given = {**dict(zip(names, arguments[is_method:])), **keywords}
         refuse_masked(short, given)
+        if options is not None:
+            require_known(class_name, keywords, names)
+            if asks_for_dim and "dim" not in keywords and len(arguments) == 1:
+                raise TypeError(f"{class_name}(): dim is missing, expected dim=2 or dim=3, as the points are")
         leading = None
         if axes is not None and arguments:
             changed, leading = flattened(axes, given, lambda: _dim(arguments[0]))
@@ -110,6 +122,12 @@ def _wrapped(
             return shaped(_plain(function(arguments[0], **changed)), leading)
         except TypeError as error:
             text = str(error)
+            unread = UNEXPECTED.search(text)
+            if unread is not None and options is not None:
+                kind = keywords.get("refinement", signature.parameters["refinement"].default)  # type: ignore[union-attr]
+                raise TypeError(
+                    f"{class_name}(): the refinement {kind!r} does not read {unread[1]}"
+                ) from None
             if not MISMATCH.search(text):
                 raise
             refused: Exception = error_of(text, arguments, keywords)
@@ -121,6 +139,13 @@ def _wrapped(
         call.__signature__ = signature  # type: ignore[attr-defined]
         del call.__wrapped__  # type: ignore[attr-defined]  # Its signature is unknown.
     return call
+
+
+def _without_default(signature: inspect.Signature, name: str) -> inspect.Signature:
+    every = signature.parameters.values()
+    return signature.replace(
+        parameters=[one.replace(default=one.empty) if one.name == name else one for one in every]
+    )
 
 
 def _path_as_text(value: Any) -> Any:

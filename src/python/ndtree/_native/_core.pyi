@@ -186,6 +186,21 @@ class DistanceField:
         ValueError
             The maps are not of the same kind, or not of the field's dimension.
         """
+    @overload
+    def distance(self, points: Sequence[float]) -> float:
+        """Distance between the centres of cells, linear on each axis.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64
+            [m]; nan outside the field.
+        """
+    @overload
     def distance(self, points: ArrayLike) -> NDArray[np.float64]:
         """Distance between the centres of cells, linear on each axis.
 
@@ -268,6 +283,15 @@ class OccupancyMap:
     @property
     def refinement(self) -> str:
         """Name of the rule that decides on cell sizes."""
+    @property
+    def min_cell_size(self) -> float:
+        """float: edge of the smallest cells [m]; of all cells of a fixed map."""
+    @property
+    def max_cell_size(self) -> float:
+        """float: edge of the largest cells that are updated [m].
+
+        That is the smallest times a power of `branching`, the largest that the option of this name allows.
+        """
     @property
     def options(self) -> MapOptions:
         """dict of float: the options that the map reads."""
@@ -393,6 +417,21 @@ class OccupancyMap:
         """
     def shrink_to_fit(self) -> None:
         """Give the memory back that merging has freed; no answer changes. For an OctoMap, nothing."""
+    @overload
+    def probability(self, points: Sequence[float]) -> float:
+        """Probability that space is occupied at points.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float32
+            0.5 where unknown: outside the map, or not observed.
+        """
+    @overload
     def probability(self, points: ArrayLike) -> NDArray[np.float32]:
         """Probability that space is occupied at points.
 
@@ -406,6 +445,21 @@ class OccupancyMap:
         (n,) float32
             0.5 where unknown: outside the map, or not observed.
         """
+    @overload
+    def state(self, points: Sequence[float]) -> int:
+        """State of space at points.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) int8
+            -1 unknown, 0 free, 1 occupied.
+        """
+    @overload
     def state(self, points: ArrayLike) -> NDArray[np.int8]:
         """State of space at points.
 
@@ -419,6 +473,22 @@ class OccupancyMap:
         (n,) int8
             -1 unknown, 0 free, 1 occupied.
         """
+    @overload
+    def occupied_within(self, points: Sequence[float], radius: float) -> bool:
+        """Whether some occupied cell is near each point.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+        radius : float
+            Largest distance from the point to the cell's border, >= 0 [m].
+
+        Returns
+        -------
+        (n,) bool
+        """
+    @overload
     def occupied_within(self, points: ArrayLike, radius: float) -> NDArray[np.bool_]:
         """Whether some occupied cell is near each point.
 
@@ -624,6 +694,22 @@ class OccupancyMap:
         ValueError
             A shape is wrong, or a box not from low to high.
         """
+    @overload
+    def distance_to_occupied(self, points: Sequence[float]) -> float:
+        """Distance from points to the nearest occupied cell.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64
+            To the cell's border, 0 inside [m]; nan where the map has no occupied cell, or the point is nan; inf of points
+            beyond 1e154.
+        """
+    @overload
     def distance_to_occupied(self, points: ArrayLike) -> NDArray[np.float64]:
         """Distance from points to the nearest occupied cell.
 
@@ -752,6 +838,32 @@ class OccupancyMap:
         list of Frontier
             The largest border first: .center, .direction, .area, .cells and .size of the free cells.
         """
+    @overload
+    def collides(self, shape: Shape, poses: Sequence[float], *, unknown: UnknownAs = "free") -> bool:
+        """Whether a body meets an obstacle, in each of many poses.
+
+        Parameters
+        ----------
+        shape : Shape
+            Sphere, Capsule, Box, or several by ``a | b``.
+        poses : (n, dim + 1, dim + 1) array of float; or (n, 3) in 2-D, (n, 7) in 3-D
+            From the body's frame to the map's: homogeneous matrices; or x, y and yaw; or x, y, z and a quaternion qx, qy,
+            qz, qw [m, rad].
+        unknown : str
+            What unknown space, outside the map too, is taken for: "free" or "occupied".
+
+        Returns
+        -------
+        (n,) bool
+            Exact for cells of any size; touching counts.
+
+        Raises
+        ------
+        ValueError
+            A pose is not finite, its rotation mirrors or is none, or the last row of its matrix is not 0, ..., 0, 1; it is
+            named.
+        """
+    @overload
     def collides(self, shape: Shape, poses: ArrayLike, *, unknown: UnknownAs = "free") -> NDArray[np.bool_]:
         """Whether a body meets an obstacle, in each of many poses.
 
@@ -1159,7 +1271,7 @@ class AdaptiveMap(OccupancyMap):
     def __init__(
         self,
         *,
-        dim: int = 2,
+        dim: int,
         branching: int = 2,
         refinement: Refinement = "evidence",
         layers: Mapping[str, str] | None = None,
@@ -1195,6 +1307,21 @@ class AdaptiveMap(OccupancyMap):
     ) -> None: ...
     def __copy__(self) -> Self: ...
     def __deepcopy__(self, memo: dict[int, Any]) -> Self: ...
+    @overload
+    def cell_size(self, points: Sequence[float]) -> float:
+        """Edge of the leaf around each point.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64
+            [m], unknown space included; nan outside the map.
+        """
+    @overload
     def cell_size(self, points: ArrayLike) -> NDArray[np.float64]:
         """Edge of the leaf around each point.
 
@@ -1225,7 +1352,7 @@ class FixedMap(OccupancyMap):
     def __init__(
         self,
         *,
-        dim: int = 2,
+        dim: int,
         branching: int = 2,
         refinement: Literal["fixed"] = "fixed",
         layers: Mapping[str, str] | None = None,
@@ -1240,6 +1367,21 @@ class FixedMap(OccupancyMap):
     ) -> None: ...
     def __copy__(self) -> Self: ...
     def __deepcopy__(self, memo: dict[int, Any]) -> Self: ...
+    @overload
+    def cell_size(self, points: Sequence[float]) -> float:
+        """Edge of the leaf around each point.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float64
+            [m], unknown space included; nan outside the map.
+        """
+    @overload
     def cell_size(self, points: ArrayLike) -> NDArray[np.float64]:
         """Edge of the leaf around each point.
 

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +87,38 @@ def _space_text(self: _core.SeenSpace) -> str:
     return f"SeenSpace({len(self.points)} points in {self.dim}-D, {int(self.seen.sum())} seen)"
 
 
+def _min_cell_size(self: _core.OccupancyMap) -> float:
+    """float: edge of the smallest cells [m]; of all cells of a fixed map."""
+    return float(self.options["min_cell_size"])
+
+
+def _max_cell_size(self: _core.OccupancyMap) -> float:
+    """float: edge of the largest cells that are updated [m].
+
+    That is the smallest times a power of `branching`, the largest that the option of this name allows.
+    """
+    size = self.min_cell_size
+    largest = float(self.options.get("max_cell_size", size)) * (1 + 1e-9)  # As the map rounds it.
+    times = 1
+    while size * times * self.branching <= largest:
+        times *= self.branching
+    return size * times
+
+
+_adaptive_text = _core.AdaptiveMap.__repr__
+
+
+def _map_text(self: _core.AdaptiveMap) -> str:
+    """Of the sizes those that cells have, and what was asked for where that was rounded."""
+    asked = self.options["max_cell_size"]
+    has = self.max_cell_size
+    text = _adaptive_text(self)
+    if math.isclose(has, asked, rel_tol=1e-8):
+        return text
+    before, name, after = text.partition("max_cell_size=")
+    return f"{before}{name}{has:.6g} (rounded from {asked:g}){after[re.match(r'[^,)]*', after).end() :]}"  # type: ignore[union-attr]
+
+
 def _given(type_: type, name: str, function: Any) -> None:
     """Add a method that is written here."""
     function.__name__, function.__qualname__ = name, f"{type_.__name__}.{name}"
@@ -93,6 +127,9 @@ def _given(type_: type, name: str, function: Any) -> None:
 
 
 _given(_core.OccupancyMap, "save", save)
+_core.OccupancyMap.min_cell_size = property(_min_cell_size)  # type: ignore[assignment, method-assign]
+_core.OccupancyMap.max_cell_size = property(_max_cell_size)  # type: ignore[assignment, method-assign]
+_given(_core.AdaptiveMap, "__repr__", _map_text)
 _given(_core.OccupancyMap, "_repr_html_", _html)
 _given(_core.OccupancyMap, "_repr_png_", _png)
 _given(_core.DistanceField, "__repr__", _field_text)

@@ -9,6 +9,7 @@ from typing import Any, NoReturn, TextIO
 
 from ndtree.base.exit_status import WRONG_CALL
 from ndtree.cli import interrupt
+from ndtree.cli.help import page_asked_for
 
 if interrupt.is_command():
     interrupt.end_quietly()
@@ -44,6 +45,12 @@ class _Heard:
 
 def main() -> NoReturn:
     """Run the command line and leave the process with its exit status."""
+    shown = page_asked_for(sys.argv[1:])
+    if shown is not None:  # At once: nothing else is loaded for it.
+        sys.stdout = _Heard(sys.stdout)  # type: ignore[assignment]
+        sys.stdout.write(shown)
+        sys.stdout.flush()
+        sys.exit(0)
     try:
         import rich  # noqa: F401
 

@@ -70,14 +70,14 @@ class NoReturns:
             return "every beam returned"
         begin = f"beams without return ({100 * self.share:.1f} %)"
         if self.beams < LEAST_BEAMS:
-            return f"{begin} are taken for free space: {self.beams} that can tell are too few"
+            return f"{begin} mean free space: only {self.beams} of them could be checked"
         found = (
-            f"{100 * self.crossing:.0f} % of {self.beams} cross surfaces that others found, "
-            f"{100 * self.expected:.0f} % would by errors alone"
+            f"{100 * self.crossing:.0f} % of {self.beams} go through walls that other scans saw, "
+            f"{100 * self.expected:.0f} % would by pose errors"
         )
         if self.choice == "ignore":
-            return f"{begin} say nothing: {found}"
-        return f"{begin} are taken for free space: {found}"
+            return f"{begin} are left out: {found}"
+        return f"{begin} mean free space: {found}"
 
 
 def judge(scans: Sequence[Scan]) -> NoReturns:

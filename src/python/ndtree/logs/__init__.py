@@ -138,13 +138,17 @@ def read(
     return log
 
 
-def contents(path: str | os.PathLike[str], *, format: str | None = None) -> dict[str, Any]:
+def contents(
+    path: str | os.PathLike[str], *, format: str | None = None, whole: bool = True
+) -> dict[str, Any]:
     """Say what a file or folder holds, also where it takes options to read it as a log.
 
     Parameters
     ----------
     path, format
         As for `read`.
+    whole : bool
+        Read all of it; else only the index and the first messages, which takes no time.
 
     Returns
     -------
@@ -154,7 +158,7 @@ def contents(path: str | os.PathLike[str], *, format: str | None = None) -> dict
     """
     source, chosen = _looked_up(path, format)
     with readable(source.path, f"cannot be read as {chosen.description}"):
-        return chosen.contents(source) if chosen.contents else {}
+        return chosen.contents(source, whole) if chosen.contents else {}
 
 
 def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source, Format]:
@@ -190,7 +194,9 @@ def _recognised(source: Source) -> Format:
     if source.head.startswith(ZIP_MAGIC):
         raise ValueError(f"{source.path}: a zip archive without points.npy, expected {_KNOWN}")
     if source.head.startswith(MAP_MAGIC):
-        raise ValueError(f"{source.path}: a map, to be opened by ndtree.load(), expected {_KNOWN}")
+        raise ValueError(
+            f"{source.path}: is a map, expected a log; to look at it:\n  ndtree view {source.path}"
+        )
     if b"\0" in source.head:
         raise ValueError(f"{source.path}: binary data, expected {_KNOWN}")
     line = first_line(source)

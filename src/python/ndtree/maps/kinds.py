@@ -68,7 +68,7 @@ MAP_OPTIONS = (
 )
 OPTION_NAMES = tuple(option.name for option in MAP_OPTIONS)
 
-DEFAULT_REFINEMENT = _core.AdaptiveMap().refinement
+DEFAULT_REFINEMENT = _core.AdaptiveMap(dim=2).refinement
 
 _INSERTIONS = {
     "octomap": "ray",

@@ -161,7 +161,7 @@ def open_map(path: str | os.PathLike[str]) -> PlacedMap:
             loaded = _core.load(name)
         else:
             raise ValueError(
-                f"{name}: neither the first bytes nor the name are those of a map, expected {_KNOWN}"
+                f"{name}: is no map, expected {_KNOWN}; a log becomes one by:\n  ndtree map {name}"
             )
         return PlacedMap(loaded, np.zeros(loaded.dim), name)
 

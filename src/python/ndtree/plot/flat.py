@@ -138,10 +138,13 @@ def cell_sizes(
 
 def slice(
     m: OccupancyMap,
-    axis: str | int,
-    value: float,
+    axis: str | int | None = None,
+    value: float | None = None,
     ax: Axes | None = None,
     *,
+    x: float | None = None,
+    y: float | None = None,
+    z: float | None = None,
     region: Region | None = None,
     borders: bool = False,
     style: str = "paper",
@@ -152,12 +155,14 @@ def slice(
     ----------
     m : AdaptiveMap, FixedMap or OctoMap
         With ``dim`` 3.
-    axis : {"x", "y", "z", 0, 1, 2}
+    axis : {"x", "y", "z", 0, 1, 2}, optional
         The coordinate that is held.
-    value : float
+    value : float, optional
         Its value [m].
     ax : matplotlib.axes.Axes, optional
         Where to draw; a new figure if left out.
+    x, y, z : float, optional
+        One of them instead of `axis` and `value`, as in ``slice(m, z=1.0)`` [m].
     region : (min, max, min, max), optional
         What to show of the other two coordinates [m]; left out, what was observed.
     borders : bool
@@ -170,7 +175,7 @@ def slice(
     matplotlib.axes.Axes
     """
     require_dim(m, 3)
-    held = axis_number(axis)
+    held, value = _held(axis, value, {"x": x, "y": y, "z": z})
     others = [a for a in range(3) if a != held]
     flat = Cells.of(m).through(held, value).along(others)
     if not flat.observed.any():
@@ -182,6 +187,20 @@ def slice(
         draw_borders(flat.where(flat.size * flat.unit > span / 400), ax, shown)
     name_axes(ax, "".join("xyz"[a] for a in others))
     return ax
+
+
+def _held(axis: str | int | None, value: float | None, by_name: dict[str, float | None]) -> tuple[int, float]:
+    """The axis that is held and its value, from `slice`'s two ways to say so."""
+    named = {name: at for name, at in by_name.items() if at is not None}
+    if axis is not None and value is not None and not named:
+        return axis_number(axis), value
+    if axis is None and value is None and len(named) == 1:
+        ((name, at),) = named.items()
+        return axis_number(name), at
+    given = [*named, *(["axis"] if axis is not None else []), *(["value"] if value is not None else [])]
+    raise ValueError(
+        f"slice(): {' and '.join(given) or 'nothing'} given, expected one of x, y and z, or axis and value"
+    )
 
 
 def _named(ax: Axes, given: Axes | None) -> Axes:

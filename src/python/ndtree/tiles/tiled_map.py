@@ -102,6 +102,16 @@ class TiledMap:
         return dict(self.manifest.kind.options)
 
     @property
+    def min_cell_size(self) -> float:
+        """Edge of the smallest cells [m]."""
+        return self._frame.min_cell_size
+
+    @property
+    def max_cell_size(self) -> float:
+        """Edge of the largest cells that are updated [m]."""
+        return self._frame.max_cell_size
+
+    @property
     def grid(self) -> TileGrid:
         """Where tiles are."""
         return self.manifest.grid
@@ -319,7 +329,7 @@ class TiledMap:
     def _about(self, poses: ArrayLike, shape: Shape) -> OccupancyMap:
         """Tiles that a body may touch in some poses."""
         array = np.asarray(poses, dtype=np.float64)
-        flat = (array.ndim < 3 and array.shape[-1:] == (3,)) or (self.dim == 3 and array.shape[-1:] == (7,))
+        flat = array.shape[-1:] in ((self.dim,), (7,) if self.dim == 3 else (3,)) and array.ndim < 3
         places = array[..., : self.dim] if flat else array[..., : self.dim, -1]
         places = places.reshape(-1, places.shape[-1] if places.ndim else 1)
         if places.shape[1] != self.dim or not np.isfinite(places).all() or not len(places):

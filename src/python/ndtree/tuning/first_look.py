@@ -13,6 +13,7 @@ import numpy as np
 from ndtree._native import _core
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
+from ndtree.base.typing import MapOptions
 from ndtree.evaluation.no_returns import NoReturns, judge
 from ndtree.evaluation.sampling import skipping_unmappable, spread
 from ndtree.logs.core.log import Log
@@ -72,9 +73,9 @@ class FirstLook:
     disagreement: Disagreement | None = None
 
     @property
-    def options(self) -> dict[str, float]:
+    def options(self) -> MapOptions:
         """Keywords for `AdaptiveMap`."""
-        options = {"range_sigma": self.range_sigma}
+        options: MapOptions = {"range_sigma": self.range_sigma}
         if self.range_sigma_quadratic:
             options["range_sigma_quadratic"] = self.range_sigma_quadratic
         return options

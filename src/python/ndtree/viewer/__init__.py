@@ -15,10 +15,20 @@ except ImportError as error:
 from ndtree.viewer.controls import legend_html
 from ndtree.viewer.look import Look
 from ndtree.viewer.server import HOST
-from ndtree.viewer.viewer import MAX_BOXES, PORT, Viewer, first_camera
+from ndtree.viewer.viewer import MAX_BOXES, PORT, Viewer, first_camera, view
 from ndtree.viewer.visitor import MAX_CLEAR_BOXES
 
 #: What browsers do wrong when they call is no news for the user.
 logging.getLogger("websockets").addHandler(logging.NullHandler())
 
-__all__ = ["HOST", "MAX_BOXES", "MAX_CLEAR_BOXES", "PORT", "Look", "Viewer", "first_camera", "legend_html"]
+__all__ = [
+    "HOST",
+    "MAX_BOXES",
+    "MAX_CLEAR_BOXES",
+    "PORT",
+    "Look",
+    "Viewer",
+    "first_camera",
+    "legend_html",
+    "view",
+]

@@ -16,7 +16,15 @@ from ndtree.viewer.snapshot import Snapshot
 class Controls:
     """The panel of one page."""
 
-    def __init__(self, client: viser.ClientHandle, snapshot: Snapshot, look: Look, changed: Any) -> None:
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        snapshot: Snapshot,
+        look: Look,
+        changed: Any,
+        *,
+        has_track: bool = False,
+    ) -> None:
         gui = client.gui
         self._dim = snapshot.dim
         self._about = gui.add_markdown("working …")
@@ -33,6 +41,7 @@ class Controls:
                 ("grid", "Grid and scale"),
             )
         }
+        self.offer_track(has_track)
         inputs = [self._color, *self._checks.values()]
         self._axis = self._at = self._sliced = None
         if self._dim == 3:
@@ -47,6 +56,8 @@ class Controls:
                 self._plane = gui.add_checkbox("Draw its cells", look.plane)
             inputs += [self._sliced, self._at, self._cut, self._plane]
             self._axis.on_update(lambda _: self._turn(changed))
+            self._offer_slice()
+            self._sliced.on_update(lambda _: self._offer_slice())
         with gui.add_folder("Cell"):
             self._cell = gui.add_markdown("Click on one.")
         self._snapshot = snapshot
@@ -87,6 +98,15 @@ class Controls:
         if self._at is not None:
             low, high = snapshot.region[AXES.index(self._axis.value)]
             self._at.min, self._at.max = min(self._at.min, float(low)), max(self._at.max, float(high))
+
+    def offer_track(self, has_track: bool) -> None:
+        """Without a log there is no trajectory to show or hide."""
+        self._checks["track"].visible = has_track
+
+    def _offer_slice(self) -> None:
+        """Where there is no slice, there is nothing to place, to cut or to draw."""
+        for each in (self._axis, self._at, self._cut, self._plane):
+            each.visible = self._sliced.value
 
     def say(self, text: str) -> None:
         self._about.content = text

@@ -7,14 +7,18 @@ import atexit
 import contextlib
 import io
 import math
+import os
 import threading
 import time
+import webbrowser
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
 
 from ndtree._native._core import OccupancyMap
+from ndtree.cells.lattice import Floats
+from ndtree.maps.open import open_map
 from ndtree.viewer.look import Look
 from ndtree.viewer.server import HOST, light_up, started
 from ndtree.viewer.snapshot import Snapshot
@@ -28,6 +32,7 @@ PORT = 8080
 MAX_BOXES = 200_000  # Drawn of the occupied cells at once.
 _GROWN = 1.3  # From so much farther away a page looks at a map that has grown.
 _FIELD_OF_VIEW = math.radians(60.0)
+_MARGIN = 1.1  # Space around what is framed.
 
 
 class Viewer:
@@ -41,6 +46,8 @@ class Viewer:
         Where the page is; 0 takes any free port.
     look : Look, optional
         How it is shown at first.
+    name : str
+        What the page's panel is called, as the map's file.
     max_boxes : int
         More occupied cells than this are drawn coarser the farther they are away.
 
@@ -58,6 +65,7 @@ class Viewer:
         *,
         port: int = PORT,
         look: Look | None = None,
+        name: str = "ndtree",
         max_boxes: int = MAX_BOXES,
     ) -> None:
         self.max_boxes = max_boxes
@@ -73,7 +81,7 @@ class Viewer:
         atexit.register(self.close)  # Before viser does, which says goodbye.
         light_up(self._server.scene)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
-        self._server.gui.set_panel_label("ndtree")
+        self._server.gui.set_panel_label(name)
         self._visitors: dict[int, Visitor] = {}
         self._lock = threading.Lock()
         if self.snapshot is not None:
@@ -170,15 +178,63 @@ class Viewer:
 def first_camera(snapshot: Snapshot) -> dict[str, Any]:
     """Where a page's camera stands at first: above a flat map, else to the south and half-way up."""
     low, high = snapshot.region.T - snapshot.origin
-    middle, extent = 0.5 * (low + high), high - low
-    away = 0.5 * float(np.linalg.norm(extent)) / math.tan(0.5 * _FIELD_OF_VIEW)
+    middle = 0.5 * (low + high)
     flat = snapshot.dim == 2
     direction = np.array([0.0, -1e-3, 1.0]) if flat else np.array([0.35, -0.6, 0.72])
+    direction /= np.linalg.norm(direction)
+    away = _distance_to_see(low - middle, high - middle, direction)
     return {
         "up": np.array([0.0, 0.0, 1.0]),
         "look_at": middle,
-        "position": middle + away * direction / np.linalg.norm(direction),
+        "position": middle + away * direction,
         "fov": _FIELD_OF_VIEW,
         "near": min(0.05, 1e-3 * away),
         "far": 100.0 * away,
     }
+
+
+def _distance_to_see(low: Floats, high: Floats, direction: Floats) -> float:
+    """How far from the middle of a box a camera sees all its corners, also in a window as high as wide."""
+    right = np.cross([0.0, 0.0, 1.0], direction)
+    right /= np.linalg.norm(right)
+    up = np.cross(direction, right)
+    corners = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
+    beside = np.abs(np.stack([corners @ right, corners @ up])).max(axis=0)
+    return float((corners @ direction + beside / math.tan(0.5 * _FIELD_OF_VIEW)).max()) * _MARGIN
+
+
+def view(
+    m: OccupancyMap | str | os.PathLike[str],
+    *,
+    port: int = PORT,
+    look: Look | None = None,
+    browser: bool = False,
+) -> Viewer:
+    """Show a map on an interactive page of this computer, as the command ``ndtree view`` does.
+
+    Parameters
+    ----------
+    m : AdaptiveMap, FixedMap, OctoMap, str or path
+        A map, or its file.
+    port : int
+        Where the page is; 0 takes any free port.
+    look : Look, optional
+        How it is shown at first.
+    browser : bool
+        Open the page.
+
+    Returns
+    -------
+    Viewer
+        Its ``url`` is the page, there until ``close()``; ``wait()`` returns when the user interrupts.
+    """
+    name = "ndtree"
+    if isinstance(m, (str, os.PathLike)):
+        placed = open_map(m)
+        m, name = placed.resampled(placed.cell_size), os.path.basename(os.path.normpath(m))
+    page = Viewer(m, port=port, look=look, name=name)
+    if browser:
+        webbrowser.open(page.url)
+    return page

@@ -120,11 +120,18 @@ class Visitor:
                 continue
             if self._controls is None:
                 assert self._viewer.look is not None
-                self._controls = Controls(self._client, snapshot, self._viewer.look, self.refresh)
+                self._controls = Controls(
+                    self._client,
+                    snapshot,
+                    self._viewer.look,
+                    self.refresh,
+                    has_track=bool(self._viewer.track.points),
+                )
             self._draw(snapshot, self._controls)
 
     def _draw(self, snapshot: Snapshot, controls: Controls) -> None:
         controls.fit(snapshot)
+        controls.offer_track(bool(self._viewer.track.points))
         look = controls.look()
         if (snapshot, look) != self._last:
             controls.say("working …")

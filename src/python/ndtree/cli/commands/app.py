@@ -2,6 +2,7 @@
 """The command line itself: its name, its help, and how a command ends where something is wrong."""
 
 import functools
+import inspect
 import sys
 import warnings
 from importlib import import_module
@@ -13,20 +14,49 @@ import typer.main
 
 from ndtree.base.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
 from ndtree.cli import interrupt
+from ndtree.cli.help import page, page_asked_for
+from ndtree.cli.streams import heard, silenced
 
 
 def examples(*lines: str) -> str:
     return "\n\n".join(("Examples:", *lines))
 
 
+class Group(typer.core.TyperGroup):
+    """The command ``ndtree``: its pages are files, and a call that cannot be read ends in one line."""
+
+    def get_help(self, ctx: Any) -> str:
+        return (page("ndtree") or "").rstrip("\n")
+
+    def main(self, args: Any = None, *more: Any, **keywords: Any) -> Any:
+        words = list(sys.argv[1:] if args is None else args)
+        if not keywords.pop("standalone_mode", True):
+            return super().main(words, *more, standalone_mode=False, **keywords)
+        try:
+            status = super().main(words, *more, standalone_mode=False, **keywords)
+        except Exception as error:
+            if not isinstance(error, _CLICK):
+                raise
+            from ndtree.cli.commands.usage import usage_error  # Not for calls that can be read.
+
+            print_error(usage_error(error, words, _LOADED))
+            status = WRONG_CALL
+        sys.exit(status if isinstance(status, int) else 0)
+
+
+#: What the parser of the command line raises.
+_CLICK = next(one for one in typer.BadParameter.__mro__ if one.__name__ == "ClickException")
+
+
 app = typer.Typer(
     name="ndtree",
+    cls=Group,
     help="Occupancy maps whose cells adapt to what is measured.",
     epilog="Exit status: 0 done, 1 the input is bad, 2 the call is wrong.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help", "--help-all"]},
 )
 
 #: By name, the commands whose modules were loaded.
@@ -58,46 +88,91 @@ def announce(name: str, module: str, summary: str) -> None:
     class Late(typer.core.TyperCommand):
         """What stands in the help; to be called, it becomes the command itself."""
 
-        def make_context(self, *arguments: Any, **keywords: Any) -> Any:
-            return loaded(name, module).make_context(*arguments, **keywords)
+        def make_context(self, info_name: Any, args: list[str], *more: Any, **keywords: Any) -> Any:
+            shown = page_asked_for([name, *args])
+            if shown is not None:
+                print(shown, end="")
+                raise typer.Exit
+            return loaded(name, module).make_context(info_name, _with_stdout(args), *more, **keywords)
 
     app.command(name, cls=Late, help=summary)(lambda: None)
 
 
+def _with_stdout(words: list[str]) -> list[str]:
+    """``--json`` without a file prints."""
+    ends = words.index("--") if "--" in words else len(words)
+    result = []
+    for i, word in enumerate(words):
+        result.append(word)
+        following = words[i + 1] if i + 1 < ends else "--"
+        if i < ends and word == "--json" and following.startswith("-") and following != "-":
+            result.append("-")
+    return result
+
+
+_QUIET = inspect.Parameter(
+    "quiet",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=False,
+    annotation=Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but what is wrong.")],
+)
+
+
+#: Commands that read a file of keywords, which errors name as the file has them.
+_OF_KEYWORDS = ("study",)
+
+
 def reports_errors(command: Callable[..., None]) -> Callable[..., None]:
-    """Ends a command with one line and the right exit status where the input or the call is bad."""
+    """Ends a command with clear lines and the right exit status where the input or the call is bad.
+
+    It gives the command the flag ``--quiet``, too.
+    """
+
+    has_flags = command.__name__ not in _OF_KEYWORDS
 
     @functools.wraps(command)
-    def guarded(**arguments: Any) -> None:
+    def guarded(quiet: bool = False, **arguments: Any) -> None:
         import numpy as np  # Not for the help alone.
 
+        from ndtree.cli.commands.output import check_json
+
         try:
+            check_json(arguments.get("json_file"))
             # Absurd numbers are counted or refused, and the commands tell of long beams in a line of theirs.
-            with np.errstate(all="ignore"), warnings.catch_warnings():
+            with np.errstate(all="ignore"), warnings.catch_warnings(), silenced(quiet):
                 warnings.filterwarnings("ignore", r"beam \d+ is ")
                 command(**arguments)
         except (BrokenPipeError, typer.Exit):
             raise
         except (WrongCall, ImportError) as error:
-            _end(str(error), WRONG_CALL)
+            _end(str(error), WRONG_CALL, has_flags)
         except (OSError, ValueError, MemoryError, RuntimeError) as error:
-            _end(reason_of(error), BAD_INPUT)
+            _end(reason_of(error), BAD_INPUT, has_flags)
 
+    signature = inspect.signature(command)
+    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in signature.parameters.values()]
+    guarded.__signature__ = signature.replace(parameters=[*parameters, _QUIET])  # type: ignore[attr-defined]
+    guarded.__annotations__ = {one.name: one.annotation for one in [*parameters, _QUIET]}
     return guarded
 
 
 def reason_of(error: BaseException) -> str:
-    """What is wrong with the input, in one line."""
+    """What is wrong with the input."""
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
-        text = f"{where}{error.strerror or error}"
-    else:
-        text = str(error) or "not enough memory"
-    return " ".join(text.split())
+        return f"{where}{error.strerror or error}"
+    return str(error) or "not enough memory"
 
 
-def _end(message: str, status: int) -> None:
-    print(f"ndtree: {' '.join(message.split())}", file=sys.stderr)
+def print_error(message: str, has_flags: bool = True) -> None:
+    """Print what is wrong, in the words of the command line if it has some; also where all else is silent."""
+    from ndtree.cli.commands.messages import laid_out  # Not for the help alone.
+
+    print(laid_out(message, has_flags), file=heard(sys.stderr))
+
+
+def _end(message: str, status: int, has_flags: bool) -> None:
+    print_error(message, has_flags)
     raise typer.Exit(status)
 
 

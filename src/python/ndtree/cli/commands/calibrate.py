@@ -75,9 +75,13 @@ def _find_mount(path: Path, dim: Optional[int], reading: Reading, json_file: Opt
     check_target(json_file)
     if reading.selection:
         raise WrongCall("--find-mount: looks at the whole log, expected no part of it")
-    opened = reading.with_default("mount", "0,0,0").open(path, dim)
-    if not isinstance(opened, RosbagLog):
-        raise WrongCall(f"--find-mount: {path} is no ROS bag")
+    try:
+        opened = reading.with_default("mount", "0,0,0").open(path, dim)
+    except WrongCall as error:
+        if "mount" in reading.options or "takes no such option" not in str(error):
+            raise
+        raise WrongCall(f"--find-mount: {path} is no ROS bag") from None
+    assert isinstance(opened, RosbagLog)
     with progress() as advance:
         found = find_mount(opened, progress=advance)
         # There the log may bear out another understanding of the times of beams, which moves the clock.

@@ -2,6 +2,7 @@
 """What commands print of maps and logs."""
 
 import math
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from ndtree._native._core import OccupancyMap, default_options
 from ndtree.cli.commands.logs import length_of
+from ndtree.cli.commands.messages import WIDTH
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
 
@@ -67,7 +69,12 @@ LONGEST_BEAM = 2**20
 RANGE_SAMPLE = 2_000_000
 
 
-def log_figures(log: Log) -> dict[str, Any]:
+#: Of a log without an index, what is read to say what it is.
+FIRST_BEAMS = 1_000_000
+
+
+def log_figures(log: Log, *, most: int | None = None) -> dict[str, Any]:
+    """Figures of a log, or of its first scans with at least `most` beams."""
     beams = dict.fromkeys(("beams", "returned", "not_returned", "invalid"), 0)
     ranges: list[Any] = []
     low, high = np.full(log.dim, np.inf), np.full(log.dim, -np.inf)
@@ -94,6 +101,9 @@ def log_figures(log: Log) -> dict[str, Any]:
                 low = np.minimum(low, scan.endpoints[returned].min(axis=0))
                 high = np.maximum(high, scan.endpoints[returned].max(axis=0))
             advance("reading", scans, length_of(log))
+            if most is not None and beams["beams"] >= most:
+                break
+    is_whole = most is None or beams["beams"] < most or scans == length_of(log)
     if not scans:
         raise ValueError(f"{log.path}: no scans, expected at least one")
     every = np.concatenate(ranges)
@@ -104,6 +114,7 @@ def log_figures(log: Log) -> dict[str, Any]:
         "uses": log.uses,
         "dim": log.dim,
         "scans": scans,
+        "is_whole": is_whole,
         "beams": beams,
         "seconds": float(last - first),
         "range": {"median": float(np.median(every)), "max": longest} if known else None,
@@ -142,24 +153,39 @@ def print_contents(path: Path, held: dict[str, Any]) -> None:
 
 
 def print_log(figures: dict[str, Any]) -> None:
+    first = "" if figures["is_whole"] else "the first "
     print(
-        f"{figures['log']}: {figures['format']} log, {figures['dim']}-D, {figures['scans']} scans"
+        f"{figures['log']}: {figures['format']} log, {figures['dim']}-D, {first}{figures['scans']} scans"
         + (f" in {figures['seconds']:.1f} s" if figures["seconds"] > 0 else "")
     )
     if figures["uses"]:
-        print(f"  uses {figures['uses']}")
+        print(indented(f"uses {figures['uses']}"))
     print(f"  {counted(figures['beams'])}")
     if figures["range"]:
         median, longest = figures["range"]["median"], figures["range"]["max"]
         print(f"  ranges: median {_metres(median)} m, longest {_metres(longest)} m")
         if longest > LONGEST_BEAM * (cell := default_options()["min_cell_size"]):
-            print(
-                f"  beams of more than {LONGEST_BEAM * cell:,.0f} m can be no map's: give `map` a --max-range"
-            )
+            print(f"  beams of more than {LONGEST_BEAM * cell:,.0f} m fit no map, expected --max-range M")
     if figures["bounds"]:
         print(
             f"  end points from {point(figures['bounds']['lower'])} to {point(figures['bounds']['upper'])} m"
         )
+
+
+def indented(text: str) -> str:
+    """What is said below a heading, in lines that fit a terminal."""
+    return "\n".join(
+        row
+        for part in text.split("\n")
+        for row in textwrap.wrap(
+            part.strip(),
+            WIDTH,
+            initial_indent="  ",
+            subsequent_indent="    ",
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+    )
 
 
 def counted(counts: dict[str, int]) -> str:

@@ -102,10 +102,15 @@ class Reading:
     selection: dict[str, Any] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
 
-    def contents(self, path: Path) -> dict[str, Any]:
+    def contents(self, path: Path, *, whole: bool) -> dict[str, Any]:
         """What a file holds beside its scans."""
         self._check_format()
-        return contents(path, format=self.format)
+        return contents(path, format=self.format, whole=whole)
+
+    @property
+    def is_given(self) -> bool:
+        """Whether something is said of how the log is read."""
+        return bool(self.selection or self.options or self.keep_going or self.strict)
 
     def open(self, path: Path, dim: int | None, max_range: float | None = None) -> Log:
         """The log, or the part of it that was asked for; no beam is free beyond `max_range`."""

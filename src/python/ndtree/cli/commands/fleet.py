@@ -10,6 +10,7 @@ import typer
 
 from ndtree import distributed
 from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.figures import indented
 from ndtree.cli.commands.flags import map_options
 from ndtree.cli.commands.logs import limit_of, made, new_map, settled
 from ndtree.cli.commands.options import Dim, Json, MaxRange, NoReturnKind, NoReturnOption
@@ -88,7 +89,7 @@ def fleet(
     if not is_stdout(json_file):
         print(f"{len(sources)} logs: {report.scans} scans, {report.beams:,} beams")
         for line in settings.lines():
-            print(f"  {line}")
+            print(indented(line))
         print(
             f"  {report.tiles} tiles by {report.tasks} tasks; {report.seconds:.3f} s on {report.workers} "
             f"workers, {report.idle:.0%} of their time idle"

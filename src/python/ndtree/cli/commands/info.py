@@ -6,8 +6,11 @@ from typing import Annotated, Any
 
 import typer
 
+from ndtree.base.exit_status import WrongCall
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import (
+    FIRST_BEAMS,
+    indented,
     log_figures,
     map_figures,
     point,
@@ -22,25 +25,34 @@ from ndtree.cli.commands.output import check_target, is_stdout, write_json
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import NotALog
 from ndtree.maps.open import is_map
-from ndtree.tuning.prospect import prospect_of
+
+_LOOK_CLOSER = "what mapping will choose, and how long it takes:\n  ndtree info {} --look"
 
 
 @command(
     "info",
-    epilog=examples("ndtree info office.npz", "ndtree info drive.bag", "ndtree info office.ndt --json -"),
+    epilog=examples("ndtree info drive.bag", "ndtree info drive.bag --look", "ndtree info office.ndt --json"),
 )
 @reports_errors
 @reading_options
 def info(
-    path: Annotated[Path, typer.Argument(help="A map, or a log.")],
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="A map, or a log: a file or a folder.")],
+    look: Annotated[
+        bool, typer.Option("--look", help="Read all of a log, and say what mapping it will choose and cost.")
+    ] = False,
     dim: Dim = None,
     json_file: Json = None,
     reading: Any = None,
 ) -> None:
-    """Say what is in a map or a log."""
+    """Say what is in a map or a log.
+
+    At once: of a bag by its index and first messages, of other logs by their first million beams.
+    """
     check_target(json_file)
     if is_map(path):
         reading.require_none("a map")
+        if look:
+            raise WrongCall(f"--look: is for a LOG, and {path} is a map")
         loaded = load_map(path)
         figures = {"map": str(path), **map_figures(loaded)}
         if not is_stdout(json_file):
@@ -48,21 +60,33 @@ def info(
             print_map(loaded)
         write_json(figures, json_file)
         return
+    says = not is_stdout(json_file)
+    look = look or reading.is_given or dim is not None
     try:
-        held = reading.contents(path)
-        if held and not is_stdout(json_file):
+        held = reading.contents(path, whole=look)
+        if held and says:
             print_contents(path, held)
+        if held and not look:
+            if says:
+                print(_LOOK_CLOSER.format(path))
+            write_json({"log": str(path), "format": "rosbag", "contents": held}, json_file)
+            return
         opened = reading.open(path, dim)
-        figures = {**log_figures(opened), "contents": held, "skipped": skipped(opened)}
-        if not is_stdout(json_file):
+        figures = {**log_figures(opened, most=None if look else FIRST_BEAMS), "contents": held}
+        figures["skipped"] = skipped(opened)
+        if says:
             print_log(figures)
-        if opened.is_raw:
+        if opened.is_raw and not look and says:
+            print(_LOOK_CLOSER.format(path))
+        if opened.is_raw and look:
+            from ndtree.tuning.prospect import prospect_of  # Loads much; and most calls do not look.
+
             with progress() as advance:
                 prospect = prospect_of(opened, progress=advance)
             figures["prospect"] = prospect.figures()
-            if not is_stdout(json_file):
+            if says:
                 for line in prospect.lines():
-                    print(f"  {line}")
+                    print(indented(line))
         warn_of_skipped(opened)
     except NotALog as found:
         held = _points_of(path, reading) if found.has_points else {}

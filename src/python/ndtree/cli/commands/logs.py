@@ -6,18 +6,21 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Callable, Optional
+from typing import TYPE_CHECKING, Any, Callable, Optional
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.scan import Scan
 from ndtree.cli.commands.flags import Reading
+from ndtree.cli.commands.messages import laid_out
 from ndtree.cli.commands.options import World
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log, simulate
 from ndtree.maps.open import open_map
-from ndtree.tuning.settings import Settings, settle
+
+if TYPE_CHECKING:  # It loads all that looks into logs, for which `info` has no use.
+    from ndtree.tuning.settings import Settings
 
 
 def load_map(path: Path) -> OccupancyMap:
@@ -66,13 +69,13 @@ def skipped(log: Log) -> dict[str, Any]:
 def warn_of_skipped(log: Log) -> None:
     """One line for each thing that the reader decided, and each kind of what was passed over."""
     for note in log.notes:
-        print(f"ndtree: {note}", file=sys.stderr)
+        print(laid_out(note), file=sys.stderr)
     for kind, one in log.skipped.items():
         if one.summary is not None:
-            print(f"ndtree: {one.summary}", file=sys.stderr)
+            print(laid_out(one.summary), file=sys.stderr)
             continue
         first = " ".join(one.first.split())
-        print(f"ndtree: passed over {one.count} {kind}, the first: {first}", file=sys.stderr)
+        print(laid_out(f"passed over {one.count} {kind}, the first: {first}"), file=sys.stderr)
 
 
 def length_of(log: Log) -> int:
@@ -106,7 +109,9 @@ def new_map(dim: int, fixed: bool, options: dict[str, Any]) -> OccupancyMap:
 
 def settled(
     log: Log, options: dict[str, Any], max_range: float, no_return: str, *, with_sigma: bool = False
-) -> Settings:
+) -> "Settings":
+    from ndtree.tuning.settings import settle
+
     with progress() as advance:
         return settle(
             log,
@@ -118,7 +123,7 @@ def settled(
         )
 
 
-def print_settings(log: Log, settings: Settings) -> None:
+def print_settings(log: Log, settings: "Settings") -> None:
     """What was chosen, before what it was chosen for."""
     for line in settings.lines():
-        print(f"{log.name}: {line}")
+        print(laid_out(f"{log.name}: {line}").removeprefix("ndtree: "))

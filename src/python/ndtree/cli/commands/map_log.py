@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree map``: a log becomes a map, and so do several: one each, or one of all."""
 
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree.base.exit_status import BAD_INPUT, WrongCall
-from ndtree.cli.commands.app import command, examples, reason_of, reports_errors
+from ndtree.cli.commands.app import command, examples, print_error, reason_of, reports_errors
 from ndtree.cli.commands.flags import Reading, map_options, reading_options
 from ndtree.cli.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
 from ndtree.cli.commands.map_tiles import is_tiled, map_into_tiles, print_tiled
@@ -29,6 +28,7 @@ from ndtree.cli.commands.options import (
 from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
 from ndtree.logs import JoinedLog, Log
+from ndtree.maps.open import is_map
 from ndtree.tuning.settings import Settings
 
 
@@ -205,7 +205,7 @@ def _map_each(
         except (OSError, ValueError, MemoryError, RuntimeError) as error:
             failed += 1
             figures.append({"log": str(log), "error": reason_of(error)})
-            print(f"ndtree: {reason_of(error)}", file=sys.stderr)
+            print_error(reason_of(error))
             continue
         figures.append({**done.figures(), "map": str(output)})
         if not is_stdout(json_file):
@@ -239,8 +239,10 @@ def _map_name(log: Path) -> str:
 def _named_as(log: Path) -> Path:
     """A map in this folder with a log's name, if there is none yet: only named files are replaced."""
     target = Path(_map_name(log))
+    if log.is_file() and is_map(log):
+        raise WrongCall(f"{log}: is a map, expected a log; to look at it:\n  ndtree view {log}")
     if target.exists():
-        raise WrongCall(f"{target}: is there already, expected -o MAP, which may be the same")
+        raise WrongCall(f"{target}: is there already, expected -o MAP; to replace it:\n  -o {target}")
     return target
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Optional
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.cli.commands.figures import counted
+from ndtree.cli.commands.figures import counted, indented
 from ndtree.cli.commands.logs import length_of, new_map
 from ndtree.cli.commands.mapping import Passage
 from ndtree.cli.commands.progress import progress
@@ -57,7 +57,7 @@ def map_into_tiles(
         )
     except ValueError as error:
         if str(error).startswith(("tile_size", "max_resident")):
-            raise WrongCall(f"--{str(error).replace('_', '-', 1)}") from None
+            raise WrongCall(str(error)) from None
         raise
     known = mapper.done
     passage = Passage(log, settings)
@@ -90,7 +90,7 @@ def print_tiled(figures: dict[str, Any], settings: Settings, output: Path) -> No
     known = f", {figures['known_scans']} of them known already" if figures["known_scans"] else ""
     print(f"{figures['log']}: {figures['scans']} scans{known}, {counted(figures['beams'])}")
     for line in settings.lines():
-        print(f"  {line}")
+        print(indented(line))
     print(
         f"  {figures['observed_leaves']:,} cells in {figures['tiles']} tiles of {figures['tile_size']:g} m"
         f", {figures['bytes'] / 1e6:.1f} MB"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
-from ndtree.cli.commands.figures import counted, map_figures, print_map
+from ndtree.cli.commands.figures import counted, indented, map_figures, print_map
 from ndtree.cli.commands.logs import made, new_map, settled, skipped, timed
 from ndtree.cli.commands.options import PictureStyle
 from ndtree.cli.commands.pictures import draw
@@ -55,7 +55,7 @@ class Mapped:
         absurd = self.scale.warning()
         lines = [f"uses {self.log.uses}"] if self.log.uses else []
         for line in lines + self.settings.lines() + ([absurd] if absurd else []):
-            print(f"  {line}")
+            print(indented(line))
         print_map(self.target)
         files = " and ".join(str(path) for path in written if path)
         print(f"read in {self.read_seconds:.3f} s, inserted in {self.seconds:.3f} s; wrote {files}")

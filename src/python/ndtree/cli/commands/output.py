@@ -10,6 +10,7 @@ from typing import Any, Callable, Optional
 from ndtree._native._core import ReplacedFile
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.files import replaced
+from ndtree.cli.streams import heard
 
 
 def write_json(figures: dict[str, Any], target: Optional[Path]) -> None:
@@ -20,7 +21,7 @@ def write(text: Callable[[], str], target: Optional[Path]) -> None:
     if target is None:
         return
     if is_stdout(target):
-        sys.stdout.write(text())
+        heard(sys.stdout).write(text())
         return
     with replaced(target) as path:
         path.write_text(text(), encoding="utf-8")
@@ -28,6 +29,14 @@ def write(text: Callable[[], str], target: Optional[Path]) -> None:
 
 def is_stdout(target: Optional[Path]) -> bool:
     return str(target) == "-"
+
+
+def check_json(target: Optional[Path]) -> None:
+    """Refuses a file that is there and is no JSON: ``--json LOG`` would replace the log."""
+    if target is None or is_stdout(target) or target.suffix.lower() == ".json":
+        return
+    if target.is_file() and target.stat().st_size:
+        raise WrongCall(f"--json {target}: is there already, expected a name in .json, or nothing, to print")
 
 
 def check_target(target: Optional[Path]) -> None:

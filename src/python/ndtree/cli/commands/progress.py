@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-
-from rich import progress as bars
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from typing import Any
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress, no_progress
@@ -19,13 +17,26 @@ from ndtree.logs import Log
 REFRESH = 0.2
 
 
+def _terminal() -> Any:
+    """Where bars are shown; None where standard error is no terminal, for which nothing is loaded."""
+    if not sys.stderr.isatty():
+        return None
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    return console if console.is_terminal else None
+
+
 @contextmanager
 def progress() -> Iterator[Progress]:
     """A function that shows what is going on, on a terminal only."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    console = _terminal()
+    if console is None:
         yield no_progress
         return
+    from rich import progress as bars
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with bars.Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("")
@@ -47,10 +58,13 @@ def mapping_progress(log: Log, target: OccupancyMap) -> Iterator[Callable[[int, 
 
     The time left is shown for logs that can tell how much of them is read.
     """
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    console = _terminal()
+    if console is None:
         yield lambda scans, beams: None
         return
+    from rich import progress as bars
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+
     columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with bars.Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)

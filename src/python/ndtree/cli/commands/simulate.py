@@ -31,7 +31,7 @@ def simulate(
     """Simulate a drive through a world, and write its log to a file that can be mapped."""
     target = Path(f"{world.value}.npz") if output is None else output
     if output is None and target.exists():
-        raise WrongCall(f"{target}: is there already, expected -o LOG, which may be the same")
+        raise WrongCall(f"{target}: is there already, expected -o LOG; to replace it:\n  -o {target}")
     if target.suffix != ".npz":
         raise WrongCall(f"-o {target}: the name must end in .npz")
     check_target(target)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree study``: several logs with several sets of parameters."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Optional
@@ -9,7 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 from ndtree.base.exit_status import BAD_INPUT
-from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.app import command, examples, print_error, reports_errors
 from ndtree.cli.commands.options import Json
 from ndtree.cli.commands.output import check_target, is_stdout, write_json
 from ndtree.cli.commands.progress import progress
@@ -47,6 +46,6 @@ def study(
         print(f"wrote {planned.output}")
     write_json(table.figures(), json_file)
     for row in table.failed:
-        print(f"ndtree: {row['log']}: {row['map']}: {row['error']}", file=sys.stderr)
+        print_error(f"{row['log']}: {row['map']}: {row['error']}", has_flags=False)
     if table.failed:
         raise typer.Exit(BAD_INPUT)

@@ -83,7 +83,7 @@ def view(
     shown = {"color": color and color.value, "free": free, "unknown": unknown}
     look = Look.below_ceiling(m, **shown, axis=axis, slice_at=at)
     opened = reading.open(log, None) if log is not None else None
-    with Viewer(m, port=PORT if port is None else port, look=look) as page:
+    with Viewer(m, port=PORT if port is None else port, look=look, name=map_file.name) as page:
         if opened is not None:
             with progress() as advance:
                 for done, scan in enumerate(opened, start=1):

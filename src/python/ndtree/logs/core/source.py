@@ -79,7 +79,8 @@ class Format:
     stored_as : {"file", "folder", "either"}
         Nothing else is handed to ``recognises`` and ``open``.
     contents : callable, optional
-        ``contents(source)`` says as a dictionary what else is in it, also where it cannot be opened as a log.
+        ``contents(source, whole)`` says as a dictionary what else is in it, also where it cannot be opened as
+        a log; unless `whole`, at once and from what an index or the beginning says.
     """
 
     name: str
@@ -88,7 +89,7 @@ class Format:
     open: Callable[..., Log]
     options: tuple[ReaderOption, ...] = ()
     stored_as: str = "file"
-    contents: Callable[[Source], dict[str, Any]] | None = None
+    contents: Callable[[Source, bool], dict[str, Any]] | None = None
 
     def may_be(self, source: Source) -> bool:
         """Whether it is stored as the source is: as a file or as a folder."""

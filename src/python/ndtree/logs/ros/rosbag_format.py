@@ -53,9 +53,9 @@ def _open(source: Source, *, dim: int | None = None, **options: Any) -> RosbagLo
     return RosbagLog(_bag_of(source), dim=dim, **options)
 
 
-def _contents(source: Source) -> dict[str, Any]:
+def _contents(source: Source, whole: bool = True) -> dict[str, Any]:
     with open_bag(_bag_of(source)) as bag:
-        return outline(bag)
+        return outline(bag, whole=whole)
 
 
 ROSBAG = Format(

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ndtree.base.typing import MapOptions
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -80,13 +82,13 @@ class Calibration:
     sigma_by_range: tuple[tuple[float, float, int], ...]
     min_cell_size: float
 
-    def options(self) -> dict[str, float]:
+    def options(self) -> MapOptions:
         """Keywords for `AdaptiveMap`: those that could be estimated, and ``min_cell_size`` is not among them.
 
         A map takes no sensor without noise: ``range_sigma`` is at least 0.1 mm.
         """
         estimates = {name: getattr(self, name) for name in _ESTIMATED}
-        options = {name: one.value for name, one in estimates.items() if one is not None}
+        options = cast(MapOptions, {name: one.value for name, one in estimates.items() if one is not None})
         if "range_sigma" in options:
             options["range_sigma"] = max(options["range_sigma"], LEAST_SIGMA)
         return options

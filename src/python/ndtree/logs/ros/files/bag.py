@@ -166,15 +166,21 @@ class Bag:
 _READ_PACKAGES = ("sensor_msgs/", "geometry_msgs/", "nav_msgs/", "tf2_msgs/", "tf/", "std_msgs/")
 
 
-@lru_cache(maxsize=8)
-def _store_of(definitions: tuple[tuple[str, str], ...], is_ros1: bool) -> Any:
-    """Makes the store of definitions, which takes a while."""
+def _typesys() -> Any:
+    """The library that knows ROS's types."""
     try:
         from rosbags import typesys
     except ImportError as error:
         raise ImportError(
             f"ROS bags need rosbags ({error}); install it with: pip install 'ndtree-mapping[ros]'"
         ) from None
+    return typesys
+
+
+@lru_cache(maxsize=8)
+def _store_of(definitions: tuple[tuple[str, str], ...], is_ros1: bool) -> Any:
+    """Makes the store of definitions, which takes a while."""
+    typesys = _typesys()
     known = typesys.get_typestore(typesys.Stores.ROS1_NOETIC if is_ros1 else typesys.Stores.ROS2_HUMBLE)
     every = dict(known.fielddefs)
     for type_, text in definitions:
@@ -230,7 +236,7 @@ def open_bag(path: str) -> Iterator[Bag]:
     ValueError
         If it is no bag, or damaged so that nothing in it can be read.
     """
-    _store_of((), True)  # So that a missing library is reported before anything else.
+    _typesys()  # So that a missing library is reported before anything else.
     with ExitStack() as stack:
         files: list[Storage] = []
         for name in _files_of(path) if os.path.isdir(path) else [path]:

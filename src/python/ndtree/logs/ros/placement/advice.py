@@ -19,10 +19,11 @@ PACKETS = (
     "RslidarScan",
     "RslidarPacket",
 )
-HOW_TO_MOUNT = (
-    "--mount X,Y,Z,ROLL,PITCH,YAW (metres, and radians or degrees as in 90deg; "
-    "ndtree calibrate --find-mount finds it)"
-)
+#: What to type for a sensor whose place on its base is not known.
+MOUNT = "--mount X,Y,Z,ROLL,PITCH,YAW"
+HOW_TO_MOUNT = f"{MOUNT} (metres, and radians or degrees as in 90deg; ndtree calibrate --find-mount finds it)"
+_TRAJECTORY = "--trajectory FILE"
+_STILL = "--still, if the sensor stands"
 
 
 def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: dict[str, str]) -> str:
@@ -33,18 +34,16 @@ def unconnected(path: str, tree: TransformTree, topic: str, frame: str, others: 
     if not frames:
         begin = f"{path}: {what}: there is no /tf"
         if not say:
-            return (
-                f"{begin}, nor any other poses, expected --trajectory FILE, or --still if the sensor stands"
-            )
-        return (
-            f"{begin}, expected poses from {' or '.join(say)}, with {HOW_TO_MOUNT} where the sensor is not "
-            "in their place; or --trajectory FILE, or --still if the sensor stands"
-        )
+            return f"{begin}, nor any other poses, expected one of:" + typed(_TRAJECTORY, _STILL)
+        sources = [f"{one}, and {MOUNT} where the sensor is not in their place" for one in say]
+        return f"{begin}, expected one of:" + typed(*sources, _TRAJECTORY, _STILL)
     base = next(bases_in(frames), "FRAME")
-    what += ", in /tf or /tf_static, whose frames are" if frame else "; those of /tf and /tf_static are"
-    return (
-        f"{path}: {what} {listed(frames)}; say where the sensor is: --base-frame {base} {HOW_TO_MOUNT}; "
-        "or --sensor-frame as one of these frames, if the sensor is there"
+    frames_are = f"the frames of /tf are {listed(frames)}"
+    return f"{path}: {what}, expected one of:" + typed(
+        f"--base-frame {base} {MOUNT}, where the sensor sits [m, rad or 90deg]",
+        "--sensor-frame FRAME, if it sits in one of these frames",
+        f"ndtree calibrate {path} --find-mount, to measure where it sits",
+        said=frames_are,
     )
 
 
@@ -83,18 +82,20 @@ def standing(
     path: str, sensor: str, connected: list[str], usual: tuple[str, ...], others: dict[str, str]
 ) -> str:
     """The error of a sensor that is fixed to all that it is connected with."""
-    say = _sources(others)
-    poses = f"poses from {' or '.join(say)}, or " if say else ""
     return (
         f"{path}: {sensor} is connected with none of {', '.join(usual)} and with no frame that it moves in, "
-        f"expected {poses}--trajectory FILE, or --still if the sensor stands, or fixed_frame as one of "
-        f"{listed(connected)}"
-    )
+        "expected one of:"
+    ) + typed(*_sources(others), _TRAJECTORY, _STILL, f"--fixed-frame FRAME, of {listed(connected)}")
 
 
 def _sources(others: dict[str, str]) -> list[str]:
     """How to ask for the poses of each topic that has some."""
     return [f"{'--odometry' if type == 'Odometry' else '--poses'} {name}" for name, type in others.items()]
+
+
+def typed(*lines: str, said: str = "") -> str:
+    """What to type, each on a line of its own, to follow a message's first line; then what else is known."""
+    return "".join(f"\n  {line}" for line in lines) + (f"\n{said}" if said else "")
 
 
 def listed(frames: list[str]) -> str:

@@ -14,7 +14,7 @@ from ndtree.logs.poses.transforms import TransformTree, plain
 from ndtree.logs.ros.files.bag import Topic
 from ndtree.logs.ros.messages.beams import CLOUDS, Beams, Floats
 from ndtree.logs.ros.messages.deskew import in_map
-from ndtree.logs.ros.placement.advice import HOW_TO_MOUNT, listed, standing, unconnected
+from ndtree.logs.ros.placement.advice import HOW_TO_MOUNT, MOUNT, listed, standing, typed, unconnected
 from ndtree.logs.ros.placement.mount import mount_of
 from ndtree.logs.ros.placement.registered import USUAL, bases_in, observer_of
 from ndtree.logs.ros.survey import PoseRow, Survey, share_within
@@ -176,8 +176,13 @@ def _by_poses(path: str, survey: Survey, topic: str, frame: str, asked: Asked) -
     if sensor not in tree.connected(fixed):
         raise ValueError(
             f"{path}: no transform between {frame}, the frame of {topic}, and {body}, of which {origin} has "
-            f"the poses; say where the sensor is on it: {HOW_TO_MOUNT}; or give --sensor-frame or "
-            f"--base-frame as one of {listed([one for one in tree.connected(fixed) if one != fixed])}"
+            "the poses, expected one of:"
+            + typed(
+                f"{MOUNT}, where the sensor sits on it [m, rad or 90deg]",
+                f"ndtree calibrate {path} --find-mount, to measure that",
+                "--sensor-frame FRAME or --base-frame FRAME, of "
+                + listed([one for one in tree.connected(fixed) if one != fixed]),
+            )
         )
     if body == frame != child and asked.poses is not None and asked.mount is None:
         notes.append(
@@ -285,7 +290,7 @@ def _fixed_frame(
         if plain(wanted) not in connected:
             raise ValueError(
                 f"{path}: no transform between {sensor} and {wanted}, "
-                f"expected fixed_frame as one of {listed(connected)}"
+                f"expected --fixed-frame as one of {listed(connected)}"
             )
         return plain(wanted)
     candidates = [usual for usual in USUAL if usual in connected]

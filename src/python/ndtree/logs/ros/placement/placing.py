@@ -84,7 +84,7 @@ def find_places(
             found.notes.append(note + (f"; others are {listed(left)}" if left else ""))
             return found
     if unread := [*survey.ends, *survey.damaged]:
-        raise ValueError(f"{wrong}; but not all of it could be read: {unread[0]}")
+        raise ValueError(f"{wrong}\nnot all of the bag could be read: {unread[0]}")
     raise wrong
 
 
@@ -101,7 +101,7 @@ def _placed(bag: Bag, survey: Survey, topics: list[Topic], asked: Asked, poor: s
             continue
         if places[topic.name].observer is None:
             if wrong is not None and topic.name in poor:
-                raise ValueError(f"{wrong}; --topic {topic.name} maps a sensor that sees far less")
+                raise ValueError(f"{wrong}\n  --topic {topic.name}, which sees far less")
             return Placed([topic], places, survey)
         registered.append((topic, places))
     if registered:  # Of clouds in a fixed frame the rare ones are whole maps.

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The options of all commands, by the question that they answer: their defaults, and when to touch them.
+
+One table for ``--help``, ``--help-all`` and the documentation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+#: The default of an option of the maps, which is the maps' own.
+OF_MAPS = "of the maps"
+
+
+@dataclass(frozen=True)
+class Row:
+    """An option.
+
+    Parameters
+    ----------
+    name : str
+        Of the command's parameter.
+    value : str
+        What is typed behind the flag; empty for a switch.
+    default : str
+        What stands if it is left out, with its unit.
+    when : str
+        When to touch it.
+    unit : str
+        Of the default of an option of the maps.
+    """
+
+    name: str
+    value: str
+    default: str
+    when: str
+    unit: str = ""
+
+
+def _maps(name: str, value: str, unit: str, when: str) -> Row:
+    return Row(name, value, OF_MAPS, when, unit)
+
+
+QUESTIONS: dict[str, tuple[Row, ...]] = {
+    "What is written, and where?": (
+        Row("output", "PATH", "LOG's name with .ndt, here", "always, where the name matters"),
+        Row("merge", "", "a map each", "several logs in one frame, one map"),
+        Row("picture", "FILE", "none", "to see the map at once"),
+        Row("style", "ros|paper", "ros", "the paper's grey levels in pictures"),
+        Row("json_file", "[FILE]", "none", "figures for a script; alone, it prints them"),
+        Row("csv_file", "FILE", "none", "a table for a spreadsheet; - prints it"),
+        Row("record", "FILE", "none", "a film, .mp4 or .gif"),
+        Row("record_every", "N", "10 scans", "a longer or a shorter film"),
+        Row("format", "NAME", "as the content or the ending says", "a kind that was not recognised"),
+        Row("cell_size", "M", "the map's own", "a coarser file"),
+        Row("height", "LOW HIGH", "all heights", "what a robot of that height meets [m]"),
+        Row("states", "A,B", "occupied", "free cells or frontiers, too"),
+        Row("faces", "", "points", "a mesh for Blender or MeshLab"),
+        Row("quiet", "", "off", "scripts: errors alone are said"),
+    ),
+    "How fine is the map?": (
+        _maps("min_cell_size", "M", "m", "the finest detail that you can use"),
+        _maps("max_cell_size", "M", "m", "hardly ever"),
+        Row("fixed", "", "adaptive", "the baseline: all cells of one size"),
+        _maps("branching", "N", "children per axis", "N = 3: fewer levels, coarser steps"),
+        _maps("refinement", "NAME", "", "paper: the published rules, to compare"),
+        _maps("max_memory", "BYTES", "bytes: 3/4 of the machine's", "several maps on one machine"),
+        Row("max_resident", "SIZE", "2GiB", "a .tiles map on a small machine"),
+        Row("tile_size", "M", "16 largest cells", "many small or few large files"),
+    ),
+    "How good is the sensor?": (
+        Row(
+            "max_range",
+            "M",
+            "as the log says, else none",
+            "far points are noise; missing returns are free up to here",
+        ),
+        Row("no_return", "auto|free|ignore", "auto", "free space is missing, or goes through glass"),
+        Row("zero_is", "no-echo|invalid", "as the log says", "a laser that writes 0"),
+        _maps("range_sigma", "M", "m, or as measured", "as ndtree calibrate says"),
+        _maps("range_sigma_quadratic", "PER_M", "1/m, or as measured", "depth cameras: 0.001 to 0.0015"),
+        Row("min_range", "M", "0 m", "the robot sees itself"),
+        Row("fov", "DEG", "by PARAM, or the number of beams", "CARMEN logs that do not say"),
+        Row("camera", "FX,FY,CX,CY", "as the log says", "depth images without a calibration"),
+        Row("pixel_stride", "N", "1", "large depth images: mapping is faster"),
+        Row("pixel_sigma", "PX", "1 px", "structure from motion of another quality"),
+        Row("find_mount", "", "off", "a bag without the place of its sensor"),
+    ),
+    "Which part of the log?": (
+        Row("topic", "NAME", "the topic that sees most", "a bag with several sensors; repeat it for several"),
+        Row("dim", "2|3", "as the log says", "a flat map of a 3-D log, or the reverse"),
+        Row("every", "N", "1", "mapping is too slow: each n-th scan"),
+        Row("stride", "N", "1", "scans are too dense: each n-th beam"),
+        Row("start", "S", "the first scan, 0 s", "leave out the beginning"),
+        Row("stop", "S", "the last scan", "leave out the end"),
+        Row("box", "X,Y[,Z],X,Y[,Z]", "everything", "one room of a building [m]"),
+        Row("origin", "X,Y[,Z]", "0,0[,0] m", "coordinates far away, as UTM"),
+        Row("limit", "N", "all scans", "a quick estimate"),
+        Row("keep_going", "", "off", "a damaged log: read what is whole"),
+        Row("strict", "", "off", "refuse a log with scans without a pose"),
+        Row("points_in", "sensor|map", "sensor", "clouds that are in the map's frame already"),
+        Row("look", "", "off", "what mapping will choose, and how long it takes"),
+    ),
+    "Where was the sensor?": (
+        Row("trajectory", "FILE", "none", "poses in a file: TUM or KITTI"),
+        Row("fixed_frame", "FRAME", "map, odom, world or a root", "another frame for the map"),
+        Row("odometry", "TOPIC", "/tf", "a bag without /tf"),
+        Row("poses", "TOPIC", "/tf", "poses of a SLAM in a topic"),
+        Row("still", "", "it moves", "the sensor stands"),
+        Row("mount", "X,Y,Z,R,P,Y", "as /tf says", "nothing says where the sensor sits [m, rad]"),
+        Row("sensor_frame", "FRAME", "as the messages say", "messages with a wrong frame"),
+        Row("base_frame", "FRAME", "the poses' own", "the frame that --mount or the poses are of"),
+        Row("time_offset", "S", "0 s", "two clocks"),
+        Row("deskew", "", "on", "--no-deskew, where beams have no times of their own"),
+    ),
+    "How is it shown?": (
+        Row("watch", "", "off", "see the map grow on a page"),
+        Row("png", "FILE", "a page", "a picture instead of the page"),
+        Row("color", "height|size|probability", "height; in 2-D probability", "sizes of cells, or how sure"),
+        Row("slice_", "AXIS=M", "below the ceiling", "look into a room, as z=1.2"),
+        Row("free", "", "in 2-D", "free cells, too"),
+        Row("unknown", "", "off", "where the map ends"),
+        Row("log", "LOG", "none", "where the scans were taken"),
+        Row("open_", "", "off", "open the browser"),
+        Row("port", "N", "8080; 0: any free one", "several pages at once"),
+    ),
+    "What is compared?": (
+        Row("maps", "A,B", "adaptive, fixed, octomap", "other kinds, or sizes, as fixed@0.1"),
+        Row("held_out", "N", "10: each tenth scan", "0: no truth, all scans mapped"),
+        Row("repeat", "N", "1", "times that are worth printing"),
+        Row("world", "NAME", "none", "no log at hand"),
+        Row("scans", "N", "the world's own", "a shorter simulated log"),
+        Row("seed", "N", "1", "another simulated drive"),
+    ),
+    "On which machines?": (
+        Row("engine", "local|ray|dask", "local", "several machines"),
+        Row("workers", "N", "all cores", "leave cores to others"),
+        Row("processes", "N", "one a core", "1: times that are worth printing"),
+    ),
+    "How is evidence weighed? (for research)": (
+        _maps("miss_given_occupied", "SHARE", "", "as ndtree calibrate says"),
+        _maps("hit_given_free", "SHARE", "", "as ndtree calibrate says"),
+        _maps("change_probability", "P", "", "0: nothing in the world moves"),
+        _maps("evidence_half_life", "SCANS", "scans: never", "old evidence should fade"),
+        _maps("covered_share", "SHARE", "", "0: a cell is free as soon as one beam clips it"),
+        _maps("coverage_cells", "CELLS", "smallest cells", "1: a finer border of unknown space"),
+        _maps(
+            "partial_probability",
+            "P",
+            "",
+            "0.6: table tops and chair legs survive beams that pass beside them",
+        ),
+        _maps("sample_beams", "BEAMS", "beams", "dense scans: more beams, slower"),
+        _maps("probability_min", "P", "", "what one miss says"),
+        _maps("probability_max", "P", "", "0.8: thin things survive, walls get thicker"),
+        _maps("log_odds_min", "L", "", "how sure free space may be"),
+        _maps("log_odds_max", "L", "", "how sure walls may be"),
+        _maps("split_probability", "P", "", "rarely"),
+        _maps("merge_loss", "BITS", "bits", "fewer cells for less detail"),
+        _maps("inherited_beams", "BEAMS", "beams", "rarely"),
+        _maps("noise_sigmas", "SIGMAS", "sigma", "cells below the noise"),
+        _maps("evidence_memory", "NATS", "nats", "rarely"),
+        _maps("free_memory", "NATS", "nats", "rarely"),
+        _maps("scan_beams", "BEAMS", "beams", "rarely"),
+        _maps("known_evidence", "NATS", "nats", "rarely"),
+        _maps("evidence_prior", "NATS", "nats", "rarely"),
+        _maps("significance", "P", "", "with --refinement paper"),
+        _maps("merge_free_below", "P", "", "with --refinement paper"),
+        _maps("merge_occupied_above", "P", "", "with --refinement paper"),
+    ),
+}
+
+#: Where an option's default is another one in a command.
+DEFAULTS = {
+    ("convert", "format"): "as the ending says",
+    ("demo", "output"): "ndtree-demo",
+    ("simulate", "output"): "the world's name with .npz, here",
+    ("study", "output"): "as CONFIG says",
+    ("fleet", "output"): "none: must be given",
+    ("calibrate", "max_range"): "none",
+    ("compare", "max_range"): "none",
+    ("demo", "max_range"): "none",
+    ("compare", "range_sigma"): "0.03 m",
+    ("demo", "range_sigma"): "0.03 m",
+    ("compare", "range_sigma_quadratic"): "0 1/m",
+    ("demo", "range_sigma_quadratic"): "0 1/m",
+}
+
+#: The five options that people touch, by command; the log and the output stand before them.
+TOUCHED = {
+    "demo": ("min_cell_size", "max_range", "no_return", "every", "json_file"),
+    "simulate": ("scans", "seed", "quiet"),
+    "map": ("min_cell_size", "max_range", "topic", "trajectory", "picture"),
+    "fleet": ("min_cell_size", "max_range", "engine", "workers", "tile_size"),
+    "compare": ("world", "maps", "min_cell_size", "max_range", "picture"),
+    "study": ("processes", "json_file", "quiet"),
+    "calibrate": ("max_range", "no_return", "limit", "find_mount", "json_file"),
+    "view": ("open_", "png", "color", "slice_", "log"),
+    "convert": ("cell_size", "height", "states", "faces", "format"),
+    "info": ("look", "topic", "dim", "format", "json_file"),
+}
+
+
+def row_of(name: str) -> Row | None:
+    """An option's row."""
+    return next((row for rows in QUESTIONS.values() for row in rows if row.name == name), None)

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Calls that cannot be read: which word is wrong, what was expected, and what to type to see more."""
+
+from __future__ import annotations
+
+import enum
+import re
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+from ndtree.cli.commands.table import row_of
+
+#: What others call an option, by a part of the flag.
+_ELSEWHERE = (
+    ("max-cell", "--max-cell-size"),
+    ("resolution", "--min-cell-size"),
+    ("voxel", "--min-cell-size"),
+    ("cell", "--min-cell-size"),
+    ("size", "--min-cell-size"),
+    ("sigma", "--range-sigma"),
+    ("noise", "--range-sigma"),
+    ("range", "--max-range"),
+    ("out", "--output"),
+    ("image", "--picture"),
+    ("png", "--picture"),
+    ("pose", "--poses"),
+    ("frame", "--fixed-frame"),
+    ("verbose", "--json"),
+)
+
+
+def usage_error(error: Any, words: Sequence[str], commands: Mapping[str, Any]) -> str:
+    """The error of a call that could not be read, of its words behind ``ndtree``; `commands` were loaded."""
+    context = getattr(error, "ctx", None)
+    command = getattr(context, "command", None)
+    name = _name_of(context)
+    if command is None and words and words[0] in commands:
+        command, name = commands[words[0]], words[0]
+    said = re.sub(r"(?<!\.)\.$", "", _said(error, command, words))
+    return f"{said}\n  ndtree {name + ' ' if name else ''}--help"
+
+
+def _said(error: Any, command: Any, words: Sequence[str]) -> str:
+    kind = type(error).__name__
+    parameter = getattr(error, "param", None)
+    if kind == "NoSuchOption":
+        return f"{error.option_name}: no such option{_meant(error.option_name, command)}"
+    if kind == "MissingParameter" and parameter is not None:
+        if parameter.param_type_name == "argument":
+            whole = f"ndtree {error.ctx.info_name} {_arguments(command)}"
+            return f"{_called(parameter)} is missing, expected {whole}"
+        return f"{_called(parameter)} is missing, expected {_expected(parameter)}"
+    if kind == "BadOptionUsage":
+        known = command.params if command is not None else []
+        found = next((one for one in known if error.option_name in one.opts), None)
+        expected = f", expected {_expected(found)}" if found is not None else ""
+        return f"{error.option_name}: a value is missing{expected}"
+    if kind == "BadParameter" and parameter is not None:
+        value = _value_of(parameter, words)
+        return f"{_called(parameter)}{value}: must be {_expected(parameter)}"
+    text = " ".join(error.format_message().split())
+    found = re.search(r"No such command '([^']*)'", text)
+    if found and command is not None:
+        near = get_close_matches(found[1], command.commands, 1)
+        hint = f": did you mean {near[0]}?" if near else f", expected one of {', '.join(command.commands)}"
+        return f"{found[1]}: no such command{hint}"
+    found = re.search(r"unexpected extra arguments? ?\((.*)\)", text.replace("argument(s)", "arguments"))
+    if found and command is not None:
+        return f"{found[1]}: more than the command takes, expected {_arguments(command)}"
+    return text
+
+
+def _arguments(command: Any) -> str:
+    return " ".join(_called(one) for one in command.params if one.param_type_name == "argument")
+
+
+def _name_of(context: Any) -> str:
+    """Of the command that was called; none for ``ndtree`` itself."""
+    parent = getattr(context, "parent", None)
+    return str(context.info_name) if parent is not None else ""
+
+
+def _called(parameter: Any) -> str:
+    if parameter.param_type_name == "argument":
+        return str(parameter.metavar or parameter.name.upper())
+    return str(max(parameter.opts, key=len))
+
+
+def _expected(parameter: Any) -> str:
+    """What a parameter takes, in words."""
+    kind = getattr(getattr(parameter, "type_descriptor", None), "annotation", None)
+    choices = getattr(getattr(parameter, "type", None), "choices", None)
+    if isinstance(kind, type) and issubclass(kind, enum.Enum):
+        choices = [one.value for one in kind]
+    if choices:
+        return f"one of {', '.join(map(str, choices))}"
+    old = getattr(parameter, "type", None)
+    low, high = (getattr(parameter, bound, None) or getattr(old, bound, None) for bound in ("min", "max"))
+    low = getattr(parameter, "min", None) if low is None else low
+    limits = (
+        f" from {low} to {high}" if high is not None else f" of at least {low}" if low is not None else ""
+    )
+    text = f"{getattr(kind, '__name__', '')} {getattr(old, 'name', '')}".lower()
+    if "int" in text:
+        return f"a whole number{limits}"
+    if "float" in text:
+        return f"a number{limits}"
+    if parameter.param_type_name == "argument":
+        return " ".join(str(parameter.help or "a file").replace("\\[", "[").rstrip(".").split())
+    row = row_of(parameter.name)
+    return row.value if row is not None and row.value else "a value"
+
+
+def _value_of(parameter: Any, words: Sequence[str]) -> str:
+    """The value that was given, as it was typed behind a blank; nothing where it is not found."""
+    if parameter.param_type_name == "argument":
+        given = [word for word in words[1:] if not word.startswith("-")]
+        return f" {given[0]}" if given else ""
+    for i, word in enumerate(words):
+        flag, equals, value = word.partition("=")
+        if flag in parameter.opts:
+            return f" {value}" if equals else f" {words[i + 1]}" if i + 1 < len(words) else ""
+    return ""
+
+
+def _meant(flag: str, command: Any) -> str:
+    known = [one for parameter in command.params for one in parameter.opts if one.startswith("--")]
+    near = get_close_matches(flag, known, 1, 0.75)
+    near = near or [meant for part, meant in _ELSEWHERE if part in flag and meant in known]
+    near = near or get_close_matches(flag, known, 1)
+    return f": did you mean {near[0]}?" if near else ""

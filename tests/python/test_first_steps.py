@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a new user types first: names that are there, hints that name what was meant, poses of every kind."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from snippets import ROOT, blocks
+
+import ndtree
+
+
+def room() -> ndtree.AdaptiveMap:
+    """A wall at x = 2 m, seen from the origin."""
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1, range_sigma=0.01)
+    y = np.linspace(-2, 2, 400)
+    for _ in range(5):
+        m.insert(np.column_stack((np.full_like(y, 2.05), y)), [0.0, 0.0])
+    return m
+
+
+def room_3d() -> ndtree.AdaptiveMap:
+    m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.2, range_sigma=0.01)
+    y, z = (grid.ravel() for grid in np.meshgrid(np.linspace(-2, 2, 60), np.linspace(-2, 2, 60)))
+    for _ in range(5):
+        m.insert(np.column_stack((np.full_like(y, 2.1), y, z)), [0.0, 0.0, 0.0])
+    return m
+
+
+# --- Names ------------------------------------------------------------------------------------------
+
+
+def test_dir_shows_what_is_public() -> None:
+    shown = [name for name in dir(ndtree) if not name.startswith("__")]
+    assert set(shown) == {*ndtree.__all__, *ndtree._FOLDERS} - {"__version__"}
+
+
+@pytest.mark.parametrize("name", ndtree._FOLDERS)
+def test_a_folder_needs_no_import_of_its_own(name: str) -> None:
+    for extra in {"plot": ["matplotlib"], "viewer": ["viser", "matplotlib"]}.get(name, []):
+        pytest.importorskip(extra)
+    code = f"import ndtree, sys; assert 'ndtree.{name}' not in sys.modules; print(ndtree.{name}.__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == f"ndtree.{name}\n", done.stderr
+
+
+# --- Maps -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["AdaptiveMap", "FixedMap"])
+def test_a_map_asks_for_its_dimension(kind: str) -> None:
+    with pytest.raises(TypeError, match=rf"{kind}\(\): dim is missing, expected dim=2 or dim=3"):
+        getattr(ndtree, kind)()
+
+
+@pytest.mark.parametrize(
+    "kind, given, meant",
+    [
+        ("AdaptiveMap", "resolution", "min_cell_size"),
+        ("AdaptiveMap", "voxel_size", "min_cell_size"),
+        ("AdaptiveMap", "cell_size", "min_cell_size"),
+        ("AdaptiveMap", "min_cell_sise", "min_cell_size"),
+        ("AdaptiveMap", "max_cell", "max_cell_size"),
+        ("AdaptiveMap", "sigma", "range_sigma"),
+        ("FixedMap", "resolution", "cell_size"),
+        ("FixedMap", "min_cell_size", "cell_size"),
+    ],
+)
+def test_the_option_that_was_meant_is_named(kind: str, given: str, meant: str) -> None:
+    for more in ({"dim": 2}, {}):
+        with pytest.raises(TypeError) as caught:
+            getattr(ndtree, kind)(**more, **{given: 0.1})
+        said = str(caught.value)
+        assert said.startswith(f"{kind}(): no option {given}: did you mean {meant}? "), said
+    with pytest.raises(TypeError) as caught:
+        getattr(ndtree, kind)(dim=2, qwertz=1)
+    assert "did you mean" not in str(caught.value)
+
+
+@pytest.mark.parametrize("branching", [2, 3])
+@pytest.mark.parametrize("asked", [0.1, 0.25, 0.3, 1.0, 1.6, 2.7, 5.0])
+def test_sizes_are_those_of_cells_and_repr_says_what_was_rounded(branching: int, asked: float) -> None:
+    m = ndtree.AdaptiveMap(dim=2, branching=branching, min_cell_size=0.1, max_cell_size=asked)
+    for scan in ndtree.simulate("office", scans=4):
+        scan.insert_into(m)
+    leaves = m.leaves()
+    sizes = leaves.size[leaves.observed]
+    assert m.min_cell_size == pytest.approx(sizes.min())
+    assert sizes.max() <= m.max_cell_size * (1 + 1e-9) <= asked * (1 + 2e-9) < m.max_cell_size * branching
+    if asked <= 1.6:
+        assert m.max_cell_size == pytest.approx(sizes.max())
+    assert f"max_cell_size={m.max_cell_size:.6g}" in repr(m)
+    assert (f"(rounded from {asked:g})" in repr(m)) == (abs(m.max_cell_size - asked) > 1e-6)
+
+
+def test_a_fixed_map_has_one_size() -> None:
+    m = ndtree.FixedMap(dim=2, cell_size=0.3)
+    assert m.min_cell_size == m.max_cell_size == 0.3
+
+
+def test_the_answer_about_a_point_is_a_number_of_python() -> None:
+    m = room()
+    for answer, kind in (
+        (m.state([1.0, 0.0]), int),
+        (m.probability([1.0, 0.0]), float),
+        (m.cell_size([1.0, 0.0]), float),
+        (m.occupied_within([1.0, 0.0], 0.2), bool),
+        (m.distance_to_occupied([1.0, 0.0]), float),
+        (m.collides(ndtree.Sphere(0.2), [1.0, 0.0]), bool),
+    ):
+        assert type(answer) is kind
+
+
+# --- Poses ------------------------------------------------------------------------------------------
+
+
+def test_positions_are_poses_without_a_turn() -> None:
+    rng = np.random.default_rng(3)
+    for m, turn in ((room(), [0.0]), (room_3d(), [0.0, 0.0, 0.0, 1.0])):
+        dim = m.dim
+        body = ndtree.Box([0.5, 0.1, 0.2][:dim], center=[0.3, 0.0, 0.1][:dim])
+        places = rng.uniform(-0.5, 2.6, (200, dim))
+        whole = np.column_stack((places, np.tile(turn, (len(places), 1))))
+        matrices = np.tile(np.eye(dim + 1), (len(places), 1, 1))
+        matrices[:, :dim, dim] = places
+        expected = m.collides(body, matrices)
+        assert 20 < expected.sum() < 180
+        assert np.array_equal(m.collides(body, places), expected)
+        assert np.array_equal(m.collides(body, whole), expected)
+        assert np.array_equal(m.collides(body, places.reshape(10, 20, dim)), expected.reshape(10, 20))
+        assert [m.collides(body, list(place)) for place in places[:20]] == list(expected[:20])
+        assert m.path_collides(body, places) == m.path_collides(body, matrices)
+
+
+def test_a_quaternion_turns_a_body() -> None:
+    m = room_3d()
+    long = ndtree.Box([1.6, 0.1, 0.1])
+    half = np.sqrt(0.5)
+    along, across = [1.5, 0, 0, 0, 0, 0, 1.0], [1.5, 0, 0, 0, 0, half, half]
+    assert m.collides(long, along) is True
+    assert m.collides(long, across) is False
+    assert list(m.collides(long, [along, across])) == [True, False]
+
+
+@pytest.mark.parametrize("make, shape", [(room, (2, 5)), (room_3d, (2, 4)), (room, (1,))])
+def test_poses_of_another_shape_are_refused(make: Any, shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"poses has shape {shape}: must be (n, ")):
+        make().collides(ndtree.Sphere(0.1), np.zeros(shape))
+
+
+def test_a_folder_of_tiles_takes_the_same_poses(tmp_path: Path) -> None:
+    mapper = ndtree.TileMapper(
+        ndtree.tiles.storage_of(tmp_path / "a.tiles"), ndtree.AdaptiveMap(dim=2, min_cell_size=0.1)
+    )
+    log = list(ndtree.simulate("office", scans=10))
+    for scan in log:
+        mapper.insert(scan)
+    mapper.write(complete=True)
+    tiles = ndtree.open_tiles(tmp_path / "a.tiles")
+    body = ndtree.Sphere(0.3)
+    places = np.random.default_rng(1).uniform(-1, 10, (50, 2))
+    posed = np.column_stack((places, np.zeros(len(places))))
+    assert np.array_equal(tiles.collides(body, places), tiles.collides(body, posed))
+    assert np.any(tiles.collides(body, places, unknown="occupied"))
+
+
+# --- Pictures ---------------------------------------------------------------------------------------
+
+
+def test_a_slice_is_named_by_its_coordinate() -> None:
+    pytest.importorskip("matplotlib")
+    m = room_3d()
+    drawn = []
+    for ax in (ndtree.plot.slice(m, z=0.1), ndtree.plot.slice(m, "z", 0.1), ndtree.plot.slice(m, z=1.1)):
+        ax.figure.canvas.draw()
+        drawn.append(bytes(ax.figure.canvas.buffer_rgba()))
+    assert drawn[0] == drawn[1]
+    for wrong in ({}, {"x": 1.0, "y": 1.0}, {"axis": "z"}, {"axis": "z", "value": 1.0, "z": 1.0}):
+        with pytest.raises(ValueError, match="expected one of x, y and z, or axis and value"):
+            ndtree.plot.slice(m, **wrong)
+
+
+# --- Types ------------------------------------------------------------------------------------------
+
+
+def test_a_strict_checker_accepts_what_pages_show(tmp_path: Path) -> None:
+    api = pytest.importorskip("mypy.api", reason="mypy is not installed")
+    pages = []
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+        code = "\n".join(blocks(page.read_text(), "python"))
+        if code.strip():
+            pages.append(tmp_path / f"{page.stem.lower()}_page.py")
+            pages[-1].write_text(code)
+    assert len(pages) > 5
+    others = tmp_path / "mypy.ini"  # What other libraries say of themselves is theirs.
+    others.write_text(
+        "[mypy]\n[mypy-trimesh.*]\nfollow_imports = skip\n[mypy-yaml.*]\nignore_missing_imports = True\n"
+    )
+    said, failed, _ = api.run(
+        [
+            "--strict",
+            "--allow-untyped-calls",
+            "--no-error-summary",
+            "--cache-dir",
+            os.devnull,
+            "--config-file",
+            str(others),
+            *map(str, pages),
+        ]
+    )
+    assert not failed, failed
+    wrong = [line for line in said.splitlines() if "_page.py:" in line and ": error: " in line]
+    assert not wrong, "\n".join(wrong)

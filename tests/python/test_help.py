@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The pages of --help are those of the commands, short, complete, and come at once."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("typer")
+pytest.importorskip("rich")
+
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree.cli.commands import COMMANDS, app, every
+from ndtree.cli.commands.pages import MOST_LINES, pages, table_of_options
+from ndtree.cli.commands.table import QUESTIONS, TOUCHED, row_of
+from ndtree.cli.help import FOLDER, page_asked_for, path_of
+
+RUN = CliRunner()
+
+
+def options_of(command: str) -> list[str]:
+    return [
+        one.name for one in every()[command].params if one.param_type_name == "option" and one.name != "help"
+    ]
+
+
+def test_pages_are_those_of_the_commands() -> None:
+    """With NDTREE_UPDATE_DOCS in the environment, they are written."""
+    made = pages()
+    for (command, whole), text in made.items():
+        file = Path(path_of(command, whole=whole))
+        if "NDTREE_UPDATE_DOCS" in os.environ:
+            file.write_text(text)
+        assert file.read_text() == text, "NDTREE_UPDATE_DOCS=1 pytest tests/python/test_help.py mends it"
+    assert sorted(os.listdir(FOLDER)) == sorted(os.path.basename(path_of(c, whole=w)) for c, w in made)
+    assert len(made) == 1 + 2 * len(COMMANDS)
+
+
+@pytest.mark.parametrize("command", ["ndtree", *COMMANDS])
+def test_a_page_is_short(command: str) -> None:
+    text = Path(path_of(command)).read_text()
+    assert len(text.splitlines()) <= MOST_LINES
+    assert max(map(len, text.splitlines())) <= 104
+    assert command == "ndtree" or f"more: ndtree {command} --help-all" in text
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_has_its_default_and_is_in_the_table(command: str) -> None:
+    text = " ".join(Path(path_of(command, whole=True)).read_text().replace(", --no-", "/").split())
+    names = options_of(command)
+    assert names
+    for name in names:
+        assert row_of(name) is not None, f"{name}: expected a row in cli/commands/table.py"
+        flag = max(next(one for one in every()[command].params if one.name == name).opts, key=len)
+        assert re.search(rf"{flag}[ ,/](?:(?! --).)*\(default: [^)]+\)", text), flag
+    assert len(TOUCHED[command]) <= 5 and set(TOUCHED[command]) <= set(names)
+
+
+def test_the_table_has_no_row_that_no_command_takes() -> None:
+    taken = {name for command in COMMANDS for name in options_of(command)}
+    rows = [row.name for rows in QUESTIONS.values() for row in rows]
+    assert sorted(rows) == sorted(taken)
+    assert len(rows) == sum(len(found) for _, found in table_of_options())
+
+
+def test_defaults_are_those_of_the_program() -> None:
+    """Where a parameter has one; those of the maps' options are the maps' own."""
+    checked = 0
+    for command in COMMANDS:
+        text = " ".join(Path(path_of(command, whole=True)).read_text().split())
+        for parameter in every()[command].params:
+            value = getattr(parameter.default, "value", parameter.default)
+            if parameter.name in ndtree.default_options():
+                value = ndtree.default_options()[parameter.name]
+                if command in ("compare", "demo") or not parameter.name.startswith("range_sigma"):
+                    assert f"(default: {value:g}" in text, parameter.name
+                    checked += 1
+            elif isinstance(value, (int, str)) and not isinstance(value, bool):
+                flag = max(parameter.opts, key=len)
+                assert re.search(rf"{flag} (?:(?! --).)*\(default: {re.escape(str(value))}", text), flag
+                checked += 1
+    assert checked > 50
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("flag", ["--help", "-h", "--help-all"])
+def test_the_command_prints_its_page(command: str, flag: str) -> None:
+    for call in ([command, flag], [command, "nothing", flag, "--no-such"]):
+        done = RUN.invoke(app, call)
+        assert (done.exit_code, done.stderr) == (0, "")
+        assert done.stdout == Path(path_of(command, whole=flag == "--help-all")).read_text()
+
+
+def test_behind_two_dashes_nothing_is_asked_for() -> None:
+    assert page_asked_for(["map", "--", "--help"]) is None
+    assert page_asked_for(["map", "a.bag"]) is None
+    assert page_asked_for(["--help"]) == page_asked_for(["--help-all"]) == Path(path_of("ndtree")).read_text()
+    assert page_asked_for(["nope", "--help"]) is None
+    assert page_asked_for(["../../x", "--help"]) is None
+
+
+def test_a_page_comes_without_what_makes_it() -> None:
+    """No typer, no NumPy, no compiled module, so that it takes hardly longer than to start Python."""
+    code = (
+        "import sys; sys.argv = ['ndtree', 'map', '--help']\n"
+        "from ndtree.cli import main\ntry: main()\nexcept SystemExit as end: status = end.code\n"
+        "print(status, *sorted(name for name in sys.modules if name.startswith('ndtree')))\n"
+        "print(*(name for name in ('typer', 'rich', 'numpy') if name in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    page = Path(path_of("map")).read_text()
+    assert (
+        done.stdout
+        == page
+        + "0 ndtree ndtree.base ndtree.base.exit_status ndtree.cli ndtree.cli.help ndtree.cli.interrupt\n\n"
+    )

@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Many wrong calls: each ends with a status and a few short lines, in the words that were typed."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("typer")
+pytest.importorskip("rich")
+pytest.importorskip("matplotlib")
+
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree.cli.commands import app, every
+from ndtree.cli.commands.messages import in_words, laid_out
+from ndtree.logs import READER_OPTIONS
+
+RUN = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Logs, maps and files that are neither."""
+    folder = tmp_path_factory.mktemp("wrong")
+    for world, name in (("office", "office"), ("apartment", "rooms")):
+        log = ndtree.simulate(world, scans=2)
+        log.save(folder / f"{name}.npz")
+        m = ndtree.AdaptiveMap(dim=log.dim)
+        for scan in log:
+            scan.insert_into(m)
+        m.save(folder / f"{name}.ndt")
+    (folder / "a.txt").write_text("hello\n")
+    (folder / "b.toml").write_text("hello\n")
+    (folder / "empty").mkdir()
+    (folder / "cut.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    (folder / "damaged.ndt").write_bytes((folder / "office.ndt").read_bytes()[:-9])
+    return folder
+
+
+#: A call, its status, and what must be named: the value, the place, or what was expected.
+CALLS: tuple[tuple[str, int, str], ...] = (
+    ("mpa office.npz", 2, "mpa: no such command: did you mean map?"),
+    ("map", 2, "LOG... is missing, expected ndtree map LOG..."),
+    ("map nothing.bag", 1, "nothing.bag: No such file"),
+    ("map empty -o o.ndt", 1, "empty: is an empty directory, expected"),
+    ("map a.txt -o o.ndt", 1, "a.txt: line 1: found 'hello', expected"),
+    ("map cut.bag -o o.ndt", 1, "cut.bag"),
+    ("map office.ndt", 2, "office.ndt: is a map, expected a log; to look at it: ndtree view office.ndt"),
+    ("map office.npz", 2, "office.ndt: is there already, expected -o MAP; to replace it: -o office.ndt"),
+    ("map office.npz -o", 2, "-o: a value is missing, expected PATH"),
+    ("map office.npz -o o.ndt --dim 5", 2, "--dim 5: must be a whole number from 2 to 3"),
+    ("map office.npz -o o.ndt --dim 2.5", 2, "--dim 2.5: must be a whole number from 2 to 3"),
+    ("map office.npz -o o.ndt --min-cell-size abc", 2, "--min-cell-size abc: must be a number"),
+    ("map office.npz -o o.ndt --min-cell-size -1", 2, "--min-cell-size -1: must be in [1e-09, 1000000] m"),
+    ("map office.npz -o o.ndt --fixed --min-cell-size -1", 2, "--min-cell-size -1: must be in"),
+    (
+        "map office.npz -o o.ndt --max-cell-size 0.01",
+        2,
+        "--max-cell-size 0.01: must be at least --min-cell-size",
+    ),
+    ("map office.npz -o o.ndt --range-sigma=-1", 2, "--range-sigma -1: must be"),
+    ("map office.npz -o o.ndt --branching 7", 2, "--branching 7"),
+    (
+        "map office.npz -o o.ndt --resolution 0.1",
+        2,
+        "--resolution: no such option: did you mean --min-cell-size?",
+    ),
+    ("map office.npz -o o.ndt --voxel-size 0.1", 2, "did you mean --min-cell-size?"),
+    ("map office.npz -o o.ndt --max-rang 3", 2, "did you mean --max-range?"),
+    ("map office.npz -o o.ndt --topic /scan", 2, "--topic: an .npz recording takes no such option"),
+    ("map office.npz -o o.ndt --max-range -3", 2, "--max-range -3: must be > 0 m"),
+    ("map office.npz -o o.ndt --no-return maybe", 2, "--no-return maybe: must be one of auto, free, ignore"),
+    ("map office.npz -o o.ndt --picture a.txt", 2, "--picture a.txt: the name must end in"),
+    ("map office.npz -o o.ndt --record a.avi", 2, "a.avi: the name of a film must end in .gif or .mp4"),
+    ("map office.npz -o o.ndt --box 1,2", 2, "--box 1,2: expected 4 numbers"),
+    ("map office.npz -o o.ndt --origin 1", 2, "--origin 1: expected 2 numbers"),
+    ("map office.npz -o o.ndt --every 0", 2, "--every 0: must be a whole number >= 1"),
+    ("map office.npz -o o.ndt --stride 0", 2, "--stride 0: must be"),
+    ("map office.npz -o o.ndt --min-range -1", 2, "--min-range -1"),
+    ("map office.npz -o o.ndt --from 100", 1, "its scans have no times, expected neither --from nor --to"),
+    ("map office.npz -o o.ndt --style paper", 2, "--style: is for --picture"),
+    ("map office.npz -o o.ndt --port 99", 2, "--port: is for the page of --watch"),
+    ("map office.npz -o o.ndt --format foo", 2, "--format foo: must be one of"),
+    ("map office.npz -o o.ndt --refinement foo", 2, "--refinement foo: must be 'evidence' or 'paper'"),
+    (
+        "map office.npz -o o.ndt --significance 0.9",
+        2,
+        "--significance: --refinement evidence has no use for it",
+    ),
+    ("map office.npz -o o.ndt --fixed --merge-loss 3", 2, "--merge-loss: --fixed has no use for it"),
+    ("map office.npz -o o.ndt --fixed --max-cell-size 3", 2, "--max-cell-size: --fixed has no use for it"),
+    ("map office.npz -o o.xyz", 1, "o.xyz: no format has this ending, expected one of .ndt"),
+    ("map office.npz -o none/o.ndt", 1, "none/o.ndt: cannot be written"),
+    ("map office.npz rooms.npz --merge -o o.ndt", 1, "rooms.npz: is 3-D, and office.npz 2-D"),
+    ("map office.npz office.npz", 2, "would both be office.ndt, expected different names"),
+    ("map office.npz -o o.tiles --max-resident big", 2, "--max-resident big: must be a number of bytes"),
+    ("map office.npz -o o.tiles --max-resident 1", 2, "--max-resident 1 bytes: must be at least"),
+    ("map office.npz -o o.tiles --tile-size -1", 2, "--tile-size -1 m: must be > 0"),
+    (
+        "map office.npz -o o.ndt --json rooms.npz",
+        2,
+        "--json rooms.npz: is there already, expected a name in .json",
+    ),
+    ("info nothing", 1, "nothing: No such file"),
+    ("info a.txt", 1, "a.txt: line 1: found 'hello', expected"),
+    ("info office.npz rooms.npz", 2, "rooms.npz: more than the command takes, expected FILE"),
+    ("info office.ndt --look", 2, "--look: is for a LOG, and office.ndt is a map"),
+    ("info damaged.ndt", 1, "damaged.ndt"),
+    ("view", 2, "MAP is missing, expected ndtree view MAP"),
+    ("view office.npz", 1, "office.npz: is no map, expected a map of ndtree's"),
+    ("view nothing.ndt", 1, "nothing.ndt: No such file"),
+    ("view office.ndt --slice q=1", 2, "--slice q=1: expected an axis and a position in metres, as in z=1.2"),
+    ("view office.ndt --slice z=1 --png a.png", 2, "--slice: the map is 2-D"),
+    (
+        "view office.ndt --color height --png a.png",
+        2,
+        "--color height: the map is 2-D and has none, expected",
+    ),
+    ("view office.ndt --color red", 2, "--color red: must be one of height, size, probability"),
+    ("view rooms.ndt --png a.xyz", 2, "--png a.xyz: the name must end in"),
+    ("view office.ndt --png a.png --open", 2, "--open: is for the page, not for --png"),
+    ("convert office.ndt", 2, "OUT is missing, expected ndtree convert MAP OUT"),
+    ("convert office.ndt a.xyz", 2, "a.xyz: no format has this ending, expected one of"),
+    ("convert office.npz a.ply", 1, "office.npz: is no map, expected"),
+    ("convert office.ndt a.yaml --height 1 2", 1, "--height: a map in the plane has none"),
+    ("convert rooms.ndt a.yaml --height 2 1", 1, "--height 2 to 1 m: must be from low to high"),
+    ("convert office.ndt a.ply --states foo", 1, "--states foo: must be some of occupied, free, frontier"),
+    ("convert office.ndt a.ply --cell-size 0", 1, "--cell-size 0 m: must be > 0 and finite"),
+    ("compare", 2, "expected either LOG or --world"),
+    ("compare office.ndt", 2, "office.ndt is a map, expected a second one"),
+    ("compare office.npz --maps foo", 2, "--maps foo: must be one of adaptive, paper, fixed"),
+    ("compare office.npz --held-out 1", 2, "--held-out 1: must be 0, or at least 2"),
+    ("compare office.npz --repeat 0", 2, "--repeat 0: must be a whole number of at least 1"),
+    ("compare office.npz --maps fixed --picture a.png", 2, "--picture: expected at least two maps"),
+    ("compare office.ndt rooms.ndt", 1, "office.ndt is 2-D and rooms.ndt 3-D"),
+    ("simulate", 2, "WORLD is missing, expected ndtree simulate WORLD"),
+    ("simulate moon", 2, "moon: must be one of office, apartment, street"),
+    ("simulate office -o a.csv", 2, "-o a.csv: the name must end in .npz"),
+    ("simulate office", 2, "office.npz: is there already, expected -o LOG"),
+    ("calibrate office.npz --find-mount", 2, "--find-mount: office.npz is no ROS bag"),
+    ("calibrate a.txt", 1, "a.txt: line 1"),
+    ("study b.toml", 1, "b.toml"),
+    ("study nope.toml", 1, "nope.toml: No such file"),
+    ("fleet office.npz", 2, "--output is missing, expected PATH"),
+)
+
+#: Names of Python's that no terminal shows: with an underscore, and not of a file's.
+NAMES = {one.name for command in every().values() for one in command.params} | {
+    one.name for one in READER_OPTIONS
+}
+PYTHONIC = re.compile(
+    rf"\b(?:{'|'.join(name for name in sorted(NAMES) if '_' in name)})\b|\w\(|\bkeyword\b|Traceback"
+)
+
+
+def said(call: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.chdir(folder)
+    return RUN.invoke(app, shlex.split(call))
+
+
+@pytest.mark.parametrize("call, status, expected", CALLS, ids=[call for call, _, _ in CALLS])
+def test_a_wrong_call_ends_in_short_lines(
+    call: str, status: int, expected: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = sorted(path.name for path in folder.iterdir())
+    done = said(call, folder, monkeypatch)
+    assert done.exit_code == status, done.output
+    assert done.stdout == ""
+    first, *more = done.stderr.splitlines()
+    assert first.startswith("ndtree: ") and "ndtree: ndtree" not in first
+    assert all(line.startswith("  ") for line in more), done.stderr
+    assert all(len(line) < 160 for line in (first, *more)), done.stderr
+    assert expected in " ".join(done.stderr.split()), done.stderr
+    assert not PYTHONIC.search(done.stderr), done.stderr
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_the_sample_is_large_and_of_all_commands() -> None:
+    assert len(CALLS) >= 60
+    assert {call.split()[0] for call, _, _ in CALLS} > set(every()) - {"demo"}
+
+
+def test_what_is_to_be_typed_has_a_line_of_its_own(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for call, typed in (
+        ("map office.ndt", "ndtree view office.ndt"),
+        ("map office.npz", "-o office.ndt"),
+        ("view office.npz", "ndtree map office.npz"),
+        ("map office.npz --dim 5", "ndtree map --help"),
+    ):
+        assert typed in [line.strip() for line in said(call, folder, monkeypatch).stderr.splitlines()[1:]]
+
+
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("min_cell_size = -1.0: must be > 0 m", "--min-cell-size -1: must be > 0 m"),
+        ("every = 0: must be >= 1", "--every 0: must be >= 1"),
+        ("a.bag: base_frame = x: not in /tf", "a.bag: --base-frame x: not in /tf"),
+        ("a.bag: expected fixed_frame as one of map", "a.bag: expected --fixed-frame as one of map"),
+        ("a.bag: option trajectory: no", "a.bag: --trajectory: no"),
+        ("a/min_cell_size.npz: no scans", "a/min_cell_size.npz: no scans"),
+        ("a.npz: scan 3: range_sigma = -1 m of beam 2: must be > 0", None),
+        ("every beam returned", None),
+        (
+            "start = 3 s, stop = 2 s: must be 0 <= start < stop",
+            "--from 3 s, --to 2 s: must be 0 <= --from < --to",
+        ),
+    ],
+)
+def test_keywords_become_flags(text: str, expected: str | None) -> None:
+    assert in_words(text) == (text if expected is None else expected)
+
+
+def test_long_messages_are_parted_and_lose_no_word() -> None:
+    words = [f"word{i}" for i in range(200)]
+    text = laid_out("a.bag: " + " ".join(words[:90]) + ", expected " + " ".join(words[90:]) + "\n  --still")
+    lines = text.splitlines()
+    assert all(len(line) < 160 for line in lines) and lines[-1] == "    --still"
+    assert " ".join(text.split()) == "ndtree: a.bag: " + " ".join(words[:90]) + ", expected " + " ".join(
+        [*words[90:], "--still"]
+    )
+
+
+# --- What is printed, and what is not -----------------------------------------------------------------
+
+
+def test_json_alone_prints(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for call in ("info office.npz --json", "info --json -- office.npz", "info office.ndt --json --quiet"):
+        done = said(call, folder, monkeypatch)
+        assert done.exit_code == 0, done.output
+        assert json.loads(done.stdout) and done.stderr == ""
+
+
+def test_quiet_says_nothing_but_what_is_wrong(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for call in (
+        f"map office.npz -o {tmp_path / 'a.ndt'} --quiet",
+        "info office.npz -q",
+        "info office.ndt -q",
+    ):
+        done = said(call, folder, monkeypatch)
+        assert (done.exit_code, done.output) == (0, ""), call
+    assert (tmp_path / "a.ndt").exists()
+    done = said("map a.txt -q -o o.ndt", folder, monkeypatch)
+    assert done.exit_code == 1 and done.stderr.startswith("ndtree: a.txt: line 1")
+    done = said(f"map office.npz a.txt -q -o {tmp_path}", folder, monkeypatch)
+    assert done.exit_code == 1 and done.stdout == "" and done.stderr.startswith("ndtree: a.txt: line 1")
