@@ -159,7 +159,8 @@ class LeafCoverage {
         __m256 area = _mm256_set1_ps(1.0f);
 #pragma GCC unroll 4
         for (std::size_t a = 0; a < D; ++a) {
-          const __m256 border = _mm256_set1_ps(planes[a][Partition::kOffsets[c][a]]);
+          const __m256 border =
+              _mm256_set1_ps(planes[a][Partition::kOffsets[static_cast<std::size_t>(c)][a]]);
           const __m256 place = _mm256_sub_ps(_mm256_mul_ps(middle, per_metre[a]), border);
           area = _mm256_mul_ps(area, overlap(_mm256_mul_ps(place, _mm256_set1_ps(per_child)),
                                              _mm256_max_ps(half_width, least_half[a])));
