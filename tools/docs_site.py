@@ -101,13 +101,20 @@ _READ = {
     "seven_scenes": ("`clouds`", "7-Scenes: depth PNG and a pose each"),
     "tum_rgbd": ("`clouds`", "TUM RGB-D: depth PNG, `depth.txt`, `groundtruth.txt`"),
     "kitti": ("", "KITTI odometry: `velodyne/*.bin`, `calib.txt`, poses"),
+    "kitti_raw": ("", "KITTI raw: `velodyne_points/data/*.bin`, `oxts/data/*.txt`, `calib_imu_to_velo.txt`"),
+    "e57": ("`e57`", "laser scanners and their programs: a pose for each scan"),
+    "ptx": ("", "Leica's and other programs: a pose for each scan"),
+    "3dtk": ("", "3DTK: `scan000.3d`, `scan000.pose` or `.frames`"),
+    "velodyne": ("`velodyne`", "Wireshark, tcpdump, VeloView: packets of a Velodyne"),
+    "depth_folder": ("`clouds`", "Open3D, Redwood: `depth/*.png`, `trajectory.log` or another trajectory"),
     "colmap": ("", "COLMAP's sparse models, text and binary"),
     "bundler": ("", "Bundler, and programs that write `bundle.out`"),
     "bal": ("", "Bundle Adjustment in the Large"),
     "octomap_graph": ("", "OctoMap's scan graphs, `.graph`"),
     "point_clouds": (
-        "`clouds`",
-        "a folder of PCD, PLY, LAS or LAZ files with a trajectory, or a pose for each",
+        "`clouds`, none for text and `.bin`",
+        "a folder of PCD, PLY, LAS, LAZ, text (XYZ, PTS, ASC, CSV) or `.bin` files (KITTI, nuScenes) with a "
+        "trajectory, or a pose for each",
     ),
     "text": ("", "your own script: a beam a line"),
 }

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import gzip
+import importlib.util
 import shutil
+import struct
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +15,7 @@ from typing import Any
 
 import laspy
 import numpy as np
+import rooms
 from bags import Messages, write_bag
 from test_depth_folders import seven_scenes, tum
 from test_octomap_graph import graph, node
@@ -209,7 +212,89 @@ def _map(ending: str, dim: int = 3, **options: Any) -> Callable[[Path], Path]:
     return write
 
 
+def _room(write: Callable[..., Any], **how: Any) -> Callable[[Path], Path]:
+    return lambda folder: write(folder, rooms.scanned(3, 150), **how)
+
+
+def _with_checksums(path: Path) -> Path:
+    """An E57 whose pages have the checksums of their content: damage comes behind them."""
+    table = []
+    for byte in range(256):
+        for _ in range(8):
+            byte = (byte >> 1) ^ (0x82F63B78 if byte & 1 else 0)
+        table.append(byte)
+    content = bytearray(path.read_bytes())
+    for at in range(0, len(content) - 1023, 1024):
+        checksum = 0xFFFFFFFF
+        for byte in content[at : at + 1020]:
+            checksum = (checksum >> 8) ^ table[(checksum ^ byte) & 255]
+        content[at + 1020 : at + 1024] = struct.pack(">I", checksum ^ 0xFFFFFFFF)
+    path.write_bytes(content)
+    return path
+
+
+def _packets(write: Callable[..., Path]) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        packets = rooms.velodyne_packets(lambda stamp: np.eye(4), 1)[::4]
+        return write(folder / "lidar.pcap", [(stamp, rooms.udp(data, 2368)) for stamp, data in packets])
+
+    return make
+
+
+def _depth_folder(folder: Path) -> Path:
+    rooms.depth_images(folder, rooms.scanned(2, 10))
+    rooms.open3d_log(folder / "trajectory.log", rooms.scanned(2, 10))
+    rooms.camera_json(folder / "camera.json")
+    return folder
+
+
+def _text_cloud(write: Callable[..., None], name: str) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        write(folder / name, rooms.scanned(1, 200)[0].points)
+        return folder / name
+
+    return make
+
+
+#: Those that libraries of their own write.
+_OF_LIBRARIES = {
+    "pye57": {
+        "e57": Sample(_room(rooms.e57)),
+        "e57, invalid": Sample(_room(rooms.e57, invalid=True), pack=_with_checksums),
+    },
+    "velodyne_decoder": {
+        "pcap": Sample(_packets(rooms.pcap), ("--still",)),
+        "pcapng": Sample(_packets(rooms.pcapng), ("--still",)),
+    },
+    "foxglove_schemas_protobuf": {
+        "mcap, protobuf": Sample(lambda folder: rooms.foxglove_mcap(folder / "a.mcap", rooms.scanned(3, 100)))
+    },
+}
+
 SAMPLES: dict[str, Sample] = {
+    "ptx": Sample(_room(rooms.ptx)),
+    "3dtk": Sample(_room(rooms.three_dtk)),
+    "3dtk, frames": Sample(_room(rooms.three_dtk, frames=True)),
+    "kitti raw": Sample(_room(rooms.kitti_raw)),
+    "bin, 4x4": Sample(_room(rooms.folder_of(rooms.as_floats, ".bin", rooms.blocks_of_4, "poses.txt"))),
+    "xyz, g2o": Sample(_room(rooms.folder_of(rooms.as_text, ".xyz", rooms.g2o, "graph.g2o"))),
+    "xyz, named matrices": Sample(
+        _room(
+            rooms.folder_of(
+                rooms.as_text,
+                ".xyz",
+                rooms.named_matrices,
+                "poses.csv",
+                names=lambda i, one: f"{one.stamp:.1f}",
+            )
+        )
+    ),
+    "xyz, log": Sample(_room(rooms.folder_of(rooms.as_text, ".xyz", rooms.open3d_log, "trajectory.log"))),
+    "old clouds": Sample(lambda folder: rooms.bag_of_old_clouds(folder / "a", rooms.scanned(2, 50), "ros1")),
+    "csv alone": Sample(_text_cloud(rooms.csv_with_time_first, "a.csv"), ("--points-only",)),
+    "pts alone": Sample(_text_cloud(rooms.pts, "a.pts"), ("--points-only",)),
+    "decimal commas": Sample(_text_cloud(rooms.decimal_comma, "a.csv"), ("--points-only",)),
+    "depth folder": Sample(_depth_folder),
     "text": Sample(_text),
     "text, packed": Sample(_gzip(_text)),
     "carmen": Sample(_carmen),
@@ -248,6 +333,12 @@ SAMPLES: dict[str, Sample] = {
     "map, ot": Sample(_map(".ot")),
     "map, pgm": Sample(_map(".pgm", 2)),
     "map, png": Sample(_map(".png", 2)),
+    **{
+        name: sample
+        for library, samples in _OF_LIBRARIES.items()
+        if importlib.util.find_spec(library)
+        for name, sample in samples.items()
+    },
 }
 
 #: Of $NDTREE_DATA: what is damaged, and the options to read it. Of folders, this many files of each ending.

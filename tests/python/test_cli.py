@@ -455,7 +455,7 @@ def test_unwritable_output_is_refused_before_the_work(
         ),
         (("map", "LOG", "-o", "OUT/a.ndt", "--fixed", "--significance", 0.9), "'significance'"),
         (("map", "LOG", "-o", "OUT/a.ndt", "--picture", "OUT/a.txt"), "the name must end in"),
-        (("info", "LOG", "--format", "pcx"), "--format pcx: must be one of bal, bundler, carmen"),
+        (("info", "LOG", "--format", "pcx"), "--format pcx: must be one of 3dtk, bal, bundler, carmen"),
         (("info", "LOG", "--topic", "/scan"), "topic: text with one beam a line takes no such option"),
         (("info", "LOG", "--every", 0), "every = 0: must be a whole number >= 1"),
         (("info", "LOG", "--box", "1,2,3"), "--box 1,2,3: expected 4 numbers with commas"),

@@ -70,4 +70,5 @@ def test_samples_are_read_as_they_are(sample: str, tmp_path: Path) -> None:
     if is_map(path):
         assert open_map(path).map.stats().observed_leaves > 0
     else:
-        assert sum(len(scan) for scan in read(path)) > 0
+        options = {flag[2:].replace("-", "_"): True for flag in SAMPLES[sample].options}
+        assert sum(len(scan) for scan in read(path, **options)) > 0

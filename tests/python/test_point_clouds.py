@@ -251,7 +251,7 @@ def test_a_cloud_alone_is_a_scan_from_its_viewpoint(tmp_path: Path) -> None:
     (scan,) = read(path)
     np.testing.assert_array_equal(scan.endpoints, cloud(0))
     np.testing.assert_array_equal(scan.origin, np.zeros(3))
-    with pytest.raises(ValueError, match=r"table.ply: no poses, expected a trajectory file"):
+    with pytest.raises(ValueError, match=r"table.ply: a PLY of points without a pose; try ndtree map "):
         read(ply_by_trimesh(tmp_path / "table", cloud(0)))
 
 
@@ -805,11 +805,14 @@ BROKEN: dict[str, tuple[Make, str]] = {
     ),
     "header of a PLY": (changed("000002.pcd", b"ply\nrubbish"), r"000002\.pcd: cannot be read as PLY"),
     "no fields": (without_x, r"000000\.pcd: no field y and no z, found x, b, c"),
-    "two kinds": (two_kinds, "found PCD and PLY files, expected PCD, PLY, LAS or LAZ files of one kind"),
-    "no poses": (numbered, r"no poses, expected a trajectory .*identity in all"),
+    "two kinds": (two_kinds, "found PCD and PLY files, expected PCD, PLY, .* of one kind"),
+    "no poses": (
+        numbered,
+        r"3 PCD files without poses \(VIEWPOINT is the identity in all\); try ndtree map ",
+    ),
     "no poses of PLY": (
         lambda folder: numbered(folder, write=ply_by_trimesh),
-        "no poses, expected a trajectory",
+        r"3 PLY files without poses; try ndtree map .* --points-only .* or --trajectory FILE",
     ),
     "two trajectories": (
         changed("other.txt", kitti_lines(5).encode()),

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._native._arguments import refuse_masked
+from ndtree.base.voxels import VoxelReport, voxelise
 
 if TYPE_CHECKING:
     from ndtree._native._core import HeldOutTruth, InsertReport, OccupancyMap
@@ -32,6 +33,9 @@ class Scan:
         Time of the reading [s]; 0 where the log has none.
     range_sigma : array_like, (n,), optional
         Standard deviation of each beam's range [m]. Left out: the map's own, from its options.
+    points_only : bool
+        There is no sensor: the smallest cells that hold an end point become occupied, nothing becomes free,
+        and `origin` is not looked at.
 
     Raises
     ------
@@ -44,6 +48,7 @@ class Scan:
     returned: NDArray[np.bool_] | None = None
     stamp: float = 0.0
     range_sigma: NDArray[np.floating[Any]] | None = None
+    points_only: bool = False
 
     def __post_init__(self) -> None:
         refuse_masked("Scan", {f.name: getattr(self, f.name) for f in fields(self)})
@@ -99,6 +104,17 @@ class Scan:
         """Number of coordinates of a point."""
         return self.endpoints.shape[1]
 
+    def require_sensor(self, what: str) -> None:
+        """Refuse points without a sensor for something that needs beams.
+
+        Raises
+        ------
+        ValueError
+            If there is no sensor; it names `what` needs one.
+        """
+        if self.points_only:
+            raise ValueError(f"points without a sensor have no beams, and {what} need some")
+
     def returned_only(self) -> Scan:
         """The same scan with only the beams that returned, in their order.
 
@@ -125,6 +141,7 @@ class Scan:
             part(self.returned),
             self.stamp,
             part(self.range_sigma),
+            self.points_only,
         )
 
     def returned_beams(
@@ -157,7 +174,7 @@ class Scan:
 
     def insert_into(
         self, target: OccupancyMap, *, max_range: float = math.inf, threads: int = 0
-    ) -> InsertReport:
+    ) -> InsertReport | VoxelReport:
         """Integrate the scan into a map; the same as the map's own ``insert``.
 
         Parameters
@@ -174,6 +191,8 @@ class Scan:
         InsertReport
             What became of the beams.
         """
+        if self.points_only:
+            return voxelise(self.endpoints, target)
         own = {} if self.range_sigma is None else {"range_sigma": self.range_sigma}
         return target.insert(
             self.endpoints, self.origin, returned=self.returned, max_range=max_range, threads=threads, **own

@@ -106,6 +106,7 @@ def pack(scans: Iterable[Scan]) -> bytes:
     """Scans as a file; to the last bit, and of their own types."""
     content: dict[str, Any] = {}
     for number, scan in enumerate(scans):
+        scan.require_sensor("maps by many machines")
         content[f"{number}/endpoints"] = scan.endpoints
         content[f"{number}/origin"] = scan.origin
         content[f"{number}/stamp"] = np.float64(scan.stamp)

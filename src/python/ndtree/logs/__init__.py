@@ -7,19 +7,26 @@ import errno
 import os
 from typing import Any
 
-from ndtree.logs.core.failures import readable
+from ndtree.logs.core.failures import NotALog, readable
 from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import Log, SizedLog
 from ndtree.logs.core.source import Format, ReaderOption, Source, WrongOption, source_of
+from ndtree.logs.folders.depth_folder import DEPTH_FOLDER
 from ndtree.logs.folders.kitti import KITTI
+from ndtree.logs.folders.kitti_raw import KITTI_RAW
 from ndtree.logs.folders.point_clouds import POINT_CLOUDS
 from ndtree.logs.folders.seven_scenes import SEVEN_SCENES
+from ndtree.logs.folders.three_dtk import THREE_DTK
 from ndtree.logs.folders.tum_rgbd import TUM_RGBD
 from ndtree.logs.formats.carmen import CARMEN
+from ndtree.logs.formats.e57 import E57
 from ndtree.logs.formats.npz import NPZ, ZIP_MAGIC
 from ndtree.logs.formats.octomap_graph import OCTOMAP_GRAPH
+from ndtree.logs.formats.ptx import PTX
 from ndtree.logs.formats.simulated import SimulatedLog, simulate
 from ndtree.logs.formats.text import EXPECTED, TEXT, first_line
+from ndtree.logs.formats.velodyne import VELODYNE
+from ndtree.logs.kinds import before_formats, not_a_log
 from ndtree.logs.ros.rosbag_format import ROSBAG
 from ndtree.logs.sfm.bal import BAL
 from ndtree.logs.sfm.bundler import BUNDLER
@@ -31,6 +38,7 @@ __all__ = [
     "READER_OPTIONS",
     "JoinedLog",
     "Log",
+    "NotALog",
     "SimulatedLog",
     "SizedLog",
     "WrongOption",
@@ -44,9 +52,15 @@ _TABLE: tuple[Format, ...] = (
     CARMEN,
     NPZ,
     ROSBAG,
+    E57,
+    VELODYNE,
+    PTX,
     SEVEN_SCENES,
     TUM_RGBD,
     KITTI,
+    KITTI_RAW,
+    DEPTH_FOLDER,
+    THREE_DTK,
     COLMAP,
     BUNDLER,
     BAL,
@@ -160,9 +174,15 @@ def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source
 
 
 def _recognised(source: Source) -> Format:
+    other = before_formats(source)
+    if other is not None:
+        raise other
     for row in _TABLE:
         if row.may_be(source) and row.recognises(source):
             return row
+    other = not_a_log(source)
+    if other is not None:
+        raise other
     if source.is_folder:
         some = ", ".join(source.names[:6]) + (", ..." if len(source.names) > 6 else "")
         found = f"a directory with {some}" if source.names else "an empty directory"

@@ -160,6 +160,7 @@ class TileGrid:
 
 def beams_of(scan: Scan, options: dict[str, float], max_range: float) -> tuple[Floats, Floats]:
     """Where the beams of a scan start, and up to where at most they say anything; without invalid ones."""
+    scan.require_sensor("maps in tiles")
     origin = np.asarray(scan.origin, dtype=np.float64)
     endpoints = np.asarray(scan.endpoints, dtype=np.float64)
     way = endpoints - origin

@@ -93,6 +93,11 @@ def settle(
     progress : callable, optional
         As for `first_look`.
     """
+    if not log.has_sensor and "range_sigma" in options and "min_cell_size" not in options:
+        options = {**options, "min_cell_size": 2 * options["range_sigma"]}
+        log.notes.append(
+            f"cells of {options['min_cell_size']:g} m, twice the noise; --min-cell-size says another"
+        )
     choose_sigma = with_sigma and log.is_raw
     choose_sigma &= not {"range_sigma", "range_sigma_quadratic"} & options.keys()
     choose_no_return = no_return == AUTO and log.knows_no_returns

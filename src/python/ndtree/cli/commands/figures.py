@@ -78,13 +78,13 @@ def log_figures(log: Log) -> dict[str, Any]:
             scans += 1
             first, last = min(first, scan.stamp), max(last, scan.stamp)
             distance = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
-            valid = np.isfinite(distance) & (distance > 0)
+            valid = np.isfinite(distance) & ((distance > 0) | scan.points_only)
             returned = valid if scan.returned is None else valid & scan.returned
             beams["beams"] += len(scan)
             beams["invalid"] += int(np.count_nonzero(~valid))
             beams["returned"] += int(np.count_nonzero(returned))
             beams["not_returned"] += int(np.count_nonzero(valid & ~returned))
-            ranges.append(distance[returned][::thin])
+            ranges.append(distance[returned & (distance > 0)][::thin])
             kept += len(ranges[-1])
             if kept > RANGE_SAMPLE:
                 ranges = [np.concatenate(ranges)[::2]]
@@ -107,7 +107,7 @@ def log_figures(log: Log) -> dict[str, Any]:
         "beams": beams,
         "seconds": float(last - first),
         "range": {"median": float(np.median(every)), "max": longest} if known else None,
-        "bounds": {"lower": low.tolist(), "upper": high.tolist()} if known else None,
+        "bounds": {"lower": low.tolist(), "upper": high.tolist()} if (low <= high).all() else None,
     }
 
 
@@ -156,6 +156,7 @@ def print_log(figures: dict[str, Any]) -> None:
             print(
                 f"  beams of more than {LONGEST_BEAM * cell:,.0f} m can be no map's: give `map` a --max-range"
             )
+    if figures["bounds"]:
         print(
             f"  end points from {point(figures['bounds']['lower'])} to {point(figures['bounds']['upper'])} m"
         )

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree.base.exit_status import WrongCall
-from ndtree.logs import FORMATS, READER_OPTIONS, Log, WrongOption, contents, read
+from ndtree.logs import FORMATS, READER_OPTIONS, Log, NotALog, WrongOption, contents, read
 from ndtree.maps.kinds import MAP_OPTIONS
 
 Command = Callable[..., None]
@@ -121,6 +121,8 @@ class Reading:
             )
         except WrongOption as error:
             raise WrongCall(in_flags(str(error))) from None
+        except NotALog:
+            raise
         except ValueError as error:
             raise ValueError(in_flags(str(error))) from error
         log.no_return_range = max_range

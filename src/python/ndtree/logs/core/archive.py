@@ -23,6 +23,7 @@ def save_archive(scans: Iterable[Scan], path: str | os.PathLike[str], name: str)
     returned: list[NDArray[np.bool_]] = []
     stamps: list[float] = []
     for i, scan in enumerate(scans):
+        scan.require_sensor(f"archives as of {name}")
         if scan.origin.ndim != 1:
             raise ValueError(f"{name}: scan {i} has an origin for each beam, expected one: .npz has no more")
         if scan.range_sigma is not None:

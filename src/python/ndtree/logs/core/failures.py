@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 #: Characters of what a library said, or of a value, that a message repeats.
@@ -110,3 +110,22 @@ class NoPose(ValueError):
     def __init__(self, message: str, where: str, seconds: float) -> None:
         super().__init__(message)
         self.where, self.seconds = where, seconds
+
+
+class NotALog(ValueError):
+    """A file or folder whose kind is known, but that alone is no log.
+
+    Attributes
+    ----------
+    kind : str
+        With its article: "a PNG image".
+    help : tuple of str
+        What helps, each a command or half a sentence; the best first.
+    has_points : bool
+        It can be read with ``points_only``.
+    """
+
+    def __init__(self, path: str, kind: str, help: Iterable[str] = (), *, has_points: bool = False) -> None:
+        self.kind, self.help, self.has_points = kind, tuple(help), has_points
+        ways = f"; try {', or '.join(self.help)}" if self.help else ""
+        super().__init__(f"{path}: {kind}{ways}")

@@ -76,6 +76,8 @@ class Log(ABC):
     may_be_padded : bool
         Whether beams that end nearer than 1 mm to their sensor are padding, and become invalid; those of no
         length are so already. Not where the unit of length is not known, nor where another log has looked.
+    has_sensor : bool
+        Whether its points were measured from somewhere; else cells with a point are occupied, none is free.
     skipped : dict of str to Skipped
         By kind, what the last loop has passed over so far.
     """
@@ -90,6 +92,7 @@ class Log(ABC):
     may_be_zero = False
     may_be_cut_off = False
     marks_no_returns = False
+    has_sensor = True
 
     def __init__(self, path: str | None, dim: int) -> None:
         self.path = path
@@ -363,6 +366,7 @@ class SelectedLog(Log):
         self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
         self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
         self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
+        self.has_sensor = log.has_sensor
         self.skipped = log.skipped
         self.zero_is, self.may_be_zero = log.zero_is, log.may_be_zero
         self._log = log

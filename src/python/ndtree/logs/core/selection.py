@@ -70,7 +70,7 @@ class Selection:
             scan = replace(scan, endpoints=ends, origin=scan.origin.astype(np.float64) - self._origin)
         if self._stride > 1:
             scan = scan.only(slice(None, None, self._stride))
-        if self._min_range > 0:
+        if self._min_range > 0 and not scan.points_only:
             length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
             scan = scan.only(~(length < self._min_range))
         return scan if self._box is None else _cropped(scan, *self._box)

@@ -13,7 +13,7 @@ from ndtree.logs.core.failures import WrongOption
 from ndtree.logs.core.log import Log
 from ndtree.logs.core.plain_file import open_plain
 
-__all__ = ["Format", "ReaderOption", "Source", "WrongOption", "require_dim", "source_of"]
+__all__ = ["TIME_OFFSET", "Format", "ReaderOption", "Source", "WrongOption", "require_dim", "source_of"]
 
 HEAD_BYTES = 1 << 18
 
@@ -54,6 +54,9 @@ class ReaderOption:
     name: str
     type: type
     help: str
+
+
+TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to find their poses [s].")
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of one point cloud: PCD, PLY, LAS and LAZ."""
+"""Files of one point cloud: PCD, PLY, LAS and LAZ, text, and bare numbers."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.plain_file import open_regular
+from ndtree.logs.folders import text_clouds
+from ndtree.logs.folders.bin_files import bin_points, floats_a_point
 from ndtree.logs.folders.las_files import las_points
 from ndtree.logs.folders.pcd_files import pcd_columns
 from ndtree.logs.folders.ply_files import ply_columns
+from ndtree.logs.folders.text_clouds import text_points
 from ndtree.logs.poses.pose import Pose
 
 Points = NDArray[np.floating[Any]]
@@ -67,11 +70,20 @@ def ply_points(path: str) -> Points:
     return _columns(*ply_columns(path))
 
 
+def points_of_numbers(path: str) -> Points:
+    """Points of a file of float32 numbers; how many a point has is told from the content."""
+    return bin_points(path, floats_a_point([path]))
+
+
+#: Those without first bytes of their own come last, and only their names tell them.
 CLOUD_FILES = (
     CloudFile("PCD", (".pcd",), (b"# .PCD", b"# .pcd", b"VERSION", b"FIELDS", b"COLUMNS"), pcd_points),
     CloudFile("PLY", (".ply",), (b"ply\n", b"ply\r"), ply_points),
     CloudFile("LAS", (".las", ".laz"), (b"LASF",), las_points),
+    CloudFile("text", text_clouds.ENDINGS, (), text_points),
+    CloudFile("bin", (".bin",), (), points_of_numbers),
 )
+TEXT_CLOUD, BIN_CLOUD = CLOUD_FILES[-2:]
 
 
 #: A PCD's header may begin with any comments and blank lines; bytes of a file that are looked at for it.
@@ -85,7 +97,7 @@ def kind_of_file(head: bytes) -> CloudFile | None:
     """What a file is by its first bytes."""
     head = head.removeprefix(codecs.BOM_UTF8)
     for kind in CLOUD_FILES:
-        if head.startswith(kind.magic):
+        if kind.magic and head.startswith(kind.magic):
             return kind
     return kind_of_name("a.pcd") if _PCD_HEADER.match(head[:_LOOKED_AT]) else None
 
@@ -99,12 +111,16 @@ def kind_of_name(name: str) -> CloudFile | None:
     return None
 
 
-def points_of_file(path: str) -> Points:
-    """(n, 3) points of a file that is one of these by its content."""
+def points_of_file(path: str, among: CloudFile | None = None) -> Points:
+    """(n, 3) points of a file: by its content, else of the kind that its name says."""
     with open_regular(path) as file:
         kind = kind_of_file(file.read(_LOOKED_AT))
+    if kind is None and among in (TEXT_CLOUD, BIN_CLOUD):
+        kind = among
     if kind is None:
-        raise ValueError(f"{path}: expected a {', '.join(kind.name for kind in CLOUD_FILES)} or LAZ file")
+        raise ValueError(
+            f"{path}: expected a PCD, PLY, LAS or LAZ file, points in text, or float32 numbers (.bin)"
+        )
     return kind.points(path)
 
 

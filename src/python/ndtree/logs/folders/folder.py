@@ -17,13 +17,9 @@ from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.silence import CutOff, cut_off_of
-from ndtree.logs.core.source import ReaderOption
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory import Trajectory
-from ndtree.logs.poses.trajectory_files import read_times, read_trajectory, trajectory_kind
-
-TIME_OFFSET = ReaderOption("time_offset", float, "Added to the times of scans to find their poses [s].")
-
+from ndtree.logs.poses.trajectory_files import read_times, read_trajectory
 
 #: Files that are looked at for where the ranges of all end.
 _SAMPLE = 8
@@ -70,7 +66,7 @@ class FolderLog(SizedLog):
             except (ValueError, OSError) as error:
                 self._skip("damaged scans", error)
                 continue
-            yield Scan(self._in_map(points, T_map_sensor), T_map_sensor.position, stamp=self._stamp(i))
+            yield self._scan(i, points, T_map_sensor)
 
     def _found_cut_off(self) -> CutOff | None:
         """From some of the files, evenly spread: they may be large."""
@@ -95,6 +91,10 @@ class FolderLog(SizedLog):
         """Time of a scan [s]; 0 where there is none."""
         return 0.0
 
+    def _scan(self, i: int, points: NDArray[np.floating], T_map_sensor: Pose) -> Scan:
+        """Points of a scan, moved to the map."""
+        return Scan(self._in_map(points, T_map_sensor), T_map_sensor.position, stamp=self._stamp(i))
+
     def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
         return T_map_sensor.apply(points)
 
@@ -102,10 +102,11 @@ class FolderLog(SizedLog):
 class PosesOfFiles:
     """Which pose of a trajectory belongs to which file of a folder.
 
-    Of a KITTI trajectory (a pose a line), the pose on the line of the number at the end of the file's name,
-    from 0. Of a TUM trajectory (poses with times), the pose at the file's time, which is its whole name
-    (see `stamps_in`), or the time on the line of its
-    number. Files without a number are counted in their order, and there must be a line for each.
+    Of poses with numbers (KITTI's lines count from 0, a graph's vertices as it says), the pose of the number
+    at the end of the file's name; where there are as many poses as files, and a number has none, all count by
+    their order. Of a TUM trajectory (poses with times), the pose at the file's time, which is its whole name
+    (see `stamps_in`), or the time on the line of its number. Files without a number are counted in their
+    order, and there must be a line for each.
 
     Parameters
     ----------
@@ -117,18 +118,24 @@ class PosesOfFiles:
         File of times, one a line [s].
     time_offset : float
         Added to the files' times before their poses are looked up [s].
+    stamps : sequence of float
+        The files' times [s], where their names or `times` do not say them.
     """
 
     def __init__(
-        self, trajectory: str, files: Sequence[str], times: str | None = None, time_offset: float = 0.0
+        self,
+        trajectory: str,
+        files: Sequence[str],
+        times: str | None = None,
+        time_offset: float = 0.0,
+        stamps: Sequence[float] = (),
     ) -> None:
         self._path = trajectory
         self._files = files
         self._times_path = times
         self._time_offset = time_offset
         stems = [stem_of(file) for file in files]
-        stamps = stamps_in(stems)
-        self._stamps = [stamp for stamp in stamps if stamp is not None]
+        self._stamps = [stamp for stamp in stamps or stamps_in(stems) if stamp is not None]
         self._named_by_stamps = len(self._stamps) == len(files) > 0
         numbers = [number_in(stem) for stem in stems]
         known = [number for number in numbers if number is not None]
@@ -138,8 +145,8 @@ class PosesOfFiles:
     def pose(self, i: int) -> Pose:
         """T_map_sensor of file i; ValueError where there is none."""
         trajectory = self._trajectory
-        if self._is_kitti:
-            return trajectory.pose_at(self._line(i, len(trajectory), self._path, "poses"))
+        if trajectory.is_numbered:
+            return trajectory.pose_at(self._number(i, trajectory))
         if not self._named_by_stamps and self._times is None:
             raise ValueError(
                 f"{self._files[i]}: has no time to find its pose in {self._path}, "
@@ -155,6 +162,23 @@ class PosesOfFiles:
             return 0.0
         return float(self._times[self._line(i, len(self._times), self._times_path, "times")])
 
+    def _number(self, i: int, trajectory: Trajectory) -> float:
+        """Which pose of those with numbers."""
+        known = self._known
+        if self._numbered and float(self._lines[i]) in known and self._are_known:
+            return float(self._lines[i])
+        if len(known) == len(self._files):
+            return float(trajectory.stamps[i])
+        if not self._numbered:
+            raise ValueError(
+                f"{self._path}: {len(known)} poses for {len(self._files)} files whose names are no numbers, "
+                "expected as many"
+            )
+        first, last = int(min(known)), int(max(known))
+        raise ValueError(
+            f"{self._files[i]}: number {self._lines[i]}, but {self._path} has poses {first} to {last}"
+        )
+
     def _line(self, i: int, lines: int, path: str | None, what: str) -> int:
         if not self._numbered and lines != len(self._files):
             raise ValueError(
@@ -167,8 +191,14 @@ class PosesOfFiles:
         return line
 
     @cached_property
-    def _is_kitti(self) -> bool:
-        return trajectory_kind(self._path) == "kitti"
+    def _are_known(self) -> bool:
+        """Whether there is a pose for each number, or not one for each file in their order either."""
+        return len(self._known) != len(self._files) or all(float(line) in self._known for line in self._lines)
+
+    @cached_property
+    def _known(self) -> frozenset[float]:
+        """Numbers of the poses."""
+        return frozenset(self._trajectory.stamps.tolist())
 
     @cached_property
     def _trajectory(self) -> Trajectory:
@@ -180,8 +210,8 @@ class PosesOfFiles:
 
 
 def stem_of(path: str) -> str:
-    """A file's name without its ending."""
-    return os.path.splitext(os.path.basename(path))[0]
+    """A file's name without its ending; nuScenes' files have two, ``.pcd.bin``."""
+    return os.path.splitext(os.path.basename(path))[0].removesuffix(".pcd")
 
 
 def number_in(stem: str) -> int | None:

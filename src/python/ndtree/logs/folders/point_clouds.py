@@ -4,39 +4,63 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ndtree.base.scan import Scan
 from ndtree.logs.core.padding import without_zeros
-from ndtree.logs.core.source import Format, ReaderOption, Source, require_dim
-from ndtree.logs.folders.cloud_files import kind_of_file, kind_of_name, pcd_viewpoint, points_of_file
-from ndtree.logs.folders.folder import TIME_OFFSET, FolderLog, PosesOfFiles, number_in, stamps_in, stem_of
+from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, require_dim, source_of
+from ndtree.logs.core.unplaced import ORIGIN_OF_SCAN, POINTS_ONLY, Unplaced, without_sensor
+from ndtree.logs.folders.bin_files import WIDTHS, bin_points, floats_a_point, may_be_points
+from ndtree.logs.folders.cloud_files import (
+    BIN_CLOUD,
+    TEXT_CLOUD,
+    CloudFile,
+    kind_of_file,
+    kind_of_name,
+    pcd_viewpoint,
+    points_of_file,
+)
+from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stamps_in, stem_of
+from ndtree.logs.folders.scan_folder import (
+    POSE_ENDINGS,
+    FoundPoses,
+    Scans,
+    poses_above,
+    poses_of,
+    scans_in,
+    times_of,
+)
+from ndtree.logs.folders.text_clouds import ENDINGS, MAYBE, columns_in, ends_as_points
+from ndtree.logs.formats.text import dimension_of, first_fields, looks_like_points
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_pose, trajectory_kind
 
+NO_WAY = Unplaced()
 POINTS_IN = ReaderOption("points_in", str, "Frame of the points of point clouds: sensor or map; else sensor.")
 FRAMES = ("sensor", "map")
-
-TIMES = "times.txt"
-POSE_ENDINGS = (".pose.txt", ".txt")
-
-_EXPECTED = (
-    "a trajectory file in the folder (or the option trajectory), a pose beside each file (000000.pose.txt), "
-    "or VIEWPOINT in PCD files"
-)
+_PCD = kind_of_name("a.pcd")
 
 
 class PointCloudLog(FolderLog):
-    """PCD, PLY, LAS or LAZ files, ordered by the number or time that is their name.
+    """PCD, PLY, LAS, LAZ, text or bare numbers, a file each scan, in the order of numbers or times.
 
-    Poses come from one of these, the first that is there:
+    The files are in the folder, or in a subfolder of it. Poses come from one of these, the first that is
+    there:
 
     - ``trajectory``;
-    - a pose beside each file, 3x4 or 4x4 numbers in ``000000.pose.txt`` or ``000000.txt``;
-    - the only trajectory file in the folder, TUM or KITTI, whatever its name (``times.txt`` has the times of
-      numbered files); see `PosesOfFiles` for which pose is whose;
-    - VIEWPOINT of PCD files, unless it is the identity in all of several.
+    - a pose for each file, 3x4 or 4x4 numbers in ``000000.pose.txt`` or ``000000.txt``, beside it or in a
+      folder ``poses``;
+    - the only trajectory file beside the files, above them, or in a folder for poses there, whatever its name
+      (``times.txt`` has the times of numbered files); see `PosesOfFiles` for which pose is whose;
+    - VIEWPOINT of PCD files, unless it is the identity in all of several;
+    - poses in the folder above.
+
+    Points without poses need `origin_of_scan` or `points_only`.
 
     Parameters
     ----------
@@ -48,6 +72,8 @@ class PointCloudLog(FolderLog):
         Added to the files' times before their poses are looked up [s].
     points_in : {"sensor", "map"}
         Frame of the points. "map": only the positions of the poses are used, as origins of the beams.
+    unplaced : Unplaced
+        What was said of points without poses.
     """
 
     format = "point_clouds"
@@ -59,55 +85,97 @@ class PointCloudLog(FolderLog):
         trajectory: str | None = None,
         time_offset: float = 0.0,
         points_in: str = "sensor",
+        unplaced: Unplaced = NO_WAY,
     ) -> None:
         if points_in not in FRAMES:
             raise ValueError(f"points_in = {points_in!r}: must be one of {', '.join(FRAMES)}")
-        self._points_in = points_in
-        if source.is_folder:
-            names = _in_order([name for name in source.names if kind_of_name(name)])
-            super().__init__(source.path, [source.inside(name) for name in names])
-            _require_one_kind(source.path, names)
-            neighbours = source.names
-        else:
-            super().__init__(source.path, [source.path])
-            neighbours = tuple(os.listdir(os.path.dirname(source.path) or "."))
+        self._points_in, self._unplaced = points_in, unplaced
+        self.has_sensor = not unplaced.points_only
+        scans = _scans_of(source)
+        if scans is None:
+            raise ValueError(
+                f"{source.path}: found no files, expected point clouds: PCD, PLY, LAS, LAZ, text or .bin"
+            )
+        scans = replace(scans, names=tuple(_in_order(list(scans.names))))
+        self._kind = scans.kind
+        super().__init__(source.path, scans.files)
         self._stamps = stamps_in([stem_of(file) for file in self._files])
-        folder = source.path if source.is_folder else os.path.dirname(source.path)
-        self._beside: list[str | None] = [None] * len(self._files)
+        self._beside: tuple[str | None, ...] = ()
         self._trajectory: PosesOfFiles | None = None
-        if trajectory is None:
-            self._beside = [_pose_beside(os.path.basename(file), neighbours) for file in self._files]
-            if any(self._beside):
-                self._beside = [name and os.path.join(folder, name) for name in self._beside]
-                return
-            trajectory = _trajectory_in(source)
-        if trajectory is not None:
-            times = os.path.join(folder, TIMES) if TIMES in neighbours else None
-            self._trajectory = PosesOfFiles(trajectory, self._files, times, time_offset)
-        else:
-            self._require_viewpoints()
-
-    def _require_viewpoints(self) -> None:
-        """Several identities are no poses: the header has them where none was given."""
-        path = self._files[0]
-        said = f"{self.path}: no poses, expected {_EXPECTED}"
-        if kind_of_name(path) is not kind_of_name("a.pcd"):
-            raise ValueError(said)
-        if len(self) == 1:
+        if unplaced:
+            self.may_be_cut_off = unplaced.origin is not None
+            self._is_searched = not self.may_be_cut_off
             return
+        if trajectory is None:
+            found = poses_of(source.path, scans) if source.is_folder else _beside_file(scans)
+            if not found and not self._have_viewpoints():
+                found = poses_above(scans) if source.is_folder else found
+                if not found:
+                    raise without_sensor(source.path, self._said(), more=self._more())
+            self._beside, trajectory = found.beside, found.trajectory
+            self._say_where(found, scans.folder)
+        if trajectory is not None:
+            self._trajectory = PosesOfFiles(
+                trajectory, self._files, times_of(scans.folder, scans), time_offset
+            )
+
+    def _say_where(self, found: FoundPoses, folder: str) -> None:
+        """Note poses that are not in the folder of the scans."""
+        one = found.trajectory or next((name for name in found.beside if name), None)
+        if one is not None and os.path.dirname(one) != folder:
+            self.notes.append(f"poses are from {one if found.trajectory else os.path.dirname(one)}")
+
+    @property
+    def knows_no_returns(self) -> bool:  # type: ignore[override]
+        """As of other folders; points without a sensor have no beams."""
+        return not self._unplaced.points_only and super().knows_no_returns
+
+    def _have_viewpoints(self) -> bool:
+        """Several identities are no poses: the header has them where none was given."""
+        if self._kind is not _PCD:
+            return False
         for path in self._files:
             try:
                 pose = pcd_viewpoint(path)
             except ValueError:
-                return  # Said by somebody; the error is that of the scan.
-            if pose.position.any() or not np.array_equal(pose.rotation, np.eye(3)):
-                return
-        raise ValueError(f"{said} (it is the identity in all)")
+                return True  # Said by somebody; the error is that of the scan.
+            if len(self) == 1 or pose.position.any() or not np.array_equal(pose.rotation, np.eye(3)):
+                return True
+        return False
+
+    def _said(self) -> str:
+        """What the files are, for the error of those without poses."""
+        kind = self._kind.name
+        if len(self) > 1:
+            kinds = {
+                "text": "files of points in text",
+                "bin": "files of bare float32 numbers, as KITTI's scans",
+            }
+            why = " (VIEWPOINT is the identity in all)" if self._kind is _PCD else ""
+            return f"{len(self)} {kinds.get(kind, f'{kind} files')} without poses{why}"
+        if self._kind is BIN_CLOUD:
+            return f"a laser scan as KITTI's (.bin, {self._width} float32 numbers a point) without its pose"
+        if self._kind is TEXT_CLOUD:
+            why = looks_like_points(source_of(self._files[0], "points"))
+            return "points in text without a pose" + (f" ({why})" if why else "")
+        return f"a {'LAZ' if self._files[0].lower().endswith('z') else kind} of points without a pose"
+
+    def _more(self) -> list[str]:
+        ways = ["--trajectory FILE (poses of the sensor)"]
+        if (
+            self._kind is TEXT_CLOUD
+            and len(self) == 1
+            and dimension_of(first_fields(source_of(self._files[0], "")))
+        ):
+            ways.append("--format text (each line is a beam: origin and end point)")
+        return ways
 
     def _pose(self, i: int) -> Pose:
         if self._trajectory is not None:
             return self._trajectory.pose(i)
-        if not any(self._beside):
+        if self._unplaced:
+            return Pose.identity()
+        if not self._beside:
             return pcd_viewpoint(self._files[i])
         beside = self._beside[i]
         if beside is None:
@@ -116,13 +184,74 @@ class PointCloudLog(FolderLog):
         return read_pose(beside)
 
     def _points(self, i: int) -> NDArray[np.floating]:
-        return points_of_file(self._files[i])
+        if self._kind is BIN_CLOUD:
+            return bin_points(self._files[i], self._width)
+        return points_of_file(self._files[i], self._kind)
+
+    @cached_property
+    def _width(self) -> int:
+        """How many numbers a point has, in all files of bare numbers."""
+        width = floats_a_point(self._files)
+        self.notes.append(f"{width} numbers a point in .bin, as the content tells: {WIDTHS[width]}")
+        return width
+
+    def _scan(self, i: int, points: NDArray[np.floating], T_map_sensor: Pose) -> Scan:
+        if self._unplaced:
+            return self._unplaced.scan(points, self._stamp(i))
+        return super()._scan(i, points, T_map_sensor)
 
     def _stamp(self, i: int) -> float:
         return self._trajectory.stamp(i) if self._trajectory else self._stamps[i] or 0.0
 
     def _in_map(self, points: NDArray[np.floating], T_map_sensor: Pose) -> NDArray[np.floating]:
         return T_map_sensor.apply(points) if self._points_in == "sensor" else without_zeros(points)
+
+
+def _scans_of(source: Source) -> Scans | None:
+    if source.is_folder:
+        return scans_in(source.path, source.names)
+    kind = kind_of_file(source.head) or _kind_without_magic(source)
+    if kind is None:
+        return None
+    return Scans(os.path.dirname(source.path), (os.path.basename(source.path),), kind)
+
+
+def _kind_without_magic(source: Source) -> CloudFile | None:
+    """Of a file that its first bytes do not tell: points in text, or bare numbers in a .bin."""
+    if b"\0" not in source.head:
+        return TEXT_CLOUD if _is_text_cloud(source) else None
+    if kind_of_name(source.path) is BIN_CLOUD and may_be_points(source.path):
+        return BIN_CLOUD
+    return None
+
+
+def _is_text_cloud(source: Source) -> bool:
+    """Whether text has points; beams have 4 to 7 columns, too, and poses 8 and more."""
+    columns = columns_in(source)
+    if columns is None or trajectory_kind(source.path) is not None:
+        return False
+    if ends_as_points(source.path) and columns.count not in (4, 5, 6, 7):
+        return True
+    if (
+        columns.named
+        or columns.counted
+        or columns.count == 3
+        or source.path.lower().endswith((".pts", ".asc"))
+    ):
+        return True
+    if columns.worded:
+        return source.path.lower().endswith((*ENDINGS, *MAYBE))
+    return columns.count in (4, 5, 6, 7) and looks_like_points(source) is not None
+
+
+def _beside_file(scans: Scans) -> FoundPoses:
+    """A pose beside the one file."""
+    name = scans.names[0]
+    for ending in POSE_ENDINGS:
+        beside = os.path.join(scans.folder, os.path.splitext(name)[0] + ending)
+        if os.path.basename(beside) != name and os.path.isfile(beside):
+            return FoundPoses((beside,))
+    return FoundPoses()
 
 
 def _in_order(names: list[str]) -> list[str]:
@@ -135,42 +264,10 @@ def _in_order(names: list[str]) -> list[str]:
     return [name for _, name in sorted(keys)]
 
 
-def _require_one_kind(path: str, names: list[str]) -> None:
-    kinds = sorted({kind.name for kind in map(kind_of_name, names) if kind})
-    if len(kinds) != 1:
-        raise ValueError(
-            f"{path}: found {' and '.join(kinds) or 'no'} files, "
-            "expected PCD, PLY, LAS or LAZ files of one kind"
-        )
-
-
-def _pose_beside(name: str, names: tuple[str, ...]) -> str | None:
-    for ending in POSE_ENDINGS:
-        beside = os.path.splitext(name)[0] + ending
-        if beside in names:
-            return beside
-    return None
-
-
-def _trajectory_in(source: Source) -> str | None:
-    """The only trajectory file of a folder."""
-    found = [
-        name
-        for name in source.names
-        if name.lower().endswith((".txt", ".tum", ".kitti", ".csv")) and trajectory_kind(source.inside(name))
-    ]
-    if len(found) > 1:
-        raise ValueError(
-            f"{source.path}: {len(found)} trajectories, {' and '.join(found)}: "
-            "say which by the option trajectory"
-        )
-    return source.inside(found[0]) if found else None
-
-
 def _recognises(source: Source) -> bool:
     if source.is_folder:
-        return any(kind_of_name(name) for name in source.names)
-    return kind_of_file(source.head) is not None
+        return scans_in(source.path, source.names) is not None
+    return kind_of_file(source.head) is not None or _kind_without_magic(source) is not None
 
 
 def _open(
@@ -180,16 +277,19 @@ def _open(
     trajectory: str | None = None,
     time_offset: float = 0.0,
     points_in: str = "sensor",
+    origin_of_scan: str | Sequence[float] | None = None,
+    points_only: bool = False,
 ) -> PointCloudLog:
     require_dim(source, POINT_CLOUDS, 3, dim)
-    return PointCloudLog(source, trajectory, time_offset, points_in)
+    unplaced = Unplaced.of(source.path, origin_of_scan, points_only, trajectory=trajectory)
+    return PointCloudLog(source, trajectory, time_offset, points_in, unplaced)
 
 
 POINT_CLOUDS = Format(
     "point_clouds",
-    "a folder of PCD, PLY, LAS or LAZ files",
+    "a folder of PCD, PLY, LAS, LAZ, text or .bin files",
     _recognises,
     _open,
-    (TRAJECTORY, TIME_OFFSET, POINTS_IN),
+    (TRAJECTORY, TIME_OFFSET, POINTS_IN, ORIGIN_OF_SCAN, POINTS_ONLY),
     stored_as="either",
 )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.plain_file import text_lines
-from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.core.source import TIME_OFFSET, Format, Source, require_dim
 from ndtree.logs.folders.depth_image import (
     CAMERA,
     PIXEL_STRIDE,
@@ -20,7 +20,7 @@ from ndtree.logs.folders.depth_image import (
     load_png,
     points_of,
 )
-from ndtree.logs.folders.folder import TIME_OFFSET, FolderLog
+from ndtree.logs.folders.folder import FolderLog
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory import Trajectory
 from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_trajectory

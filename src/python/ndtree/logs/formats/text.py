@@ -67,25 +67,10 @@ def first_fields(source: Source) -> list[str]:
 
 
 def _recognises(source: Source) -> bool:
-    if dimension_of(first_fields(source)) is None:
-        return False
-    _require_beams(source)
-    return True
+    return dimension_of(first_fields(source)) is not None
 
 
-def _require_beams(source: Source) -> None:
-    """Refuse points with colours, normals or intensities. Beams like them need --format text."""
-    looks = _as_points(source)
-    if looks is None:
-        return
-    raise ValueError(
-        f"{source.path}: {looks}, as points with colours, normals or intensities do, expected beams, those "
-        "of a scan with the same origin before their end points. Points are read from a folder of PCD, PLY, "
-        "LAS or LAZ files with poses; beams that have an origin each by format text"
-    )
-
-
-def _as_points(source: Source) -> str | None:
+def looks_like_points(source: Source) -> str | None:
     """What makes the first lines look like points; None if nothing does.
 
     Beams of a scan share their origin, and points do not share their first coordinates. Where they do, on

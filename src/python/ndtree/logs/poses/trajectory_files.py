@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of poses and of times, as of TUM and KITTI."""
+"""Files of poses and of times, as of TUM, KITTI, EuRoC, g2o and Open3D."""
 
 from __future__ import annotations
 
@@ -15,19 +15,25 @@ from ndtree.logs.core.plain_file import text_lines
 from ndtree.logs.core.source import ReaderOption
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
+from ndtree.logs.poses.pose_lists import PoseList, kind_of_list, read_list
 from ndtree.logs.poses.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
-TRAJECTORY = ReaderOption("trajectory", str, "File of poses, TUM (t x y z qx qy qz qw) or KITTI (3x4).")
+TRAJECTORY = ReaderOption(
+    "trajectory", str, "File of poses: TUM (t x y z qx qy qz qw), KITTI (3x4), EuRoC, g2o, Open3D's log."
+)
 
-EXPECTED = "expected 8 numbers a line (t x y z qx qy qz qw) or 12 (3x4 matrix)"
+EXPECTED = "expected 8 numbers a line (t x y z qx qy qz qw), or 12 or 16 (3x4 or 4x4 matrix)"
 
 
 def read_trajectory(
     path: str | os.PathLike[str], *, times: str | os.PathLike[str] | None = None
 ) -> Trajectory:
-    """Read a trajectory file of TUM or KITTI; blank lines and comments behind # are passed over.
+    """Read a trajectory file; blank lines and comments behind # are passed over.
+
+    Formats are TUM's and KITTI's; tables whose first line names the columns, as EuRoC's; matrices of 4x4
+    numbers, a line or four lines each; a time and a matrix a line; vertices of g2o; Open3D's trajectory.log.
 
     A first line that names a time, x y z and qx qy qz qw, as a comment or not, says the order of the columns:
     ``#timestamp [ns], p_x, p_y, p_z, q_w, q_x, q_y, q_z``, or ``sec,nsec,x,y,z,qx,qy,qz,qw``. Columns of
@@ -41,7 +47,8 @@ def read_trajectory(
         header says otherwise; 12 are the upper three
         rows of a pose's matrix.
     times : str or path, optional
-        Times of the poses of a KITTI file, one a line [s]. Left out, a pose's time is its number, from 0.
+        Times of the poses of a KITTI file, one a line [s]. Left out, a pose's time is its number, from 0, or
+        as a graph or log numbers it.
 
     Returns
     -------
@@ -55,6 +62,9 @@ def read_trajectory(
         If a line is not as it should be: which, what was found, and what was expected.
     """
     name = os.fspath(path)
+    kind = kind_of_list(name)
+    if kind is not None:
+        return _of_list(name, read_list(name, kind), times)
     named, rows = _rows(name)
     if not rows:
         raise ValueError(f"{name}: no poses, {EXPECTED}")
@@ -80,15 +90,24 @@ def read_trajectory(
         poses = table[rising][:, list(layout.pose)]
         return Trajectory(stamps[rising], poses[:, :3], poses[:, 3:], name=name)
     matrices = table.reshape(-1, 3, 4)
-    stamps = np.arange(len(matrices), dtype=np.float64)
+    numbers = np.arange(len(matrices), dtype=np.float64)
+    return _of_list(name, PoseList(numbers, matrices, is_numbered=True), times)
+
+
+def _of_list(name: str, poses: PoseList, times: str | os.PathLike[str] | None) -> Trajectory:
+    stamps, matrices, is_numbered = poses.stamps, poses.matrices, poses.is_numbered
+    if not is_numbered:
+        stamps = seconds_of(stamps, None, name)
     if times is not None:
-        stamps = read_times(times)
+        if not is_numbered:
+            raise ValueError(f"{name}: has times of its own, expected none in {os.fspath(times)}")
+        stamps, is_numbered = read_times(times), False
         if len(stamps) != len(matrices):
             raise ValueError(
                 f"{os.fspath(times)}: {len(stamps)} times, "
                 f"expected {len(matrices)} as there are poses in {name}"
             )
-    return Trajectory(stamps, matrices[:, :, 3], matrices[:, :, :3], name=name, is_numbered=times is None)
+    return Trajectory(stamps, matrices[:, :, 3], matrices[:, :, :3], name=name, is_numbered=is_numbered)
 
 
 def read_pose(path: str | os.PathLike[str]) -> Pose:
@@ -109,7 +128,10 @@ def read_pose(path: str | os.PathLike[str]) -> Pose:
 
 
 def trajectory_kind(path: str | os.PathLike[str]) -> str | None:
-    """What the header or the first line with numbers looks like: "tum", "kitti", or None for neither."""
+    """What the first lines look like: "tum", "kitti" for poses by their number, or None for neither."""
+    kind = kind_of_list(os.fspath(path))
+    if kind is not None:
+        return "tum" if kind.startswith("timed") else "kitti"
     try:
         named, values = next(_lines(os.fspath(path)), (None, (0, [])))
     except ValueError:

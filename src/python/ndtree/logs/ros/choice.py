@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.ros.files.bag import Bag, Topic
-from ndtree.logs.ros.messages import image, livox
+from ndtree.logs.ros.messages import image, livox, old_cloud
 from ndtree.logs.ros.messages.beams import (
     IMAGES,
     LASER,
     LIVOX,
     MULTI_ECHO_LASER,
+    OLD_CLOUD,
     PLANAR,
     POINT_CLOUD,
     RANGE,
@@ -43,6 +44,7 @@ _READ: dict[str, Callable[[Any], Beams]] = {
     MULTI_ECHO_LASER: lambda message: multi_echo_beams(message, SOME_RANGE),
     RANGE: lambda message: range_beams(message, SOME_RANGE),
     POINT_CLOUD: lambda message: cloud_beams(message, 0.0),
+    OLD_CLOUD: old_cloud.beams,
     **dict.fromkeys(LIVOX, livox.beams),
 }
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from ndtree.logs.core.source import Format, ReaderOption, Source
+from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source
 from ndtree.logs.core.zeros import ZERO_IS
 from ndtree.logs.folders.depth_image import CAMERA, PIXEL_STRIDE
-from ndtree.logs.folders.folder import TIME_OFFSET
+from ndtree.logs.formats.velodyne import STILL
 from ndtree.logs.poses.trajectory_files import TRAJECTORY
 from ndtree.logs.ros.files.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, ZSTD_MAGIC, open_bag
 from ndtree.logs.ros.outline import outline
@@ -24,7 +24,6 @@ FIXED_FRAME = ReaderOption(
 )
 ODOMETRY = ReaderOption("odometry", str, "Of a ROS bag: topic with Odometry, for poses instead of /tf.")
 POSE_TOPIC = ReaderOption("poses", str, f"Of a ROS bag: topic with poses: {POSE_NAMES}.")
-STILL = ReaderOption("still", bool, "Of a ROS bag: the sensor stands still.")
 MOUNT = ReaderOption("mount", str, "Of a ROS bag: sensor on its base, X,Y,Z,ROLL,PITCH,YAW or X,Y,YAW.")
 SENSOR_FRAME = ReaderOption(
     "sensor_frame", str, "Of a ROS bag: the sensor's frame, whatever its messages say."

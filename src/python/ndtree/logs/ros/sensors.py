@@ -13,12 +13,13 @@ from ndtree.logs.core.source import WrongOption
 from ndtree.logs.folders.depth_image import Camera, camera_of
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.files.bag import Bag, Topic
-from ndtree.logs.ros.messages import image, livox
+from ndtree.logs.ros.messages import image, livox, old_cloud
 from ndtree.logs.ros.messages.beams import (
     IMAGES,
     LASER,
     LIVOX,
     MULTI_ECHO_LASER,
+    OLD_CLOUD,
     PLANAR,
     POINT_CLOUD,
     RANGE,
@@ -145,6 +146,8 @@ class Sensor:
             return range_beams(message, no_return_range)
         if kind == POINT_CLOUD:
             return cloud_beams(message, stamp)
+        if kind == OLD_CLOUD:
+            return old_cloud.beams(message)
         if kind in LIVOX:
             return livox.beams(message)
         assert self._cameras is not None

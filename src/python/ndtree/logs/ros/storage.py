@@ -29,10 +29,14 @@ class Connection:
     topic : str
     type : str
         As ROS 2 spells it: package/msg/Name.
-    encoding : {"ros1", "cdr", "json"}
+    encoding : {"ros1", "cdr", "json", "protobuf"}
         How its messages are packed.
     definition : str or None
         The text of its type where the file has it in the form of .msg files.
+    name : str
+        The type's own name, where `type` is the one of ROS that says the same.
+    schema : bytes
+        Of messages packed by protobuf, the descriptors of their types.
     """
 
     id: int
@@ -40,6 +44,8 @@ class Connection:
     type: str
     encoding: str
     definition: str | None = None
+    name: str = ""
+    schema: bytes = b""
 
 
 @dataclass(frozen=True)

@@ -102,8 +102,11 @@ class McapFile(FileStorage):
         if any(one.id == channel.id for one in (*self.connections, *self.unread)):
             return
         name = schema.name if schema is not None else ""
-        known = foxglove.type_of(name) if encoding == "json" else ros2_type(name)
-        if encoding not in ("ros1", "cdr", "json") or not name or known is None:
+        known = foxglove.type_of(name) if encoding in ("json", "protobuf") else ros2_type(name)
+        packed = encoding == "protobuf"
+        if packed and (schema is None or schema.encoding != "protobuf" or name not in foxglove.TYPES):
+            known = None
+        if encoding not in ("ros1", "cdr", "json", "protobuf") or not name or known is None:
             self.unread.append(
                 Connection(channel.id, channel.topic, name or "no type", encoding or "nothing")
             )
@@ -112,7 +115,15 @@ class McapFile(FileStorage):
             schema.data.decode("utf-8", "replace") if schema.encoding in ("ros1msg", "ros2msg") else ""
         )
         self.connections.append(
-            Connection(channel.id, _topic_of(channel.topic, name), known, encoding, definition or None)
+            Connection(
+                channel.id,
+                _topic_of(channel.topic, name),
+                known,
+                encoding,
+                definition or None,
+                name,
+                bytes(schema.data) if packed else b"",
+            )
         )
 
     def _read_summary(self) -> bool:

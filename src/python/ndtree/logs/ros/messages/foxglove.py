@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages in JSON, as Foxglove's libraries write them into MCAP files: turned into those of ROS."""
+"""Foxglove's messages in MCAP files, in JSON or packed by protobuf: turned into those of ROS."""
 
 from __future__ import annotations
 
@@ -52,6 +52,14 @@ def decoded(data: bytes, type: str) -> Any:
         found = json.loads(data)
         if not isinstance(found, dict):
             raise ValueError("expected an object")
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"no whole {type} in JSON ({' '.join(str(error).split())[:200]})") from None
+    return message_of(found, type, "in JSON")
+
+
+def message_of(found: dict[str, Any], type: str, how: str = "packed by protobuf") -> Any:
+    """The message of a type of ROS by the fields of one that says the same; ValueError if it is none."""
+    try:
         if _is_of_ros(found, type):
             message = _made(_FIELDS[type], found)
         else:
@@ -60,13 +68,20 @@ def decoded(data: bytes, type: str) -> Any:
         return message
     except (KeyError, TypeError, AttributeError, ValueError, OverflowError, RecursionError) as error:
         what = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:200]
-        raise ValueError(f"no whole {type} in JSON ({what})") from None
+        raise ValueError(f"no whole {type} {how} ({what})") from None
 
 
 def head_of(data: bytes) -> tuple[float, str] | None:
     """Stamp [s] and frame of a message; None where it has no header."""
     try:
-        found = json.loads(data)
+        return head_in(json.loads(data))
+    except (ValueError, RecursionError):
+        return None
+
+
+def head_in(found: Any) -> tuple[float, str] | None:
+    """As `head_of`, of a message's fields."""
+    try:
         header = found.get("header", found)
         stamp = _time(header["stamp" if "header" in found else "timestamp"])
         return stamp.sec + 1e-9 * stamp.nanosec, str(header["frame_id"])
@@ -120,7 +135,9 @@ def _numbers(values: Any) -> np.ndarray[Any, Any]:
     return np.array([_number(one) for one in values], dtype=np.float64)
 
 
-def _bytes(value: str | list[int]) -> np.ndarray[Any, Any]:
+def _bytes(value: str | bytes | list[int]) -> np.ndarray[Any, Any]:
+    if isinstance(value, bytes):
+        return np.frombuffer(value, dtype=np.uint8)
     if isinstance(value, str):
         return np.frombuffer(base64.b64decode(value, validate=True), dtype=np.uint8)
     return np.array(value, dtype=np.uint8)

@@ -7,7 +7,7 @@ import struct
 from dataclasses import dataclass
 
 from ndtree.logs.poses.transforms import plain
-from ndtree.logs.ros.messages import foxglove
+from ndtree.logs.ros.messages import foxglove, protobuf
 from ndtree.logs.ros.storage import Raw
 
 
@@ -59,6 +59,12 @@ def head_of(raw: Raw) -> tuple[float, str] | None:
     """
     if raw.connection.encoding == "json":
         head = foxglove.head_of(raw.data)
+        return None if head is None else (head[0], plain(head[1]))
+    if raw.connection.encoding == "protobuf":
+        try:
+            head = foxglove.head_in(protobuf.fields_of(raw.data, raw.connection.name, raw.connection.schema))
+        except ValueError:
+            return None
         return None if head is None else (head[0], plain(head[1]))
     try:
         header, _ = header_of(raw.data, raw.connection.encoding == "ros1")

@@ -68,7 +68,8 @@ def without_sensors(
     if unread:
         some = ", ".join(f"{one.name} ({one.type} as {packing})" for one, packing in unread[:6])
         some += ", ..." if len(unread) > 6 else ""
-        remedy += f"; not read: {some}; expected ros1, cdr, or json of ROS's or Foxglove's types"
+        remedy += f"; not read: {some}; expected ros1, cdr, json of ROS's or Foxglove's types, "
+        remedy += "or protobuf of Foxglove's"
     if encodings:
         remedy += f"; images with depths are {', '.join(DEPTH_ENCODINGS)}, or PNG of 16 bits and one channel"
     return f"{path}: no {SENSOR_NAMES} in it, found {held or 'none'}{remedy}"

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Points without a sensor: the smallest cells that hold one become occupied, and nothing becomes free.
+
+Strategy: points are rounded to cells, which are put into blocks. Each block becomes a map by way of a dense
+array, and these maps are added up in pairs, at last to the target: O(n log n) of n points, with room for one
+block.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree._native import _core
+
+if TYPE_CHECKING:
+    from ndtree._native._core import OccupancyMap
+
+#: Cells along an edge of a block, by dimension.
+_BLOCK = {2: 1024, 3: 128}
+_OCCUPIED, _UNKNOWN = 1, -1
+_REFINEMENTS = ("evidence", "paper", "fixed")
+
+
+@dataclass(frozen=True)
+class VoxelReport:
+    """As `InsertReport`, of points that were put into cells."""
+
+    beams: int
+    returned: int
+    invalid: int
+    updates: int
+    seconds: float
+    not_returned: int = 0
+    beyond_max_range: int = 0
+    splits: int = 0
+    merges: int = 0
+
+
+def voxelise(points: NDArray[np.floating[Any]], target: OccupancyMap) -> VoxelReport:
+    """Make the smallest cells of a map occupied that hold a point; the order of the points does not matter.
+
+    Parameters
+    ----------
+    points : ndarray of float, (n, dim)
+        In the map frame [m]. Points that are not finite are counted as invalid.
+    target : OccupancyMap
+        Of 2 children per axis.
+
+    Raises
+    ------
+    ValueError
+        If the map has another branching, or a point is too far away for its cells.
+    """
+    begin = time.perf_counter()
+    if target.branching != 2 or target.refinement not in _REFINEMENTS:
+        raise ValueError(
+            f"branching = {target.branching}, refinement = {target.refinement!r}: points without a sensor "
+            f"need a map with branching 2 and one of {', '.join(_REFINEMENTS)}"
+        )
+    size = float(target.options["min_cell_size"])
+    finite = np.isfinite(points).all(axis=1)
+    at = points[finite].astype(np.float64)
+    cells = np.floor(at / size)
+    cells -= cells * size > at  # The borders decide, as in the map: 17 cells of 0.1 m end beyond 1.7 m.
+    cells += (cells + 1) * size <= at
+    far = np.abs(cells).max(initial=0.0)
+    if far >= 2**30:
+        raise ValueError(
+            f"a point is {far * size:.4g} m from 0, expected less than 2**30 cells of {size:g} m"
+        )
+    keys = _distinct(cells.astype(np.int64))
+    blocks = keys // _BLOCK[target.dim]
+    starts = (
+        np.flatnonzero(np.concatenate([[True], (blocks[1:] != blocks[:-1]).any(axis=1)])) if len(keys) else []
+    )
+    made: list[tuple[int, OccupancyMap]] = []  # Maps of equal numbers of blocks are added up in pairs.
+    for first, last in zip(starts, [*starts[1:], len(keys)]):
+        made.append((1, _occupied(keys[first:last], size, target)))
+        while len(made) > 1 and made[-1][0] >= made[-2][0]:
+            (count, one), (more, other) = made.pop(), made.pop()
+            other.merge(one)
+            made.append((count + more, other))
+    for _, one in reversed(made):
+        if target.refinement != "fixed" and one.options["max_cell_size"] != target.options["max_cell_size"]:
+            raise ValueError(
+                f"max_cell_size = {target.options['max_cell_size']:g} m: points without a sensor need "
+                f"{one.options['max_cell_size']:g} m"
+            )
+        target.merge(one)
+    count = int(np.count_nonzero(finite))
+    return VoxelReport(
+        beams=len(points),
+        returned=count,
+        invalid=len(points) - count,
+        updates=len(keys),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _distinct(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Each cell once, those of a block one after the other."""
+    if not len(cells):
+        return cells
+    dim = cells.shape[1]
+    block = _BLOCK[dim]
+    lower = (cells.min(axis=0) // block) * block
+    blocks = [int(n) // block + 1 for n in cells.max(axis=0) - lower]
+    if np.prod([float(n) * block for n in blocks]) >= 2.0**62:
+        keys = np.unique(np.concatenate([cells // block, cells % block], axis=1), axis=0)
+        return keys[:, :dim] * block + keys[:, dim:]
+    shape = (*blocks, *[block] * dim)
+    inside = cells - lower
+    numbers = np.unique(np.ravel_multi_index((*(inside // block).T, *(inside % block).T), shape))
+    parts = np.stack(np.unravel_index(numbers, shape), axis=1)
+    return parts[:, :dim] * block + parts[:, dim:] + lower
+
+
+def _occupied(keys: NDArray[np.int64], size: float, like: OccupancyMap) -> OccupancyMap:
+    """A map with some cells of a block occupied, and the rest unknown."""
+    lower = keys.min(axis=0)
+    states = np.full(keys.max(axis=0) - lower + 1, _UNKNOWN, dtype=np.int8)
+    states[tuple((keys - lower).T)] = _OCCUPIED
+    made = _core.from_grid(states, lower * size, size, refinement=like.refinement)  # type: ignore[call-overload]
+    return made  # type: ignore[no-any-return]

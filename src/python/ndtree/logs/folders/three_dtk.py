@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Folders of 3DTK (slam6D): ``scan000.3d`` and ``scan000.pose``, in centimetres and a left-handed frame."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.logs.core.failures import one_line
+from ndtree.logs.core.plain_file import text_lines
+from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.folders.folder import FolderLog, number_in, stem_of
+from ndtree.logs.folders.text_clouds import text_points
+from ndtree.logs.poses.pose import Pose
+
+_SCAN = re.compile(r"scan\d+\.3d")
+#: The map has x ahead, y to the left and z up; 3DTK has x to the right, y up and z ahead.
+_MAP_FROM_3DTK = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+_METRES = 0.01
+
+
+class ThreeDtkLog(FolderLog):
+    """Scans with the poses that matching has found (``scan000.frames``, its last line), else those before it.
+
+    In ``scan000.pose`` are the position [cm] and three angles [deg], about x, y and z: the rotation is that
+    about x times that about y times that about z.
+    """
+
+    format = "3dtk"
+    may_be_cut_off = True
+
+    def __init__(self, source: Source) -> None:
+        names = sorted(
+            (name for name in source.names if _SCAN.fullmatch(name)),
+            key=lambda name: number_in(stem_of(name)) or 0,
+        )
+        super().__init__(source.path, [source.inside(name) for name in names])
+        stems = [os.path.splitext(file)[0] for file in self._files]
+        self._matched = [os.path.isfile(f"{stem}.frames") for stem in stems]
+        if any(self._matched):
+            self.notes.append(
+                f"{sum(self._matched)} of {len(stems)} poses are those of the matching, the last in .frames"
+            )
+
+    def _pose(self, i: int) -> Pose:
+        stem = os.path.splitext(self._files[i])[0]
+        rotation, position = _frames_in(f"{stem}.frames") if self._matched[i] else _pose_in(f"{stem}.pose")
+        turned = _MAP_FROM_3DTK @ rotation @ _MAP_FROM_3DTK.T
+        return Pose(turned, _METRES * (_MAP_FROM_3DTK @ position))
+
+    def _points(self, i: int) -> NDArray[np.floating]:
+        return _METRES * (text_points(self._files[i]) @ _MAP_FROM_3DTK.T)
+
+
+def _pose_in(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rows = [line.split() for _, line in text_lines(path) if line.strip()]
+    try:
+        position, degrees = ([float(field) for field in row] for row in rows)
+        if not (len(position) == len(degrees) == 3 and np.isfinite([*position, *degrees]).all()):
+            raise ValueError("not three finite numbers each")
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: expected a line with the position [cm], and one with three angles [deg] "
+            f"({one_line(error)})"
+        ) from None
+    (sx, cx), (sy, cy), (sz, cz) = ((math.sin(a), math.cos(a)) for a in map(math.radians, degrees))
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return about_x @ about_y @ about_z, np.array(position)
+
+
+def _frames_in(path: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The last matrix of the file: 16 numbers, column by column, and a number of its colour."""
+    last: list[str] = []
+    for _, line in text_lines(path):
+        last = line.split() or last
+    try:
+        matrix = np.array([float(field) for field in last[:16]]).reshape(4, 4).T
+        pose = Pose.from_matrix(matrix)
+    except ValueError as error:
+        raise ValueError(f"{path}: last line: expected 16 numbers of a matrix ({one_line(error)})") from None
+    return pose.rotation, pose.position
+
+
+def _recognises(source: Source) -> bool:
+    names = set(source.names)
+    return any(_SCAN.fullmatch(name) and f"{name[:-3]}.pose" in names for name in source.names)
+
+
+def _open(source: Source, *, dim: int | None = None) -> ThreeDtkLog:
+    require_dim(source, THREE_DTK, 3, dim)
+    return ThreeDtkLog(source)
+
+
+THREE_DTK = Format("3dtk", "a folder of 3DTK", _recognises, _open, stored_as="folder")

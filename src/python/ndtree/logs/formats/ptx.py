@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""PTX, as Leica's and other programs export registered scans: each with a grid of points and its pose."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.base.scan import Scan
+from ndtree.logs.core.log import Log
+from ndtree.logs.core.plain_file import PlainFile, open_plain
+from ndtree.logs.core.source import Format, Source, require_dim
+from ndtree.logs.poses.pose import Pose
+
+Floats = NDArray[np.float64]
+
+#: Lines before the points of a scan: columns, rows, position, three axes, and a matrix of four rows.
+_HEADER = (1, 1, 3, 3, 3, 3, 4, 4, 4, 4)
+#: Numbers of a point: x y z intensity, and colours or not.
+_POINT = (4, 7)
+_BLOCK = 1 << 16
+#: No scanner has more columns or rows.
+_MOST = 10**7
+
+
+class PtxLog(Log):
+    """The scans of a PTX, one of which is in memory at a time; points at 0 0 0 were not measured.
+
+    The matrix moves the points to the map, and the scanner is where it moves 0 0 0. Where it changes nothing,
+    the points are in the map's frame already, and the scanner is at the position that the header names.
+    """
+
+    format = "ptx"
+    knows_no_returns = False  # Points at 0 0 0 do not say where their beams went.
+    path: str
+    _place = 0
+
+    def __init__(self, path: str) -> None:
+        super().__init__(path, dim=3)
+
+    def _scans(self) -> Iterator[Scan]:
+        with open_plain(self.path) as file:
+            lines = iter(file)
+            number = 0
+            while (header := _header(file, lines)) is not None:
+                count, pose, moves = header
+                try:
+                    points = self._points(file, lines, count)
+                except ValueError as error:
+                    self._skip("damaged scans", ValueError(f"{error} (scan {number})"))
+                    return
+                self._place = file.place
+                number += 1
+                yield Scan(pose.apply(points), pose.position) if moves else Scan(points, pose.position)
+
+    def _points(self, file: PlainFile, lines: Iterator[bytes], count: int) -> Floats:
+        """Points of a scan that were measured, in its own frame."""
+        parts = [np.empty((0, 3))]
+        left, width = count, 0
+        while left:
+            begin = file.line + 1
+            block = list(islice(lines, min(left, _BLOCK)))
+            if not block:
+                raise ValueError(
+                    f"{self.path}: ends behind {count - left} points, expected {count} as its header says"
+                )
+            width = width or len(block[0].split())
+            if width not in _POINT:
+                raise _wrong(self.path, begin, block[0], "x y z intensity of a point, with r g b or not")
+            table = _table(block, width)
+            if table is None:
+                at = next((i for i, line in enumerate(block) if _table([line], width) is None), 0)
+                raise _wrong(self.path, begin + at, block[at], f"{width} numbers of a point")
+            xyz = table[:, :3]
+            parts.append(xyz[(xyz != 0).any(axis=1)])
+            left -= len(block)
+        return np.concatenate(parts)
+
+    @property
+    def share_read(self) -> float | None:
+        """By the place in the file."""
+        return min(1.0, self._place / max(os.path.getsize(self.path), 1))
+
+
+def _header(file: PlainFile, lines: Iterator[bytes]) -> tuple[int, Pose, bool] | None:
+    """Number of points and pose of the next scan, and whether it moves them; None at the end of the file."""
+    rows: list[list[float]] = []
+    for expected in _HEADER:
+        line = next((line for line in lines if line.strip()), None)
+        if line is None:
+            if not rows:
+                return None
+            raise ValueError(f"{file.path}: ends within the header of a scan, expected {len(_HEADER)} lines")
+        table = _table([line], expected)
+        if table is None:
+            raise _wrong(file.path, file.line, line, f"{expected} numbers of the header of a scan")
+        rows.append(table[0].tolist())
+    columns, count = rows[0][0], rows[1][0]
+    for name, value in (("columns", columns), ("rows", count)):
+        if not 0 <= value <= _MOST or value != int(value):
+            raise ValueError(
+                f"{file.path}: line {file.line}: {value:g} {name}, expected a whole number of them"
+            )
+    matrix = np.array(rows[6:])
+    if not np.isfinite(matrix).all() or not np.isfinite(rows[2]).all():
+        raise ValueError(f"{file.path}: line {file.line}: the pose of a scan is not finite")
+    if np.abs(matrix[:, 3] - (0, 0, 0, 1)).max() > 1e-6:
+        raise ValueError(
+            f"{file.path}: line {file.line}: the last column of the matrix is {matrix[:, 3].tolist()}, "
+            "expected 0 0 0 1"
+        )
+    moves = not np.array_equal(matrix, np.eye(4))
+    try:
+        pose = Pose.from_matrix(matrix.T)
+    except ValueError as error:
+        raise ValueError(f"{file.path}: line {file.line}: {error}") from None
+    if not moves:
+        pose = Pose(np.eye(3), np.array(rows[2]))
+    return int(columns) * int(count), pose, moves
+
+
+def _table(lines: list[bytes], width: int) -> Floats | None:
+    """(n, width) numbers of some lines; None where they are others."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            table = np.loadtxt(lines, comments=None, ndmin=2, dtype=np.float64)
+    except (ValueError, UserWarning):
+        return None
+    return table if table.shape == (len(lines), width) else None
+
+
+def _wrong(path: str, number: int, line: bytes, expected: str) -> ValueError:
+    found = line.strip()[:40].decode("utf-8", "replace")
+    return ValueError(f"{path}: line {number}: found {found!r}, expected {expected}")
+
+
+def _recognises(source: Source) -> bool:
+    if b"\0" in source.head:
+        return False
+    lines = [line.split() for line in source.head.splitlines()[:14] if line.strip()]
+    if tuple(len(fields) for fields in lines[:10]) != _HEADER or not all(f[0].isdigit() for f in lines[:2]):
+        return False
+    return len(lines) < 11 or len(lines[10]) in _POINT
+
+
+def _open(source: Source, *, dim: int | None = None) -> PtxLog:
+    require_dim(source, PTX, 3, dim)
+    return PtxLog(source.path)
+
+
+PTX = Format("ptx", "a PTX of registered scans", _recognises, _open)

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files that are no log are named by their kind, with what helps; missing libraries by their extra."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import struct
+import subprocess
+import sys
+import tarfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rooms
+
+from ndtree.logs import NotALog, read
+
+
+def tar(path: Path) -> None:
+    with tarfile.open(path, "w:gz") as archive:
+        entry = tarfile.TarInfo("a.txt")
+        entry.size = 5
+        archive.addfile(entry, io.BytesIO(b"hello"))
+
+
+def save(content: bytes) -> Callable[[Path], None]:
+    return lambda path: path.write_bytes(content) and None
+
+
+#: By the name of a file: its content, its kind, and what helps.
+FILES: dict[str, tuple[Callable[[Path], None], str, str]] = {
+    "a.png": (save(b"\x89PNG\r\n\x1a\n" + bytes(20)), "a PNG image", "ndtree map FOLDER"),
+    "a.jpg": (save(b"\xff\xd8\xff\xe0" + bytes(20)), "a JPEG image", "ndtree map FOLDER"),
+    "a.pdf": (save(b"%PDF-1.4\n%\xe2\xe3\n\0"), "a PDF", ""),
+    "a.tar.gz": (tar, "an archive of tar", "tar xf "),
+    "a.xz": (save(b"\xfd7zXZ\0" + bytes(20)), "a file packed by xz", "xz -dk "),
+    "a.h5": (save(b"\x89HDF\r\n\x1a\n" + bytes(20)), "an HDF5", "npz"),
+    "a.npy": (lambda path: np.save(path, np.zeros((3, 3))), "an array of NumPy", "npz"),
+    "a.ulg": (save(b"ULog\x01\x12\x35" + bytes(20)), "a PX4 or other ULog", "--trajectory"),
+    "a.osf": (save(struct.pack("<II", 20, 0) + b"OSF!" + bytes(20)), "a recording of Ouster", "ouster-cli"),
+    "a.lvx": (save(b"livox_tech" + bytes(20)), "a recording of Livox Viewer", "livox_ros_driver"),
+    "a.fls": (save(b"\xd0\xcf\x11\xe0" + bytes(20)), "a scan of FARO", "E57 or PTX from SCENE"),
+    "a.zfs": (save(bytes(20)), "a scan of Zoller", "E57 or PTX"),
+    "a.rcp": (save(b"<?xml version='1.0'?><a/>"), "a project of Autodesk ReCap", "E57"),
+    "a.glb": (save(b"glTF" + bytes(20)), r"a mesh \(glTF\)", "PLY"),
+    "a.stl": (save(bytes(84)), r"a mesh \(STL\)", "PLY"),
+    "a.txt": (save("\ufeff1 2 3\n".encode("utf-16-le")), "text in UTF-16", "iconv -f UTF-16 -t UTF-8 "),
+    "a.pbstream": (save(b"\xdb\x01\xf5\x5b\x7b\x1f\x1d\x7b"), "a state of Cartographer", "--traj"),
+    "a.json": (save(b'{"scans": [1, 2]}'), "text in JSON", ""),
+    "a.xml": (save(b"<?xml version='1.0'?>\n<robot name='a'/>"), r"text in XML \(robot\)", ""),
+    "imu.csv": (save(b"time,ax,ay,az\n1,2,3,4\n"), "a table with columns time, ax, ay, az", "x, y and z"),
+    "a.md": (save(b"# A page\n\nHello, world.\n"), r"text \(\.md\)", ""),
+    "a": (save(b"\x7fELF" + bytes(20)), "a program", ""),
+    "graph.g2o": (save(b"VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0 0\n"), "a trajectory", "--trajectory "),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_are_named_by_their_kind_with_what_helps(name: str, tmp_path: Path) -> None:
+    write, kind, help = FILES[name]
+    write(tmp_path / name)
+    with pytest.raises(NotALog, match=rf"^{tmp_path / name}: {kind}.*{help}") as caught:
+        read(tmp_path / name)
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 200 + len(str(tmp_path)) * 2
+
+
+def test_packed_files_are_named_by_what_is_in_them(tmp_path: Path) -> None:
+    (tmp_path / "a.png.gz").write_bytes(gzip.compress(b"\x89PNG\r\n\x1a\n" + bytes(20)))
+    with pytest.raises(NotALog, match="a PNG image"):
+        read(tmp_path / "a.png.gz")
+
+
+def test_folders_are_named_by_what_is_in_them(tmp_path: Path) -> None:
+    for name in ("a.ptx", "b.ptx"):
+        (tmp_path / name).write_text("1\n")
+    with pytest.raises(NotALog, match=r"a folder with 2 \.ptx files; try ndtree map .*/\*\.ptx --merge"):
+        read(tmp_path)
+    pictures = tmp_path / "pictures"
+    pictures.mkdir()
+    for name in ("1.png", "2.png"):
+        (pictures / name).write_bytes(b"\x89PNG\r\n\x1a\n")
+    with pytest.raises(NotALog, match=r"a folder with 2 images, without poses; try ndtree map FOLDER"):
+        read(pictures)
+
+
+def ndtree(*arguments: str | Path) -> tuple[int, list[str], list[str]]:
+    done = subprocess.run(
+        [sys.executable, "-m", "ndtree", *map(str, arguments)], capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout.splitlines(), done.stderr.splitlines()
+
+
+def test_info_says_what_a_file_is_and_what_to_type(tmp_path: Path) -> None:
+    pytest.importorskip("typer", reason="no typer: no command line")
+    rooms.as_text(tmp_path / "hall.xyz", rooms.scanned(1, 100)[0].in_map)
+    status, said, wrong = ndtree("info", tmp_path / "hall.xyz")
+    assert (status, wrong) == (0, [])
+    assert said[0] == f"{tmp_path}/hall.xyz: points in text without a pose"
+    assert said[1].startswith("  100 points from (-3.03, -2.54, -1.23) to ")
+    assert said[2] == f"  try ndtree map {tmp_path}/hall.xyz --points-only (occupied cells alone)"
+    assert "  try --origin-of-scan X,Y,Z (all measured from one place)" in said
+    status, said, _ = ndtree("info", tmp_path / "hall.xyz", "--json", "-")
+    figures = json.loads("\n".join(said))
+    assert status == 0 and figures["points"] == 100 and figures["kind"] == "points in text without a pose"
+    status, said, wrong = ndtree("map", tmp_path / "hall.xyz", "-o", tmp_path / "a.ndt")
+    assert (status, said, len(wrong)) == (1, [], 1)
+    assert "--points-only" in wrong[0]
+
+
+def test_points_only_are_mapped_by_the_command_line(tmp_path: Path) -> None:
+    pytest.importorskip("typer", reason="no typer: no command line")
+    import ndtree as package
+
+    points = rooms.scanned(1, 100)[0].in_map
+    rooms.as_text(tmp_path / "hall.xyz", points)
+    status, _, wrong = ndtree("map", tmp_path / "hall.xyz", "--points-only", "-o", tmp_path / "a.ndt")
+    assert (status, wrong) == (0, [])
+    made = package.load(tmp_path / "a.ndt")
+    assert (made.state(points.round(6)) == 1).all() and not (made.leaves().state == 0).any()
+    status, said, _ = ndtree(
+        "map", tmp_path / "hall.xyz", "--points-only", "--range-sigma", "0.06", "-o", tmp_path / "b.ndt"
+    )
+    assert status == 0 and any("cells of 0.12 m" in line for line in said), "twice the noise"
+    refused = {
+        (
+            "map",
+            tmp_path / "hall.xyz",
+            "--points-only",
+            "-o",
+            tmp_path / "a.tiles",
+        ): "maps in tiles need some",
+        ("map", tmp_path / "hall.xyz", "--points-only", "--max-cell-size", "0.4"): "max_cell_size = 0.4 m",
+        ("map", tmp_path / "hall.xyz", "--points-only", "--origin-of-scan", "0,0,0"): "expected one of them",
+    }
+    for arguments, expected in refused.items():
+        status, _, wrong = ndtree(*arguments)
+        assert status in (1, 2) and len(wrong) == 1 and expected in wrong[0], wrong
+
+
+LIBRARIES = {
+    "pye57": (lambda folder: save(b"ASTM-E57" + bytes(60))(folder / "a") or folder / "a", "e57", {}),
+    "velodyne_decoder": (
+        lambda folder: rooms.pcap(
+            folder / "a",
+            [(rooms.START, rooms.udp(rooms.velodyne_packets(lambda stamp: np.eye(4), 1)[0][1], 2368))],
+        ),
+        "velodyne",
+        {"still": True},
+    ),
+}
+
+
+@pytest.mark.parametrize("library", LIBRARIES)
+def test_a_library_that_is_not_there_is_named_with_its_extra(
+    library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, extra, options = LIBRARIES[library]
+    path = write(tmp_path)
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ImportError, match=rf"pip install 'ndtree-mapping\[{extra}\]'") as caught:
+        list(read(path, **options))
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Points in text: whatever the separators, headers and marks around them, they are those written."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ndtree.logs import NotALog, read
+from ndtree.logs.folders import text_clouds
+from ndtree.logs.folders.text_clouds import columns_of, text_points
+
+hypothesis = pytest.importorskip("hypothesis")
+st = hypothesis.strategies
+
+numbers = st.floats(-1e6, 1e6, allow_nan=False).map(lambda value: round(value, 4))
+points = st.lists(st.tuples(numbers, numbers, numbers), min_size=1, max_size=30)
+#: Separator, and whether commas are decimal points.
+separators = st.sampled_from(
+    [(" ", False), ("\t", False), (",", False), (", ", False), (";", False), (";", True), ("\t", True)]
+)
+#: Lines before the points, for commas or not.
+headers = st.sampled_from(
+    ["", "# made by a program", "// x y z", "x{0}y{0}z", "X{0}Y{0}Z{0}Intensity", "scan of a hall", "12"]
+)
+extras = st.sampled_from([(), ("7",), ("12", "250", "3"), ("0.5", "12", "250", "3")])
+
+
+@hypothesis.settings(max_examples=200, deadline=None, suppress_health_check=list(hypothesis.HealthCheck))
+@hypothesis.given(
+    rows=points, how=separators, header=headers, extra=extras, mark=st.booleans(), blank=st.booleans(),
+    end=st.sampled_from(["\n", "\r\n"]),
+)  # fmt: skip
+def test_points_are_read_as_they_were_written(
+    rows: list[tuple[float, float, float]], how: tuple[str, bool], header: str, extra: tuple[str, ...],
+    mark: bool, end: str, blank: bool, tmp_path_factory: pytest.TempPathFactory,
+) -> None:  # fmt: skip
+    separator, decimal_comma = how
+    lines = [header.format(separator)] if header else []
+    if "Intensity" in header and not extra:
+        extra = ("7",)
+    for row in rows:
+        fields = [f"{value:.4f}" for value in row]
+        if decimal_comma:
+            fields = [field.replace(".", ",") for field in fields]
+        lines.append(
+            separator.join([*fields, *(one.replace(".", ",") if decimal_comma else one for one in extra)])
+        )
+        lines += [""] * blank
+    path = tmp_path_factory.mktemp("text") / "a.xyz"
+    path.write_bytes((b"\xef\xbb\xbf" if mark else b"") + end.join([*lines, ""]).encode())
+    np.testing.assert_array_equal(text_points(str(path)), np.round(rows, 4))
+
+
+def test_columns_are_those_that_a_header_names() -> None:
+    cases = {
+        b"timestamp,x,y,z,intensity\n1,2,3,4,5\n": (1, 2, 3),
+        b"z;y;x\n1;2;3\n": (2, 1, 0),
+        b'"Points:0","Points:1","x","y","z"\n9,9,1,2,3\n': (2, 3, 4),
+        b"//X,Y,Z,R,G,B\n1,2,3,4,5,6\n": (0, 1, 2),
+        b"id easting northing elevation\n1 2 3 4\n": (1, 2, 3),
+        b"name,pos_x,pos_y,pos_z\nwall,2,3,4\n": (1, 2, 3),
+        b"x [m], y [m], z [m]\n1, 2, 3\n": (0, 1, 2),
+        b"x [m] y [m] z [m]\n1 2 3\n": (0, 1, 2),
+        b"time (s) x (m) y (m) z (m)\n1 2 3 4\n": (1, 2, 3),
+        b"# points x y z of the hall\n1 2 3\n": (0, 1, 2),
+        b"# RANGE (mm), X1 (m), Y1 (m), Z1 (m), X2 (m)\n9, 1, 2, 3, 0\n": (1, 2, 3),
+        b"a,b,c\n1,2,3\n": (0, 1, 2),
+    }
+    for text, expected in cases.items():
+        columns = columns_of(text.splitlines())
+        assert columns is not None and columns.xyz == expected, text
+    for text in (b"id x y z\n1 2 3\n", b"", b"hello\n", b"1 2\n3 4\n", b"a b c\nd e f\n", b"x y z\n"):
+        assert columns_of(text.splitlines()) is None, text
+
+
+def test_units_that_a_header_names_count(tmp_path: Path) -> None:
+    for unit, metres in (("mm", 0.001), ("cm", 0.01), ("m", 1.0), ("furlong", 1.0)):
+        (tmp_path / "a.csv").write_text(f"x [{unit}], y [{unit}], z [{unit}]\n1, 2, 3\n")
+        np.testing.assert_allclose(text_points(str(tmp_path / "a.csv")), [[metres, 2 * metres, 3 * metres]])
+
+
+def test_what_was_not_measured_is_nan(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("x,y,z\n1,2,3\n,,\nnan,nan,nan\n4,5,inf\n")
+    found = text_points(str(tmp_path / "a.csv"))
+    np.testing.assert_array_equal(found, [[1, 2, 3], [math.nan] * 3, [math.nan] * 3, [4, 5, math.inf]])
+    (scan,) = read(tmp_path / "a.csv", points_only=True)
+    assert len(scan) == 4
+
+
+def test_counts_of_several_clouds_in_a_pts_are_no_points(tmp_path: Path) -> None:
+    (tmp_path / "a.pts").write_text("2\n1 2 3 0\n4 5 6 0\n1\n7 8 9 0\n")
+    np.testing.assert_array_equal(text_points(str(tmp_path / "a.pts")), [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
+
+
+@pytest.mark.parametrize("number", [3, 60, 70_000])
+def test_a_line_at_fault_is_named(number: int, tmp_path: Path) -> None:
+    """In the first lines, in the first block and behind it; fields of other lines do not make up for it."""
+    lines = ["1 2 3"] * (number + 2)
+    lines[number - 1] = "1 2"
+    lines[number] = "1 2 3 4"
+    (tmp_path / "a.xyz").write_text("\n".join(lines) + "\n")
+    with pytest.raises(ValueError, match=rf"a\.xyz: line {number}: found '1 2', expected x y z of a point"):
+        text_points(str(tmp_path / "a.xyz"))
+
+
+def test_many_lines_are_parsed_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = np.random.default_rng(0).normal(size=(1000, 4)).round(5)
+    np.savetxt(tmp_path / "a.csv", rows, fmt="%.5f", delimiter=",", header="x,y,z,i", comments="")
+    slow = text_points(str(tmp_path / "a.csv"))
+    monkeypatch.setattr(
+        text_clouds, "_values", None
+    )  # What reads line by line is not called behind the first.
+    with pytest.raises(TypeError):
+        text_points(str(tmp_path / "a.csv"))
+    np.testing.assert_array_equal(slow, rows[:, :3])
+
+
+def test_beams_and_poses_are_not_taken_for_points(tmp_path: Path) -> None:
+    (tmp_path / "beams.txt").write_text("".join(f"0 0 1 {i} 5 1\n" for i in range(20)))
+    assert read(tmp_path / "beams.txt").format == "text"
+    (tmp_path / "track.txt").write_text("1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n")
+    with pytest.raises(
+        NotALog, match=r"track\.txt: a trajectory, poses with times; try ndtree map LOG --traj"
+    ):
+        read(tmp_path / "track.txt")
+    (tmp_path / "heights.asc").write_text("ncols 3\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 2 3\n")
+    with pytest.raises(NotALog, match="a grid of heights"):
+        read(tmp_path / "heights.asc")
