@@ -49,6 +49,23 @@ class SimulatedLog(SizedLog):
             raise IndexError(f"scan {i}: the log has {len(self)}")
         return Scan(*self._simulation.scan(i % len(self)))
 
+    def moved(self, i: int) -> NDArray[np.bool_]:
+        """Which beams of scan i returned from something that moves, exactly.
+
+        Parameters
+        ----------
+        i : int
+            Number of the scan.
+
+        Returns
+        -------
+        ndarray of bool, (n,)
+            False for beams that returned from nowhere, as outliers do.
+        """
+        if not -len(self) <= i < len(self):
+            raise IndexError(f"scan {i}: the log has {len(self)}")
+        return self._simulation.moved(i % len(self))
+
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Whether points are inside something solid, or on its surface.
 
@@ -126,7 +143,8 @@ def simulate(
         Number of scans, spread evenly along the way. Left out: as many as the world suggests.
     **options
         As in `ndtree.typing.SimulationOptions`: ``noise_scale``, ``outlier_rate``, ``no_return_rate``,
-        ``position_sigma`` [m], ``heading_sigma`` [rad], ``yaw`` [rad].
+        ``position_sigma`` [m], ``heading_sigma`` [rad], ``yaw`` [rad]; and how many move: ``people``, the
+        first of whom walks ahead of the sensor, ``doors`` of the office, and ``cars`` of the street.
 
     Returns
     -------
