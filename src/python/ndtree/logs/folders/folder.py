@@ -45,6 +45,7 @@ class FolderLog(SizedLog):
     def __init__(self, path: str, files: Sequence[str]) -> None:
         super().__init__(path, dim=3)
         self._files = files
+        self.file: str | None = None  # Of the scan that was read last.
 
     def __len__(self) -> int:
         return len(self._files)
@@ -70,6 +71,7 @@ class FolderLog(SizedLog):
             except (ValueError, OSError) as error:
                 self._skip("damaged scans", error)
                 continue
+            self.file = self._files[i]
             yield Scan(self._in_map(points, T_map_sensor), T_map_sensor.position, stamp=self._stamp(i))
 
     def _found_cut_off(self) -> CutOff | None:
