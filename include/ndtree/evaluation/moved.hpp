@@ -70,7 +70,11 @@ template <int D>
 class MovedEvidence {
  public:
   /// @throws std::invalid_argument as MovedOptions::validate().
-  explicit MovedEvidence(const MovedOptions& options) : options_(options) { options.validate(); }
+  explicit MovedEvidence(const MovedOptions& options) : options_(options), known_(kKnown * kKnown) {
+    options.validate();
+    for (std::uint32_t v = 0; v < kKnown; ++v)
+      for (std::uint32_t h = 0; h < kKnown; ++h) known_[v * kKnown + h] = probability(v, h);
+  }
 
   /// The first pass: where returned beams end. Beams of a length of 0, longer than `max_range` or with a
   /// number that is not finite have no end point. O(beams).
@@ -83,17 +87,20 @@ class MovedEvidence {
   void look(const ScanView<D>& scan, double max_range = std::numeric_limits<double>::infinity(),
             std::size_t threads = 1);
 
-  /// That what returned at points was not part of what stands; 0.5 where no beam ended. O(n + cells).
+  /// That what returned at points was not part of what stands; 0.5 where no beam ended. O(n).
   void probabilities(const double* points, std::size_t n, float* out) const {
-    std::vector<float> of_cell(cells_.size());
-    for_each_paced(cells_.size(), 8,
-                   [&](std::size_t i) { of_cell[i] = probability(cells_[i].through, cells_[i].hits); });
     typename CellNumbers<D>::Cursor cursor;
     for_each_paced(n, 2, [&](std::size_t i) {
       const std::uint32_t number = numbers_
                                        ? numbers_->find(Eigen::Map<const Vector<D>>(points + i * D), cursor)
                                        : CellNumbers<D>::kNone;
-      out[i] = number == CellNumbers<D>::kNone ? 0.5F : of_cell[number];
+      if (number == CellNumbers<D>::kNone) {
+        out[i] = 0.5F;
+        return;
+      }
+      const Cell& cell = cells_[number];
+      out[i] = cell.through < kKnown && cell.hits < kKnown ? known_[cell.through * kKnown + cell.hits]
+                                                           : probability(cell.through, cell.hits);
     });
   }
   /// Of a cell that `through` scans saw through, and in which `hits` found a surface.
@@ -111,6 +118,7 @@ class MovedEvidence {
  private:
   using Point = Eigen::Matrix<float, D, 1>;
   static constexpr std::size_t kFanOut = 8;
+  static constexpr std::uint32_t kKnown = 64;
 
   struct Cell {
     Point mean = Point::Zero();  // Of the points in it, relative to base_ [m].
@@ -143,6 +151,7 @@ class MovedEvidence {
   void visit(std::size_t level, std::size_t number);
 
   MovedOptions options_;
+  std::vector<float> known_;               // Probabilities of numbers of scans below kKnown.
   Vector<D> base_ = Vector<D>::Zero();     // Near the first end point, so that floats are exact enough.
   std::optional<CellNumbers<D>> numbers_;  // From the first end point on.
   std::vector<Cell> cells_;                // After plant() in the order of the tree.
@@ -276,17 +285,16 @@ void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
   const Point to_center = ball.center - origin_;
   float square = 0.0F;
   for (int k = 0; k < D; ++k) square = rounded(to_center[k] * to_center[k]) + square;
-  const float radius = ball.radius + ball.margin;
-  const float nearest = std::sqrt(square) - radius;
-  if (nearest > 0.0F && pyramid_.hides(ball.center, radius, nearest)) return;
+  const auto in_view =
+      static_cast<float>(0.25 * options_.cell_size + options_.noise_sigmas * options_.range_sigma);
+  const float nearest = std::sqrt(square) - ball.radius - ball.margin;
+  if (nearest > 0.0F && pyramid_.hides(ball.center, ball.radius + in_view, nearest)) return;
   if (level > 0) {
     const std::vector<Ball>& inner = balls_[level - 1];
     for (std::size_t i = kFanOut * number; i < std::min(kFanOut * (number + 1), inner.size()); ++i)
       visit(level - 1, i);
     return;
   }
-  const auto in_view =
-      static_cast<float>(0.5 * options_.cell_size + options_.noise_sigmas * options_.range_sigma);
   for (std::uint32_t i = ball.begin; i < ball.end; ++i) {
     Cell& cell = cells_[i];
     const Point way = cell.mean - origin_;

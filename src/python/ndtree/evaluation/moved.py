@@ -92,7 +92,8 @@ class MovedPoints:
     def probability(self, scan: Scan) -> NDArray[np.float32]:
         """That each point of a scan moved; 0.5 for beams that returned from nowhere."""
         answer = np.asarray(self._evidence.probability(scan.endpoints))
-        answer[~self.returned(scan)] = 0.5
+        if scan.returned is not None or self.max_range < np.inf:  # Else what did not return is in no cell.
+            answer[~self.returned(scan)] = 0.5
         return answer
 
     def moved(self, scan: Scan) -> NDArray[np.bool_]:
