@@ -239,7 +239,7 @@ def unpacked(path: str, header: PcdHeader, data: bytes) -> tuple[np.dtype[Any], 
     lengths = [kind.itemsize * count * header.points for kind, count in zip(header.types, counts)]
     starts = np.concatenate([[0], np.cumsum(lengths)]).tolist()
     return header.dtype(wanted.index(size)), [
-        np.frombuffer(content, kind, count=header.points * count, offset=starts[i]).reshape(header.points, count)
+        np.frombuffer(content, kind, header.points * count, starts[i]).reshape(header.points, count)
         for i, (kind, count) in enumerate(zip(header.types, counts))
     ]
 
