@@ -6,6 +6,7 @@
 
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
+#include "ndtree/evaluation/moved.hpp"
 #include "ndtree/fwd.hpp"
 #include "ndtree/io/coarser.hpp"
 #include "ndtree/io/dense_grid.hpp"

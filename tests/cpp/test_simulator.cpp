@@ -472,7 +472,8 @@ TEST(Sensors, TooNearIsNoMeasurement) {
   Shape<2> wall;
   wall.center << 0.2, 0.0;
   wall.half << 0.1, 5.0;
-  SimulatedLog<2> log{World<2>({wall}), ndtree::PlanarLaser{kPi, 3, {}}.directions(), {}, {}, perfect(1)};
+  SimulatedLog<2> log{
+      World<2>({wall}), ndtree::PlanarLaser{kPi, 3, {}}.directions(), {}, {}, perfect(1), {}, {}};
   log.T_map_sensor.push_back(SimulatedLog<2>::Pose::Identity());
   log.range.min_range = 0.15;
   const Scan<2> scan = log.scan(0);
@@ -535,6 +536,98 @@ TEST(Simulator, BrokenOptionsAreRefusedByName) {
   EXPECT_EQ(refusal(&S::azimuths, 0), "azimuths = 0: must be >= 1");
   EXPECT_EQ(refusal(&S::lowest, -2.0), "lowest = -2.0 rad: must be in [-pi / 2, pi / 2]");
   EXPECT_EQ(refusal(&S::highest, -1.0), "highest = -1.0 rad: must be in [lowest, pi / 2]");
+}
+
+/// Beams of some scans: those that moved end on something that moves, and the others as if nothing did.
+template <int D, class Simulate>
+void expect_exact_truth_of_what_moves(Simulate&& simulate, SimulationOptions options, int least) {
+  options.noise_scale = 0.0;
+  options.outlier_rate = 0.0;
+  options.no_return_rate = 0.0;
+  const SimulatedLog<D> log = simulate(options);
+  int moved = 0;
+  int stood = 0;
+  for (std::size_t i = 0; i < log.size(); ++i) {
+    const auto scan = log.scan(i);
+    const std::vector<bool> truth = log.moved(i);
+    ASSERT_EQ(truth.size(), static_cast<std::size_t>(scan.size()));
+    std::vector<Shape<D>> things;
+    for (const auto& thing : log.moving)
+      for (const auto& shape : thing.shapes(log.times[i], scan.origins.col(0))) things.push_back(shape);
+    for (Eigen::Index k = 0; k < scan.size(); k += 7) {
+      const Vector<D> end = scan.endpoints.col(k);
+      if (!end.allFinite() || !scan.returned[k]) continue;
+      const Vector<D> direction = (end - scan.origins.col(0)).normalized();
+      const double range = (end - scan.origins.col(0)).norm();
+      double nearest = std::numeric_limits<double>::infinity();
+      for (const auto& shape : things)
+        if (const auto d = shape.distance(scan.origins.col(0), direction)) nearest = std::min(nearest, *d);
+      const auto standing = log.world.distance(scan.origins.col(0), direction, log.range.max_range);
+      if (truth[static_cast<std::size_t>(k)]) {
+        EXPECT_NEAR(range, nearest, 1e-6);
+        EXPECT_TRUE(!standing || *standing >= range - 1e-6);
+        ++moved;
+      } else {
+        ASSERT_TRUE(standing);
+        EXPECT_NEAR(range, *standing, 1e-6);
+        ++stood;
+      }
+    }
+  }
+  EXPECT_GT(moved, least);
+  EXPECT_GT(stood, 10 * least);
+}
+
+TEST(Simulator, TruthOfWhatMovesIsExact) {
+  SimulationOptions options = perfect(120);
+  options.people = 6;
+  options.doors = 12;
+  expect_exact_truth_of_what_moves<2>([](const auto& o) { return ndtree::simulate_office(o); }, options, 200);
+  options = perfect(12);
+  options.people = 3;
+  expect_exact_truth_of_what_moves<3>([](const auto& o) { return ndtree::simulate_apartment(o); }, options,
+                                      200);
+  options = perfect(6);
+  options.people = 4;
+  options.cars = 6;
+  expect_exact_truth_of_what_moves<3>([](const auto& o) { return ndtree::simulate_street(o); }, options, 200);
+}
+
+TEST(Simulator, WhatMovesChangesNoOtherBeam) {
+  SimulationOptions options;
+  options.scans = 60;
+  const auto still = ndtree::simulate_office(options);
+  options.people = 5;
+  const auto moving = ndtree::simulate_office(options);
+  int same = 0;
+  int outliers = 0;
+  for (std::size_t i = 0; i < 60; ++i) {
+    const auto a = still.scan(i);
+    const auto b = moving.scan(i);
+    const auto truth = moving.moved(i);
+    EXPECT_EQ(still.moved(i), std::vector<bool>(truth.size(), false));
+    for (Eigen::Index k = 0; k < a.size(); ++k) {
+      const bool is_same = a.endpoints.col(k) == b.endpoints.col(k);
+      same += is_same ? 1 : 0;
+      if (is_same || truth[static_cast<std::size_t>(k)]) continue;
+      ++outliers;  // From before the nearest surface.
+    }
+    EXPECT_GE(b.stamp, i == 0 ? 0.0 : moving.times[i - 1]);
+  }
+  EXPECT_GT(same, 60 * 361 * 9 / 10);
+  EXPECT_LT(outliers, 60);
+}
+
+TEST(Simulator, WhatAWorldHasNotIsRefused) {
+  SimulationOptions options = perfect(2);
+  options.cars = 1;
+  EXPECT_THROW(ndtree::simulate_office(options), std::invalid_argument);
+  EXPECT_THROW(ndtree::simulate_apartment(options), std::invalid_argument);
+  options = perfect(2);
+  options.doors = 1;
+  EXPECT_THROW(ndtree::simulate_street(options), std::invalid_argument);
+  options.doors = ndtree::kOfficeDoors + 1;
+  EXPECT_THROW(ndtree::simulate_office(options), std::invalid_argument);
 }
 
 }  // namespace

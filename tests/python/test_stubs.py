@@ -202,7 +202,7 @@ def test_typed_options_are_those_of_the_maps():
     for name, expected in kinds.items():
         assert set(getattr(ndtree.typing, name).__annotations__) == expected, name
     for option in ndtree.typing.SimulationOptions.__annotations__:
-        ndtree.simulate("office", scans=2, **{option: 0.0})
+        ndtree.simulate("office", scans=2, **{option: 0})
 
 
 def test_a_strict_checker_accepts_what_is_right_and_sees_what_is_wrong():

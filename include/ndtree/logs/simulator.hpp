@@ -17,12 +17,14 @@
 #include "ndtree/core/random.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/logs/moving.hpp"
 #include "ndtree/logs/path.hpp"
 #include "ndtree/logs/sensors.hpp"
 #include "ndtree/logs/world.hpp"
 #include "ndtree/logs/worlds_apartment.hpp"
 #include "ndtree/logs/worlds_office.hpp"
 #include "ndtree/logs/worlds_street.hpp"
+#include "ndtree/logs/worlds_traffic.hpp"
 
 namespace ndtree {
 
@@ -37,6 +39,9 @@ struct SimulationOptions {
   double position_sigma = 0.0;    ///< Error of the stated sensor position, each horizontal axis and scan [m].
   double heading_sigma = 0.0;     ///< Error of the stated heading, each scan [rad].
   double yaw = 0.12;              ///< World to map [rad], so that no wall lies along the lattice.
+  std::size_t people = 0;         ///< That walk through the world, one of them ahead of the sensor.
+  std::size_t doors = 0;          ///< Of the office that open and close, at most kOfficeDoors.
+  std::size_t cars = 0;           ///< In the street that drive, one of them ahead of the sensor.
 
   /// @throws std::invalid_argument that names the first value out of its limits.
   void validate() const;
@@ -52,13 +57,26 @@ struct SimulatedLog {
   RangeModel range;
   std::vector<Pose> T_map_sensor;  ///< Where the sensor truly is, one a scan.
   SimulationOptions options;
+  std::vector<double> times;           ///< Of the scans [s]; empty where nothing moves.
+  std::vector<MovingThing<D>> moving;  ///< What is not part of the world, since it moves.
 
   /// Number of scans.
   [[nodiscard]] std::size_t size() const { return T_map_sensor.size(); }
 
   /// All beams in the sensor's order, none left out. A beam that measures nothing has `returned` false, and
   /// ends at the maximum range or in NaN as the range model says. i < size().
-  [[nodiscard]] Scan<D> scan(std::size_t i) const;
+  [[nodiscard]] Scan<D> scan(std::size_t i) const { return measured(i).scan; }
+
+  /// Whether each beam of a scan returned from something that moves: exact, by the nearest surface without
+  /// noise. A beam that returned from nowhere, as outliers do, did not.
+  [[nodiscard]] std::vector<bool> moved(std::size_t i) const { return measured(i).moved; }
+
+ private:
+  struct Measured {
+    Scan<D> scan;
+    std::vector<bool> moved;
+  };
+  [[nodiscard]] Measured measured(std::size_t i) const;
 };
 
 /// 26 m by 16 m with a corridor and eleven furnished rooms, cut at the height of a laser on a robot that
@@ -92,12 +110,14 @@ namespace detail {
 /// The range that the sensor gives: none where it measures nothing, below `min_range` where it cannot.
 /// Takes the same number of random numbers whatever happens, so that a setting changes only what it names.
 inline std::optional<double> measured_range(std::optional<double> truth, const RangeModel& range,
-                                            const SimulationOptions& options, Random& random) {
+                                            const SimulationOptions& options, Random& random,
+                                            bool& is_outlier) {
   const double fate = random.uniform();
   const double where = random.uniform();
   const double error = random.normal();
   if (fate < options.no_return_rate) return std::nullopt;
   if (fate < options.no_return_rate + options.outlier_rate) {
+    is_outlier = true;
     const double end = std::max(truth.value_or(range.max_range), range.min_range);
     return range.min_range + where * (end - range.min_range);
   }
@@ -127,19 +147,33 @@ Eigen::Transform<double, D, Eigen::Isometry> disturbed(
 }  // namespace detail
 
 template <int D>
-Scan<D> SimulatedLog<D>::scan(std::size_t i) const {
+typename SimulatedLog<D>::Measured SimulatedLog<D>::measured(std::size_t i) const {
   Random random(options.seed, i);
   const Pose& pose = T_map_sensor.at(i);
   const Pose stated = detail::disturbed<D>(pose, options, random);
   const Vector<D> origin = pose.translation();
-  Scan<D> scan;
+  Measured both;
+  Scan<D>& scan = both.scan;
+  std::vector<Shape<D>> things;
+  const double time = times.empty() ? 0.0 : times.at(i);
+  for (const MovingThing<D>& thing : moving) {
+    const std::vector<Shape<D>> placed = thing.shapes(time, origin);
+    things.insert(things.end(), placed.begin(), placed.end());
+  }
+  const World<D> now(std::move(things));
+  scan.stamp = time;
+  both.moved.assign(static_cast<std::size_t>(directions.cols()), false);
   scan.origins = stated.translation();
   scan.endpoints.resize(D, directions.cols());
   scan.returned.resize(directions.cols());
   for (Eigen::Index k = 0; k < directions.cols(); ++k) {
     const Vector<D> direction = pose.linear() * directions.col(k);
-    const std::optional<double> truth = world.distance(origin, direction, range.max_range);
-    const std::optional<double> measured = detail::measured_range(truth, range, options, random);
+    std::optional<double> truth = world.distance(origin, direction, range.max_range);
+    const std::optional<double> before = now.distance(origin, direction, truth.value_or(range.max_range));
+    if (before) truth = before;
+    bool is_outlier = false;
+    const std::optional<double> measured = detail::measured_range(truth, range, options, random, is_outlier);
+    both.moved[static_cast<std::size_t>(k)] = before && measured && !is_outlier;
     const bool too_near = measured && *measured < range.min_range;
     scan.returned[k] = measured && !too_near;
     if (too_near || (!measured && range.no_echo == NoEcho::no_measurement))
@@ -147,16 +181,57 @@ Scan<D> SimulatedLog<D>::scan(std::size_t i) const {
     else
       scan.endpoints.col(k) = stated * Vector<D>(measured.value_or(range.max_range) * directions.col(k));
   }
-  return scan;
+  return both;
 }
+
+namespace detail {
+
+/// When the sensor is where, at a speed [m/s] at which a turn by one radian is as long as `turn_length` [m];
+/// the same for any number of scans.
+inline SensorTrack timed(const std::vector<Waypoint>& path, const std::vector<PlanarPose>& poses,
+                         double turn_length, double speed, double& duration) {
+  constexpr std::size_t fine = 5000;
+  double length = 0.0;
+  const std::vector<PlanarPose> way = drive(path, fine, turn_length);
+  for (std::size_t i = 1; i < fine; ++i)
+    length += std::hypot(way[i].x - way[i - 1].x, way[i].y - way[i - 1].y) +
+              turn_length * std::abs(way[i].heading - way[i - 1].heading);
+  duration = length / speed;
+  SensorTrack track{poses, {}};
+  for (std::size_t i = 0; i < poses.size(); ++i)
+    track.times.push_back(duration * (static_cast<double>(i) + 0.5) / static_cast<double>(poses.size()));
+  return track;
+}
+
+inline void refuse(std::size_t count, const char* name, const char* world) {
+  if (count > 0)
+    throw std::invalid_argument(std::string(name) + " = " + std::to_string(count) + ": must be 0 in the " +
+                                world);
+}
+
+}  // namespace detail
 
 inline SimulatedLog<2> simulate_office(const SimulationOptions& options, const PlanarLaser& laser) {
   constexpr double turn_length = 0.35;
   options.validate();
   laser.validate();
-  Scene<2> scene = office_scene(options.yaw);
-  SimulatedLog<2> log{World<2>(std::move(scene.shapes)), laser.directions(), laser.range, {}, options};
-  for (const PlanarPose& at : drive(scene.path, options.scans.value_or(720), turn_length)) {
+  detail::refuse(options.cars, "cars", "office");
+  if (options.doors > kOfficeDoors)
+    throw std::invalid_argument("doors = " + std::to_string(options.doors) + ": must be at most " +
+                                std::to_string(kOfficeDoors) + ", which the office has");
+  Scene<2> scene = office_scene(options.yaw, options.doors);
+  SimulatedLog<2> log{
+      World<2>(std::move(scene.shapes)), laser.directions(), laser.range, {}, options, {}, {}};
+  const std::vector<PlanarPose> path = drive(scene.path, options.scans.value_or(720), turn_length);
+  if (options.people + options.doors > 0) {
+    double duration = 0.0;
+    const SensorTrack track = detail::timed(scene.path, path, turn_length, 0.8, duration);
+    log.times = track.times;
+    log.moving = walking_people<2>(scene.path, track, options.people, duration, options.seed);
+    for (MovingThing<2>& door : office_doors(options.yaw, track, options.doors, duration, options.seed))
+      log.moving.push_back(std::move(door));
+  }
+  for (const PlanarPose& at : path) {
     Eigen::Isometry2d pose(Eigen::Rotation2Dd(at.heading));
     pose.translation() << at.x, at.y;
     log.T_map_sensor.push_back(pose);
@@ -169,9 +244,18 @@ inline SimulatedLog<3> simulate_apartment(const SimulationOptions& options, cons
   constexpr double eye_height = 1.4;
   options.validate();
   camera.validate();
+  detail::refuse(options.cars, "cars", "apartment");
+  detail::refuse(options.doors, "doors", "apartment");
   Scene<3> scene = apartment_scene(options.yaw);
-  SimulatedLog<3> log{World<3>(std::move(scene.shapes)), camera.directions(), camera.range, {}, options};
+  SimulatedLog<3> log{
+      World<3>(std::move(scene.shapes)), camera.directions(), camera.range, {}, options, {}, {}};
   const std::vector<PlanarPose> path = drive(scene.path, options.scans.value_or(300), turn_length);
+  if (options.people > 0) {
+    double duration = 0.0;
+    const SensorTrack track = detail::timed(scene.path, path, turn_length, 0.5, duration);
+    log.times = track.times;
+    log.moving = walking_people<3>(scene.path, track, options.people, duration, options.seed);
+  }
   for (std::size_t i = 0; i < path.size(); ++i) {
     // Nods 31 times on the whole way, and sways a little: never twice the same view.
     const double phase =
@@ -194,9 +278,18 @@ inline SimulatedLog<3> simulate_street(const SimulationOptions& options, const R
   constexpr double mount_height = 1.8;
   options.validate();
   lidar.validate();
+  detail::refuse(options.doors, "doors", "street");
   Scene<3> scene = street_scene(options.yaw);
-  SimulatedLog<3> log{World<3>(std::move(scene.shapes)), lidar.directions(), lidar.range, {}, options};
-  for (const PlanarPose& at : drive(scene.path, options.scans.value_or(80), turn_length)) {
+  SimulatedLog<3> log{
+      World<3>(std::move(scene.shapes)), lidar.directions(), lidar.range, {}, options, {}, {}};
+  const std::vector<PlanarPose> path = drive(scene.path, options.scans.value_or(80), turn_length);
+  if (options.people + options.cars > 0) {
+    double duration = 0.0;
+    const SensorTrack track = detail::timed(scene.path, path, turn_length, 8.0, duration);
+    log.times = track.times;
+    log.moving = street_traffic(options.yaw, track, options.people, options.cars, duration, options.seed);
+  }
+  for (const PlanarPose& at : path) {
     Eigen::Isometry3d pose(Eigen::AngleAxisd(at.heading, Vector<3>::UnitZ()));
     pose.translation() << at.x, at.y, mount_height;
     log.T_map_sensor.push_back(pose);

@@ -5,6 +5,7 @@
 
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <vector>
 
 #include "ndtree/core/types.hpp"
@@ -25,8 +26,12 @@ inline std::vector<Box<2>> office_rooms() {
           {{14.57, 9.07}, {17.43, 15.7}}, {{17.57, 9.07}, {21.63, 15.7}}, {{21.77, 9.07}, {25.7, 15.7}}};
 }
 
-/// All solids and the way, turned by `yaw` [rad] about the map's origin.
-Scene<2> office_scene(double yaw);
+/// The doors between the corridor and the rooms.
+inline constexpr std::size_t kOfficeDoors = 12;
+
+/// All solids and the way, turned by `yaw` [rad] about the map's origin, without the leaves of the first
+/// `without_doors` doors, which then move.
+Scene<2> office_scene(double yaw, std::size_t without_doors = 0);
 
 namespace detail::office {
 
@@ -166,18 +171,37 @@ inline constexpr std::array kSouthDoors = {Door{3.30, 98.0},  Door{5.20, -105.0}
 inline constexpr std::array kNorthDoors = {Door{2.00, 94.0},  Door{7.40, -90.0},  Door{11.40, 100.0},
                                            Door{16.00, 86.0}, Door{18.60, 103.0}, Door{24.40, -97.0}};
 
-/// One side of the corridor. `inward` is +1 if its rooms lie towards +y, else -1.
-template <typename Doors>
-void add_corridor_wall(const Floor& floor, double y, double inward, const Doors& doors) {
+static_assert(kSouthDoors.size() + kNorthDoors.size() == kOfficeDoors);
+
+/// Where a door's leaf hangs in the office's own frame, and its headings there, open and closed [m, rad].
+struct Hinge {
+  double x;
+  double y;
+  double open;
+  double closed;
+};
+
+/// Of door i < kOfficeDoors: those of the south side from the west, then those of the north side.
+inline Hinge hinge_of(std::size_t i) {
   constexpr double radians = 0.017453292519943295;
+  constexpr double half_turn = 3.14159265358979324;
+  const bool south = i < kSouthDoors.size();
+  const Door& door = south ? kSouthDoors[i] : kNorthDoors[i - kSouthDoors.size()];
+  const double inward = south ? -1.0 : 1.0;
+  const double side = door.degrees > 0.0 ? 1.0 : -1.0;
+  const double closed = side > 0.0 ? 0.0 : half_turn;
+  const double open = inward * side * std::abs(door.degrees) * radians + closed;
+  return {door.x - side * 0.5 * kDoorWidth, (south ? kSouthWall : kNorthWall) + 0.09 * inward, open, closed};
+}
+
+/// From its hinge along x.
+inline void door_leaf(const Floor& floor) { floor.block(0.46, 0.0, 0.90, 0.04); }
+
+/// One side of the corridor, with its doorways.
+template <typename Doors>
+void add_corridor_wall(const Floor& floor, double y, const Doors& doors) {
   std::vector<Opening> openings;
-  for (const Door& door : doors) {
-    openings.push_back({door.x - 0.5 * kDoorWidth, door.x + 0.5 * kDoorWidth});
-    const double side = door.degrees > 0.0 ? 1.0 : -1.0;
-    const double angle =
-        inward * side * std::abs(door.degrees) * radians + (side > 0.0 ? 0.0 : 3.14159265358979324);
-    floor.at(door.x - side * 0.5 * kDoorWidth, y + 0.09 * inward, angle).block(0.46, 0.0, 0.90, 0.04);
-  }
+  for (const Door& door : doors) openings.push_back({door.x - 0.5 * kDoorWidth, door.x + 0.5 * kDoorWidth});
   add_wall(floor.at(0.0, y), kOfficeLength, 0.14, 0.0, 1.0, openings);
 }
 
@@ -189,8 +213,8 @@ inline void add_walls(const Floor& floor) {
   add_wall(floor.at(0.0, kOfficeWidth - half), kOfficeLength, outer, 0.0, 1.0);
   add_wall(floor.at(half, 0.0, right_angle), kOfficeWidth, outer, 0.0, 1.0);
   add_wall(floor.at(kOfficeLength - half, 0.0, right_angle), kOfficeWidth, outer, 0.0, 1.0);
-  add_corridor_wall(floor, kSouthWall, -1.0, kSouthDoors);
-  add_corridor_wall(floor, kNorthWall, 1.0, kNorthDoors);
+  add_corridor_wall(floor, kSouthWall, kSouthDoors);
+  add_corridor_wall(floor, kNorthWall, kNorthDoors);
   for (const double x : {4.2, 8.4, 13.0, 16.4, 21.0})
     add_wall(floor.at(x, 0.0, right_angle), kSouthWall, 0.14, 0.0, 1.0);
   for (const double x : {8.5, 14.5, 17.5, 21.7})
@@ -227,11 +251,15 @@ inline constexpr std::array kWay = {
 
 }  // namespace detail::office
 
-inline Scene<2> office_scene(double yaw) {
+inline Scene<2> office_scene(double yaw, std::size_t without_doors) {
   constexpr double radians = 0.017453292519943295;
   Scene<2> scene;
   const Place<2> floor(scene, yaw);
   detail::office::add_walls(floor);
+  for (std::size_t i = without_doors; i < kOfficeDoors; ++i) {
+    const detail::office::Hinge hinge = detail::office::hinge_of(i);
+    detail::office::door_leaf(floor.at(hinge.x, hinge.y, hinge.open));
+  }
   for (const detail::office::Furniture& item : detail::office::kFurniture)
     item.put(floor.at(item.x, item.y, item.degrees * radians));
   for (const Waypoint& stop : detail::office::kWay) floor.pass(stop.x, stop.y, stop.spin);

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "binders.hpp"
 #include "ndtree/logs/carmen.hpp"
@@ -93,6 +96,22 @@ void bind_simulated(py::module_& module, const char* name) {
           "i"_a,
           "(endpoints (n, dim), origin (dim,), returned (n,), stamp) of scan i; the same at each call.")
       .def(
+          "moved",
+          [](const Log& log, std::size_t i) {
+            if (i >= log.size())
+              throw py::index_error("scan " + std::to_string(i) + ": there are " +
+                                    std::to_string(log.size()));
+            std::vector<bool> moved;
+            {
+              const Released released;
+              moved = log.moved(i);
+            }
+            py::array_t<bool> out(static_cast<py::ssize_t>(moved.size()));
+            std::copy(moved.begin(), moved.end(), out.mutable_data());
+            return out;
+          },
+          "i"_a, "(n,) bool: whether each beam of scan i returned from something that moves.")
+      .def(
           "contains",
           [](const Log& log, const py::object& object) {
             const DoubleArray points = as_points(object, "points", D);
@@ -132,6 +151,8 @@ void bind_simulated(py::module_& module, const char* name) {
           "(n,) metres from origins to the first surface along directions; nan where there is none.");
 }
 
+constexpr std::int64_t kMostThings = 1000;  // Of one kind that move in a simulated world.
+
 py::object simulate(const std::string& world, std::uint64_t seed, std::optional<std::size_t> scans,
                     const py::kwargs& settings) {
   SimulationOptions options;
@@ -146,9 +167,21 @@ py::object simulate(const std::string& world, std::uint64_t seed, std::optional<
                     : name == "heading_sigma"  ? &options.heading_sigma
                     : name == "yaw"            ? &options.yaw
                                                : nullptr;
-    if (place == nullptr)
+    std::size_t* count = name == "people"  ? &options.people
+                         : name == "doors" ? &options.doors
+                         : name == "cars"  ? &options.cars
+                                           : nullptr;
+    if (place != nullptr) {
+      *place = value.cast<double>();
+    } else if (count != nullptr) {
+      const auto given = value.cast<std::int64_t>();
+      if (given < 0 || given > kMostThings)
+        throw py::value_error(name + " = " + std::to_string(given) + ": must be in [0, " +
+                              std::to_string(kMostThings) + "]");
+      *count = static_cast<std::size_t>(given);
+    } else {
       throw py::type_error("simulate() got an unexpected keyword argument '" + name + "'");
-    *place = value.cast<double>();
+    }
   }
   if (world == "office") return py::cast(simulate_office(options));
   if (world == "apartment") return py::cast(simulate_apartment(options));
@@ -208,7 +241,7 @@ void bind_logs(py::module_& module) {
   module.def(
       "simulate", &simulate, "world"_a, py::kw_only(), "seed"_a = 1, "scans"_a = py::none(),
       "A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,\n"
-      "position_sigma, heading_sigma and yaw as in SimulationOptions.");
+      "position_sigma, heading_sigma, yaw, people, doors and cars as in SimulationOptions.");
 }
 
 }  // namespace ndtree::python

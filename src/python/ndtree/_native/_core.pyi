@@ -88,6 +88,110 @@ class HeldOutTruth:
         """Median distance [m] between cast and beam; inf where most casts find nothing."""
     def __iadd__(self, other: HeldOutTruth) -> Self: ...
 
+class MovedEvidence:
+    """Which points of a log returned from what moved.
+
+    All scans are given twice: to add(), which collects where beams ended, and then to look(), which asks each scan
+    whether it saw these places empty: whether the beams around a place pass it by a cell and by the noise of both
+    ranges. Then probability() answers.
+
+    Let v scans have seen through a cell, and h found a surface there. Something that stands is seen through by
+    error, at `error_rate`; of something that moved, any fraction of the scans may see through. With both equally
+    likely before, the probability that it moved is B(v + 1, h + 1) / (B(v + 1, h + 1) + e**v (1 - e)**h): 0.5 where
+    no scan says anything, below that where all found it.
+
+    Parameters
+    ----------
+    dim : int
+        2 or 3.
+    cell_size : float
+        Points of one cell have one answer [m].
+    range_sigma, range_sigma_quadratic : float
+        The standard deviation of a range r is range_sigma + range_sigma_quadratic * r**2 [m].
+    noise_sigmas : float
+        Standard deviations that a point and a beam each may be wrong by.
+    error_rate : float
+        Probability that a scan sees through what stands.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its limits; it is named.
+    """
+
+    def __init__(
+        self,
+        *,
+        dim: int,
+        cell_size: float = ...,
+        range_sigma: float = ...,
+        range_sigma_quadratic: float = ...,
+        noise_sigmas: float = ...,
+        error_rate: float = ...,
+    ) -> None: ...
+    @property
+    def dim(self) -> int:
+        """Of the points."""
+    @property
+    def cell_size(self) -> float:
+        """Points of one cell have one answer [m]."""
+    def add(
+        self,
+        points: ArrayLike,
+        origin: ArrayLike,
+        *,
+        returned: ArrayLike | None = None,
+        max_range: float = ...,
+        range_sigma: ArrayLike | None = None,
+    ) -> None:
+        """The first pass: where a scan's beams ended.
+
+        Parameters
+        ----------
+        points, origin, returned, max_range, range_sigma
+            As of insert().
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit together; after look(); or for a beam that ends a million cells from the first.
+        """
+    def look(
+        self,
+        points: ArrayLike,
+        origin: ArrayLike,
+        *,
+        returned: ArrayLike | None = None,
+        max_range: float = ...,
+        range_sigma: ArrayLike | None = None,
+        threads: int = 0,
+    ) -> None:
+        """The second pass: what a scan sees of all places where beams ended.
+
+        Parameters
+        ----------
+        points, origin, returned, max_range, range_sigma, threads
+            As of insert(); the number of threads is that of the first call.
+
+        Raises
+        ------
+        ValueError
+            If shapes do not fit together.
+        """
+    def probability(self, points: ArrayLike) -> NDArray[np.float32]:
+        """That what returned at points was not part of what stands.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float32
+            0.5 where no beam ended, or no scan can tell.
+        """
+
 class SeenSpace:
     """Points drawn uniformly around the end points of a log, and whether some scan saw them.
 
@@ -596,6 +700,22 @@ class OccupancyMap:
         Returns
         -------
         HeldOutTruth
+        """
+    def moved(self, points: ArrayLike) -> NDArray[np.float32]:
+        """Probability that what returned at points is not part of what stands, by the map's evidence.
+
+        A point in free space moved, or came there by an error, unless an occupied cell is as near as the noise of a
+        range, or half a smallest cell. `MovedEvidence` asks the scans themselves, and is more often right.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+
+        Returns
+        -------
+        (n,) float32
+            0.5 where the map does not know, at most 0.5 where it is occupied.
         """
     def claims(self, space: SeenSpace) -> Claims:
         """Compare what the map calls free and unknown with what was seen.
@@ -1482,6 +1602,8 @@ class SimulatedLog2:
     def __len__(self) -> int: ...
     def scan(self, i: int) -> _ScanTuple:
         """(endpoints (n, dim), origin (dim,), returned (n,), stamp) of scan i; the same at each call."""
+    def moved(self, i: int) -> NDArray[np.bool_]:
+        """(n,) bool: whether each beam of scan i returned from something that moves."""
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """(n,) bool: whether each of the (n, dim) points is inside something."""
     def distance(
@@ -1497,6 +1619,8 @@ class SimulatedLog3:
     def __len__(self) -> int: ...
     def scan(self, i: int) -> _ScanTuple:
         """(endpoints (n, dim), origin (dim,), returned (n,), stamp) of scan i; the same at each call."""
+    def moved(self, i: int) -> NDArray[np.bool_]:
+        """(n,) bool: whether each beam of scan i returned from something that moves."""
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """(n,) bool: whether each of the (n, dim) points is inside something."""
     def distance(
@@ -1531,7 +1655,7 @@ def simulate(
     world: Literal["office"], *, seed: int = 1, scans: int | None = None, **options: Unpack[SimulationOptions]
 ) -> SimulatedLog2:
     """A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,
-    position_sigma, heading_sigma and yaw as in SimulationOptions.
+    position_sigma, heading_sigma, yaw, people, doors and cars as in SimulationOptions.
     """
 
 @overload
@@ -1543,7 +1667,7 @@ def simulate(
     **options: Unpack[SimulationOptions],
 ) -> SimulatedLog3:
     """A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,
-    position_sigma, heading_sigma and yaw as in SimulationOptions.
+    position_sigma, heading_sigma, yaw, people, doors and cars as in SimulationOptions.
     """
 
 @overload
@@ -1551,7 +1675,7 @@ def simulate(
     world: World, *, seed: int = 1, scans: int | None = None, **options: Unpack[SimulationOptions]
 ) -> SimulatedLog2 | SimulatedLog3:
     """A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,
-    position_sigma, heading_sigma and yaw as in SimulationOptions.
+    position_sigma, heading_sigma, yaw, people, doors and cars as in SimulationOptions.
     """
 
 def load(path: str | os.PathLike[str]) -> AdaptiveMap | FixedMap:

@@ -94,3 +94,6 @@ class SimulationOptions(TypedDict, total=False):
     position_sigma: float
     heading_sigma: float
     yaw: float
+    people: int
+    doors: int
+    cars: int

@@ -27,6 +27,10 @@ COMMANDS = {
         "map_log",
         "Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.",
     ),
+    "clean": (
+        "clean",
+        "Write the points of a log without those that returned from what moved: people, cars, doors.",
+    ),
     "fleet": (
         "fleet",
         "Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.",

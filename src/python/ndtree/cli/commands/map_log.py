@@ -41,6 +41,7 @@ from ndtree.tuning.settings import Settings
         "ndtree map drive.bag -o drive.ndt --topic /scan --fixed-frame map --from 10 --keep-going",
         "ndtree map monday.bag tuesday.bag -o maps/",
         "ndtree map monday.bag tuesday.bag --merge -o both.ndt",
+        "ndtree map crowded.bag -o hall.ndt --static",
         "ndtree map city.bag -o city.tiles --max-resident 500MB",
     ),
 )
@@ -64,6 +65,12 @@ def map_(
         typer.Option("--merge", help="One map of all logs, in the order given: they are in one frame."),
     ] = False,
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
+    static: Annotated[
+        bool,
+        typer.Option(
+            "--static", help="Leave out what moved, such as people and cars: reads the log 3 times."
+        ),
+    ] = False,
     picture: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Draw the map, too.")] = None,
     style: StyleOption = None,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
@@ -102,7 +109,7 @@ def map_(
     """
     if style is not None and picture is None:
         raise WrongCall("--style: is for --picture")
-    wanted = _Wanted(fixed, options, dim, max_range, limit_of(max_range), no_return.value, reading)
+    wanted = _Wanted(fixed, static, options, dim, max_range, limit_of(max_range), no_return.value, reading)
     if len(logs) > 1 and not merge:
         alone = {"--picture": picture, "--record": record, "--watch": watch or None}
         for flag, value in alone.items():
@@ -123,7 +130,12 @@ def map_(
         output,
         {"--max-resident": max_resident, "--tile-size": tile_size}
         if not tiled
-        else {"--picture": picture, "--watch": watch or None, "--record": record},
+        else {
+            "--picture": picture,
+            "--watch": watch or None,
+            "--record": record,
+            "--static": static or None,
+        },
         tiled,
     )
     for path in (None if tiled else output, json_file, record):
@@ -160,6 +172,7 @@ class _Wanted:
     """How logs are mapped."""
 
     fixed: bool
+    static: bool
     options: dict[str, Any]
     dim: Optional[int]
     max_range: Optional[float]  # As it was given.
@@ -185,6 +198,7 @@ class _Wanted:
             no_return=self.no_return,
             read_seconds=read_seconds,
             observers=observers,
+            static=self.static,
         )
 
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One log becomes one map: inserted scan by scan, and what is said of it."""
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,15 +11,46 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._native._core import OccupancyMap
+from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
 from ndtree.cli.commands.figures import counted, indented, map_figures, print_map
 from ndtree.cli.commands.logs import made, new_map, settled, skipped, timed
 from ndtree.cli.commands.options import PictureStyle
 from ndtree.cli.commands.pictures import draw
-from ndtree.cli.commands.progress import mapping_progress
+from ndtree.cli.commands.progress import mapping_progress, progress
+from ndtree.evaluation.moved import MovedPoints
 from ndtree.logs import Log
 from ndtree.tuning.scale import Scale
 from ndtree.tuning.settings import BEYOND_MEMORY, Settings
+
+
+@dataclass
+class Standing:
+    """Scans of a log without end points on what moved."""
+
+    points: MovedPoints
+    seconds: float
+    moved: int = 0
+
+    @classmethod
+    def of(cls, log: Log, settings: Settings, progress: Progress) -> "Standing":
+        """Reads the log twice."""
+        begin = time.perf_counter()
+        points = MovedPoints(log, settings.options, settings.max_range, settings.no_return).look(progress)
+        return cls(points, time.perf_counter() - begin)
+
+    def take(self, scan: Scan) -> Scan:
+        cut = self.points.without(scan)
+        if cut is not scan:
+            before = len(scan) if scan.returned is None else int(np.count_nonzero(scan.returned))
+            self.moved += before - int(np.count_nonzero(cut.returned))
+        return cut
+
+    def figures(self) -> dict[str, Any]:
+        return {"points": self.moved, "seconds": self.seconds}
+
+    def __str__(self) -> str:
+        return f"{self.moved} points moved and were left out, found in {self.seconds:.3f} s"
 
 
 @dataclass(frozen=True)
@@ -34,6 +66,7 @@ class Mapped:
     read_seconds: float
     track: NDArray[np.float64]  # (2, dim): least and largest coordinates of the sensor [m].
     scale: Scale
+    standing: Optional[Standing] = None
 
     def figures(self) -> dict[str, Any]:
         return {
@@ -46,6 +79,7 @@ class Mapped:
             "seconds": self.seconds,
             "read_seconds": self.read_seconds,
             "skipped": skipped(self.log),
+            **({} if self.standing is None else {"moved": self.standing.figures()}),
             **map_figures(self.target),
         }
 
@@ -56,6 +90,8 @@ class Mapped:
         lines = [f"uses {self.log.uses}"] if self.log.uses else []
         for line in lines + self.settings.lines() + ([absurd] if absurd else []):
             print(indented(line))
+        if self.standing is not None:
+            print(indented(str(self.standing)))
         print_map(self.target)
         files = " and ".join(str(path) for path in written if path)
         print(f"read in {self.read_seconds:.3f} s, inserted in {self.seconds:.3f} s; wrote {files}")
@@ -114,8 +150,12 @@ def mapped(
     no_return: str,
     read_seconds: float = 0.0,
     observers: Sequence[Any] = (),
+    static: bool = False,
 ) -> Mapped:
-    """Insert all scans of a log; observers see the map after each."""
+    """Insert all scans of a log; observers see the map after each.
+
+    With `static`, the log is read twice before, for what moved, and beams do not end there.
+    """
     made(lambda: new_map(log.dim, fixed, options))
     settings = settled(log, options, max_range, no_return, with_sigma=True)
     target = new_map(log.dim, fixed, settings.options)
@@ -124,8 +164,17 @@ def mapped(
     track = np.full((2, log.dim), np.nan)
     scale = Scale(target.options["min_cell_size"], settings.max_range)
     passage = Passage(log, settings, read_seconds)
+    standing: Optional[Standing] = None
+    if static:
+        with progress() as show:
+            standing = Standing.of(log, settings, show)
+
+    def insert(scan: Scan) -> Any:
+        scan = scan if standing is None else standing.take(scan)
+        return scan.insert_into(target, max_range=settings.max_range)
+
     with mapping_progress(log, target) as advance:
-        for scan, one in passage.into(lambda scan: scan.insert_into(target, max_range=settings.max_range)):
+        for scan, one in passage.into(insert):
             counts = {key: count + getattr(one, key) for key, count in counts.items()}
             seconds += one.seconds
             scale.add(scan)
@@ -136,7 +185,9 @@ def mapped(
                 observer.update(target, scan)
             advance(passage.scans, counts["beams"])
     report = passage.report(counts)
-    return Mapped(log, target, settings, report, passage.scans, seconds, passage.read_seconds, track, scale)
+    return Mapped(
+        log, target, settings, report, passage.scans, seconds, passage.read_seconds, track, scale, standing
+    )
 
 
 def written(

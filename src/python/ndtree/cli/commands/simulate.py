@@ -16,7 +16,11 @@ from ndtree.cli.commands.progress import progress
 
 @command(
     "simulate",
-    epilog=examples("ndtree simulate office -o office.npz", "ndtree simulate apartment --scans 50 --seed 2"),
+    epilog=examples(
+        "ndtree simulate office -o office.npz",
+        "ndtree simulate apartment --scans 50 --seed 2",
+        "ndtree simulate street --people 8 --cars 6 -o traffic.npz",
+    ),
 )
 @reports_errors
 def simulate(
@@ -27,6 +31,17 @@ def simulate(
     ] = None,
     scans: Scans = None,
     seed: Seed = 1,
+    people: Annotated[
+        Optional[int],
+        typer.Option(min=0, max=1000, help="That walk, one ahead of the sensor.", show_default=False),
+    ] = None,
+    doors: Annotated[
+        Optional[int],
+        typer.Option(min=0, max=1000, help="Of the office that open and close.", show_default=False),
+    ] = None,
+    cars: Annotated[
+        Optional[int], typer.Option(min=0, max=1000, help="In the street that drive.", show_default=False)
+    ] = None,
 ) -> None:
     """Simulate a drive through a world, and write its log to a file that can be mapped."""
     target = Path(f"{world.value}.npz") if output is None else output
@@ -35,7 +50,12 @@ def simulate(
     if target.suffix != ".npz":
         raise WrongCall(f"-o {target}: the name must end in .npz")
     check_target(target)
-    log = logs.simulate(world.value, seed=seed, scans=scans)
+    moving = {"people": people, "doors": doors, "cars": cars}
+    given = {kind: count for kind, count in moving.items() if count is not None}
+    try:
+        log = logs.simulate(world.value, seed=seed, scans=scans, **given)
+    except ValueError as error:
+        raise WrongCall(f"--{error}") from None
     with progress() as advance:
         count = log.save(target, progress=advance)
     print(f"wrote {target}: {count} scans, {log.dim}-D")

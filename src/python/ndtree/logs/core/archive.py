@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,23 @@ from ndtree.base.files import replaced
 from ndtree.base.scan import Scan
 
 
-def save_archive(scans: Iterable[Scan], path: str | os.PathLike[str], name: str) -> int:
-    """Write scans; `name` is how errors call their log. Returns how many there are."""
+def save_archive(
+    scans: Iterable[Scan],
+    path: str | os.PathLike[str],
+    name: str,
+    fields: Callable[[int], dict[str, NDArray[Any]]] | None = None,
+) -> int:
+    """Write scans; `name` is how errors call their log. Returns how many there are.
+
+    `fields` gives more arrays of each scan, with an entry for each of its beams.
+    """
     if not os.fspath(path).endswith(".npz"):
         raise ValueError(f"{os.fspath(path)}: the name must end in .npz")
     points: list[NDArray[Any]] = []
     origins: list[NDArray[Any]] = []
     returned: list[NDArray[np.bool_]] = []
     stamps: list[float] = []
+    more: dict[str, list[NDArray[Any]]] = {}
     for i, scan in enumerate(scans):
         scan.require_sensor(f"archives as of {name}")
         if scan.origin.ndim != 1:
@@ -32,6 +41,8 @@ def save_archive(scans: Iterable[Scan], path: str | os.PathLike[str], name: str)
         origins.append(scan.origin)
         returned.append(np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned)
         stamps.append(scan.stamp)
+        for field, values in (fields(i) if fields else {}).items():
+            more.setdefault(field, []).append(values)
     if not points:
         raise ValueError(f"{name}: no scans, expected at least one")
     arrays: dict[str, Any] = {
@@ -39,6 +50,7 @@ def save_archive(scans: Iterable[Scan], path: str | os.PathLike[str], name: str)
         "points": np.concatenate(points),
         "offsets": np.cumsum([0, *map(len, points)]),
         "stamps": np.asarray(stamps),
+        **{field: np.concatenate(values) for field, values in more.items()},
     }
     no_return = ~np.concatenate(returned)
     if no_return.any():

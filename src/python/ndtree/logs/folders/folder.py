@@ -41,6 +41,7 @@ class FolderLog(SizedLog):
     def __init__(self, path: str, files: Sequence[str]) -> None:
         super().__init__(path, dim=3)
         self._files = files
+        self.file: str | None = None  # Of the scan that was read last.
 
     def __len__(self) -> int:
         return len(self._files)
@@ -66,6 +67,7 @@ class FolderLog(SizedLog):
             except (ValueError, OSError) as error:
                 self._skip("damaged scans", error)
                 continue
+            self.file = self._files[i]
             yield self._scan(i, points, T_map_sensor)
 
     def _found_cut_off(self) -> CutOff | None:

@@ -203,9 +203,18 @@ def _layout(header: PcdHeader, size: int) -> np.dtype[Any]:
 
 
 def _of_compressed(path: str, header: PcdHeader, data: bytes, axes: list[int]) -> list[NDArray[Any]]:
-    """The fields one behind the other, compressed by LZF."""
     if not header.points:
         return [np.zeros(0, np.float32)] * 3
+    _, columns = unpacked(path, header, data)
+    return [columns[i].reshape(-1)[: header.points] for i in axes]
+
+
+def unpacked(path: str, header: PcdHeader, data: bytes) -> tuple[np.dtype[Any], list[NDArray[Any]]]:
+    """A point's layout and the fields, which lie one behind the other, compressed by LZF."""
+    if not header.points:
+        return header.dtype(0), [
+            np.zeros((0, count), kind) for kind, count in zip(header.types, header.counts)
+        ]
     try:
         lzf = import_module("lzf")
     except ImportError as error:
@@ -229,7 +238,10 @@ def _of_compressed(path: str, header: PcdHeader, data: bytes, axes: list[int]) -
         raise _damaged(path, f"unpacked {len(content or b'')} bytes, expected {size}")
     lengths = [kind.itemsize * count * header.points for kind, count in zip(header.types, counts)]
     starts = np.concatenate([[0], np.cumsum(lengths)]).tolist()
-    return [np.frombuffer(content, header.types[i], count=header.points, offset=starts[i]) for i in axes]
+    return header.dtype(wanted.index(size)), [
+        np.frombuffer(content, kind, header.points * count, starts[i]).reshape(header.points, count)
+        for i, (kind, count) in enumerate(zip(header.types, counts))
+    ]
 
 
 def _damaged(path: str, what: str) -> ValueError:

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ndtree._native import _core
 from ndtree.base.scan import Scan
+from ndtree.logs.core.archive import save_archive
 from ndtree.logs.core.log import SizedLog
 
 if TYPE_CHECKING:
@@ -26,8 +28,9 @@ class SimulatedLog(SizedLog):
     format = "simulated"
     may_be_padded = False
 
-    def __init__(self, world: str, simulation: Any) -> None:
+    def __init__(self, world: str, simulation: Any, moves: bool = False) -> None:
         self.world = world
+        self.moves = moves
         self._simulation = simulation
         super().__init__(None, dim=simulation.dim)
 
@@ -43,11 +46,35 @@ class SimulatedLog(SizedLog):
         for i in range(len(self)):
             yield self[i]
 
+    def save(
+        self, path: str | os.PathLike[str], *, progress: Callable[[str, int, int], None] | None = None
+    ) -> int:
+        """As `Log.save`, with an array ``moving``, (P,) bool, where something moves."""
+        fields = (lambda i: {"moving": self.moved(i)}) if self.moves else None
+        return save_archive(self._watched(progress), path, self.name, fields)
+
     def __getitem__(self, i: int) -> Scan:
         """Scan i, which depends on the seed and on i only."""
         if not -len(self) <= i < len(self):
             raise IndexError(f"scan {i}: the log has {len(self)}")
         return Scan(*self._simulation.scan(i % len(self)))
+
+    def moved(self, i: int) -> NDArray[np.bool_]:
+        """Which beams of scan i returned from something that moves, exactly.
+
+        Parameters
+        ----------
+        i : int
+            Number of the scan.
+
+        Returns
+        -------
+        ndarray of bool, (n,)
+            False for beams that returned from nowhere, as outliers do.
+        """
+        if not -len(self) <= i < len(self):
+            raise IndexError(f"scan {i}: the log has {len(self)}")
+        return self._simulation.moved(i % len(self))
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Whether points are inside something solid, or on its surface.
@@ -126,7 +153,8 @@ def simulate(
         Number of scans, spread evenly along the way. Left out: as many as the world suggests.
     **options
         As in `ndtree.typing.SimulationOptions`: ``noise_scale``, ``outlier_rate``, ``no_return_rate``,
-        ``position_sigma`` [m], ``heading_sigma`` [rad], ``yaw`` [rad].
+        ``position_sigma`` [m], ``heading_sigma`` [rad], ``yaw`` [rad]; and how many move: ``people``, the
+        first of whom walks ahead of the sensor, ``doors`` of the office, and ``cars`` of the street.
 
     Returns
     -------
@@ -137,4 +165,5 @@ def simulate(
     ValueError
         If there is no such world, or an option is out of its limits.
     """
-    return SimulatedLog(world, _core.simulate(world, seed=seed, scans=scans, **options))
+    simulation = _core.simulate(world, seed=seed, scans=scans, **options)
+    return SimulatedLog(world, simulation, any(options.get(kind) for kind in ("people", "doors", "cars")))

@@ -1,0 +1,314 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// Which points of a log returned from what moved: from space that other scans surely saw empty.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <numeric>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/core/beta.hpp"
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/option.hpp"
+#include "ndtree/core/parallel.hpp"
+#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/scan.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/evaluation/cell_numbers.hpp"
+#include "ndtree/evaluation/range_pyramid.hpp"
+
+namespace ndtree {
+
+/// How sure a scan must be that a place is empty.
+struct MovedOptions {
+  double cell_size = 0.05;             ///< Points of one cell have one answer [m].
+  double range_sigma = 0.03;           ///< Standard deviation of a range r is this [m], pose errors included,
+  double range_sigma_quadratic = 0.0;  ///< plus this times r² [1/m].
+  double noise_sigmas = 2.0;           ///< Of a range, that a point and a beam each may be wrong by.
+  double error_rate = 0.01;            ///< Probability that a scan sees through what stands.
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  void validate() const {
+    require_option(cell_size > 0.0 && std::isfinite(cell_size), "cell_size", cell_size, "> 0 m and finite");
+    require_option(range_sigma >= 0.0 && std::isfinite(range_sigma), "range_sigma", range_sigma,
+                   ">= 0 m and finite");
+    require_option(range_sigma_quadratic >= 0.0 && std::isfinite(range_sigma_quadratic),
+                   "range_sigma_quadratic", range_sigma_quadratic, ">= 0 1/m and finite");
+    require_option(noise_sigmas > 0.0 && noise_sigmas <= 100.0, "noise_sigmas", noise_sigmas, "in (0, 100]");
+    require_option(error_rate > 0.0 && error_rate < 0.5, "error_rate", error_rate, "in (0, 0.5)");
+  }
+};
+
+/// Evidence that space where beams ended was empty at other times.
+///
+/// All scans are given twice, first to add(), then to look(). The first pass collects the cells in which
+/// beams ended. In the second each scan, as a RangePyramid, is asked about each of them that is in its view:
+/// do the beams around it surely pass it, by a cell and by `noise_sigmas` of both ranges, or do they end
+/// there? Cells that the scan cannot see are skipped together, by balls around eight cells, around eight of
+/// these balls, and so on.
+///
+/// Let v scans have seen through a cell, and h found a surface there. If something stands there, v happens by
+/// error; if it moved, any fraction of the scans may have seen it. With both equally likely before,
+///
+///     P(moved) = B(v + 1, h + 1) / (B(v + 1, h + 1) + e^v (1 - e)^h),  e = error_rate,
+///
+/// which is 1/2 without any scan, at most 1/2 without one that saw through, and less the more found it.
+///
+/// The same log gives the same answers to the last bit, whatever the number of threads.
+template <int D>
+class MovedEvidence {
+ public:
+  /// @throws std::invalid_argument as MovedOptions::validate().
+  explicit MovedEvidence(const MovedOptions& options) : options_(options), known_(kKnown * kKnown) {
+    options.validate();
+    for (std::uint32_t v = 0; v < kKnown; ++v)
+      for (std::uint32_t h = 0; h < kKnown; ++h) known_[v * kKnown + h] = probability(v, h);
+  }
+
+  /// The first pass: where returned beams end. Beams of a length of 0, longer than `max_range` or with a
+  /// number that is not finite have no end point. O(beams).
+  /// @throws std::invalid_argument after look(), or if an end point is farther from the first than a million
+  ///   cells.
+  void add(const ScanView<D>& scan, double max_range = std::numeric_limits<double>::infinity());
+
+  /// The second pass. O(beams + cells in view).
+  /// @param threads >= 1; those of the first call.
+  void look(const ScanView<D>& scan, double max_range = std::numeric_limits<double>::infinity(),
+            std::size_t threads = 1);
+
+  /// That what returned at points was not part of what stands; 0.5 where no beam ended. O(n).
+  void probabilities(const double* points, std::size_t n, float* out) const {
+    typename CellNumbers<D>::Cursor cursor;
+    for_each_paced(n, 2, [&](std::size_t i) {
+      const std::uint32_t number = numbers_
+                                       ? numbers_->find(Eigen::Map<const Vector<D>>(points + i * D), cursor)
+                                       : CellNumbers<D>::kNone;
+      if (number == CellNumbers<D>::kNone) {
+        out[i] = 0.5F;
+        return;
+      }
+      const Cell& cell = cells_[number];
+      out[i] = cell.through < kKnown && cell.hits < kKnown ? known_[cell.through * kKnown + cell.hits]
+                                                           : probability(cell.through, cell.hits);
+    });
+  }
+  /// Of a cell that `through` scans saw through, and in which `hits` found a surface.
+  [[nodiscard]] float probability(std::uint32_t through, std::uint32_t hits) const {
+    const double v = through;
+    const double h = hits;
+    const double moved = log_beta(v + 1.0, h + 1.0);
+    const double stands = v * std::log(options_.error_rate) + h * std::log1p(-options_.error_rate);
+    return static_cast<float>(1.0 / (1.0 + std::exp(stands - moved)));
+  }
+
+  [[nodiscard]] const MovedOptions& options() const { return options_; }
+  [[nodiscard]] std::size_t num_cells() const { return cells_.size(); }
+
+ private:
+  using Point = Eigen::Matrix<float, D, 1>;
+  static constexpr std::size_t kFanOut = 8;
+  static constexpr std::uint32_t kKnown = 64;
+
+  struct Cell {
+    Point mean = Point::Zero();  // Of the points in it, relative to base_ [m].
+    float sigma = 0.0F;          // Of their ranges, on average [m].
+    std::uint32_t points = 0;
+    std::uint32_t hits = 0;     // Scans that found a surface there.
+    std::uint32_t through = 0;  // Scans that saw through it.
+  };
+  /// A ball around cells [begin, end), by the order of the tree.
+  struct Ball {
+    Point center;
+    float radius;
+    float margin;  // The largest of its cells.
+    std::uint32_t begin;
+    std::uint32_t end;
+  };
+
+  [[nodiscard]] double sigma_at(double range) const {
+    return options_.range_sigma + rounded(options_.range_sigma_quadratic * range) * range;
+  }
+  [[nodiscard]] Point relative(const Vector<D>& point) const {
+    return (point - base_).template cast<float>();
+  }
+  /// By how much a beam must pass the middle of a cell's points [m].
+  [[nodiscard]] float margin_of(const Cell& cell) const {
+    return static_cast<float>(options_.cell_size) + static_cast<float>(options_.noise_sigmas) * cell.sigma;
+  }
+  void plant(std::size_t threads);
+  void look_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
+  void visit(std::size_t level, std::size_t number);
+
+  MovedOptions options_;
+  std::vector<float> known_;               // Probabilities of numbers of scans below kKnown.
+  Vector<D> base_ = Vector<D>::Zero();     // Near the first end point, so that floats are exact enough.
+  std::optional<CellNumbers<D>> numbers_;  // From the first end point on.
+  std::vector<Cell> cells_;                // After plant() in the order of the tree.
+  std::vector<std::vector<Ball>> balls_;   // Level 0 holds cells, each other one balls of the level below.
+  std::size_t task_level_ = 0;
+  RangePyramid<D> pyramid_;
+  Point origin_ = Point::Zero();
+  std::unique_ptr<Workers> workers_;
+};
+
+template <int D>
+void MovedEvidence<D>::add(const ScanView<D>& scan, double max_range) {
+  if (workers_) throw std::invalid_argument("add() after look(): add all scans before");
+  Pace pace;
+  typename CellNumbers<D>::Cursor cursor;
+  for (Eigen::Index i = 0; i < scan.size; ++i) {
+    pace.spend(2);
+    if (!scan.is_returned(i)) continue;
+    const Vector<D> end = scan.endpoint(i);
+    const double range = (end - scan.origin(i)).norm();
+    if (!(range > 0.0) || !(range <= max_range) || !std::isfinite(range)) continue;
+    if (!numbers_) {
+      base_ = end;
+      numbers_.emplace(options_.cell_size, base_);
+    }
+    const std::uint32_t number = numbers_->put(end, cursor);
+    if (number == CellNumbers<D>::kNone)
+      throw std::invalid_argument("beam " + std::to_string(i) + ": ends more than a million cells of " +
+                                  describe_number(options_.cell_size) + " m from the log's first end point");
+    if (number == cells_.size()) cells_.emplace_back();
+    Cell& cell = cells_[number];
+    ++cell.points;
+    const float part = 1.0F / static_cast<float>(cell.points);
+    const Point point = relative(end);
+    for (int k = 0; k < D; ++k) cell.mean[k] = rounded((point[k] - cell.mean[k]) * part) + cell.mean[k];
+    const auto sigma =
+        static_cast<float>(scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
+    cell.sigma = rounded((sigma - cell.sigma) * part) + cell.sigma;
+  }
+}
+
+template <int D>
+void MovedEvidence<D>::plant(std::size_t threads) {
+  // Cells in Morton order: eight in a row are near each other, and so are eight of these.
+  const std::size_t n = cells_.size();
+  std::vector<std::uint64_t> place(n, 0);
+  constexpr int kBits = 21;
+  for (std::size_t i = 0; i < n; ++i)
+    for (int k = 0; k < D; ++k) {
+      const auto shifted =
+          static_cast<std::uint64_t>(numbers_->cell(static_cast<std::uint32_t>(i))[k] + (1 << (kBits - 1)));
+      for (int bit = 0; bit < kBits; ++bit) place[i] |= (shifted >> bit & 1U) << (bit * D + k);
+    }
+  std::vector<std::uint32_t> order(n);
+  std::iota(order.begin(), order.end(), 0U);
+  std::sort(order.begin(), order.end(),
+            [&](std::uint32_t a, std::uint32_t b) { return place[a] < place[b]; });
+  std::vector<Cell> sorted(n);
+  std::vector<std::uint32_t> now(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    sorted[i] = cells_[order[i]];
+    now[order[i]] = static_cast<std::uint32_t>(i);
+  }
+  cells_ = std::move(sorted);
+  if (numbers_) numbers_->renumber(now);
+  for (std::size_t width = kFanOut; n > 0; width *= kFanOut) {
+    std::vector<Ball>& level = balls_.emplace_back();
+    for (std::size_t begin = 0; begin < n; begin += width) {
+      const std::size_t end = std::min(n, begin + width);
+      Point lower = cells_[begin].mean;
+      Point upper = lower;
+      float margin = 0.0F;
+      for (std::size_t i = begin; i < end; ++i) {
+        lower = lower.cwiseMin(cells_[i].mean);
+        upper = upper.cwiseMax(cells_[i].mean);
+        margin = std::max(margin, margin_of(cells_[i]));
+      }
+      level.push_back({0.5F * (lower + upper), 0.5F * (upper - lower).norm(), margin,
+                       static_cast<std::uint32_t>(begin), static_cast<std::uint32_t>(end)});
+    }
+    if (level.size() <= kFanOut) break;
+  }
+  workers_ = std::make_unique<Workers>(threads);
+  constexpr std::size_t kTasksPerThread = 8;
+  task_level_ = balls_.empty() ? 0 : balls_.size() - 1;
+  while (task_level_ > 0 && balls_[task_level_].size() < kTasksPerThread * workers_->count()) --task_level_;
+}
+
+template <int D>
+void MovedEvidence<D>::look(const ScanView<D>& scan, double max_range, std::size_t threads) {
+  if (!workers_) plant(threads);
+  if (cells_.empty()) return;
+  if (!scan.origin_per_beam) {
+    look_from(scan, 0, scan.size, max_range);
+    return;
+  }
+  // A sweep in motion: beams whose origins are within half a cell are taken for one scan.
+  Eigen::Index first = 0;
+  while (first < scan.size) {
+    Eigen::Index last = first + 1;
+    while (last < scan.size && (scan.origin(last) - scan.origin(first)).norm() <= 0.5 * options_.cell_size)
+      ++last;
+    look_from(scan, first, last, max_range);
+    first = last;
+  }
+}
+
+template <int D>
+void MovedEvidence<D>::look_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last,
+                                 double max_range) {
+  if (!scan.origin(first).allFinite()) return;
+  origin_ = relative(scan.origin(first));
+  pyramid_.reset(origin_);
+  for (Eigen::Index i = first; i < last; ++i) {
+    const Vector<D> way = scan.endpoint(i) - scan.origin(i);
+    const double range = way.norm();
+    if (!(range > 0.0) || !std::isfinite(range)) continue;
+    double sure = std::min(range, max_range);
+    if (scan.is_returned(i) && range <= max_range)
+      sure -= options_.noise_sigmas * (scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
+    pyramid_.add((way / range).template cast<float>(), static_cast<float>(std::max(sure, 0.0)));
+  }
+  pyramid_.build();
+  workers_->for_each_task(balls_[task_level_].size(),
+                          [this](std::size_t, std::size_t task) { visit(task_level_, task); });
+}
+
+template <int D>
+void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
+  const Ball& ball = balls_[level][number];
+  const Point to_center = ball.center - origin_;
+  float square = 0.0F;
+  for (int k = 0; k < D; ++k) square = rounded(to_center[k] * to_center[k]) + square;
+  const auto in_view =
+      static_cast<float>(0.25 * options_.cell_size + options_.noise_sigmas * options_.range_sigma);
+  const float nearest = std::sqrt(square) - ball.radius - ball.margin;
+  if (nearest > 0.0F && pyramid_.hides(ball.center, ball.radius + in_view, nearest)) return;
+  if (level > 0) {
+    const std::vector<Ball>& inner = balls_[level - 1];
+    for (std::size_t i = kFanOut * number; i < std::min(kFanOut * (number + 1), inner.size()); ++i)
+      visit(level - 1, i);
+    return;
+  }
+  for (std::uint32_t i = ball.begin; i < ball.end; ++i) {
+    Cell& cell = cells_[i];
+    const Point way = cell.mean - origin_;
+    float sum = 0.0F;
+    for (int k = 0; k < D; ++k) sum = rounded(way[k] * way[k]) + sum;
+    const float distance = std::sqrt(sum);
+    const float margin = margin_of(cell);
+    const float passed =
+        pyramid_.surely_passed(cell.mean, distance, in_view, std::max(distance - margin, 0.0F));
+    if (passed > distance + margin)
+      ++cell.through;
+    else if (passed >= 0.0F)
+      ++cell.hits;
+  }
+}
+
+}  // namespace ndtree

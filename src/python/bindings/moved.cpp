@@ -1,0 +1,225 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "ndtree/evaluation/moved.hpp"
+
+#include <algorithm>
+#include <cstddef>
+#include <limits>
+#include <mutex>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "python_map.hpp"
+
+namespace ndtree::python {
+
+using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
+
+namespace {
+
+/// Evidence in 2 or 3 dimensions; one call at a time.
+struct AnyMovedEvidence {
+  std::variant<MovedEvidence<2>, MovedEvidence<3>> evidence;
+  std::mutex mutex;
+
+  AnyMovedEvidence(int dim, const MovedOptions& options) : evidence(make(dim, options)) {}
+
+  static std::variant<MovedEvidence<2>, MovedEvidence<3>> make(int dim, const MovedOptions& options) {
+    if (dim == 2) return MovedEvidence<2>(options);
+    if (dim == 3) return MovedEvidence<3>(options);
+    throw py::value_error("dim = " + std::to_string(dim) + ": must be 2 or 3");
+  }
+  [[nodiscard]] int dim() const { return static_cast<int>(evidence.index()) + 2; }
+  [[nodiscard]] const MovedOptions& options() const {
+    return std::visit([](const auto& one) -> const MovedOptions& { return one.options(); }, evidence);
+  }
+  /// Calls `use(evidence, scan)` without the interpreter's lock.
+  template <class Use>
+  void with(const BeamArrays& beams, Use&& use) {
+    const BeamPointers pointers = beams.pointers();
+    const Released released;
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (auto* const flat = std::get_if<0>(&evidence))
+      use(*flat, pointers.view<2>());
+    else
+      use(std::get<1>(evidence), pointers.view<3>());
+  }
+};
+
+void add(AnyMovedEvidence& any, const py::object& points, const py::object& origin,
+         const py::object& returned, double max_range, const py::object& range_sigma) {
+  const BeamArrays beams(points, origin, returned, any.dim(), range_sigma);
+  any.with(beams, [&](auto& evidence, const auto& scan) { evidence.add(scan, max_range); });
+}
+
+void look(AnyMovedEvidence& any, const py::object& points, const py::object& origin,
+          const py::object& returned, double max_range, const py::object& range_sigma, int threads) {
+  const auto workers = static_cast<std::size_t>(number_of_threads(threads));
+  const BeamArrays beams(points, origin, returned, any.dim(), range_sigma);
+  any.with(beams, [&](auto& evidence, const auto& scan) { evidence.look(scan, max_range, workers); });
+}
+
+py::array_t<float> probability(AnyMovedEvidence& any, const py::object& object) {
+  const DoubleArray points = as_points(object, "points", any.dim());
+  py::array_t<float> out(points.shape(0));
+  const auto n = static_cast<std::size_t>(points.shape(0));
+  const double* const data = points.data();
+  float* const results = out.mutable_data();
+  const Released released;
+  const std::lock_guard<std::mutex> lock(any.mutex);
+  std::visit([&](const auto& evidence) { evidence.probabilities(data, n, results); }, any.evidence);
+  return out;
+}
+
+/// That what returned at points is not part of what stands, by the map alone: its cell is free, and so
+/// are those as near as the noise of a range, or half a smallest cell.
+void moved_from(const MapInterface& map, const double* points, std::size_t n, float* out) {
+  constexpr std::size_t kAtOnce = 4096;
+  const auto dim = static_cast<std::size_t>(map.dim());
+  const double reach = std::max(0.5 * map.options().min_cell_size, map.options().range_sigma);
+  std::vector<double> shifted(kAtOnce * dim);
+  std::vector<float> beside(kAtOnce);
+  for (std::size_t first = 0; first < n; first += kAtOnce) {
+    checkpoint();
+    const std::size_t count = std::min(kAtOnce, n - first);
+    const double* const here = points + first * dim;
+    map.probability(here, count, out + first);
+    for (std::size_t k = 0; k < dim; ++k)
+      for (const double step : {-reach, reach}) {
+        std::copy_n(here, count * dim, shifted.begin());
+        for (std::size_t i = 0; i < count; ++i) shifted[i * dim + k] += step;
+        map.probability(shifted.data(), count, beside.data());
+        // Of what is unknown here nothing can be said, whatever is beside it.
+        for (std::size_t i = 0; i < count; ++i)
+          if (out[first + i] < 0.5F) out[first + i] = std::max(out[first + i], beside[i]);
+      }
+  }
+  for (std::size_t i = 0; i < n; ++i) out[i] = 1.0F - out[i];
+}
+
+}  // namespace
+
+void bind_moved(py::module_& module) {
+  const MovedOptions defaults;
+  py::class_<AnyMovedEvidence>(module, "MovedEvidence",
+                               R"(Which points of a log returned from what moved.
+
+All scans are given twice: to add(), which collects where beams ended, and then to look(), which asks each scan
+whether it saw these places empty: whether the beams around a place pass it by a cell and by the noise of both
+ranges. Then probability() answers.
+
+Let v scans have seen through a cell, and h found a surface there. Something that stands is seen through by
+error, at `error_rate`; of something that moved, any fraction of the scans may see through. With both equally
+likely before, the probability that it moved is B(v + 1, h + 1) / (B(v + 1, h + 1) + e**v (1 - e)**h): 0.5 where
+no scan says anything, below that where all found it.
+
+Parameters
+----------
+dim : int
+    2 or 3.
+cell_size : float
+    Points of one cell have one answer [m].
+range_sigma, range_sigma_quadratic : float
+    The standard deviation of a range r is range_sigma + range_sigma_quadratic * r**2 [m].
+noise_sigmas : float
+    Standard deviations that a point and a beam each may be wrong by.
+error_rate : float
+    Probability that a scan sees through what stands.
+
+Raises
+------
+ValueError
+    If a value is out of its limits; it is named.
+)")
+      .def(py::init([](int dim, double cell_size, double range_sigma, double range_sigma_quadratic,
+                       double noise_sigmas, double error_rate) {
+             MovedOptions options;
+             options.cell_size = cell_size;
+             options.range_sigma = range_sigma;
+             options.range_sigma_quadratic = range_sigma_quadratic;
+             options.noise_sigmas = noise_sigmas;
+             options.error_rate = error_rate;
+             return std::make_unique<AnyMovedEvidence>(dim, options);
+           }),
+           py::kw_only(), "dim"_a, "cell_size"_a = defaults.cell_size, "range_sigma"_a = defaults.range_sigma,
+           "range_sigma_quadratic"_a = defaults.range_sigma_quadratic,
+           "noise_sigmas"_a = defaults.noise_sigmas, "error_rate"_a = defaults.error_rate)
+      .def_property_readonly(
+          "dim", [](const AnyMovedEvidence& any) { return any.dim(); }, "Of the points.")
+      .def_property_readonly(
+          "cell_size", [](const AnyMovedEvidence& any) { return any.options().cell_size; },
+          "Points of one cell have one answer [m].")
+      .def("add", &add, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
+           "max_range"_a = std::numeric_limits<double>::infinity(), "range_sigma"_a = py::none(),
+           R"(The first pass: where a scan's beams ended.
+
+Parameters
+----------
+points, origin, returned, max_range, range_sigma
+    As of insert().
+
+Raises
+------
+ValueError
+    If shapes do not fit together; after look(); or for a beam that ends a million cells from the first.
+)")
+      .def("look", &look, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
+           "max_range"_a = std::numeric_limits<double>::infinity(), "range_sigma"_a = py::none(),
+           "threads"_a = 0, R"(The second pass: what a scan sees of all places where beams ended.
+
+Parameters
+----------
+points, origin, returned, max_range, range_sigma, threads
+    As of insert(); the number of threads is that of the first call.
+
+Raises
+------
+ValueError
+    If shapes do not fit together.
+)")
+      .def("probability", &probability, "points"_a,
+           R"(That what returned at points was not part of what stands.
+
+Parameters
+----------
+points : (n, dim) array of float
+    Map frame [m].
+
+Returns
+-------
+(n,) float32
+    0.5 where no beam ended, or no scan can tell.
+)");
+
+  auto map_class = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
+  map_class.def(
+      "moved",
+      [](const PythonMap& map, const py::object& object) {
+        const DoubleArray points = as_points(object, "points", map.constant().dim());
+        py::array_t<float> out(points.shape(0));
+        float* const results = out.mutable_data();
+        const double* const data = points.data();
+        const auto n = static_cast<std::size_t>(points.shape(0));
+        map.read([&](const MapInterface& m) { moved_from(m, data, n, results); });
+        return out;
+      },
+      "points"_a,
+      R"(Probability that what returned at points is not part of what stands, by the map's evidence.
+
+A point in free space moved, or came there by an error, unless an occupied cell is as near as the noise of a
+range, or half a smallest cell. `MovedEvidence` asks the scans themselves, and is more often right.
+
+Parameters
+----------
+points : (n, dim) array of float
+    Map frame [m].
+
+Returns
+-------
+(n,) float32
+    0.5 where the map does not know, at most 0.5 where it is occupied.
+)");
+}
+
+}  // namespace ndtree::python

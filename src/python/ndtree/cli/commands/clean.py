@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree clean``: the points of a log without those that returned from what moved."""
+
+import time
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import numpy as np
+import typer
+
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.flags import map_options, reading_options
+from ndtree.cli.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
+from ndtree.cli.commands.options import Dim, GivenLog, Json, MaxRange, NoReturnKind, NoReturnOption
+from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write_json
+from ndtree.cli.commands.pictures import plotting
+from ndtree.cli.commands.progress import progress
+from ndtree.evaluation.cleaned import Cleaned, writer_of
+from ndtree.evaluation.moved import MovedPoints, moved_scores
+
+
+@command(
+    "clean",
+    epilog=examples(
+        "ndtree clean drive.npz -o clean.npz",
+        "ndtree clean drive.bag -o clean.ply --picture clean.png",
+        "ndtree clean clouds/ -o clean/",
+        "ndtree clean clouds/ -o marked/ --mark",
+    ),
+)
+@reports_errors
+@reading_options
+@map_options
+def clean(
+    log: GivenLog,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="OUT",
+            help="A log, .npz; one cloud, .ply or .pcd; or of a folder of clouds a folder.",
+        ),
+    ],
+    mark: Annotated[
+        bool,
+        typer.Option("--mark", help="Leave out no point: a field moved has the probability of each."),
+    ] = False,
+    picture: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Draw all points, those that moved in red.")
+    ] = None,
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    no_return: NoReturnOption = NoReturnKind.auto,
+    json_file: Json = None,
+    options: Any = None,
+    reading: Any = None,
+) -> None:
+    """Write the points of a log without those that returned from what moved: people, cars, doors.
+
+    Each scan is asked whether it saw the places of all others' points empty. The log is read three times.
+    """
+    begin = time.perf_counter()
+    opened = reading.open(log, dim, max_range)
+    limit = limit_of(max_range)
+    plot = plotting() if picture else None
+    made(lambda: new_map(opened.dim, False, options))
+    writer = writer_of(opened, output, mark)
+    check_target(json_file)
+    if picture is not None:
+        check_picture(plot, picture)
+    settings = settled(opened, options, limit, no_return.value, with_sigma=True)
+    points = MovedPoints(opened, settings.options, settings.max_range, settings.no_return)
+    cleaned = Cleaned(points, writer, keeps_points=picture is not None)
+    with progress() as advance:
+        points.look(advance)
+        looked = time.perf_counter() - begin
+        cleaned.write(advance)
+    figures = {
+        "log": opened.name,
+        "format": opened.format,
+        "scans": cleaned.scans,
+        "points": cleaned.points,
+        "moved": cleaned.moved,
+        "unknown": cleaned.unknown,
+        "seconds": time.perf_counter() - begin,
+        "looking_seconds": looked,
+        "skipped": skipped(opened),
+        "written": str(output),
+    }
+    if cleaned.truth:
+        truth = np.concatenate(cleaned.truth)
+        figures["scores"] = moved_scores(np.concatenate(cleaned.removed), truth).figures()
+    if plot and picture:
+        cleaned.draw(picture)
+    if not is_stdout(json_file):
+        share = cleaned.moved / max(cleaned.points, 1)
+        print(f"{opened.name}: {cleaned.scans} scans, {cleaned.points} points that returned")
+        for line in settings.lines():
+            print(f"  {line}")
+        print(f"  {cleaned.moved} moved ({100 * share:.1f} %), of {cleaned.unknown} no scan can tell")
+        if cleaned.truth:
+            print(f"  by the log's own field moving: {moved_scores(np.concatenate(cleaned.removed), truth)}")
+        print(f"in {figures['seconds']:.3f} s; wrote {output}{f' and {picture}' if picture else ''}")
+    write_json(figures, json_file)
+    warn_of_skipped(opened)

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which points of a log returned from what moved, and scans without them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree._native import _core
+from ndtree.base.progress import Progress, no_progress
+from ndtree.base.scan import Scan
+from ndtree.logs import Log
+from ndtree.logs.core.log import SizedLog
+
+#: Points moved if that is more probable than not: 0.5 is said where no scan can tell.
+THRESHOLD = 0.5
+
+
+@dataclass
+class MovedPoints:
+    """What scans of a log say about each other's points, after two passes over the log.
+
+    Parameters
+    ----------
+    log : Log
+        Read twice by `look`.
+    options : dict
+        Of a map: its smallest cells and its sensor. Left out options have the map's defaults.
+    max_range : float
+        As for `Scan.insert_into` [m].
+    no_return : {"free", "ignore"}
+        Whether beams without return say that space is free.
+    """
+
+    log: Log
+    options: dict[str, Any]
+    max_range: float
+    no_return: str
+
+    def __post_init__(self) -> None:
+        settings = {**_core.default_options(), **self.options}
+        self._margin = settings["min_cell_size"]
+        self._sigma = settings["range_sigma"], settings["range_sigma_quadratic"]
+        self._evidence = _core.MovedEvidence(
+            dim=self.log.dim,
+            cell_size=settings["min_cell_size"],
+            range_sigma=self._sigma[0],
+            range_sigma_quadratic=self._sigma[1],
+        )
+
+    def look(self, progress: Progress | None = None) -> MovedPoints:
+        """Read the log twice.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called as ``progress(what, done, total)`` with numbers of scans.
+
+        Raises
+        ------
+        ValueError
+            If the log is damaged, or a scan cannot be used; it is named.
+        """
+        show = no_progress if progress is None else progress
+        for what, use in (("collecting points", self._evidence.add), ("seeing through", self._evidence.look)):
+            total = len(self.log) if isinstance(self.log, SizedLog) else 0
+            for number, scan in enumerate(self.log):
+                self._give(scan, number, use)
+                show(what, number + 1, total)
+        return self
+
+    def _give(self, scan: Scan, number: int, use: Callable[..., None]) -> None:
+        if self.no_return == "ignore":
+            scan = scan.returned_only()
+        try:
+            use(
+                scan.endpoints,
+                scan.origin,
+                returned=scan.returned,
+                max_range=self.max_range,
+                range_sigma=scan.range_sigma,
+            )
+        except ValueError as error:
+            self.log._skip(
+                "scans that cannot be used", ValueError(f"{self.log.name}: scan {number}: {error}")
+            )
+
+    def probability(self, scan: Scan) -> NDArray[np.float32]:
+        """That each point of a scan moved; 0.5 for beams that returned from nowhere."""
+        answer = np.asarray(self._evidence.probability(scan.endpoints))
+        if scan.returned is not None or self.max_range < np.inf:  # Else what did not return is in no cell.
+            answer[~self.returned(scan)] = 0.5
+        return answer
+
+    def moved(self, scan: Scan) -> NDArray[np.bool_]:
+        """Whether that is more probable than not."""
+        return self.probability(scan) > THRESHOLD
+
+    def without(self, scan: Scan) -> Scan:
+        """The scan with beams to what moved cut where they surely were in free space, and without end point.
+
+        Of what is at the end point nothing is said then: other beams do.
+        """
+        moved = self.moved(scan)
+        if not moved.any():
+            return scan
+        origin = np.broadcast_to(scan.origin, scan.endpoints.shape)
+        way = scan.endpoints[moved].astype(np.float64) - origin[moved]
+        length = np.linalg.norm(way, axis=1)
+        sigma = self._sigma[0] + self._sigma[1] * length**2
+        if scan.range_sigma is not None:
+            sigma = scan.range_sigma[moved].astype(np.float64)
+        kept = 1 - (self._margin + 2 * sigma) / length
+        ends = scan.endpoints.astype(np.float64)
+        ends[moved] = np.where((kept > 0)[:, None], origin[moved] + kept[:, None] * way, np.nan)
+        returned = np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned.copy()
+        returned[moved] = False
+        return replace(scan, endpoints=ends, returned=returned)
+
+    def scans(self) -> Iterator[tuple[Scan, NDArray[np.float32]]]:
+        """Each scan of the log with the probabilities of its points."""
+        for scan in self.log:
+            yield scan, self.probability(scan)
+
+    def returned(self, scan: Scan) -> NDArray[np.bool_]:
+        """Which beams of a scan met a surface within the maximum range."""
+        length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
+        returned = np.isfinite(length) & (length > 0) & (length <= self.max_range)
+        return returned if scan.returned is None else returned & scan.returned
+
+
+@dataclass(frozen=True)
+class MovedScores:
+    """How right a cleaning is, as the field counts it.
+
+    Parameters
+    ----------
+    static_accuracy : float
+        Of points of what stands, the fraction that is kept (SA).
+    dynamic_accuracy : float
+        Of points of what moves, the fraction that is removed (DA).
+    static_points, moving_points : int
+        How many there are.
+    """
+
+    static_accuracy: float
+    dynamic_accuracy: float
+    static_points: int
+    moving_points: int
+
+    @property
+    def associated_accuracy(self) -> float:
+        """The geometric mean of both (AA)."""
+        return float(np.sqrt(self.static_accuracy * self.dynamic_accuracy))
+
+    @property
+    def harmonic_accuracy(self) -> float:
+        """The harmonic mean of both (HA)."""
+        total = self.static_accuracy + self.dynamic_accuracy
+        return 2 * self.static_accuracy * self.dynamic_accuracy / total if total else 0.0
+
+    def figures(self) -> dict[str, float]:
+        return {
+            "SA": self.static_accuracy,
+            "DA": self.dynamic_accuracy,
+            "AA": self.associated_accuracy,
+            "HA": self.harmonic_accuracy,
+            "static_points": self.static_points,
+            "moving_points": self.moving_points,
+        }
+
+    def __str__(self) -> str:
+        one = (self.static_accuracy, self.dynamic_accuracy, self.associated_accuracy, self.harmonic_accuracy)
+        return "  ".join(f"{name} {100 * value:5.1f}" for name, value in zip(("SA", "DA", "AA", "HA"), one))
+
+
+def moved_scores(
+    removed: NDArray[np.bool_], truth: NDArray[np.bool_], counts: NDArray[np.bool_] | None = None
+) -> MovedScores:
+    """Compare which points were removed with which moved.
+
+    Parameters
+    ----------
+    removed, truth : ndarray of bool, (n,)
+    counts : ndarray of bool, (n,), optional
+        Points that are counted; left out: all.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ.
+    """
+    counts = np.ones(len(truth), dtype=bool) if counts is None else counts
+    if removed.shape != truth.shape or counts.shape != truth.shape:
+        raise ValueError(
+            f"removed has shape {removed.shape}, truth {truth.shape}, counts {counts.shape}: must be the same"
+        )
+    static, moving = counts & ~truth, counts & truth
+
+    def share(which: NDArray[np.bool_], of: NDArray[np.bool_]) -> float:
+        return float(np.count_nonzero(which & of) / max(np.count_nonzero(of), 1))
+
+    return MovedScores(
+        share(~removed, static),
+        share(removed, moving),
+        int(np.count_nonzero(static)),
+        int(np.count_nonzero(moving)),
+    )

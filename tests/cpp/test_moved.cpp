@@ -1,0 +1,284 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// What moved: images of ranges against brute force, and evidence in worlds whose truth is known.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstddef>
+#include <cstring>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "ndtree/core/random.hpp"
+#include "ndtree/evaluation/cell_numbers.hpp"
+#include "ndtree/evaluation/moved.hpp"
+#include "ndtree/evaluation/range_pyramid.hpp"
+#include "ndtree/logs/simulator.hpp"
+
+namespace ndtree::test::test_moved {
+namespace {
+
+template <class Type>
+class RangePyramidTest : public ::testing::Test {};
+struct TwoD {
+  static constexpr int kDim = 2;
+};
+struct ThreeD {
+  static constexpr int kDim = 3;
+};
+using Dims = ::testing::Types<TwoD, ThreeD>;
+TYPED_TEST_SUITE(RangePyramidTest, Dims);
+
+template <int D>
+Eigen::Matrix<float, D, 1> random_direction(Random& random) {
+  Eigen::Matrix<float, D, 1> way;
+  do {
+    for (int k = 0; k < D; ++k) way[k] = static_cast<float>(random.uniform(-1.0, 1.0));
+  } while (way.norm() > 1.0F || way.norm() < 0.1F);
+  return way.normalized();
+}
+
+TYPED_TEST(RangePyramidTest, NeverSaysMoreThanTheBeamsAroundAPoint) {
+  constexpr int D = TypeParam::kDim;
+  using Point = Eigen::Matrix<float, D, 1>;
+  Random random(801, D);
+  int answers = 0;
+  int hidden = 0;
+  int inside = 0;
+  for (int round = 0; round < 20; ++round) {
+    const int beams = D == 2 ? 400 : 6000;
+    RangePyramid<D> pyramid;
+    const Point origin = Point::Constant(static_cast<float>(random.uniform(-5.0, 5.0)));
+    pyramid.reset(origin);
+    std::vector<Point> directions;
+    std::vector<float> sure;
+    for (int i = 0; i < beams; ++i) {
+      const Point way = random_direction<D>(random);
+      if (round % 2 == 1 && way[0] < 0.2F) continue;  // A sensor with a field of view.
+      directions.push_back(way);
+      sure.push_back(static_cast<float>(random.uniform(3.0, 4.0)) + (way[1] > 0.0F ? 6.0F : 0.0F));
+      pyramid.add(way, sure.back());
+    }
+    pyramid.build();
+    for (int i = 0; i < 500; ++i) {
+      const float distance = static_cast<float>(random.uniform(1.5, 9.0));
+      const float radius = static_cast<float>(random.uniform(0.02, 0.15));
+      const Point point = origin + distance * random_direction<D>(random);
+      const Point way = (point - origin).normalized();
+      float least = std::numeric_limits<float>::infinity();
+      float most = 0.0F;
+      for (std::size_t k = 0; k < directions.size(); ++k) {
+        const float across = (directions[k] - directions[k].dot(way) * way).norm();
+        if (directions[k].dot(way) > 0.0F && across * distance < 0.5F * radius)
+          least = std::min(least, sure[k]);
+        if (directions[k].dot(way) > 0.0F && across * distance < radius) most = std::max(most, sure[k]);
+      }
+      const float passed = pyramid.surely_passed(point, distance, radius, 0.0F);
+      if (passed >= 0.0F) {
+        ++answers;
+        // Across the cube's edges pixels do not line up.
+        const Point sizes = way.cwiseAbs();
+        bool is_inside = true;
+        for (int k = 0; k < D; ++k)
+          is_inside = is_inside && (sizes[k] == sizes.maxCoeff() || sizes[k] < 0.7F * sizes.maxCoeff());
+        inside += is_inside ? 1 : 0;
+        EXPECT_TRUE(!is_inside || passed <= least)
+            << passed << " > " << least << ": a beam within half the radius ends before";
+        // No more is said with a larger least than with none.
+        EXPECT_EQ(pyramid.surely_passed(point, distance, radius, passed), passed);
+        EXPECT_LT(pyramid.surely_passed(point, distance, radius, passed + 0.01F), 0.0F);
+      }
+      if (pyramid.hides(point, radius, distance)) {
+        ++hidden;
+        EXPECT_LE(most, distance) << "a beam through the ball passed farther";
+      }
+      EXPECT_TRUE(round % 2 == 0 || way[0] > -0.3F || passed < 0.0F) << "no beam is there";
+    }
+  }
+  EXPECT_GT(answers, 500);
+  EXPECT_GT(inside, 250);
+  EXPECT_GT(hidden, 100);
+}
+
+TYPED_TEST(RangePyramidTest, CellsKeepTheirNumbers) {
+  constexpr int D = TypeParam::kDim;
+  Random random(802, D);
+  const Vector<D> origin = Vector<D>::Constant(1e6);
+  CellNumbers<D> numbers(0.1, origin);
+  typename CellNumbers<D>::Cursor cursor;
+  std::vector<Vector<D>> points;
+  std::vector<std::uint32_t> given;
+  for (int i = 0; i < 3000; ++i) {
+    Vector<D> point = origin;
+    for (int k = 0; k < D; ++k) point[k] += random.uniform(-3.0, 3.0);
+    points.push_back(point);
+    given.push_back(numbers.put(point, cursor));
+  }
+  typename CellNumbers<D>::Cursor other;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    EXPECT_EQ(numbers.find(points[i], other), given[i]);
+    for (int k = 0; k < D; ++k)
+      EXPECT_EQ(numbers.cell(given[i])[k], static_cast<int>(std::floor((points[i][k] - origin[k]) / 0.1)));
+  }
+  EXPECT_EQ(numbers.find(origin + Vector<D>::Constant(50.0), other), CellNumbers<D>::kNone);
+  EXPECT_EQ(numbers.put(Vector<D>::Constant(-1e9), cursor), CellNumbers<D>::kNone);
+  std::vector<std::uint32_t> reversed(numbers.size());
+  for (std::size_t i = 0; i < reversed.size(); ++i)
+    reversed[i] = static_cast<std::uint32_t>(reversed.size() - 1 - i);
+  numbers.renumber(reversed);
+  for (std::size_t i = 0; i < points.size(); ++i)
+    EXPECT_EQ(numbers.find(points[i], other), reversed[given[i]]);
+}
+
+TEST(Moved, ProbabilityIsThatOfBayes) {
+  MovedOptions options;
+  const MovedEvidence<2> evidence(options);
+  EXPECT_EQ(evidence.probability(0U, 0U), 0.5F);
+  const double e = options.error_rate;
+  int cases = 0;
+  for (std::uint32_t v = 0; v < 12; ++v)
+    for (std::uint32_t h = 0; h < 12; ++h, ++cases) {
+      // The mean likelihood over all fractions, by the middle rule.
+      double moved = 0.0;
+      constexpr int kSteps = 20000;
+      for (int i = 0; i < kSteps; ++i) {
+        const double q = (i + 0.5) / kSteps;
+        moved += std::pow(q, v) * std::pow(1.0 - q, h) / kSteps;
+      }
+      const double stands = std::pow(e, v) * std::pow(1.0 - e, h);
+      EXPECT_NEAR(evidence.probability(v, h), moved / (moved + stands), 1e-4);
+      EXPECT_TRUE(v > 0 || evidence.probability(v, h) <= 0.5F);
+      if (v > 3) continue;  // Too near to 1 for a float to tell.
+      EXPECT_TRUE(h == 0 || evidence.probability(v, h) < evidence.probability(v, h - 1));
+      EXPECT_GT(evidence.probability(v + 1, h), evidence.probability(v, h));
+    }
+  EXPECT_EQ(cases, 144);
+}
+
+/// Shares of the points of what stands, and of what moves, that are said to have moved.
+struct Shares {
+  double standing = 0.0;
+  double moving = 0.0;
+  long num_moving = 0;
+  std::vector<float> all;
+};
+
+template <int D>
+Shares shares_of(const SimulatedLog<D>& log, const MovedOptions& options, std::size_t threads) {
+  MovedEvidence<D> evidence(options);
+  std::vector<Scan<D>> scans;
+  for (std::size_t i = 0; i < log.size(); ++i) scans.push_back(log.scan(i));
+  for (const auto& scan : scans) evidence.add(scan.view());
+  for (const auto& scan : scans) evidence.look(scan.view(), std::numeric_limits<double>::infinity(), threads);
+  Shares shares;
+  long said[2] = {0, 0};
+  long all[2] = {0, 0};
+  for (std::size_t i = 0; i < log.size(); ++i) {
+    const std::vector<bool> truth = log.moved(i);
+    std::vector<float> answers(truth.size());
+    evidence.probabilities(scans[i].endpoints.data(), truth.size(), answers.data());
+    for (std::size_t k = 0; k < truth.size(); ++k) {
+      if (!scans[i].returned[static_cast<Eigen::Index>(k)]) continue;
+      ++all[truth[k] ? 1 : 0];
+      said[truth[k] ? 1 : 0] += answers[k] > 0.5F ? 1 : 0;
+    }
+    shares.all.insert(shares.all.end(), answers.begin(), answers.end());
+  }
+  shares.standing = static_cast<double>(said[0]) / static_cast<double>(std::max(1L, all[0]));
+  shares.moving = static_cast<double>(said[1]) / static_cast<double>(std::max(1L, all[1]));
+  shares.num_moving = all[1];
+  return shares;
+}
+
+TEST(Moved, WhatStandsStaysAndWhatMovesGoes) {
+  SimulationOptions simulation;
+  simulation.seed = 803;
+  MovedOptions options;
+  options.range_sigma = 0.02;
+  {
+    simulation.scans = 120;
+    EXPECT_LT(shares_of(simulate_office(simulation), options, 2).standing, 0.01) << "nothing moves";
+    simulation.people = 6;
+    const Shares office = shares_of(simulate_office(simulation), options, 2);
+    EXPECT_LT(office.standing, 0.02);
+    EXPECT_GT(office.moving, 0.8);
+    EXPECT_GT(office.num_moving, 1000);
+  }
+  {
+    simulation.scans = 30;
+    simulation.people = 4;
+    simulation.cars = 6;
+    options.cell_size = 0.1;
+    const Shares street = shares_of(simulate_street(simulation, {32, 256}), options, 2);
+    EXPECT_LT(street.standing, 0.03);
+    EXPECT_GT(street.moving, 0.85);
+    EXPECT_GT(street.num_moving, 1000);
+  }
+}
+
+TEST(Moved, OneScanAloneSaysNothing) {
+  SimulationOptions simulation;
+  simulation.scans = 1;
+  simulation.people = 3;
+  MovedOptions options;
+  options.range_sigma = 0.02;
+  const Shares shares = shares_of(simulate_apartment(simulation), options, 1);
+  EXPECT_GT(shares.all.size(), 1000U);
+  long above = 0;
+  for (const float p : shares.all) above += p > 0.5F ? 1 : 0;
+  // Of errors alone: beams that returned from nowhere.
+  EXPECT_LT(static_cast<double>(above), 0.005 * static_cast<double>(shares.all.size()));
+}
+
+TEST(Moved, ThreadsChangeNothing) {
+  SimulationOptions simulation;
+  simulation.scans = 12;
+  simulation.people = 3;
+  MovedOptions options;
+  options.range_sigma = 0.02;
+  const auto log = simulate_apartment(simulation);
+  const std::vector<float> one = shares_of(log, options, 1).all;
+  for (const std::size_t threads : {2, 5}) {
+    const std::vector<float> many = shares_of(log, options, threads).all;
+    ASSERT_EQ(one.size(), many.size());
+    EXPECT_EQ(std::memcmp(one.data(), many.data(), one.size() * sizeof(float)), 0);
+  }
+}
+
+TEST(Moved, ScansWithoutBeamsAndWrongCalls) {
+  MovedEvidence<2> evidence({});
+  Scan<2> scan;
+  scan.endpoints.resize(2, 0);
+  scan.origins = Vector<2>(0.0, 0.0);
+  evidence.add(scan.view());
+  evidence.look(scan.view());
+  float answer = 0.0F;
+  const Vector<2> point(1.0, 2.0);
+  evidence.probabilities(point.data(), 1, &answer);
+  EXPECT_EQ(answer, 0.5F);
+  EXPECT_THROW(evidence.add(scan.view()), std::invalid_argument) << "after look()";
+  scan.endpoints.resize(2, 2);
+  scan.endpoints << 1.0, 1e9, 1.0, 0.0;
+  MovedEvidence<2> other({});
+  EXPECT_THROW(other.add(scan.view()), std::invalid_argument) << "too far from the first";
+  for (const char* name :
+       {"cell_size", "range_sigma", "range_sigma_quadratic", "noise_sigmas", "error_rate"}) {
+    MovedOptions options;
+    const std::string wanted = name;
+    (wanted == "cell_size"               ? options.cell_size
+     : wanted == "range_sigma"           ? options.range_sigma
+     : wanted == "range_sigma_quadratic" ? options.range_sigma_quadratic
+     : wanted == "noise_sigmas"          ? options.noise_sigmas
+                                         : options.error_rate) = -1.0;
+    try {
+      const MovedEvidence<3> wrong(options);
+      ADD_FAILURE() << name;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_NE(std::string(error.what()).find(wanted), std::string::npos) << error.what();
+    }
+  }
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_moved

@@ -1,0 +1,367 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What moved: evidence, scores, cleaned logs of each kind, static maps."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("typer")
+pytest.importorskip("matplotlib")
+
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree.cli.commands import app
+from ndtree.evaluation.moved import MovedPoints, moved_scores
+from ndtree.logs.folders.cloud_files import points_of_file
+from ndtree.logs.folders.cloud_rows import write_cloud, write_rows
+
+RUN = CliRunner()
+
+
+def run(*arguments: object) -> Any:
+    return RUN.invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def office() -> Any:
+    return ndtree.simulate("office", seed=7, scans=150, people=6, doors=3)
+
+
+@pytest.fixture(scope="module")
+def log(office: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("moved") / "office.npz"
+    office.save(path)
+    return path
+
+
+def test_without_what_moves_a_log_is_as_it_was():
+    still = ndtree.simulate("office", seed=3, scans=4)
+    moving = ndtree.simulate("office", seed=3, scans=4, people=0, doors=0)
+    for a, b in zip(still, moving):
+        assert np.array_equal(a.endpoints, b.endpoints, equal_nan=True)
+        assert a.stamp == b.stamp == 0
+    assert not still.moved(0).any()
+    with pytest.raises(IndexError, match="scan 4: the log has 4"):
+        still.moved(4)
+
+
+@pytest.mark.parametrize(
+    "world, wrong, said",
+    [
+        ("office", {"cars": 1}, r"cars = 1: must be 0 in the office"),
+        ("street", {"doors": 2}, r"doors = 2: must be 0 in the street"),
+        ("office", {"doors": 13}, r"doors = 13: must be at most 12"),
+        ("office", {"people": -1}, r"people = -1: must be in \[0, 1000\]"),
+    ],
+)
+def test_what_a_world_has_not_is_refused(world, wrong, said):
+    with pytest.raises(ValueError, match=said):
+        ndtree.simulate(world, scans=2, **wrong)
+
+
+def test_a_log_with_what_moves_keeps_its_truth(office, log):
+    arrays = np.load(log)
+    truth = np.concatenate([office.moved(i) for i in range(len(office))])
+    assert np.array_equal(arrays["moving"], truth)
+    assert 0.02 < truth.mean() < 0.3
+    assert (np.diff(arrays["stamps"]) > 0).all()
+
+
+def test_evidence_finds_what_moves_and_one_scan_finds_nothing(office):
+    points = MovedPoints(office, {"range_sigma": 0.02}, np.inf, "free").look()
+    removed, truth = [], []
+    for i, (scan, probability) in enumerate(points.scans()):
+        assert probability.shape == (len(scan),)
+        assert ((probability >= 0) & (probability <= 1)).all()
+        assert (probability[~scan.returned] == 0.5).all()
+        returned = points.returned(scan)
+        removed.append(points.moved(scan)[returned])
+        truth.append(office.moved(i)[returned])
+    scores = moved_scores(np.concatenate(removed), np.concatenate(truth))
+    assert scores.static_accuracy > 0.97
+    assert scores.dynamic_accuracy > 0.75
+    alone = ndtree.MovedEvidence(dim=2, range_sigma=0.02)
+    scan = office[20]
+    for use in (alone.add, alone.look):
+        use(scan.endpoints, scan.origin, returned=scan.returned)
+    answers = alone.probability(scan.endpoints[scan.returned])
+    assert (answers > 0.5).mean() < 0.01  # Beams that returned from nowhere.
+
+
+def test_a_map_alone_knows_too(office):
+    m = ndtree.AdaptiveMap(dim=2, range_sigma=0.02)
+    for scan in office:
+        scan.insert_into(m)
+    scan = office[75]
+    answers = m.moved(scan.endpoints)
+    assert answers.dtype == np.float32
+    states, probability = m.state(scan.endpoints), m.probability(scan.endpoints)
+    assert (answers[states == 1] <= 0.5).all()
+    assert (answers[states == -1] == 0.5).all()
+    assert (answers <= 1 - probability + 1e-6).all()
+    assert m.moved([100.0, 100.0]) == 0.5
+    assert m.moved(scan.endpoints.reshape(1, -1, 2)).shape == (1, len(scan))
+    truth = np.concatenate([office.moved(i)[office[i].returned] for i in range(len(office))])
+    ends = np.concatenate([one.endpoints[one.returned] for one in office])
+    scores = moved_scores(m.moved(ends) > 0.5, truth)
+    assert scores.static_accuracy > 0.95
+    assert scores.dynamic_accuracy > 0.5
+
+
+def test_scans_without_what_moved_say_nothing_of_its_place(office):
+    points = MovedPoints(office, {"range_sigma": 0.02}, np.inf, "free").look()
+    changed = 0
+    for scan in office:
+        moved = points.moved(scan)
+        cut = points.without(scan)
+        if not moved.any():
+            assert cut is scan
+            continue
+        changed += 1
+        assert not cut.returned[moved].any()
+        assert np.array_equal(cut.returned[~moved], scan.returned[~moved])
+        assert np.array_equal(cut.endpoints[~moved], scan.endpoints[~moved], equal_nan=True)
+        before, after = (np.linalg.norm(one.endpoints[moved] - one.origin, axis=1) for one in (scan, cut))
+        whole = np.isfinite(after)
+        assert np.allclose(before[whole] - after[whole], 0.05 + 2 * 0.02)
+    assert changed > 20
+
+
+def test_scores_are_those_of_the_field():
+    truth = np.array([True] * 4 + [False] * 10)
+    removed = np.array([True, True, True, False] + [True] + [False] * 9)
+    scores = moved_scores(removed, truth)
+    assert (scores.static_accuracy, scores.dynamic_accuracy) == (0.9, 0.75)
+    assert scores.associated_accuracy == pytest.approx(np.sqrt(0.9 * 0.75))
+    assert scores.harmonic_accuracy == pytest.approx(2 / (1 / 0.9 + 1 / 0.75))
+    assert moved_scores(removed, truth, ~truth).moving_points == 0
+    with pytest.raises(ValueError, match="must be the same"):
+        moved_scores(removed[1:], truth)
+
+
+def test_wrong_arguments_are_named():
+    with pytest.raises(ValueError, match="dim = 4: must be 2 or 3"):
+        ndtree.MovedEvidence(dim=4)
+    with pytest.raises(ValueError, match=r"error_rate = 0\.7: must be in"):
+        ndtree.MovedEvidence(dim=2, error_rate=0.7)
+    evidence = ndtree.MovedEvidence(dim=2)
+    evidence.look(np.zeros((0, 2)), [0, 0])
+    with pytest.raises(ValueError, match="add all scans before"):
+        evidence.add([[1, 1]], [0, 0])
+    with pytest.raises(ValueError, match=r"shape \(1, 3\)"):
+        evidence.probability([[1, 2, 3]])
+
+
+def test_clean_writes_the_log_without_what_moved(log, tmp_path):
+    np.savez(tmp_path / "in.npz", **np.load(log), intensity=np.arange(len(np.load(log)["points"])))
+    out = tmp_path / "out.npz"
+    result = run(
+        "clean",
+        tmp_path / "in.npz",
+        "-o",
+        out,
+        "--range-sigma",
+        0.02,
+        "--json",
+        tmp_path / "f.json",
+        "--picture",
+        tmp_path / "p.png",
+    )
+    assert result.exit_code == 0, result.output
+    assert "by the log's own field moving: SA" in result.output
+    figures = json.loads((tmp_path / "f.json").read_text())
+    before, after = np.load(tmp_path / "in.npz"), np.load(out)
+    assert sorted(after.files) == sorted(before.files)
+    assert len(after["points"]) == len(before["points"]) - figures["moved"]
+    assert len(after["offsets"]) == len(before["offsets"])
+    assert np.array_equal(after["points"], before["points"][after["intensity"]], equal_nan=True)
+    assert figures["scores"]["HA"] > 0.85
+    assert after["moving"].sum() < 0.3 * before["moving"].sum()
+    assert (tmp_path / "p.png").stat().st_size > 10_000
+    assert len(list(ndtree.read(out))) == 150
+    marked = tmp_path / "marked.npz"
+    assert run("clean", tmp_path / "in.npz", "-o", marked, "--mark", "--range-sigma", 0.02).exit_code == 0
+    both = np.load(marked)
+    assert len(both["moved"]) == len(before["points"])
+    assert np.array_equal(both["intensity"][~(both["moved"] > 0.5)], after["intensity"])
+
+
+def test_clean_writes_one_cloud(log, tmp_path):
+    for ending in ("ply", "pcd"):
+        out = tmp_path / f"cloud.{ending}"
+        assert run("clean", log, "-o", out, "--mark", "--range-sigma", 0.02).exit_code == 0
+        arrays = np.load(log)
+        returned = ~arrays["no_return"] & np.isfinite(arrays["points"]).all(axis=1)
+        points = points_of_file(str(out))
+        assert np.allclose(points[:, :2], arrays["points"][returned], atol=1e-5)
+        head = out.read_bytes()[:600]
+        assert b"moved" in head
+        assert b"scan" in head
+
+
+@pytest.fixture(scope="module")
+def clouds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of PCD files with a trajectory: a room, and a box in it that is there for half of the time."""
+    folder = tmp_path_factory.mktemp("clouds") / "in"
+    folder.mkdir()
+    random = np.random.default_rng(5)
+    lines = []
+    for i in range(12):
+        way = random.normal(size=(6000, 3))
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        origin = np.array([0.05 * i, 0.0, 0.0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.where(way > 0, (3 - origin) / way, (-3 - origin) / way).min(axis=1)
+            lower, upper = np.array([1.2, -0.5, -0.5]) - origin, np.array([1.8, 0.5, 0.5]) - origin
+            slabs = np.stack([lower / way, upper / way])
+            enter, leave = slabs.min(0).max(1), slabs.max(0).min(1)
+        box = (enter > 0) & (enter < leave) & (i < 6)
+        points = way * np.where(box, enter, ends)[:, None] + random.normal(0, 0.005, (6000, 3))
+        write_cloud(
+            folder / f"{i:06}.pcd",
+            {
+                **{axis: points[:, k].astype(np.float32) for k, axis in enumerate("xyz")},
+                "ring": box.astype(np.uint16),
+                "number": np.arange(6000, dtype=np.int32),
+            },
+        )
+        lines.append(f"1 0 0 {origin[0]} 0 1 0 0 0 0 1 0")
+    (folder / "poses.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def columns_of(path: Path) -> np.ndarray:
+    head, data = path.read_bytes().split(b"DATA binary\n")
+    words = {line.split()[0]: line.split()[1:] for line in head.decode().splitlines()}
+    kinds = [f"<{kind.lower()}{size}" for kind, size in zip(words["TYPE"], words["SIZE"])]
+    table = np.frombuffer(data, np.dtype(list(zip(words["FIELDS"], kinds))))
+    assert int(words["POINTS"][0]) == int(words["WIDTH"][0]) == len(table)
+    return table
+
+
+def test_clean_keeps_a_folder_of_clouds_with_all_fields(clouds, tmp_path):
+    out = tmp_path / "out"
+    result = run("clean", clouds, "-o", out, "--range-sigma", 0.01)
+    assert result.exit_code == 0, result.output
+    assert sorted(path.name for path in out.iterdir()) == sorted(path.name for path in clouds.iterdir())
+    kept = removed = wrong = 0
+    for path in sorted(clouds.glob("*.pcd")):
+        before, after = columns_of(path), columns_of(out / path.name)
+        assert before.dtype == after.dtype
+        assert np.array_equal(before[after["number"]], after)
+        removed += before["ring"].sum() - after["ring"].sum()
+        kept += after["ring"].sum()
+        wrong += (before["ring"] == 0).sum() - (after["ring"] == 0).sum()
+    assert removed > 20 * kept
+    assert wrong < 0.01 * 12 * 6000
+    assert len(list(ndtree.read(out))) == 12
+    assert run("clean", clouds, "-o", tmp_path / "marked", "--mark", "--range-sigma", 0.01).exit_code == 0
+    marked = columns_of(tmp_path / "marked" / "000000.pcd")
+    assert len(marked) == 6000
+    assert (marked["moved"][marked["ring"] == 1] > 0.5).mean() > 0.95
+    own = run("clean", clouds, "-o", clouds)
+    assert own.exit_code == 1
+    assert "is the log's own folder" in own.output
+
+
+@pytest.mark.parametrize("text", [False, True], ids=["binary", "ascii"])
+@pytest.mark.parametrize("ending", ["ply", "pcd"])
+def test_rows_of_files_keep_their_fields(ending, text, tmp_path):
+    columns = {axis: np.arange(6, dtype=np.float32) + k for k, axis in enumerate("xyz")}
+    columns["t"] = np.arange(6).astype(np.int32)
+    source = tmp_path / f"a.{ending}"
+    write_cloud(source, columns)
+    if text:
+        head, _, _ = source.read_bytes().partition(b"end_header\n" if ending == "ply" else b"DATA binary\n")
+        rows = "".join(f"{i} {i + 1} {i + 2} {i}\n" for i in range(6)).encode()
+        ends = {"ply": b"end_header\n", "pcd": b"DATA ascii\n"}[ending]
+        source.write_bytes(head.replace(b"binary_little_endian", b"ascii") + ends + rows)
+    keep = np.array([True, False, True, True, False, True])
+    write_rows(str(source), str(tmp_path / f"b.{ending}"), keep)
+    assert np.array_equal(points_of_file(str(tmp_path / f"b.{ending}"))[:, 0], [0, 2, 3, 5])
+    moved = np.linspace(0, 1, 6).astype(np.float32)
+    write_rows(str(source), str(tmp_path / f"c.{ending}"), np.ones(6, bool), moved)
+    assert np.array_equal(points_of_file(str(tmp_path / f"c.{ending}"))[:, 2], columns["z"])
+    assert b"moved" in (tmp_path / f"c.{ending}").read_bytes()
+    with pytest.raises(ValueError, match="has 6 points, expected 3"):
+        write_rows(str(source), str(tmp_path / f"d.{ending}"), keep[:3])
+
+
+def test_rows_of_las_keep_their_fields(tmp_path):
+    laspy = pytest.importorskip("laspy")
+    cloud = laspy.create(point_format=1)
+    cloud.header.scales = [0.001] * 3
+    cloud.x = cloud.y = cloud.z = np.arange(5.0)
+    cloud.intensity = np.arange(5) * 10
+    cloud.write(tmp_path / "a.las")
+    keep = np.array([True, False, True, True, False])
+    write_rows(str(tmp_path / "a.las"), str(tmp_path / "b.las"), keep)
+    assert np.array_equal(laspy.read(tmp_path / "b.las").intensity, [0, 20, 30])
+    moved = np.linspace(0, 1, 5).astype(np.float32)
+    write_rows(str(tmp_path / "a.las"), str(tmp_path / "c.las"), np.ones(5, bool), moved)
+    assert np.array_equal(laspy.read(tmp_path / "c.las").moved, moved)
+
+
+def test_a_static_map_has_neither_people_nor_less_of_what_stands(office, log, tmp_path):
+    for name, more in (("all", ()), ("static", ("--static",))):
+        result = run("map", log, "-o", tmp_path / f"{name}.ndt", "--range-sigma", 0.02, *more)
+        assert result.exit_code == 0, result.output
+    assert "points moved and were left out" in result.output
+    everything, static = (ndtree.load(tmp_path / f"{name}.ndt") for name in ("all", "static"))
+    still = ndtree.simulate("office", seed=7, scans=150, doors=3)
+    stands = [scan.returned & ~still.moved(i) for i, scan in enumerate(still)]
+    ends = np.concatenate([scan.endpoints[one] for scan, one in zip(still, stands)])
+    walls = [m.occupied_within(ends, 0.05).mean() for m in (everything, static)]
+    assert walls[1] > walls[0] - 0.01, "no static surface is lost"
+    points = MovedPoints(ndtree.read(log), {"range_sigma": 0.02}, np.inf, "free").look()
+    went = np.concatenate([s.endpoints[office.moved(i) & points.moved(s)] for i, s in enumerate(office)])
+    went = went[~office.contains(went)]
+    left = [(m.state(went) == 1).mean() for m in (everything, static)]
+    assert len(went) > 1000
+    assert left[0] > 0.05
+    assert left[1] < 0.02, "nor their trails"
+    free = [(m.state(went) == 0).mean() for m in (everything, static)]
+    assert free[1] > free[0]
+
+
+def test_wrong_calls_end_with_one_line(log, tmp_path):
+    folder = run("clean", log, "-o", tmp_path / "folder")
+    assert folder.exit_code == 1
+    assert "a folder is for a folder of PCD, PLY, LAS or LAZ files" in folder.output
+    missing = run("clean", tmp_path / "no.npz", "-o", tmp_path / "x.npz")
+    assert missing.exit_code == 1
+    tiles = run("map", log, "-o", tmp_path / "a.tiles", "--static")
+    assert tiles.exit_code == 2
+    assert "--static" in tiles.output
+    cars = run("simulate", "office", "--cars", 2, "-o", tmp_path / "x.npz")
+    assert cars.exit_code == 2
+    assert "--cars = 2: must be 0 in the office" in cars.output
+
+
+def test_people_before_a_real_camera(recordings, tmp_path):
+    log = recordings / "kinect2_gallery_p1" / "kinect2_gallery_p1.npz"
+    if not log.is_file():
+        pytest.skip(f"{log}: is not there")
+    result = run("clean", log, "-o", tmp_path / "clean.npz", "--json", tmp_path / "figures.json")
+    assert result.exit_code == 0, result.output
+    scores = json.loads((tmp_path / "figures.json").read_text())["scores"]
+    assert scores["HA"] > 0.9  # Labels are rough: from body tracking.
+    assert scores["SA"] > 0.95
+
+
+def test_a_folder_of_ply_is_copied_whole(clouds, tmp_path):
+    source = tmp_path / "one"
+    source.mkdir()
+    for path in sorted(clouds.glob("*.pcd"))[:6]:
+        table = columns_of(path)
+        write_cloud(source / f"{path.stem}.ply", {name: table[name] for name in table.dtype.names})
+    shutil.copy(clouds / "poses.txt", source)
+    assert run("clean", source, "-o", tmp_path / "out", "--range-sigma", 0.01).exit_code == 0
+    assert len(list((tmp_path / "out").iterdir())) == 7
