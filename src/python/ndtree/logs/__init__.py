@@ -36,6 +36,7 @@ __all__ = [
     "WrongOption",
     "contents",
     "read",
+    "recognised",
     "simulate",
 ]
 
@@ -141,6 +142,11 @@ def contents(path: str | os.PathLike[str], *, format: str | None = None) -> dict
     source, chosen = _looked_up(path, format)
     with readable(source.path, f"cannot be read as {chosen.description}"):
         return chosen.contents(source) if chosen.contents else {}
+
+
+def recognised(path: str | os.PathLike[str], *, format: str | None = None) -> str:
+    """The format of a file or folder, one of `FORMATS`; raises as `read`, without reading the log."""
+    return _looked_up(path, format)[1].name
 
 
 def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source, Format]:

@@ -27,6 +27,10 @@ COMMANDS = {
         "map_log",
         "Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.",
     ),
+    "live": (
+        "live",
+        "Map a recording as a robot would: message by message, at its own pace, and say what was dropped.",
+    ),
     "fleet": (
         "fleet",
         "Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.",
