@@ -150,6 +150,27 @@ def test_a_full_queue_drops_the_oldest_and_counts() -> None:
     assert mapper.snapshot().to_bytes() == mapped([some[0], *some[-5:]])
 
 
+def test_what_was_looked_at_before_mapping_is_not_dropped(tmp_path: Path) -> None:
+    """Of a laser of 20 Hz two seconds are more than the queue holds; what comes then is bounded by it."""
+    bag = drive_bag(tmp_path, "mcap")
+    intake = MessagesIntake(str(bag), options={"range_sigma": 0.02}, no_return="free")
+    with open_bag(str(bag)) as opened:
+        items = list(messages_of(opened))
+    looked = [item for item in items if item[1] <= items[0][1] + 50 + 2.5]
+    with LiveMapper(intake, queue=5) as mapper:
+        for item in looked:  # All at once.
+            mapper.put(*item)
+        deadline = time.monotonic() + PATIENCE
+        while mapper.figures.waiting > 2 or not mapper.figures.mapped:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        assert mapper.figures.dropped == 0 and mapper.figures.mapped > 30
+        for item in items[len(looked) :]:
+            mapper.put(*item)
+    figures = mapper.figures
+    assert figures.received == figures.mapped + figures.dropped + sum(figures.left_out.values())
+
+
 def test_who_waits_drops_nothing() -> None:
     some = scans(30)
     with LiveMapper(ScansIntake(SETTINGS, 2), queue=2) as mapper:

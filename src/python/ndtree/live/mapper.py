@@ -130,6 +130,8 @@ class LiveMapper:
         self._error: BaseException | None = None
         self._held: Entry | None = None
         self._ordered = False
+        #: Of what had come before mapping began, what is not mapped yet: the queue may be longer by this.
+        self._backlog = 0
         self._lock = threading.RLock()
         self._stamp = 0.0
         self._unseen: list[float] = []
@@ -180,11 +182,12 @@ class LiveMapper:
             self._changed.notify_all()
 
     def _may_drop(self) -> bool:
-        """Whether the queue is full of more than what is looked at before mapping begins."""
+        """Whether the queue is full of more than what was looked at before mapping began."""
         oldest = self._queue.oldest()
-        return self._intake.settings is not None or (
-            oldest is not None and self._latest - oldest.received > self._intake.look + self._patience
-        )
+        if self._intake.settings is None:
+            waits = self._intake.look + self._patience
+            return oldest is not None and self._latest - oldest.received > waits
+        return len(self._queue) >= self._queue.capacity + self._backlog
 
     def advance(self, now: float) -> None:
         """Tell what time it is for the source [s], where nothing comes: what waited long enough gives up."""
@@ -326,6 +329,8 @@ class LiveMapper:
                 self.undecided = str(error)
         if self._intake.settings is not None:
             self.undecided = ""
+            with self._changed:
+                self._backlog = len(self._queue)
             return True
         with self._changed:
             self._is_starved = True
@@ -360,6 +365,7 @@ class LiveMapper:
                     self._changed.notify_all()
                 return True
             self._held = None
+            self._backlog = max(self._backlog - 1, 0)
             if isinstance(found, Scan):
                 self._insert(found, entry)
 

@@ -24,6 +24,7 @@ from ndtree.logs.ros.files.memory import bag_of
 from ndtree.logs.ros.following import Follower
 from ndtree.logs.ros.messages.beams import SENSORS
 from ndtree.logs.ros.messages.head import head_of
+from ndtree.logs.ros.placement.placement import STILL, TRANSFORMS
 from ndtree.logs.ros.reading import Measured, MessageReader, OtherFrame
 from ndtree.logs.ros.rosbag import RosbagLog
 from ndtree.logs.ros.storage import Raw
@@ -62,6 +63,8 @@ class MessagesIntake(PosedIntake):
     ----------
     log : RosbagLog or None
         What was decided of sensors and frames.
+    pose_topics : list of str
+        That tell poses in the place of transforms.
     """
 
     def __init__(
@@ -186,6 +189,12 @@ class MessagesIntake(PosedIntake):
             return log.completed(reader.scan(measured))
 
         return self._posed(first, last, until, give_up, place, figures)
+
+    @property
+    def pose_topics(self) -> list[str]:
+        if self.log is None:
+            return []
+        return [place.origin for place in self.log.places.values() if place.origin not in (TRANSFORMS, STILL)]
 
     def said(self) -> list[str]:
         return [*self.notes, *(self._reader.notes() if self._reader is not None else [])]
