@@ -25,7 +25,7 @@ import ndtree
 from ndtree.cli.commands import app
 from ndtree.live import LiveMapper, MessagesIntake, Saver, ScansIntake, Window, play
 from ndtree.live.frames import FramesIntake, Reading, Transform
-from ndtree.live.play import messages_of
+from ndtree.live.playing import messages_of
 from ndtree.live.queue import Entry, ScanQueue
 from ndtree.logs.poses.following import FollowedTree
 from ndtree.logs.poses.transforms import TransformTree

@@ -33,6 +33,9 @@ QUEUE, PATIENCE = 100, 1.0
 #: The threads look up so often although nothing happens [s].
 _LOOKS = 0.05
 
+#: A sink is left alone for this many times as long as it took.
+_SINKS_REST = 5.0
+
 Make = Callable[[int, "dict[str, Any]"], OccupancyMap]
 
 
@@ -42,7 +45,8 @@ class Sink(Protocol):
     Attributes
     ----------
     period : float
-        Least time from one `update` to the next [s]; 0: after each scan, if there is time.
+        Least time from one `update` to the next [s]; 0: after each scan. A sink that takes long is shown the
+        map less often, so that it takes a fifth of one processor at most.
     """
 
     period: float
@@ -418,7 +422,7 @@ class _Publisher:
 
     def __init__(self, mapper: LiveMapper, sinks: Sequence[Sink]) -> None:
         self._mapper = mapper
-        self._due = [(sink, -math.inf) for sink in sinks]
+        self._due = [(sink, -math.inf) for sink in sinks]  # And when it may be shown the map again [s].
         self._shown: dict[int, int] = {}
         self._wake = threading.Condition()
         self._arrived: list[float] = []
@@ -454,35 +458,46 @@ class _Publisher:
         while True:
             with self._wake:
                 if not self._is_awake and not self._is_closing:
-                    self._wake.wait(_LOOKS)
+                    self._wake.wait(self._pause())
                 closing, self._is_awake = self._is_closing, False
                 arrived, self._arrived = self._arrived, []
             self._show(closing, arrived)
             if closing:
                 return
 
+    def _pause(self) -> float:
+        """How long nothing is to be shown, if nothing happens [s]."""
+        now, revision = time.monotonic(), self._mapper._revision
+        behind = [at for number, (_, at) in enumerate(self._due) if self._shown.get(number) != revision]
+        return min(max(min(behind, default=math.inf) - now, 0.0), _LOOKS) or 1e-3
+
     def _show(self, closing: bool, arrived: list[float]) -> None:
         now = time.monotonic()
         revision = self._mapper._revision
         due = [
             number
-            for number, (sink, last) in enumerate(self._due)
-            if (closing or now - last >= sink.period) and self._shown.get(number) != revision
+            for number, (sink, next_time) in enumerate(self._due)
+            if (closing or now >= next_time) and self._shown.get(number) != revision
         ]
         if not due or not self._mapper.has_map:
+            self._arrived[:0] = arrived
             return
         with self._mapper._lock:
             m, stamp, revision = self._mapper.snapshot(), self._mapper._stamp, self._mapper._revision
         at_once = False
         for number in due:
             sink, _ = self._due[number]
+            begin = time.monotonic()
             try:
                 sink.update(m, stamp)
             except Exception as error:  # A sink that fails does not stop the map.
                 self._mapper.failures[type(sink).__name__] = f"{type(error).__name__}: {error}"
-            self._due[number] = sink, now
+            took = time.monotonic() - begin
+            self._due[number] = sink, begin + max(sink.period, _SINKS_REST * took)
             self._shown[number] = revision
             at_once |= sink.period == 0
-        if at_once:
+        if not at_once:
+            self._arrived[:0] = arrived
+        else:
             shown = time.perf_counter()
             self._mapper.figures.published_delays.extend(shown - one for one in arrived)

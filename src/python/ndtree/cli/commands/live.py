@@ -31,7 +31,7 @@ from ndtree.cli.commands.output import check_target, is_stdout, write_json
 from ndtree.live import Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Window, play
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
-from ndtree.live.play import messages_of, scans_of
+from ndtree.live.playing import messages_of, scans_of
 from ndtree.logs import recognised
 from ndtree.logs.core.selection import Selection
 from ndtree.logs.ros.files.bag import open_bag

@@ -149,7 +149,6 @@ class MapNode(LifecycleNode):
             threads=value(self, "threads"),
             window=Window(value(self, "window")) if value(self, "window") > 0 else None,
             sinks=sinks,
-            clock=lambda: 1e-9 * self.get_clock().now().nanoseconds,
             prepare=prepare,
         )
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -201,6 +200,7 @@ class MapNode(LifecycleNode):
         mapper, intake, sources = self._mapper, self._intake, self._sources
         if mapper is None or intake is None or sources is None:
             return
+        sources.take_poses()  # What has not been taken yet is not late.
         mapper.advance(1e-9 * self.get_clock().now().nanoseconds)
         if intake.log is not None and not self._is_announced:
             self._is_announced = True

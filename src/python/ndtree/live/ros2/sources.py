@@ -85,6 +85,16 @@ class Sources:
                 self._node.destroy_subscription(one.subscription)
                 del self._subscriptions[topic]
 
+    def take_poses(self) -> None:
+        """Take all transforms and poses that have arrived: before a measurement, so that none waits for them.
+
+        The executor takes one message of each subscription after the other, and on a busy machine it may be
+        far behind with what comes often.
+        """
+        for one in self._subscriptions.values():
+            if not one.is_sensor:
+                one.take_all()
+
     def close(self) -> None:
         """Listen to nothing."""
         for one in self._subscriptions.values():
@@ -104,9 +114,9 @@ class _Subscription:
     def __init__(self, sources: Sources, topic: str, type: str, kind: Any) -> None:
         self._sources, self._node = sources, sources._node
         self.connection = Connection(0, topic, type, "cdr", _definition(type))
-        is_sensor = type in SENSORS
-        qos = QoSProfile(depth=SENSOR_DEPTH if is_sensor else POSE_DEPTH)
-        if is_sensor and not sources._reliable:
+        self.is_sensor = type in SENSORS
+        qos = QoSProfile(depth=SENSOR_DEPTH if self.is_sensor else POSE_DEPTH)
+        if self.is_sensor and not sources._reliable:
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         if type == CAMERA_INFO:
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
@@ -121,7 +131,22 @@ class _Subscription:
             event_callbacks=SubscriptionEventCallbacks(message_lost=self._lost),
         )
 
+    def take_all(self) -> None:
+        """Take what has arrived, in its order."""
+        with self.subscription.handle:
+            while (
+                taken := self.subscription.handle.take_message(self.subscription.msg_type, True)
+            ) is not None:
+                self._pass_on(taken[0])
+
     def _received(self, data: bytes) -> None:
+        if self.is_sensor:
+            self._sources.take_poses()
+        self._pass_on(data)
+        if not self.is_sensor:
+            self.take_all()
+
+    def _pass_on(self, data: bytes) -> None:
         now = self._node.get_clock().now().nanoseconds
         self._sources._put(Raw(self.connection, now, data))
 
