@@ -231,6 +231,41 @@ def test_real_bags_are_mapped_as_from_a_recording(name: str, recordings: Path, t
     assert received.map == m.to_bytes()
 
 
+def test_services_and_parameters(tmp_path: Path) -> None:
+    file = tmp_path / "map.ndt"
+    given = {"map_file": file, "range_sigma": 0.02, "look": 0.5, "clear_radius": 0.5, "reliable": "true"}
+    words = [w for k, v in given.items() for w in ("-p", f"{k}:={v}")]
+    with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
+        with running(tmp_path, "client", PROCESSES / "client.py", file) as client:
+            assert client.wait(PATIENCE) == 0, (tmp_path / "client.log").read_text()
+        assert node.poll() is None, (tmp_path / "node.log").read_text()
+    said = json.loads((tmp_path / "client.log").read_text().splitlines()[-1])
+    assert said["state"] == "active" and "no map yet" in said["early save"]
+    assert said["described"] == [True] * 3 and said["limits"] == [1]
+    assert said["changed"] == [True, ""]
+    assert said["refused"] == [False, "queue is read when the node is configured, and not while it maps"]
+    assert not said["out of limits"][0] and "range" in said["out of limits"][1]
+    assert said["save"] == [True, str(file)] and said["cleared"]
+    assert 300 < said["known"] - said["known around"] < 500  # 1 m square of pixels of 5 cm.
+    assert said["known without a box"] < said["known around"]
+    assert said["known after reset"] in (0, said["known without a box"])  # An empty map has no grid.
+    assert said["load"] == [0, 1, 2]
+    assert said["known after load"] == said["known"]
+
+
+def test_wrong_parameters_are_refused(tmp_path: Path) -> None:
+    for number, (word, said) in enumerate(
+        {
+            "no_return:=maybe": "no_return = maybe: must be auto, free or ignore",
+            "min_cell_size:=-1.0": "min_cell_size = -1",
+            "queue:=0": "queue",
+        }.items()
+    ):
+        with running(tmp_path, f"wrong{number}", "-m", "ndtree.live.ros2", "--ros-args", "-p", word) as node:
+            assert node.wait(PATIENCE) != 0
+        assert said in (tmp_path / f"wrong{number}.log").read_text()
+
+
 def test_without_ros_the_command_says_what_to_install(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['rclpy'] = None; from ndtree.live.ros2.run import main; sys.exit(main([]))"

@@ -151,15 +151,15 @@ class MapNode(LifecycleNode):
             sinks=sinks,
             prepare=prepare,
         )
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._services = [
+        self._status_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._offered = [
             self.create_service(Trigger, "~/save", self._save),
             self.create_service(LoadMap, "~/load", self._load),
             self.create_service(Empty, "~/reset", self._reset),
             self.create_service(Trigger, "~/clear_around", self._clear_around),
             self.create_service(GetMap, "~/get_map", self._get_map),
         ]
-        self._boxes = self.create_subscription(PolygonStamped, "~/clear_box", self._clear_box, 10)
+        self._box_listener = self.create_subscription(PolygonStamped, "~/clear_box", self._clear_box, 10)
 
     def _new_map(self, dim: int, options: dict[str, Any]) -> OccupancyMap:
         if not value(self, "fixed_cells"):
@@ -250,7 +250,7 @@ class MapNode(LifecycleNode):
         status.values = [KeyValue(key=key, value=str(one)) for key, one in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._status_publisher.publish(message)
 
     def _may_set(self, parameters: list[Parameter[Any]]) -> SetParametersResult:
         """Refuse to change, while it maps, what is read only when the node is configured."""
