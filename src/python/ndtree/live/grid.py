@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,18 @@ GROWS = 64
 SHRINKS = 4.0
 #: Coordinates that differ from a multiple of a cell by less than this part of it are meant to be one.
 _WHOLE = 1e-6
+
+
+#: Of a state 0 or 1, and of -1, which is the last.
+_VALUES = np.array([FREE, OCCUPIED, UNKNOWN], dtype=np.int8)
+
+
+class _Boxes(NamedTuple):
+    """Boxes of pixels: the first of each, those behind the last, and the state of each."""
+
+    first: Ints
+    last: Ints
+    state: NDArray[np.int8]
 
 
 @dataclass(frozen=True)
@@ -86,31 +99,36 @@ class GridFollower:
         m : OccupancyMap
             A snapshot, which is kept.
         """
-        self.cell_size = self._wanted or m.options["min_cell_size"]
+        unit = m.options["min_cell_size"]
+        self.cell_size = self._wanted or unit
         try:
-            box = None if self._seen is None or self.values is None else self._changed(m, self._seen)
+            changed = None if self._seen is None or self.values is None else self._changed(m, self._seen)
         except ValueError:  # Another kind of map.
-            box, self._seen = None, None
+            changed, self._seen = None, None
         is_known = self._seen is not None and self.values is not None
         self._seen = m
-        if is_known and box is None:
+        if is_known and changed is None:
             return None
-        if not is_known or not self._contains(box) or self._is_wasteful(m):
+        if changed is None or not self._contains(changed) or self._is_wasteful(m):
             return self._drawn_anew(m)
-        assert self.values is not None and box is not None
-        lower, upper = box
-        part = self._drawn(m, lower, upper)
+        lower, upper = changed.first.min(axis=0), changed.last.max(axis=0)
+        assert self.values is not None
         column, row = (lower - self._lower).tolist()
-        before = self.values[row : row + part.shape[0], column : column + part.shape[1]]
-        changed = before != part
-        if not changed.any():
+        before = self.values[row : row + upper[1] - lower[1], column : column + upper[0] - lower[0]]
+        if m.dim == 2 and self.cell_size == unit:  # Each pixel is one cell, and the changes tell all.
+            part = before.copy()
+            _fill(part, changed.first - lower, changed.last - lower, _VALUES[changed.state])
+        else:
+            part = self._drawn(m, lower, upper)
+        differs = before != part
+        if not differs.any():
             return None
-        rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+        rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
         before[:] = part
         part = part[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
         return GridPart(column + int(columns[0]), row + int(rows[0]), part, False)
 
-    def _pixels(self, lower: Floats, upper: Floats) -> tuple[Ints, ...]:
+    def _pixels(self, lower: Floats, upper: Floats) -> tuple[Ints, Ints]:
         """The first pixels that boxes overlap, and those behind the last."""
         first, last = lower / self.cell_size, upper / self.cell_size
         near = np.rint(first), np.rint(last)
@@ -126,22 +144,20 @@ class GridFollower:
         z = np.rint(lower[:, 2] / unit)
         return (z < high) & (z + np.rint(size / unit) > low)
 
-    def _changed(self, m: OccupancyMap, before: OccupancyMap) -> tuple[Ints, Ints] | None:
+    def _changed(self, m: OccupancyMap, before: OccupancyMap) -> _Boxes | None:
         changes = m.changes(since=before)
         use = self._in_band(changes.lower, changes.size, m.options["min_cell_size"])
-        if not use.any():
-            return None
-        lower = changes.lower[use, :2]
-        first, last = self._pixels(lower, lower + changes.size[use, None])
-        return first.min(axis=0), last.max(axis=0)
+        return self._boxes(changes.lower, changes.size, changes.after, use) if use.any() else None
 
-    def _known(self, m: OccupancyMap, box: Floats | None = None) -> tuple[NDArray, ...]:
-        """First pixels, those behind the last, and states of leaves that are known."""
+    def _known(self, m: OccupancyMap, box: Floats | None = None) -> _Boxes:
+        """Of leaves that are known."""
         leaves = m.leaves(box, states=["free", "occupied"])
         use = self._in_band(leaves.lower, leaves.size, m.options["min_cell_size"])
-        lower = leaves.lower[use, :2]
-        first, last = self._pixels(lower, lower + leaves.size[use, None])
-        return first, last, leaves.state[use]
+        return self._boxes(leaves.lower, leaves.size, leaves.state, use)
+
+    def _boxes(self, lower: Floats, size: Floats, state: NDArray[np.int8], use: NDArray[np.bool_]) -> _Boxes:
+        lower = lower[use, :2]
+        return _Boxes(*self._pixels(lower, lower + size[use, None]), state[use])
 
     def _drawn(self, m: OccupancyMap, lower: Ints, upper: Ints) -> NDArray[np.int8]:
         """The pixels from lower to before upper."""
@@ -154,23 +170,22 @@ class GridFollower:
             if z[0] > z[1]:
                 return np.full((upper - lower)[::-1], UNKNOWN, dtype=np.int8)
             box = np.column_stack([box, z])
-        first, last, state = self._known(m, box)
-        return _painted(first - lower, last - lower, state, upper - lower)
+        return _painted(self._known(m, box), lower, upper)
 
     def _drawn_anew(self, m: OccupancyMap) -> GridPart | None:
-        first, last, state = self._known(m)
-        if not len(state):
+        known = self._known(m)
+        if not len(known.state):
             return None
-        lower = first.min(axis=0) // GROWS * GROWS
-        upper = -(-last.max(axis=0) // GROWS) * GROWS
+        lower = known.first.min(axis=0) // GROWS * GROWS
+        upper = -(-known.last.max(axis=0) // GROWS) * GROWS
         self._lower = lower
-        self.values = _painted(first - lower, last - lower, state, upper - lower)
+        self.values = _painted(known, lower, upper)
         return GridPart(0, 0, self.values, True)
 
-    def _contains(self, box: tuple[Ints, Ints] | None) -> bool:
-        assert self.values is not None and box is not None
+    def _contains(self, boxes: _Boxes) -> bool:
+        assert self.values is not None
         upper = self._lower + self.values.shape[::-1]
-        return bool((box[0] >= self._lower).all() and (box[1] <= upper).all())
+        return bool((boxes.first >= self._lower).all() and (boxes.last <= upper).all())
 
     def _is_wasteful(self, m: OccupancyMap) -> bool:
         bounds = m.bounds()
@@ -181,19 +196,28 @@ class GridFollower:
         return bool(self.values.size > SHRINKS * extent.prod())
 
 
-def _painted(first: Ints, last: Ints, state: NDArray[np.int8], size: Ints) -> NDArray[np.int8]:
-    """A grid of some size [pixels] with boxes drawn in it; occupied ones cover free ones."""
-    width, height = size.tolist()
-    values = np.full((height, width), UNKNOWN, dtype=np.int8)
-    first, last = np.clip(first, 0, size), np.clip(last, 0, size)
-    for which, value in ((0, FREE), (1, OCCUPIED)):
-        use = (state == which) & (first < last).all(axis=1)
-        (x0, y0), (x1, y1) = first[use].T, last[use].T
-        # The corners of each box, summed along both axes, are how many boxes cover a pixel.
-        corners = np.zeros((height + 1) * (width + 1), dtype=np.int32)
-        for x, y, sign in ((x0, y0, 1), (x1, y0, -1), (x0, y1, -1), (x1, y1, 1)):
-            count = np.bincount(y * (width + 1) + x, minlength=len(corners))
-            corners += sign * count.astype(np.int32)
-        covered = corners.reshape(height + 1, width + 1).cumsum(axis=0).cumsum(axis=1)
-        values[covered[:height, :width] > 0] = value
+def _painted(boxes: _Boxes, lower: Ints, upper: Ints) -> NDArray[np.int8]:
+    """The pixels from lower to before upper, with boxes drawn in them; occupied ones cover free ones."""
+    size = upper - lower
+    values = np.full(size[::-1], UNKNOWN, dtype=np.int8)
+    first, last = np.clip(boxes.first - lower, 0, size), np.clip(boxes.last - lower, 0, size)
+    for state in (0, 1):
+        use = (boxes.state == state) & (first < last).all(axis=1)
+        _fill(values, first[use], last[use], _VALUES[boxes.state[use]])
     return values
+
+
+def _fill(values: NDArray[np.int8], first: Ints, last: Ints, what: NDArray[np.int8]) -> None:
+    """Write values into boxes of pixels: all boxes of one shape at once."""
+    if not len(first):
+        return
+    flat, width = values.reshape(-1), values.shape[1]
+    extent = last - first
+    most = int(extent.max()) + 1
+    shape = extent[:, 1] * most + extent[:, 0]
+    for one in np.flatnonzero(np.bincount(shape)).tolist():
+        rows, columns = divmod(one, most)
+        use = shape == one
+        at = first[use, 1] * width + first[use, 0]
+        inside = (np.arange(rows)[:, None] * width + np.arange(columns)).ravel()
+        flat[(at[:, None] + inside).ravel()] = np.repeat(what[use], len(inside))
