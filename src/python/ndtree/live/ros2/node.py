@@ -168,7 +168,7 @@ class MapNode(LifecycleNode):
 
     def _frame(self) -> str:
         log = None if self._intake is None else self._intake.log
-        return "map" if log is None else log.fixed_frame
+        return (value(self, "fixed_frame") or "map") if log is None else log.fixed_frame
 
     def _put(self, raw: Raw) -> None:
         if self._mapper is not None:
