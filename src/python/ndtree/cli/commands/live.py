@@ -15,7 +15,7 @@ from ndtree.base.exit_status import WrongCall
 from ndtree.base.scan import Scan
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import map_figures, print_map
-from ndtree.cli.commands.flags import Reading, map_options, reading_options
+from ndtree.cli.commands.flags import Reading, in_flags, map_options, reading_options
 from ndtree.cli.commands.logs import limit_of, load_map, made, new_map, open_log, settled
 from ndtree.cli.commands.options import (
     Dim,
@@ -32,7 +32,7 @@ from ndtree.live import Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, 
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 from ndtree.live.playing import messages_of, scans_of
-from ndtree.logs import recognised
+from ndtree.logs import WrongOption, recognised
 from ndtree.logs.core.selection import Selection
 from ndtree.logs.ros.files.bag import open_bag
 
@@ -136,6 +136,10 @@ def live(
                 play(items, mapper, rate=rate)
         except KeyboardInterrupt:
             mapper.close()
+        except WrongOption as error:
+            raise WrongCall(in_flags(str(error))) from None
+        except ValueError as error:
+            raise ValueError(in_flags(str(error))) from error
         seconds = time.perf_counter() - begin
         _report(mapper, seconds, output, json_file, str(log or f"world {world and world.value}"))
         if page is not None:

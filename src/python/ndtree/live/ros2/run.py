@@ -34,6 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
         from rclpy.signals import SignalHandlerOptions
 
         from ndtree.live.ros2.node import MapNode
+        from ndtree.logs.core.failures import WrongOption
     except ImportError as error:
         print(f"ndtree_map: {_NEEDED.format(error)}", file=sys.stderr)
         return 2
@@ -56,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
         executor.add_node(node)
         while not ended and rclpy.ok():
             executor.spin_once(timeout_sec=_LOOKS)
-    except (ValueError, OSError, ImportError) as error:
+    except (ValueError, OSError, ImportError, WrongOption) as error:
         print(f"ndtree_map: {error}", file=sys.stderr)
         return 1
     finally:

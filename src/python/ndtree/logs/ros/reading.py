@@ -16,6 +16,7 @@ from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag
 from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, Beams, stamp_of
 from ndtree.logs.ros.messages.sweep import Sweep
+from ndtree.logs.ros.placement.body import Body
 from ndtree.logs.ros.placement.placement import Placement
 from ndtree.logs.ros.placement.standing import Standing
 from ndtree.logs.ros.sensors import Sensor
@@ -89,6 +90,10 @@ class MessageReader:
         As `Log.no_return_range`.
     zero_is : str or None
         As `Log.zero_is`.
+    body : Body, optional
+        The robot's: beams that end in it are left out.
+    bodies : mapping of str to str, optional
+        By topic, the frame that it is in.
 
     Attributes
     ----------
@@ -109,13 +114,16 @@ class MessageReader:
         dim: int,
         no_return_range: float | None,
         zero_is: str | None,
+        body: Body | None = None,
+        bodies: Mapping[str, str] | None = None,
     ) -> None:
         self._bag, self._places, self._sweeps, self._elsewhere = bag, places, sweeps, elsewhere
         self._sensors = {sensor.topic.name: sensor for sensor in sensors}
         self._clock, self._time_offset, self._dim = clock, time_offset, dim
         self._no_return_range, self._zero_is = no_return_range, zero_is
         self._numbers = dict.fromkeys(self._sensors, -1)
-        self._endless = self.zeros = 0
+        self._endless = self.zeros = self._own = 0
+        self._body, self._bodies = body, bodies or {}
         self._told: dict[tuple[str, str], tuple[int, str]] = {}
         self._watched = {
             sensor.topic.name: Standing(sensor.is_planar)
@@ -162,12 +170,16 @@ class MessageReader:
 
     def scan(self, one: Measured) -> Scan:
         """A message's beams in the map; raises `NoPose` where the pose at its time is not known."""
-        place, beams = self._places[one.topic], one.beams
+        place, beams, own = self._places[one.topic], one.beams, 0
         try:
+            if self._body is not None:
+                where = (one.frame, self._bodies[one.topic], one.stamp + self._time_offset)
+                beams, own = self._body.left_out(beams, place, *where)
             ends, origins = place.in_map(one.frame, beams, one.stamp + self._time_offset)
         except NoPose as error:
             raise NoPose(f"{one.where}: {error}", error.where, error.seconds) from None
         self._endless += beams.endless
+        self._own += own
         if beams.senseless and self._sweeps[one.topic].is_used and not place.stands:
             self._tell(one, _SENSELESS, beams.senseless)
         if beams.unlimited:
@@ -196,6 +208,8 @@ class MessageReader:
                 f"{self._endless} beams met nothing, but range_max is infinite or not given: they say "
                 "nothing; with --max-range they are free up to there"
             )
+        if self._own:
+            lines.append(f"{self._own} beams ended in the robot's own body, and are left out")
         for (name, what), (count, first) in self._told.items():
             lines.append(
                 f"{name}: in {count} of {self._numbers[name] + 1} messages {what}; the first: {first}"

@@ -21,6 +21,7 @@ from ndtree.logs.ros.merging import in_order
 from ndtree.logs.ros.messages.beams import IMAGES
 from ndtree.logs.ros.messages.sweep import BY_WORD
 from ndtree.logs.ros.placement.advice import without_sensors
+from ndtree.logs.ros.placement.body import Body
 from ndtree.logs.ros.placement.level import dimension_of
 from ndtree.logs.ros.placement.placement import Asked, Placement
 from ndtree.logs.ros.placement.placing import find_places, poses_topic
@@ -78,6 +79,7 @@ class RosbagLog(SizedLog):
         camera: str | None = None,
         pixel_stride: int = 1,
         zero_is: str | None = None,
+        body: str | None = None,
         bag: Bag | None = None,
     ) -> None:
         ways = {
@@ -94,6 +96,10 @@ class RosbagLog(SizedLog):
             raise WrongOption(f"{path}: sweep = {sweep}: expected one of {words}, and deskewing")
         check_stride(pixel_stride)
         checked(path, zero_is)
+        try:
+            self._body = None if body is None else Body.of(body)
+        except ValueError as error:
+            raise WrongOption(f"{path}: {error}") from None
         wanted = [Wanted.of(one) for one in ([topic] if isinstance(topic, str) else topic or [])]
         self.time_offset = float(time_offset)
         self._in_memory = bag
@@ -141,6 +147,10 @@ class RosbagLog(SizedLog):
                 sweep,
                 so_far=self._in_memory is not None,
             )
+        self._bodies = {
+            name: self._body.frame_of(place, base_frame)
+            for name, place in (self.places.items() if self._body is not None else ())
+        }
         first = self.places[self.sensors[0].topic.name]
         self.fixed_frame = first.fixed_frame
         cameras = [sensor.camera_topic for sensor in self.sensors if sensor.camera_topic]
@@ -203,6 +213,8 @@ class RosbagLog(SizedLog):
             dim=self.dim,
             no_return_range=self.no_return_range,
             zero_is=self.zero_is,
+            body=self._body,
+            bodies=self._bodies,
         )
 
     def _scans(self) -> Iterator[Scan]:

@@ -41,6 +41,10 @@ SWEEP = ReaderOption(
     "sweep", str, f"Of a ROS bag: when its beams were measured: {', '.join(BY_WORD)}; else the log decides."
 )
 
+BODY = ReaderOption(
+    "body", str, "Of a ROS bag: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere: or capsule:, + more, @FRAME."
+)
+
 
 def _recognises(source: Source) -> bool:
     if source.is_folder:
@@ -71,7 +75,7 @@ ROSBAG = Format(
     _open,
     options=(
         TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
-        TIME_OFFSET, DESKEW, SWEEP, CAMERA, PIXEL_STRIDE, ZERO_IS,
+        TIME_OFFSET, DESKEW, SWEEP, CAMERA, PIXEL_STRIDE, ZERO_IS, BODY,
     ),
     stored_as="either",
     contents=_contents,
