@@ -33,7 +33,7 @@ QUEUE, PATIENCE = 100, 1.0
 #: The threads look up so often although nothing happens [s].
 _LOOKS = 0.05
 
-#: A sink is left alone for this many times as long as it took.
+#: A sink is left alone for this many times as long as it took of the processor.
 _SINKS_REST = 5.0
 
 Make = Callable[[int, "dict[str, Any]"], OccupancyMap]
@@ -487,13 +487,13 @@ class _Publisher:
         at_once = False
         for number in due:
             sink, _ = self._due[number]
-            begin = time.monotonic()
+            begin = time.thread_time()
             try:
                 sink.update(m, stamp)
             except Exception as error:  # A sink that fails does not stop the map.
                 self._mapper.failures[type(sink).__name__] = f"{type(error).__name__}: {error}"
-            took = time.monotonic() - begin
-            self._due[number] = sink, begin + max(sink.period, _SINKS_REST * took)
+            took = time.thread_time() - begin
+            self._due[number] = sink, now + max(sink.period, _SINKS_REST * took)
             self._shown[number] = revision
             at_once |= sink.period == 0
         if not at_once:
