@@ -239,13 +239,38 @@ TYPED_TEST(CoverageOf, FilesKeepWhatWasPartlySeen) {
 TEST(Coverage, SumsAreShares) {
   ScanCoverage<2, 3> coverage;
   EXPECT_EQ(coverage.beams_for_child(), 0.0);
-  coverage.add(3, ScanCoverage<2, 3>::seen(1.0f, 0.5f));  // A quarter of the child.
+  EXPECT_EQ(coverage.mean_share(), 1.0);
+  EXPECT_EQ(CoverageModel(CoverageOptions{}).judge(coverage, 0, 8.0, 3.0).parts, 0u) << "nothing was seen";
+  coverage.add(3, ScanCoverage<2, 3>::seen(1.0f, 0.25f, 0.5f));
   EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.25);
   EXPECT_DOUBLE_EQ(coverage.of_child(0), 0.0);
   EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 4.0);
-  coverage.add(
-      3, ScanCoverage<2, 3>::seen(0.5f, 3.0f));  // Wider than the cell: no more of the child than its half.
-  EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.75);
+  EXPECT_DOUBLE_EQ(coverage.mean_share(), 0.765625);  // (7 / 16)² of the child instead of a quarter.
+  coverage.add(3, ScanCoverage<2, 3>::seen(0.5f, 0.25f, 3.0f));  // Wider than the child, in a corner of it.
+  EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.375);
+  EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 2.0);
+  EXPECT_NEAR(coverage.mean_share(), (0.19140625 + 0.5) / 0.75, 1e-6);
+}
+
+TEST(Coverage, OfABeamOnlyWhatLiesInTheChildIsSeen) {
+  using Sum = ScanCoverage<2, 2>;
+  EXPECT_FLOAT_EQ(Sum::overlap(0.5f, 0.1f), 0.2f);
+  EXPECT_FLOAT_EQ(Sum::overlap(0.0f, 0.1f), 0.1f) << "the other half lies in the neighbour";
+  EXPECT_FLOAT_EQ(Sum::overlap(1.0f, 0.3f), 0.3f);
+  EXPECT_FLOAT_EQ(Sum::overlap(0.1f, 0.5f), 0.6f);
+  EXPECT_FLOAT_EQ(Sum::overlap(0.7f, 5.0f), 1.0f) << "no more than the child";
+  EXPECT_FLOAT_EQ(Sum::overlap(1.1f, 0.05f), 0.0f) << "by rounding the middle may lie outside";
+}
+
+TEST(Coverage, TheMeanOverlapIsThatOfEvenlySpreadBeams) {
+  using Sum = ScanCoverage<2, 2>;
+  for (const float width : {0.01f, 0.3f, 1.0f, 1.4f, 2.0f, 7.0f}) {
+    double sum = 0.0;
+    constexpr int kPlaces = 10000;
+    for (int i = 0; i < kPlaces; ++i)
+      sum += static_cast<double>(Sum::overlap((static_cast<float>(i) + 0.5f) / kPlaces, 0.5f * width));
+    EXPECT_NEAR(sum / kPlaces, Sum::mean_overlap(0.5f * width), 1e-3) << width;
+  }
 }
 
 TEST(Coverage, VerdictsFollowTheRule) {
@@ -278,7 +303,8 @@ TEST(Coverage, VerdictsFollowTheRule) {
     for (int child = 0; child < 4; ++child)
       if ((row.children >> child & 1u) != 0)
         for (int i = 0; i < row.beams_a_child; ++i)
-          scan.add(child, ScanCoverage<2, 2>::seen(1.0f, 1.0f / static_cast<float>(row.beams_a_child)));
+          scan.add(child, ScanCoverage<2, 2>::seen(1.0f, 1.0f / static_cast<float>(row.beams_a_child),
+                                                   1.0f / static_cast<float>(row.beams_a_child)));
     const CoverageVerdict verdict = model.judge(scan, row.before, row.size, row.beams);
     EXPECT_EQ(verdict.parts, row.parts) << cases;
     EXPECT_EQ(verdict.is_enough, row.is_enough) << cases;
@@ -304,7 +330,8 @@ TYPED_TEST(CoverageOf, WhatIsCertainStaysWhateverElseIsSeen) {
   for (int i = 0; i < 2000; ++i) {
     Sum scan;
     const auto add = [&](int child, double share) {
-      scan.add(child, Sum::seen(1.0f, std::pow(static_cast<float>(share), 1.0f / std::max(1, D - 1))));
+      const auto width = std::pow(static_cast<float>(share), 1.0f / std::max(1, D - 1));
+      scan.add(child, Sum::seen(1.0f, D == 1 ? 1.0f : static_cast<float>(share), width));
     };
     const double most = random.uniform(0.1, 1.6);
     const int beams = static_cast<int>(random.uniform(4.0, 100.0));

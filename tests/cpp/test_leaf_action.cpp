@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdint>
+#include <vector>
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/mapping/leaf_action.hpp"
@@ -63,6 +64,27 @@ TEST(LeafAction, OfANewCellThatBeamsHaveOnlyPassedCoverageDecides) {
   scan.hits = scan.resolvable_hits = scan.deep_hits = 1;
   scan.occupied = 200;
   EXPECT_EQ(refinement.action(EvidenceCell(), scan, kChildrenAcross, kLevels), LeafAction::split);
+}
+
+TEST(LeafAction, ACellThatIsNotCoveredIsJudgedAgainEachTimeItsMissesDouble) {
+  const EvidenceRefinement refinement{MapOptions()};
+  PassedEvidence passed;
+  passed.misses = passed.resolvable_misses = 1;
+  passed.free = 104;
+  EvidenceCell cell;
+  (void)refinement.model.update(cell, passed);
+  cell.set_covered(false);
+  std::vector<std::uint32_t> judged;
+  for (int i = 0; i < 500; ++i) {
+    if (refinement.action(cell, passed, kChildrenAcross, kLevels) == LeafAction::judge_coverage)
+      judged.push_back(cell.misses() + 1);
+    (void)refinement.model.update(cell, passed);
+  }
+  EXPECT_EQ(judged, (std::vector<std::uint32_t>{2, 4, 8, 16, 32, 64}));
+  cell.set_counts(0, 1);
+  EXPECT_EQ(refinement.action(cell, passed, kChildrenAcross, kLevels), LeafAction::judge_coverage);
+  cell.set_covered(true);
+  EXPECT_EQ(refinement.action(cell, passed, kChildrenAcross, kLevels), LeafAction::update);
 }
 
 TEST(LeafAction, IsTheSameOfBeamsThatAllPassedHoweverTheyWereAddedUp) {

@@ -209,8 +209,9 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
           all_pass[w] = leaves.all_pass(crossings, list);
           if (level == scan.geometry.finest_level()) continue;
           const LeafCoverage<N, D> covering(scan.beams, partition);
+          const auto per_child = 1.0f / static_cast<float>(scan.geometry.cell_size(level - 1));
           for (const BeamWidths& widths : {BeamWidths{0.0f, 0.5f}, BeamWidths{0.3f, 0.0f}})
-            covering(leaf, list, 2.0f, widths, CoverageModel(CoverageOptions{}), 8.0, coverage[w]);
+            covering(leaf, list, per_child, widths, CoverageModel(CoverageOptions{}), 8.0, coverage[w]);
         }
         EXPECT_EQ(evidence[0].occupied, evidence[1].occupied);
         EXPECT_EQ(evidence[0].free, evidence[1].free);

@@ -69,6 +69,7 @@ const std::map<std::string, std::string>& option_help() {
       {"evidence_half_life", "a cell's evidence halves in this many scans of it; 0: never"},
       {"covered_share", "fraction of each half to be seen until a cell is observed; 0: any beam"},
       {"coverage_cells", "cells of more smallest cells than this split to show what was seen"},
+      {"partial_probability", "least probability of a smallest cell that would split; 0: its beams decide"},
       {"max_memory", "scans for which a map would need more are refused; 0: 3/4 of the machine's [bytes]"},
   };
   return help;

@@ -43,10 +43,11 @@ class ChildInitialisation {
   /// @param passed number of this scan's `beams` in the parent that passed the child.
   /// @param cell_part of the parent in which the child lies: the evidence of a partly seen parent goes to the
   ///   children in its seen parts only.
+  /// @param part_is_child the part is this child; of an odd N, parts hold more, of which some may be unseen.
   /// @param is_finest the child cannot be divided: a beam sees all of it.
   [[nodiscard]] EvidenceCell child_of(const EvidenceCell& parent, const EvidenceMemory& memory,
                                       int children_across, std::size_t passed, std::size_t beams,
-                                      int cell_part, bool is_finest) const {
+                                      int cell_part, bool part_is_child, bool is_finest) const {
     EvidenceCell child;
     const bool was_seen = parent.is_partly_seen() && (parent.seen_parts() >> cell_part & 1u) != 0;
     if (!parent.observed() && !was_seen) return child;
@@ -60,7 +61,8 @@ class ChildInitialisation {
     child.set_counts(static_cast<std::uint32_t>(EvidenceMemory::part(parent.hits(), hit_fraction)),
                      static_cast<std::uint32_t>(EvidenceMemory::part(parent.misses(), fraction)));
     const bool is_covered = parent.observed() && parent.is_covered();
-    if (!is_covered && !was_seen && passed == 0 && child.state() == CellState::free) return EvidenceCell();
+    const bool all_seen = is_covered || (was_seen && part_is_child);
+    if (!all_seen && passed == 0 && child.state() == CellState::free) return EvidenceCell();
     child.set_covered(is_covered || is_finest);
     return child;
   }

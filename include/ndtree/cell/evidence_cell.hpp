@@ -118,6 +118,8 @@ class EvidenceCell {
   }
   /// Whether all of the cell was seen: then its evidence holds for each child.
   [[nodiscard]] bool is_covered() const { return (counts_ & kNotCovered) == 0; }
+  /// observed() and is_covered(): coverage has nothing more to say of the cell.
+  [[nodiscard]] bool is_fully_observed() const { return (counts_ & (kObserved | kNotCovered)) == kObserved; }
   /// @pre observed(), or is about to be.
   void set_covered(bool is_covered) { counts_ = (counts_ & ~kNotCovered) | (is_covered ? 0u : kNotCovered); }
   /// @pre both are in [0, kMaxEvidence], and log_odds is what the model makes of them.

@@ -72,6 +72,24 @@ class EvidenceModel {
   [[nodiscard]] const EvidenceCell& saturated() const { return saturated_; }
   [[nodiscard]] bool forgets_nothing() const { return kept_ == 1.0; }
 
+  /// Takes away so much evidence for free space that the log-odds is at least this, if evidence for occupied
+  /// space is there. @returns whether the cell changed.
+  bool raise(EvidenceCell& cell, double log_odds) const {
+    if (static_cast<double>(cell.log_odds()) >= log_odds || cell.occupied_evidence() == 0) return false;
+    const double most =
+        (static_cast<double>(cell.occupied_evidence()) + memory_.prior()) * std::exp(-log_odds) -
+        memory_.prior();
+    const auto free = static_cast<std::int64_t>(std::max(0.0, most));
+    if (free >= cell.free_evidence()) return false;
+    memory_.assign(cell, cell.occupied_evidence(), free);
+    return true;
+  }
+  /// Whether a scan doubles a cell's misses, or carries them past a power of two.
+  [[nodiscard]] bool misses_double(const EvidenceCell& cell, std::uint32_t misses) const {
+    const std::uint32_t after = std::min(cell.misses() + misses, memory_.free_memory_beams());
+    return (cell.misses() ^ after) > cell.misses() && after > cell.misses();
+  }
+
   // SamplingRate
   [[nodiscard]] bool is_well_observed(const EvidenceCell& cell) const {
     return sampling_.is_well_observed(cell);
@@ -94,8 +112,9 @@ class EvidenceModel {
   }
   [[nodiscard]] EvidenceCell initial_child(const EvidenceCell& parent, int children_across,
                                            std::size_t passed, std::size_t beams, int cell_part = 0,
-                                           bool is_finest = true) const {
-    return children_.child_of(parent, memory_, children_across, passed, beams, cell_part, is_finest);
+                                           bool part_is_child = true, bool is_finest = true) const {
+    return children_.child_of(parent, memory_, children_across, passed, beams, cell_part, part_is_child,
+                              is_finest);
   }
   [[nodiscard]] EvidenceCell part_of(const EvidenceCell& cell, int children_across, int cell_part) const {
     return ChildInitialisation::even_part_of(cell, memory_, children_across, cell_part);

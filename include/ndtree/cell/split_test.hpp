@@ -16,6 +16,8 @@ struct SplitOptions {
   double hit_given_free = 0.05;      ///< p(hit|free): fraction of beams that end in a free cell.
   double significance = 0.995;       ///< Confidence with which both hypotheses must be rejected.
   double split_probability = 0.7;    ///< Of being partially occupied, above which a cell splits.
+  /// Least probability of a smallest cell that would split if it could; 0: all its beams decide.
+  double partial_probability = 0.0;
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>
@@ -24,6 +26,7 @@ struct SplitOptions {
     visit("hit_given_free", options.hit_given_free, OptionBounds{1e-6, 1.0 - 1e-6});
     visit("significance", options.significance, OptionBounds{1e-6, 1.0 - 1e-9});
     visit("split_probability", options.split_probability, OptionBounds{1e-6, 1.0 - 1e-6});
+    visit("partial_probability", options.partial_probability, OptionBounds{0.0, 0.95});
   }
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const { for_each_bounded(*this, require_within); }

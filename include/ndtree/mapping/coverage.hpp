@@ -69,30 +69,48 @@ struct CellParts {
 /// the order of the beams does not matter.
 ///
 /// A beam stands for its solid angle. The volume that it sees of a child is its way through the child, along
-/// the main axis of the beam, times min(width, edge) on each axis across.
+/// the main axis of the beam, times the part of its width that lies in the child, on each axis across: a beam
+/// along a border sees one side of a child, not its middle.
 template <int N, int D>
 class ScanCoverage {
  public:
   static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
 
-  /// Seen volume of a child, and ways through it, over those of the whole child, in 1 / kOne.
+  /// Of one beam and child, over the whole child, in 1 / kOne.
   struct Seen {
-    std::int64_t child = 0;  ///< Volume.
+    std::int64_t child = 0;  ///< Seen volume.
     std::int64_t way = 0;    ///< Sum of ways.
+    std::int64_t whole = 0;  ///< Seen volume if the beam was in the middle of the child.
+    std::int64_t mean = 0;   ///< Mean of the seen volume over all places of the beam.
   };
   static constexpr std::int64_t kOne = 1 << 20;
   static constexpr float kUnitsOfOne = kOne;
 
   /// @param way through the child along the main axis of the beam, over the child's edge.
+  /// @param area of the beam's solid angle that lies in the child, over that of a face of the child: the
+  /// product of overlap() over the axes across.
   /// @param width of the beam's solid angle there, over the child's edge.
-  [[nodiscard]] static Seen seen(float way, float width) {
+  [[nodiscard]] static Seen seen(float way, float area, float width) {
     const float units = way * kUnitsOfOne;
-    return {static_cast<std::int64_t>(std::nearbyint(units * across(std::min(width, 1.0f)))),
-            static_cast<std::int64_t>(std::nearbyint(units))};
+    return {in_units(units * area), in_units(units), in_units(units * across(std::min(width, 1.0f))),
+            in_units(units * across(mean_overlap(0.5f * width)))};
+  }
+  /// The part of a beam's width that lies in a child, over the child's edge; at most min(width, 1).
+  /// @param place of the beam in the middle of its way, on an axis across: 0 and 1 are the child's borders.
+  /// @param half_width over the child's edge.
+  [[nodiscard]] static float overlap(float place, float half_width) {
+    return std::max(0.0f, std::min(place + half_width, 1.0f) - std::max(place - half_width, 0.0f));
+  }
+  /// The mean of overlap() over all places: 2 h - h² with h = min(half_width, 1).
+  [[nodiscard]] static float mean_overlap(float half_width) {
+    const float half = std::min(half_width, 1.0f);
+    return half * (2.0f - half);
   }
   void add(int child, const Seen& seen) {
     of_child_[static_cast<std::size_t>(child)] += seen.child;
     way_ += seen.way;
+    whole_ += seen.whole;
+    mean_ += seen.mean;
   }
   /// Seen fraction of a child; more than 1 where beams are closer than they are elsewhere.
   [[nodiscard]] double of_child(int number) const {
@@ -102,23 +120,30 @@ class ScanCoverage {
     return of_child_[static_cast<std::size_t>(number)];
   }
   /// Beams that would pass straight through one child if it was seen like the seen children.
-  [[nodiscard]] double beams_for_child() const {
-    std::int64_t seen = 0;
-    for (const std::int64_t child : of_child_) seen += child;
-    return seen > 0 ? static_cast<double>(way_) / static_cast<double>(seen) : 0.0;
-  }
+  [[nodiscard]] double beams_for_child() const { return ratio(way_, whole_); }
+  /// The share of beams' widths that lies in the child that they cross, in the mean over all places of beams:
+  /// the rest is seen of children that they do not cross.
+  [[nodiscard]] double mean_share() const { return whole_ > 0 ? ratio(mean_, whole_) : 1.0; }
 
  private:
   static constexpr double kUnit = 1.0 / static_cast<double>(kUnitsOfOne);
 
+  [[nodiscard]] static std::int64_t in_units(float units) {
+    return static_cast<std::int64_t>(std::nearbyint(units));
+  }
   [[nodiscard]] static float across(float width) {
     float area = 1.0f;
     for (int a = 1; a < D; ++a) area *= width;
     return area;
   }
+  [[nodiscard]] static double ratio(std::int64_t part, std::int64_t of) {
+    return of > 0 ? static_cast<double>(part) / static_cast<double>(of) : 0.0;
+  }
 
   std::array<std::int64_t, std::size_t{kNumChildren}> of_child_{};
   std::int64_t way_ = 0;
+  std::int64_t whole_ = 0;
+  std::int64_t mean_ = 0;
 };
 
 /// The verdict about a cell that was never observed.
@@ -173,7 +198,9 @@ class CoverageModel {
     using Parts = CellParts<N, D>;
     constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
     const double beams_for_child = scan.beams_for_child();
+    const double mean_share = scan.mean_share();
     const std::int64_t missing_below = units_from<N, D>(
+        mean_share *
         std::max(0.0, std::min(least_seen_, 1.0 - std::sqrt(2.0 * kRounding / beams_for_child))));
     std::int64_t least = kOne;                       // Seen of the least seen child in parts not seen before.
     std::array<std::int64_t, Parts::kCount> seen{};  // In units of children.
@@ -194,7 +221,7 @@ class CoverageModel {
 #endif
     for (int p = 0; p < Parts::kCount; ++p) {
       const bool is_seen = seen[static_cast<std::size_t>(p)] >=
-                           units_from<N, D>(least_seen_ * kRounding * Parts::num_children(p));
+                           units_from<N, D>(mean_share * least_seen_ * kRounding * Parts::num_children(p));
       verdict.parts |= static_cast<std::uint32_t>(is_seen) << p & ~with_missing;
     }
     // Beams so far apart that fewer than two would pass a smallest cell.
@@ -205,7 +232,7 @@ class CoverageModel {
         least < missing_below || (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
     verdict.shows_more = is_missing && may_split;
     verdict.is_enough = !verdict.shows_more && has_enough;
-    verdict.is_covered = verdict.is_enough && all_seen(scan, covered<N>(size));
+    verdict.is_covered = all_seen(scan, covered<N>(size));
     return verdict;
   }
 

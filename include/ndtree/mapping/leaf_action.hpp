@@ -12,7 +12,7 @@ enum class LeafAction : std::uint8_t {
   update,                ///< It takes the scan's evidence.
   update_without_split,  ///< It would split, but its children would re-merge:
                          ///< EvidenceModel::update_without_split().
-  judge_coverage,  ///< It was never observed, and beams have only passed: CoverageModel::judge() decides.
+  judge_coverage,  ///< Beams have only passed, but have not seen all of it: CoverageModel::judge() decides.
   split,           ///< Its children take the scan's evidence.
 };
 

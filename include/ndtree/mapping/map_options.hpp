@@ -74,9 +74,9 @@ struct MapOptions : SensorOptions,
   for (const char* const name : {"significance", "merge_free_below", "merge_occupied_above"})
     if (option == name) return "paper";
   for (const char* const name :
-       {"split_probability", "merge_loss", "inherited_beams", "noise_sigmas", "evidence_memory",
-        "free_memory", "scan_beams", "known_evidence", "sample_beams", "evidence_prior", "change_probability",
-        "evidence_half_life", "covered_share", "coverage_cells"})
+       {"split_probability", "partial_probability", "merge_loss", "inherited_beams", "noise_sigmas",
+        "evidence_memory", "free_memory", "scan_beams", "known_evidence", "sample_beams", "evidence_prior",
+        "change_probability", "evidence_half_life", "covered_share", "coverage_cells"})
     if (option == name) return "evidence";
   return {};
 }
@@ -112,6 +112,7 @@ void for_each_option(Options& options, Visit&& visit) {
   visit("evidence_half_life", options.evidence_half_life);
   visit("covered_share", options.covered_share);
   visit("coverage_cells", options.coverage_cells);
+  visit("partial_probability", options.partial_probability);
   visit("max_memory", options.max_memory);
 }
 

@@ -12,6 +12,7 @@
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/partial_occupancy.hpp"
 #include "ndtree/cell/split_test.hpp"
+#include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/beam_update.hpp"
 #include "ndtree/mapping/coverage.hpp"
@@ -60,18 +61,30 @@ struct EvidenceRefinement {
   CoverageModel coverage;
   PartialOccupancySplitTest split_test;
   EvidenceMergeRule merge_rule;
+  /// Log-odds that a smallest cell has at least while it is partially occupied; none: all its beams decide.
+  std::optional<double> partial_log_odds;
 
   explicit EvidenceRefinement(const MapOptions& options)
-      : model(options, options), coverage(options), split_test(options), merge_rule(options, model) {}
+      : model(options, options), coverage(options), split_test(options), merge_rule(options, model) {
+    if (options.partial_probability > 0.0) partial_log_odds = log_odds(options.partial_probability);
+  }
 
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
+  /// Keeps a smallest cell occupied that would split if it could: something thin is in it, however many beams
+  /// pass beside it. @pre partial_log_odds. @returns whether the cell changed.
+  bool keep_partial(EvidenceCell& cell) const {
+    constexpr std::uint32_t kLeastHits = 2;  // One may be an outlier.
+    return cell.hits() >= kLeastHits && split_test(cell.hits(), cell.misses()) &&
+           model.raise(cell, *partial_log_odds);
+  }
   /// Whether scans whose beams all pass leave the cell as it is.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
   /// **The leaf decision**: what the evidence of a scan does to a leaf.
   /// - A smallest cell is updated.
-  /// - A leaf splits if splits() says so, or if it was never observed and beams have only passed it: then
-  ///   CoverageModel::judge() has the last word.
-  /// - Unless its children are predicted to re-merge: then it is updated as if they had.
+  /// - A leaf splits if splits() says so, unless its children are predicted to re-merge: then it is updated
+  ///   as if they had.
+  /// - If beams have only passed a leaf that was never observed, CoverageModel::judge() has the last word. It
+  ///   is asked again, about an observed leaf that is not covered, each time the leaf's misses have doubled.
   /// @param scan ScanEvidence, or PassedEvidence if all beams pass the leaf.
   /// @param children_across as in EvidenceModel::initial_child(). @param levels_below the leaf; 0: it cannot
   /// split.
@@ -79,11 +92,13 @@ struct EvidenceRefinement {
   [[nodiscard]] NDTREE_ALWAYS_INLINE LeafAction action(const EvidenceCell& leaf, const Scan& scan,
                                                        int children_across, int levels_below) const {
     if (levels_below == 0) return LeafAction::update;
-    const bool is_new = !leaf.observed() && coverage.is_on() && scan.is_free_alone();
-    if (!is_new && !splits(leaf, scan)) return LeafAction::update;
-    if (model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below))
-      return LeafAction::update_without_split;
-    return is_new ? LeafAction::judge_coverage : LeafAction::split;
+    if (splits(leaf, scan))
+      return model.predicted_to_remerge(leaf, ScanEvidence::of(scan), children_across, levels_below)
+                 ? LeafAction::update_without_split
+                 : LeafAction::split;
+    if (leaf.is_fully_observed() || !coverage.is_on() || !scan.is_free_alone()) return LeafAction::update;
+    return !leaf.observed() || model.misses_double(leaf, scan.misses) ? LeafAction::judge_coverage
+                                                                      : LeafAction::update;
   }
   /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
   /// - Free: any resolvable hit splits, so that smaller cells show where it is.

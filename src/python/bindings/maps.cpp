@@ -797,6 +797,9 @@ covered_share : float
 coverage_cells : float
     A cell of which a part was not seen splits to show it if it is larger than this many of min_cell_size
     ("evidence").
+partial_probability : float
+    A smallest cell that is more probably than split_probability partially occupied, as by a table top or a chair's leg,
+    has at least this probability, however many beams pass beside what is in it; 0: all its beams decide ("evidence").
 significance : float
     Confidence of the chi-square test that splits a cell ("paper").
 merge_free_below, merge_occupied_above : float

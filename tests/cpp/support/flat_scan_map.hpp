@@ -93,9 +93,10 @@ class FlatScanMap {
         const EvidenceCell parent = cell;
         cells.erase(next);
         for (const auto& child : children_of<N, D>(next, edge(next.level - 1))) {
-          cells[child] = model_.initial_child(
-              parent, kChildrenAcross, num_beams(child, true, next, sample_beams),
-              num_beams(next, false, next, sample_beams), part_of(child, next), child.level == -num_levels_);
+          cells[child] =
+              model_.initial_child(parent, kChildrenAcross, num_beams(child, true, next, sample_beams),
+                                   num_beams(next, false, next, sample_beams), part_of(child, next),
+                                   is_a_part(child, next), child.level == -num_levels_);
           waiting.push_back(child);
         }
         split_now.emplace(next, std::make_pair(parent, scan_evidence));
@@ -105,7 +106,8 @@ class FlatScanMap {
         const EvidenceCell before = cell;
         is_predicted_to_remerge ? model_.update_without_split(cell, scan_evidence)
                                 : model_.update(cell, scan_evidence);
-        if (coverage.is_asked && !was_observed) cell.set_covered(coverage.is_covered);
+        if (coverage.is_asked && (!was_observed || coverage.is_covered))
+          cell.set_covered(coverage.is_covered);
         predicted_remerges += is_predicted_to_remerge;
         if (cell == before) continue;
         mark(next);
@@ -396,25 +398,39 @@ class FlatScanMap {
       if (2 * (child.lower[a] - parent.lower[a]) >= edge(parent.level)) part += 1 << a;
     return part;
   }
-  /// Coverage of a cell that was not observed before.
+  /// Whether no other child lies in the part of a child.
+  [[nodiscard]] bool is_a_part(const CellIndex<D>& child, const CellIndex<D>& parent) const {
+    int in_part = 0;
+    for (const auto& sibling : children_of<N, D>(parent, edge(child.level)))
+      in_part += part_of(sibling, parent) == part_of(child, parent);
+    return in_part == 1;
+  }
+  /// Whether a cell that is observed but not covered is looked at again: its misses pass a power of two.
+  [[nodiscard]] bool is_looked_at_again(const EvidenceCell& cell, const ScanEvidence& scan) const {
+    if (cell.is_covered() || splits_now(cell, scan)) return false;
+    const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
+    const double memory = std::round(256.0 * std::min(options_.free_memory, options_.evidence_memory));
+    const double most = std::max(1.0, std::min(511.0, std::floor(memory / miss)));
+    for (double power = 1.0; power <= std::min(most, static_cast<double>(cell.misses() + scan.misses));
+         power *= 2.0)
+      if (cell.misses() < power) return true;
+    return false;
+  }
+  /// Coverage of a cell that was not observed before, or not all of it.
   [[nodiscard]] Coverage coverage_of(const CellIndex<D>& index, const EvidenceCell& cell,
                                      const ScanEvidence& scan, double sample_beams) const {
     Coverage result;
-    if (options_.covered_share == 0.0 || cell.observed() || index.level == -num_levels_ || scan.beams == 0 ||
-        scan.hits > 0 || scan.occupied > 0)
+    if (options_.covered_share == 0.0 || index.level == -num_levels_ || scan.beams == 0 || scan.hits > 0 ||
+        scan.occupied > 0 || (cell.observed() && !is_looked_at_again(cell, scan)))
       return result;
     const double size = static_cast<double>(edge(index.level)) * options_.min_cell_size;
     const auto children = children_of<N, D>(index, edge(index.level - 1));
     const float per_child = 1.0f / size_of(children.front());
     constexpr float kUnits = 1 << 20;
-    const auto across = [](float width) {
-      float area = 1.0f;
-      for (int a = 1; a < D; ++a) area *= width;
-      return area;
-    };
     std::vector<double> seen(children.size(), 0.0);  // In kUnits.
-    double all = 0.0;
     double way = 0.0;
+    double whole = 0.0;  // If each beam was in the middle of the child,
+    double mean = 0.0;   // and in the mean over all its places.
     for (const FlatBeam& beam : beams_) {
       float enter = 0.0f;
       float exit = 0.0f;
@@ -433,14 +449,31 @@ class FlatScanMap {
                                 : 0.5f * (enter + exit) * beam.slant *
                                       (std::min(0.1f, 1.0f / face.density) * widening * per_child);
         const float chord = (exit - enter) * beam.slant * per_child * kUnits;
-        seen[j] += static_cast<double>(std::nearbyint(chord * across(std::min(1.0f, width))));
+        float area = 1.0f;  // Of the beam's cross-section in the child, over that of the child.
+        for (std::size_t a = 0; a < D; ++a) {
+          if (a == static_cast<std::size_t>(beam.face[D])) continue;
+          const float to_border =
+              static_cast<float>(border(children[j].lower[a]) - beam.origin[static_cast<int>(a)]);
+          const float along_axis = 0.5f * (enter + exit) * (1.0f / beam.inverse[a]);
+          const float at = (along_axis - to_border) * per_child;
+          area *= std::max(0.0f, std::min(1.0f, at + 0.5f * width) - std::max(0.0f, at - 0.5f * width));
+        }
+        seen[j] += static_cast<double>(std::nearbyint(chord * area));
+        float in_middle = 1.0f;
+        for (int a = 1; a < D; ++a) in_middle *= std::min(1.0f, width);
+        whole += static_cast<double>(std::nearbyint(chord * in_middle));
+        const float half = std::min(1.0f, 0.5f * width);
+        float in_mean = 1.0f;
+        for (int a = 1; a < D; ++a) in_mean *= half * (2.0f - half);
+        mean += static_cast<double>(std::nearbyint(chord * in_mean));
         way += static_cast<double>(std::nearbyint(chord));
       }
     }
-    for (const double child : seen) all += child;
-    const double of_child = options_.covered_share;
+    const double mean_share = whole > 0.0 ? mean / whole : 1.0;
+    const double of_child = mean_share * options_.covered_share;
+    const double beams_for_child = whole > 0.0 ? way / whole : 0.0;
     const double least =
-        std::min(of_child, 1.0 - std::sqrt(2.0 * (1.0 - 1e-4) / (all > 0.0 ? way / all : 0.0)));
+        std::min(of_child, mean_share * (1.0 - std::sqrt(2.0 * (1.0 - 1e-4) / beams_for_child)));
     const double smallest_cells = size / smallest();
     const bool may_split = smallest_cells > options_.coverage_cells * (1.0 + 1e-9);
     if (cell.is_partly_seen()) result.parts = cell.seen_parts();
@@ -468,13 +501,17 @@ class FlatScanMap {
       if ((result.parts & 1u << part) != 0) seen_children += of_part.second;
     }
     const auto count = static_cast<double>(children.size());
-    const bool are_few = (all > 0.0 ? way / all : 0.0) < 2.0 && smallest_cells < N + 0.5 && seen_children > 0;
+    const bool are_few = beams_for_child < 2.0 && smallest_cells < N + 0.5 && seen_children > 0;
     const bool has_enough = are_few || seen_children >= count * (smallest_cells < 2.5 ? 0.5 : 1.0);
     const double miss = std::round(-256.0 * static_cast<double>(log_odds_of(options_.probability_min)));
     const double beams = static_cast<double>(cell.free_evidence() + scan.free) / miss;
     const double parts_side_by_side = std::exp2(std::min(D, 4) - 1);
     if (!has_enough && may_split && beams > 8.0 * parts_side_by_side) result.splits = true;
     result.enough = !result.splits && has_enough;
+    if (cell.observed()) {
+      result.splits = false;
+      result.enough = true;
+    }
     return result;
   }
 

@@ -51,6 +51,7 @@ inline MapOptions spelled_out_options(double min_cell_size, double max_cell_size
   options.evidence_half_life = 0.0;
   options.covered_share = 0.0;
   options.coverage_cells = 2.0;
+  options.partial_probability = 0.0;
   return options;
 }
 

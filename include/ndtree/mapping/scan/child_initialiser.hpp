@@ -80,8 +80,9 @@ class ChildrenInitialiser {
   /// @param passed beams that passed the child. @param beams that the leaf sampled.
   [[nodiscard]] EvidenceCell initial_child(const EvidenceCell& leaf, std::size_t passed, std::size_t beams,
                                            std::size_t child, bool is_finest) const {
-    return model_.initial_child(leaf, kChildrenAcross<Tree>, passed, beams,
-                                CellParts<N, D>::of_child(static_cast<int>(child)), is_finest);
+    const int part = CellParts<N, D>::of_child(static_cast<int>(child));
+    return model_.initial_child(leaf, kChildrenAcross<Tree>, passed, beams, part,
+                                CellParts<N, D>::num_children(part) == 1, is_finest);
   }
   [[nodiscard]] std::size_t count_passed(const CellCrossings<N, D>& crossings, const BeamList& list,
                                          const LeafSample<D>& sample) const {

@@ -5,10 +5,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
@@ -70,8 +73,17 @@ class LeafCoverage {
   }
 
  private:
-  static constexpr std::size_t kChunk = 16;  // Beams between two tests; sums of up to 64 fit 32 bits.
+  static constexpr float kAllThrough = 2.0f;  // Edges of a child.
+  static constexpr std::size_t kChunk = 16;   // Beams between two tests; sums of up to 64 fit 32 bits.
 
+  /// The first axis along which a beam goes farthest. Beams that are alone on their faces share one, so a
+  /// face's axis is not always that of its beams.
+  [[nodiscard]] static std::size_t main_axis(const BeamRay<D>& ray) {
+    std::size_t main = 0;
+    for (std::size_t a = 1; a < D; ++a)
+      if (std::abs(ray.inverse[a]) < std::abs(ray.inverse[main])) main = a;
+    return main;
+  }
   void add(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
            Sum& sum) const {
 #ifdef NDTREE_HAS_EIGHTS
@@ -87,11 +99,17 @@ class LeafCoverage {
           const BeamEnd<D>& end = beams_.end(beam);
           const float exit = std::min(leave, end.range);
           if (!(exit > enter)) return;
-          const float along = end.slant;
-          const float middle = 0.5f * (enter + exit) * along;
-          sum.add(static_cast<int>(child),
-                  Sum::seen((exit - enter) * along * per_child,
-                            widths.per_depth > 0.0f ? middle * widths.per_depth : widths.fixed));
+          const float middle = 0.5f * (enter + exit);
+          const float width = widths.per_depth > 0.0f ? middle * end.slant * widths.per_depth : widths.fixed;
+          const std::size_t main = main_axis(beams_.ray(beam));
+          float area = 1.0f;
+          for (std::size_t a = 0; a < D; ++a) {
+            if (a == main) continue;
+            const float border = partition_.plane_of(leaf, a, Partition::kOffsets[child][a], beam);
+            const float along = rounded(middle * (1.0f / beams_.ray(beam).inverse[a]));
+            area *= Sum::overlap(rounded((along - border) * per_child), 0.5f * width);
+          }
+          sum.add(static_cast<int>(child), Sum::seen((exit - enter) * end.slant * per_child, area, width));
         });
   }
 #ifdef NDTREE_HAS_EIGHTS
@@ -100,7 +118,9 @@ class LeafCoverage {
     __m256i child[std::size_t{kNumChildren}];
 #pragma GCC unroll 32
     for (int c = 0; c < kNumChildren; ++c) child[c] = _mm256_setzero_si256();
-    __m256i ray = _mm256_setzero_si256();
+    __m256i way = _mm256_setzero_si256();
+    __m256i whole = _mm256_setzero_si256();
+    __m256i mean = _mm256_setzero_si256();
     const __m256 per_depth = _mm256_set1_ps(widths.per_depth);
     const __m256 fixed = _mm256_set1_ps(widths.fixed);
     const __m256 half = _mm256_set1_ps(0.5f);
@@ -109,21 +129,53 @@ class LeafCoverage {
       const EightRays<D> rays = beams_.rays(list.beam + i);
       const EightEnds<D> ends = beams_.ends(list.beam + i);
       const __m256 seen = _mm256_and_ps(_mm256_min_ps(rays.t_max, ends.range), _mm256_castsi256_ps(live));
-      const __m256 along = ends.slant;
       __m256 enter[std::size_t{kNumChildren}];
       __m256 exit[std::size_t{kNumChildren}];
       partition_.eight_beams(planes, rays, _mm256_setzero_ps(), seen, enter, exit);
+      __m256 per_metre[std::size_t{D}];   // Along the beam: metres along the axis.
+      __m256 least_half[std::size_t{D}];  // Of a width. On the main axis it reaches all through a child.
+      __m256 steepness[std::size_t{D}];
+      __m256 least = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+#pragma GCC unroll 4
+      for (std::size_t a = 0; a < D; ++a) {
+        steepness[a] = _mm256_andnot_ps(_mm256_set1_ps(-0.0f), rays.inverse[a]);
+        least = _mm256_min_ps(least, steepness[a]);
+      }
+      __m256 is_later = _mm256_castsi256_ps(_mm256_set1_epi32(-1));  // The main axis was not found yet.
+#pragma GCC unroll 4
+      for (std::size_t a = 0; a < D; ++a) {
+        const __m256 is_least = _mm256_cmp_ps(steepness[a], least, _CMP_EQ_OQ);
+        least_half[a] = _mm256_and_ps(_mm256_and_ps(is_later, is_least), _mm256_set1_ps(kAllThrough));
+        is_later = _mm256_andnot_ps(is_least, is_later);
+        per_metre[a] = _mm256_div_ps(_mm256_set1_ps(1.0f), rays.inverse[a]);
+      }
 #pragma GCC unroll 32
       for (int c = 0; c < kNumChildren; ++c) {
         const __m256i sees = _mm256_castps_si256(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ));
-        const __m256 middle = _mm256_mul_ps(_mm256_mul_ps(half, _mm256_add_ps(enter[c], exit[c])), along);
-        const __m256 width = widths.per_depth > 0.0f ? _mm256_mul_ps(middle, per_depth) : fixed;
-        const __m256 units = _mm256_mul_ps(
-            _mm256_mul_ps(_mm256_mul_ps(_mm256_sub_ps(exit[c], enter[c]), along), _mm256_set1_ps(per_child)),
-            _mm256_set1_ps(Sum::kUnitsOfOne));
-        child[c] = _mm256_add_epi32(
-            child[c], _mm256_and_si256(sees, in_units(units, _mm256_min_ps(width, _mm256_set1_ps(1.0f)))));
-        ray = _mm256_add_epi32(ray, _mm256_and_si256(sees, _mm256_cvtps_epi32(units)));
+        const __m256 middle = _mm256_mul_ps(half, _mm256_add_ps(enter[c], exit[c]));
+        const __m256 width =
+            widths.per_depth > 0.0f ? _mm256_mul_ps(_mm256_mul_ps(middle, ends.slant), per_depth) : fixed;
+        const __m256 half_width = _mm256_mul_ps(half, width);
+        __m256 area = _mm256_set1_ps(1.0f);
+#pragma GCC unroll 4
+        for (std::size_t a = 0; a < D; ++a) {
+          const __m256 border = _mm256_set1_ps(planes[a][Partition::kOffsets[c][a]]);
+          const __m256 place = _mm256_sub_ps(_mm256_mul_ps(middle, per_metre[a]), border);
+          area = _mm256_mul_ps(area, overlap(_mm256_mul_ps(place, _mm256_set1_ps(per_child)),
+                                             _mm256_max_ps(half_width, least_half[a])));
+        }
+        const __m256 units =
+            _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(_mm256_sub_ps(exit[c], enter[c]), ends.slant),
+                                        _mm256_set1_ps(per_child)),
+                          _mm256_set1_ps(Sum::kUnitsOfOne));
+        child[c] = _mm256_add_epi32(child[c], in_units(_mm256_mul_ps(units, area), sees));
+        way = _mm256_add_epi32(way, in_units(units, sees));
+        const __m256 one = _mm256_set1_ps(1.0f);
+        whole =
+            _mm256_add_epi32(whole, in_units(_mm256_mul_ps(units, across(_mm256_min_ps(width, one))), sees));
+        const __m256 most_half = _mm256_min_ps(half_width, one);
+        const __m256 mean_overlap = _mm256_mul_ps(most_half, _mm256_sub_ps(_mm256_set1_ps(2.0f), most_half));
+        mean = _mm256_add_epi32(mean, in_units(_mm256_mul_ps(units, across(mean_overlap)), sees));
       }
     }
     std::array<std::uint32_t, 4> sums;
@@ -136,15 +188,24 @@ class LeafCoverage {
       store_sums(detail::sums_of(child[c], child[std::min(c + 1, kLast)], child[std::min(c + 2, kLast)],
                                  child[std::min(c + 3, kLast)]));
       for (int k = 0; k < std::min(4, kNumChildren - c); ++k)
-        sum.add(c + k, {sums[static_cast<std::size_t>(k)], 0});
+        sum.add(c + k, {sums[static_cast<std::size_t>(k)], 0, 0, 0});
     }
-    store_sums(detail::sums_of(ray, ray, ray, ray));
-    sum.add(0, {0, sums[0]});
+    store_sums(detail::sums_of(way, whole, mean, way));
+    sum.add(0, {0, sums[0], sums[1], sums[2]});
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i in_units(__m256 units, __m256 width) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i in_units(__m256 units, __m256i sees) {
+    return _mm256_and_si256(sees, _mm256_cvtps_epi32(units));
+  }
+  NDTREE_BY_EIGHTS [[nodiscard]] static __m256 across(__m256 width) {
     __m256 area = _mm256_set1_ps(1.0f);
     for (int a = 1; a < D; ++a) area = _mm256_mul_ps(area, width);
-    return _mm256_cvtps_epi32(_mm256_mul_ps(units, area));
+    return area;
+  }
+  /// ScanCoverage::overlap() of eight beams.
+  NDTREE_BY_EIGHTS [[nodiscard]] static __m256 overlap(__m256 place, __m256 half_width) {
+    const __m256 upper = _mm256_min_ps(_mm256_add_ps(place, half_width), _mm256_set1_ps(1.0f));
+    const __m256 lower = _mm256_max_ps(_mm256_sub_ps(place, half_width), _mm256_setzero_ps());
+    return _mm256_max_ps(_mm256_sub_ps(upper, lower), _mm256_setzero_ps());
   }
 #endif
 

@@ -103,12 +103,26 @@ class ChildPartition {
     for (std::size_t i = 0; i < list.size; ++i)
       divide(list.beam[i], visit, [&](std::size_t a, std::size_t plane) { return planes[a][plane]; });
   }
+  /// Of each child, on each axis.
+  static constexpr auto kOffsets = [] {
+    std::array<std::array<std::size_t, std::size_t{D}>, std::size_t{kNumChildren}> offsets{};
+    for (int c = 0; c < kNumChildren; ++c)
+      for (std::size_t a = 0; a < D; ++a)
+        offsets[static_cast<std::size_t>(c)][a] = static_cast<std::size_t>(child_offset<N, D>(c)[a]);
+    return offsets;
+  }();
   static constexpr std::size_t kPlanes = N + 1;  ///< On an axis: those between children, and the outer ones.
   static constexpr int kMostAtOnce = 32;         ///< Children; with more, single beams are faster.
   static constexpr bool kHasRoomForAll = kNumChildren <= kMostAtOnce;  ///< Of lists_for().
   /// Whether vector loops are used.
   [[nodiscard]] bool goes_by_eights() const {
     return kNumChildren <= kMostAtOnce && width_ >= 8 && !beams_.has_own_origins();
+  }
+  /// Position of a plane minus a beam's origin.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE float plane_of(const CellIndex<D>& node, std::size_t axis,
+                                                    std::size_t plane, std::uint32_t beam) const {
+    return CellCrossings<N, D>::plane(geometry_, coordinate(node, axis, plane),
+                                      beams_.origin(beam)[static_cast<int>(axis)]);
   }
   /// The planes of a node and between its children, from the one origin of all beams.
   [[nodiscard]] NDTREE_ALWAYS_INLINE Planes planes_of(const CellIndex<D>& node) const {
@@ -167,12 +181,6 @@ class ChildPartition {
                                                              std::size_t plane) const {
     return node.lower[axis] + static_cast<std::int64_t>(plane) * geometry_.edge(node.level - 1);
   }
-  /// Position of a plane minus the one origin of all beams.
-  [[nodiscard]] NDTREE_ALWAYS_INLINE float plane_of(const CellIndex<D>& node, std::size_t axis,
-                                                    std::size_t plane) const {
-    return CellCrossings<N, D>::plane(geometry_, coordinate(node, axis, plane),
-                                      beams_.origin(0)[static_cast<int>(axis)]);
-  }
   [[nodiscard]] NDTREE_ALWAYS_INLINE Planes planes_of(const CellIndex<D>& node, std::size_t first,
                                                       std::size_t last) const {
     constexpr float kNowhere = std::numeric_limits<float>::infinity();
@@ -180,7 +188,7 @@ class ChildPartition {
     for (std::size_t a = 0; a < D; ++a) {
       planes[a].front() = -kNowhere;
       planes[a].back() = kNowhere;
-      for (std::size_t i = first; i <= last; ++i) planes[a][i] = plane_of(node, a, i);
+      for (std::size_t i = first; i <= last; ++i) planes[a][i] = plane_of(node, a, i, 0);
     }
     return planes;
   }

@@ -435,7 +435,11 @@ class alignas(kCacheLines) ScanWalk {
   NDTREE_ALWAYS_INLINE bool update_or(EvidenceCell& leaf, int level, const Scan& scan,
                                       const Otherwise& otherwise) {
     const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
-    if (action == LeafAction::update) return update(leaf, scan);
+    if (action == LeafAction::update) {
+      const bool changed = update(leaf, scan);
+      if (level != finest_level_ || !refinement_.partial_log_odds) return changed;
+      return refinement_.keep_partial(leaf) || changed;
+    }
     const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
     if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
     return all.beams > 0 && otherwise(all, action);
@@ -526,12 +530,15 @@ class alignas(kCacheLines) ScanWalk {
     const CoverageVerdict seen =
         coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
                         refinement_.model.beams_of(cell.free_evidence() + scan.free));
-    if (seen.shows_more) return split(leaf, list, sample, scan, sampling);
-    if (!seen.is_enough)
-      return counted(refinement_.model.update_partly_seen(cell, seen.parts, scan), scan.beams);
-    const bool changed = update(cell, scan);
+    const EvidenceCell before = cell;
+    if (!before.observed()) {
+      if (seen.shows_more) return split(leaf, list, sample, scan, sampling);
+      if (!seen.is_enough)
+        return counted(refinement_.model.update_partly_seen(cell, seen.parts, scan), scan.beams);
+    }
+    (void)refinement_.model.update(cell, scan);
     cell.set_covered(seen.is_covered);
-    return changed;
+    return counted(cell != before, scan.beams);
   }
   /// Splits a leaf and integrates its beams into the children. If these re-merge, and the beams have only
   /// passed, the leaf is updated as if it had not split: so evidence of passes adds up, scan by scan.

@@ -78,6 +78,7 @@ class MapOptions(_CommonOptions, total=False):
     evidence_half_life: float
     covered_share: float
     coverage_cells: float
+    partial_probability: float
     significance: float
     merge_free_below: float
     merge_occupied_above: float

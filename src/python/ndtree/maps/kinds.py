@@ -56,6 +56,11 @@ MAP_OPTIONS = (
         "covered_share", float, "Fraction of each half to be seen until a cell is observed; 0: any beam."
     ),
     MapOption("coverage_cells", float, "Cells of more smallest cells than this split to show what was seen."),
+    MapOption(
+        "partial_probability",
+        float,
+        "Least probability of a smallest cell that holds something thin; 0: all its beams decide.",
+    ),
     MapOption("max_memory", float, "No map holds more [bytes]; 0: 3/4 of the machine's memory."),
     MapOption("significance", float, "Confidence of the split test."),
     MapOption("merge_free_below", float, "Siblings merge if all are at most this probable."),
