@@ -27,6 +27,7 @@ FOLDERS = (
     "distributed",
     "study",
     "viewer",
+    "live",
     "cli",
 )
 #: Folders in folders, in the same way; modules beside them may import them, too.

@@ -44,6 +44,7 @@ __all__ = [
     "WrongOption",
     "contents",
     "read",
+    "recognised",
     "simulate",
 ]
 
@@ -159,6 +160,11 @@ def contents(
     source, chosen = _looked_up(path, format)
     with readable(source.path, f"cannot be read as {chosen.description}"):
         return chosen.contents(source, whole) if chosen.contents else {}
+
+
+def recognised(path: str | os.PathLike[str], *, format: str | None = None) -> str:
+    """The format of a file or folder, one of `FORMATS`; raises as `read`, without reading the log."""
+    return _looked_up(path, format)[1].name
 
 
 def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source, Format]:

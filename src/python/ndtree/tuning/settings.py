@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ndtree.base.progress import Progress
+from ndtree.base.scan import Scan
 from ndtree.evaluation.no_returns import AUTO, LEAST_BEAMS
 from ndtree.logs import Log
 from ndtree.logs.core.zeros import INVALID, NO_ECHO
@@ -45,6 +46,10 @@ class Settings:
     chosen: tuple[str, ...] = ()
     look: FirstLook | None = field(default=None, compare=False)
     zeros: str | None = field(default=None, compare=False)
+
+    def usable(self, scan: Scan) -> Scan:
+        """A scan without the beams that say nothing: with `no_return` "ignore", those without return."""
+        return scan.returned_only() if self.no_return == "ignore" else scan
 
     def lines(self) -> list[str]:
         """What was chosen and why, for people."""

@@ -31,6 +31,10 @@ COMMANDS = {
         "clean",
         "Write the points of a log without those that returned from what moved: people, cars, doors.",
     ),
+    "live": (
+        "live",
+        "Map a recording as a robot would: message by message, at its own pace, and say what was dropped.",
+    ),
     "fleet": (
         "fleet",
         "Map logs of several robots into tiles: by time, then by name, as one machine would, byte for byte.",

@@ -113,10 +113,8 @@ class Passage:
         """Each scan that was inserted, with what that gave; skips others, unless an error `is_final`."""
         for number, (scan, took) in enumerate(timed(self.log)):
             self.read_seconds += took
-            if self.settings.no_return == "ignore":
-                beams = len(scan)
-                scan = scan.returned_only()
-                self.ignored += beams - len(scan)
+            beams, scan = len(scan), self.settings.usable(scan)
+            self.ignored += beams - len(scan)
             name = f"{self.log.name}: scan {number}"
             try:
                 one = insert(scan)

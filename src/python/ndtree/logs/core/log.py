@@ -122,11 +122,7 @@ class Log(ABC):
                 self._search_cut_off()
                 for scan in self._scans():
                     self._done += 1
-                    if self.may_be_padded:
-                        scan = _without_padding(scan)
-                    if self._cut_off is not None:
-                        scan = self._cut_off.applied(scan)
-                    yield scan
+                    yield self.completed(scan)
             if self._unposed and not self._done:
                 self._sum_up_unposed()
                 left_out = self.skipped[UNPOSED]
@@ -138,6 +134,12 @@ class Log(ABC):
             self._skip("ends that cannot be read", error)
         finally:
             self._sum_up_unposed()
+
+    def completed(self, scan: Scan) -> Scan:
+        """A scan as it was read, without padding, and with beams cut off at the log's largest range."""
+        if self.may_be_padded:
+            scan = _without_padding(scan)
+        return scan if self._cut_off is None else self._cut_off.applied(scan)
 
     def _search_cut_off(self) -> None:
         """Read the log once for where its ranges end; the loop that follows reports what is damaged."""

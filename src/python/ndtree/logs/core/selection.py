@@ -49,7 +49,7 @@ class Selection:
         """The part of some scans, read as they are asked for; `name` is how errors call their log."""
         for number, scan in enumerate(self._in_time(scans, name)):
             if number % self._every == 0:
-                yield self._cut(scan)
+                yield self.cut(scan)
 
     def _in_time(self, scans: Iterable[Scan], name: str) -> Iterator[Scan]:
         first = math.nan
@@ -63,7 +63,8 @@ class Selection:
             if scan.stamp - first >= self._start:
                 yield scan
 
-    def _cut(self, scan: Scan) -> Scan:
+    def cut(self, scan: Scan) -> Scan:
+        """What of one scan is used, wherever it stands among the others."""
         if self._origin is not None:
             # In double precision whatever the log has: far-away coordinates lose nothing more than they have.
             ends = scan.endpoints.astype(np.float64) - self._origin

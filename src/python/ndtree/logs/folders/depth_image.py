@@ -100,7 +100,9 @@ def points_of(
         known &= np.isfinite(values)
     for value in no_depth:
         known &= values != value
-    return rays[known] * values[known].astype(np.float64)[:, None]
+    which = np.flatnonzero(known)
+    depths = values.ravel()[which].astype(np.float64)
+    return rays.reshape(-1, 3).take(which, axis=0) * depths[:, None]
 
 
 def check_stride(pixel_stride: int) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,8 @@ from ndtree.logs.poses.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
+#: The latest of transforms that come in any order is among this many.
+NEWEST = 100
 #: Numbers of a transform that differ no more than this are the same.
 SAME = 1e-6
 
@@ -22,9 +25,15 @@ class TransformTree:
 
     Where several ways connect two frames, the shortest counts. A transform that was ever said to be fixed
     is fixed, and holds at every time.
+
+    Attributes
+    ----------
+    spaces : set of str or None
+        Namespaces of the topics that its transforms are from; None: of all.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, spaces: Collection[str] | None = None) -> None:
+        self.spaces = spaces
         self._fixed: dict[tuple[str, str], Pose] = {}
         self._rows: dict[tuple[str, str], list[tuple[float, ...]]] = {}
         self._moving: dict[tuple[str, str], Trajectory] = {}
@@ -38,14 +47,40 @@ class TransformTree:
     def add(self, parent: str, child: str, stamp: float, position: ArrayLike, quaternion: ArrayLike) -> None:
         """A transform at one time [s], in any order; of two at the same time the later counts."""
         edge = plain(parent), plain(child)
-        self._rows.setdefault(edge, []).append((stamp, *position, *quaternion))  # type: ignore[misc]
+        if edge not in self._rows:
+            self._rows[edge] = []
+            self._ways.clear()
+        self._rows[edge].append((stamp, *position, *quaternion))  # type: ignore[misc]
         self._moving.pop(edge, None)
-        self._ways.clear()
 
     def add_trajectory(self, parent: str, child: str, trajectory: Trajectory) -> None:
         """A transform over time as a whole."""
         self._moving[plain(parent), plain(child)] = trajectory
         self._ways.clear()
+
+    def moving(self, target: str, source: str) -> list[tuple[str, str]]:
+        """The transforms between connected frames that change over time: parents and children."""
+        return [edge for edge in self._way(target, source) if edge not in self._fixed]
+
+    def told(self) -> list[tuple[str, str]]:
+        """Transforms that were told one time after the other, by `add`."""
+        return list(self._rows)
+
+    def newest(self, edge: tuple[str, str]) -> float:
+        """The latest time of one of the transforms that were `told` [s]."""
+        return max(row[0] for row in self._rows[edge][-NEWEST:])
+
+    def forget(self, edge: tuple[str, str], before: float, keep: int) -> None:
+        """Forget what a transform was before a time [s], but for the last `keep` > 0 of all."""
+        rows = self._rows[edge]
+        if len(rows) > keep and rows[0][0] < before:
+            self._rows[edge] = [row for row in rows[:-keep] if row[0] >= before] + rows[-keep:]
+            self._moving.pop(edge, None)
+
+    def begin_anew(self, edge: tuple[str, str]) -> None:
+        """Forget all times of a transform; those that are added later are all there are."""
+        self._rows[edge] = []
+        self._moving.pop(edge, None)
 
     def fixed_only(self) -> TransformTree:
         """A tree of its own with the fixed transforms."""

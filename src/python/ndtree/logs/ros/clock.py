@@ -6,10 +6,8 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Hashable, Mapping, Sequence
 
-#: Stamps that fall by more than this from message to message begin anew [s]; less is late.
-FALL = 2.0
-#: And this many messages stay below, or as many as there are.
-LASTS = 6
+from ndtree.logs.poses.following import FALL, LASTS
+
 #: Streams that begin anew within this time of each other do so together [s].
 TOGETHER = 2.0
 #: What is put between what came before, and what is measured again [s].

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 
@@ -11,39 +12,40 @@ from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.source import WrongOption
-from ndtree.logs.core.zeros import NO_ECHO, checked
+from ndtree.logs.core.zeros import checked
 from ndtree.logs.folders.depth_image import check_stride
-from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.choice import in_order as in_order_of_sight
 from ndtree.logs.ros.choice import poor, sights
-from ndtree.logs.ros.files.bag import open_bag
+from ndtree.logs.ros.files.bag import Bag, open_bag
 from ndtree.logs.ros.merging import in_order
-from ndtree.logs.ros.messages.beams import IMAGES, SENSOR_NAMES, SENSORS, stamp_of
+from ndtree.logs.ros.messages.beams import IMAGES
+from ndtree.logs.ros.messages.sweep import BY_WORD
 from ndtree.logs.ros.placement.advice import without_sensors
+from ndtree.logs.ros.placement.body import Body
 from ndtree.logs.ros.placement.level import dimension_of
 from ndtree.logs.ros.placement.placement import Asked, Placement
 from ndtree.logs.ros.placement.placing import find_places, poses_topic
-from ndtree.logs.ros.placement.standing import Standing
+from ndtree.logs.ros.reading import MessageReader, OtherFrame, elsewhere_said
 from ndtree.logs.ros.sensors import Sensor, Wanted, chosen, encodings_in, listed, readable
 from ndtree.logs.ros.survey import Survey
 from ndtree.logs.ros.sweep_choice import understood
 
 #: Stamps and poses that are further apart are of two clocks [s].
 TWO_CLOCKS = 1.0
-#: The note about messages with senseless times of beams, or a senseless largest range.
-_SENSELESS = "the times of beams make no sense, and all beams count as measured at the stamp"
-_UNLIMITED = "the largest range makes no sense, and counts as not given"
 
 
 class RosbagLog(SizedLog):
     """The messages of one or more sensor topics with their poses.
 
     Transforms, poses, cameras and the times of all scans are read when the log is opened, measurements while
-    it is iterated. The length is the topics' number of messages.
+    it is iterated. The length is the topics' number of messages. With `bag`, messages in memory are read
+    instead of the files at `path`, which is then a name for errors.
 
     Attributes
     ----------
     sensors : list of Sensor
+    places : dict of str to Placement
+        By topic, how its poses are found.
     sweeps : dict of str to Sweep
         By topic, what the times of beams mean.
     fixed_frame : str
@@ -73,9 +75,12 @@ class RosbagLog(SizedLog):
         base_frame: str | None = None,
         time_offset: float = 0.0,
         deskew: bool = True,
+        sweep: str | None = None,
         camera: str | None = None,
         pixel_stride: int = 1,
         zero_is: str | None = None,
+        body: str | None = None,
+        bag: Bag | None = None,
     ) -> None:
         ways = {
             "fixed_frame": fixed_frame, "odometry": odometry, "poses": poses, "trajectory": trajectory,
@@ -86,11 +91,20 @@ class RosbagLog(SizedLog):
             raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
         if not np.isfinite(time_offset):
             raise WrongOption(f"time_offset = {time_offset:g} s: must be finite")
+        if sweep is not None and (sweep not in BY_WORD or not deskew):
+            words = ", ".join(BY_WORD)
+            raise WrongOption(f"{path}: sweep = {sweep}: expected one of {words}, and deskewing")
         check_stride(pixel_stride)
         checked(path, zero_is)
+        try:
+            self._body = None if body is None else Body.of(body)
+        except ValueError as error:
+            raise WrongOption(f"{path}: {error}") from None
         wanted = [Wanted.of(one) for one in ([topic] if isinstance(topic, str) else topic or [])]
         self.time_offset = float(time_offset)
-        with open_bag(path) as bag:
+        self._in_memory = bag
+        self.path = path
+        with self._opened() as bag:
             self._damage = bag.damage
             topics = chosen(bag, wanted) if wanted else readable(bag)
             seen = sights(bag, topics) if not wanted and len(topics) > 1 else {}
@@ -110,7 +124,7 @@ class RosbagLog(SizedLog):
                 return Survey(bag, [one.name for one in topics], poses, self.time_offset)
 
             found = find_places(bag, surveyed, topics, asked, None if wanted else poor(seen))
-            survey, self._places = found.survey, found.places
+            survey, self.places = found.survey, found.places
             self.clock, self._damaged = survey.clock, survey.damaged
             notes = [_begun_again(stamp) for stamp in self.clock.falls] + found.notes
             wanted = wanted or [Wanted(one.name) for one in found.topics]
@@ -123,7 +137,21 @@ class RosbagLog(SizedLog):
                 )
                 for one, want in zip(found.topics, wanted)
             ]  # fmt: skip
-        first = self._places[self.sensors[0].topic.name]
+            self.sweeps, said = understood(
+                bag,
+                self.sensors,
+                self.places,
+                self.clock,
+                self.time_offset,
+                deskew,
+                sweep,
+                so_far=self._in_memory is not None,
+            )
+        self._bodies = {
+            name: self._body.frame_of(place, base_frame)
+            for name, place in (self.places.items() if self._body is not None else ())
+        }
+        first = self.places[self.sensors[0].topic.name]
         self.fixed_frame = first.fixed_frame
         cameras = [sensor.camera_topic for sensor in self.sensors if sensor.camera_topic]
         self.uses = (
@@ -132,13 +160,12 @@ class RosbagLog(SizedLog):
             + (", " if still else f", poses in {self.fixed_frame} from ")
             + first.origin
         )
-        super().__init__(path, dim=dimension_of(path, self.sensors, self._places, dim))
+        super().__init__(path, dim=dimension_of(path, self.sensors, self.places, dim))
         self.zero_is = zero_is
         self.may_be_zero = any(sensor.is_planar for sensor in self.sensors)
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
         self._elsewhere = {one.topic.name: self._unplaced(one, asked) for one in self.sensors}
-        self.sweeps, said = understood(path, self.sensors, self._places, self.clock, self.time_offset, deskew)
         units = [sensor.note for sensor in self.sensors if sensor.note]
         self.notes = [*notes, *units, *first.notes, *self._damage, *said]
         self.hint = _clocks(self.sensors[0], survey, self.spans)
@@ -159,106 +186,72 @@ class RosbagLog(SizedLog):
     @property
     def place(self) -> Placement:
         """How the first sensor's poses are found."""
-        return self._places[self.sensors[0].topic.name]
+        return self.places[self.sensors[0].topic.name]
 
     def _unplaced(self, sensor: Sensor, asked: Asked) -> list[str]:
         """Frames of some of a topic's messages without a pose."""
-        place, others = self._places[sensor.topic.name], sensor.seen.frames.keys() - {sensor.seen.frame}
+        place, others = self.places[sensor.topic.name], sensor.seen.frames.keys() - {sensor.seen.frame}
         if asked.sensor_frame is not None:  # Whatever the messages say.
             return []
         known = place.tree.connected(place.fixed_frame) if place.is_own else []
         return sorted(others - set(known))
 
-    def _elsewhere_said(self, sensor: Sensor) -> str:
-        others = self._elsewhere[sensor.topic.name]
-        count = sum(sensor.seen.frames[frame] for frame in others)
-        return (
-            f"{count} of {sensor.topic.messages} messages of {sensor.topic.name} are left out: they are in "
-            f"{', '.join(others) or 'no frame'}, and nothing says where that is"
+    def _opened(self) -> AbstractContextManager[Bag]:
+        """The bag, open for as long as it is read."""
+        return open_bag(self.path) if self._in_memory is None else nullcontext(self._in_memory)
+
+    def reader(self, bag: Bag) -> MessageReader:
+        """What makes scans of the messages of the log's sensors, which `bag` decodes."""
+        return MessageReader(
+            bag,
+            self.sensors,
+            self.places,
+            self.sweeps,
+            self._elsewhere,
+            clock=self.clock,
+            time_offset=self.time_offset,
+            dim=self.dim,
+            no_return_range=self.no_return_range,
+            zero_is=self.zero_is,
+            body=self._body,
+            bodies=self._bodies,
         )
 
     def _scans(self) -> Iterator[Scan]:
-        by_name = {sensor.topic.name: sensor for sensor in self.sensors}
         del self.notes[self.fixed_note :]
         for damage in self._damage if self.strict else ():
             raise ValueError(f"{damage}, expected a whole bag")
         for error in self._damaged:
             self._skip("damaged messages", error)
-        self._endless = 0
-        self._told: dict[tuple[str, str], tuple[int, str]] = {}
-        watched = {
-            sensor.topic.name: Standing(sensor.is_planar)
-            for sensor in self.sensors
-            if self._places[sensor.topic.name].stands
-        }
-        try:
-            yield from self._read(by_name, watched)
-        finally:
-            self._note_what_was_seen(watched)
+        with self._opened() as bag:
+            reader = self.reader(bag)
+            try:
+                yield from self._read(bag, reader)
+            finally:
+                self.notes += reader.notes()
 
-    def _read(self, by_name: dict[str, Sensor], watched: dict[str, Standing]) -> Iterator[Scan]:
-        with open_bag(self.path) as bag:
-            messages = bag.messages(list(by_name), on_damage=lambda error: self._skip("damaged bags", error))
-            if len(by_name) > 1:
-                messages = in_order(messages, self.clock)
-            numbers = self._numbers = dict.fromkeys(by_name, -1)
-            for raw in messages:
-                name = raw.connection.topic
-                sensor, place = by_name[name], self._places[name]
-                numbers[name] += 1
-                where = f"{self.path}: {name}: message {numbers[name]}"
-                try:
-                    if raw.connection.type not in SENSORS:
-                        raise ValueError(f"is of type {raw.connection.type}, expected {SENSOR_NAMES}")
-                    message = bag.decoded(raw)
-                    own = plain(message.header.frame_id)
-                    stamp = self.clock.stamp((name, own), 1e-9 * raw.received, stamp_of(message))
-                    measured = sensor.beams(message, stamp, self.no_return_range, self.zero_is == NO_ECHO)
-                    beams = self.sweeps[name].applied(measured)
-                except ValueError as error:
-                    self._skip("damaged messages", ValueError(f"{where}: {error}"))
-                    continue
-                if own in self._elsewhere[name]:
-                    wrong = ValueError(f"{where}: is in {own}, expected {sensor.seen.frame}")
-                    self._leave_out("messages in other frames", wrong, self._elsewhere_said(sensor))
-                    continue
-                frame = own if place.is_own else place.frame
-                stamp = self.clock.time((name, own), 1e-9 * raw.received, stamp)
-                try:
-                    ends, origins = place.in_map(frame, beams, stamp + self.time_offset)
-                except NoPose as error:
-                    self._leave_out_unposed(NoPose(f"{where}: {error}", error.where, error.seconds))
-                    continue
-                self._endless += beams.endless
-                if beams.senseless and self.sweeps[name].is_used and not place.stands:
-                    self._tell(name, numbers[name], _SENSELESS, beams.senseless)
-                if beams.unlimited:
-                    self._tell(name, numbers[name], _UNLIMITED, beams.unlimited)
-                self.zeros += beams.zeros
-                if name in watched:
-                    watched[name].add(beams)
-                sigma = None if sensor.sigma is None else np.full(len(ends), sensor.sigma)
-                yield Scan(ends[:, : self.dim], origins[..., : self.dim], beams.returned, stamp, sigma)
-
-    def _tell(self, name: str, number: int, what: str, said: str) -> None:
-        """Count messages of a topic in which something is wrong that they are mapped in spite of."""
-        count, first = self._told.get((name, what), (0, f"message {number}: {said}"))
-        self._told[name, what] = count + 1, first
-
-    def _note_what_was_seen(self, watched: dict[str, Standing]) -> None:
-        if self._endless:
-            self.notes.append(
-                f"{self._endless} beams met nothing, but range_max is infinite or not given: they say "
-                "nothing; with --max-range they are free up to there"
-            )
-        for (name, what), (count, first) in self._told.items():
-            self.notes.append(
-                f"{name}: in {count} of {self._numbers[name] + 1} messages {what}; the first: {first}"
-            )
-        for name, standing in watched.items():
-            warning = standing.warning(name, self._places[name])
-            if warning is not None:
-                self.notes.append(warning)
+    def _read(self, bag: Bag, reader: MessageReader) -> Iterator[Scan]:
+        topics = [sensor.topic.name for sensor in self.sensors]
+        messages = bag.messages(topics, on_damage=lambda error: self._skip("damaged bags", error))
+        if len(topics) > 1:
+            messages = in_order(messages, self.clock)
+        for raw in messages:
+            try:
+                measured = reader.measured(raw)
+            except OtherFrame as error:
+                others = self._elsewhere[error.sensor.topic.name]
+                self._leave_out("messages in other frames", error, elsewhere_said(error.sensor, others))
+                continue
+            except ValueError as error:
+                self._skip("damaged messages", error)
+                continue
+            try:
+                scan = reader.scan(measured)
+            except NoPose as error:
+                self._leave_out_unposed(error)
+                continue
+            self.zeros = reader.zeros
+            yield scan
 
 
 def _begun_again(stamp: float) -> str:

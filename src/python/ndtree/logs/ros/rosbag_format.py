@@ -12,6 +12,7 @@ from ndtree.logs.folders.depth_image import CAMERA, PIXEL_STRIDE
 from ndtree.logs.formats.velodyne import STILL
 from ndtree.logs.poses.trajectory_files import TRAJECTORY
 from ndtree.logs.ros.files.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, ZSTD_MAGIC, open_bag
+from ndtree.logs.ros.messages.sweep import BY_WORD
 from ndtree.logs.ros.outline import outline
 from ndtree.logs.ros.rosbag import RosbagLog
 from ndtree.logs.ros.survey import POSE_NAMES
@@ -34,6 +35,14 @@ BASE_FRAME = ReaderOption(
     "Of a ROS bag: frame of the mount, that the poses are of, or that a cloud was seen from.",
 )
 DESKEW = ReaderOption("deskew", bool, "Of a ROS bag: each beam from the pose of its own time (default).")
+
+SWEEP = ReaderOption(
+    "sweep", str, f"Of a ROS bag: when its beams were measured: {', '.join(BY_WORD)}; else the log decides."
+)
+
+BODY = ReaderOption(
+    "body", str, "Of a ROS bag: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere: or capsule:, + more, @FRAME."
+)
 
 
 def _recognises(source: Source) -> bool:
@@ -65,7 +74,7 @@ ROSBAG = Format(
     _open,
     options=(
         TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
-        TIME_OFFSET, DESKEW, CAMERA, PIXEL_STRIDE, ZERO_IS,
+        TIME_OFFSET, DESKEW, SWEEP, CAMERA, PIXEL_STRIDE, ZERO_IS, BODY,
     ),
     stored_as="either",
     contents=_contents,

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Collection, Hashable
+from collections.abc import Collection, Hashable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -163,7 +163,7 @@ class Survey:
                 self.damaged.append(error)
                 continue
             if topic == poses:
-                pose_rows += [(received, row) for row in _poses_in(message)]
+                pose_rows += [(received, row) for row in poses_in(message)]
             elif type in TF:
                 self._note_transforms(topic, message, raw.received)
             elif type == CAMERA_INFO:
@@ -203,7 +203,7 @@ class Survey:
         Where robots share a bag, each has a /tf of its own, whose frames may have the same names: of
         /robot1/scan those on /robot1/tf count and those on /tf, if they know the sensor's frame; else all.
         """
-        spaces = {_space(name) for name, *_ in (*self._fixed, *self._moving)}
+        spaces = {space_of(name) for name, *_ in (*self._fixed, *self._moving)}
         own = {one for one in spaces if not one or plain(topic).startswith(plain(one) + "/")}
         if own < spaces:
             tree = self._tree(own)
@@ -212,34 +212,44 @@ class Survey:
         return self.tree
 
     def _tree(self, spaces: Collection[str] | None) -> TransformTree:
-        tree = TransformTree()
+        tree = TransformTree(spaces)
         for topic, parent, child, pose in self._fixed:
-            if spaces is None or _space(topic) in spaces:
+            if spaces is None or space_of(topic) in spaces:
                 tree.add_fixed(parent, child, pose)
         for edge, rows in self._moving.items():
             topic, parent, child = edge
-            if spaces is None or _space(topic) in spaces:
+            if spaces is None or space_of(topic) in spaces:
                 for received, stamp, position, quaternion in rows:
                     tree.add(parent, child, self.clock.time(edge, received, stamp), position, quaternion)
         return tree
 
     def _note_transforms(self, topic: str, message: Any, received: int) -> None:
-        for one in message.transforms:
-            position, quaternion = _numbers(one.transform.translation, one.transform.rotation)
-            if not is_transform(position, quaternion):
-                continue
-            parent, child = one.header.frame_id, one.child_frame_id
-            if posixpath.basename(topic) == "tf_static":
-                self._fixed.append((topic, parent, child, Pose.from_quaternion(position, quaternion)))
+        for row in transforms_in(message):
+            if is_static(topic):
+                pose = Pose.from_quaternion(row.position, row.quaternion)
+                self._fixed.append((topic, row.parent, row.child, pose))
             else:
-                rows = self._moving.setdefault((topic, parent, child), [])
-                rows.append((1e-9 * received, stamp_of(one), position, quaternion))
+                rows = self._moving.setdefault((topic, row.parent, row.child), [])
+                rows.append((1e-9 * received, row.stamp, row.position, row.quaternion))
 
 
-def _poses_in(message: Any) -> list[PoseRow]:
+def transforms_in(message: Any) -> Iterator[PoseRow]:
+    """The transforms of a message of one of the types `TF`; those that are none are left out, as ROS does."""
+    for one in message.transforms:
+        position, quaternion = _numbers(one.transform.translation, one.transform.rotation)
+        if is_transform(position, quaternion):
+            yield PoseRow(one.header.frame_id, one.child_frame_id, stamp_of(one), position, quaternion)
+
+
+def is_static(topic: str) -> bool:
+    """Whether the transforms of a topic hold at every time."""
+    return posixpath.basename(topic) == "tf_static"
+
+
+def poses_in(message: Any) -> list[PoseRow]:
     """The poses that a message of one of the types `POSES` holds."""
     if message.__msgtype__ == PATH:
-        return [row for one in message.poses for row in _poses_in(one)]
+        return [row for one in message.poses for row in poses_in(one)]
     if hasattr(message, "transform"):
         position, quaternion = _numbers(message.transform.translation, message.transform.rotation)
     else:
@@ -251,7 +261,7 @@ def _poses_in(message: Any) -> list[PoseRow]:
     return [PoseRow(plain(message.header.frame_id), child, stamp_of(message), position, quaternion)]
 
 
-def _space(topic: str) -> str:
+def space_of(topic: str) -> str:
     """The namespace of a topic: "" of /tf."""
     return plain(posixpath.dirname(topic))
 

@@ -8,10 +8,10 @@ from itertools import islice
 import numpy as np
 
 from ndtree.logs.ros.clock import Clock
-from ndtree.logs.ros.files.bag import Bag, open_bag
+from ndtree.logs.ros.files.bag import Bag
 from ndtree.logs.ros.messages.beams import IMAGES, Beams, stamp_of
-from ndtree.logs.ros.messages.sweep import AS_SAID, GROUP, OFF, Sweep, sharpest, turning
-from ndtree.logs.ros.placement.placement import Placement
+from ndtree.logs.ros.messages.sweep import AS_SAID, BY_WORD, GROUP, OFF, Sweep, sharpest, turning
+from ndtree.logs.ros.placement.placement import STILL, Placement
 from ndtree.logs.ros.sensors import Sensor
 from ndtree.logs.ros.storage import Raw
 
@@ -22,45 +22,50 @@ FIRST_MESSAGES = 20
 
 
 def understood(
-    path: str,
+    bag: Bag,
     sensors: list[Sensor],
     places: dict[str, Placement],
     clock: Clock,
     time_offset: float,
     deskew: bool,
+    word: str | None = None,
+    so_far: bool = False,
 ) -> tuple[dict[str, Sweep], list[str]]:
     """What the times of each sensor's beams mean, and a line for each that is not what its messages say.
 
     Times by which a scan would last longer than it takes until the next are none. Of the others a sample of
-    scans decides in which the sensor turns, see `ndtree.logs.ros.messages.sweep.sharpest`.
+    scans decides in which the sensor turns, see `ndtree.logs.ros.messages.sweep.sharpest`. A user's `word` of
+    `BY_WORD` overrules both. If the bag is what a robot has measured `so_far`, a sensor that stands may move
+    later.
     """
     sweeps: dict[str, Sweep] = {}
     lines: list[str] = []
     for sensor in sensors:
         name = sensor.topic.name
         place = places[name]
-        sweeps[name] = AS_SAID if deskew else OFF
-        if not deskew or sensor.topic.type in IMAGES:
+        sweeps[name] = (AS_SAID if word is None else BY_WORD[word]) if deskew else OFF
+        if not deskew or word is not None or sensor.topic.type in IMAGES:
             continue
-        if place.stands or place.observer is not None:  # It does not matter when a beam was measured.
+        may_move = so_far and place.origin != STILL
+        # Of a sensor that stands it does not matter when a beam was measured.
+        if (place.stands and not may_move) or place.observer is not None:
             sweeps[name] = OFF
             continue
-        with open_bag(path) as bag:
-            lasts, is_guess = _duration(bag, sensor, clock)
-            if not lasts:
-                continue
-            base = OFF if is_guess else AS_SAID
-            sweeps[name] = base
-            if sensor.seen.interval and lasts > LONGER_THAN_INTERVAL * sensor.seen.interval:
-                sweeps[name] = OFF
-                lines.append(
-                    f"{name}: its beams would take {lasts:.3f} s, but a scan comes every "
-                    f"{sensor.seen.interval:.3f} s: their times are not used"
-                )
-                continue
-            stamps = np.array(sensor.seen.own_stamps)
-            starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
-            groups = _groups(bag, sensor, starts, clock, time_offset)
+        lasts, is_guess = _duration(bag, sensor, clock)
+        if not lasts:
+            continue
+        base = OFF if is_guess else AS_SAID
+        sweeps[name] = base
+        if sensor.seen.interval and lasts > LONGER_THAN_INTERVAL * sensor.seen.interval:
+            sweeps[name] = OFF
+            lines.append(
+                f"{name}: its beams would take {lasts:.3f} s, but a scan comes every "
+                f"{sensor.seen.interval:.3f} s: their times are not used"
+            )
+            continue
+        stamps = np.array(sensor.seen.own_stamps)
+        starts = turning(place.tree, place.fixed_frame, place.frame, stamps, lasts)
+        groups = _groups(bag, sensor, starts, clock, time_offset)
         if groups:
             sweep, gain = sharpest(place.tree, place.fixed_frame, place.frame, groups, base)
             sweeps[name] = sweep

@@ -101,16 +101,23 @@ def _header(store: Any, now: int) -> Any:
     return header(stamp=stamp, frame_id=FRAME)
 
 
-def _octomap(m: OccupancyMap, store: Any, now: int, cell_size: float | None) -> Any:
+def octomap_nodes(m: OccupancyMap, cell_size: float | None, *, binary: bool) -> tuple[str, float, bytes]:
+    """What a message with an OctoMap holds: the name of its kind, its resolution [m], and its nodes."""
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "map.ot")
+        file = Path(folder, "map.bt" if binary else "map.ot")
         m.save_octomap(file, cell_size=cell_size)
         header, _, nodes = file.read_bytes().partition(b"\ndata\n")  # The message has no header of its own.
+    kind = "ColorOcTree" if b"\nid ColorOcTree\n" in header else "OcTree"
+    return kind, float(m.options["min_cell_size"] if cell_size is None else cell_size), nodes
+
+
+def _octomap(m: OccupancyMap, store: Any, now: int, cell_size: float | None) -> Any:
+    kind, resolution, nodes = octomap_nodes(m, cell_size, binary=False)
     return store.types[_OCTOMAP](
         header=_header(store, now),
         binary=False,
-        id="ColorOcTree" if b"\nid ColorOcTree\n" in header else "OcTree",
-        resolution=float(m.options["min_cell_size"] if cell_size is None else cell_size),
+        id=kind,
+        resolution=resolution,
         data=np.frombuffer(nodes, dtype=np.int8),
     )
 

@@ -77,6 +77,9 @@ OTHERS = (
     ),
 )
 
+#: What a user may say of them.
+BY_WORD = dict(zip(("stamp", "end", "reversed", "reversed-end", "said"), (*OTHERS, AS_SAID)))
+
 
 def turning(tree: TransformTree, fixed_frame: str, frame: str, stamps: Floats, sweep: float) -> list[int]:
     """Numbers of the scans at which the groups begin in which the sensor turns most; none if it hardly does.

@@ -21,6 +21,8 @@ from ndtree.logs.ros.survey import PoseRow, Survey, share_within
 
 #: Where poses come from of a sensor that has but one.
 STILL = "standing still"
+#: And of one whose poses are transforms.
+TRANSFORMS = "/tf"
 _TRAJECTORY_FRAME = "the trajectory's frame"
 _BODY = "the body"
 #: A frame that has poses for this share of the scans is good enough.
@@ -240,7 +242,7 @@ def _by_transforms(
         )
     if observer is not None:
         fixed = _fixed_frame(path, tree, observer, asked.fixed_frame, stamps, others)
-        return Placement(tree, fixed, frame, False, "/tf", (_said(topic, frame, observer),), observer)
+        return Placement(tree, fixed, frame, False, TRANSFORMS, (_said(topic, frame, observer),), observer)
     fixed = _fixed_frame(path, tree, sensor, asked.fixed_frame, stamps, others)
     if _share_known(tree, fixed, sensor, stamps) < ENOUGH:
         # Transforms that were said only once in a while, though nothing moves in them.
@@ -256,7 +258,7 @@ def _by_transforms(
                 share = _share_known(tree, better, sensor, stamps)
                 say = f"{better} is known for {100 * share:.0f} % of the scans: --fixed-frame {better}"
                 notes = (*notes, f"{say} takes those alone, and {fixed} is taken, which drifts")
-    return Placement(tree, fixed, sensor, is_own, "/tf", notes)
+    return Placement(tree, fixed, sensor, is_own, TRANSFORMS, notes)
 
 
 def _base(path: str, tree: TransformTree, asked: Asked) -> str:

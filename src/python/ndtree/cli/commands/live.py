@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree live``: a recording is mapped as on a robot, message by message as they come."""
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Callable, Optional
+
+import typer
+
+from ndtree.base.exit_status import WrongCall
+from ndtree.base.scan import Scan
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.figures import map_figures, print_map
+from ndtree.cli.commands.flags import Reading, in_flags, map_options, reading_options
+from ndtree.cli.commands.logs import limit_of, load_map, made, new_map, open_log, settled
+from ndtree.cli.commands.options import (
+    Dim,
+    Json,
+    LogArgument,
+    MaxRange,
+    NoReturnKind,
+    NoReturnOption,
+    Port,
+    World,
+)
+from ndtree.cli.commands.output import check_target, is_stdout, write_json
+from ndtree.live import Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Window, play
+from ndtree.live.mapper import PATIENCE, QUEUE
+from ndtree.live.messages import LOOK
+from ndtree.live.playing import messages_of, scans_of
+from ndtree.logs import WrongOption, recognised
+from ndtree.logs.core.selection import Selection
+from ndtree.logs.ros.files.bag import open_bag
+
+#: How often a page is drawn anew, and a line on a terminal [s].
+PAGE, LINE = 0.5, 0.5
+
+
+@command(
+    "live",
+    epilog=examples(
+        "ndtree live drive.bag --watch",
+        "ndtree live drive.bag -o drive.ndt --rate 0",
+        "ndtree live drive.bag -o drive.ndt --rate 4 --queue 20 --window 30 --save-every 60",
+        "ndtree live tuesday.bag --resume monday.ndt -o both.ndt --rate 0",
+        "ndtree live --world office --rate 0",
+    ),
+)
+@reports_errors
+@reading_options
+@map_options
+def live(
+    log: LogArgument = None,
+    world: Annotated[
+        Optional[World], typer.Option(help="Simulate instead of a LOG.", show_default=False)
+    ] = None,
+    output: Annotated[
+        Optional[Path],
+        typer.Option("--output", "-o", metavar="MAP", help="Where the map is written at the end."),
+    ] = None,
+    rate: Annotated[
+        float, typer.Option(help="Seconds of LOG in one second; 0: as fast as it goes, none is dropped.")
+    ] = 1.0,
+    queue: Annotated[
+        int, typer.Option(min=1, help="Scans that wait at most; of more, the oldest is dropped.")
+    ] = QUEUE,
+    patience: Annotated[float, typer.Option(help="A scan waits for its pose at most \\[s].")] = PATIENCE,
+    look: Annotated[
+        float, typer.Option(help="Of a ROS bag: messages that decide what is mapped and how \\[s].")
+    ] = LOOK,
+    window: Annotated[
+        Optional[float],
+        typer.Option(help="Forget what is farther from the sensor than this \\[m].", show_default=False),
+    ] = None,
+    save_every: Annotated[
+        Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
+    ] = None,
+    resume: Annotated[Optional[Path], typer.Option(metavar="MAP", help="Go on with a saved map.")] = None,
+    fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
+    port: Port = None,
+    dim: Dim = None,
+    max_range: MaxRange = None,
+    no_return: NoReturnOption = NoReturnKind.auto,
+    json_file: Json = None,
+    options: Any = None,
+    reading: Any = None,
+) -> None:
+    """Map a recording as a robot would: message by message, at its own pace, and say what was dropped.
+
+    The map is that of "ndtree map" with the same options, byte for byte, if none was. For a robot that runs
+    ROS 2 there is the node ndtree_map.
+    """
+    if save_every is not None and output is None:
+        raise WrongCall("--save-every: expected -o MAP, too")
+    if port is not None and not watch:
+        raise WrongCall("--port: is for the page of --watch")
+    if rate < 0:
+        raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
+    for path in (output, json_file):
+        check_target(path)
+    target = None
+    if resume is not None:
+        if options or fixed:
+            flag = "fixed" if fixed else next(iter(options)).replace("_", "-")
+            raise WrongCall(f"--{flag}: the map of --resume has its own options")
+        target = load_map(resume)
+        options = dict(target.options)
+    made(lambda: new_map(dim or 2, fixed, options) if target is None else None)
+    sinks: list[Any] = [made(lambda: Saver(output, save_every))] if save_every is not None else []
+    follow = None if window is None else made(lambda: Window(window))
+    with ExitStack() as stack:
+        intake, items = _source(
+            log, world, dim, reading, stack,
+            options=options, max_range=max_range, no_return=no_return.value, look=look,
+        )  # fmt: skip
+        page = _Page(port) if watch else None
+        sinks += [page] if page is not None else []
+        mapper = LiveMapper(
+            intake,
+            target=target,
+            make=lambda dim, chosen: new_map(dim, fixed, chosen),
+            queue=queue,
+            patience=patience,
+            window=follow,
+            sinks=sinks,
+            prepare=_prepare(reading),
+        )
+        begin = time.perf_counter()
+        try:
+            with mapper, _line(mapper):
+                play(items, mapper, rate=rate)
+        except KeyboardInterrupt:
+            mapper.close()
+        except WrongOption as error:
+            raise WrongCall(in_flags(str(error))) from None
+        except ValueError as error:
+            raise ValueError(in_flags(str(error))) from error
+        seconds = time.perf_counter() - begin
+        _report(mapper, seconds, output, json_file, str(log or f"world {world and world.value}"))
+        if page is not None:
+            page.stay()
+
+
+def _source(
+    path: Optional[Path],
+    world: Optional[World],
+    dim: Optional[int],
+    reading: Reading,
+    stack: ExitStack,
+    *,
+    options: dict[str, Any],
+    max_range: Optional[float],
+    no_return: str,
+    look: float,
+) -> tuple[Intake, Iterator[tuple[Any, float]]]:
+    """How a recording is judged, and what is in it."""
+    limit = limit_of(max_range)
+    if path is not None and recognised(path, format=reading.format) == "rosbag":
+        bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
+        intake = made(
+            lambda: MessagesIntake(
+                str(path),
+                options=options,
+                reading=reading.options,
+                dim=dim,
+                max_range=limit,
+                no_return=no_return,
+                look=look,
+            )
+        )
+        return intake, messages_of(bag)
+    whole = open_log(path, world, dim, _whole(reading) if path is not None else reading, max_range=max_range)
+    settings = settled(whole, options, limit, no_return, with_sigma=True)
+    return ScansIntake(settings, whole.dim), scans_of(whole)
+
+
+def _whole(reading: Reading) -> Reading:
+    return Reading(reading.format, reading.keep_going, reading.strict, {}, reading.options)
+
+
+def _prepare(reading: Reading) -> Optional[Callable[[Scan], Scan]]:
+    """What becomes of each scan before it is mapped: shorter beams are left out, and the like."""
+    chosen = dict(reading.selection)
+    for name in ("every", "start", "stop", "box", "origin"):
+        if name in chosen:
+            flag = {"start": "from", "stop": "to"}.get(name, name)
+            raise WrongCall(f"--{flag}: is for ndtree map alone")
+    if not chosen:
+        return None
+    return made(lambda: Selection(3, **chosen)).cut
+
+
+class _Page:
+    """A page of the map as it grows, as a sink."""
+
+    period = PAGE
+
+    def __init__(self, port: Optional[int]) -> None:
+        from ndtree.viewer import PORT, Viewer
+
+        self._viewer = Viewer(port=PORT if port is None else port)
+        print(f"{self._viewer.url} shows the map as it grows", file=sys.stderr, flush=True)
+
+    def update(self, m: Any, stamp: float) -> None:
+        if m.stats().observed_leaves:
+            self._viewer.show(m)
+
+    def stay(self) -> None:
+        """Until the user interrupts."""
+        print(f"{self._viewer.url} until Ctrl-C", file=sys.stderr, flush=True)
+        self._viewer.wait()
+        self._viewer.close()
+
+
+@contextmanager
+def _line(mapper: LiveMapper) -> Iterator[None]:
+    """One line on a terminal that says what becomes of the scans."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    ended = threading.Event()
+
+    def run() -> None:
+        while not ended.wait(LINE):
+            said = mapper.undecided or mapper.figures.summary()
+            print(f"\r\x1b[2K{said[:110]}", end="", file=sys.stderr, flush=True)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+        print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+
+
+def _report(
+    mapper: LiveMapper, seconds: float, output: Optional[Path], json_file: Optional[Path], name: str
+) -> None:
+    figures = mapper.figures
+    if not figures.mapped:
+        raise ValueError(f"{name}: nothing was mapped: {figures.summary()}")
+    m = mapper.snapshot()
+    if output is not None:
+        m.save(output)
+    if not is_stdout(json_file):
+        print(f"{name}: {figures.summary()}")
+        for line in mapper.intake.said():
+            print(f"  {line}")
+        print_map(m)
+        median, late = (1e3 * figures.delay(q) for q in (0.5, 0.99))
+        print(
+            f"{seconds:.3f} s, {figures.insert_seconds:.3f} s of them in the map; from arrival to map "
+            f"{median:.1f} ms, and 99 % within {late:.1f} ms" + (f"; wrote {output}" if output else "")
+        )
+    for sink, error in mapper.failures.items():
+        print(f"ndtree: {sink}: {error}", file=sys.stderr)
+    write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **map_figures(m)}, json_file)

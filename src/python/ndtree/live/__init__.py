@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A map of a robot that drives: scans and poses as they come, a map that others see change.
+
+`LiveMapper` is the mapper; `FramesIntake` takes arrays with transforms, `MessagesIntake` messages of ROS, and
+`ScansIntake` scans in the map's frame. Nothing here needs ROS.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ndtree.live.figures import LiveFigures
+    from ndtree.live.frames import FramesIntake, Reading, Transform
+    from ndtree.live.grid import GridFollower, GridPart
+    from ndtree.live.intake import Intake, ScansIntake, Verdict
+    from ndtree.live.mapper import LiveMapper, Sink
+    from ndtree.live.messages import MessagesIntake
+    from ndtree.live.playing import play
+    from ndtree.live.saver import Saver
+    from ndtree.live.window import Window
+
+#: Where each public name is; its module loads when it is asked for.
+_MODULES = {
+    "FramesIntake": "frames",
+    "GridFollower": "grid",
+    "GridPart": "grid",
+    "Intake": "intake",
+    "LiveFigures": "figures",
+    "LiveMapper": "mapper",
+    "MessagesIntake": "messages",
+    "Reading": "frames",
+    "Saver": "saver",
+    "ScansIntake": "intake",
+    "Sink": "mapper",
+    "Transform": "frames",
+    "Verdict": "intake",
+    "Window": "window",
+    "play": "playing",
+}
+
+__all__ = [
+    "FramesIntake",
+    "GridFollower",
+    "GridPart",
+    "Intake",
+    "LiveFigures",
+    "LiveMapper",
+    "MessagesIntake",
+    "Reading",
+    "Saver",
+    "ScansIntake",
+    "Sink",
+    "Transform",
+    "Verdict",
+    "Window",
+    "play",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """A name of the package."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'ndtree.live' has no attribute {name!r}")
+    value = getattr(import_module(f"ndtree.live.{_MODULES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

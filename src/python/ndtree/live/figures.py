@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What became of measurements that came, and how long that took."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+#: Delays of the last measurements that are kept.
+DELAYS = 4096
+
+
+@dataclass
+class LiveFigures:
+    """Counts since the mapper began. Every measurement that came is in one of them, or still waits.
+
+    Attributes
+    ----------
+    received : int
+        Measurements.
+    mapped : int
+        Of these, in the map.
+    dropped : int
+        Pushed out of the queue by newer ones.
+    left_out : dict of str to int
+        Not mapped for another reason, by its name.
+    waiting : int
+        In the queue.
+    poses : int
+        Messages with poses, or transforms.
+    late_poses : int
+        Poses that came after a scan of their time was mapped, or left out: with them it would be another one.
+    unsure : int
+        Scans that were mapped by a pose a little before their time, because none came for it in time.
+    beams : dict of str to int
+        As the maps count them.
+    insert_seconds : float
+        Spent in the map.
+    """
+
+    received: int = 0
+    mapped: int = 0
+    dropped: int = 0
+    left_out: dict[str, int] = field(default_factory=dict)
+    waiting: int = 0
+    poses: int = 0
+    late_poses: int = 0
+    unsure: int = 0
+    beams: dict[str, int] = field(default_factory=dict)
+    insert_seconds: float = 0.0
+    mapped_delays: deque[float] = field(default_factory=lambda: deque(maxlen=DELAYS), repr=False)
+    published_delays: deque[float] = field(default_factory=lambda: deque(maxlen=DELAYS), repr=False)
+
+    def leave_out(self, kind: str) -> None:
+        """Count one that is not mapped."""
+        self.left_out[kind] = self.left_out.get(kind, 0) + 1
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether the map is that of all measurements that came, as if read from a recording of them."""
+        return self.dropped == self.late_poses == self.unsure == 0
+
+    def delay(self, quantile: float, *, of: str = "mapped") -> float:
+        """From the arrival of a measurement until it is in the map, or ``of="published"`` [s]; nan if none.
+
+        Of the last 4096.
+        """
+        delays = list(self.mapped_delays if of == "mapped" else self.published_delays)
+        return float(np.quantile(delays, quantile)) if delays else float("nan")
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of them as plain numbers, ready for JSON."""
+        delays = {}
+        for name in ("mapped", "published"):
+            values = [self.delay(q, of=name) for q in (0.5, 0.99)]
+            delays[name] = None if np.isnan(values[0]) else {"median": values[0], "p99": values[1]}
+        return {
+            "received": self.received,
+            "mapped": self.mapped,
+            "dropped": self.dropped,
+            "left_out": dict(self.left_out),
+            "waiting": self.waiting,
+            "poses": self.poses,
+            "late_poses": self.late_poses,
+            "unsure": self.unsure,
+            "beams": dict(self.beams),
+            "insert_seconds": self.insert_seconds,
+            "delays": delays,
+        }
+
+    def summary(self) -> str:
+        """In one line, for people."""
+        left = "".join(f", {count} left out ({kind})" for kind, count in self.left_out.items())
+        unsure = f", {self.unsure} by an older pose" if self.unsure else ""
+        late = f", {self.late_poses} poses came too late" if self.late_poses else ""
+        counts = f"{self.mapped} mapped{unsure}, {self.dropped} dropped{left}{late}"
+        return f"{self.received} scans received: {counts}"

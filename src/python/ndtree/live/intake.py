@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a live mapper is given, and how that becomes scans in the map's frame."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from enum import Enum
+from typing import Any
+
+from ndtree.base.scan import Scan
+from ndtree.live.figures import LiveFigures
+from ndtree.live.queue import Entry
+from ndtree.logs.core.failures import NoPose
+from ndtree.logs.poses.following import FALL
+from ndtree.tuning.settings import Settings
+
+
+class Verdict(Enum):
+    """Why there is no scan."""
+
+    wait = "its pose is not known yet"
+    left_out = "it was counted, and is not mapped"
+
+
+class Intake(ABC):
+    """Makes scans of items. The mapper calls it from one thread, but for `is_pose` and `begin`.
+
+    Attributes
+    ----------
+    settings : Settings or None
+        How scans are mapped; None until it is decided.
+    dim : int
+        Of the scans, once it is decided.
+    sensors : sequence of str
+        Of several, items are put into the order of their stamps.
+    look : float
+        For how long measurements are looked at before it is decided [s].
+    notes : list of str
+        What was decided, and a user should know, each in one line.
+    """
+
+    settings: Settings | None = None
+    dim: int
+    sensors: Sequence[str] = ()
+    look = 0.0
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def is_pose(self, item: Any) -> bool:
+        """Whether an item is no measurement, but says where something is."""
+        return False
+
+    def pose(self, item: Any, figures: LiveFigures) -> None:
+        """Take note of a pose."""
+        raise TypeError(f"{item!r}: takes no poses")
+
+    def key(self, item: Any) -> tuple[str, float]:
+        """The sensor of an item, and its stamp [s]."""
+        return "", 0.0
+
+    def said(self) -> list[str]:
+        """What was decided, and what was seen since that a user should know."""
+        return self.notes
+
+    def begin(self, received: float) -> None:
+        """Take note of when a measurement came [s]."""
+        return
+
+    def is_decidable(self, now: float) -> bool:
+        """Whether enough was seen to decide how to map."""
+        return True
+
+    def decide(self, waiting: Sequence[Entry], everything: bool = False) -> None:
+        """Decide how to map; raises ValueError where what came does not tell, and more may.
+
+        With `everything` nothing more comes.
+        """
+        raise ValueError(f"{type(self).__name__}: expected its settings to be given")
+
+    @abstractmethod
+    def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
+        """A scan of a measurement.
+
+        Parameters
+        ----------
+        entry : Entry
+        give_up : bool
+            Nothing is worth waiting for any longer.
+        figures : LiveFigures
+            Counts what is left out.
+        """
+
+
+class ScansIntake(Intake):
+    """Takes `Scan`: measurements whose poses are known already.
+
+    Parameters
+    ----------
+    settings : Settings
+    dim : int
+    """
+
+    def __init__(self, settings: Settings, dim: int) -> None:
+        super().__init__()
+        self.settings, self.dim = settings, dim
+
+    def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
+        scan = entry.item
+        if not isinstance(scan, Scan):
+            raise TypeError(f"found {type(scan).__name__}, expected Scan")
+        return scan
+
+
+#: What scans without a pose are called, by where their time is.
+UNPOSED = {
+    "before": "before the first pose",
+    "after": "no pose in time",
+    "in a gap": "in a gap of the poses",
+}
+
+
+class PosedIntake(Intake):
+    """Takes measurements that may come before the poses of their time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._latest = -math.inf
+
+    def _posed(
+        self,
+        stamp: float,
+        last: float,
+        until: float,
+        give_up: bool,
+        place: Callable[[], Scan],
+        figures: LiveFigures,
+    ) -> Scan | Verdict:
+        """A scan with poses, if they are known or nothing is worth waiting for.
+
+        Parameters
+        ----------
+        stamp, last : float
+            When it was measured, and the last time at which a pose is needed [s].
+        until : float
+            Up to when they are known [s].
+        give_up : bool
+            As for `scan`.
+        place : callable
+            Makes the scan; raises NoPose.
+        figures : LiveFigures
+        """
+        if last > until and not give_up:
+            return Verdict.wait
+        has_fallen = stamp < self._latest - FALL
+        try:
+            scan = place()
+        except NoPose as error:
+            # A clock that begins again does so for scans before it does for poses, or after.
+            if error.where == "before" and has_fallen and not give_up:
+                return Verdict.wait
+            self._latest = stamp if has_fallen else max(self._latest, stamp)
+            figures.leave_out(UNPOSED[error.where])
+            return Verdict.left_out
+        self._latest = stamp if has_fallen else max(self._latest, stamp)
+        figures.unsure += last > until
+        return scan

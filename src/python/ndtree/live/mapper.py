@@ -1,0 +1,503 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A mapper in a thread of its own: measurements and poses in, a map that others look at out.
+
+Strategy: `put` only queues, so that the thread that receives messages is never held up. One thread takes
+poses first, then measurements in their order; the head of the queue waits until the poses of its time are
+known, or until it has waited for long enough by the clock of the source. A second thread gives sinks
+snapshots of the map, which cost little: a slow one holds up neither. Both spend their time in compiled code,
+which releases the interpreter's lock.
+
+Invariants: measurements are mapped in the order in which a recording of them would be read, so that the map
+is that of the recording, byte for byte, if nothing was dropped. Each measurement is counted once.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+from ndtree._native._core import AdaptiveMap, OccupancyMap
+from ndtree.base.scan import Scan
+from ndtree.live.figures import LiveFigures
+from ndtree.live.intake import Intake, Verdict
+from ndtree.live.queue import Entry, ScanQueue
+from ndtree.live.window import Window
+
+#: Measurements that wait, and how long one waits for its pose [s].
+QUEUE, PATIENCE = 100, 1.0
+#: The threads look up so often although nothing happens [s].
+_LOOKS = 0.05
+
+#: A sink is left alone for this many times as long as it took of the processor.
+_SINKS_REST = 5.0
+
+Make = Callable[[int, "dict[str, Any]"], OccupancyMap]
+
+
+class Sink(Protocol):
+    """Who is shown the map while it grows.
+
+    Attributes
+    ----------
+    period : float
+        Least time from one `update` to the next [s]; 0: after each scan. A sink that takes long is shown the
+        map less often, so that it takes a fifth of one processor at most.
+    """
+
+    period: float
+
+    def update(self, m: OccupancyMap, stamp: float) -> None:
+        """Look at a snapshot of the map, which stays as it is; `stamp` is that of its last scan [s]."""
+
+
+def _adaptive(dim: int, options: dict[str, Any]) -> OccupancyMap:
+    return AdaptiveMap(dim=dim, **options)
+
+
+class LiveMapper:
+    """Maps what it is given, in the order in which it comes.
+
+    Parameters
+    ----------
+    intake : Intake
+        What items are, and how they become scans.
+    target : OccupancyMap, optional
+        The map to go on with. Left out, one is made as the intake decides.
+    make : callable, optional
+        Makes the map of a dimension and options; else an `AdaptiveMap`.
+    queue : int
+        Measurements that wait at most; the oldest of more is dropped, and counted.
+    patience : float
+        How long a measurement waits for the poses of its time, by the clock of its source [s].
+    threads : int
+        That insert, as for `OccupancyMap.insert`.
+    window : Window, optional
+        What is kept of the map.
+    sinks : sequence of Sink
+    clock : callable, optional
+        Says what time it is for the source [s]; left out, that is when the last item was received.
+    prepare : callable, optional
+        What is made of each scan before it is mapped, as to leave out beams.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its limits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from ndtree import Scan
+    >>> from ndtree.live import LiveMapper, ScansIntake
+    >>> from ndtree.tuning.settings import Settings
+    >>> with LiveMapper(ScansIntake(Settings({}, 30.0, "free"), 2)) as mapper:
+    ...     mapper.put(Scan(np.array([[2.0, 0.5]]), np.zeros(2)))
+    >>> mapper.figures.mapped
+    1
+    """
+
+    def __init__(
+        self,
+        intake: Intake,
+        *,
+        target: OccupancyMap | None = None,
+        make: Make = _adaptive,
+        queue: int = QUEUE,
+        patience: float = PATIENCE,
+        threads: int = 0,
+        window: Window | None = None,
+        sinks: Sequence[Sink] = (),
+        clock: Callable[[], float] | None = None,
+        prepare: Callable[[Scan], Scan] | None = None,
+    ) -> None:
+        if queue < 1:
+            raise ValueError(f"queue = {queue}: must be >= 1")
+        if not patience >= 0:
+            raise ValueError(f"patience = {patience:g} s: must be >= 0")
+        self.figures = LiveFigures()
+        #: Why nothing is mapped yet, and by sink the last thing that went wrong.
+        self.undecided = ""
+        self.failures: dict[str, str] = {}
+        self._intake, self._target, self._make = intake, target, make
+        self._patience, self._threads, self._window = patience, threads, window
+        self._clock, self._prepare = clock, prepare
+        self._changed = threading.Condition()
+        self._queue = ScanQueue(queue)
+        self._poses: deque[tuple[Any, float]] = deque()
+        self._latest = -math.inf
+        self._is_closing = self._is_starved = self._is_done = False
+        self._error: BaseException | None = None
+        self._held: Entry | None = None
+        self._ordered = False
+        #: Of what had come before mapping began, what is not mapped yet: the queue may be longer by this.
+        self._backlog = 0
+        self._lock = threading.RLock()
+        self._stamp = 0.0
+        self._unseen: list[float] = []
+        self._revision = 0
+        self._publisher = _Publisher(self, sinks)
+        self._thread = threading.Thread(target=self._run, name="ndtree-live", daemon=True)
+        self._thread.start()
+
+    def put(self, item: Any, received: float | None = None, *, wait: bool = False) -> None:
+        """Give it a measurement or a pose.
+
+        Parameters
+        ----------
+        item : object
+            What the intake takes.
+        received : float, optional
+            When it came, by the clock of its source [s]; else now.
+        wait : bool
+            Wait while the queue is full, instead of dropping the oldest, unless that waits for what comes.
+
+        Raises
+        ------
+        RuntimeError
+            If the mapper is closed.
+        BaseException
+            What ended the mapper, if something did.
+        """
+        received = time.time() if received is None else received
+        with self._changed:
+            self._check()
+            if self._is_closing:
+                raise RuntimeError("the mapper is closed, expected no more items")
+            if self._intake.is_pose(item):
+                self._latest = max(self._latest, received)
+                self.figures.poses += 1
+                self._poses.append((item, received))
+            else:
+                while wait and self._queue.is_full and not self._is_starved:
+                    self._changed.wait(_LOOKS)
+                    self._check()
+                self._latest = max(self._latest, received)
+                self.figures.received += 1
+                self._intake.begin(received)
+                if self._queue.is_full and not wait and self._may_drop():
+                    self._queue.drop()
+                self._queue.put(Entry(item, received, time.perf_counter()))
+            self._is_starved = False
+            self._changed.notify_all()
+
+    def _may_drop(self) -> bool:
+        """Whether the queue is full of more than what was looked at before mapping began."""
+        oldest = self._queue.oldest()
+        if self._intake.settings is None:
+            waits = self._intake.look + self._patience
+            return oldest is not None and self._latest - oldest.received > waits
+        return len(self._queue) >= self._queue.capacity + self._backlog
+
+    def advance(self, now: float) -> None:
+        """Tell what time it is for the source [s], where nothing comes: what waited long enough gives up."""
+        with self._changed:
+            self._latest = max(self._latest, now)
+            self._is_starved = False
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Map what waits, show sinks the last map, and end.
+
+        Raises
+        ------
+        ValueError
+            If nothing that came tells how to map; and whatever else ended the mapper.
+        """
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify_all()
+        self._thread.join()
+        self._publisher.close()
+        self._check()
+
+    def __enter__(self) -> LiveMapper:
+        return self
+
+    def __exit__(self, kind: Any, *_: Any) -> None:
+        if kind is None:
+            self.close()
+            return
+        with self._changed:  # Something else went wrong, which is what is told.
+            self._queue, self._is_closing = ScanQueue(1), True
+            self._changed.notify_all()
+        self._thread.join()
+        self._publisher.close()
+
+    @property
+    def intake(self) -> Intake:
+        """That it was made with."""
+        return self._intake
+
+    @property
+    def has_map(self) -> bool:
+        """Whether mapping has begun."""
+        return self._target is not None
+
+    @contextmanager
+    def locked(self) -> Iterator[OccupancyMap]:
+        """The map itself, which does not change meanwhile but by who holds it.
+
+        Raises
+        ------
+        RuntimeError
+            If there is none yet.
+        """
+        with self._lock:
+            if self._target is None:
+                raise RuntimeError(f"there is no map yet: {self.undecided or 'nothing was mapped'}")
+            yield self._target
+            self._revision += 1
+        self._publisher.wake()
+
+    def snapshot(self) -> OccupancyMap:
+        """The map as it is now, which stays so; RuntimeError if there is none yet."""
+        with self._lock:
+            if self._target is None:
+                raise RuntimeError(f"there is no map yet: {self.undecided or 'nothing was mapped'}")
+            return self._target.snapshot()
+
+    def replace(self, m: OccupancyMap | None) -> None:
+        """Go on with another map, or with an empty one of the same options."""
+        with self._lock:
+            if m is None and self._target is not None:
+                assert self._intake.settings is not None
+                m = self._make(self._target.dim, self._intake.settings.options)
+            if m is None:
+                return
+            if self._target is not None and m.dim != self._target.dim:
+                raise ValueError(f"the map is {m.dim}-D, expected {self._target.dim}-D as its sensors")
+            self._target = m
+            self._revision += 1
+        self._publisher.wake()
+
+    def _check(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    # All of what follows runs in the mapper's thread.
+
+    def _run(self) -> None:
+        try:
+            while self._step():
+                pass
+        except BaseException as error:  # It is raised by put() and close().
+            self._error = error
+        with self._changed:
+            self._is_done = True
+            self._changed.notify_all()
+
+    def _step(self) -> bool:
+        """Wait for something to do, and do it; False at the end."""
+        with self._changed:
+            is_idle = not self._poses and (self._is_starved or not (self._held or len(self._queue)))
+            if is_idle and not self._is_closing:
+                self._changed.wait(_LOOKS)
+            now, closing = self._now(), self._is_closing
+        if self._intake.settings is None:
+            self._take_poses(math.inf)
+            if not self._decided(now, closing):
+                return not closing
+        if self._target is None:
+            settings = self._intake.settings
+            assert settings is not None
+            self._target = self._make(self._intake.dim, settings.options)
+        return self._map_some(now, closing)
+
+    def _take_poses(self, until: float, *, one: bool = False) -> bool:
+        """Take note of poses that were received until a time [s], or of the first; False if there is none."""
+        taken = False
+        while self._poses and self._poses[0][1] <= until and not (one and taken):
+            self._intake.pose(self._poses.popleft()[0], self.figures)
+            taken = True
+        return taken
+
+    def _now(self) -> float:
+        return self._latest if self._clock is None else max(self._latest, self._clock())
+
+    def _decided(self, now: float, closing: bool) -> bool:
+        if closing or self._intake.is_decidable(now):
+            with self._changed:
+                waiting = self._queue.entries()
+            if closing and not waiting:
+                return False
+            try:
+                self._intake.decide(waiting, closing)
+            except ValueError as error:
+                if closing:
+                    raise
+                self.undecided = str(error)
+        if self._intake.settings is not None:
+            self.undecided = ""
+            with self._changed:
+                self._backlog = len(self._queue)
+            return True
+        with self._changed:
+            self._is_starved = True
+            self._changed.notify_all()
+        return False
+
+    def _map_some(self, now: float, closing: bool) -> bool:
+        """Map until there is nothing, or a pose is missing; False at the end.
+
+        Poses are taken as far as a measurement needs them, so that the map does not depend on how far the
+        threads are.
+        """
+        while True:
+            with self._changed:
+                if len(self._intake.sensors) > 1 and not self._ordered:
+                    self._queue.order_by(self._intake.key, self._intake.sensors)
+                    self._ordered = True
+                if self._held is None:
+                    self._held = self._queue.take(everything=closing)
+                self._is_starved = self._held is None and len(self._queue) > 0
+                self.figures.waiting = len(self._queue) + (self._held is not None)
+                self.figures.dropped = self._queue.dropped
+                self._changed.notify_all()
+            entry = self._held
+            if entry is None:
+                self._take_poses(now)
+                return not (closing and not len(self._queue) and not self._poses)
+            found = self._found(entry, now, closing)
+            if found is Verdict.wait:
+                with self._changed:
+                    self._is_starved = not self._poses
+                    self._changed.notify_all()
+                return True
+            self._held = None
+            self._backlog = max(self._backlog - 1, 0)
+            if isinstance(found, Scan):
+                self._insert(found, entry)
+
+    def _found(self, entry: Entry, now: float, closing: bool) -> Scan | Verdict:
+        """A scan of a measurement, or why there is none."""
+        until = entry.received + self._patience
+        while True:
+            found = self._intake.scan(entry, False, self.figures)
+            if found is not Verdict.wait or not self._take_poses(until, one=True):
+                break
+        gives_up = closing or now >= until
+        return self._intake.scan(entry, True, self.figures) if found is Verdict.wait and gives_up else found
+
+    def _insert(self, scan: Scan, entry: Entry) -> None:
+        settings, figures = self._intake.settings, self.figures
+        assert settings is not None and self._target is not None
+        scan = scan if self._prepare is None else self._prepare(scan)
+        usable = settings.usable(scan)
+        try:
+            with self._lock:
+                one = usable.insert_into(self._target, max_range=settings.max_range, threads=self._threads)
+                if self._window is not None:
+                    self._window.moved(self._target, scan)
+                self._stamp = scan.stamp
+                self._revision += 1
+        except ValueError:
+            figures.leave_out("scans that cannot be mapped")
+            return
+        except MemoryError:
+            figures.leave_out("no memory left for the map")
+            return
+        counts = {
+            key: getattr(one, key)
+            for key in ("beams", "returned", "not_returned", "beyond_max_range", "invalid")
+        }
+        ignored = len(scan) - len(usable)
+        if ignored:
+            counts["beams"] += ignored
+            counts["ignored"] = ignored
+        for key, count in counts.items():
+            figures.beams[key] = figures.beams.get(key, 0) + count
+        figures.insert_seconds += one.seconds
+        figures.mapped += 1
+        figures.mapped_delays.append(time.perf_counter() - entry.arrived)
+        self._publisher.mapped(entry.arrived)
+
+
+class _Publisher:
+    """A thread that shows sinks snapshots of the map."""
+
+    def __init__(self, mapper: LiveMapper, sinks: Sequence[Sink]) -> None:
+        self._mapper = mapper
+        self._due = [(sink, -math.inf) for sink in sinks]  # And when it may be shown the map again [s].
+        self._shown: dict[int, int] = {}
+        self._wake = threading.Condition()
+        self._arrived: list[float] = []
+        self._is_awake = self._is_closing = False
+        self._thread = threading.Thread(target=self._run, name="ndtree-live-sinks", daemon=True)
+        if sinks:
+            self._thread.start()
+
+    def mapped(self, arrived: float) -> None:
+        """A scan that arrived at a time is in the map."""
+        if self._due:
+            with self._wake:
+                self._arrived.append(arrived)
+                self._is_awake = True
+                self._wake.notify()
+
+    def wake(self) -> None:
+        """The map has changed."""
+        with self._wake:
+            self._is_awake = True
+            self._wake.notify()
+
+    def close(self) -> None:
+        """Show the last map to all."""
+        if not self._due:
+            return
+        with self._wake:
+            self._is_closing = True
+            self._wake.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._wake:
+                if not self._is_awake and not self._is_closing:
+                    self._wake.wait(self._pause())
+                closing, self._is_awake = self._is_closing, False
+                arrived, self._arrived = self._arrived, []
+            self._show(closing, arrived)
+            if closing:
+                return
+
+    def _pause(self) -> float:
+        """How long nothing is to be shown, if nothing happens [s]."""
+        now, revision = time.monotonic(), self._mapper._revision
+        behind = [at for number, (_, at) in enumerate(self._due) if self._shown.get(number) != revision]
+        return min(max(min(behind, default=math.inf) - now, 0.0), _LOOKS) or 1e-3
+
+    def _show(self, closing: bool, arrived: list[float]) -> None:
+        now = time.monotonic()
+        revision = self._mapper._revision
+        due = [
+            number
+            for number, (sink, next_time) in enumerate(self._due)
+            if (closing or now >= next_time) and self._shown.get(number) != revision
+        ]
+        if not due or not self._mapper.has_map:
+            self._arrived[:0] = arrived
+            return
+        with self._mapper._lock:
+            m, stamp, revision = self._mapper.snapshot(), self._mapper._stamp, self._mapper._revision
+        at_once = False
+        for number in due:
+            sink, _ = self._due[number]
+            begin = time.thread_time()
+            try:
+                sink.update(m, stamp)
+            except Exception as error:  # A sink that fails does not stop the map.
+                self._mapper.failures[type(sink).__name__] = f"{type(error).__name__}: {error}"
+            took = time.thread_time() - begin
+            self._due[number] = sink, now + max(sink.period, _SINKS_REST * took)
+            self._shown[number] = revision
+            at_once |= sink.period == 0
+        if not at_once:
+            self._arrived[:0] = arrived
+        else:
+            shown = time.perf_counter()
+            self._mapper.figures.published_delays.extend(shown - one for one in arrived)

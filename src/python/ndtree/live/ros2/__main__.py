@@ -1,0 +1,9 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``python -m ndtree.live.ros2 --ros-args ...`` runs the node ``ndtree_map``."""
+
+import sys
+
+from ndtree.live.ros2.run import main
+
+if __name__ == "__main__":
+    sys.exit(main())

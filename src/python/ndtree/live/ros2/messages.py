@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Messages of ROS 2 that show a map, made of arrays."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
+from nav_msgs.msg import OccupancyGrid
+from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from ndtree.live.grid import GridFollower, GridPart
+from ndtree.live.outputs import POINT, FrontierPose, by_size
+
+_PALETTE = ((0.9, 0.3, 0.1), (0.95, 0.6, 0.1), (0.9, 0.85, 0.2), (0.4, 0.75, 0.3), (0.2, 0.55, 0.8))
+
+
+def class_of(type: str) -> Any:
+    """The class of a type as "sensor_msgs/msg/LaserScan"; ImportError if its package is not there."""
+    package, _, name = type.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+def optional_class(type: str) -> Any:
+    """As `class_of`; None if its package is not there."""
+    try:
+        return class_of(type)
+    except ImportError:
+        return None
+
+
+def header(frame: str, stamp: float) -> Header:
+    """Of a frame at a time [s]."""
+    nanoseconds = max(round(stamp * 1e9), 0)
+    time = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
+    return Header(stamp=time, frame_id=frame)
+
+
+def grid_message(grid: GridFollower, frame: str, stamp: float, z: float) -> OccupancyGrid:
+    """All of a grid."""
+    assert grid.values is not None
+    message = OccupancyGrid(header=header(frame, stamp))
+    message.info.map_load_time = message.header.stamp
+    message.info.resolution = float(grid.cell_size)
+    message.info.height, message.info.width = grid.values.shape
+    x, y = grid.origin
+    message.info.origin = Pose(position=Point(x=x, y=y, z=z))
+    message.data = array("b", grid.values.tobytes())
+    return message
+
+
+def update_message(kind: Any, part: GridPart, frame: str, stamp: float) -> Any:
+    """A part of a grid, as map_msgs/OccupancyGridUpdate."""
+    height, width = part.values.shape
+    return kind(
+        header=header(frame, stamp),
+        x=part.column,
+        y=part.row,
+        width=width,
+        height=height,
+        data=array("b", np.ascontiguousarray(part.values).tobytes()),
+    )
+
+
+def cloud_message(points: NDArray[np.void], frame: str, stamp: float) -> PointCloud2:
+    """Cells as points with fields x, y, z, size and probability."""
+    fields = [
+        PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+        for i, name in enumerate(POINT.names or ())
+    ]
+    return PointCloud2(
+        header=header(frame, stamp),
+        height=1,
+        width=len(points),
+        fields=fields,
+        is_bigendian=False,
+        point_step=POINT.itemsize,
+        row_step=POINT.itemsize * len(points),
+        data=array("B", points.tobytes()),
+        is_dense=True,
+    )
+
+
+def marker_message(points: NDArray[np.void], frame: str, stamp: float) -> MarkerArray:
+    """Cells as boxes, a list of each size; lists of before are deleted."""
+    markers = [Marker(header=header(frame, stamp), action=Marker.DELETEALL)]
+    for number, (size, centers) in enumerate(by_size(points)):
+        red, green, blue = _PALETTE[min(number, len(_PALETTE) - 1)]
+        marker = Marker(header=header(frame, stamp), ns=f"cells of {size:g} m", id=number)
+        marker.type, marker.action = Marker.CUBE_LIST, Marker.ADD
+        marker.pose.orientation.w = 1.0
+        marker.scale.x = marker.scale.y = marker.scale.z = size
+        marker.color = ColorRGBA(r=red, g=green, b=blue, a=1.0)
+        marker.points = [Point(x=x, y=y, z=z) for x, y, z in centers.tolist()]
+        markers.append(marker)
+    return MarkerArray(markers=markers)
+
+
+def frontier_message(poses: Sequence[FrontierPose], frame: str, stamp: float) -> PoseArray:
+    """Frontiers as poses."""
+    message = PoseArray(header=header(frame, stamp))
+    for pose in poses:
+        x, y, z = pose.position
+        qx, qy, qz, qw = pose.quaternion
+        orientation = Quaternion(x=qx, y=qy, z=qz, w=qw)
+        message.poses.append(Pose(position=Point(x=x, y=y, z=z), orientation=orientation))
+    return message
+
+
+def octomap_message(
+    kind: Any, name: str, resolution: float, nodes: bytes, frame: str, stamp: float, *, binary: bool
+) -> Any:
+    """An octomap_msgs/Octomap."""
+    return kind(
+        header=header(frame, stamp),
+        binary=binary,
+        id=name,
+        resolution=resolution,
+        data=array("b", nodes),
+    )

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the node listens to: messages as they are on the wire, which the readers of bags decode."""
+
+from __future__ import annotations
+
+import posixpath
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from ndtree.live.ros2.messages import class_of
+from ndtree.logs.poses.transforms import plain
+from ndtree.logs.ros.messages.beams import CAMERA_INFO, IMAGES, SENSORS
+from ndtree.logs.ros.storage import Connection, Raw
+from ndtree.logs.ros.survey import ODOMETRY, POSES, TF
+
+TRANSFORMS = {"/tf": TF[0], "/tf_static": TF[0]}
+#: Messages that may wait to be taken, of sensors and of transforms.
+SENSOR_DEPTH, POSE_DEPTH = 50, 1000
+
+
+class Sources:
+    """Subscriptions of a node to sensors, transforms and poses.
+
+    Parameters
+    ----------
+    node : Node
+    put : callable
+        Is given each Raw message.
+    topics : set of str
+        Of sensors, without the slash before them; none: all that there are.
+    poses : set of str
+        Of topics with poses, without the slash.
+    reliable : bool
+        Whether lost messages are asked for again.
+
+    Attributes
+    ----------
+    lost : int
+        Messages that the middleware says it has lost.
+    missing : dict of str to str
+        By type, why its topics cannot be listened to.
+    """
+
+    def __init__(
+        self, node: Node, put: Callable[[Raw], None], topics: set[str], poses: set[str], *, reliable: bool
+    ) -> None:
+        self._node, self._put, self._topics, self._poses = node, put, topics, poses
+        self._reliable = reliable
+        self._subscriptions: dict[str, Any] = {}
+        self.lost = 0
+        self.missing: dict[str, str] = {}
+        self._is_chosen = False
+        for topic, type in TRANSFORMS.items():
+            self._subscribe(topic, type)
+
+    def look(self) -> None:
+        """Listen to what has appeared since the last time."""
+        own = {posixpath.join("/", one.topic_name) for one in self._node.publishers}
+        for topic, types in self._node.get_topic_names_and_types():
+            if topic not in self._subscriptions and topic not in own and types:
+                if self._is_wanted(topic, types[0]):
+                    self._subscribe(topic, types[0])
+
+    def _is_wanted(self, topic: str, type: str) -> bool:
+        if type in TF or plain(topic) in self._poses:
+            return True
+        if type in SENSORS:
+            return plain(topic) in self._topics or not (self._topics or self._is_chosen)
+        if type == CAMERA_INFO:
+            return any(one.connection.type in IMAGES for one in self._subscriptions.values())
+        return type == ODOMETRY and not (self._poses or self._is_chosen)
+
+    def choose(self, topics: set[str]) -> None:
+        """From now on listen to these topics of sensors and poses, and to no others."""
+        self._is_chosen = True
+        for topic, one in list(self._subscriptions.items()):
+            type = one.connection.type
+            if plain(topic) not in topics and (type in SENSORS or type in POSES):
+                self._node.destroy_subscription(one.subscription)
+                del self._subscriptions[topic]
+
+    def take_poses(self) -> None:
+        """Take all transforms and poses that have arrived: before a measurement, so that none waits for them.
+
+        The executor takes one message of each subscription after the other, and on a busy machine it may be
+        far behind with what comes often.
+        """
+        for one in self._subscriptions.values():
+            if not one.is_sensor:
+                one.take_all()
+
+    def close(self) -> None:
+        """Listen to nothing."""
+        for one in self._subscriptions.values():
+            self._node.destroy_subscription(one.subscription)
+        self._subscriptions.clear()
+
+    def _subscribe(self, topic: str, type: str) -> None:
+        try:
+            kind = class_of(type)
+        except (ImportError, AttributeError) as error:
+            self.missing[type] = str(error)
+            return
+        self._subscriptions[topic] = _Subscription(self, topic, type, kind)
+
+
+class _Subscription:
+    def __init__(self, sources: Sources, topic: str, type: str, kind: Any) -> None:
+        self._sources, self._node = sources, sources._node
+        self.connection = Connection(0, topic, type, "cdr", _definition(type))
+        self.is_sensor = type in SENSORS
+        qos = QoSProfile(depth=SENSOR_DEPTH if self.is_sensor else POSE_DEPTH)
+        if self.is_sensor and not sources._reliable:
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        if type == CAMERA_INFO:
+            qos.reliability = ReliabilityPolicy.BEST_EFFORT
+        if posixpath.basename(topic) == "tf_static":
+            qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        self.subscription = self._node.create_subscription(
+            kind,
+            topic,
+            self._received,
+            qos,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=self._lost),
+        )
+
+    def take_all(self) -> None:
+        """Take what has arrived, in its order."""
+        with self.subscription.handle:
+            while (
+                taken := self.subscription.handle.take_message(self.subscription.msg_type, True)
+            ) is not None:
+                self._pass_on(taken[0])
+
+    def _received(self, data: bytes) -> None:
+        if self.is_sensor:
+            self._sources.take_poses()
+        self._pass_on(data)
+        if not self.is_sensor:
+            self.take_all()
+
+    def _pass_on(self, data: bytes) -> None:
+        now = self._node.get_clock().now().nanoseconds
+        self._sources._put(Raw(self.connection, now, data))
+
+    def _lost(self, event: Any) -> None:
+        self._sources.lost += event.total_count_change
+
+
+def _definition(type: str) -> str | None:
+    """The text of a type as it is installed: other versions of ROS have other fields."""
+    package, _, name = type.split("/")
+    try:
+        return Path(get_package_share_directory(package), "msg", f"{name}.msg").read_text(encoding="utf-8")
+    except (PackageNotFoundError, OSError):
+        return None

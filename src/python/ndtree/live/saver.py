@@ -1,0 +1,32 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Writes a map that grows, every so often."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+from ndtree._native._core import OccupancyMap
+from ndtree.maps.writers import write
+
+
+class Saver:
+    """A sink that writes the map to a file; it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : str or path
+        Its ending says what is written, as for `ndtree.convert`.
+    period : float
+        From one time to the next [s].
+    """
+
+    def __init__(self, path: str | os.PathLike[str], period: float) -> None:
+        if not 0 < period < math.inf:
+            raise ValueError(f"save_every = {period:g} s: must be > 0 and finite")
+        self.path, self.period = path, period
+
+    def update(self, m: OccupancyMap, stamp: float) -> None:
+        """Write a map."""
+        write(m, Path(self.path))

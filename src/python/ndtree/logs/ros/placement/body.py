@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The robot's own body: what a sensor sees of it is no obstacle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree.logs.poses.transforms import plain
+from ndtree.logs.ros.messages.beams import Beams
+from ndtree.logs.ros.placement.placement import Placement
+from ndtree.logs.ros.placement.registered import bases_in
+
+Floats = NDArray[np.float64]
+
+EXPECTED = (
+    "expected box:LX,LY,LZ[,X,Y,Z], sphere:R[,X,Y,Z] or capsule:R,X,Y,Z,X,Y,Z in metres, several with + "
+    "between them, and @FRAME behind all"
+)
+
+
+@dataclass(frozen=True)
+class Body:
+    """Shapes that a robot consists of, in one of its frames.
+
+    Attributes
+    ----------
+    parts : tuple of callable
+        Each says which points (n, 3) are in it [m]; its border is in it.
+    frame : str
+        "" for the robot's base.
+    """
+
+    parts: tuple[Callable[[Floats], NDArray[np.bool_]], ...]
+    frame: str
+
+    @staticmethod
+    def of(text: str) -> Body:
+        """From ``"box:0.6,0.5,0.4,0,0,0.2+sphere:0.3@base_link"``; ValueError if it is something else."""
+        shapes, _, frame = text.partition("@")
+        return Body(tuple(_part(text, one) for one in shapes.split("+")), plain(frame))
+
+    def frame_of(self, place: Placement, base: str | None) -> str:
+        """The frame of the body of a placed sensor; ValueError if the two are not connected."""
+        connected = place.tree.connected(place.frame)
+        frame = self.frame or plain(base or "") or next(bases_in(connected), place.frame)
+        if frame not in connected:
+            some = ", ".join(connected[:12])
+            raise ValueError(f"body: no transform between {place.frame} and {frame}, expected one of {some}")
+        return frame
+
+    def left_out(
+        self, beams: Beams, place: Placement, frame: str, body: str, stamp: float
+    ) -> tuple[Beams, int]:
+        """The beams, without a word of those that end in the body, and how many these are.
+
+        Parameters
+        ----------
+        beams : Beams
+        place : Placement
+            Of their sensor.
+        frame, body : str
+            That the beams, and the body, are in.
+        stamp : float
+            When they were measured [s].
+        """
+        points = place.tree.pose_at(body, frame, stamp).apply(beams.points)
+        inside = np.zeros(len(points), dtype=bool)
+        with np.errstate(invalid="ignore"):
+            for part in self.parts:
+                inside |= part(points)
+        if beams.returned is not None:
+            inside &= beams.returned
+        count = int(np.count_nonzero(inside))
+        if not count:
+            return beams, 0
+        ends = beams.points.copy()
+        ends[inside] = np.nan
+        return replace(beams, points=ends), count
+
+
+def _part(text: str, one: str) -> Callable[[Floats], NDArray[np.bool_]]:
+    kind, _, rest = one.partition(":")
+    try:
+        numbers = [float(field) for field in rest.split(",")]
+    except ValueError:
+        numbers = []
+    counts = {"box": (3, 6), "sphere": (1, 4), "capsule": (7,)}.get(kind, ())
+    if len(numbers) not in counts or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"body = {text!r}: {one!r}: {EXPECTED}")
+    size = 3 if kind == "box" else 1
+    if min(numbers[:size]) <= 0:
+        raise ValueError(f"body = {text!r}: {one!r}: lengths must be > 0 m")
+    if kind == "box":
+        half, center = np.array(numbers[:3]) / 2, np.array(numbers[3:] or [0.0] * 3)
+        return lambda points: (np.abs(points - center) <= half).all(axis=1)
+    radius, begin = numbers[0], np.array(numbers[1:4] or [0.0] * 3)
+    way = np.array(numbers[4:]) - begin if kind == "capsule" else np.zeros(3)
+    square = float(way @ way)
+
+    def is_near(points: Floats) -> NDArray[np.bool_]:
+        share = np.clip((points - begin) @ way / square, 0, 1) if square else np.zeros(len(points))
+        return np.linalg.norm(points - begin - share[:, None] * way, axis=1) <= radius
+
+    return is_near

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""One message after the other to a scan in the map, of a recording and of a robot that drives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ndtree.base.scan import Scan
+from ndtree.logs.core.failures import NoPose
+from ndtree.logs.core.zeros import NO_ECHO
+from ndtree.logs.poses.transforms import plain
+from ndtree.logs.ros.clock import Clock
+from ndtree.logs.ros.files.bag import Bag
+from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, Beams, stamp_of
+from ndtree.logs.ros.messages.sweep import Sweep
+from ndtree.logs.ros.placement.body import Body
+from ndtree.logs.ros.placement.placement import Placement
+from ndtree.logs.ros.placement.standing import Standing
+from ndtree.logs.ros.sensors import Sensor
+from ndtree.logs.ros.storage import Raw
+
+#: The note about messages with senseless times of beams, or a senseless largest range.
+_SENSELESS = "the times of beams make no sense, and all beams count as measured at the stamp"
+_UNLIMITED = "the largest range makes no sense, and counts as not given"
+
+
+class OtherFrame(ValueError):
+    """A message is in a frame of which nothing says where it is.
+
+    Attributes
+    ----------
+    sensor : Sensor
+        Of its topic.
+    """
+
+    def __init__(self, message: str, sensor: Sensor) -> None:
+        super().__init__(message)
+        self.sensor = sensor
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one message measured, before its pose is asked for.
+
+    Attributes
+    ----------
+    topic : str
+    number : int
+        Of the message among those of its topic, from 0.
+    frame : str
+        In which the beams are.
+    stamp : float
+        By the poses' clock, without the offset of the scans' [s].
+    beams : Beams
+        In the sensor's frame, each with the time that counts.
+    where : str
+        How errors call the message.
+    """
+
+    topic: str
+    number: int
+    frame: str
+    stamp: float
+    beams: Beams
+    where: str
+
+
+class MessageReader:
+    """Makes scans of the messages of some sensors, in the order in which they come.
+
+    Parameters
+    ----------
+    bag : Bag
+        That decodes them.
+    sensors : list of Sensor
+    places : mapping of str to Placement
+        By topic.
+    sweeps : mapping of str to Sweep
+        By topic.
+    elsewhere : mapping of str to list of str
+        By topic, frames of messages without a known place.
+    clock : Clock
+    time_offset : float
+        Added to the stamps of scans [s].
+    dim : int
+    no_return_range : float or None
+        As `Log.no_return_range`.
+    zero_is : str or None
+        As `Log.zero_is`.
+    body : Body, optional
+        The robot's: beams that end in it are left out.
+    bodies : mapping of str to str, optional
+        By topic, the frame that it is in.
+
+    Attributes
+    ----------
+    zeros : int
+        Beams with a range of 0.
+    """
+
+    def __init__(
+        self,
+        bag: Bag,
+        sensors: list[Sensor],
+        places: Mapping[str, Placement],
+        sweeps: Mapping[str, Sweep],
+        elsewhere: Mapping[str, list[str]],
+        *,
+        clock: Clock,
+        time_offset: float,
+        dim: int,
+        no_return_range: float | None,
+        zero_is: str | None,
+        body: Body | None = None,
+        bodies: Mapping[str, str] | None = None,
+    ) -> None:
+        self._bag, self._places, self._sweeps, self._elsewhere = bag, places, sweeps, elsewhere
+        self._sensors = {sensor.topic.name: sensor for sensor in sensors}
+        self._clock, self._time_offset, self._dim = clock, time_offset, dim
+        self._no_return_range, self._zero_is = no_return_range, zero_is
+        self._numbers = dict.fromkeys(self._sensors, -1)
+        self._endless = self.zeros = self._own = 0
+        self._body, self._bodies = body, bodies or {}
+        self._told: dict[tuple[str, str], tuple[int, str]] = {}
+        self._watched = {
+            sensor.topic.name: Standing(sensor.is_planar)
+            for sensor in sensors
+            if places[sensor.topic.name].stands
+        }
+
+    def measured(self, raw: Raw) -> Measured:
+        """What a message measured.
+
+        Raises
+        ------
+        OtherFrame
+            If it is in a frame without a known place.
+        ValueError
+            If it is damaged.
+        """
+        name = raw.connection.topic
+        sensor, place = self._sensors[name], self._places[name]
+        self._numbers[name] += 1
+        where = f"{self._bag.path}: {name}: message {self._numbers[name]}"
+        try:
+            if raw.connection.type not in SENSORS:
+                raise ValueError(f"is of type {raw.connection.type}, expected {SENSOR_NAMES}")
+            message = self._bag.decoded(raw)
+            own = plain(message.header.frame_id)
+            stamp = self._clock.stamp((name, own), 1e-9 * raw.received, stamp_of(message))
+            beams = sensor.beams(message, stamp, self._no_return_range, self._zero_is == NO_ECHO)
+            beams = self._sweeps[name].applied(beams)
+        except ValueError as error:
+            raise ValueError(f"{where}: {error}") from None
+        if own in self._elsewhere[name]:
+            raise OtherFrame(f"{where}: is in {own}, expected {sensor.seen.frame}", sensor)
+        frame = own if place.is_own else place.frame
+        stamp = self._clock.time((name, own), 1e-9 * raw.received, stamp)
+        return Measured(name, self._numbers[name], frame, stamp, beams, where)
+
+    def span_of(self, one: Measured) -> tuple[float, float]:
+        """First and last time at which the pose of a message's sensor is needed [s]."""
+        stamp, times = one.stamp + self._time_offset, one.beams.times
+        if self._places[one.topic].observer is not None or times is None or not len(times):
+            return stamp, stamp
+        return stamp + float(times.min()), stamp + float(times.max())
+
+    def scan(self, one: Measured) -> Scan:
+        """A message's beams in the map; raises `NoPose` where the pose at its time is not known."""
+        place, beams, own = self._places[one.topic], one.beams, 0
+        try:
+            if self._body is not None:
+                where = (one.frame, self._bodies[one.topic], one.stamp + self._time_offset)
+                beams, own = self._body.left_out(beams, place, *where)
+            ends, origins = place.in_map(one.frame, beams, one.stamp + self._time_offset)
+        except NoPose as error:
+            raise NoPose(f"{one.where}: {error}", error.where, error.seconds) from None
+        self._endless += beams.endless
+        self._own += own
+        if beams.senseless and self._sweeps[one.topic].is_used and not place.stands:
+            self._tell(one, _SENSELESS, beams.senseless)
+        if beams.unlimited:
+            self._tell(one, _UNLIMITED, beams.unlimited)
+        self.zeros += beams.zeros
+        if one.topic in self._watched:
+            if place.stands:
+                self._watched[one.topic].add(beams)
+            else:  # It stood only so far.
+                del self._watched[one.topic]
+        sigma = self._sensors[one.topic].sigma
+        sigmas = None if sigma is None else np.full(len(ends), sigma)
+        dim = self._dim
+        return Scan(ends[:, :dim], origins[..., :dim], beams.returned, one.stamp, sigmas)
+
+    def _tell(self, one: Measured, what: str, said: str) -> None:
+        """Count messages of a topic in which something is wrong that they are mapped in spite of."""
+        count, first = self._told.get((one.topic, what), (0, f"message {one.number}: {said}"))
+        self._told[one.topic, what] = count + 1, first
+
+    def notes(self) -> list[str]:
+        """What was seen so far that a user should know, a line each."""
+        lines: list[str] = []
+        if self._endless:
+            lines.append(
+                f"{self._endless} beams met nothing, but range_max is infinite or not given: they say "
+                "nothing; with --max-range they are free up to there"
+            )
+        if self._own:
+            lines.append(f"{self._own} beams ended in the robot's own body, and are left out")
+        for (name, what), (count, first) in self._told.items():
+            lines.append(
+                f"{name}: in {count} of {self._numbers[name] + 1} messages {what}; the first: {first}"
+            )
+        for name, standing in self._watched.items():
+            warning = standing.warning(name, self._places[name])
+            if warning is not None:
+                lines.append(warning)
+        return lines
+
+
+def elsewhere_said(sensor: Sensor, others: list[str]) -> str:
+    """What is said of a topic's messages in frames without a known place."""
+    count = sum(sensor.seen.frames[frame] for frame in others)
+    return (
+        f"{count} of {sensor.topic.messages} messages of {sensor.topic.name} are left out: they are in "
+        f"{', '.join(others) or 'no frame'}, and nothing says where that is"
+    )

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Receives what the node publishes until a file appears, and writes it: receiver.py OUTPUT.npz STOP."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
+from map_msgs.msg import OccupancyGridUpdate
+from nav_msgs.msg import OccupancyGrid
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointCloud2
+from visualization_msgs.msg import MarkerArray
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Receiver:
+    def __init__(self) -> None:
+        self.node = rclpy.create_node("receiver")
+        self.grid = None
+        self.counts = {"map": 0, "map_updates": 0, "early_updates": 0}
+        self.last = {}
+        for kind, topic, qos, received in (
+            (OccupancyGrid, "map", LATCHED, self.whole),
+            (OccupancyGridUpdate, "map_updates", QoSProfile(depth=100), self.part),
+            (PointCloud2, "ndtree_map/occupied_cells", LATCHED, self.keep("cloud")),
+            (MarkerArray, "ndtree_map/cell_markers", LATCHED, self.keep("markers")),
+            (PoseArray, "ndtree_map/frontiers", LATCHED, self.keep("frontiers")),
+            (DiagnosticArray, "/diagnostics", QoSProfile(depth=10), self.keep("diagnostics")),
+        ):
+            self.node.create_subscription(kind, topic, received, qos)
+        try:
+            from octomap_msgs.msg import Octomap
+        except ImportError:
+            return
+        for name in ("full", "binary"):
+            topic = f"ndtree_map/octomap_{name}"
+            self.node.create_subscription(Octomap, topic, self.keep(f"octomap_{name}"), LATCHED)
+
+    def keep(self, name):
+        def received(message) -> None:
+            self.last[name] = message
+
+        return received
+
+    def whole(self, message) -> None:
+        self.counts["map"] += 1
+        self.info, self.frame = message.info, message.header.frame_id
+        self.grid = np.array(message.data, dtype=np.int8).reshape(message.info.height, message.info.width)
+
+    def part(self, message) -> None:
+        if self.grid is None:
+            self.counts["early_updates"] += 1
+            return
+        self.counts["map_updates"] += 1
+        values = np.array(message.data, dtype=np.int8).reshape(message.height, message.width)
+        self.grid[message.y : message.y + message.height, message.x : message.x + message.width] = values
+
+    def written(self, path: Path) -> None:
+        cloud, markers = self.last.get("cloud"), self.last.get("markers")
+        points = np.zeros(0, dtype="<f4")
+        if cloud is not None:
+            points = np.frombuffer(bytes(cloud.data), "<f4").reshape(cloud.width, -1)
+        boxes = [
+            (point.x, point.y, point.z, one.scale.x)
+            for one in (markers.markers if markers is not None else ())
+            for point in one.points
+        ]
+        diagnostics = self.last.get("diagnostics")
+        said = {one.key: one.value for one in diagnostics.status[0].values} if diagnostics else {}
+        frontiers = self.last.get("frontiers")
+        poses = [(p.position.x, p.position.y) for p in frontiers.poses] if frontiers else []
+        octomaps = {
+            name: np.frombuffer(bytes(bytearray(np.array(self.last[name].data, dtype=np.int8))), np.uint8)
+            for name in ("octomap_full", "octomap_binary")
+            if name in self.last
+        }
+        origin = self.info.origin.position if self.grid is not None else None
+        text = {"counts": self.counts, "diagnostics": said, "frame": getattr(self, "frame", "")}
+        with open(path, "wb") as file:
+            np.savez(
+                file,
+                grid=self.grid if self.grid is not None else np.zeros((0, 0), np.int8),
+                origin=np.array([origin.x, origin.y, self.info.resolution]) if origin else np.zeros(0),
+                points=points,
+                boxes=np.array(boxes),
+                frontiers=np.array(poses),
+                text=json.dumps(text),
+                **octomaps,
+            )
+
+
+def main(output: Path, stop: Path) -> None:
+    rclpy.init()
+    receiver = Receiver()
+    print("listens", flush=True)
+    while not stop.exists():
+        rclpy.spin_once(receiver.node, timeout_sec=0.1)
+    receiver.written(output)
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A grid that follows a map is the image of the map, and its parts make it whole at a listener."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.live import GridFollower
+from ndtree.live.outputs import Frontiers, by_size, occupied_points
+
+
+def image_of(m: Any, grid: GridFollower, **options: Any) -> np.ndarray:
+    """The image of a map, in the place of a grid."""
+    assert grid.values is not None
+    expected = np.full_like(grid.values, -1)
+    try:
+        pixels, (x, y), cell_size = m.map_server_image(**options)
+    except ValueError:  # Nothing is known.
+        return expected
+    image = np.select([pixels[::-1] == 254, pixels[::-1] == 0], [0, 100], -1)
+    column, row = round((x - grid.origin[0]) / cell_size), round((y - grid.origin[1]) / cell_size)
+    expected[row : row + image.shape[0], column : column + image.shape[1]] = image
+    return expected
+
+
+class Listener:
+    """Has only what was sent."""
+
+    def __init__(self) -> None:
+        self.values: np.ndarray | None = None
+        self.wholes = self.parts = self.pixels = 0
+
+    def take(self, part: Any) -> None:
+        if part is None:
+            return
+        if part.is_whole:
+            self.values, self.wholes = part.values.copy(), self.wholes + 1
+            return
+        assert self.values is not None
+        height, width = part.values.shape
+        self.values[part.row : part.row + height, part.column : part.column + width] = part.values
+        self.parts, self.pixels = self.parts + 1, self.pixels + part.values.size
+
+
+@pytest.mark.parametrize(
+    "world, scans, cell_size, height",
+    [
+        ("office", 60, None, None),
+        ("office", 25, 0.07, None),
+        ("office", 25, 0.2, None),
+        ("apartment", 8, None, (0.1, 1.5)),
+        ("apartment", 4, 0.12, (0.13, 0.77)),
+        ("apartment", 3, None, None),
+    ],
+)
+def test_it_is_the_image_of_the_map(world: Any, scans: int, cell_size: Any, height: Any) -> None:
+    log = ndtree.simulate(world, scans=scans)
+    m, grid, listener = ndtree.AdaptiveMap(dim=log.dim), GridFollower(cell_size, height), Listener()
+    given = {"cell_size": cell_size, "height": height}
+    options = {name: value for name, value in given.items() if value is not None}
+    assert grid.follow(m.snapshot()) is None
+    for scan in log:
+        for half in (scan.only(slice(None, None, 2)), scan.only(slice(1, None, 2))):
+            half.insert_into(m)
+            listener.take(grid.follow(m.snapshot()))
+            assert np.array_equal(listener.values, grid.values)
+            assert np.array_equal(grid.values, image_of(m, grid, **options))
+    assert grid.follow(m.snapshot()) is None
+    assert listener.parts >= scans / 2 and listener.wholes <= scans
+    assert np.count_nonzero(grid.values == 100) > 50
+
+
+def test_what_is_cleared_becomes_unknown_and_another_map_is_sent_as_a_whole() -> None:
+    scans = list(ndtree.simulate("office", scans=30))
+    m, grid, listener = ndtree.AdaptiveMap(dim=2), GridFollower(), Listener()
+    for scan in scans:
+        scan.insert_into(m)
+    listener.take(grid.follow(m.snapshot()))
+    center = np.asarray(scans[-1].origin)
+    m.clear([center - 1, center + 1])
+    listener.take(grid.follow(m.snapshot()))
+    assert listener.parts == 1 and listener.pixels < 5000
+    assert np.array_equal(listener.values, image_of(m, grid))
+    m.keep_near(center, 2.0)
+    listener.take(grid.follow(m.snapshot()))
+    assert np.array_equal(listener.values, image_of(m, grid))
+    other = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1)
+    scans[0].insert_into(other)
+    listener.take(grid.follow(other.snapshot()))
+    assert np.array_equal(listener.values, image_of(other, grid)) and grid.cell_size == 0.1
+
+
+def test_behind_a_window_that_moves_the_grid_does_not_grow() -> None:
+    m, grid, largest = ndtree.AdaptiveMap(dim=2), GridFollower(), 0
+    ways = np.linspace(0, 2 * math.pi, 300)
+    for step in range(100):
+        origin = np.array([2.0 * step, 0.3 * step])
+        m.insert(origin + 5 * np.stack([np.cos(ways), np.sin(ways)], axis=1), origin)
+        m.keep_near(origin, 5.0)
+        grid.follow(m.snapshot())
+        assert grid.values is not None
+        assert np.array_equal(grid.values, image_of(m, grid))
+        largest = max(largest, grid.values.size)
+    assert largest < 5 * (200 + 128) ** 2  # 200 pixels are known in each direction.
+
+
+@pytest.mark.parametrize("wrong", [(0.0, None), (-1.0, None), (math.nan, None), (None, (1.0, 1.0))])
+def test_wrong_numbers_are_refused(wrong: Any) -> None:
+    with pytest.raises(ValueError, match="height = 1 to 1 m" if wrong[1] else "cell_size = "):
+        GridFollower(*wrong)
+
+
+def test_points_are_the_occupied_cells() -> None:
+    m = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1)
+    for scan in ndtree.simulate("apartment", scans=2):
+        scan.insert_into(m)
+    points, leaves = occupied_points(m), m.leaves(states=["occupied"])
+    assert len(points) == len(leaves) > 100
+    for axis, name in enumerate("xyz"):
+        assert np.allclose(points[name], leaves.center[:, axis], atol=1e-5)
+    groups = by_size(points)
+    assert [size for size, _ in groups] == sorted({float(np.float32(size)) for size in leaves.size})
+    assert sum(len(centers) for _, centers in groups) == len(points)
+
+
+@pytest.mark.parametrize("world, scans", [("office", 20), ("apartment", 3)])
+def test_frontiers_look_into_the_unknown(world: Any, scans: int) -> None:
+    log = ndtree.simulate(world, scans=scans)
+    m, frontiers = ndtree.AdaptiveMap(dim=log.dim, min_cell_size=0.1), Frontiers(8.0)
+    for scan in log:
+        scan.insert_into(m)
+        poses = frontiers.follow(m)
+    expected = m.frontiers()
+    assert len(poses) == len(expected) > 0
+    by_center = {tuple(np.round(one.center, 6)): one for one in expected}
+    compared = 0
+    for (x, y, z), (qx, qy, qz, qw) in poses:
+        one = by_center[tuple(np.round([x, y, z][: log.dim], 6))]
+        if not one.direction.any():
+            continue
+        looks = [
+            1 - 2 * (qy * qy + qz * qz),
+            2 * (qx * qy + qz * qw),
+            2 * (qx * qz - qy * qw),
+        ]  # The first column of the rotation.
+        assert np.allclose(looks[: log.dim], one.direction, atol=1e-6)
+        compared += 1
+    assert compared > 0.5 * len(poses)

@@ -1,0 +1,276 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The node of ROS 2 with real middleware: one process publishes, one maps, one receives.
+
+It needs rclpy, tf2_msgs and map_msgs: of an installed ROS, or of the extra ``ros2`` and
+``tools/ros2_messages``. They may be those of another interpreter that has ndtree: $NDTREE_ROS2_PYTHON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+pytest.importorskip("scipy")
+
+from bags import Messages, write_bag
+from drives import START
+
+import ndtree
+
+PYTHON = os.environ.get("NDTREE_ROS2_PYTHON", sys.executable)
+PROCESSES = Path(__file__).with_name("ros2")
+#: No other node of this machine talks on it.
+DOMAIN = str(100 + os.getpid() % 100)
+PATIENCE = 180.0
+
+
+def has_ros() -> bool:
+    needed = "rclpy, tf2_msgs.msg, map_msgs.msg, ndtree, rosbags"
+    return subprocess.run([PYTHON, "-c", f"import {needed}"], capture_output=True).returncode == 0
+
+
+pytestmark = pytest.mark.skipif(
+    not has_ros(), reason="no rclpy, tf2_msgs and map_msgs: see the head of the file for what to install"
+)
+
+
+@contextmanager
+def running(folder: Path, name: str, *command: object) -> Iterator[subprocess.Popen[bytes]]:
+    environment = {
+        **os.environ,
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_DOMAIN_ID": DOMAIN,
+        "PYTHONUNBUFFERED": "1",
+    }
+    with open(folder / f"{name}.log", "wb") as log:
+        words = [PYTHON, *map(str, command)]
+        process = subprocess.Popen(words, env=environment, stdout=log, stderr=subprocess.STDOUT)
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+                try:
+                    process.wait(30)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+
+
+@dataclass
+class Received:
+    """What came of a bag that was published."""
+
+    map: bytes
+    arrays: Any
+    text: Any
+    log: str
+
+    def grid_like(self, m: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The grid that was received, and that of a map, in the same place."""
+        pixels, (x, y), cell_size = m.map_server_image(**options)
+        image = np.select([pixels[::-1] == 254, pixels[::-1] == 0], [0, 100], -1)
+        grid, (left, low, size) = self.arrays["grid"], self.arrays["origin"]
+        assert size == pytest.approx(cell_size, rel=1e-6)
+        column, row = round((x - left) / cell_size), round((y - low) / cell_size)
+        expected = np.full_like(grid, -1)
+        expected[row : row + image.shape[0], column : column + image.shape[1]] = image
+        return grid, expected
+
+
+def published(bag: Path, folder: Path, rate: float, scans: int, **parameters: object) -> Received:
+    """What a node makes of a bag that another process publishes, and a third one receives."""
+    stop, output, target = folder / "stop", folder / "out.npz", folder / "node.ndt"
+    words = [
+        w for k, v in {**parameters, "reliable": "true", "queue": 5000}.items() for w in ("-p", f"{k}:={v}")
+    ]
+    ros = ["--ros-args", "-p", f"map_file:={target}", *words]
+
+    def log() -> str:
+        return (folder / "node.log").read_text(errors="replace")
+
+    with ExitStack() as stack:
+        receiver = stack.enter_context(running(folder, "receiver", PROCESSES / "receiver.py", output, stop))
+        node = stack.enter_context(running(folder, "node", "-m", "ndtree.live.ros2", *ros))
+        with running(folder, "publisher", PROCESSES / "publisher.py", bag, rate, 1) as publisher:
+            publisher.wait(PATIENCE)
+        assert node.poll() is None, log()
+        time.sleep(3.0)  # What is shown every second or two.
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE) == 0, log()
+        time.sleep(1.0)
+        stop.touch()
+        receiver.wait(PATIENCE)
+    text = log()
+    assert f"{scans} scans received: " in text, text
+    arrays = np.load(output)
+    return Received(target.read_bytes(), arrays, json.loads(str(arrays["text"])), text)
+
+
+def mapped(bag: Path, **options: Any) -> Any:
+    """The map of `ndtree map`."""
+    target = bag.parent / "offline.ndt"
+    words = [w for k, v in options.items() for w in (f"--{k.replace('_', '-')}", str(v))]
+    done = subprocess.run(
+        [PYTHON, "-m", "ndtree", "map", str(bag), "-o", str(target), *words], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return ndtree.load(target)
+
+
+def office_bag(folder: Path, n: int) -> Path:
+    """The simulated office as a robot would publish it, at 10 Hz."""
+    make, content = Messages("mcap"), []
+    fixed = make.transform(START - 1, "base", "laser", [0, 0, 0.2], [0, 0, 0, 1])
+    content.append(("/tf_static", START - 1, make.tf(fixed)))
+    for i, scan in enumerate(ndtree.simulate("office", scans=n)):
+        stamp, way = START + 0.1 * i, scan.endpoints - scan.origin
+        angles = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
+        turn = float(angles[0])
+        ranges = np.hypot(*way.T)
+        if scan.returned is not None:
+            ranges[~scan.returned] = np.inf
+        quaternion = [0, 0, np.sin(turn / 2), np.cos(turn / 2)]
+        moved = make.transform(stamp, "map", "base", [*scan.origin, 0], quaternion)
+        step = float(angles[-1] - angles[0]) / (len(angles) - 1)
+        laser = make.laser(stamp, "laser", ranges, angle_min=0.0, angle_increment=step, range_max=30.0)
+        content += [("/scan", stamp + 0.001, laser), ("/tf", stamp + 0.01, make.tf(moved))]
+    return write_bag(folder / "office", make, content)
+
+
+def apartment_bag(folder: Path, n: int) -> Path:
+    """The simulated depth camera as clouds, from a body that flies through the apartment."""
+    make, content = Messages("mcap"), []
+    for i, scan in enumerate(ndtree.simulate("apartment", scans=n)):
+        stamp = START + 0.3 * i
+        moved = make.transform(stamp, "map", "camera", scan.origin, [0, 0, 0, 1])
+        points = (scan.endpoints - scan.origin)[scan.returned if scan.returned is not None else slice(None)]
+        points = points[::4]
+        content.append(("/tf", stamp, make.tf(moved)))
+        content.append(("/points", stamp + 0.001, make.cloud(stamp, "camera", points)))
+    return write_bag(folder / "apartment", make, content)
+
+
+def test_the_office_is_mapped_as_from_a_recording(tmp_path: Path) -> None:
+    bag = office_bag(tmp_path, 120)
+    received = published(bag, tmp_path, 2.0, 120, range_sigma=0.02, no_return="free")
+    m = mapped(bag, range_sigma=0.02, no_return="free")
+    assert "120 mapped, 0 dropped" in received.log
+    assert received.map == m.to_bytes()
+    grid, expected = received.grid_like(m)
+    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
+    counts = received.text["counts"]
+    assert counts["map_updates"] > 3 and counts["map"] < 40  # Fewer on a busy machine.
+    occupied = m.leaves(states=["occupied"])
+    order = np.lexsort(occupied.center.T)
+    points = received.arrays["points"]
+    assert np.allclose(points[np.lexsort(points[:, :2].T), :2], occupied.center[order], atol=1e-5)
+    assert np.allclose(np.sort(points[:, 3]), np.sort(occupied.size))
+    boxes = received.arrays["boxes"]
+    assert len(boxes) == len(occupied)
+    assert np.allclose(np.sort(boxes[:, 3]), np.sort(occupied.size))
+    frontiers = np.array([one.center for one in m.frontiers()])
+    found = received.arrays["frontiers"]  # Of those of one size the order may be another one.
+    assert np.allclose(*(rows[np.lexsort(np.round(rows, 6).T)] for rows in (found, frontiers)), atol=1e-6)
+    assert received.text["diagnostics"]["mapped"] == "120" and received.text["frame"] == "map"
+
+
+def test_clouds_become_a_map_in_space_a_grid_of_a_band_and_octomaps(tmp_path: Path) -> None:
+    bag = apartment_bag(tmp_path, 10)
+    changes = {"range_sigma": 0.02, "min_cell_size": 0.1, "no_return": "free"}
+    received = published(bag, tmp_path, 1.0, 10, grid_low=0.1, grid_high=1.5, **changes)
+    m = mapped(bag, **changes)
+    assert "10 mapped, 0 dropped" in received.log
+    assert received.map == m.to_bytes()
+    grid, expected = received.grid_like(m, height=(0.1, 1.5))
+    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 100
+    for name, ending in (("octomap_full", "ot"), ("octomap_binary", "bt")):
+        if name not in received.arrays.files:
+            continue  # octomap_msgs is not there.
+        file = tmp_path / f"map.{ending}"
+        m.save_octomap(file)
+        assert file.read_bytes().partition(b"\ndata\n")[2] == received.arrays[name].tobytes()
+
+
+#: Real bags: options of both, and how many scans they have.
+REAL = {
+    "ros2_scan_tf_odom_mac_take_2": ({"sweep": "reversed-end"}, 357),
+    "ros1_scan_tf_turtlebot_kinect/test_turtlebot.bag": ({}, 819),
+    "ros1_scan_tf_gmapping_replay_crash/test_replay_crash.bag": ({}, 136),
+    "jackal_mocap/test_2026-02-17-16-26-34.bag": (
+        {"poses": "/vrpn_client_node/jackal/pose", "mount": "0.013,0,-1.6deg", "time_offset": "-0.049"}, 431,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_bags_are_mapped_as_from_a_recording(name: str, recordings: Path, tmp_path: Path) -> None:
+    bag, (options, scans) = recordings / "bags" / name, REAL[name]
+    if not bag.exists():
+        pytest.skip(f"no such bag: {bag}")
+    (tmp_path / "bag").symlink_to(bag)
+    options = {"range_sigma": 0.02, "no_return": "ignore", **options}
+    received = published(bag, tmp_path, 2.0, scans, **options)
+    link = tmp_path / f"bag{bag.suffix}"
+    link.exists() or link.symlink_to(bag)
+    m = mapped(link, **options)
+    assert " 0 dropped" in received.log
+    grid, expected = received.grid_like(m)
+    assert np.array_equal(grid, expected)
+    assert received.map == m.to_bytes()
+
+
+def test_services_and_parameters(tmp_path: Path) -> None:
+    file = tmp_path / "map.ndt"
+    given = {"map_file": file, "range_sigma": 0.02, "look": 0.5, "clear_radius": 0.5, "reliable": "true"}
+    words = [w for k, v in given.items() for w in ("-p", f"{k}:={v}")]
+    with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
+        with running(tmp_path, "client", PROCESSES / "client.py", file) as client:
+            assert client.wait(PATIENCE) == 0, (tmp_path / "client.log").read_text()
+        assert node.poll() is None, (tmp_path / "node.log").read_text()
+    said = json.loads((tmp_path / "client.log").read_text().splitlines()[-1])
+    assert said["state"] == "active" and "no map yet" in said["early save"]
+    assert said["described"] == [True] * 3 and said["limits"] == [1]
+    assert said["changed"] == [True, ""]
+    assert said["refused"] == [False, "queue is read when the node is configured, and not while it maps"]
+    assert not said["out of limits"][0] and "range" in said["out of limits"][1]
+    assert said["save"] == [True, str(file)] and said["cleared"]
+    assert 300 < said["known"] - said["known around"] < 500  # 1 m square of pixels of 5 cm.
+    assert said["known without a box"] < said["known around"]
+    assert said["known after reset"] in (0, said["known without a box"])  # An empty map has no grid.
+    assert said["load"] == [0, 1, 2]
+    assert said["known after load"] == said["known"]
+
+
+def test_wrong_parameters_are_refused(tmp_path: Path) -> None:
+    for number, (word, said) in enumerate(
+        {
+            "no_return:=maybe": "no_return = maybe: must be auto, free or ignore",
+            "min_cell_size:=-1.0": "min_cell_size = -1",
+            "queue:=0": "queue",
+        }.items()
+    ):
+        with running(tmp_path, f"wrong{number}", "-m", "ndtree.live.ros2", "--ros-args", "-p", word) as node:
+            assert node.wait(PATIENCE) != 0
+        assert said in (tmp_path / f"wrong{number}.log").read_text()
+
+
+def test_without_ros_the_command_says_what_to_install(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['rclpy'] = None; from ndtree.live.ros2.run import main; sys.exit(main([]))"
+    )
+    done = subprocess.run([PYTHON, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2 and "pip install 'ndtree-mapping[ros2]'" in done.stderr
