@@ -17,7 +17,7 @@ __all__ = ["COMMANDS", "app", "every"]
 COMMANDS = {
     "demo": (
         "demo",
-        "Map a log in several ways, draw the maps, and print what each costs and how true it is.",
+        "Map a log in several ways, draw the maps, and say what each costs and how true it is.",
     ),
     "simulate": (
         "simulate",
@@ -45,7 +45,7 @@ COMMANDS = {
     ),
     "study": (
         "study",
-        "Map several logs with several sets of parameters, and write tables and a picture of the results.",
+        "Map several logs with several sets of options, and write tables and a picture.",
     ),
     "calibrate": (
         "calibrate",

@@ -50,7 +50,7 @@ def demo(
     options: Any = None,
     reading: Any = None,
 ) -> None:
-    """Map a log in several ways, draw the maps, and print what each costs and how true it is.
+    """Map a log in several ways, draw the maps, and say what each costs and how true it is.
 
     Without LOG it simulates an office.
     """

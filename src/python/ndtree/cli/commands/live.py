@@ -69,8 +69,8 @@ def live(
         int, typer.Option(min=1, help="Scans that wait at most; of more, the oldest is dropped.")
     ] = QUEUE,
     patience: Annotated[float, typer.Option(help="A scan waits for its pose at most \\[s].")] = PATIENCE,
-    look: Annotated[
-        float, typer.Option(help="Of a ROS bag: messages that decide what is mapped and how \\[s].")
+    look_for: Annotated[
+        float, typer.Option("--look", help="Of a ROS bag: messages that decide what is mapped and how \\[s].")
     ] = LOOK,
     window: Annotated[
         Optional[float],
@@ -116,7 +116,7 @@ def live(
     with ExitStack() as stack:
         intake, items = _source(
             log, world, dim, reading, stack,
-            options=options, max_range=max_range, no_return=no_return.value, look=look,
+            options=options, max_range=max_range, no_return=no_return.value, look=look_for,
         )  # fmt: skip
         page = _Page(port) if watch else None
         sinks += [page] if page is not None else []

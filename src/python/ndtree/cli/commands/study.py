@@ -31,7 +31,7 @@ def study(
     ] = None,
     json_file: Json = None,
 ) -> None:
-    """Map several logs with several sets of parameters, and write tables and a picture of the results.
+    """Map several logs with several sets of options, and write tables and a picture.
 
     What is done is kept: the same call once more goes on where the last one ended, and maps nothing twice.
     """

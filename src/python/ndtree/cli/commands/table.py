@@ -56,6 +56,8 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("height", "LOW HIGH", "all heights", "what a robot of that height meets [m]"),
         Row("states", "A,B", "occupied", "free cells or frontiers, too"),
         Row("faces", "", "points", "a mesh for Blender or MeshLab"),
+        Row("mark", "", "what moved is left out", "a viewer shows the probability of each point"),
+        Row("save_every", "S", "at the end alone", "a robot that may lose its power"),
         Row("quiet", "", "off", "scripts: errors alone are said"),
     ),
     "How fine is the map?": (
@@ -84,6 +86,8 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("camera", "FX,FY,CX,CY", "as the log says", "depth images without a calibration"),
         Row("pixel_stride", "N", "1", "large depth images: mapping is faster"),
         Row("pixel_sigma", "PX", "1 px", "structure from motion of another quality"),
+        Row("body", "SHAPE", "none", "the robot sees itself: a box, spheres or capsules"),
+        Row("sweep", "NAME", "as the log says", "when a sensor's beams were measured, if nothing says so"),
         Row("find_mount", "", "off", "a bag without the place of its sensor"),
     ),
     "Which part of the log?": (
@@ -98,7 +102,10 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("limit", "N", "all scans", "a quick estimate"),
         Row("keep_going", "", "off", "a damaged log: read what is whole"),
         Row("strict", "", "off", "refuse a log with scans without a pose"),
+        Row("points_only", "", "off", "points alone, without a sensor's place: occupied cells"),
+        Row("origin_of_scan", "X,Y,Z", "none", "a cloud from one known place [m]"),
         Row("points_in", "sensor|map", "sensor", "clouds that are in the map's frame already"),
+        Row("static", "", "all that was seen", "people and cars left trails in the map"),
         Row("look", "", "off", "what mapping will choose, and how long it takes"),
     ),
     "Where was the sensor?": (
@@ -131,6 +138,17 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("world", "NAME", "none", "no log at hand"),
         Row("scans", "N", "the world's own", "a shorter simulated log"),
         Row("seed", "N", "1", "another simulated drive"),
+        Row("people", "N", "0", "a world in which things move, with exact truth"),
+        Row("doors", "N", "0", "an office whose doors open and close"),
+        Row("cars", "N", "0", "a street with traffic"),
+    ),
+    "How does it go on while it maps?": (
+        Row("rate", "SPEED", "1: the recording's own pace", "0: as fast as it goes, and nothing is dropped"),
+        Row("queue", "N", "100 scans", "a shorter delay, or fewer drops"),
+        Row("patience", "S", "1 s", "poses come late"),
+        Row("look_for", "S", "2 s", "more messages to decide by, and a later start"),
+        Row("window", "M", "the whole map", "a robot that needs its surroundings alone"),
+        Row("resume", "MAP", "an empty map", "go on with a saved map"),
     ),
     "On which machines?": (
         Row("engine", "local|ray|dask", "local", "several machines"),
@@ -176,6 +194,8 @@ DEFAULTS = {
     ("demo", "output"): "ndtree-demo",
     ("simulate", "output"): "the world's name with .npz, here",
     ("study", "output"): "as CONFIG says",
+    ("clean", "output"): "none: must be given",
+    ("live", "output"): "none",
     ("fleet", "output"): "none: must be given",
     ("calibrate", "max_range"): "none",
     ("compare", "max_range"): "none",
@@ -189,8 +209,10 @@ DEFAULTS = {
 #: The five options that people touch, by command; the log and the output stand before them.
 TOUCHED = {
     "demo": ("min_cell_size", "max_range", "no_return", "every", "json_file"),
-    "simulate": ("scans", "seed", "quiet"),
+    "simulate": ("scans", "seed", "people", "doors", "cars"),
     "map": ("min_cell_size", "max_range", "topic", "trajectory", "picture"),
+    "clean": ("mark", "picture", "max_range", "topic", "trajectory"),
+    "live": ("rate", "window", "watch", "resume", "min_cell_size"),
     "fleet": ("min_cell_size", "max_range", "engine", "workers", "tile_size"),
     "compare": ("world", "maps", "min_cell_size", "max_range", "picture"),
     "study": ("processes", "json_file", "quiet"),
