@@ -31,7 +31,7 @@ using Dims = ::testing::Types<TwoD, ThreeD>;
 TYPED_TEST_SUITE(RangePyramidTest, Dims);
 
 template <int D>
-Eigen::Matrix<float, D, 1> random_direction(Random& random) {
+Eigen::Matrix<float, D, 1> random_direction(ndtree::Random& random) {
   Eigen::Matrix<float, D, 1> way;
   do {
     for (int k = 0; k < D; ++k) way[k] = static_cast<float>(random.uniform(-1.0, 1.0));
@@ -42,7 +42,7 @@ Eigen::Matrix<float, D, 1> random_direction(Random& random) {
 TYPED_TEST(RangePyramidTest, NeverSaysMoreThanTheBeamsAroundAPoint) {
   constexpr int D = TypeParam::kDim;
   using Point = Eigen::Matrix<float, D, 1>;
-  Random random(801, D);
+  ndtree::Random random(801, D);
   int answers = 0;
   int hidden = 0;
   int inside = 0;
@@ -103,7 +103,7 @@ TYPED_TEST(RangePyramidTest, NeverSaysMoreThanTheBeamsAroundAPoint) {
 
 TYPED_TEST(RangePyramidTest, CellsKeepTheirNumbers) {
   constexpr int D = TypeParam::kDim;
-  Random random(802, D);
+  ndtree::Random random(802, D);
   const Vector<D> origin = Vector<D>::Constant(1e6);
   CellNumbers<D> numbers(0.1, origin);
   typename CellNumbers<D>::Cursor cursor;

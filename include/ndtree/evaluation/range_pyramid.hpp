@@ -63,17 +63,21 @@ class RangePyramid {
   [[nodiscard]] bool hides(const Point& center, float radius, float distance) const;
 
  private:
-  static constexpr int kFaces = 2 * D;
-  static constexpr int kAround = D == 3 ? 9 : 3;  // Pixels that surround a direction, with its own.
-  static constexpr int kCoarsest = 4;             // Pixels along a side of a face.
+  static constexpr std::size_t kFaces = 2 * D;
+  static constexpr std::size_t kAround = D == 3 ? 9 : 3;  // Pixels that surround a direction, with its own.
+  static constexpr int kCoarsest = 4;                     // Pixels along a side of a face.
   static constexpr int kFinest = D == 3 ? 512 : 4096;
   static constexpr int kWidestGap = 16;  // As kCoarsest, of the coarsest level that bridges gaps.
   static constexpr int kLeastInView = D == 3 ? 5 : 2;  // Of the pixels that surround a direction.
   static constexpr float kHole = std::numeric_limits<float>::infinity();
 
+  static constexpr std::size_t kSides = D - 1;  // Of a face.
+  using Place = std::array<float, kSides>;      // On a face, [0, 1] along each side.
+  using Pixel = std::array<int, kSides>;
+
   struct Beam {
     int face = 0;
-    std::array<float, D - 1> place{};  // On the face, [0, 1] along each side.
+    Place place{};
     float sure = 0.0F;
   };
   struct Level {
@@ -82,7 +86,7 @@ class RangePyramid {
     std::vector<float> most;   // 0 where there is none.
   };
 
-  [[nodiscard]] static int face_of(const Point& direction, std::array<float, D - 1>& place) {
+  [[nodiscard]] static int face_of(const Point& direction, Place& place) {
     int axis = 0;
     float depth = std::abs(direction[0]);
     for (int k = 1; k < D; ++k)
@@ -91,7 +95,8 @@ class RangePyramid {
         axis = k;
       }
     const float scale = 0.5F / depth;
-    for (int k = 0, i = 0; k < D; ++k)
+    std::size_t i = 0;
+    for (int k = 0; k < D; ++k)
       if (k != axis) place[i++] = rounded(direction[k] * scale) + 0.5F;
     return 2 * axis + (direction[axis] < 0.0F ? 1 : 0);
   }
@@ -103,17 +108,17 @@ class RangePyramid {
     for (int k = 1; k < D; ++k) all *= static_cast<std::size_t>(side);
     return all;
   }
-  [[nodiscard]] static std::size_t pixel(int face, const std::array<int, D - 1>& at, int side) {
+  [[nodiscard]] static std::size_t pixel(int face, const Pixel& at, int side) {
     auto index = static_cast<std::size_t>(face);
-    for (int k = 0; k < D - 1; ++k)
+    for (std::size_t k = 0; k < kSides; ++k)
       index = index * static_cast<std::size_t>(side) + static_cast<std::size_t>(at[k]);
     return index;
   }
   [[nodiscard]] int finest_side() const;
   void coarsen(const Level& fine, Level& coarse) const;
-  [[nodiscard]] float around(const Level& level, int face, const std::array<float, D - 1>& place,
-                             float wanted, bool& seen) const;
-  [[nodiscard]] float least_at(const Level& level, int face, const std::array<int, D - 1>& at) const;
+  [[nodiscard]] float around(const Level& level, int face, const Place& place, float wanted,
+                             bool& seen) const;
+  [[nodiscard]] float least_at(const Level& level, int face, const Pixel& at) const;
 
   Point origin_ = Point::Zero();
   std::vector<Beam> beams_;
@@ -130,8 +135,8 @@ int RangePyramid<D>::finest_side() const {
   std::vector<std::uint8_t> has_beam(kFaces * per_face(kSide), 0);
   std::size_t filled = 0;
   for (const Beam& beam : beams_) {
-    std::array<int, D - 1> at;
-    for (int k = 0; k < D - 1; ++k) at[k] = pixel_on_side(beam.place[k], kSide);
+    Pixel at;
+    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(beam.place[k], kSide);
     std::uint8_t& here = has_beam[pixel(beam.face, at, kSide)];
     filled += here == 0 ? 1 : 0;
     here = 1;
@@ -160,14 +165,14 @@ void RangePyramid<D>::build() {
       coarsen(levels_[num_levels_ - 2], level);
       continue;
     }
-    for (int f = 0; f < kFaces; ++f) {
-      if (!has_beams_[static_cast<std::size_t>(f)]) continue;
+    for (std::size_t f = 0; f < kFaces; ++f) {
+      if (!has_beams_[f]) continue;
       std::fill_n(level.least.begin() + static_cast<std::ptrdiff_t>(f * face), face, kHole);
       std::fill_n(level.most.begin() + static_cast<std::ptrdiff_t>(f * face), face, 0.0F);
     }
     for (const Beam& beam : beams_) {
-      std::array<int, D - 1> at;
-      for (int k = 0; k < D - 1; ++k) at[k] = pixel_on_side(beam.place[k], side);
+      Pixel at;
+      for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(beam.place[k], side);
       const std::size_t i = pixel(beam.face, at, side);
       level.least[i] = std::min(level.least[i], beam.sure);
       level.most[i] = std::max(level.most[i], beam.sure);
@@ -179,13 +184,14 @@ template <int D>
 void RangePyramid<D>::coarsen(const Level& fine, Level& coarse) const {
   constexpr int kParts = 1 << (D - 1);
   const bool keeps_holes = coarse.side < kWidestGap;
-  std::array<int, D - 1> at{};
-  for (int face = 0; face < kFaces; ++face) {
-    if (!has_beams_[static_cast<std::size_t>(face)]) continue;
+  Pixel at{};
+  for (std::size_t number = 0; number < kFaces; ++number) {
+    if (!has_beams_[number]) continue;
+    const int face = static_cast<int>(number);
     const std::size_t count = per_face(coarse.side);
     for (std::size_t i = 0; i < count; ++i) {
       std::size_t rest = i;
-      for (int k = D - 2; k >= 0; --k) {
+      for (std::size_t k = kSides; k-- > 0;) {
         at[k] = static_cast<int>(rest % static_cast<std::size_t>(coarse.side));
         rest /= static_cast<std::size_t>(coarse.side);
       }
@@ -193,8 +199,8 @@ void RangePyramid<D>::coarsen(const Level& fine, Level& coarse) const {
       float most = 0.0F;
       bool has_hole = false;
       for (int part = 0; part < kParts; ++part) {
-        std::array<int, D - 1> inner;
-        for (int k = 0; k < D - 1; ++k) inner[k] = 2 * at[k] + ((part >> k) & 1);
+        Pixel inner;
+        for (std::size_t k = 0; k < kSides; ++k) inner[k] = 2 * at[k] + ((part >> k) & 1);
         const std::size_t j = pixel(face, inner, fine.side);
         has_hole = has_hole || fine.least[j] == kHole;
         least = std::min(least, fine.least[j]);
@@ -208,33 +214,34 @@ void RangePyramid<D>::coarsen(const Level& fine, Level& coarse) const {
 }
 
 template <int D>
-float RangePyramid<D>::least_at(const Level& level, int face, const std::array<int, D - 1>& at) const {
+float RangePyramid<D>::least_at(const Level& level, int face, const Pixel& at) const {
   bool inside = true;
-  for (int k = 0; k < D - 1; ++k) inside = inside && at[k] >= 0 && at[k] < level.side;
+  for (std::size_t k = 0; k < kSides; ++k) inside = inside && at[k] >= 0 && at[k] < level.side;
   if (inside) return level.least[pixel(face, at, level.side)];
   // The neighbour is on another face: where the direction of its centre leads.
   Point direction;
   const int axis = face / 2;
-  for (int k = 0, i = 0; k < D; ++k) {
+  std::size_t i = 0;
+  for (int k = 0; k < D; ++k) {
     if (k == axis)
       direction[k] = face % 2 == 1 ? -1.0F : 1.0F;
     else
       direction[k] = 2.0F * ((static_cast<float>(at[i++]) + 0.5F) / static_cast<float>(level.side)) - 1.0F;
   }
-  std::array<float, D - 1> place;
+  Place place;
   const int other = face_of(direction, place);
   if (!has_beams_[static_cast<std::size_t>(other)]) return kHole;
-  std::array<int, D - 1> there;
-  for (int k = 0; k < D - 1; ++k) there[k] = pixel_on_side(place[k], level.side);
+  Pixel there;
+  for (std::size_t k = 0; k < kSides; ++k) there[k] = pixel_on_side(place[k], level.side);
   return level.least[pixel(other, there, level.side)];
 }
 
 template <int D>
-float RangePyramid<D>::around(const Level& level, int face, const std::array<float, D - 1>& place,
-                              float wanted, bool& seen) const {
-  std::array<int, D - 1> at;
+float RangePyramid<D>::around(const Level& level, int face, const Place& place, float wanted,
+                              bool& seen) const {
+  Pixel at;
   bool inside = true;
-  for (int k = 0; k < D - 1; ++k) {
+  for (std::size_t k = 0; k < kSides; ++k) {
     at[k] = pixel_on_side(place[k], level.side);
     inside = inside && at[k] > 0 && at[k] + 1 < level.side;
   }
@@ -252,13 +259,13 @@ float RangePyramid<D>::around(const Level& level, int face, const std::array<flo
         found[static_cast<std::size_t>(3 * i + j)] = least_at(level, face, {at[0] + i - 1, at[1] + j - 1});
     }
   } else {
-    for (int i = 0; i < 3; ++i) found[static_cast<std::size_t>(i)] = least_at(level, face, {at[0] + i - 1});
+    for (int i = 0; i < 3; ++i) found[i] = least_at(level, face, {at[0] + i - 1});
   }
   float least = kHole;
   unsigned filled = 0;
   int count = 0;
-  for (int i = 0; i < kAround; ++i) {
-    const float here = found[static_cast<std::size_t>(i)];
+  for (std::size_t i = 0; i < kAround; ++i) {
+    const float here = found[i];
     least = std::min(least, here);
     if (here == kHole) continue;
     filled |= 1U << i;
@@ -277,7 +284,7 @@ float RangePyramid<D>::around(const Level& level, int face, const std::array<flo
 template <int D>
 float RangePyramid<D>::surely_passed(const Point& point, float distance, float radius, float least) const {
   if (!(distance > radius)) return -1.0F;
-  std::array<float, D - 1> place;
+  Place place;
   const Point way = point - origin_;
   const int face = face_of(way, place);
   if (!has_beams_[static_cast<std::size_t>(face)]) return -1.0F;
@@ -299,7 +306,7 @@ template <int D>
 bool RangePyramid<D>::hides(const Point& center, float radius, float distance) const {
   if (distance > farthest_) return true;
   const Point way = center - origin_;
-  std::array<float, D - 1> place;
+  Place place;
   const int face = face_of(way, place);
   const float depth = std::abs(way[face / 2]);
   if (!(depth > 2.0F * radius)) return false;
@@ -310,9 +317,9 @@ bool RangePyramid<D>::hides(const Point& center, float radius, float distance) c
   const Level& level = levels_[i];
   const auto side = static_cast<float>(level.side);
   if (reach * side > 2.0F) return false;
-  std::array<int, D - 1> first;
-  std::array<int, D - 1> last;
-  for (int k = 0; k < D - 1; ++k) {
+  Pixel first;
+  Pixel last;
+  for (std::size_t k = 0; k < kSides; ++k) {
     // One pixel more on each side: these surround what is in the ball.
     const float lower = (place[k] - reach) * side - 1.0F;
     const float upper = (place[k] + reach) * side + 1.0F;
@@ -321,15 +328,15 @@ bool RangePyramid<D>::hides(const Point& center, float radius, float distance) c
     last[k] = static_cast<int>(upper);
   }
   if (!has_beams_[static_cast<std::size_t>(face)]) return true;
-  std::array<int, D - 1> at = first;
+  Pixel at = first;
   for (;;) {
     if (level.most[pixel(face, at, level.side)] > distance) return false;
-    int k = 0;
-    while (k < D - 1 && at[k] == last[k]) {
+    std::size_t k = 0;
+    while (k < kSides && at[k] == last[k]) {
       at[k] = first[k];
       ++k;
     }
-    if (k == D - 1) return true;
+    if (k == kSides) return true;
     ++at[k];
   }
 }
