@@ -146,7 +146,7 @@ class ScanCoverage {
   std::int64_t mean_ = 0;
 };
 
-/// The verdict about a cell that was never observed.
+/// The verdict about a cell that was never observed, or not covered.
 struct CoverageVerdict {
   std::uint32_t parts = 0;  ///< Seen by now, one bit for each of CellParts.
   bool is_enough = true;    ///< The beams' evidence holds for the whole cell.
@@ -161,7 +161,8 @@ struct CoverageVerdict {
 /// children is missing. A cell is observed once all its parts were seen, by one scan or by several; a cell
 /// of two smallest cells side by side once half of its parts were seen; a cell of N smallest cells once any
 /// part was seen, if the beams are so far apart that fewer than two would pass a smallest
-/// cell. Until then the cell stores which parts were seen.
+/// cell. Until then the cell stores which parts were seen. Thresholds for parts and missing children are
+/// scaled by ScanCoverage::mean_share(); that for a covered cell is not.
 ///
 /// A cell that is not observed, and larger than coverage_cells, splits where the unseen part is significant:
 /// - by one scan, if a child is missing: less than covered_share of it was seen, and n beams would pass it if

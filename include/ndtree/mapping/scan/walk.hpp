@@ -521,8 +521,9 @@ class alignas(kCacheLines) ScanWalk {
     return changed;
   }
 
-  /// Splits a leaf. Of a leaf that was never observed, and that beams have only passed,
-  /// CoverageModel::judge() decides: it splits, is updated, or waits for scans that see its other parts.
+  /// Splits a leaf, or asks CoverageModel::judge() about one that beams have only passed. If it was never
+  /// observed, it splits, is updated, or waits for scans that see its other parts; else it is updated, and
+  /// covered if this scan saw all of it.
   bool split_or_judge(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample,
                       const ScanEvidence& scan, LeafAction action, const Sampling& sampling) {
     if (action == LeafAction::split) return split(leaf, list, sample, scan, sampling);

@@ -29,7 +29,7 @@ COMMANDS = {
     ),
     "clean": (
         "clean",
-        "Write the points of a log without those that returned from what moved: people, cars, doors.",
+        "Write the points of a log without what moved: people, cars, doors.",
     ),
     "live": (
         "live",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``ndtree clean``: the points of a log without those that returned from what moved."""
+"""``ndtree clean``: the points of a log without what moved."""
 
 import time
 from pathlib import Path
@@ -56,7 +56,7 @@ def clean(
     options: Any = None,
     reading: Any = None,
 ) -> None:
-    """Write the points of a log without those that returned from what moved: people, cars, doors.
+    """Write the points of a log without what moved: people, cars, doors.
 
     Each scan is asked whether it saw the places of all others' points empty. The log is read three times.
     """
