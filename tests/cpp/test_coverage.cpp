@@ -237,16 +237,19 @@ TYPED_TEST(CoverageOf, FilesKeepWhatWasPartlySeen) {
 }
 
 TEST(Coverage, SumsAreShares) {
-  ScanCoverage<2, 3> coverage;
+  using Sum = ScanCoverage<2, 3>;
+  Sum coverage;
   EXPECT_EQ(coverage.beams_for_child(), 0.0);
   EXPECT_EQ(coverage.mean_share(), 1.0);
   EXPECT_EQ(CoverageModel(CoverageOptions{}).judge(coverage, 0, 8.0, 3.0).parts, 0u) << "nothing was seen";
-  coverage.add(3, ScanCoverage<2, 3>::seen(1.0f, 0.25f, 0.5f));
+  coverage.add(Sum::passed(1.0f, 0.5f));
+  coverage.add(3, Sum::seen(1.0f, 0.25f));
   EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.25);
   EXPECT_DOUBLE_EQ(coverage.of_child(0), 0.0);
   EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 4.0);
   EXPECT_DOUBLE_EQ(coverage.mean_share(), 0.765625);  // (7 / 16)² of the child instead of a quarter.
-  coverage.add(3, ScanCoverage<2, 3>::seen(0.5f, 0.25f, 3.0f));  // Wider than the child, in a corner of it.
+  coverage.add(Sum::passed(0.5f, 3.0f));              // Wider than the child, in a corner of it.
+  coverage.add(3, Sum::seen(0.5f, 0.25f));
   EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.375);
   EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 2.0);
   EXPECT_NEAR(coverage.mean_share(), (0.19140625 + 0.5) / 0.75, 1e-6);
@@ -254,12 +257,11 @@ TEST(Coverage, SumsAreShares) {
 
 TEST(Coverage, OfABeamOnlyWhatLiesInTheChildIsSeen) {
   using Sum = ScanCoverage<2, 2>;
-  EXPECT_FLOAT_EQ(Sum::overlap(0.5f, 0.1f), 0.2f);
-  EXPECT_FLOAT_EQ(Sum::overlap(0.0f, 0.1f), 0.1f) << "the other half lies in the neighbour";
-  EXPECT_FLOAT_EQ(Sum::overlap(1.0f, 0.3f), 0.3f);
-  EXPECT_FLOAT_EQ(Sum::overlap(0.1f, 0.5f), 0.6f);
-  EXPECT_FLOAT_EQ(Sum::overlap(0.7f, 5.0f), 1.0f) << "no more than the child";
-  EXPECT_FLOAT_EQ(Sum::overlap(1.1f, 0.05f), 0.0f) << "by rounding the middle may lie outside";
+  EXPECT_FLOAT_EQ(Sum::overlap(0.0f, 0.2f), 0.2f);
+  EXPECT_FLOAT_EQ(Sum::overlap(0.5f, 0.2f), 0.1f) << "the other half lies in the neighbour";
+  EXPECT_FLOAT_EQ(Sum::overlap(0.4f, 1.0f), 0.6f);
+  EXPECT_FLOAT_EQ(Sum::overlap(0.2f, 10.0f), 1.0f) << "no more than the child";
+  EXPECT_FLOAT_EQ(Sum::overlap(0.6f, 0.1f), 0.0f) << "by rounding the middle may lie outside";
 }
 
 TEST(Coverage, TheMeanOverlapIsThatOfEvenlySpreadBeams) {
@@ -268,7 +270,8 @@ TEST(Coverage, TheMeanOverlapIsThatOfEvenlySpreadBeams) {
     double sum = 0.0;
     constexpr int kPlaces = 10000;
     for (int i = 0; i < kPlaces; ++i)
-      sum += static_cast<double>(Sum::overlap((static_cast<float>(i) + 0.5f) / kPlaces, 0.5f * width));
+      sum +=
+          static_cast<double>(Sum::overlap(std::abs((static_cast<float>(i) + 0.5f) / kPlaces - 0.5f), width));
     EXPECT_NEAR(sum / kPlaces, Sum::mean_overlap(0.5f * width), 1e-3) << width;
   }
 }
@@ -302,9 +305,11 @@ TEST(Coverage, VerdictsFollowTheRule) {
     ScanCoverage<2, 2> scan;
     for (int child = 0; child < 4; ++child)
       if ((row.children >> child & 1u) != 0)
-        for (int i = 0; i < row.beams_a_child; ++i)
-          scan.add(child, ScanCoverage<2, 2>::seen(1.0f, 1.0f / static_cast<float>(row.beams_a_child),
-                                                   1.0f / static_cast<float>(row.beams_a_child)));
+        for (int i = 0; i < row.beams_a_child; ++i) {
+          const float width = 1.0f / static_cast<float>(row.beams_a_child);
+          scan.add(ScanCoverage<2, 2>::passed(1.0f, width));
+          scan.add(child, ScanCoverage<2, 2>::seen(1.0f, width));
+        }
     const CoverageVerdict verdict = model.judge(scan, row.before, row.size, row.beams);
     EXPECT_EQ(verdict.parts, row.parts) << cases;
     EXPECT_EQ(verdict.is_enough, row.is_enough) << cases;
@@ -331,7 +336,8 @@ TYPED_TEST(CoverageOf, WhatIsCertainStaysWhateverElseIsSeen) {
     Sum scan;
     const auto add = [&](int child, double share) {
       const auto width = std::pow(static_cast<float>(share), 1.0f / std::max(1, D - 1));
-      scan.add(child, Sum::seen(1.0f, D == 1 ? 1.0f : static_cast<float>(share), width));
+      scan.add(Sum::passed(1.0f, width));
+      scan.add(child, Sum::seen(1.0f, D == 1 ? 1.0f : static_cast<float>(share)));
     };
     const double most = random.uniform(0.1, 1.6);
     const int beams = static_cast<int>(random.uniform(4.0, 100.0));

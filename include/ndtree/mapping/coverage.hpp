@@ -68,50 +68,50 @@ struct CellParts {
 /// The volume that the beams of one scan have seen of each child of a cell: sums of whole numbers, so that
 /// the order of the beams does not matter.
 ///
-/// A beam stands for its solid angle. The volume that it sees of a child is its way through the child, along
-/// the main axis of the beam, times the part of its width that lies in the child, on each axis across: a beam
-/// along a border sees one side of a child, not its middle.
+/// A beam stands for its solid angle, with the width that it has in the middle of its way through the cell.
+/// The volume that it sees of a child is its way through the child, along the main axis of the beam, times
+/// the part of its width that lies in the child, on each axis across: a beam along a border sees one side of
+/// a child, not its middle.
 template <int N, int D>
 class ScanCoverage {
  public:
   static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
 
-  /// Of one beam and child, over the whole child, in 1 / kOne.
-  struct Seen {
-    std::int64_t child = 0;  ///< Seen volume.
+  /// Of one beam, over a whole child, in 1 / kOne.
+  struct Passed {
     std::int64_t way = 0;    ///< Sum of ways.
-    std::int64_t whole = 0;  ///< Seen volume if the beam was in the middle of the child.
+    std::int64_t whole = 0;  ///< Seen volume if the beam was in the middle of each child.
     std::int64_t mean = 0;   ///< Mean of the seen volume over all places of the beam.
   };
   static constexpr std::int64_t kOne = 1 << 20;
   static constexpr float kUnitsOfOne = kOne;
 
-  /// @param way through the child along the main axis of the beam, over the child's edge.
-  /// @param area of the beam's solid angle that lies in the child, over that of a face of the child: the
-  /// product of overlap() over the axes across.
-  /// @param width of the beam's solid angle there, over the child's edge.
-  [[nodiscard]] static Seen seen(float way, float area, float width) {
+  /// @param way through the cell along the main axis of the beam, over a child's edge.
+  /// @param width of the beam's solid angle there, over a child's edge.
+  [[nodiscard]] static Passed passed(float way, float width) {
     const float units = way * kUnitsOfOne;
-    return {in_units(units * area), in_units(units), in_units(units * across(std::min(width, 1.0f))),
+    return {in_units(units), in_units(units * across(std::min(width, 1.0f))),
             in_units(units * across(mean_overlap(0.5f * width)))};
   }
-  /// The part of a beam's width that lies in a child, over the child's edge; at most min(width, 1).
-  /// @param place of the beam in the middle of its way, on an axis across: 0 and 1 are the child's borders.
-  /// @param half_width over the child's edge.
-  [[nodiscard]] static float overlap(float place, float half_width) {
-    return std::max(0.0f, std::min(place + half_width, 1.0f) - std::max(place - half_width, 0.0f));
+  /// Seen volume of a child, in 1 / kOne. @param way through the child. @param area of the beam's solid angle
+  /// that lies in the child, over that of a face of the child: the product of overlap() over the axes across.
+  [[nodiscard]] static std::int64_t seen(float way, float area) { return in_units(way * kUnitsOfOne * area); }
+  /// The part of a beam's width that lies in a child, over the child's edge.
+  /// @param from_middle distance of the beam from the middle of the child, on an axis across.
+  [[nodiscard]] static float overlap(float from_middle, float width) {
+    return std::max(0.0f, std::min(0.5f + 0.5f * width - from_middle, std::min(width, 1.0f)));
   }
   /// The mean of overlap() over all places: 2 h - h² with h = min(half_width, 1).
   [[nodiscard]] static float mean_overlap(float half_width) {
     const float half = std::min(half_width, 1.0f);
     return half * (2.0f - half);
   }
-  void add(int child, const Seen& seen) {
-    of_child_[static_cast<std::size_t>(child)] += seen.child;
-    way_ += seen.way;
-    whole_ += seen.whole;
-    mean_ += seen.mean;
+  void add(const Passed& beam) {
+    way_ += beam.way;
+    whole_ += beam.whole;
+    mean_ += beam.mean;
   }
+  void add(int child, std::int64_t seen) { of_child_[static_cast<std::size_t>(child)] += seen; }
   /// Seen fraction of a child; more than 1 where beams are closer than they are elsewhere.
   [[nodiscard]] double of_child(int number) const {
     return static_cast<double>(of_child_[static_cast<std::size_t>(number)]) * kUnit;

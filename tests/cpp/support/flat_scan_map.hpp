@@ -441,32 +441,36 @@ class FlatScanMap {
                              : D == 2 ? 1.0f / fraction
                              : D == 3 ? 1.0f / std::sqrt(fraction)
                                       : std::pow(fraction, -1.0f / static_cast<float>(D - 1));
+      if (enter >= beam.range) continue;
+      exit = std::min(exit, beam.range);
+      const float width = face.beams == 1 ? static_cast<float>(smallest()) * per_child
+                                          : 0.5f * (enter + exit) * beam.slant *
+                                                (std::min(0.1f, 1.0f / face.density) * widening * per_child);
+      const float through = (exit - enter) * beam.slant * per_child * kUnits;
+      const float half = std::min(1.0f, 0.5f * width);
+      float in_middle = 1.0f;
+      float in_mean = 1.0f;
+      for (int a = 1; a < D; ++a) {
+        in_middle *= std::min(1.0f, width);
+        in_mean *= half * (2.0f - half);
+      }
+      way += static_cast<double>(std::nearbyint(through));
+      whole += static_cast<double>(std::nearbyint(through * in_middle));
+      mean += static_cast<double>(std::nearbyint(through * in_mean));
       for (std::size_t j = 0; j < children.size(); ++j) {
         if (!clip(beam, children[j], enter, exit) || enter >= beam.range) continue;
         exit = std::min(exit, beam.range);
-        const float width = face.beams == 1
-                                ? static_cast<float>(smallest()) * per_child
-                                : 0.5f * (enter + exit) * beam.slant *
-                                      (std::min(0.1f, 1.0f / face.density) * widening * per_child);
         const float chord = (exit - enter) * beam.slant * per_child * kUnits;
         float area = 1.0f;  // Of the beam's cross-section in the child, over that of the child.
         for (std::size_t a = 0; a < D; ++a) {
           if (a == static_cast<std::size_t>(beam.face[D])) continue;
           const float to_border =
               static_cast<float>(border(children[j].lower[a]) - beam.origin[static_cast<int>(a)]);
-          const float along_axis = 0.5f * (enter + exit) * (1.0f / beam.inverse[a]);
-          const float at = (along_axis - to_border) * per_child;
-          area *= std::max(0.0f, std::min(1.0f, at + 0.5f * width) - std::max(0.0f, at - 0.5f * width));
+          const float at = 0.5f * (enter + exit) * (1.0f / beam.inverse[a] * per_child);
+          const float from_middle = std::abs(at - (to_border * per_child + 0.5f));
+          area *= std::max(0.0f, std::min(0.5f + 0.5f * width - from_middle, std::min(1.0f, width)));
         }
         seen[j] += static_cast<double>(std::nearbyint(chord * area));
-        float in_middle = 1.0f;
-        for (int a = 1; a < D; ++a) in_middle *= std::min(1.0f, width);
-        whole += static_cast<double>(std::nearbyint(chord * in_middle));
-        const float half = std::min(1.0f, 0.5f * width);
-        float in_mean = 1.0f;
-        for (int a = 1; a < D; ++a) in_mean *= half * (2.0f - half);
-        mean += static_cast<double>(std::nearbyint(chord * in_mean));
-        way += static_cast<double>(std::nearbyint(chord));
       }
     }
     const double mean_share = whole > 0.0 ? mean / whole : 1.0;

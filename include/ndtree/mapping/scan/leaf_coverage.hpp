@@ -73,8 +73,7 @@ class LeafCoverage {
   }
 
  private:
-  static constexpr float kAllThrough = 2.0f;  // Edges of a child.
-  static constexpr std::size_t kChunk = 16;   // Beams between two tests; sums of up to 64 fit 32 bits.
+  static constexpr std::size_t kChunk = 16;  // Beams between two tests; sums of up to 64 fit 32 bits.
 
   /// The first axis along which a beam goes farthest. Beams that are alone on their faces share one, so a
   /// face's axis is not always that of its beams.
@@ -94,23 +93,37 @@ class LeafCoverage {
       }
     }
 #endif
+    std::uint32_t last = BeamList::kAll;  // The beam of `width`.
+    float width = 0.0f;
     partition_.for_each_crossing(
         leaf, list, [&](std::size_t child, std::uint32_t beam, float enter, float leave) {
           const BeamEnd<D>& end = beams_.end(beam);
           const float exit = std::min(leave, end.range);
           if (!(exit > enter)) return;
+          const float per_metre = end.slant * per_child;
+          if (beam != last) {
+            last = beam;
+            const Crossing whole = partition_.crossing(leaf, beam);
+            const float end_of_way = std::min(whole.exit, end.range);
+            const float depth = 0.5f * (whole.enter + end_of_way) * end.slant;
+            width = widths.per_depth > 0.0f ? depth * widths.per_depth : widths.fixed;
+            sum.add(Sum::passed((end_of_way - whole.enter) * per_metre, width));
+          }
           const float middle = 0.5f * (enter + exit);
-          const float width = widths.per_depth > 0.0f ? middle * end.slant * widths.per_depth : widths.fixed;
           const std::size_t main = main_axis(beams_.ray(beam));
           float area = 1.0f;
           for (std::size_t a = 0; a < D; ++a) {
             if (a == main) continue;
             const float border = partition_.plane_of(leaf, a, Partition::kOffsets[child][a], beam);
-            const float along = rounded(middle * (1.0f / beams_.ray(beam).inverse[a]));
-            area *= Sum::overlap(rounded((along - border) * per_child), 0.5f * width);
+            const float along = rounded(middle * (1.0f / beams_.ray(beam).inverse[a] * per_child));
+            area *= Sum::overlap(std::abs(along - middle_of(border, per_child)), width);
           }
-          sum.add(static_cast<int>(child), Sum::seen((exit - enter) * end.slant * per_child, area, width));
+          sum.add(static_cast<int>(child), Sum::seen((exit - enter) * per_metre, area));
         });
+  }
+  /// The middle of a child, in its edges. @param border its lower one.
+  [[nodiscard]] static float middle_of(float border, float per_child) {
+    return rounded(border * per_child) + 0.5f;
   }
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS void add_by_eights(const typename Partition::Planes& planes, const BeamList& list,
@@ -124,6 +137,10 @@ class LeafCoverage {
     const __m256 per_depth = _mm256_set1_ps(widths.per_depth);
     const __m256 fixed = _mm256_set1_ps(widths.fixed);
     const __m256 half = _mm256_set1_ps(0.5f);
+    const __m256 one = _mm256_set1_ps(1.0f);
+    typename Partition::Planes middles;  // Of children.
+    for (std::size_t a = 0; a < D; ++a)
+      for (std::size_t i = 0; i < N; ++i) middles[a][i] = middle_of(planes[a][i], per_child);
     for (std::size_t i = 0; i < list.size; i += 8) {
       const __m256i live = detail::first_of_eight(list.size - i);
       const EightRays<D> rays = beams_.rays(list.beam + i);
@@ -132,51 +149,57 @@ class LeafCoverage {
       __m256 enter[std::size_t{kNumChildren}];
       __m256 exit[std::size_t{kNumChildren}];
       partition_.eight_beams(planes, rays, _mm256_setzero_ps(), seen, enter, exit);
-      __m256 per_metre[std::size_t{D}];   // Along the beam: metres along the axis.
-      __m256 least_half[std::size_t{D}];  // Of a width. On the main axis it reaches all through a child.
-      __m256 steepness[std::size_t{D}];
-      __m256 least = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+      const __m256 units_per_metre = _mm256_mul_ps(ends.slant, _mm256_set1_ps(per_child * Sum::kUnitsOfOne));
+      __m256 enter_leaf, exit_leaf;
+      Partition::eight_crossings(planes, rays, seen, enter_leaf, exit_leaf);
+      const __m256 depth =
+          _mm256_mul_ps(_mm256_mul_ps(half, _mm256_add_ps(enter_leaf, exit_leaf)), ends.slant);
+      const __m256 width = widths.per_depth > 0.0f ? _mm256_mul_ps(depth, per_depth) : fixed;
+      const __m256 half_width = _mm256_mul_ps(half, width);
+      const __m256 narrow = _mm256_min_ps(width, one);
+      const __m256 reach = _mm256_add_ps(half, half_width);
+      {
+        const __m256i passes = _mm256_castps_si256(_mm256_cmp_ps(exit_leaf, enter_leaf, _CMP_GT_OQ));
+        const __m256 units = _mm256_mul_ps(_mm256_sub_ps(exit_leaf, enter_leaf), units_per_metre);
+        const __m256 half_narrow = _mm256_min_ps(half_width, one);
+        const __m256 mean_overlap =
+            _mm256_mul_ps(half_narrow, _mm256_sub_ps(_mm256_set1_ps(2.0f), half_narrow));
+        way = _mm256_add_epi32(way, in_units(units, passes));
+        whole = _mm256_add_epi32(whole, in_units(_mm256_mul_ps(units, across(narrow)), passes));
+        mean = _mm256_add_epi32(mean, in_units(_mm256_mul_ps(units, across(mean_overlap)), passes));
+      }
+      __m256 per_metre[std::size_t{D}];  // Along the beam: children's edges along the axis.
+      __m256 least[std::size_t{D}];      // Of the overlap: all of it on the main axis.
+      __m256 least_steep = _mm256_set1_ps(std::numeric_limits<float>::infinity());
 #pragma GCC unroll 4
       for (std::size_t a = 0; a < D; ++a) {
-        steepness[a] = _mm256_andnot_ps(_mm256_set1_ps(-0.0f), rays.inverse[a]);
-        least = _mm256_min_ps(least, steepness[a]);
+        least[a] = _mm256_andnot_ps(_mm256_set1_ps(-0.0f), rays.inverse[a]);
+        least_steep = _mm256_min_ps(least_steep, least[a]);
       }
       __m256 is_later = _mm256_castsi256_ps(_mm256_set1_epi32(-1));  // The main axis was not found yet.
 #pragma GCC unroll 4
       for (std::size_t a = 0; a < D; ++a) {
-        const __m256 is_least = _mm256_cmp_ps(steepness[a], least, _CMP_EQ_OQ);
-        least_half[a] = _mm256_and_ps(_mm256_and_ps(is_later, is_least), _mm256_set1_ps(kAllThrough));
+        const __m256 is_least = _mm256_cmp_ps(least[a], least_steep, _CMP_EQ_OQ);
+        least[a] = _mm256_and_ps(_mm256_and_ps(is_later, is_least), one);
         is_later = _mm256_andnot_ps(is_least, is_later);
-        per_metre[a] = _mm256_div_ps(_mm256_set1_ps(1.0f), rays.inverse[a]);
+        per_metre[a] = _mm256_mul_ps(_mm256_div_ps(one, rays.inverse[a]), _mm256_set1_ps(per_child));
       }
 #pragma GCC unroll 32
       for (int c = 0; c < kNumChildren; ++c) {
         const __m256i sees = _mm256_castps_si256(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ));
         const __m256 middle = _mm256_mul_ps(half, _mm256_add_ps(enter[c], exit[c]));
-        const __m256 width =
-            widths.per_depth > 0.0f ? _mm256_mul_ps(_mm256_mul_ps(middle, ends.slant), per_depth) : fixed;
-        const __m256 half_width = _mm256_mul_ps(half, width);
-        __m256 area = _mm256_set1_ps(1.0f);
+        const __m256 units = _mm256_mul_ps(_mm256_sub_ps(exit[c], enter[c]), units_per_metre);
+        __m256 area = one;
 #pragma GCC unroll 4
         for (std::size_t a = 0; a < D; ++a) {
-          const __m256 border =
-              _mm256_set1_ps(planes[a][Partition::kOffsets[static_cast<std::size_t>(c)][a]]);
-          const __m256 place = _mm256_sub_ps(_mm256_mul_ps(middle, per_metre[a]), border);
-          area = _mm256_mul_ps(area, overlap(_mm256_mul_ps(place, _mm256_set1_ps(per_child)),
-                                             _mm256_max_ps(half_width, least_half[a])));
+          const __m256 middle_of_child =
+              _mm256_set1_ps(middles[a][Partition::kOffsets[static_cast<std::size_t>(c)][a]]);
+          const __m256 from_middle = _mm256_andnot_ps(
+              _mm256_set1_ps(-0.0f), _mm256_sub_ps(_mm256_mul_ps(middle, per_metre[a]), middle_of_child));
+          area = _mm256_mul_ps(
+              area, _mm256_max_ps(least[a], _mm256_min_ps(_mm256_sub_ps(reach, from_middle), narrow)));
         }
-        const __m256 units =
-            _mm256_mul_ps(_mm256_mul_ps(_mm256_mul_ps(_mm256_sub_ps(exit[c], enter[c]), ends.slant),
-                                        _mm256_set1_ps(per_child)),
-                          _mm256_set1_ps(Sum::kUnitsOfOne));
         child[c] = _mm256_add_epi32(child[c], in_units(_mm256_mul_ps(units, area), sees));
-        way = _mm256_add_epi32(way, in_units(units, sees));
-        const __m256 one = _mm256_set1_ps(1.0f);
-        whole =
-            _mm256_add_epi32(whole, in_units(_mm256_mul_ps(units, across(_mm256_min_ps(width, one))), sees));
-        const __m256 most_half = _mm256_min_ps(half_width, one);
-        const __m256 mean_overlap = _mm256_mul_ps(most_half, _mm256_sub_ps(_mm256_set1_ps(2.0f), most_half));
-        mean = _mm256_add_epi32(mean, in_units(_mm256_mul_ps(units, across(mean_overlap)), sees));
       }
     }
     std::array<std::uint32_t, 4> sums;
@@ -189,10 +212,10 @@ class LeafCoverage {
       store_sums(detail::sums_of(child[c], child[std::min(c + 1, kLast)], child[std::min(c + 2, kLast)],
                                  child[std::min(c + 3, kLast)]));
       for (int k = 0; k < std::min(4, kNumChildren - c); ++k)
-        sum.add(c + k, {sums[static_cast<std::size_t>(k)], 0, 0, 0});
+        sum.add(c + k, sums[static_cast<std::size_t>(k)]);
     }
     store_sums(detail::sums_of(way, whole, mean, way));
-    sum.add(0, {0, sums[0], sums[1], sums[2]});
+    sum.add({sums[0], sums[1], sums[2]});
   }
   NDTREE_BY_EIGHTS [[nodiscard]] static __m256i in_units(__m256 units, __m256i sees) {
     return _mm256_and_si256(sees, _mm256_cvtps_epi32(units));
@@ -201,12 +224,6 @@ class LeafCoverage {
     __m256 area = _mm256_set1_ps(1.0f);
     for (int a = 1; a < D; ++a) area = _mm256_mul_ps(area, width);
     return area;
-  }
-  /// ScanCoverage::overlap() of eight beams.
-  NDTREE_BY_EIGHTS [[nodiscard]] static __m256 overlap(__m256 place, __m256 half_width) {
-    const __m256 upper = _mm256_min_ps(_mm256_add_ps(place, half_width), _mm256_set1_ps(1.0f));
-    const __m256 lower = _mm256_max_ps(_mm256_sub_ps(place, half_width), _mm256_setzero_ps());
-    return _mm256_max_ps(_mm256_sub_ps(upper, lower), _mm256_setzero_ps());
   }
 #endif
 

@@ -103,6 +103,12 @@ class ChildPartition {
     for (std::size_t i = 0; i < list.size; ++i)
       divide(list.beam[i], visit, [&](std::size_t a, std::size_t plane) { return planes[a][plane]; });
   }
+  /// Where one beam enters and leaves a node.
+  [[nodiscard]] Crossing crossing(const CellIndex<D>& node, std::uint32_t beam) const {
+    return CellCrossings<N, D>::clipped(
+        beams_.ray(beam), [&](std::size_t a) { return plane_of(node, a, 0, beam); },
+        [&](std::size_t a) { return plane_of(node, a, N, beam); });
+  }
   /// Of each child, on each axis.
   static constexpr auto kOffsets = [] {
     std::array<std::array<std::size_t, std::size_t{D}>, std::size_t{kNumChildren}> offsets{};
@@ -147,6 +153,20 @@ class ChildPartition {
                 _mm256_load_ps(above.exit[child].data()), packet);
   }
 
+  /// Where eight beams enter and leave the node, before a distance.
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE static void eight_crossings(const Planes& plane,
+                                                                    const EightRays<D>& rays, __m256 to,
+                                                                    __m256& enter, __m256& exit) {
+    enter = _mm256_setzero_ps();
+    exit = to;
+#pragma GCC unroll 4
+    for (std::size_t a = 0; a < D; ++a) {
+      const __m256 at_lower = _mm256_mul_ps(_mm256_set1_ps(plane[a][0]), rays.inverse[a]);
+      const __m256 at_upper = _mm256_mul_ps(_mm256_set1_ps(plane[a][N]), rays.inverse[a]);
+      enter = _mm256_max_ps(enter, _mm256_min_ps(at_lower, at_upper));
+      exit = _mm256_min_ps(exit, _mm256_max_ps(at_lower, at_upper));
+    }
+  }
   /// Where eight beams enter and leave each child, between two distances.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, const EightRays<D>& rays,
                                                          __m256 from, __m256 to, __m256* enter,
