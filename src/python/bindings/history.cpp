@@ -1,0 +1,309 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <mutex>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arguments.hpp"
+#include "binders.hpp"
+#include "history_interface.hpp"
+#include "numpy.hpp"
+#include "python_map.hpp"
+#include "released.hpp"
+
+namespace py = pybind11;
+using namespace pybind11::literals;
+
+namespace ndtree::python {
+
+NDTREE_PYTHON_HISTORY(extern, 2, 2);
+NDTREE_PYTHON_HISTORY(extern, 2, 3);
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+using Key = HistoryInterface::Key;
+
+/// A history that threads share: one call at a time.
+struct PythonHistory {
+  std::unique_ptr<HistoryInterface> history;
+  mutable std::mutex mutex;
+
+  PythonHistory(int dim, const MapOptions& options) : history(make(dim, options)) {}
+
+  static std::unique_ptr<HistoryInterface> make(int dim, const MapOptions& options) {
+    if (dim == 2) return make_history<2, 2>(options);
+    if (dim == 3) return make_history<2, 3>(options);
+    throw py::value_error("dim = " + std::to_string(dim) + ": must be 2 or 3; C++ has all others");
+  }
+  template <class Use>
+  auto with(const Use& use) const {
+    const Released released;
+    const std::lock_guard lock(mutex);
+    return use(*history);
+  }
+};
+
+/// What std::out_of_range says becomes a KeyError.
+template <class Use>
+auto finding_key(const Use& use) {
+  try {
+    return use();
+  } catch (const std::out_of_range& error) {
+    throw py::key_error(error.what());
+  }
+}
+
+InsertReport insert(PythonHistory& h, Key key, const py::object& points, const py::object& pose,
+                    const py::object& origin, const py::object& returned, const py::object& range_sigma,
+                    double max_range, int threads) {
+  const int dim = h.history->dim();
+  const py::object from =
+      origin.is_none()
+          ? py::object(py::tuple(py::cast(std::vector<double>(static_cast<std::size_t>(dim), 0.0))))
+          : origin;
+  const BeamArrays beams(points, from, returned, dim, range_sigma);
+  const Poses one = pose_from(pose, dim);
+  return h.with([&, pointers = beams.pointers()](HistoryInterface& history) {
+    return history.insert(key, pointers, one.numbers.data(), max_range, threads);
+  });
+}
+
+HistoryReport move(PythonHistory& h, const py::dict& poses, int threads) {
+  std::vector<Key> keys;
+  std::vector<double> numbers;
+  for (const auto& [key, pose] : poses) {
+    keys.push_back(key.cast<Key>());
+    const std::string name = "the pose of key " + std::to_string(keys.back());
+    const Poses one = pose_from(py::reinterpret_borrow<py::object>(pose), h.history->dim(), name.c_str());
+    numbers.insert(numbers.end(), one.numbers.begin(), one.numbers.end());
+  }
+  return finding_key([&] {
+    return h.with([&](HistoryInterface& history) { return history.move(keys, numbers.data(), threads); });
+  });
+}
+
+/// A (dim + 1, dim + 1) matrix.
+py::array_t<double> pose_of(const PythonHistory& h, Key key) {
+  const std::vector<double> numbers =
+      finding_key([&] { return h.with([&](const HistoryInterface& history) { return history.pose(key); }); });
+  const auto dim = static_cast<std::size_t>(h.history->dim());
+  std::vector<double> matrix((dim + 1) * (dim + 1), 0.0);
+  for (std::size_t row = 0; row < dim; ++row) {
+    std::copy_n(numbers.begin() + static_cast<std::ptrdiff_t>(row * dim), dim,
+                matrix.begin() + static_cast<std::ptrdiff_t>(row * (dim + 1)));
+    matrix[row * (dim + 1) + dim] = numbers[dim * dim + row];
+  }
+  matrix.back() = 1.0;
+  return take(std::move(matrix), static_cast<int>(dim) + 1);
+}
+
+py::object scan_of(const PythonHistory& h, Key key) {
+  StoredScan scan =
+      finding_key([&] { return h.with([&](const HistoryInterface& history) { return history.scan(key); }); });
+  const int dim = h.history->dim();
+  py::array_t<bool> returned(static_cast<py::ssize_t>(scan.returned.size()));
+  std::copy(scan.returned.begin(), scan.returned.end(), returned.mutable_data());
+  const bool has_one_origin = scan.origins.size() == static_cast<std::size_t>(dim);
+  py::object origin = has_one_origin ? py::object(take(std::move(scan.origins)))
+                                     : py::object(take(std::move(scan.origins), dim));
+  const py::object sigma =
+      scan.range_sigma.empty() ? py::object(py::none()) : py::object(take(std::move(scan.range_sigma)));
+  return py::module_::import("ndtree.base.scan")
+      .attr("Scan")(take(std::move(scan.endpoints), dim), origin, returned, 0.0, sigma);
+}
+
+}  // namespace
+
+void bind_history(py::module_& module) {
+  py::class_<HistoryReport>(module, "HistoryReport", "What a change of poses cost.")
+      .def_readonly("moved", &HistoryReport::moved, "Scans whose poses changed, or that were removed.")
+      .def_readonly("replayed", &HistoryReport::replayed, "Scans that were mapped again, in some cubes.")
+      .def_readonly("cubes", &HistoryReport::cubes, "Cubes of max_cell_size that were made anew.")
+      .def_readonly("cube_scans", &HistoryReport::cube_scans,
+                    "Pairs of a scan and a cube that it crosses that were mapped again ...")
+      .def_readonly("all_cube_scans", &HistoryReport::all_cube_scans, "... and all of them.")
+      .def_readonly("seconds", &HistoryReport::seconds, "Wall time [s].");
+
+  py::class_<PythonHistory>(module, "ScanHistory",
+                            R"(A map and the scans that made it: when poses are corrected, the map follows.
+
+Each scan has a key and a pose, and is kept in its sensor's frame with 8 bytes a beam, rounded to a 1024th of a
+smallest cell, or more if it reaches farther than 1024 cells. After any calls, each cell of the map is, bit for
+bit, what mapping the present scans at their present poses in the order in which they came makes of it. Only
+cubes of max_cell_size are made anew that a moved scan crosses, before or after, and only by the scans that
+cross them. The map's counters add up the work that was done.
+
+Parameters
+----------
+dim : int
+    2 or 3.
+options
+    As of AdaptiveMap, with cells adapted by evidence.
+
+Raises
+------
+ValueError
+    As AdaptiveMap.
+)")
+      .def(py::init([](int dim, const py::kwargs& options) {
+             return std::make_unique<PythonHistory>(
+                 dim, options_from_keywords(options, EvidenceRefinement::kName, "ScanHistory"));
+           }),
+           py::kw_only(), "dim"_a = 2)
+      .def_property_readonly(
+          "dim", [](const PythonHistory& h) { return h.history->dim(); }, "Dimension of space.")
+      .def_property_readonly(
+          "map",
+          [](const PythonHistory& h) {
+            return to_python(h.with([](const HistoryInterface& history) { return history.map(); }));
+          },
+          "AdaptiveMap: the map as it is now, a copy that shares its cells and takes no time.")
+      .def_property_readonly(
+          "memory_bytes",
+          [](const PythonHistory& h) {
+            return h.with([](const HistoryInterface& history) { return history.memory_bytes(); });
+          },
+          "Bytes of the map and of the scans.")
+      .def("insert", &insert, "key"_a, "points"_a, "pose"_a, py::kw_only(), "origin"_a = py::none(),
+           "returned"_a = py::none(), "range_sigma"_a = py::none(), "max_range"_a = kInfinity,
+           "threads"_a = 0, R"(Map a scan, and keep it.
+
+Parameters
+----------
+key : int
+    By which the scan is found again.
+points : (n, dim) array of float
+    End points in the sensor's frame [m].
+pose : array of float
+    Of the sensor in the map: (3,) of x, y and yaw in 2-D, (7,) of x, y, z and a quaternion x, y, z, w in 3-D,
+    or a (dim + 1, dim + 1) matrix.
+origin : (dim,) or (n, dim) array of float, optional
+    Where beams start in the sensor's frame [m]. Default: at 0.
+returned, range_sigma, max_range, threads
+    As of `OccupancyMap.insert`.
+
+Returns
+-------
+InsertReport
+
+Raises
+------
+ValueError
+    The key is there already, the pose is wrong, or as `OccupancyMap.insert`; nothing has changed.
+)")
+      .def("move", &move, "poses"_a, py::kw_only(), "threads"_a = 0, R"(Move scans to other poses.
+
+Parameters
+----------
+poses : dict
+    From keys to poses, as of `insert`; scans that are left out stay where they are.
+threads : int
+    As of `OccupancyMap.insert`.
+
+Returns
+-------
+HistoryReport
+
+Raises
+------
+KeyError
+    There is no scan with this key; nothing has changed.
+ValueError
+    A pose is wrong; nothing has changed.
+)")
+      .def(
+          "remove",
+          [](PythonHistory& h, const std::vector<Key>& keys, int threads) {
+            return finding_key([&] {
+              return h.with([&](HistoryInterface& history) { return history.remove(keys, threads); });
+            });
+          },
+          "keys"_a, py::kw_only(), "threads"_a = 0, R"(Take scans out of the map.
+
+Parameters
+----------
+keys : sequence of int
+    Of the scans.
+threads : int
+    As of `OccupancyMap.insert`.
+
+Returns
+-------
+HistoryReport
+
+Raises
+------
+KeyError
+    There is no scan with this key; nothing has changed.
+ValueError
+    A key is given twice; nothing has changed.
+)")
+      .def(
+          "keys",
+          [](const PythonHistory& h) {
+            return h.with([](const HistoryInterface& history) { return history.keys(); });
+          },
+          R"(Keys of all scans, in the order in which they came.
+
+Returns
+-------
+list of int
+)")
+      .def("pose", &pose_of, "key"_a, R"(Pose of a scan's sensor in the map.
+
+Parameters
+----------
+key : int
+    Of the scan.
+
+Returns
+-------
+(dim + 1, dim + 1) float64
+
+Raises
+------
+KeyError
+    There is no scan with this key.
+)")
+      .def("scan", &scan_of, "key"_a, R"(A scan in the map's frame, as the map took it in.
+
+Parameters
+----------
+key : int
+    Of the scan.
+
+Returns
+-------
+Scan
+
+Raises
+------
+KeyError
+    There is no scan with this key.
+)")
+      .def("__len__",
+           [](const PythonHistory& h) {
+             return h.with([](const HistoryInterface& history) { return history.keys().size(); });
+           })
+      .def("__contains__",
+           [](const PythonHistory& h, Key key) {
+             return h.with([&](const HistoryInterface& history) { return history.contains(key); });
+           })
+      .def("__repr__", [](const PythonHistory& h) {
+        const std::size_t scans =
+            h.with([](const HistoryInterface& history) { return history.keys().size(); });
+        return "ScanHistory(dim=" + std::to_string(h.history->dim()) + ", scans=" + std::to_string(scans) +
+               ")";
+      });
+}
+
+}  // namespace ndtree::python
