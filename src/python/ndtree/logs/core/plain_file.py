@@ -15,6 +15,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+
 from ndtree.logs.core.failures import one_line
 
 GZIP_MAGIC = b"\x1f\x8b"
@@ -25,6 +27,8 @@ LINE_BYTES = 1 << 24
 #: FREE_BYTES are unpacked from however little; beyond that, a packed byte stands for MOST_PACKED at most.
 FREE_BYTES, MOST_PACKED = 1 << 26, 1000
 _PART = 1 << 17
+#: Of text that is parsed at once, with what that takes, this stays in a processor's cache.
+BLOCK_BYTES = 1 << 20
 
 
 class DamagedStream(ValueError):
@@ -84,6 +88,8 @@ class PlainFile:
         self.path = path
         self.line = 0
         self._file = file
+        self._ahead = b""  # What `block` has read and not given.
+        self._damage: DamagedStream | None = None
         magic = file.read(max(len(GZIP_MAGIC), len(BZIP2_MAGIC)))
         file.seek(0)
         raw: Any = None
@@ -102,23 +108,70 @@ class PlainFile:
         readline = self._content.readline
         while True:
             try:
-                line = readline(LINE_BYTES + 1)
+                line = self._line_ahead() if self._ahead else readline(LINE_BYTES + 1)
             except DamagedStream as error:
-                raise DamagedStream(
-                    f"{self.path}: behind line {self.line}: {error}, expected a whole one",
-                    error.kind,
-                    error.is_cut_off,
-                ) from None
+                raise self._behind_line(error) from None
             if not line:
                 return
             self.line += 1
             if self.line == 1 and line.startswith(codecs.BOM_UTF8):
                 line = line[len(codecs.BOM_UTF8) :] or b"\n"
             if len(line) > LINE_BYTES:
-                raise ValueError(
-                    f"{self.path}: line {self.line}: longer than {LINE_BYTES >> 20} MiB, expected text"
-                )
+                raise self._too_long()
             yield line
+
+    def block(self, most: int) -> bytes:
+        """The next whole lines, at most `most` and about `BLOCK_BYTES`; none at the end of the file.
+
+        `line` becomes the number of the last. A byte order mark stays: iterating takes it from the first.
+        """
+        block, self._ahead = self._ahead, b""
+        at_end = False
+        while len(block) < BLOCK_BYTES or b"\n" not in block:
+            part = b"" if self._damage else self._part()
+            at_end = not part
+            if at_end:
+                break
+            block += part
+            if len(block) > LINE_BYTES and b"\n" not in block:
+                self.line += 1
+                raise self._too_long()
+        if self._damage and b"\n" not in block:
+            raise self._behind_line(self._damage)
+        end = len(block) if at_end and not self._damage else block.rfind(b"\n") + 1
+        count = block.count(b"\n", 0, end) + (end > 0 and block[end - 1 : end] != b"\n")
+        if count > most:
+            newlines = np.flatnonzero(np.frombuffer(block, np.uint8, end) == ord("\n"))
+            end, count = int(newlines[most - 1]) + 1, most
+        self._ahead = block[end:]
+        self.line += count
+        return block[:end]
+
+    def _part(self) -> bytes:
+        """What comes next, of any length; nothing at the end and where the file is damaged."""
+        try:
+            part: bytes = self._content.read1(BLOCK_BYTES)
+            return part
+        except DamagedStream as error:
+            self._damage = error
+            return b""
+
+    def _line_ahead(self) -> bytes:
+        end = self._ahead.find(b"\n") + 1
+        if end:
+            line, self._ahead = self._ahead[:end], self._ahead[end:]
+            return line
+        if self._damage:
+            raise self._damage
+        line, self._ahead = self._ahead, b""
+        return line + bytes(self._content.readline(LINE_BYTES + 1 - len(line)))
+
+    def _behind_line(self, error: DamagedStream) -> DamagedStream:
+        what = f"{self.path}: behind line {self.line}: {error}, expected a whole one"
+        return DamagedStream(what, error.kind, error.is_cut_off)
+
+    def _too_long(self) -> ValueError:
+        return ValueError(f"{self.path}: line {self.line}: longer than {LINE_BYTES >> 20} MiB, expected text")
 
     def read(self, size: int) -> bytes:
         """At most `size` bytes: fewer at the end."""
@@ -175,6 +228,12 @@ def open_plain(path: str | os.PathLike[str]) -> Iterator[PlainFile]:
     """Open a file for reading; what gzip or bzip2 has packed is unpacked on the way."""
     with open_regular(path) as file:
         yield PlainFile(os.fspath(path), file)
+
+
+def split_lines(block: bytes) -> list[bytes]:
+    """Lines of a block, without their ends; they end as those of a `PlainFile`."""
+    lines = block.split(b"\n")
+    return lines if lines[-1] else lines[:-1]
 
 
 def text_lines(path: str | os.PathLike[str]) -> Iterator[tuple[int, str]]:

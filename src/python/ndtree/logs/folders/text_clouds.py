@@ -2,8 +2,9 @@
 """Points in text, a point a line: XYZ, PTS, ASC, CSV and their relatives.
 
 Strategy: the first lines tell the separator, whether a comma is a decimal point, and the columns of x, y and
-z, by a header that names them or else the first three. Then whole blocks of lines are parsed at once; where
-that fails, a block is read line by line, which finds the line at fault.
+z, by a header that names them or else the first three. Then blocks of lines that are all alike are parsed at
+once; others by NumPy, which bears blank lines and any numbers; where that fails, too, line by line, which
+finds the line at fault.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.plain_file import PlainFile, open_plain
+from ndtree.logs.core.decimals import decimals
+from ndtree.logs.core.plain_file import open_plain, split_lines
 from ndtree.logs.core.source import Source
 
 Floats = NDArray[np.float64]
@@ -162,20 +164,22 @@ def text_points(path: str) -> Floats:
         raise ValueError(f"{path}: expected a point a line, x y z first or as a header names the columns")
     parts = [np.empty((0, 3))]
     with open_plain(path) as file:
-        for first, block in _blocks(file):
-            parts.append(_parsed(path, columns, first, block))
+        head = list(islice(file, _LOOKED_AT))  # Headers are among the first lines.
+        parts.append(_parsed(path, columns, 1, head))
+        first = file.line + 1
+        while block := file.block(_BLOCK):
+            found = _at_once(columns, block)
+            parts.append(_parsed(path, columns, first, split_lines(block)) if found is None else found)
+            first = file.line + 1
     found = np.concatenate(parts)
     return found if columns.metres == 1.0 else found * columns.metres
 
 
-def _blocks(file: PlainFile) -> Iterator[tuple[int, list[bytes]]]:
-    """Lines, many at a time, and the number of the first."""
-    lines = iter(file)
-    first, size = 1, _LOOKED_AT  # Headers are among the first.
-    while block := list(islice(lines, size)):
-        yield first, block
-        first += len(block)
-        size = _BLOCK
+def _at_once(columns: Columns, block: bytes) -> Floats | None:
+    """Points of lines that are all alike; None of others."""
+    if columns.decimal_comma:
+        block = block.replace(b",", b".")
+    return decimals(block, columns.separator, columns.xyz)
 
 
 def _parsed(path: str, columns: Columns, first: int, lines: list[bytes]) -> Floats:
