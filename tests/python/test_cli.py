@@ -361,7 +361,7 @@ def refused(done: Any, status: int, *expected: str) -> None:
 
 BAD_LOGS = {
     "missing": (None, ["No such file"]),
-    "directory": ("directory", ["expected a CARMEN log"]),
+    "directory": ("directory", ["expected a log"]),
     "empty": (b"", ["the file is empty, expected"]),
     "rubbish": (bytes(range(256)) * 9, ["binary data, expected"]),
     "cut gzip": (b"\x1f\x8b\x08\0\0\0\0\0\0\x03", ["the gzip stream is cut off, expected"]),

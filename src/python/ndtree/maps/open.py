@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
-from ndtree.logs import MAP_MAGIC
+from ndtree.logs import MAP_MAGIC, OCTOMAP_MAGIC
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.maps.images import states_of_image
 from ndtree.tiles import MANIFEST, open_tiles
 
-OCTOMAP_MAGIC = b"# Octomap OcTree"
 #: Of files of before OctoMap 1.0: a number that other files may begin with, too, so that the name counts.
 OLD_OCTOMAP_MAGIC = b"\3\0\0\0"
 YAML_SUFFIXES = (".yaml", ".yml")

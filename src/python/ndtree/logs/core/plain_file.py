@@ -8,6 +8,7 @@ import codecs
 import gzip
 import io
 import os
+import shlex
 import stat
 import zlib
 from collections.abc import Iterator
@@ -27,6 +28,7 @@ LINE_BYTES = 1 << 24
 #: FREE_BYTES are unpacked from however little; beyond that, a packed byte stands for MOST_PACKED at most.
 FREE_BYTES, MOST_PACKED = 1 << 26, 1000
 _PART = 1 << 17
+_LOOKED_AT = 200
 #: Of text that is parsed at once, with what that takes, this stays in a processor's cache.
 BLOCK_BYTES = 1 << 20
 
@@ -82,6 +84,8 @@ class PlainFile:
     ----------
     line : int
         Number of the line that was read last, from 1.
+    packed : str
+        "gzip" or "bzip2"; "" for a file that is not packed.
     """
 
     def __init__(self, path: str, file: IO[bytes]) -> None:
@@ -93,10 +97,13 @@ class PlainFile:
         magic = file.read(max(len(GZIP_MAGIC), len(BZIP2_MAGIC)))
         file.seek(0)
         raw: Any = None
+        self.packed = ""
         if magic.startswith(GZIP_MAGIC):
-            raw = _Unpacked(path, "gzip", gzip.GzipFile(fileobj=file), file)
+            self.packed = "gzip"
+            raw = _Unpacked(path, self.packed, gzip.GzipFile(fileobj=file), file)
         elif magic == BZIP2_MAGIC:
-            raw = _Unpacked(path, "bzip2", bz2.BZ2File(file), file)
+            self.packed = "bzip2"
+            raw = _Unpacked(path, self.packed, bz2.BZ2File(file), file)
         self._content: Any = file if raw is None else io.BufferedReader(raw, _PART)
 
     @property
@@ -236,10 +243,37 @@ def split_lines(block: bytes) -> list[bytes]:
     return lines if lines[-1] else lines[:-1]
 
 
+def wrongly_written(head: bytes) -> tuple[str, str] | None:
+    """Why a text cannot be read, by its beginning, and the command that mends it; None if it can, or is none.
+
+    The command has ``{}`` where the file's name belongs.
+    """
+    for mark, name in ((codecs.BOM_UTF16_LE, "UTF-16"), (codecs.BOM_UTF16_BE, "UTF-16")):
+        if head.startswith(mark):
+            return "text in UTF-16", f"iconv -f {name} -t UTF-8 {{}} > text.csv"
+    first = head[:_LOOKED_AT]
+    if len(first) > 3 and b"\0" in first:
+        for name, letters, zeros in (
+            ("UTF-16LE", first[::2], first[1::2]),
+            ("UTF-16BE", first[1::2], first[::2]),
+        ):
+            if not any(zeros) and _is_ascii_text(letters):
+                return "text in UTF-16", f"iconv -f {name} -t UTF-8 {{}} > text.csv"
+    elif b"\r" in first.rstrip() and b"\n" not in head and _is_ascii_text(first):
+        return "text whose lines end as on old Macs", "tr '\\r' '\\n' < {} > text.csv"
+    return None
+
+
+def _is_ascii_text(head: bytes) -> bool:
+    return all(9 <= byte <= 13 or 32 <= byte < 127 for byte in head)
+
+
 def text_lines(path: str | os.PathLike[str]) -> Iterator[tuple[int, str]]:
     """Lines of a text file, packed or not, with their numbers from 1; bytes that are no UTF-8: U+FFFD."""
     with open_plain(path) as file:
         for line in file:
+            if file.line == 1 and (wrong := wrongly_written(line)) is not None:
+                raise ValueError(f"{file.path}: {wrong[0]}:\n  {wrong[1].format(shlex.quote(file.path))}")
             yield file.line, line.decode("utf-8", "replace")
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ndtree.logs.core.decimals import decimals
 from ndtree.logs.core.plain_file import open_plain, split_lines
+from ndtree.logs.core.separators import separator_of
 from ndtree.logs.core.source import Source
 
 Floats = NDArray[np.float64]
@@ -32,7 +33,6 @@ MAYBE = (".csv", ".txt", ".tsv", ".dat")
 _COMMENT = (b"#", b"//", b"%")
 #: Lines that are looked at for a header, and lines that are parsed at once.
 _LOOKED_AT, _BLOCK = 50, 1 << 16
-_DECIMAL_COMMA = re.compile(rb"[-+]?\d*,\d+(?:[eE][-+]?\d+)?|[-+]?\d+")
 _AXES = (
     ("x", "y", "z"),
     ("east", "north", "up"),
@@ -42,6 +42,8 @@ _AXES = (
     ("x1", "y1", "z1"),  # Ouster's first return.
 )
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+#: In the first line that rostopic echo -p prints.
+ECHOED = b"field.header"
 #: What is between a name and its unit.
 _UNIT_APART = re.compile(rb"\s+(?=[\[(])")
 
@@ -84,9 +86,8 @@ class Columns:
         fields = line.split(self.separator)
         if len(fields) > 1 and not fields[-1].strip() and self.count in (0, len(fields) - 1):
             fields.pop()  # A separator at the end of the line.
-        return [
-            field.strip().replace(b",", b".") if self.decimal_comma else field.strip() for field in fields
-        ]
+        fields = [field.strip().strip(b'"') for field in fields]
+        return [field.replace(b",", b".") for field in fields] if self.decimal_comma else fields
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,11 @@ def columns_of(lines: Iterable[bytes]) -> Columns | None:
         content = line.strip()
         if not content:
             continue
+        if header is None and (is_of_degrees(content) or ECHOED in content):
+            return None
         comment = next((mark for mark in _COMMENT if content.startswith(mark)), None)
         content = content.removeprefix(comment or b"").strip()
-        separator, decimal_comma = _separator(content)
+        separator, decimal_comma = separator_of(content)
         columns = Columns(separator, decimal_comma, (0, 1, 2), 0)
         fields = columns.fields(content)
         values = None if comment else _values(fields)
@@ -179,6 +182,7 @@ def _at_once(columns: Columns, block: bytes) -> Floats | None:
     """Points of lines that are all alike; None of others."""
     if columns.decimal_comma:
         block = block.replace(b",", b".")
+    block = block.replace(b'"', b"")
     return decimals(block, columns.separator, columns.xyz)
 
 
@@ -217,16 +221,6 @@ def _quick(columns: Columns, lines: list[bytes]) -> Floats | None:
     return found if len(found) == len(lines) else None
 
 
-def _separator(line: bytes) -> tuple[bytes | None, bool]:
-    """What separates the fields of a line, and whether its commas are decimal points."""
-    if b";" in line:
-        return b";", b"," in line
-    fields = line.split()
-    if b"," in line and len(fields) >= 3 and all(_DECIMAL_COMMA.fullmatch(field) for field in fields):
-        return None, True
-    return (b",", False) if b"," in line else (None, False)
-
-
 def _values(fields: Iterable[bytes]) -> list[float] | None:
     """Numbers of fields; None if one is none. An empty one is not measured."""
     try:
@@ -234,6 +228,12 @@ def _values(fields: Iterable[bytes]) -> list[float] | None:
     except ValueError:
         return None
     return values or None
+
+
+def is_of_degrees(line: bytes) -> bool:
+    """Whether a line names columns of latitude and longitude, which are no places in metres."""
+    names = set(re.findall(rb"[a-z]+", line.lower()))
+    return bool(names & {b"lat", b"latitude"}) and bool(names & {b"lon", b"lng", b"long", b"longitude"})
 
 
 def _header(fields: list[bytes], is_comment: bool) -> _Header | None:
