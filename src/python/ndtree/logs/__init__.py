@@ -45,6 +45,7 @@ __all__ = [
     "SizedLog",
     "WrongOption",
     "contents",
+    "kind_of",
     "read",
     "recognised",
     "simulate",
@@ -171,6 +172,21 @@ def contents(
 def recognised(path: str | os.PathLike[str], *, format: str | None = None) -> str:
     """The format of a file or folder, one of `FORMATS`; raises as `read`, without reading the log."""
     return _looked_up(path, format)[1].name
+
+
+def kind_of(path: str | os.PathLike[str]) -> tuple[str, tuple[str, ...]] | None:
+    """What a file or folder that is no map is, with its article, and the commands that make a map of it.
+
+    None where neither a format nor the table of kinds knows it.
+    """
+    try:
+        source, chosen = _looked_up(path, None)
+    except NotALog as found:
+        return found.kind, found.help
+    except (OSError, ValueError, ImportError):
+        return None
+    is_cloud = chosen is POINT_CLOUDS and not source.is_folder
+    return "a point cloud" if is_cloud else chosen.description, (f"ndtree map {shlex.quote(source.path)}",)
 
 
 def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source, Format]:

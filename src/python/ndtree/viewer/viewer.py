@@ -94,6 +94,9 @@ class Viewer:
         """Address of the page."""
         return f"http://{HOST}:{self._server.get_port()}"
 
+    def __repr__(self) -> str:
+        return f"<page of a map at {self.url}>"
+
     def show(self, m: OccupancyMap) -> None:
         """Show a map, or what has become of it. It is copied: it may change at once."""
         self._take(m)
