@@ -56,7 +56,9 @@ def info(
         loaded = load_map(path)
         figures = {"map": str(path), **map_figures(loaded)}
         if not is_stdout(json_file):
-            print(f"{path}: {loaded!r}")
+            low, high = loaded.min_cell_size, loaded.max_cell_size
+            sizes = f"{low:g} m" if low == high else f"{low:g} to {high:g} m"
+            print(f"{path}: {type(loaded).__name__}, {loaded.dim}-D, cells of {sizes}")
             print_map(loaded)
         write_json(figures, json_file)
         return

@@ -163,6 +163,8 @@ def _lines(path: str) -> Iterator[tuple[PoseColumns | None, tuple[int, list[floa
     """Numbers of each line that has any, its number, and what a header before the first of them names."""
     named, behind_header = None, False
     for number, line in text_lines(path):
+        if "\0" in line:
+            raise ValueError(f"{path}: line {number}: binary data, expected poses in text")
         content = with_points(line.split("#", 1)[0])
         fields = content.replace(",", " ").replace(";", " ").split()
         if not behind_header and not _are_numbers(fields):
