@@ -879,7 +879,7 @@ def test_without_its_library_the_extra_is_named(
     numbered(tmp_path, write=write)
     (tmp_path / "poses.txt").write_text(kitti_lines(5))
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ImportError, match=rf"need {library} .* pip install 'ndtree-mapping\[clouds\]'"):
+    with pytest.raises(ImportError, match=rf"need {library} .*:\n  pip install 'ndtree-mapping\[clouds\]'"):
         list(read(tmp_path, keep_going=True))
 
 

@@ -144,3 +144,11 @@ def test_latitudes_are_no_metres() -> None:
     for header in (b"lat,lon,alt", b"# Longitude Latitude Height", b"time;lat;lng;x;y;z"):
         assert columns_of([header, b"48.1,11.5,520,1,2,3".replace(b",", header[4:5])]) is None, header
     assert columns_of([b"plate,longer,x,y,z", b"1,2,3,4,5"]) is not None
+
+
+def test_decimal_commas_do_not_make_beams_of_points(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("1,5;2,5;3,5\n" * 20)
+    with pytest.raises(NotALog) as caught:
+        read(tmp_path / "a.csv")
+    assert caught.value.kind == "points in text without a pose"
+    assert not any("--format text" in way for way in caught.value.help)

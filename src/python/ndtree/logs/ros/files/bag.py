@@ -172,7 +172,7 @@ def _typesys() -> Any:
         from rosbags import typesys
     except ImportError as error:
         raise ImportError(
-            f"ROS bags need rosbags ({error}); install it with: pip install 'ndtree-mapping[ros]'"
+            f"ROS bags need rosbags ({error}); install it with:\n  pip install 'ndtree-mapping[ros]'"
         ) from None
     return typesys
 
@@ -359,7 +359,7 @@ def _zstandard(what: str) -> Any:
     except ImportError as error:
         raise ImportError(
             f"{what}: packed by zstd, which needs zstandard ({error}); "
-            "install it with: pip install 'ndtree-mapping[ros]'"
+            "install it with:\n  pip install 'ndtree-mapping[ros]'"
         ) from None
     return zstandard
 
