@@ -816,7 +816,7 @@ BROKEN: dict[str, tuple[Make, str]] = {
     ),
     "two trajectories": (
         changed("other.txt", kitti_lines(5).encode()),
-        r"2 trajectories, other\.txt and poses\.txt: say which by the option tra",
+        r"2 trajectories, expected one of them:\n  --trajectory .*other\.txt\n  --trajectory .*poses\.txt",
     ),
     "trajectory too short": (
         changed("poses.txt", kitti_lines(4).encode()),

@@ -128,4 +128,4 @@ class NotALog(ValueError):
     def __init__(self, path: str, kind: str, help: Iterable[str] = (), *, has_points: bool = False) -> None:
         self.kind, self.help, self.has_points = kind, tuple(help), has_points
         ways = "".join(f"\n  {way}" for way in self.help)
-        super().__init__(f"{path}: {kind}{'; try' * bool(ways)}{ways}")
+        super().__init__(f"{path}: {kind}{f'; try{ways}' if ways else ', expected a log'}")
