@@ -159,7 +159,8 @@ def _is_bad(digits: Words, points: Words) -> NDArray[np.bool_]:
     above = (digits | (digits + _ABOVE_9)) & _TOP
     others = digits & (points * _U[255])
     several = points & (points - _U[1])
-    return (above | others | several) != _U[0]
+    bad: NDArray[np.bool_] = (above | others | several) != _U[0]
+    return bad
 
 
 def _closed(digits: Words, points: Words) -> Words:
