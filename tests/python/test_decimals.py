@@ -91,7 +91,8 @@ def test_random_numbers_of_any_length_are_exact() -> None:
 def test_lines_that_are_not_alike_are_left_to_others() -> None:
     for block in (
         b"1 2 3\n4 5\n", b"1 2 3\n\n4 5 6\n", b"1 2\n3\n4 5 6\n", b"", b"\n", b"# 1 2\n1 2 3\n",
-        b"1 2 3\n4 5 x\n",        b"1 2 3 4 5 6\n7 8 9\n10 11 12\n", b"1 2\x003\n", b"1 2 3\n4 5 6 7 8 9\n",
+        b"1 2 3\n4 5 x\n",        b"1 2 3 4 5 6\n7 8 9\n10 11 12\n", b"1 2\x003\n",
+        b"1 2 3\r4 5 6\n", b"1 2 3\n4 5 6 7 8 9\n",
     ):  # fmt: skip
         assert decimals(block, None, (0, 1, 2)) is None, block
     for block in (

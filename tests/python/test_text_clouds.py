@@ -138,6 +138,16 @@ def test_quotes_around_fields_are_no_part_of_them(tmp_path: Path) -> None:
     lines = [";".join(f'"{value:.4f}"'.replace(".", ",") for value in row) for row in rows]
     (tmp_path / "a.csv").write_text("\n".join(['"x";"y";"z"', *lines, ""]))
     np.testing.assert_array_equal(text_points(str(tmp_path / "a.csv")), rows)
+    plain = ["1.5,2.5,3.5"] * 100
+    for number, damaged in (
+        (9, '1.5,2"5,3.5'),
+        (80, '1.5,2"5,3.5'),
+        (81, '"1.5,2.5,3.5'),
+        (82, '1.5,"2.5,"3.5'),
+    ):
+        (tmp_path / "b.csv").write_text("\n".join([*plain[: number - 1], damaged, *plain]))
+        with pytest.raises(ValueError, match=rf"b\.csv: line {number}: found "):
+            text_points(str(tmp_path / "b.csv"))
 
 
 def test_latitudes_are_no_metres() -> None:

@@ -63,6 +63,8 @@ def decimals(
     (lines, columns) float64 or None
         None where the lines are not all alike, or where many fields are no plain decimal numbers.
     """
+    if block.count(b"\r") != block.count(b"\r\n"):  # Some take it for the end of a line.
+        return None
     text = np.frombuffer(b"\n" * _WINDOW + block + b"\n", np.uint8)
     fields = _fields(text, separator, max(columns) + 1)
     if fields is None or (count is not None and fields[0].shape[1] != count):

@@ -48,6 +48,14 @@ ECHOED = b"field.header"
 _UNIT_APART = re.compile(rb"\s+(?=[\[(])")
 
 
+#: Quotes around a whole field; others are damage.
+_QUOTED = re.compile(rb'(?:^|(?<=[;,\t ]))"([^"\s;,]*)"(?=[;,\t ]|\r?$)', re.MULTILINE)
+
+
+def _unquoted(field: bytes) -> bytes:
+    return field[1:-1] if len(field) > 1 and field[:1] == field[-1:] == b'"' else field
+
+
 @dataclass(frozen=True)
 class Columns:
     """How the lines of a file are to be read.
@@ -86,7 +94,7 @@ class Columns:
         fields = line.split(self.separator)
         if len(fields) > 1 and not fields[-1].strip() and self.count in (0, len(fields) - 1):
             fields.pop()  # A separator at the end of the line.
-        fields = [field.strip().strip(b'"') for field in fields]
+        fields = [_unquoted(field.strip()) for field in fields]
         return [field.replace(b",", b".") for field in fields] if self.decimal_comma else fields
 
 
@@ -182,7 +190,8 @@ def _at_once(columns: Columns, block: bytes) -> Floats | None:
     """Points of lines that are all alike; None of others."""
     if columns.decimal_comma:
         block = block.replace(b",", b".")
-    block = block.replace(b'"', b"")
+    if b'"' in block:
+        block = _QUOTED.sub(rb"\1", block)
     return decimals(block, columns.separator, columns.xyz)
 
 
