@@ -63,7 +63,7 @@ def decimals(
     (lines, columns) float64 or None
         None where the lines are not all alike, or where many fields are no plain decimal numbers.
     """
-    if block.count(b"\r") != block.count(b"\r\n"):  # Some take it for the end of a line.
+    if b"\r" in block and block.count(b"\r") != block.count(b"\r\n"):  # Some take it for the end of a line.
         return None
     text = np.frombuffer(b"\n" * _WINDOW + block + b"\n", np.uint8)
     fields = _fields(text, separator, max(columns) + 1)
