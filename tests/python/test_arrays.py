@@ -160,7 +160,7 @@ def damaged_files():
     version[8] = 9
     return [
         (b"", "not an ndtree map"),
-        (b"P5\n# a picture\n", "not an ndtree map"),
+        (b"no map\n", "not an ndtree map"),
         (whole[:-1], "truncated or overlong"),
         (whole[:30], "truncated or overlong"),
         (whole + b"more", "truncated or overlong"),

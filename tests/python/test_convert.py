@@ -543,7 +543,7 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path: Path, plane: ndtree.Adap
 
 def test_what_is_no_map_is_refused(tmp_path: Path, space: ndtree.AdaptiveMap) -> None:
     (tmp_path / "log.txt").write_text("1 2 3\n")
-    with pytest.raises(ValueError, match=r"log\.txt: is no map, expected"):
+    with pytest.raises(ValueError, match=r"log\.txt: a point cloud, expected"):
         ndtree.convert(tmp_path / "log.txt", tmp_path / "a.ply")
     with pytest.raises(FileNotFoundError, match="none"):
         ndtree.convert(tmp_path / "none.ndt", tmp_path / "a.ply")

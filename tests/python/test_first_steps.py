@@ -218,3 +218,58 @@ def test_a_strict_checker_accepts_what_pages_show(tmp_path: Path) -> None:
     assert not failed, failed
     wrong = [line for line in said.splitlines() if "_page.py:" in line and ": error: " in line]
     assert not wrong, "\n".join(wrong)
+
+
+# --- What is no map ---------------------------------------------------------------------------------
+
+
+def test_load_says_what_a_log_is_and_which_call_reads_it(tmp_path: Path) -> None:
+    log = tmp_path / "drive.log"
+    log.write_text("FLASER 2 1.0 2.0 0 0 0 0 0 0 0.0 host 0.0\n")
+    with pytest.raises(ValueError, match="a CARMEN log, expected a map of ndtree's or OctoMap's") as caught:
+        ndtree.load(log)
+    first, typed, in_python = str(caught.value).splitlines()
+    assert first.startswith(f"{log}: ") and typed == f"  ndtree map {log}"
+    m = ndtree.AdaptiveMap(dim=2)
+    exec(in_python.removeprefix("  in Python: "), {"ndtree": ndtree, "m": m})
+    assert m.state([0.0, -0.5]) == -1 or m.state([0.5, 0.0]) == -1 or m.stats().observed_leaves > 0
+    (tmp_path / "page.pdf").write_bytes(b"%PDF-1.4\n")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "noise.bin").write_bytes(bytes(range(256)) * 9)
+    for name, kind in (("page.pdf", "a PDF, expected a map of ndtree's"), ("noise.bin", "not an ndtree map")):
+        with pytest.raises(ValueError, match=rf"^{tmp_path / name}: {kind}"):
+            ndtree.load(tmp_path / name)
+    with pytest.raises(IsADirectoryError):
+        ndtree.load(tmp_path / "empty")
+    with pytest.raises(FileNotFoundError):
+        ndtree.load(tmp_path / "none.ndt")
+
+
+def test_load_names_the_call_for_maps_of_other_kinds(tmp_path: Path) -> None:
+    from ndtree.maps.open import is_map
+
+    m = room()
+    m.save(tmp_path / "whole.ndt")
+    cut = tmp_path / "cut.ndt"
+    cut.write_bytes((tmp_path / "whole.ndt").read_bytes()[:-9])
+    with pytest.raises(ValueError, match="truncated or overlong"):
+        ndtree.load(cut)
+    pytest.importorskip("PIL", reason="no Pillow: no images")
+    pytest.importorskip("yaml", reason="no PyYAML: no map_server")
+    m.save(tmp_path / "plan.pgm")
+    assert is_map(tmp_path / "plan.yaml")
+    with pytest.raises(ValueError, match="a map of map_server's, expected one of ndtree's") as caught:
+        ndtree.load(tmp_path / "plan.yaml")
+    call = str(caught.value).splitlines()[1].replace("'plan.ndt'", repr(str(tmp_path / "plan.ndt")))
+    exec(call.strip(), {"ndtree": ndtree})
+    assert ndtree.load(tmp_path / "plan.ndt").state([2.05, 0.0]) == 1
+
+
+@pytest.mark.parametrize("name", ["compare", "calibrate", "first_look"])
+def test_a_name_in_the_place_of_a_log_is_to_be_read(name: str) -> None:
+    with pytest.raises(
+        TypeError, match=r"log = 'drive\.bag': expected a Log, as of:\n  ndtree\.read\('drive"
+    ):
+        getattr(ndtree, name)("drive.bag")
+    with pytest.raises(TypeError, match=r"expected a Log"):
+        getattr(ndtree, name)(Path("drive.bag"))

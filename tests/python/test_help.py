@@ -20,7 +20,7 @@ import ndtree
 from ndtree.cli.commands import COMMANDS, app, every
 from ndtree.cli.commands.pages import MOST_LINES, pages, table_of_options
 from ndtree.cli.commands.table import QUESTIONS, TOUCHED, row_of
-from ndtree.cli.help import FOLDER, page_asked_for, path_of
+from ndtree.cli.help import FOLDER, WIDTH, fitted, page_asked_for, path_of
 
 RUN = CliRunner()
 
@@ -121,3 +121,21 @@ def test_a_page_comes_without_what_makes_it() -> None:
         == page
         + "0 ndtree ndtree.base ndtree.base.exit_status ndtree.cli ndtree.cli.help ndtree.cli.interrupt\n\n"
     )
+
+
+@pytest.mark.parametrize("columns", [60, 80, 99])
+def test_pages_fit_narrow_terminals(columns: int) -> None:
+    """Word for word, in lines that fit, but for what is to be typed; names stay where they were."""
+    count = 0
+    for path in Path(FOLDER).glob("*.txt"):
+        text = path.read_text(encoding="utf-8")
+        found = fitted(text, columns)
+        assert found.split() == text.split(), path
+        assert fitted(text, WIDTH) == text
+        for line in found.splitlines():
+            typed = line.startswith(("  ndtree ", "usage: "))
+            assert len(line) <= columns or typed or len(line.split()) == 1, f"{path}: {line}"
+        heads = [line[:20] for line in text.splitlines() if line.startswith("  --")]
+        assert [line[:20] for line in found.splitlines() if line.startswith("  --")] == heads
+        count += 1
+    assert count > 20

@@ -18,7 +18,7 @@ pytest.importorskip("matplotlib")
 from typer.testing import CliRunner
 
 import ndtree
-from ndtree.cli.commands import app, every
+from ndtree.cli.commands import app, every, messages
 from ndtree.cli.commands.messages import in_words, laid_out
 from ndtree.logs import READER_OPTIONS
 
@@ -118,7 +118,20 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("info office.ndt --look", 2, "--look: is for a LOG, and office.ndt is a map"),
     ("info damaged.ndt", 1, "damaged.ndt"),
     ("view", 2, "MAP is missing, expected ndtree view MAP"),
-    ("view office.npz", 1, "office.npz: is no map, expected a map of ndtree's"),
+    ("view office.npz", 1, "office.npz: an .npz recording, expected a map of ndtree's"),
+    ("view office.ndt --picture a.png", 2, "--picture: no such option: did you mean --png?"),
+    ("view office.ndt -o a.png", 2, "-o: no such option: did you mean --png?"),
+    ("demo --world office", 2, "--world: no such option ndtree demo --help"),
+    ("live office.npz --save-every 0 -o z.ndt", 2, "--save-every 0 s: must be > 0"),
+    ("live office.npz --window -1 -o z.ndt", 2, "--window -1 m: must be > 0"),
+    (
+        "map office.npz -o o.ndt --box 1,1,0,0",
+        2,
+        "--box from [1.0, 1.0] to [0.0, 0.0]: must be lower < upper",
+    ),
+    ("map office.npz -o o.bt", 1, "a 2-D map: OctoMap has three dimensions"),
+    ("convert office.ndt a.pgm --states free", 2, "does not read it, but --cell-size, --height"),
+    ("map a.txt", 1, "which kinds there are: ndtree map --help"),
     ("view nothing.ndt", 1, "nothing.ndt: No such file"),
     ("view office.ndt --slice q=1", 2, "--slice q=1: expected an axis and a position in metres, as in z=1.2"),
     ("view office.ndt --slice z=1 --png a.png", 2, "--slice: the map is 2-D"),
@@ -132,7 +145,7 @@ CALLS: tuple[tuple[str, int, str], ...] = (
     ("view office.ndt --png a.png --open", 2, "--open: is for the page, not for --png"),
     ("convert office.ndt", 2, "OUT is missing, expected ndtree convert MAP OUT"),
     ("convert office.ndt a.xyz", 2, "a.xyz: no format has this ending, expected one of"),
-    ("convert office.npz a.ply", 1, "office.npz: is no map, expected"),
+    ("convert office.npz a.ply", 1, "office.npz: an .npz recording, expected"),
     ("convert office.ndt a.yaml --height 1 2", 1, "--height: a map in the plane has none"),
     ("convert rooms.ndt a.yaml --height 2 1", 1, "--height 2 to 1 m: must be from low to high"),
     ("convert office.ndt a.ply --states foo", 1, "--states foo: must be some of occupied, free, frontier"),
@@ -257,3 +270,14 @@ def test_quiet_says_nothing_but_what_is_wrong(
     assert done.exit_code == 1 and done.stderr.startswith("ndtree: a.txt: line 1")
     done = said(f"map office.npz a.txt -q -o {tmp_path}", folder, monkeypatch)
     assert done.exit_code == 1 and done.stdout == "" and done.stderr.startswith("ndtree: a.txt: line 1")
+
+
+def test_lines_fit_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of what is said; what is to be typed stays on one line."""
+    said = f"drive.bag: {'beams without return are left out, ' * 6}try"
+    typed = f"ndtree map drive.bag {'x' * 90}"
+    for columns, most in ((80, 80), (60, 60), (300, 159), (None, 159)):
+        monkeypatch.setattr(messages, "terminal_width", lambda columns=columns: columns)
+        *lines, last = laid_out(f"{said}\n  {typed}").splitlines()
+        assert last == f"    {typed}" and len(lines) > 1
+        assert max(map(len, lines)) <= most and " ".join(" ".join(lines).split()) == f"ndtree: {said}"

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
 import time
@@ -318,9 +319,14 @@ def test_an_axes_that_is_given_is_used(flat: Any, solid: Any) -> None:
 
 
 def test_wrong_maps_are_refused(flat: Any, solid: Any, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="the map is 3-D: this picture needs a 2-D map"):
+    with pytest.raises(
+        ValueError,
+        match=r"the map is 3-D: this picture needs a 2-D map; .*\n  ndtree\.plot\.slice\(m, z=1\.0\)",
+    ):
         plot.occupancy(solid)
-    with pytest.raises(ValueError, match="the map is 2-D: this picture needs a 3-D map"):
+    with pytest.raises(
+        ValueError, match=r"the map is 2-D: this picture needs a 3-D map; .*\n  ndtree\.plot\.occupancy\(m\)"
+    ):
         plot.occupied(flat)
     with pytest.raises(ValueError, match="the map is empty"):
         plot.cells(ndtree.AdaptiveMap(dim=2))
@@ -370,8 +376,7 @@ def test_without_matplotlib_the_extra_is_named() -> None:
         "try:\n    import ndtree.plot\nexcept ImportError as error:\n    print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "pip install 'ndtree-mapping[plot]'" in done.stdout
-    assert done.stdout.count("\n") == 1
+    assert done.stdout.splitlines()[1:] == ["  pip install 'ndtree-mapping[plot]'"], done.stderr
 
 
 def test_a_close_up_shows_both_maps_alike_and_counts_their_cells(flat: Any, tmp_path: Path) -> None:
@@ -562,3 +567,25 @@ def test_the_ros_style_has_the_colors_of_map_server(flat: Any, tmp_path: Path) -
 def test_titles_say_how_many_cells_of_which_sizes_in_metres(flat: Any) -> None:
     title = plot.overview(flat).axes[0].get_title("left")
     assert title == f"adaptive, {flat.stats().observed_leaves:,} cells of 0.05 m to 0.8 m"
+
+
+def test_notebooks_show_what_is_drawn() -> None:
+    """All functions give what has a PNG of itself, of some size, and pyplot holds none of the figures."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.1)
+    m.insert(np.array([[2.0, 1.0], [2.0, 1.1]]), [0.0, 0.0])
+    m3 = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1)
+    m3.insert(np.array([[2.0, 1.0, 0.0], [2.0, 1.1, 0.0]]), [0.0, 0.0, 0.0])
+    drawn = [
+        ndtree.plot.occupancy(m), ndtree.plot.cells(m), ndtree.plot.cell_sizes(m),
+        ndtree.plot.slice(m3, z=0.05),        ndtree.plot.overview(m), ndtree.plot.side_by_side(m, m),
+    ]  # fmt: skip
+    for one in drawn:
+        png = one._repr_png_()
+        assert png.startswith(b"\x89PNG") and len(png) > 1000
+        width, height = struct.unpack(">II", png[16:24])
+        assert 300 <= width <= 1200 and 100 <= height <= 1200
+    assert not pyplot.get_fignums()
+    own = pyplot.figure().add_subplot()
+    assert ndtree.plot.occupancy(m, ax=own) is own
+    pyplot.close("all")

@@ -251,7 +251,7 @@ def test_a_cloud_alone_is_a_scan_from_its_viewpoint(tmp_path: Path) -> None:
     (scan,) = read(path)
     np.testing.assert_array_equal(scan.endpoints, cloud(0))
     np.testing.assert_array_equal(scan.origin, np.zeros(3))
-    with pytest.raises(ValueError, match=r"table.ply: a PLY of points without a pose; try ndtree map "):
+    with pytest.raises(ValueError, match=r"table.ply: a PLY of points without a pose; try\n  ndtree map "):
         read(ply_by_trimesh(tmp_path / "table", cloud(0)))
 
 
@@ -808,15 +808,15 @@ BROKEN: dict[str, tuple[Make, str]] = {
     "two kinds": (two_kinds, "found PCD and PLY files, expected PCD, PLY, .* of one kind"),
     "no poses": (
         numbered,
-        r"3 PCD files without poses \(VIEWPOINT is the identity in all\); try ndtree map ",
+        r"3 PCD files without poses \(VIEWPOINT is the identity in all\); try\n  ndtree map ",
     ),
     "no poses of PLY": (
         lambda folder: numbered(folder, write=ply_by_trimesh),
-        r"3 PLY files without poses; try ndtree map .* --points-only .* or --trajectory FILE",
+        r"3 PLY files without poses; try\n  ndtree map (.|\n)* --points-only (.|\n)*\n  --trajectory FILE",
     ),
     "two trajectories": (
         changed("other.txt", kitti_lines(5).encode()),
-        r"2 trajectories, other\.txt and poses\.txt: say which by the option tra",
+        r"2 trajectories, expected one of them:\n  --trajectory .*other\.txt\n  --trajectory .*poses\.txt",
     ),
     "trajectory too short": (
         changed("poses.txt", kitti_lines(4).encode()),
@@ -842,7 +842,14 @@ BROKEN: dict[str, tuple[Make, str]] = {
         changed("calib.txt", b"P0: 1\nTr: 1 2 3\n", kitti),
         r"calib\.txt: line 2: Tr: expected a 3x4",
     ),
-    "kitti no poses": (changed("poses.txt", None, kitti), r"no poses, expected poses\.txt in it, "),
+    "kitti no poses": (
+        changed("poses.txt", None, kitti),
+        r"a KITTI sequence without poses: neither poses\.txt in it nor ",
+    ),
+    "kitti no calib": (
+        changed("calib.txt", None, kitti),
+        r"a KITTI sequence without calib\.txt, .*; try\n  ndtree map .* --trajectory .*poses\.txt \(if",
+    ),
     "kitti few poses": (changed("poses.txt", kitti_lines(2).encode(), kitti), r"000002\.bin: number 2, but"),
 }
 
@@ -853,7 +860,8 @@ def test_broken_folders_are_named_with_file_and_expectation(case: str, tmp_path:
     folder = make(tmp_path)
     with pytest.raises(ValueError, match=message) as caught:
         list(read(folder))
-    assert str(caught.value).startswith(str(folder)) and "\n" not in str(caught.value)
+    assert str(caught.value).startswith(str(folder))
+    assert all(line.startswith("  ") for line in str(caught.value).splitlines()[1:])
 
 
 def test_the_other_scans_can_be_kept(tmp_path: Path) -> None:
@@ -871,7 +879,7 @@ def test_without_its_library_the_extra_is_named(
     numbered(tmp_path, write=write)
     (tmp_path / "poses.txt").write_text(kitti_lines(5))
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ImportError, match=rf"need {library} .* pip install 'ndtree-mapping\[clouds\]'"):
+    with pytest.raises(ImportError, match=rf"need {library} .*:\n  pip install 'ndtree-mapping\[clouds\]'"):
         list(read(tmp_path, keep_going=True))
 
 

@@ -124,9 +124,41 @@ def test_beams_and_poses_are_not_taken_for_points(tmp_path: Path) -> None:
     assert read(tmp_path / "beams.txt").format == "text"
     (tmp_path / "track.txt").write_text("1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n")
     with pytest.raises(
-        NotALog, match=r"track\.txt: a trajectory, poses with times; try ndtree map LOG --traj"
+        NotALog, match=r"track\.txt: a trajectory, poses with times; try\n  ndtree map LOG --traj"
     ):
         read(tmp_path / "track.txt")
     (tmp_path / "heights.asc").write_text("ncols 3\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 2 3\n")
     with pytest.raises(NotALog, match="a grid of heights"):
         read(tmp_path / "heights.asc")
+
+
+def test_quotes_around_fields_are_no_part_of_them(tmp_path: Path) -> None:
+    """In the first lines and in blocks; also beside decimal commas."""
+    rows = np.random.default_rng(5).normal(size=(400, 3)).round(4)
+    lines = [";".join(f'"{value:.4f}"'.replace(".", ",") for value in row) for row in rows]
+    (tmp_path / "a.csv").write_text("\n".join(['"x";"y";"z"', *lines, ""]))
+    np.testing.assert_array_equal(text_points(str(tmp_path / "a.csv")), rows)
+    plain = ["1.5,2.5,3.5"] * 100
+    for number, damaged in (
+        (9, '1.5,2"5,3.5'),
+        (80, '1.5,2"5,3.5'),
+        (81, '"1.5,2.5,3.5'),
+        (82, '1.5,"2.5,"3.5'),
+    ):
+        (tmp_path / "b.csv").write_text("\n".join([*plain[: number - 1], damaged, *plain]))
+        with pytest.raises(ValueError, match=rf"b\.csv: line {number}: found "):
+            text_points(str(tmp_path / "b.csv"))
+
+
+def test_latitudes_are_no_metres() -> None:
+    for header in (b"lat,lon,alt", b"# Longitude Latitude Height", b"time;lat;lng;x;y;z"):
+        assert columns_of([header, b"48.1,11.5,520,1,2,3".replace(b",", header[4:5])]) is None, header
+    assert columns_of([b"plate,longer,x,y,z", b"1,2,3,4,5"]) is not None
+
+
+def test_decimal_commas_do_not_make_beams_of_points(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("1,5;2,5;3,5\n" * 20)
+    with pytest.raises(NotALog) as caught:
+        read(tmp_path / "a.csv")
+    assert caught.value.kind == "points in text without a pose"
+    assert not any("--format text" in way for way in caught.value.help)

@@ -255,3 +255,30 @@ def test_a_recorded_trajectory_is_read(recordings: Path) -> None:
     assert len(one) > 100 and np.all(np.diff(one.stamps) > 0)
     other = read_trajectory(recordings / "lidar_avia_hku_mb" / "pcd_format" / "odom_poses.txt")
     assert len(other) >= 457
+
+
+def test_decimal_commas_are_points(tmp_path: Path) -> None:
+    rows = [f"{i}.25 {i}.5 -0.125 3 0 0 0 1" for i in range(3)]
+    expected = written(tmp_path / "points.txt", rows)
+    for name, separator in (("semicolons.csv", ";"), ("blanks.txt", " "), ("tabs.txt", "\t")):
+        found = written(tmp_path / name, [row.replace(".", ",").replace(" ", separator) for row in rows])
+        assert found.stamps.tolist() == expected.stamps.tolist() == [0.25, 1.25, 2.25]
+        assert found.positions.tolist() == expected.positions.tolist()
+    named = ["time;qw;qx;qy;qz;x;y;z", "0,5;1;0;0;0;1,5;2,5;3,5"]
+    assert written(tmp_path / "named.csv", named).positions.tolist() == [[1.5, 2.5, 3.5]]
+    commas = written(tmp_path / "commas.csv", [row.replace(" ", ",") for row in rows])
+    assert commas.positions.tolist() == expected.positions.tolist()
+
+
+def test_text_in_utf16_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_bytes("0 0 0 0 0 0 0 1\n".encode("utf-16"))
+    with pytest.raises(ValueError, match=r"a\.txt: text in UTF-16:\n  iconv -f UTF-16 -t UTF-8 .*a\.txt > "):
+        read_trajectory(tmp_path / "a.txt")
+    (tmp_path / "b.txt").write_bytes(b"0 0 0 0 0 0 0 1\r1 0 0 0 0 0 0 1\r")
+    with pytest.raises(ValueError, match=r"b\.txt: text whose lines end as on old Macs:\n  tr .*b\.txt > "):
+        read_trajectory(tmp_path / "b.txt")
+
+
+def written(path: Path, lines: list[str]) -> Trajectory:
+    path.write_text("\n".join([*lines, ""]))
+    return read_trajectory(path)

@@ -53,7 +53,6 @@ if TYPE_CHECKING:
         from_bytes,
         from_grid,
         has_octomap,
-        load,
         load_octomap,
     )
     from ndtree.base.scan import Scan
@@ -61,6 +60,7 @@ if TYPE_CHECKING:
     from ndtree.evaluation.map_comparison import MapComparison, compare_maps
     from ndtree.logs import Log, read, simulate
     from ndtree.maps.conversion import convert
+    from ndtree.maps.loading import load
     from ndtree.tiles import TiledMap, TileMapper, open_tiles
     from ndtree.tuning.calibration import Calibration, calibrate
     from ndtree.tuning.first_look import FirstLook, first_look
@@ -136,6 +136,7 @@ _MODULES = {
     "compare_maps": "ndtree.evaluation.map_comparison",
     "convert": "ndtree.maps.conversion",
     "first_look": "ndtree.tuning.first_look",
+    "load": "ndtree.maps.loading",
     "open_tiles": "ndtree.tiles",
     "read": "ndtree.logs",
     "simulate": "ndtree.logs",

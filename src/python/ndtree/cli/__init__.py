@@ -60,7 +60,7 @@ def main() -> NoReturn:
             raise
         print(
             f"ndtree: the command line needs {error.name}; "
-            "install it with: pip install 'ndtree-mapping[cli]'",
+            "install it with:\n    pip install 'ndtree-mapping[cli]'",
             file=sys.stderr,
         )
         sys.exit(WRONG_CALL)

@@ -5,12 +5,14 @@ from __future__ import annotations
 
 import errno
 import os
+import shlex
 from typing import Any
 
 from ndtree.logs.core.failures import NotALog, readable
 from ndtree.logs.core.joined import JoinedLog
 from ndtree.logs.core.log import Log, SizedLog
 from ndtree.logs.core.source import Format, ReaderOption, Source, WrongOption, source_of
+from ndtree.logs.folders.cloud_files import kind_of_file
 from ndtree.logs.folders.depth_folder import DEPTH_FOLDER
 from ndtree.logs.folders.kitti import KITTI
 from ndtree.logs.folders.kitti_raw import KITTI_RAW
@@ -20,13 +22,13 @@ from ndtree.logs.folders.three_dtk import THREE_DTK
 from ndtree.logs.folders.tum_rgbd import TUM_RGBD
 from ndtree.logs.formats.carmen import CARMEN
 from ndtree.logs.formats.e57 import E57
-from ndtree.logs.formats.npz import NPZ, ZIP_MAGIC
+from ndtree.logs.formats.npz import NPZ
 from ndtree.logs.formats.octomap_graph import OCTOMAP_GRAPH
 from ndtree.logs.formats.ptx import PTX
 from ndtree.logs.formats.simulated import SimulatedLog, simulate
-from ndtree.logs.formats.text import EXPECTED, TEXT, first_line
+from ndtree.logs.formats.text import TEXT, are_numbers, fields_of, first_line
 from ndtree.logs.formats.velodyne import VELODYNE
-from ndtree.logs.kinds import before_formats, not_a_log
+from ndtree.logs.kinds import before_formats, not_a_log, packed
 from ndtree.logs.ros.rosbag_format import ROSBAG
 from ndtree.logs.sfm.bal import BAL
 from ndtree.logs.sfm.bundler import BUNDLER
@@ -43,6 +45,7 @@ __all__ = [
     "SizedLog",
     "WrongOption",
     "contents",
+    "kind_of",
     "read",
     "recognised",
     "simulate",
@@ -70,6 +73,9 @@ _TABLE: tuple[Format, ...] = (
     TEXT,
 )
 
+#: Those that are read where they are, and not unpacked on the way.
+_UNPACKED = (NPZ, ROSBAG, E57, VELODYNE)
+
 #: The words for ``format=``.
 FORMATS = tuple(sorted(format.name for format in _TABLE))
 
@@ -78,11 +84,12 @@ READER_OPTIONS: tuple[ReaderOption, ...] = tuple(
     {option.name: option for format in _TABLE for option in format.options}.values()
 )
 
-_DESCRIPTIONS = [format.description for format in _TABLE]
-_KNOWN = f"{', '.join(_DESCRIPTIONS[:-1])}, or {_DESCRIPTIONS[-1]}"
+_A_LOG = "a log"
+_KINDS_ARE = f"expected {_A_LOG}; which kinds there are:\n  ndtree map --help"
 
-#: First bytes of a map's own file.
+#: First bytes of a map's own file, and of one of OctoMap's.
 MAP_MAGIC = b"\x89NDT"
+OCTOMAP_MAGIC = b"# Octomap OcTree"
 
 
 def read(
@@ -167,6 +174,21 @@ def recognised(path: str | os.PathLike[str], *, format: str | None = None) -> st
     return _looked_up(path, format)[1].name
 
 
+def kind_of(path: str | os.PathLike[str]) -> tuple[str, tuple[str, ...]] | None:
+    """What a file or folder that is no map is, with its article, and the commands that make a map of it.
+
+    None where neither a format nor the table of kinds knows it.
+    """
+    try:
+        source, chosen = _looked_up(path, None)
+    except NotALog as found:
+        return found.kind, found.help
+    except (OSError, ValueError, ImportError):
+        return None
+    is_cloud = chosen is POINT_CLOUDS and not source.is_folder
+    return "a point cloud" if is_cloud else chosen.description, (f"ndtree map {shlex.quote(source.path)}",)
+
+
 def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source, Format]:
     """A file or folder, and its format."""
     name = os.fspath(path)
@@ -174,7 +196,7 @@ def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source
     if format is not None and format not in by_name:
         raise ValueError(f"format = {format!r}: must be one of {', '.join(FORMATS)}")
     with readable(name):
-        source = source_of(name, _KNOWN)
+        source = source_of(name, _A_LOG)
         chosen = by_name[format] if format is not None else _recognised(source)
     if not chosen.may_be(source):
         if source.is_folder:
@@ -184,11 +206,19 @@ def _looked_up(path: str | os.PathLike[str], format: str | None) -> tuple[Source
 
 
 def _recognised(source: Source) -> Format:
+    if source.head.startswith((MAP_MAGIC, OCTOMAP_MAGIC)):
+        kind = "a map" if source.head.startswith(MAP_MAGIC) else "a map of OctoMap's"
+        raise ValueError(
+            f"{source.path}: is {kind}, expected a log; to look at it:\n"
+            f"  ndtree view {shlex.quote(source.path)}"
+        )
     other = before_formats(source)
     if other is not None:
         raise other
     for row in _TABLE:
         if row.may_be(source) and row.recognises(source):
+            if source.packed and (row in _UNPACKED or kind_of_file(source.head) is not None):
+                raise packed(source, row.description if row in _UNPACKED else "points")
             return row
     other = not_a_log(source)
     if other is not None:
@@ -196,21 +226,21 @@ def _recognised(source: Source) -> Format:
     if source.is_folder:
         some = ", ".join(source.names[:6]) + (", ..." if len(source.names) > 6 else "")
         found = f"a directory with {some}" if source.names else "an empty directory"
-        raise IsADirectoryError(errno.EISDIR, f"is {found}, expected {_KNOWN}", source.path)
-    if source.head.startswith(ZIP_MAGIC):
-        raise ValueError(f"{source.path}: a zip archive without points.npy, expected {_KNOWN}")
-    if source.head.startswith(MAP_MAGIC):
-        raise ValueError(
-            f"{source.path}: is a map, expected a log; to look at it:\n  ndtree view {source.path}"
-        )
+        raise IsADirectoryError(errno.EISDIR, f"is {found}, {_KINDS_ARE}", source.path)
     if b"\0" in source.head:
-        raise ValueError(f"{source.path}: binary data, expected {_KNOWN}")
+        raise ValueError(f"{source.path}: binary data, {_KINDS_ARE}")
     line = first_line(source)
     if line is None:
-        raise ValueError(f"{source.path}: only comments, expected {_KNOWN}")
+        raise ValueError(f"{source.path}: only comments, {_KINDS_ARE}")
+    fields = fields_of(line[1])
     start = line[1].strip()
-    start = start if len(start) <= 40 else start[:37] + "..."
-    raise ValueError(f"{source.path}: line {line[0]}: found {start!r}, expected {_KNOWN} ({EXPECTED})")
+    start = repr(start if len(start) <= 40 else start[:37] + "...")
+    if len(fields) > 7 and are_numbers(fields):
+        start = f"{len(fields)} numbers"
+    raise ValueError(
+        f"{source.path}: line {line[0]}: found {start}, expected x y z of a point, 4 to 7 numbers of a beam, "
+        "or another log; which kinds there are:\n  ndtree map --help"
+    )
 
 
 def _require_taken(source: Source, format: Format, options: dict[str, Any]) -> None:

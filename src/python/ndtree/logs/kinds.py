@@ -7,13 +7,23 @@ import json
 import os
 import re
 import shlex
+import zipfile
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from ndtree.logs.core.failures import NotALog, shown
+from ndtree.logs.core.plain_file import wrongly_written
 from ndtree.logs.core.source import Source
-from ndtree.logs.poses.trajectory_files import trajectory_kind
+from ndtree.logs.folders.text_clouds import ECHOED, is_of_degrees
+from ndtree.logs.formats.npz import ZIP_MAGIC
+from ndtree.logs.poses.trajectory_files import read_trajectory, trajectory_kind
 
+_NPZ = 'in Python: numpy.savez("scan.npz", origins=[[x, y, z]], points=points, offsets=[0, len(points)])'
+_SHEET = "saving it as CSV, with a header that names x, y and z"
+_POINTS_ON = "sampling points on it: CloudCompare saves them as PLY"
+_OF_VTK = "saving it as PLY in ParaView"
+_FRAMES = "COLMAP on its frames, then ndtree map on its text model"
 _UNPACK = "unpacking it, then ndtree map on the folder or the log in it"
 _EXPORT = "exporting E57 or PTX from {program}: these have a pose for each scan"
 _TO_CLOUDS = "ouster-cli source {path} save scans.csv (pip install ouster-sdk), then their folder"
@@ -29,6 +39,7 @@ class _Kind:
     magic: tuple[bytes, ...] = ()
     at: int = 0
     endings: tuple[str, ...] = ()
+    first: bool = False  # Formats could take it for theirs.
 
     def fits(self, source: Source) -> bool:
         if self.magic and not source.head.startswith(self.magic, self.at):
@@ -45,7 +56,13 @@ _KINDS = (
         "an image of map_server's", "ndtree info on the .yaml beside it", (b"P5", b"P2"), endings=(".pgm",)
     ),
     _Kind("a picture of portable graymap kind", _DEPTH, (b"P5\n", b"P2\n", b"P6\n")),
+    _Kind("a BMP image", _DEPTH, (b"BM",), endings=(".bmp",)),
+    _Kind("a GIF image", _DEPTH, (b"GIF8",)),
+    _Kind("a WebP image", _DEPTH, (b"WEBP",), 8),
     _Kind("a PDF", "", (b"%PDF",)),
+    _Kind("a document of an office", _SHEET, (b"PK\3\4",), endings=(".xlsx", ".ods")),
+    _Kind("a document of an office", "", (b"PK\3\4",), endings=(".docx", ".pptx", ".odt")),
+    _Kind("a table of Excel", _SHEET, (b"\xd0\xcf\x11\xe0",), endings=(".xls",)),
     _Kind(
         "an archive of tar", "tar xf {path}, then ndtree map on the folder or the log in it", (b"ustar",), 257
     ),
@@ -53,15 +70,16 @@ _KINDS = (
     _Kind("an archive of RAR", _UNPACK, (b"Rar!",)),
     _Kind("a file packed by xz", "xz -dk {path}", (b"\xfd7zXZ",)),
     _Kind("a file packed by zstd", "zstd -d {path}", (b"\x28\xb5\x2f\xfd",)),
+    _Kind("a file packed by lz4", "lz4 -d {path}", (b"\x04\x22\x4d\x18",)),
     _Kind("a PX4 or other ULog", "its poses as a CSV with a header, for --trajectory", (b"ULog",)),
-    _Kind("an HDF5", "an .npz of its points and poses: origins, points, offsets", (b"\x89HDF",)),
-    _Kind(
-        "an array of NumPy",
-        "an .npz with origins, points, offsets",
-        (b"\x93NUMPY",),
-    ),
-    _Kind("a table of Parquet", "an .npz of its points and poses: origins, points, offsets", (b"PAR1",)),
-    _Kind("a file of MATLAB", "an .npz of its points and poses: origins, points, offsets", (b"MATLAB 5.0",)),
+    _Kind("an HDF5", _NPZ, (b"\x89HDF",)),
+    _Kind("an array of NumPy", _NPZ, (b"\x93NUMPY",)),
+    _Kind("a table of Parquet", _NPZ, (b"PAR1",)),
+    _Kind("a table of Arrow", _NPZ, (b"ARROW1",)),
+    _Kind("a file of MATLAB", _NPZ, (b"MATLAB 5.0",)),
+    _Kind("records of TensorFlow", _NPZ, endings=(".tfrecord", ".tfrecords")),
+    _Kind("a recording of Rerun", _NPZ, (b"RRF", b"RRIO"), endings=(".rrd",)),
+    _Kind("a recording of depth images (klg)", _DEPTH, endings=(".klg",)),
     _Kind("a bag of ROS before 1.0", "rosbag fix {path} OUT.bag", (b"#ROSRECORD", b"#ROSBAG V1")),
     _Kind("a recording of Livox Viewer", "a bag by livox_ros_driver, which reads .lvx", (b"livox_tech",)),
     _Kind("a recording of Ouster (OSF)", _TO_CLOUDS, (b"OSF!",), 8),
@@ -99,25 +117,27 @@ _KINDS = (
         endings=(".bin",),
         magic=(b"CCB",),
     ),
-    _Kind("a mesh (glTF)", "sampling points on it: CloudCompare saves them as PLY", (b"glTF",)),
-    _Kind("a mesh (STL)", "sampling points on it: CloudCompare saves them as PLY", endings=(".stl",)),
-    _Kind("a mesh (OBJ)", "sampling points on it: CloudCompare saves them as PLY", endings=(".obj",)),
+    _Kind("a mesh (glTF)", _POINTS_ON, (b"glTF",)),
+    _Kind("a mesh (STL)", _POINTS_ON, endings=(".stl",)),
+    _Kind("a mesh (OBJ)", _POINTS_ON, endings=(".obj",)),
+    _Kind("a mesh (OFF)", _POINTS_ON, (b"OFF", b"COFF"), endings=(".off",), first=True),
+    _Kind("a model (USD)", _POINTS_ON, (b"PXR-USDC", b"#usda")),
+    _Kind("a model (FBX)", _POINTS_ON, (b"Kaydara FBX",)),
+    _Kind("a drawing (DXF)", _POINTS_ON, endings=(".dxf", ".dwg")),
+    _Kind("a file of VTK", _OF_VTK, (b"# vtk DataFile",), first=True),
     _Kind(
-        "a mesh (OFF)",
-        "sampling points on it: CloudCompare saves them as PLY",
-        (b"OFF", b"COFF"),
-        endings=(".off",),
+        "positions of a satellite receiver (NMEA)",
+        "a trajectory with orientations: t x y z qx qy qz qw a line, in metres",
+        (b"$GP", b"$GN", b"$GL"),
     ),
-    _Kind("a video", "", (b"ftyp",), 4),
+    _Kind("a video", _FRAMES, (b"ftyp",), 4),
+    _Kind("a video", _FRAMES, (b"AVI ",), 8),
+    _Kind("a video", _FRAMES, (b"\x1a\x45\xdf\xa3",)),
+    _Kind("sound", "", (b"WAVE",), 8),
+    _Kind("sound", "", (b"ID3", b"OggS", b"fLaC")),
     _Kind("a program", "", (b"\x7fELF", b"MZ\x90", b"\xcf\xfa\xed\xfe")),
-    _Kind("a database of SQLite without a bag in it", "", (b"SQLite format 3",)),
-    _Kind("text in UTF-16", "iconv -f UTF-16 -t UTF-8 {path} > text.csv", (b"\xff\xfe", b"\xfe\xff")),
-    _Kind("a grid of heights (ESRI)", "", (b"ncols", b"NCOLS")),
-    _Kind(
-        "a pickle of Python",
-        "an .npz of its points and poses: origins, points, offsets",
-        endings=(".pkl", ".pickle"),
-    ),
+    _Kind("a grid of heights (ESRI)", "", (b"ncols", b"NCOLS", b"Ncols"), first=True),
+    _Kind("a pickle of Python", _NPZ, endings=(".pkl", ".pickle")),
     _Kind("a model of PyTorch", "", endings=(".pt", ".pth")),
 )
 #: Single files of scans, in a folder of which each is a log of its own.
@@ -135,21 +155,56 @@ def not_a_log(source: Source) -> NotALog | None:
     path = shlex.quote(source.path)
     if source.is_folder:
         return _of_folder(source, path)
-    for row in _KINDS:
+    found = _of_table(source, path, _KINDS)
+    if found is not None:
+        return found
+    if source.head.startswith(ZIP_MAGIC):
+        return _of_zip(source, path)
+    if b"\0" in source.head:
+        return packed(source, "") if source.packed else None
+    return _of_text(source, path)
+
+
+def packed(source: Source, what: str) -> NotALog:
+    """What is to be unpacked first; `what` is in it, as in "a PLY", if that is known."""
+    command = {"gzip": "gunzip", "bzip2": "bunzip2"}[source.packed]
+    of = f" ({what})" if what else ""
+    return NotALog(
+        source.path, f"a file packed by {source.packed}{of}", [f"{command} -k {shlex.quote(source.path)}"]
+    )
+
+
+def _of_table(source: Source, path: str, rows: Iterable[_Kind]) -> NotALog | None:
+    for row in rows:
         if row.fits(source):
             return NotALog(source.path, row.kind, [row.help.format(path=path)] if row.help else [])
-    if b"\0" in source.head:
-        return None
-    return _of_text(source, path)
+    return None
+
+
+def _of_zip(source: Source, path: str) -> NotALog:
+    """An archive that is no recording of ours."""
+    try:
+        with zipfile.ZipFile(source.path) as archive:
+            names = archive.namelist()
+    except (OSError, zipfile.BadZipFile, NotImplementedError):
+        return NotALog(source.path, "a zip archive, cut off or damaged")
+    if names and all(name.endswith(".npy") for name in names):
+        some = shown(", ".join(name.removesuffix(".npy") for name in names), _SHOWN)
+        return NotALog(source.path, f"a zip archive without points.npy, but with {some}", [_NPZ])
+    return NotALog(
+        source.path, "a zip archive", [f"unzip {path}, then ndtree map on the folder or the log in it"]
+    )
 
 
 def before_formats(source: Source) -> NotALog | None:
     """What looks like points or beams in text, and is not."""
-    if source.is_folder or b"\0" in source.head:
+    if source.is_folder:
         return None
-    if source.head[:5].lower() == b"ncols":
-        return not_a_log(source)
-    return None
+    path = shlex.quote(source.path)
+    wrong = wrongly_written(source.head)
+    if wrong is not None:
+        return NotALog(source.path, wrong[0], [wrong[1].format(path)])
+    return _of_table(source, path, (row for row in _KINDS if row.first))
 
 
 def _of_folder(source: Source, path: str) -> NotALog | None:
@@ -173,6 +228,11 @@ def _of_text(source: Source, path: str) -> NotALog | None:
     head = source.head.decode("utf-8", "replace")
     kind = trajectory_kind(source.path)
     if kind is not None:
+        try:
+            read_trajectory(source.path)
+        except ValueError as error:
+            why = str(error).removeprefix(f"{source.path}: ")
+            return NotALog(source.path, f"a table like a trajectory, but {shown(why, 100)}")
         what = "poses with times" if kind == "tum" else "poses by their number"
         return NotALog(source.path, f"a trajectory, {what}", [f"ndtree map LOG --trajectory {path}"])
     start = head.lstrip()
@@ -180,7 +240,22 @@ def _of_text(source: Source, path: str) -> NotALog | None:
         return NotALog(source.path, "text in JSON, and none of the kinds that are read")
     if start.startswith("<"):
         name = re.search(r"<(?!\?|!)([\w:.-]+)", start)
+        if name and name[1] == "VTKFile":
+            return NotALog(source.path, "a file of VTK", [_OF_VTK])
         return NotALog(source.path, f"text in XML{f' ({name[1][:_SHOWN]})' if name else ''}")
+    line = next((line for line in source.head.splitlines() if line.strip()), b"")
+    if is_of_degrees(line):
+        return NotALog(
+            source.path,
+            "positions in degrees of latitude and longitude",
+            ["metres instead, as of UTM, with a header: easting,northing,height"],
+        )
+    if ECHOED in line:
+        return NotALog(
+            source.path,
+            "what rostopic echo -p prints",
+            ["ndtree map BAG, with the bag that it was made from"],
+        )
     names = _columns_in(head)
     if names is not None:
         some = shown(", ".join(names), _SHOWN)

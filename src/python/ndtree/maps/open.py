@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,13 +15,12 @@ from numpy.typing import NDArray
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
-from ndtree.logs import MAP_MAGIC
+from ndtree.logs import MAP_MAGIC, OCTOMAP_MAGIC, kind_of
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
 from ndtree.maps.images import states_of_image
 from ndtree.tiles import MANIFEST, open_tiles
 
-OCTOMAP_MAGIC = b"# Octomap OcTree"
 #: Of files of before OctoMap 1.0: a number that other files may begin with, too, so that the name counts.
 OLD_OCTOMAP_MAGIC = b"\3\0\0\0"
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -160,10 +160,23 @@ def open_map(path: str | os.PathLike[str]) -> PlacedMap:
         elif head.startswith(MAP_MAGIC):
             loaded = _core.load(name)
         else:
-            raise ValueError(
-                f"{name}: is no map, expected {_KNOWN}; a log becomes one by:\n  ndtree map {name}"
-            )
+            raise no_map(name, _KNOWN)
         return PlacedMap(loaded, np.zeros(loaded.dim), name)
+
+
+def no_map(name: str, expected: str, in_python: str = "") -> ValueError:
+    """The error of a file or folder that is no map: what it is, and what makes a map of it.
+
+    `in_python` is the call that reads it, if it is a log.
+    """
+    known = kind_of(name)
+    if known is None:
+        return ValueError(f"{name}: is no map and no log that is known, expected {expected}")
+    kind, ways = known
+    if in_python and ways == (f"ndtree map {shlex.quote(name)}",):
+        ways = (*ways, f"in Python: {in_python}")
+    lines = "".join(f"\n  {way}" for way in ways)
+    return ValueError(f"{name}: {kind}, expected {expected}{'; try' * bool(ways)}{lines}")
 
 
 def _map_server(name: str) -> PlacedMap:

@@ -11,7 +11,7 @@ try:
     import matplotlib as _matplotlib  # noqa: F401
 except ImportError as error:
     raise ImportError(
-        f"ndtree.plot needs matplotlib ({error}); install it with: pip install 'ndtree-mapping[plot]'"
+        f"ndtree.plot needs matplotlib ({error}); install it with:\n  pip install 'ndtree-mapping[plot]'"
     ) from None
 
 from ndtree.plot.close_ups import close_up

@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Cells
 from ndtree.cells.regions import picture_region
-from ndtree.plot.figures import Path, Region, kind_of, require_dim, shape_of, title_of, written
+from ndtree.plot.figures import Path, Picture, Region, kind_of, require_dim, shape_of, title_of, written
 from ndtree.plot.images import draw_borders, draw_occupancy
 from ndtree.plot.legends import explain_states, scale_bar
 
@@ -120,8 +119,7 @@ def _panels(above: float, below: float, width: float) -> tuple[Figure, list[Axes
     wide = (width - 3 * gap) / 2
     heights = (wide * above, wide * below)
     height = title + sum(heights) + 2 * gap
-    figure = Figure(figsize=(width, height))
-    FigureCanvasAgg(figure)
+    figure = Picture(figsize=(width, height))
     axes = []
     for row, bottom in enumerate((heights[1] + 2 * gap, gap)):
         for column in (0, 1):

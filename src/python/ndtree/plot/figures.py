@@ -34,6 +34,7 @@ STATE_COLORS = {
 }
 BORDER_COLOR = "#2b5c8a"
 SIZE_COLORS = "viridis_r"
+_NOTEBOOK_DPI = 72
 #: Of a picture, whatever it shows: more dots an inch than fit into it are not drawn.
 MAX_PIXELS = 30_000_000
 #: A panel is at most this many times as high as wide, and the other way round.
@@ -57,7 +58,9 @@ def require_style(style: str) -> None:
 
 def require_dim(m: OccupancyMap, dim: int) -> None:
     if m.dim != dim:
-        raise ValueError(f"the map is {m.dim}-D: this picture needs a {dim}-D map")
+        call = {2: "plot.occupancy(m)", 3: "plot.slice(m, z=1.0)"}.get(m.dim)
+        instead = f"; of a {m.dim}-D map:\n  ndtree.{call}" if call else ""
+        raise ValueError(f"the map is {m.dim}-D: this picture needs a {dim}-D map{instead}")
 
 
 def axis_number(axis: str | int) -> int:
@@ -98,13 +101,33 @@ def shape_of(region: Region) -> float:
     return float(np.clip((region[3] - region[2]) / (region[1] - region[0]), 1 / MOST_LONG, MOST_LONG))
 
 
+class Picture(Figure):
+    """A figure that nothing holds but its user, and that notebooks show at the end of a cell."""
+
+    def __init__(self, **keywords: Any) -> None:
+        super().__init__(**keywords)
+        FigureCanvasAgg(self)
+
+    def _repr_png_(self) -> bytes:
+        drawn = io.BytesIO()
+        self.savefig(drawn, format="png", dpi=_NOTEBOOK_DPI)
+        return drawn.getvalue()
+
+
+class PictureAxes(Axes):
+    """Axes of a `Picture`: notebooks show all of it."""
+
+    def _repr_png_(self) -> bytes | None:
+        figure = self.figure
+        return figure._repr_png_() if isinstance(figure, Picture) else None
+
+
 def axes_or_new(ax: Axes | None) -> Axes:
     if ax is not None:
         return ax
-    figure = Figure(figsize=(10, 8))
-    FigureCanvasAgg(figure)
+    figure = Picture(figsize=(10, 8))
     figure.subplots_adjust(left=0.08, right=0.98, bottom=0.08, top=0.95)
-    return figure.add_subplot()
+    return figure.add_subplot(axes_class=PictureAxes)
 
 
 def panels(count: int, in_row: bool, shape: float, width: float) -> tuple[Figure, list[Axes]]:
@@ -114,8 +137,7 @@ def panels(count: int, in_row: bool, shape: float, width: float) -> tuple[Figure
     panel_width = (width - (columns + 1) * gap) / columns
     panel_height = panel_width * shape
     height = rows * (panel_height + title) + gap
-    figure = Figure(figsize=(width, height))
-    FigureCanvasAgg(figure)
+    figure = Picture(figsize=(width, height))
     axes = []
     for i in range(count):
         left = gap + (i % columns) * (panel_width + gap)

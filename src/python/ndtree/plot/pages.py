@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
@@ -17,6 +16,7 @@ from ndtree.plot.figures import (
     WITHOUT_BAR,
     CutAbove,
     Path,
+    Picture,
     Region,
     add_bar,
     axis_number,
@@ -127,8 +127,7 @@ def overview(
     shown = tuple(region) if region is not None else picture_region(every, track)
     shape = shape_of(shown)
     axes_width = width * (WITHOUT_BAR if color == "size" else 1.0)
-    figure = Figure(figsize=(width, axes_width * shape + 0.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = Picture(figsize=(width, axes_width * shape + 0.6), layout="constrained")
     ax = figure.add_subplot()
     if color == "size":
         cell_sizes(m, ax, region=shown)
@@ -258,8 +257,7 @@ def _draw_3d(
     shapes = (shape_of(corners), shape_of(flat_region))
     column_width = WITHOUT_BAR * width / len(maps)
     pixel = (corners[1] - corners[0]) / (column_width * dpi)
-    figure = Figure(figsize=(width, column_width * sum(shapes) + 1.0), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = Picture(figsize=(width, column_width * sum(shapes) + 1.0), layout="constrained")
     axes = figure.subplots(2, len(maps), squeeze=False, height_ratios=shapes)
     for column, (kind, m, one, whole) in enumerate(zip(maps, maps.values(), chosen, every)):
         above, below = axes[:, column]

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ndtree.plot.figures import Path, written
+from ndtree.plot.figures import Path, Picture, written
 
 #: Points of a panel.
 MOST_DRAWN = 400_000
@@ -43,7 +43,7 @@ def moved_points(
     )
     span = np.maximum(upper - lower, 1e-3)
     side_by_side = span[1] >= 0.7 * span[0]
-    figure = Figure(figsize=(11, 6.2) if side_by_side else (10, 9), layout="constrained")
+    figure = Picture(figsize=(11, 6.2) if side_by_side else (10, 9), layout="constrained")
     panels = figure.subplots(*((1, 2) if side_by_side else (2, 1)), sharex=True, sharey=True)
     step = max(1, len(points) // MOST_DRAWN)
     count = int(np.count_nonzero(moved))

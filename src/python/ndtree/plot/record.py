@@ -26,7 +26,8 @@ try:
     from matplotlib.figure import Figure
 except ImportError as error:
     raise ImportError(
-        f"ndtree.plot.record needs matplotlib ({error}); install it with: pip install 'ndtree-mapping[plot]'"
+        f"ndtree.plot.record needs matplotlib ({error}); install it with:\n"
+        "  pip install 'ndtree-mapping[plot]'"
     ) from None
 
 ENDINGS = (".gif", ".mp4")

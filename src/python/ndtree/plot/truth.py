@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from ndtree.plot.figures import Path, axes_or_new, written
+from ndtree.plot.figures import Path, Picture, axes_or_new, written
 
 _MARKERS = "osD^vP*X"
 
@@ -93,8 +92,7 @@ def truth_against_cells(
     marks = {name: (f"C{i % 10}", _MARKERS[(i // 10 + i) % len(_MARKERS)]) for i, name in enumerate(names)}
     across = min(2, len(logs))
     down = math.ceil(len(logs) / across)
-    figure = Figure(figsize=(width * across, 4.0 * down), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = Picture(figsize=(width * across, 4.0 * down), layout="constrained")
     panels = figure.subplots(down, across, squeeze=False).ravel()
     for log, ax in zip(logs, panels):
         for row in rows:

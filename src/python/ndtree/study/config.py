@@ -148,7 +148,7 @@ def _parsed(file: Path) -> dict[str, Any]:
         except ImportError:
             raise ImportError(
                 "before Python 3.11 ndtree.study needs tomli; "
-                "install it with: pip install 'ndtree-mapping[cli]'"
+                "install it with:\n  pip install 'ndtree-mapping[cli]'"
             ) from None
     try:
         with open(file, "rb") as opened:

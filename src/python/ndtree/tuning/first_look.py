@@ -16,7 +16,7 @@ from ndtree.base.scan import Scan
 from ndtree.base.typing import MapOptions
 from ndtree.evaluation.no_returns import NoReturns, judge
 from ndtree.evaluation.sampling import skipping_unmappable, spread
-from ndtree.logs.core.log import Log
+from ndtree.logs.core.log import Log, require_log
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
 
@@ -125,6 +125,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
     ValueError
         If the log has no scans, or is damaged.
     """
+    require_log(log)
     begin = time.perf_counter()
     report = progress or no_progress
     total = len(log) if hasattr(log, "__len__") else 0

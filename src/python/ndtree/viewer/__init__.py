@@ -9,7 +9,7 @@ try:
     import viser as _viser  # noqa: F401
 except ImportError as error:
     raise ImportError(
-        f"ndtree.viewer needs viser ({error}); install it with: pip install 'ndtree-mapping[view]'"
+        f"ndtree.viewer needs viser ({error}); install it with:\n  pip install 'ndtree-mapping[view]'"
     ) from None
 
 from ndtree.viewer.controls import legend_html

@@ -13,16 +13,28 @@ from ndtree.plot.legends import round_length
 
 _GREY, _LINE, _FINE = (40, 40, 40), (150, 150, 150), (210, 210, 210)
 _SQUARES = 12  # Of the grid along the longer side, about.
+_WORDS = 1.0  # Beside the grid, what they take of a square.
 _BAR = 0.25  # Share of the longer side that the scale bar takes at most.
+
+
+def framed(lower: Floats, upper: Floats) -> tuple[Floats, Floats]:
+    """A box and what is drawn around it, as a box: the grid, the scale bar and the words beside them."""
+    step, begin, end = _grid_of(lower, upper)
+    beside = _WORDS * step
+    return np.append(begin - (0.0, beside), lower[2]), np.append(end + beside, upper[2])
+
+
+def _grid_of(lower: Floats, upper: Floats) -> tuple[float, Floats, Floats]:
+    """Side of a square of the grid, and the grid's corners (2,), (2,)."""
+    extent = upper[:2] - lower[:2]
+    step = round_length(max(float(extent.max()) / _SQUARES, 1e-3))
+    return step, np.floor(lower[:2] / step) * step, np.ceil(upper[:2] / step) * step
 
 
 def draw_frame(scene: viser.SceneApi, lower: Floats, upper: Floats) -> list[Any]:
     """Draw them around a box in the page's frame (3,), (3,) [m]; what can be removed again."""
-    extent = upper[:2] - lower[:2]
-    step = round_length(max(float(extent.max()) / _SQUARES, 1e-3))
+    step, begin, end = _grid_of(lower, upper)
     below = float(lower[2]) - 0.01 * step
-    begin = np.floor(lower[:2] / step) * step
-    end = np.ceil(upper[:2] / step) * step
     wide, high = (float(side) for side in end - begin)
     middle = 0.5 * (begin + end)
     handles: list[Any] = [

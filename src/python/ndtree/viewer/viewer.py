@@ -19,6 +19,7 @@ import viser
 from ndtree._native._core import OccupancyMap
 from ndtree.cells.lattice import Floats
 from ndtree.maps.open import open_map
+from ndtree.viewer.frame import framed
 from ndtree.viewer.look import Look
 from ndtree.viewer.server import HOST, light_up, started
 from ndtree.viewer.snapshot import Snapshot
@@ -32,7 +33,7 @@ PORT = 8080
 MAX_BOXES = 200_000  # Drawn of the occupied cells at once.
 _GROWN = 1.3  # From so much farther away a page looks at a map that has grown.
 _FIELD_OF_VIEW = math.radians(60.0)
-_MARGIN = 1.1  # Space around what is framed.
+_MARGIN = 1.03  # Space around what is framed.
 
 
 class Viewer:
@@ -93,6 +94,9 @@ class Viewer:
     def url(self) -> str:
         """Address of the page."""
         return f"http://{HOST}:{self._server.get_port()}"
+
+    def __repr__(self) -> str:
+        return f"<page of a map at {self.url}>"
 
     def show(self, m: OccupancyMap) -> None:
         """Show a map, or what has become of it. It is copied: it may change at once."""
@@ -182,6 +186,7 @@ def first_camera(snapshot: Snapshot) -> dict[str, Any]:
     flat = snapshot.dim == 2
     direction = np.array([0.0, -1e-3, 1.0]) if flat else np.array([0.35, -0.6, 0.72])
     direction /= np.linalg.norm(direction)
+    low, high = framed(low, high)
     away = _distance_to_see(low - middle, high - middle, direction)
     return {
         "up": np.array([0.0, 0.0, 1.0]),

@@ -14,7 +14,7 @@ import typer.main
 
 from ndtree.base.exit_status import BAD_INPUT, WRONG_CALL, WrongCall
 from ndtree.cli import interrupt
-from ndtree.cli.help import page, page_asked_for
+from ndtree.cli.help import page_asked_for
 from ndtree.cli.streams import heard, silenced
 
 
@@ -26,7 +26,7 @@ class Group(typer.core.TyperGroup):
     """The command ``ndtree``: its pages are files, and a call that cannot be read ends in one line."""
 
     def get_help(self, ctx: Any) -> str:
-        return (page("ndtree") or "").rstrip("\n")
+        return (page_asked_for(["--help"]) or "").rstrip("\n")
 
     def main(self, args: Any = None, *more: Any, **keywords: Any) -> Any:
         words = list(sys.argv[1:] if args is None else args)

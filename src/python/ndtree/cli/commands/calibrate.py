@@ -63,7 +63,7 @@ def calibrate(
         print(figures)
         flags = [f"--{name.replace('_', '-')} {value:.3g}" for name, value in figures.options().items()]
         if flags:
-            print(f"\nfor ndtree map and ndtree compare: {' '.join(flags)}")
+            print(f"\nfor ndtree map and ndtree compare:\n  {' '.join(flags)}")
     write(figures.to_json, json_file)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ndtree._native._core import OccupancyMap, default_options
 from ndtree.cli.commands.logs import length_of
-from ndtree.cli.commands.messages import WIDTH
+from ndtree.cli.commands.messages import line_width
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
 
@@ -179,7 +179,7 @@ def indented(text: str) -> str:
         for part in text.split("\n")
         for row in textwrap.wrap(
             part.strip(),
-            WIDTH,
+            line_width(),
             initial_indent="  ",
             subsequent_indent="    ",
             break_long_words=False,

@@ -20,6 +20,7 @@ from ndtree.cli.commands.figures import (
 )
 from ndtree.cli.commands.flags import in_flags, reading_options
 from ndtree.cli.commands.logs import load_map, skipped, warn_of_skipped
+from ndtree.cli.commands.messages import laid_out
 from ndtree.cli.commands.options import Dim, Json
 from ndtree.cli.commands.output import check_target, is_stdout, write_json
 from ndtree.cli.commands.progress import progress
@@ -56,7 +57,9 @@ def info(
         loaded = load_map(path)
         figures = {"map": str(path), **map_figures(loaded)}
         if not is_stdout(json_file):
-            print(f"{path}: {loaded!r}")
+            low, high = loaded.min_cell_size, loaded.max_cell_size
+            sizes = f"{low:g} m" if low == high else f"{low:g} to {high:g} m"
+            print(f"{path}: {type(loaded).__name__}, {loaded.dim}-D, cells of {sizes}")
             print_map(loaded)
         write_json(figures, json_file)
         return
@@ -92,7 +95,7 @@ def info(
         held = _points_of(path, reading) if found.has_points else {}
         figures = {"file": str(path), "kind": found.kind, "try": list(found.help), **held}
         if not is_stdout(json_file):
-            print(f"{path}: {found.kind}")
+            print(laid_out(f"{path}: {found.kind}").removeprefix("ndtree: "))
             if held:
                 lower, upper = (point(held["bounds"][name]) for name in ("lower", "upper"))
                 print(f"  {held['points']:,} points from {lower} to {upper} m")

@@ -8,16 +8,28 @@ Calls that cannot be read at all are in `ndtree.cli.commands.usage`.
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 import textwrap
 
 from ndtree.cli.commands.flags import flag_of, in_flags
 from ndtree.maps.kinds import MAP_OPTIONS
 
-#: A message of more characters than this is parted, and into lines of how many.
+#: A message of more characters than this is parted, and into lines of how many; a narrower terminal counts.
 MOST, WIDTH = 159, 110
+_NARROWEST = 60
 
-_OTHERS = ("max_range", "no_return", "cell_size", "tile_size", "max_resident", "held_out", "min_range")
+_OTHERS = (
+    "max_range",
+    "no_return",
+    "cell_size",
+    "tile_size",
+    "max_resident",
+    "held_out",
+    "min_range",
+    "save_every",
+)
 _NAMES = "|".join(
     (*sorted((one.name for one in MAP_OPTIONS if "_" in one.name), key=len, reverse=True), *_OTHERS)
 )
@@ -27,13 +39,15 @@ _OPTION = re.compile(
 )
 #: These are words, too: they are options where a message begins with them.
 _WORD = re.compile(
-    r"^(?P<name>every|stride|start|stop|min_range|height|states|faces|format|branching|refinement|seed|scans|dim)"
+    r"^(?P<name>every|stride|start|stop|min_range|height|states|faces|window|format|branching|refinement|seed|scans|dim)"
     r"(?:(?P<set> = )|(?=: ))"
 )
 _FLAGS = {"start": "--from", "stop": "--to"}
 #: Of the maps' constructors, which name what they do not take.
 _UNREAD = re.compile(r"^\w+Map\(\): the refinement '(?P<by>\w+)' does not read (?P<name>\w+)$")
 _OF_FIXED = re.compile(r"^FixedMap\(\): no option (?P<name>\w+): .*$")
+#: Names in a list of what is read instead, where they are no flags yet.
+_LISTED = re.compile(r"(?<![-\w])(height|states|faces)\b")
 _PHRASES = (
     (re.compile(r"\bneither start nor stop\b"), "neither --from nor --to"),
     (re.compile(r"^map '([^']*)'"), r"--maps \1"),
@@ -42,8 +56,29 @@ _PHRASES = (
     # A value as it was typed, not as Python writes it.
     (re.compile(r"(--[\w-]+) \['([^']*)'\]"), r"\1 \2"),
     (re.compile(r"(--[\w-]+) '([^']*)'"), r"\1 \2"),
+    (re.compile(r"^box from \["), "--box from ["),
+    (re.compile(r"\ba map with dim = (\d)\b"), r"a \1-D map"),
+    (re.compile(r"(--[\w-]+ \d+)\.0(?= m\b)"), r"\1"),
+    (re.compile(r"(?<= does not read it, but )(.*)$"), lambda found: _LISTED.sub(r"--\1", found[1])),
     (re.compile(r"(?<=\d)\.0(?= to -?\d|(?: \w+)?: )"), ""),
 )
+
+
+def terminal_width() -> int | None:
+    """Columns of the terminal that is written to; None where there is none."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            if stream.isatty():
+                return max(os.get_terminal_size(stream.fileno()).columns, _NARROWEST)
+        except (AttributeError, OSError, ValueError):  # Closed, or no file.
+            continue
+    return None
+
+
+def line_width() -> int:
+    """How long lines are that were parted."""
+    columns = terminal_width()
+    return WIDTH if columns is None else min(WIDTH, columns)
 
 
 def in_words(text: str) -> str:
@@ -76,6 +111,9 @@ def laid_out(message: str, has_flags: bool = True) -> str:
 
 def _parted(line: str) -> list[str]:
     """A line that is too long as several, without cutting names of files."""
-    if len(line) <= MOST:
+    columns = terminal_width()
+    if len(line) <= (MOST if columns is None else min(MOST, columns)):
         return [line]
-    return textwrap.wrap(line, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    return textwrap.wrap(
+        line, line_width(), subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+    )

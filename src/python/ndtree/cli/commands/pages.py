@@ -11,8 +11,8 @@ from typing import Any
 from ndtree._native._core import AdaptiveMap, default_options
 from ndtree.cli.commands import COMMANDS, every
 from ndtree.cli.commands.table import DEFAULTS, OF_MAPS, QUESTIONS, TOUCHED, Row, row_of
+from ndtree.cli.help import LEFT, WIDTH
 
-WIDTH, LEFT = 100, 26
 #: Lines of a page of ``--help``.
 MOST_LINES = 25
 _EXAMPLES = 3

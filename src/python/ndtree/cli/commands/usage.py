@@ -24,10 +24,17 @@ _ELSEWHERE = (
     ("out", "--output"),
     ("image", "--picture"),
     ("png", "--picture"),
+    ("picture", "--png"),
+    ("image", "--png"),
+    ("output", "--png"),
     ("pose", "--poses"),
     ("frame", "--fixed-frame"),
     ("verbose", "--json"),
 )
+
+
+#: How alike words are of which one may be meant: 0.6 has --body for --world.
+_ALIKE = 0.67
 
 
 def usage_error(error: Any, words: Sequence[str], commands: Mapping[str, Any]) -> str:
@@ -128,5 +135,6 @@ def _meant(flag: str, command: Any) -> str:
     known = [one for parameter in command.params for one in parameter.opts if one.startswith("--")]
     near = get_close_matches(flag, known, 1, 0.75)
     near = near or [meant for part, meant in _ELSEWHERE if part in flag and meant in known]
-    near = near or get_close_matches(flag, known, 1)
+    near = near or [one for one in ("--output", "--png") if flag == "-o" and one in known]
+    near = near or get_close_matches(flag, known, 1, _ALIKE)
     return f": did you mean {near[0]}?" if near else ""

@@ -27,7 +27,7 @@ from ndtree.evaluation.comparison.truth import (
 )
 from ndtree.evaluation.exact_truth import ExactTruth
 from ndtree.evaluation.no_returns import AUTO, believed
-from ndtree.logs.core.log import Log
+from ndtree.logs.core.log import Log, require_log
 from ndtree.logs.formats.simulated import SimulatedLog
 
 DEFAULT_MAPS = ("adaptive", "fixed", "octomap") if _core.has_octomap else ("adaptive", "fixed")
@@ -136,6 +136,7 @@ def map_in_turns(
         if cell_size is not None:
             raise ValueError("cell_size and min_cell_size say the same: give one of them")
         cell_size = options.pop("min_cell_size")
+    require_log(log)
     progress = progress or no_progress
     scans = _loaded(log, progress)
     if no_return == AUTO:

@@ -127,5 +127,5 @@ class NotALog(ValueError):
 
     def __init__(self, path: str, kind: str, help: Iterable[str] = (), *, has_points: bool = False) -> None:
         self.kind, self.help, self.has_points = kind, tuple(help), has_points
-        ways = f"; try {', or '.join(self.help)}" if self.help else ""
-        super().__init__(f"{path}: {kind}{ways}")
+        ways = "".join(f"\n  {way}" for way in self.help)
+        super().__init__(f"{path}: {kind}{f'; try{ways}' if ways else ', expected a log'}")

@@ -32,6 +32,13 @@ class Skipped:
     summary: str | None = None
 
 
+def require_log(log: object) -> None:
+    """Refuse a file's name in the place of a log."""
+    if isinstance(log, (str, os.PathLike)):
+        name = os.fspath(log)
+        raise TypeError(f"log = {name!r}: expected a Log, as of:\n  ndtree.read({name!r})")
+
+
 class Log(ABC):
     """An iterable of `Scan`; every loop starts again from the first.
 

@@ -8,12 +8,15 @@ import codecs
 import gzip
 import io
 import os
+import shlex
 import stat
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
+
+import numpy as np
 
 from ndtree.logs.core.failures import one_line
 
@@ -25,6 +28,9 @@ LINE_BYTES = 1 << 24
 #: FREE_BYTES are unpacked from however little; beyond that, a packed byte stands for MOST_PACKED at most.
 FREE_BYTES, MOST_PACKED = 1 << 26, 1000
 _PART = 1 << 17
+_LOOKED_AT = 200
+#: Of text that is parsed at once, with what that takes, this stays in a processor's cache.
+BLOCK_BYTES = 1 << 20
 
 
 class DamagedStream(ValueError):
@@ -78,19 +84,26 @@ class PlainFile:
     ----------
     line : int
         Number of the line that was read last, from 1.
+    packed : str
+        "gzip" or "bzip2"; "" for a file that is not packed.
     """
 
     def __init__(self, path: str, file: IO[bytes]) -> None:
         self.path = path
         self.line = 0
         self._file = file
+        self._ahead = b""  # What `block` has read and not given.
+        self._damage: DamagedStream | None = None
         magic = file.read(max(len(GZIP_MAGIC), len(BZIP2_MAGIC)))
         file.seek(0)
         raw: Any = None
+        self.packed = ""
         if magic.startswith(GZIP_MAGIC):
-            raw = _Unpacked(path, "gzip", gzip.GzipFile(fileobj=file), file)
+            self.packed = "gzip"
+            raw = _Unpacked(path, self.packed, gzip.GzipFile(fileobj=file), file)
         elif magic == BZIP2_MAGIC:
-            raw = _Unpacked(path, "bzip2", bz2.BZ2File(file), file)
+            self.packed = "bzip2"
+            raw = _Unpacked(path, self.packed, bz2.BZ2File(file), file)
         self._content: Any = file if raw is None else io.BufferedReader(raw, _PART)
 
     @property
@@ -102,23 +115,70 @@ class PlainFile:
         readline = self._content.readline
         while True:
             try:
-                line = readline(LINE_BYTES + 1)
+                line = self._line_ahead() if self._ahead else readline(LINE_BYTES + 1)
             except DamagedStream as error:
-                raise DamagedStream(
-                    f"{self.path}: behind line {self.line}: {error}, expected a whole one",
-                    error.kind,
-                    error.is_cut_off,
-                ) from None
+                raise self._behind_line(error) from None
             if not line:
                 return
             self.line += 1
             if self.line == 1 and line.startswith(codecs.BOM_UTF8):
                 line = line[len(codecs.BOM_UTF8) :] or b"\n"
             if len(line) > LINE_BYTES:
-                raise ValueError(
-                    f"{self.path}: line {self.line}: longer than {LINE_BYTES >> 20} MiB, expected text"
-                )
+                raise self._too_long()
             yield line
+
+    def block(self, most: int) -> bytes:
+        """The next whole lines, at most `most` and about `BLOCK_BYTES`; none at the end of the file.
+
+        `line` becomes the number of the last. A byte order mark stays: iterating takes it from the first.
+        """
+        block, self._ahead = self._ahead, b""
+        at_end = False
+        while len(block) < BLOCK_BYTES or b"\n" not in block:
+            part = b"" if self._damage else self._part()
+            at_end = not part
+            if at_end:
+                break
+            block += part
+            if len(block) > LINE_BYTES and b"\n" not in block:
+                self.line += 1
+                raise self._too_long()
+        if self._damage and b"\n" not in block:
+            raise self._behind_line(self._damage)
+        end = len(block) if at_end and not self._damage else block.rfind(b"\n") + 1
+        count = block.count(b"\n", 0, end) + (end > 0 and block[end - 1 : end] != b"\n")
+        if count > most:
+            newlines = np.flatnonzero(np.frombuffer(block, np.uint8, end) == ord("\n"))
+            end, count = int(newlines[most - 1]) + 1, most
+        self._ahead = block[end:]
+        self.line += count
+        return block[:end]
+
+    def _part(self) -> bytes:
+        """What comes next, of any length; nothing at the end and where the file is damaged."""
+        try:
+            part: bytes = self._content.read1(BLOCK_BYTES)
+            return part
+        except DamagedStream as error:
+            self._damage = error
+            return b""
+
+    def _line_ahead(self) -> bytes:
+        end = self._ahead.find(b"\n") + 1
+        if end:
+            line, self._ahead = self._ahead[:end], self._ahead[end:]
+            return line
+        if self._damage:
+            raise self._damage
+        line, self._ahead = self._ahead, b""
+        return line + bytes(self._content.readline(LINE_BYTES + 1 - len(line)))
+
+    def _behind_line(self, error: DamagedStream) -> DamagedStream:
+        what = f"{self.path}: behind line {self.line}: {error}, expected a whole one"
+        return DamagedStream(what, error.kind, error.is_cut_off)
+
+    def _too_long(self) -> ValueError:
+        return ValueError(f"{self.path}: line {self.line}: longer than {LINE_BYTES >> 20} MiB, expected text")
 
     def read(self, size: int) -> bytes:
         """At most `size` bytes: fewer at the end."""
@@ -177,10 +237,43 @@ def open_plain(path: str | os.PathLike[str]) -> Iterator[PlainFile]:
         yield PlainFile(os.fspath(path), file)
 
 
+def split_lines(block: bytes) -> list[bytes]:
+    """Lines of a block, without their ends; they end as those of a `PlainFile`."""
+    lines = block.split(b"\n")
+    return lines if lines[-1] else lines[:-1]
+
+
+def wrongly_written(head: bytes) -> tuple[str, str] | None:
+    """Why a text cannot be read, by its beginning, and the command that mends it; None if it can, or is none.
+
+    The command has ``{}`` where the file's name belongs.
+    """
+    for mark, name in ((codecs.BOM_UTF16_LE, "UTF-16"), (codecs.BOM_UTF16_BE, "UTF-16")):
+        if head.startswith(mark):
+            return "text in UTF-16", f"iconv -f {name} -t UTF-8 {{}} > text.csv"
+    first = head[:_LOOKED_AT]
+    if len(first) > 3 and b"\0" in first:
+        for name, letters, zeros in (
+            ("UTF-16LE", first[::2], first[1::2]),
+            ("UTF-16BE", first[1::2], first[::2]),
+        ):
+            if not any(zeros) and _is_ascii_text(letters):
+                return "text in UTF-16", f"iconv -f {name} -t UTF-8 {{}} > text.csv"
+    elif b"\r" in first.rstrip() and b"\n" not in head and _is_ascii_text(first):
+        return "text whose lines end as on old Macs", "tr '\\r' '\\n' < {} > text.csv"
+    return None
+
+
+def _is_ascii_text(head: bytes) -> bool:
+    return all(9 <= byte <= 13 or 32 <= byte < 127 for byte in head)
+
+
 def text_lines(path: str | os.PathLike[str]) -> Iterator[tuple[int, str]]:
     """Lines of a text file, packed or not, with their numbers from 1; bytes that are no UTF-8: U+FFFD."""
     with open_plain(path) as file:
         for line in file:
+            if file.line == 1 and (wrong := wrongly_written(line)) is not None:
+                raise ValueError(f"{file.path}: {wrong[0]}:\n  {wrong[1].format(shlex.quote(file.path))}")
             yield file.line, line.decode("utf-8", "replace")
 
 

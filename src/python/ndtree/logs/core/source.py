@@ -32,12 +32,15 @@ class Source:
     names : tuple of str
         Names of a folder's entries, sorted; empty for a file.
     is_folder : bool
+    packed : str
+        By what a file is packed, "gzip" or "bzip2"; "" for others.
     """
 
     path: str
     head: bytes
     names: tuple[str, ...] = ()
     is_folder: bool = False
+    packed: str = ""
 
     def inside(self, *parts: str) -> str:
         """Path of something in the folder."""
@@ -108,7 +111,8 @@ def source_of(path: str, expected: str) -> Source:
     """
     if os.path.isdir(path):
         return Source(path, b"", tuple(sorted(os.listdir(path))), is_folder=True)
-    return Source(path, _head(path, expected))
+    head, packed = _head(path, expected)
+    return Source(path, head, packed=packed)
 
 
 def require_dim(source: Source, format: Format, has: int, wanted: int | None) -> None:
@@ -117,9 +121,10 @@ def require_dim(source: Source, format: Format, has: int, wanted: int | None) ->
         raise ValueError(f"{source.path}: {format.description} is {has}-D, expected dim={has}")
 
 
-def _head(path: str, expected: str) -> bytes:
-    """The first bytes, unpacked, cut at the end of a line if there is more."""
+def _head(path: str, expected: str) -> tuple[bytes, str]:
+    """The first bytes, unpacked, cut at the end of a line if there is more; and by what they were packed."""
     with open_plain(path) as file:
+        packed = file.packed
         head, damage = file.beginning(HEAD_BYTES)
     if len(head) == HEAD_BYTES or damage:
         whole = head[: head.rfind(b"\n") + 1]
@@ -130,4 +135,4 @@ def _head(path: str, expected: str) -> bytes:
         raise ValueError(f"{path}: the {damage.kind} stream is {what}, expected {expected}")
     if not head.strip():
         raise ValueError(f"{path}: the file is empty, expected {expected}")
-    return head
+    return head, packed

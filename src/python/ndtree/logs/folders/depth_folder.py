@@ -22,6 +22,7 @@ from ndtree.logs.folders.depth_image import (
     points_of,
 )
 from ndtree.logs.folders.folder import FolderLog, PosesOfFiles, number_in, stem_of
+from ndtree.logs.folders.scan_folder import several_trajectories
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.trajectory_files import TRAJECTORY, trajectory_kind
 
@@ -103,10 +104,7 @@ def _trajectory_in(source: Source) -> str | None:
         if name.lower().endswith(_ENDINGS) and trajectory_kind(source.inside(name))
     ]
     if len(found) > 1:
-        raise ValueError(
-            f"{source.path}: {len(found)} trajectories, {' and '.join(found)}: "
-            "say which by the option trajectory"
-        )
+        raise several_trajectories(source.path, found)
     return source.inside(found[0]) if found else None
 
 

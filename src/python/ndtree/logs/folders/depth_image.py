@@ -143,7 +143,7 @@ def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:
         from PIL import Image, UnidentifiedImageError
     except ImportError as error:
         raise ImportError(
-            f"depth images in PNG need Pillow ({error}); install it with: "
+            f"depth images in PNG need Pillow ({error}); install it with:\n  "
             "pip install 'ndtree-mapping[clouds]'"
         ) from None
     expected = "expected a PNG of one channel of 16 bits"

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import os
+import shlex
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.failures import one_line
+from ndtree.logs.core.failures import NotALog, one_line
 from ndtree.logs.core.plain_file import text_lines
 from ndtree.logs.core.source import TIME_OFFSET, Format, Source, require_dim
 from ndtree.logs.folders.bin_files import WIDTHS, bin_points, floats_a_point
@@ -53,10 +54,11 @@ class KittiLog(FolderLog):
             raise ValueError(f"{folder}: no scans, expected 000000.bin and so on")
         super().__init__(source.path, [os.path.join(folder, name) for name in names])
         times = source.inside(TIMES) if TIMES in source.names else None
-        self._calibration = source.inside(CALIBRATION) if trajectory is None else None
-        self._poses = PosesOfFiles(
-            trajectory if trajectory is not None else _poses_of(source), self._files, times, time_offset
-        )
+        self._calibration: str | None = None
+        if trajectory is None:
+            trajectory = _poses_of(source)
+            self._calibration = _calibration_of(source, trajectory)
+        self._poses = PosesOfFiles(trajectory, self._files, times, time_offset)
 
     @cached_property
     def _T_camera_velodyne(self) -> Pose:
@@ -90,7 +92,23 @@ def _poses_of(source: Source) -> str:
     there = os.path.join(dataset, "poses", f"{os.path.basename(sequence)}.txt")
     if os.path.isfile(there):
         return there
-    raise ValueError(f"{source.path}: no poses, expected {POSES} in it, {there}, or a trajectory")
+    path = shlex.quote(source.path)
+    raise NotALog(
+        source.path,
+        f"a KITTI sequence without poses: neither {POSES} in it nor {there}",
+        [f"ndtree map {path} --trajectory FILE (poses of the laser)"],
+    )
+
+
+def _calibration_of(source: Source, poses: str) -> str:
+    if CALIBRATION in source.names:
+        return source.inside(CALIBRATION)
+    way = f"ndtree map {shlex.quote(source.path)} --trajectory {shlex.quote(poses)}"
+    raise NotALog(
+        source.path,
+        f"a KITTI sequence without {CALIBRATION}, which says where the laser is beside the camera",
+        [f"{way} (if these are poses of the laser)"],
+    )
 
 
 def _velodyne_in(path: str) -> Pose:

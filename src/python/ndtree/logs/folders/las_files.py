@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.plain_file import open_regular
 
-INSTALL = "install it with: pip install 'ndtree-mapping[clouds]'"
+INSTALL = "install it with:\n  pip install 'ndtree-mapping[clouds]'"
 _POINTS_AT_ONCE = 1 << 20
 #: The first point of each chunk of a LAZ is not compressed, and no point is smaller.
 _SMALLEST_CHUNK = 20

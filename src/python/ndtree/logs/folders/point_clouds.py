@@ -156,17 +156,13 @@ class PointCloudLog(FolderLog):
         if self._kind is BIN_CLOUD:
             return f"a laser scan as KITTI's (.bin, {self._width} float32 numbers a point) without its pose"
         if self._kind is TEXT_CLOUD:
-            why = looks_like_points(source_of(self._files[0], "points"))
+            why = _why_points(source_of(self._files[0], "points"))
             return "points in text without a pose" + (f" ({why})" if why else "")
         return f"a {'LAZ' if self._files[0].lower().endswith('z') else kind} of points without a pose"
 
     def _more(self) -> list[str]:
         ways = ["--trajectory FILE (poses of the sensor)"]
-        if (
-            self._kind is TEXT_CLOUD
-            and len(self) == 1
-            and dimension_of(first_fields(source_of(self._files[0], "")))
-        ):
+        if self._kind is TEXT_CLOUD and len(self) == 1 and _may_be_beams(source_of(self._files[0], "")):
             ways.append("--format text (each line is a beam: origin and end point)")
         return ways
 
@@ -242,6 +238,17 @@ def _is_text_cloud(source: Source) -> bool:
     if columns.worded:
         return source.path.lower().endswith((*ENDINGS, *MAYBE))
     return columns.count in (4, 5, 6, 7) and looks_like_points(source) is not None
+
+
+def _may_be_beams(source: Source) -> bool:
+    """Whether lines have as many numbers as beams; commas that are decimal points are no separators."""
+    columns = columns_in(source)
+    return not (columns and columns.decimal_comma) and dimension_of(first_fields(source)) is not None
+
+
+def _why_points(source: Source) -> str | None:
+    """What tells points from beams, where it has to be told."""
+    return looks_like_points(source) if _may_be_beams(source) else None
 
 
 def _beside_file(scans: Scans) -> FoundPoses:

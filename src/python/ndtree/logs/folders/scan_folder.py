@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -23,6 +24,8 @@ TRAJECTORY_ENDINGS = (".txt", ".tum", ".kitti", ".csv", ".g2o", ".log", ".poses"
 TIMES = ("times.txt", "timestamps.txt")
 #: How deep scans may lie, and how many folders are looked into.
 _DEPTH, _MOST_FOLDERS = 2, 100
+#: Files that a message names.
+_SHOWN = 6
 
 
 @dataclass(frozen=True)
@@ -246,10 +249,15 @@ def _trajectory(folder: str, names: Sequence[str]) -> str | None:
         and _is_trajectory(os.path.join(folder, name))
     ]
     if len(found) > 1:
-        raise ValueError(
-            f"{folder}: {len(found)} trajectories, {' and '.join(found)}: say which by the option trajectory"
-        )
+        raise several_trajectories(folder, found)
     return os.path.join(folder, found[0]) if found else None
+
+
+def several_trajectories(folder: str, names: Sequence[str]) -> ValueError:
+    """The error of a folder with several, by their names in it."""
+    paths = [shlex.quote(os.path.join(folder, name)) for name in names[:_SHOWN]]
+    ways = "".join(f"\n  --trajectory {path}" for path in paths)
+    return ValueError(f"{folder}: {len(names)} trajectories, expected one of them:{ways}")
 
 
 def _is_trajectory(path: str) -> bool:

@@ -2,8 +2,9 @@
 """Points in text, a point a line: XYZ, PTS, ASC, CSV and their relatives.
 
 Strategy: the first lines tell the separator, whether a comma is a decimal point, and the columns of x, y and
-z, by a header that names them or else the first three. Then whole blocks of lines are parsed at once; where
-that fails, a block is read line by line, which finds the line at fault.
+z, by a header that names them or else the first three. Then blocks of lines that are all alike are parsed at
+once; others by NumPy, which bears blank lines and any numbers; where that fails, too, line by line, which
+finds the line at fault.
 """
 
 from __future__ import annotations
@@ -12,14 +13,16 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ndtree.logs.core.plain_file import PlainFile, open_plain
+from ndtree.logs.core.decimals import decimals
+from ndtree.logs.core.plain_file import open_plain, split_lines
+from ndtree.logs.core.separators import separator_of
 from ndtree.logs.core.source import Source
 
 Floats = NDArray[np.float64]
@@ -30,7 +33,6 @@ MAYBE = (".csv", ".txt", ".tsv", ".dat")
 _COMMENT = (b"#", b"//", b"%")
 #: Lines that are looked at for a header, and lines that are parsed at once.
 _LOOKED_AT, _BLOCK = 50, 1 << 16
-_DECIMAL_COMMA = re.compile(rb"[-+]?\d*,\d+(?:[eE][-+]?\d+)?|[-+]?\d+")
 _AXES = (
     ("x", "y", "z"),
     ("east", "north", "up"),
@@ -40,8 +42,18 @@ _AXES = (
     ("x1", "y1", "z1"),  # Ouster's first return.
 )
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+#: In the first line that rostopic echo -p prints.
+ECHOED = b"field.header"
 #: What is between a name and its unit.
 _UNIT_APART = re.compile(rb"\s+(?=[\[(])")
+
+
+#: Quotes around a whole field; others are damage.
+_QUOTED = re.compile(rb'(?:^|(?<=[;,\t ]))"([^"\s;,]*)"(?=[;,\t ]|\r?$)', re.MULTILINE)
+
+
+def _unquoted(field: bytes) -> bytes:
+    return field[1:-1] if len(field) > 1 and field[:1] == field[-1:] == b'"' else field
 
 
 @dataclass(frozen=True)
@@ -82,9 +94,8 @@ class Columns:
         fields = line.split(self.separator)
         if len(fields) > 1 and not fields[-1].strip() and self.count in (0, len(fields) - 1):
             fields.pop()  # A separator at the end of the line.
-        return [
-            field.strip().replace(b",", b".") if self.decimal_comma else field.strip() for field in fields
-        ]
+        fields = [_unquoted(field.strip()) for field in fields]
+        return [field.replace(b",", b".") for field in fields] if self.decimal_comma else fields
 
 
 @dataclass(frozen=True)
@@ -109,9 +120,11 @@ def columns_of(lines: Iterable[bytes]) -> Columns | None:
         content = line.strip()
         if not content:
             continue
+        if header is None and (is_of_degrees(content) or ECHOED in content):
+            return None
         comment = next((mark for mark in _COMMENT if content.startswith(mark)), None)
         content = content.removeprefix(comment or b"").strip()
-        separator, decimal_comma = _separator(content)
+        separator, decimal_comma = separator_of(content)
         columns = Columns(separator, decimal_comma, (0, 1, 2), 0)
         fields = columns.fields(content)
         values = None if comment else _values(fields)
@@ -162,20 +175,24 @@ def text_points(path: str) -> Floats:
         raise ValueError(f"{path}: expected a point a line, x y z first or as a header names the columns")
     parts = [np.empty((0, 3))]
     with open_plain(path) as file:
-        for first, block in _blocks(file):
-            parts.append(_parsed(path, columns, first, block))
+        head = list(islice(file, _LOOKED_AT))  # Headers are among the first lines.
+        parts.append(_parsed(path, columns, 1, head))
+        first = file.line + 1
+        while block := file.block(_BLOCK):
+            found = _at_once(columns, block)
+            parts.append(_parsed(path, columns, first, split_lines(block)) if found is None else found)
+            first = file.line + 1
     found = np.concatenate(parts)
     return found if columns.metres == 1.0 else found * columns.metres
 
 
-def _blocks(file: PlainFile) -> Iterator[tuple[int, list[bytes]]]:
-    """Lines, many at a time, and the number of the first."""
-    lines = iter(file)
-    first, size = 1, _LOOKED_AT  # Headers are among the first.
-    while block := list(islice(lines, size)):
-        yield first, block
-        first += len(block)
-        size = _BLOCK
+def _at_once(columns: Columns, block: bytes) -> Floats | None:
+    """Points of lines that are all alike; None of others."""
+    if columns.decimal_comma:
+        block = block.replace(b",", b".")
+    if b'"' in block:
+        block = _QUOTED.sub(rb"\1", block)
+    return decimals(block, columns.separator, columns.xyz)
 
 
 def _parsed(path: str, columns: Columns, first: int, lines: list[bytes]) -> Floats:
@@ -213,16 +230,6 @@ def _quick(columns: Columns, lines: list[bytes]) -> Floats | None:
     return found if len(found) == len(lines) else None
 
 
-def _separator(line: bytes) -> tuple[bytes | None, bool]:
-    """What separates the fields of a line, and whether its commas are decimal points."""
-    if b";" in line:
-        return b";", b"," in line
-    fields = line.split()
-    if b"," in line and len(fields) >= 3 and all(_DECIMAL_COMMA.fullmatch(field) for field in fields):
-        return None, True
-    return (b",", False) if b"," in line else (None, False)
-
-
 def _values(fields: Iterable[bytes]) -> list[float] | None:
     """Numbers of fields; None if one is none. An empty one is not measured."""
     try:
@@ -230,6 +237,12 @@ def _values(fields: Iterable[bytes]) -> list[float] | None:
     except ValueError:
         return None
     return values or None
+
+
+def is_of_degrees(line: bytes) -> bool:
+    """Whether a line names columns of latitude and longitude, which are no places in metres."""
+    names = set(re.findall(rb"[a-z]+", line.lower()))
+    return bool(names & {b"lat", b"latitude"}) and bool(names & {b"lon", b"lng", b"long", b"longitude"})
 
 
 def _header(fields: list[bytes], is_comment: bool) -> _Header | None:

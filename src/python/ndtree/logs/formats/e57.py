@@ -20,7 +20,7 @@ from ndtree.logs.core.unplaced import ORIGIN_OF_SCAN, POINTS_ONLY, Unplaced, wit
 from ndtree.logs.poses.pose import Pose
 
 MAGIC = b"ASTM-E57"
-INSTALL = "install it with: pip install 'ndtree-mapping[e57]'"
+INSTALL = "install it with:\n  pip install 'ndtree-mapping[e57]'"
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _GRID = {"rowIndex", "columnIndex"}

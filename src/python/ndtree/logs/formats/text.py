@@ -40,12 +40,19 @@ def fields_of(line: str) -> list[str]:
     return re.split(r"\s*[,;]\s*|\s+", content) if content else []
 
 
-def dimension_of(fields: list[str]) -> int | None:
-    """2 or 3 by the number of fields of a beam; None if it fits neither, or if not all are numbers."""
+def are_numbers(fields: list[str]) -> bool:
+    """Whether all are."""
     try:
         for field in fields:
             float(field)
     except ValueError:
+        return False
+    return True
+
+
+def dimension_of(fields: list[str]) -> int | None:
+    """2 or 3 by the number of fields of a beam; None if it fits neither, or if not all are numbers."""
+    if not are_numbers(fields):
         return None
     return {4: 2, 5: 2, 6: 3, 7: 3}.get(len(fields))
 

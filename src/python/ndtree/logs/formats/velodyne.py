@@ -23,7 +23,7 @@ from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_trajectory
 
 Floats = NDArray[np.float64]
 
-INSTALL = "install it with: pip install 'ndtree-mapping[velodyne]'"
+INSTALL = "install it with:\n  pip install 'ndtree-mapping[velodyne]'"
 #: What helps with packets of other lidars.
 _OF_OTHERS = {
     "Ouster": "ouster-cli source {path} save scans.csv (pip install ouster-sdk), then their folder",

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.plain_file import text_lines
+from ndtree.logs.core.separators import with_points
 from ndtree.logs.poses.pose import ROTATION_TOLERANCE, matrices_of
 
 Floats = NDArray[np.float64]
@@ -178,7 +179,7 @@ def _entries(names: list[str]) -> dict[tuple[int, int], int] | None:
 def _rows(path: str) -> Iterator[tuple[int, list[str]]]:
     """Fields of each line that has any."""
     for number, line in text_lines(path):
-        content = line.split("#", 1)[0]
+        content = with_points(line.split("#", 1)[0])
         fields = content.replace(",", " ").replace(";", " ").split()
         if fields:
             yield number, fields

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.logs.core.plain_file import text_lines
+from ndtree.logs.core.separators import with_points
 from ndtree.logs.core.source import ReaderOption
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.pose_columns import TUM, PoseColumns, columns_named, order_in_doubt, seconds_of
@@ -162,7 +163,9 @@ def _lines(path: str) -> Iterator[tuple[PoseColumns | None, tuple[int, list[floa
     """Numbers of each line that has any, its number, and what a header before the first of them names."""
     named, behind_header = None, False
     for number, line in text_lines(path):
-        content = line.split("#", 1)[0]
+        if "\0" in line:
+            raise ValueError(f"{path}: line {number}: binary data, expected poses in text")
+        content = with_points(line.split("#", 1)[0])
         fields = content.replace(",", " ").replace(";", " ").split()
         if not behind_header and not _are_numbers(fields):
             found = columns_named(line)

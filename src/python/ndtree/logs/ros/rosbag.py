@@ -91,9 +91,10 @@ class RosbagLog(SizedLog):
             raise WrongOption(f"{path}: {' and '.join(given)}: expected one of them")
         if not np.isfinite(time_offset):
             raise WrongOption(f"time_offset = {time_offset:g} s: must be finite")
-        if sweep is not None and (sweep not in BY_WORD or not deskew):
-            words = ", ".join(BY_WORD)
-            raise WrongOption(f"{path}: sweep = {sweep}: expected one of {words}, and deskewing")
+        if sweep is not None and sweep not in BY_WORD:
+            raise WrongOption(f"{path}: sweep = {sweep}: expected one of {', '.join(BY_WORD)}")
+        if sweep is not None and not deskew:
+            raise WrongOption(f"{path}: sweep = {sweep}: is for beams that are deskewed")
         check_stride(pixel_stride)
         checked(path, zero_is)
         try:

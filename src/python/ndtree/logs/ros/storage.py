@@ -144,4 +144,9 @@ def ros2_type(name: str) -> str:
 
 def line_of(error: Exception) -> str:
     """What an exception says, in one line; its kind where it says nothing."""
+    if isinstance(error, KeyError) and error.args:  # A field of a record.
+        name = error.args[0]
+        return f"no {name.decode('utf-8', 'replace') if isinstance(name, bytes) else name} in a record"
+    if type(error).__name__ == "EndOfFile":
+        return "it ends too early"
     return " ".join(str(error).split())[:200] or type(error).__name__

@@ -26,7 +26,7 @@ def write(
         from PIL import Image
     except ImportError as error:
         raise ImportError(
-            f"PNG files need Pillow ({error}); install it with: pip install 'ndtree-mapping[convert]'"
+            f"PNG files need Pillow ({error}); install it with:\n  pip install 'ndtree-mapping[convert]'"
         ) from None
     with tempfile.TemporaryDirectory() as folder:
         same = Path(folder, "map.yaml")

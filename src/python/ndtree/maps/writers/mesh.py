@@ -86,7 +86,7 @@ def _mesh(m: OccupancyMap, states: Sequence[str], cell_size: float | None, what:
         import trimesh
     except ImportError as error:
         raise ImportError(
-            f"meshes need trimesh ({error}); install it with: pip install 'ndtree-mapping[convert]'"
+            f"meshes need trimesh ({error}); install it with:\n  pip install 'ndtree-mapping[convert]'"
         ) from None
     cells = selected(m, states, cell_size)
     corners, faces = quads(cells)

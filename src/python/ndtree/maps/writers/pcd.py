@@ -21,7 +21,7 @@ def write(
         from pypcd4 import PointCloud
     except ImportError as error:
         raise ImportError(
-            f"PCD files need pypcd4 ({error}); install it with: pip install 'ndtree-mapping[convert]'"
+            f"PCD files need pypcd4 ({error}); install it with:\n  pip install 'ndtree-mapping[convert]'"
         ) from None
     cells = selected(m, states, cell_size)
     xyz = as_float32(in_space(centres(cells)), cells.unit, "PCD")

@@ -47,7 +47,7 @@ def write(
         from rosbags import interfaces, rosbag1, rosbag2, typesys
     except ImportError as error:
         raise ImportError(
-            f"ROS bags need rosbags ({error}); install it with: pip install 'ndtree-mapping[ros]'"
+            f"ROS bags need rosbags ({error}); install it with:\n  pip install 'ndtree-mapping[ros]'"
         ) from None
     is_ros1 = path.suffix == ".bag"
     store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC if is_ros1 else typesys.Stores.ROS2_HUMBLE)

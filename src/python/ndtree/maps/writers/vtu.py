@@ -31,7 +31,7 @@ def write(
         import meshio
     except ImportError as error:
         raise ImportError(
-            f"VTK's files need meshio ({error}); install it with: pip install 'ndtree-mapping[convert]'"
+            f"VTK's files need meshio ({error}); install it with:\n  pip install 'ndtree-mapping[convert]'"
         ) from None
     if m.dim not in _CORNERS:
         raise ValueError(f"a map with dim = {m.dim}: must be 2 or 3")

@@ -13,7 +13,7 @@ from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.comparison import NO_RETURN
 from ndtree.evaluation.no_returns import AUTO, believed
-from ndtree.logs.core.log import Log
+from ndtree.logs.core.log import Log, require_log
 from ndtree.tuning.calibration.beams import Beams, Points, Scans, Source
 from ndtree.tuning.calibration.figures import LEAST_SIGMA, Calibration, Estimate
 from ndtree.tuning.calibration.noise import noise_of
@@ -82,6 +82,7 @@ def calibrate(
     ValueError
         If an option is out of its limits, the log is damaged, or fewer than 100 beams returned.
     """
+    require_log(log)
     if no_return not in NO_RETURN:
         raise ValueError(f"no_return = {no_return!r}: must be one of {', '.join(NO_RETURN)}")
     if not max_range > 0:

@@ -172,7 +172,7 @@ def _typesys() -> Any:
         from rosbags import typesys
     except ImportError as error:
         raise ImportError(
-            f"ROS bags need rosbags ({error}); install it with: pip install 'ndtree-mapping[ros]'"
+            f"ROS bags need rosbags ({error}); install it with:\n  pip install 'ndtree-mapping[ros]'"
         ) from None
     return typesys
 
@@ -258,8 +258,8 @@ def _files_of(folder: str) -> list[str]:
         return [os.path.join(folder, name) for name in listed]
     recordings = {re.sub(r"_\d+$", "", name.split(".")[0]) for name in names}
     if len(recordings) > 1:
-        some = ", ".join(names[:6])
-        raise ValueError(f"{folder}: {len(recordings)} recordings, expected the path of one of them: {some}")
+        ways = "".join(f"\n  {os.path.join(folder, name)}" for name in names[:6])
+        raise ValueError(f"{folder}: {len(recordings)} recordings, expected the path of one of them:{ways}")
     if not names:
         raise ValueError(f"{folder}: no {', '.join(ENDINGS[:3])} in it, expected the files of a ROS bag")
     return [os.path.join(folder, name) for name in names]
@@ -359,7 +359,7 @@ def _zstandard(what: str) -> Any:
     except ImportError as error:
         raise ImportError(
             f"{what}: packed by zstd, which needs zstandard ({error}); "
-            "install it with: pip install 'ndtree-mapping[ros]'"
+            "install it with:\n  pip install 'ndtree-mapping[ros]'"
         ) from None
     return zstandard
 

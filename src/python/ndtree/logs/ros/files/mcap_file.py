@@ -42,7 +42,7 @@ class McapFile(FileStorage):
             from mcap import records, stream_reader
         except ImportError as error:
             raise ImportError(
-                f"MCAP files need mcap ({error}); install it with: pip install 'ndtree-mapping[ros]'"
+                f"MCAP files need mcap ({error}); install it with:\n  pip install 'ndtree-mapping[ros]'"
             ) from None
         self._records, self._stream = records, stream_reader
         super().__init__(path, name)

@@ -7,6 +7,7 @@ import sqlite3
 from collections.abc import Collection, Iterator
 from urllib.parse import quote
 
+from ndtree.logs.core.failures import NotALog, shown
 from ndtree.logs.ros.storage import HEAD_BYTES, Connection, OnDamage, Raw, Storage, line_of
 
 MAGIC = b"SQLite format 3\0"
@@ -29,6 +30,7 @@ class SqliteFile(Storage):
         super().__init__(name)
         how = "mode=rw" if path != name else "immutable=1"  # A copy may be changed.
         self._base = sqlite3.connect(f"file:{quote(path)}?{how}", uri=True)
+        self._require_bag()
         try:
             definitions = self._definitions()
             for id, topic, type, encoding in self._base.execute(
@@ -45,6 +47,21 @@ class SqliteFile(Storage):
                 self.span = (min(span[0], first), max(span[1], last))
         except sqlite3.Error as error:
             self._look_through(error)
+
+    def _require_bag(self) -> None:
+        """Refuse a database of something else."""
+        try:
+            tables = {name for (name,) in self._base.execute("SELECT name FROM sqlite_master")}
+        except sqlite3.Error:  # Damaged; there may be messages in it all the same.
+            return
+        if not tables or "topics" in tables or "messages" in tables:
+            return
+        self._base.close()
+        if {"Node", "Link", "Data"} <= tables:
+            way = "exporting its scans and poses from RTAB-Map, then ndtree map on their folder"
+            raise NotALog(self.path, "a database of RTAB-Map", [way])
+        some = shown(", ".join(sorted(tables)), 60)
+        raise NotALog(self.path, f"a database of SQLite without a bag in it, but with {some}")
 
     def close(self) -> None:
         self._base.close()

@@ -135,7 +135,7 @@ def _png_pixels(data: bytes) -> NDArray[np.uint16]:
         from PIL import Image
     except ImportError as error:
         raise ImportError(
-            f"packed images need Pillow ({error}); install it with: pip install 'ndtree-mapping[ros]'"
+            f"packed images need Pillow ({error}); install it with:\n  pip install 'ndtree-mapping[ros]'"
         ) from None
     try:
         with Image.open(io.BytesIO(data)) as picture:

@@ -47,7 +47,7 @@ def _decoder(type: str, schema: bytes) -> Callable[[bytes], Any]:
         from mcap_protobuf.decoder import DecoderFactory
     except ImportError as error:
         raise ImportError(
-            f"messages packed by protobuf need mcap-protobuf-support ({error}); install it with: "
+            f"messages packed by protobuf need mcap-protobuf-support ({error}); install it with:\n  "
             "pip install 'ndtree-mapping[ros]'"
         ) from None
     decoder = DecoderFactory().decoder_for(
