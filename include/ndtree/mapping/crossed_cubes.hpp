@@ -8,7 +8,8 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
+#include <utility>
+#include <vector>
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
@@ -17,25 +18,21 @@
 
 namespace ndtree {
 
-/// Collects the cubes that beams pass, to the end of their noise, or pass so closely that rounding may
-/// decide.
+namespace detail {
+
+/// Collects the cubes that beams pass, or pass so closely that rounding may decide.
 template <int N, int D>
 class CrossedCubes {
  public:
-  /// @param reach around all beams, see survey_exactly() [m].
+  /// @param reach around all beams [m].
   CrossedCubes(const LatticeGeometry<N, D>& geometry, const Box<D>& reach)
       : per_metre_(1.0 / geometry.cell_size(0)),
         beside_(kBeside * geometry.unit() / geometry.cell_size(0)),
         cubes_(geometry.edge(0), around(geometry, reach)) {}
 
-  template <class Sensor>
-  void add(const Measurements<D, Sensor>& measurements) {
-    for (Eigen::Index i = 0; i < measurements.scan().size; ++i) {
-      const Beam<D> beam = measurements.beam(i);
-      if (beam.outcome == BeamOutcome::invalid) continue;
-      const double t_end = Sensor::t_end(beam, measurements.sigma(i, beam.range));
-      add(beam.origin * per_metre_, beam.displacement * (std::max(beam.t_free, t_end) * per_metre_));
-    }
+  /// @param way of a beam, to the end of its noise [m].
+  void add(const Vector<D>& origin, const Vector<D>& way) {
+    add_scaled(origin * per_metre_, way * per_metre_);
   }
   [[nodiscard]] const CubeSet<D>& cubes() const { return cubes_; }
 
@@ -54,7 +51,7 @@ class CrossedCubes {
     return box;
   }
   /// @param from, way in cubes.
-  void add(const Vector<D>& from, const Vector<D>& way) {
+  void add_scaled(const Vector<D>& from, const Vector<D>& way) {
     Vector<D> plane;  // The next that the beam crosses on each axis.
     for (int a = 0; a < D; ++a)
       plane[a] = way[a] > 0.0 ? std::floor(from[a]) + 1.0 : std::ceil(from[a]) - 1.0;
@@ -95,5 +92,35 @@ class CrossedCubes {
   double beside_;  // In cubes.
   CubeSet<D> cubes_;
 };
+
+}  // namespace detail
+
+/// The cubes of max_cell_size that a scan may change: those that its beams pass, to the end of their noise.
+/// Cost: O(beams · cubes along a beam).
+/// @throws as survey_exactly().
+template <int N, int D, class Sensor>
+[[nodiscard]] CubeSet<D> cubes_crossed(const LatticeGeometry<N, D>& geometry,
+                                       const Measurements<D, Sensor>& measurements) {
+  ScanSurvey<D> survey;
+  std::vector<std::pair<Vector<D>, Vector<D>>> beams;  // Where each begins, and its way.
+  beams.reserve(static_cast<std::size_t>(measurements.scan().size));
+  const double longest = kLongestBeam * geometry.unit();
+  for (Eigen::Index i = 0; i < measurements.scan().size; ++i) {
+    const Beam<D> beam = measurements.beam(i);
+    if (beam.outcome == BeamOutcome::invalid) continue;
+    const double sigma = measurements.sigma(i, beam.range);
+    const double t_end = std::max(beam.t_free, Sensor::t_end(beam, sigma));
+    survey.include(beam.origin);
+    survey.include(beam.point(t_end));
+    if (!(t_end * beam.range <= longest)) (void)survey_exactly(geometry, measurements, {i, i + 1});
+    beams.emplace_back(beam.origin, t_end * beam.displacement);
+  }
+  if (beams.empty()) return {};
+  if (!geometry.in_reach(survey.reach.lower) || !geometry.in_reach(survey.reach.upper))
+    (void)survey_exactly(geometry, measurements, measurements.all());
+  detail::CrossedCubes<N, D> crossed(geometry, survey.reach);
+  for (const auto& [origin, way] : beams) crossed.add(origin, way);
+  return crossed.cubes();
+}
 
 }  // namespace ndtree

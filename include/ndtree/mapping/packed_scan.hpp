@@ -31,7 +31,7 @@ class PackedScan {
   PackedScan() = default;
   /// @param scan in its sensor's frame. @param unit edge of the smallest cell [m].
   /// @throws std::invalid_argument if a beam is longer than the lattice has cells, and as Scan::view().
-  PackedScan(const ScanView<D>& scan, double unit) : unit_(unit) {
+  PackedScan(const ScanView<D>& scan, double unit) : step_(kFinestStep * unit) {
     double farthest = 0.0;
     std::vector<Eigen::Index> kept;
     kept.reserve(static_cast<std::size_t>(scan.size));
@@ -49,12 +49,12 @@ class PackedScan {
       if (scan.origin_per_beam) farthest = std::max(farthest, reach_of(scan.origin(i)));
     }
     num_left_out_ = static_cast<std::size_t>(scan.size) - kept.size();
-    while (!(farthest <= kMost * step())) {
-      if (exponent_ >= 0)
+    while (!(farthest <= kMost * step_)) {
+      if (!(step_ < unit))
         throw std::invalid_argument("a beam ends " + describe_number(farthest) +
                                     " m from its sensor: with cells of " + describe_number(unit) +
-                                    " m at most " + describe_number(kMost * step()) + " m can be kept");
-      ++exponent_;
+                                    " m at most " + describe_number(kMost * step_) + " m can be kept");
+      step_ *= 2.0;
     }
     ends_.reserve(kept.size() * kWords);
     for (const Eigen::Index i : kept) {
@@ -98,13 +98,12 @@ class PackedScan {
   static constexpr double kMost = (1 << (kBits - 1)) - 1;
   static constexpr std::int64_t kOffset = 1 << (kBits - 1);
   static constexpr std::uint64_t kReturned = std::uint64_t{1} << 63;
-  static constexpr int kFinestExponent = -10;
+  static constexpr double kFinestStep = 0x1p-10;  // Over a smallest cell.
 
-  [[nodiscard]] double step() const { return std::ldexp(unit_, exponent_); }
   void append(std::vector<std::uint64_t>& words, const Vector<D>& point, bool is_returned) const {
     std::array<std::uint64_t, kWords> packed{};
     for (std::size_t a = 0; a < D; ++a) {
-      const auto steps = static_cast<std::int64_t>(std::nearbyint(point[static_cast<int>(a)] / step()));
+      const auto steps = static_cast<std::int64_t>(std::nearbyint(point[static_cast<int>(a)] / step_));
       packed[a / 3] |= static_cast<std::uint64_t>(steps + kOffset) << (a % 3 * kBits);
     }
     if (is_returned) packed[0] |= kReturned;
@@ -116,7 +115,7 @@ class PackedScan {
       const std::uint64_t word = words[static_cast<std::size_t>(beam) * kWords + a / 3];
       const auto steps =
           static_cast<std::int64_t>(word >> (a % 3 * kBits) & ((std::uint64_t{1} << kBits) - 1)) - kOffset;
-      result[static_cast<int>(a)] = static_cast<double>(steps) * step();
+      result[static_cast<int>(a)] = static_cast<double>(steps) * step_;
     }
     return result;
   }
@@ -128,8 +127,7 @@ class PackedScan {
     return result;
   }
 
-  double unit_ = 1.0;
-  int exponent_ = kFinestExponent;  // Of a step, over the unit.
+  double step_ = 1.0;  // Of coordinates [m].
   std::size_t num_left_out_ = 0;
   Vector<D> one_origin_ = Vector<D>::Zero();
   std::vector<std::uint64_t> ends_;

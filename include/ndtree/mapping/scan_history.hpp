@@ -198,11 +198,7 @@ class ScanHistory {
   [[nodiscard]] CubeSet<D> cubes_of(const ScanView<D>& scan, double max_range) const {
     const typename Map::SensorType sensor(map_.options());
     const Measurements<D, typename Map::SensorType> measurements(scan, max_range, sensor);
-    const ScanSurvey<D> survey = survey_exactly(map_.tree().geometry(), measurements, measurements.all());
-    if (survey.num_valid() == 0) return {};
-    CrossedCubes<Map::kBranching, D> crossed(map_.tree().geometry(), survey.reach);
-    crossed.add(measurements);
-    return crossed.cubes();
+    return cubes_crossed(map_.tree().geometry(), measurements);
   }
 
   /// Replaces the entries and the map. @param is_changed which have another pose than before.

@@ -80,9 +80,16 @@ class CubeSet {
       return;
     }
     LatticeBox<D> both;
+    bool has_room = true;
     for (std::size_t a = 0; a < D; ++a) {
+      has_room = has_room && other.first_[a] >= first_[a] &&
+                 other.first_[a] + other.count_[a] <= first_[a] + count_[a];
       both.lower[a] = std::min(first_[a], other.first_[a]) * edge_;
       both.upper[a] = std::max(first_[a] + count_[a], other.first_[a] + other.count_[a]) * edge_;
+    }
+    if (has_room) {
+      other.for_each([&](const Lattice<D>& cube) { insert(cube); });
+      return;
     }
     CubeSet sum(edge_, both);
     for (const CubeSet* set : {static_cast<const CubeSet*>(this), &other})

@@ -77,11 +77,23 @@ InsertReport insert(PythonHistory& h, Key key, const py::object& points, const p
   });
 }
 
+/// @throws TypeError or OverflowError naming what it is.
+Key key_from(const py::handle& object) {
+  const auto index = py::reinterpret_steal<py::object>(PyNumber_Index(object.ptr()));
+  if (!index) {
+    PyErr_Clear();
+    throw py::type_error("key " + std::string(py::repr(object)) + ": must be an int");
+  }
+  const long long key = PyLong_AsLongLong(index.ptr());
+  if (key == -1 && PyErr_Occurred() != nullptr) throw py::error_already_set();
+  return key;
+}
+
 HistoryReport move(PythonHistory& h, const py::dict& poses, int threads) {
   std::vector<Key> keys;
   std::vector<double> numbers;
   for (const auto& [key, pose] : poses) {
-    keys.push_back(key.cast<Key>());
+    keys.push_back(key_from(key));
     const std::string name = "the pose of key " + std::to_string(keys.back());
     const Poses one = pose_from(py::reinterpret_borrow<py::object>(pose), h.history->dim(), name.c_str());
     numbers.insert(numbers.end(), one.numbers.begin(), one.numbers.end());
