@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +33,8 @@ import ndtree
 PYTHON = os.environ.get("NDTREE_ROS2_PYTHON", sys.executable)
 PROCESSES = Path(__file__).with_name("ros2")
 #: No other node of this machine talks on it.
-DOMAIN = str(100 + os.getpid() % 100)
+#: Up to 101 its ports are none that the system gives to others.
+DOMAIN = str(1 + os.getpid() % 101)
 PATIENCE = 180.0
 
 
@@ -70,6 +71,15 @@ def running(folder: Path, name: str, *command: object) -> Iterator[subprocess.Po
                     process.wait()
 
 
+def ended(process: subprocess.Popen[bytes], node: subprocess.Popen[bytes], log: Callable[[], str]) -> None:
+    """Wait for the end of a process, as long as the node runs."""
+    deadline = time.monotonic() + PATIENCE
+    while process.poll() is None:
+        assert node.poll() is None, log()
+        assert time.monotonic() < deadline, log()
+        time.sleep(0.05)
+
+
 @dataclass
 class Received:
     """What came of a bag that was published."""
@@ -94,9 +104,8 @@ class Received:
 def published(bag: Path, folder: Path, rate: float, scans: int, **parameters: object) -> Received:
     """What a node makes of a bag that another process publishes, and a third one receives."""
     stop, output, target = folder / "stop", folder / "out.npz", folder / "node.ndt"
-    words = [
-        w for k, v in {**parameters, "reliable": "true", "queue": 5000}.items() for w in ("-p", f"{k}:={v}")
-    ]
+    given = {**parameters, "reliable": "true", "queue": 5000, "patience": 120.0}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
     ros = ["--ros-args", "-p", f"map_file:={target}", *words]
 
     def log() -> str:
@@ -106,14 +115,12 @@ def published(bag: Path, folder: Path, rate: float, scans: int, **parameters: ob
         receiver = stack.enter_context(running(folder, "receiver", PROCESSES / "receiver.py", output, stop))
         node = stack.enter_context(running(folder, "node", "-m", "ndtree.live.ros2", *ros))
         with running(folder, "publisher", PROCESSES / "publisher.py", bag, rate, 1) as publisher:
-            publisher.wait(PATIENCE)
-        assert node.poll() is None, log()
-        time.sleep(3.0)  # What is shown every second or two.
+            ended(publisher, node, log)
+        assert publisher.returncode == 0, (folder / "publisher.log").read_text()
         node.send_signal(signal.SIGINT)
         assert node.wait(PATIENCE) == 0, log()
-        time.sleep(1.0)
         stop.touch()
-        receiver.wait(PATIENCE)
+        assert receiver.wait(PATIENCE) == 0, (folder / "receiver.log").read_text()
     text = log()
     assert f"{scans} scans received: " in text, text
     arrays = np.load(output)
@@ -173,7 +180,7 @@ def test_the_office_is_mapped_as_from_a_recording(tmp_path: Path) -> None:
     grid, expected = received.grid_like(m)
     assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
     counts = received.text["counts"]
-    assert counts["map_updates"] > 3 and counts["map"] < 40  # Fewer on a busy machine.
+    assert 0 < counts["map_updates"] and 0 < counts["map"] < 40  # Fewer on a busy machine.
     occupied = m.leaves(states=["occupied"])
     order = np.lexsort(occupied.center.T)
     points = received.arrays["points"]
@@ -235,12 +242,13 @@ def test_real_bags_are_mapped_as_from_a_recording(name: str, recordings: Path, t
 
 def test_services_and_parameters(tmp_path: Path) -> None:
     file = tmp_path / "map.ndt"
-    given = {"map_file": file, "range_sigma": 0.02, "look": 0.5, "clear_radius": 0.5, "reliable": "true"}
+    given = {"map_file": file, "range_sigma": 0.02, "look": 0.5, "clear_radius": 0.5}
+    given |= {"reliable": "true", "patience": 60.0}
     words = [w for k, v in given.items() for w in ("-p", f"{k}:={v}")]
     with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
         with running(tmp_path, "client", PROCESSES / "client.py", file) as client:
-            assert client.wait(PATIENCE) == 0, (tmp_path / "client.log").read_text()
-        assert node.poll() is None, (tmp_path / "node.log").read_text()
+            ended(client, node, (tmp_path / "node.log").read_text)
+        assert client.returncode == 0, (tmp_path / "client.log").read_text()
     said = json.loads((tmp_path / "client.log").read_text().splitlines()[-1])
     assert said["state"] == "active" and "no map yet" in said["early save"]
     assert said["described"] == [True] * 3 and said["limits"] == [1]
@@ -250,7 +258,7 @@ def test_services_and_parameters(tmp_path: Path) -> None:
     assert said["save"] == [True, str(file)] and said["cleared"]
     assert 300 < said["known"] - said["known around"] < 500  # 1 m square of pixels of 5 cm.
     assert said["known without a box"] < said["known around"]
-    assert said["known after reset"] in (0, said["known without a box"])  # An empty map has no grid.
+    assert said["known after reset"] == 0
     assert said["load"] == [0, 1, 2]
     assert said["known after load"] == said["known"]
 

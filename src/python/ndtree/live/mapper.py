@@ -234,6 +234,11 @@ class LiveMapper:
         return self._intake
 
     @property
+    def stamp(self) -> float:
+        """Of the last scan in the map [s]; 0 before the first."""
+        return self._stamp
+
+    @property
     def has_map(self) -> bool:
         """Whether mapping has begun."""
         return self._target is not None
