@@ -28,7 +28,7 @@ BEGIN = 1.7e9
 RATE, WAY = 10.0, 40
 #: What can go wrong, and how often in an hour; more often in a test of a minute.
 FAULTS = {"stops": 60.0, "no tf": 60.0, "ahead": 30.0, "back": 30.0}
-#: The same of single scans.
+#: What goes wrong with single scans, and what part of them has it.
 ODD = {"nan": 0.1, "damaged": 0.005, "nowhere": 0.005, "late": 0.1}
 
 
@@ -41,7 +41,7 @@ class Day:
     faults : collection of str
         Of `FAULTS` and `ODD`.
     often : float
-        The faults of `FAULTS` come so many times as often.
+        Multiplies how often faults of `FAULTS` come.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ def mapped(bag: Path) -> Any:
 @pytest.mark.parametrize("seed", range(6))
 def test_the_map_is_that_of_the_recording_in_spite_of_faults(seed: int, tmp_path: Path) -> None:
     """Sensors that stop and come back, NaN, clocks that jump ahead, tf lost or late, damaged messages, others
-    in a frame of which nothing is known, two publishers on one topic."""
+    in an unknown frame, two publishers on one topic."""
     day = Day(seed, OTHERS, OFTEN)
     mapper = lived(day.messages(SECONDS))
     m, counts = mapped(Day(seed, OTHERS, OFTEN).write(tmp_path / "day", SECONDS))

@@ -138,7 +138,7 @@ def mapped(bag: Path, **options: Any) -> Any:
     return ndtree.load(target)
 
 
-def office_bag(folder: Path, n: int) -> Path:
+def office(n: int) -> tuple[Messages, list[tuple[str, float, Any]]]:
     """The simulated office as a robot would publish it, at 10 Hz."""
     make, content = Messages("mcap"), []
     fixed = make.transform(START - 1, "base", "laser", [0, 0, 0.2], [0, 0, 0, 1])
@@ -155,7 +155,7 @@ def office_bag(folder: Path, n: int) -> Path:
         step = float(angles[-1] - angles[0]) / (len(angles) - 1)
         laser = make.laser(stamp, "laser", ranges, angle_min=0.0, angle_increment=step, range_max=30.0)
         content += [("/scan", stamp + 0.001, laser), ("/tf", stamp + 0.01, make.tf(moved))]
-    return write_bag(folder / "office", make, content)
+    return make, content
 
 
 def apartment_bag(folder: Path, n: int) -> Path:
@@ -172,7 +172,7 @@ def apartment_bag(folder: Path, n: int) -> Path:
 
 
 def test_the_office_is_mapped_as_from_a_recording(tmp_path: Path) -> None:
-    bag = office_bag(tmp_path, 120)
+    bag = write_bag(tmp_path / "office", *office(120))
     received = published(bag, tmp_path, 2.0, 120, range_sigma=0.02, no_return="free")
     m = mapped(bag, range_sigma=0.02, no_return="free")
     assert "120 mapped, 0 dropped" in received.log
@@ -282,3 +282,59 @@ def test_without_ros_the_command_says_what_to_install(tmp_path: Path) -> None:
     )
     done = subprocess.run([PYTHON, "-c", code], capture_output=True, text=True)
     assert done.returncode == 2 and "pip install 'ndtree-mapping[ros2]'" in done.stderr
+
+
+def wait_until(happens: Callable[[], bool], node: subprocess.Popen[bytes], log: Callable[[], str]) -> None:
+    """As long as the node runs."""
+    deadline = time.monotonic() + PATIENCE
+    while not happens():
+        assert node.poll() is None and time.monotonic() < deadline, log()
+        time.sleep(0.02)
+
+
+def test_a_node_that_is_killed_goes_on_from_its_last_saving(tmp_path: Path) -> None:
+    """Killed while scans come, the file is whole: the map of the first scans. A second node goes on with it,
+    and a listener that saw both has the grid of the second."""
+    make, content = office(120)
+    edge = START + 0.1 * 60 - 0.05
+    bags = [
+        write_bag(tmp_path / f"part{part}", make, [row for row in content if row[1] < START or place(row[1])])
+        for part, place in enumerate((lambda at: at < edge, lambda at: at > edge))
+    ]
+    file, stop, output = tmp_path / "map.ndt", tmp_path / "stop", tmp_path / "out.npz"
+    given = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
+    given |= {"map_file": file, "resume": "true", "save_period": 0.2}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+    command = ["-m", "ndtree.live.ros2", "--ros-args", *words]
+    empty = len(ndtree.AdaptiveMap(dim=2).to_bytes()) + 100
+
+    def log() -> str:
+        return "".join(one.read_text(errors="replace") for one in tmp_path.glob("node*.log"))
+
+    with running(tmp_path, "receiver", PROCESSES / "receiver.py", output, stop) as receiver:
+        with running(tmp_path, "node1", *command) as node:
+            with running(tmp_path, "publisher1", PROCESSES / "publisher.py", bags[0], 1.0, 1):
+                wait_until(lambda: file.exists() and file.stat().st_size > empty, node, log)
+                node.kill()
+                assert node.wait(PATIENCE) == -signal.SIGKILL
+        saved = file.read_bytes()
+        with running(tmp_path, "node2", *command) as node:
+            with running(tmp_path, "publisher2", PROCESSES / "publisher.py", bags[1], 2.0, 1) as publisher:
+                ended(publisher, node, log)
+            node.send_signal(signal.SIGINT)
+            assert node.wait(PATIENCE) == 0, log()
+        stop.touch()
+        assert receiver.wait(PATIENCE) == 0, (tmp_path / "receiver.log").read_text()
+    assert "60 scans received: 60 mapped, 0 dropped" in log(), log()
+    m = ndtree.AdaptiveMap(dim=2, range_sigma=0.02)
+    for scan in ndtree.read(bags[0]):
+        scan.insert_into(m)
+        if m.to_bytes() == saved:
+            break
+    assert m.to_bytes() == saved
+    for scan in ndtree.read(bags[1]):
+        scan.insert_into(m)
+    assert file.read_bytes() == m.to_bytes()
+    received = Received(file.read_bytes(), np.load(output), {}, log())
+    grid, expected = received.grid_like(m)
+    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Receives what the node publishes until a file appears, and writes it: receiver.py OUTPUT.npz STOP.
 
-Two topics have no order between them: an update counts if its stamp is not before that of the grid.
+Two topics have no order between them: an update counts if it was sent after the grid.
 """
 
 from __future__ import annotations
@@ -21,11 +21,6 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-def at(message) -> int:
-    """Its stamp [ns]."""
-    return 10**9 * message.header.stamp.sec + message.header.stamp.nanosec
 
 
 class Receiver:
@@ -55,9 +50,9 @@ class Receiver:
             self.node.create_subscription(Octomap, topic, received, LATCHED)
 
     def counted(self, received):
-        def call(message) -> None:
+        def call(message, info) -> None:
             self.received += 1
-            received(message)
+            received(message, info["source_timestamp"])
 
         return call
 
@@ -69,25 +64,25 @@ class Receiver:
             rclpy.spin_once(self.node, timeout_sec=0.2)
 
     def keep(self, name):
-        def received(message) -> None:
+        def received(message, sent) -> None:
             self.last[name] = message
 
         return received
 
-    def whole(self, message) -> None:
+    def whole(self, message, sent) -> None:
         self.counts["map"] += 1
         self.info, self.frame = message.info, message.header.frame_id
         self.grid = np.array(message.data, dtype=np.int8).reshape(message.info.height, message.info.width)
-        self.stamp = at(message)
-        self.updates = [one for one in self.updates if at(one) >= self.stamp]
-        for one in self.updates:
-            self.draw(one)
+        self.sent = sent
+        self.updates = [one for one in self.updates if one[1] > sent]
+        for update, _ in self.updates:
+            self.draw(update)
 
-    def part(self, message) -> None:
+    def part(self, message, sent) -> None:
         self.counts["map_updates"] += 1
-        if self.grid is None or at(message) >= self.stamp:
-            self.updates.append(message)  # It may belong to a grid that comes later.
-        if self.grid is not None and at(message) >= self.stamp:
+        if self.grid is None or sent > self.sent:
+            self.updates.append((message, sent))  # It may belong to a grid that comes later.
+        if self.grid is not None and sent > self.sent:
             self.draw(message)
 
     def draw(self, message) -> None:
