@@ -19,10 +19,14 @@ if TYPE_CHECKING:
     from ndtree.live.messages import MessagesIntake
     from ndtree.live.playing import play
     from ndtree.live.saver import Saver
+    from ndtree.live.to_foxglove import FoxgloveSink
+    from ndtree.live.to_rerun import RerunSink
+    from ndtree.live.way import Way
     from ndtree.live.window import Window
 
 #: Where each public name is; its module loads when it is asked for.
 _MODULES = {
+    "FoxgloveSink": "to_foxglove",
     "FramesIntake": "frames",
     "GridFollower": "grid",
     "GridPart": "grid",
@@ -31,16 +35,19 @@ _MODULES = {
     "LiveMapper": "mapper",
     "MessagesIntake": "messages",
     "Reading": "frames",
+    "RerunSink": "to_rerun",
     "Saver": "saver",
     "ScansIntake": "intake",
     "Sink": "mapper",
     "Transform": "frames",
     "Verdict": "intake",
+    "Way": "way",
     "Window": "window",
     "play": "playing",
 }
 
 __all__ = [
+    "FoxgloveSink",
     "FramesIntake",
     "GridFollower",
     "GridPart",
@@ -49,11 +56,13 @@ __all__ = [
     "LiveMapper",
     "MessagesIntake",
     "Reading",
+    "RerunSink",
     "Saver",
     "ScansIntake",
     "Sink",
     "Transform",
     "Verdict",
+    "Way",
     "Window",
     "play",
 ]
