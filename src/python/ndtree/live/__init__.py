@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ndtree.live.intake import Intake, ScansIntake, Verdict
     from ndtree.live.mapper import LiveMapper, Sink
     from ndtree.live.messages import MessagesIntake
+    from ndtree.live.obstacles import ObstacleDistance, ObstacleSink, obstacle_distance
     from ndtree.live.playing import play
     from ndtree.live.saver import Saver
     from ndtree.live.to_foxglove import FoxgloveSink
@@ -34,6 +35,8 @@ _MODULES = {
     "LiveFigures": "figures",
     "LiveMapper": "mapper",
     "MessagesIntake": "messages",
+    "ObstacleDistance": "obstacles",
+    "ObstacleSink": "obstacles",
     "Reading": "frames",
     "RerunSink": "to_rerun",
     "Saver": "saver",
@@ -43,6 +46,7 @@ _MODULES = {
     "Verdict": "intake",
     "Way": "way",
     "Window": "window",
+    "obstacle_distance": "obstacles",
     "play": "playing",
 }
 
@@ -55,6 +59,8 @@ __all__ = [
     "LiveFigures",
     "LiveMapper",
     "MessagesIntake",
+    "ObstacleDistance",
+    "ObstacleSink",
     "Reading",
     "RerunSink",
     "Saver",
@@ -64,6 +70,7 @@ __all__ = [
     "Verdict",
     "Way",
     "Window",
+    "obstacle_distance",
     "play",
 ]
 
