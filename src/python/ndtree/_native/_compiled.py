@@ -47,7 +47,7 @@ INTERNAL = frozenset(
 
 
 #: Constructors whose dimension has no default: a map of the wrong one refuses the first scan, far from here.
-ASK_FOR_DIM = frozenset(("AdaptiveMap.__init__", "FixedMap.__init__"))
+ASK_FOR_DIM = frozenset(("AdaptiveMap.__init__", "FixedMap.__init__", "ScanHistory.__init__"))
 
 
 def complete(module: types.ModuleType) -> None:
@@ -78,7 +78,7 @@ def _reduce(self: Any, protocol: int) -> Any:
 def _constructor_options(module: Any) -> dict[str, dict[str, float]]:
     """Keywords of the maps' constructors that pybind11 knows as ``**kwargs`` alone, with their defaults."""
     defaults: dict[str, float] = module.default_options()
-    taken = {"AdaptiveMap": defaults}
+    taken = {"AdaptiveMap": defaults, "ScanHistory": defaults}
     for name in ("FixedMap", "OctoMap"):
         if hasattr(module, name):
             read = getattr(module, name)(dim=2).options

@@ -11,6 +11,7 @@ from ndtree._native.results import Changes as Changes
 from ndtree._native.results import Claims as Claims
 from ndtree._native.results import CompressReport as CompressReport
 from ndtree._native.results import Frontier as Frontier
+from ndtree._native.results import HistoryReport as HistoryReport
 from ndtree._native.results import InsertReport as InsertReport
 from ndtree._native.results import Leaves as Leaves
 from ndtree._native.results import MapStats as MapStats
@@ -191,6 +192,161 @@ class MovedEvidence:
         (n,) float32
             0.5 where no beam ended, or no scan can tell.
         """
+
+class ScanHistory:
+    """A map and the scans that made it: when poses are corrected, the map follows.
+
+    Each scan has a key and a pose, and is kept in its sensor's frame with 8 bytes a beam, rounded to a 1024th of a
+    smallest cell, or more if it reaches farther than 1024 cells. After any calls, each cell of the map is, bit for
+    bit, what mapping the present scans at their present poses in the order in which they came makes of it. Only
+    cubes of max_cell_size are made anew that a moved scan crosses, before or after, and only by the scans that
+    cross them. The map's counters add up the work that was done.
+
+    Parameters
+    ----------
+    dim : int
+        2 or 3.
+    options
+        As of AdaptiveMap, with cells adapted by evidence.
+
+    Raises
+    ------
+    ValueError
+        As AdaptiveMap.
+    """
+
+    def __init__(self, *, dim: int, **options: Unpack[MapOptions]) -> None: ...
+    @property
+    def dim(self) -> int:
+        """Dimension of space."""
+    @property
+    def map(self) -> AdaptiveMap:
+        """AdaptiveMap: the map as it is now, a copy that shares its cells and takes no time."""
+    @property
+    def memory_bytes(self) -> int:
+        """Bytes of the map and of the scans."""
+    def insert(
+        self,
+        key: int,
+        points: ArrayLike,
+        pose: ArrayLike,
+        *,
+        origin: ArrayLike | None = None,
+        returned: ArrayLike | None = None,
+        range_sigma: ArrayLike | None = None,
+        max_range: float = ...,
+        threads: int = 0,
+    ) -> InsertReport:
+        """Map a scan, and keep it.
+
+        Parameters
+        ----------
+        key : int
+            By which the scan is found again.
+        points : (n, dim) array of float
+            End points in the sensor's frame [m].
+        pose : array of float
+            Of the sensor in the map: (3,) of x, y and yaw in 2-D, (7,) of x, y, z and a quaternion x, y, z, w in 3-D,
+            or a (dim + 1, dim + 1) matrix.
+        origin : (dim,) or (n, dim) array of float, optional
+            Where beams start in the sensor's frame [m]. Default: at 0.
+        returned, range_sigma, max_range, threads
+            As of `OccupancyMap.insert`.
+
+        Returns
+        -------
+        InsertReport
+
+        Raises
+        ------
+        ValueError
+            The key is there already, the pose is wrong, or as `OccupancyMap.insert`; nothing has changed.
+        """
+    def move(self, poses: dict[int, ArrayLike], *, threads: int = 0) -> HistoryReport:
+        """Move scans to other poses.
+
+        Parameters
+        ----------
+        poses : dict
+            From keys to poses, as of `insert`; scans that are left out stay where they are.
+        threads : int
+            As of `OccupancyMap.insert`.
+
+        Returns
+        -------
+        HistoryReport
+
+        Raises
+        ------
+        KeyError
+            There is no scan with this key; nothing has changed.
+        ValueError
+            A pose is wrong; nothing has changed.
+        """
+    def remove(self, keys: Sequence[int], *, threads: int = 0) -> HistoryReport:
+        """Take scans out of the map.
+
+        Parameters
+        ----------
+        keys : sequence of int
+            Of the scans.
+        threads : int
+            As of `OccupancyMap.insert`.
+
+        Returns
+        -------
+        HistoryReport
+
+        Raises
+        ------
+        KeyError
+            There is no scan with this key; nothing has changed.
+        ValueError
+            A key is given twice; nothing has changed.
+        """
+    def keys(self) -> list[int]:
+        """Keys of all scans, in the order in which they came.
+
+        Returns
+        -------
+        list of int
+        """
+    def pose(self, key: int) -> NDArray[np.float64]:
+        """Pose of a scan's sensor in the map.
+
+        Parameters
+        ----------
+        key : int
+            Of the scan.
+
+        Returns
+        -------
+        (dim + 1, dim + 1) float64
+
+        Raises
+        ------
+        KeyError
+            There is no scan with this key.
+        """
+    def scan(self, key: int) -> Scan:
+        """A scan in the map's frame, as the map took it in.
+
+        Parameters
+        ----------
+        key : int
+            Of the scan.
+
+        Returns
+        -------
+        Scan
+
+        Raises
+        ------
+        KeyError
+            There is no scan with this key.
+        """
+    def __len__(self) -> int: ...
+    def __contains__(self, key: int) -> bool: ...
 
 class SeenSpace:
     """Points drawn uniformly around the end points of a log, and whether some scan saw them.

@@ -3,13 +3,14 @@
 
 from ndtree._native.results.arrays import Answers as Answers
 from ndtree._native.results.arrays import Changes, Frontier, Leaves, NearestOccupied, RayEnds
-from ndtree._native.results.reports import Claims, CompressReport, InsertReport, MapStats
+from ndtree._native.results.reports import Claims, CompressReport, HistoryReport, InsertReport, MapStats
 
 __all__ = [
     "Changes",
     "Claims",
     "CompressReport",
     "Frontier",
+    "HistoryReport",
     "InsertReport",
     "Leaves",
     "MapStats",

@@ -101,6 +101,32 @@ class CompressReport:
 
 
 @dataclass(frozen=True)
+class HistoryReport:
+    """What a change of poses cost.
+
+    Attributes
+    ----------
+    moved : int
+        Scans whose poses changed, or that were removed.
+    replayed : int
+        Scans that were mapped again, in some cubes.
+    cubes : int
+        Cubes of max_cell_size that were made anew.
+    cube_scans, all_cube_scans : int
+        Pairs of a scan and a cube that it crosses: that were mapped again, and all of them.
+    seconds : float
+        Wall time [s].
+    """
+
+    moved: int
+    replayed: int
+    cubes: int
+    cube_scans: int
+    all_cube_scans: int
+    seconds: float
+
+
+@dataclass(frozen=True)
 class Claims:
     """What a map says about space of which is known whether somebody saw it.
 
