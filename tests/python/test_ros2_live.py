@@ -263,6 +263,21 @@ def test_services_and_parameters(tmp_path: Path) -> None:
     assert said["known after load"] == said["known"]
 
 
+def test_a_node_that_is_configured_again_begins_anew(tmp_path: Path) -> None:
+    given = {"range_sigma": 0.02, "look": 0.5, "reliable": "true", "autostart": "false"}
+    words = [w for k, v in given.items() for w in ("-p", f"{k}:={v}")]
+    with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
+        with running(tmp_path, "manager", PROCESSES / "manager.py") as manager:
+            ended(manager, node, (tmp_path / "node.log").read_text)
+        assert manager.returncode == 0, (tmp_path / "manager.log").read_text()
+    said = json.loads((tmp_path / "manager.log").read_text().splitlines()[-1])
+    once = ["inactive", "active", "inactive", "unconfigured"]
+    assert said["states"] == ["unconfigured", *once, *once]
+    assert said["publishers"] == [[1, 1], [1, 1]]  # None of before, which would publish an old map.
+    first, second = said["widths"]
+    assert first >= 12 / 0.05 > second >= 4 / 0.05
+
+
 def test_wrong_parameters_are_refused(tmp_path: Path) -> None:
     for number, (word, said) in enumerate(
         {

@@ -75,6 +75,9 @@ class MapNode(LifecycleNode):
     def end(self) -> None:
         """Map what has arrived, save, and wait a while until subscribers have the last map."""
         self._close()
+        self._deliver()
+
+    def _deliver(self) -> None:
         until = time.monotonic() + DELIVERY
         for publisher in self.publishers:
             publisher.wait_for_all_acked(Duration(seconds=max(until - time.monotonic(), 0.0)))
@@ -109,7 +112,16 @@ class MapNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Save, and take back all that configuring has made: the next time it begins anew."""
         self._close()
+        self._deliver()
+        for service in self._offered:
+            self.destroy_service(service)
+        self.destroy_subscription(self._box_listener)
+        for publisher in self._published:
+            self.destroy_publisher(publisher)
+        self._intake = self._grid = self._position = None
+        self._is_announced, self._before, self._lost = False, (0, 0.0), 0
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -136,6 +148,7 @@ class MapNode(LifecycleNode):
         )
         if value(self, "no_return") not in ("auto", "free", "ignore"):
             raise ValueError(f"no_return = {value(self, 'no_return')}: must be auto, free or ignore")
+        before = list(self.publishers)
         self._grid = GridSink(self, self._frame)
         sinks: list[Any] = [self._grid, CellsSink(self, self._frame), FrontiersSink(self, self._frame)]
         octomap = optional_class("octomap_msgs/msg/Octomap")
@@ -163,6 +176,7 @@ class MapNode(LifecycleNode):
             prepare=prepare,
         )
         self._status_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._published = [one for one in self.publishers if one not in before]
         self._offered = [
             self.create_service(Trigger, "~/save", self._save),
             self.create_service(LoadMap, "~/load", self._load),
