@@ -307,6 +307,40 @@ def wait_until(happens: Callable[[], bool], node: subprocess.Popen[bytes], log: 
         time.sleep(0.02)
 
 
+def test_a_subscriber_that_hangs_holds_up_neither_the_map_nor_others(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "office", *office(120))
+    file, stop, output = tmp_path / "map.ndt", tmp_path / "stop", tmp_path / "out.npz"
+    given = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
+    given |= {"map_file": file, "save_period": 0.2}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+    empty = len(ndtree.AdaptiveMap(dim=2).to_bytes()) + 100
+
+    def log() -> str:
+        return (tmp_path / "node.log").read_text(errors="replace")
+
+    with ExitStack() as stack:
+        target = tmp_path / "hung.npz"
+        hung = stack.enter_context(running(tmp_path, "hung", PROCESSES / "receiver.py", target, stop))
+        receiver = stack.enter_context(running(tmp_path, "receiver", PROCESSES / "receiver.py", output, stop))
+        command = ["-m", "ndtree.live.ros2", "--ros-args", *words]
+        node = stack.enter_context(running(tmp_path, "node", *command))
+        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 2.0, 1) as publisher:
+            wait_until(lambda: file.exists() and file.stat().st_size > empty, node, log)
+            hung.send_signal(signal.SIGSTOP)
+            stack.callback(hung.send_signal, signal.SIGCONT)
+            ended(publisher, node, log)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE) == 0, log()
+        stop.touch()
+        assert receiver.wait(PATIENCE) == 0, (tmp_path / "receiver.log").read_text()
+    assert "120 scans received: 120 mapped, 0 dropped" in log(), log()
+    m = mapped(bag, range_sigma=0.02, no_return="free")
+    assert file.read_bytes() == m.to_bytes()
+    received = Received(file.read_bytes(), np.load(output), {}, log())
+    grid, expected = received.grid_like(m)
+    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
+
+
 def test_a_node_that_is_killed_goes_on_from_its_last_saving(tmp_path: Path) -> None:
     """Killed while scans come, the file is whole: the map of the first scans. A second node goes on with it,
     and a listener that saw both has the grid of the second."""
