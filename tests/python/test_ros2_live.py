@@ -55,6 +55,7 @@ def running(folder: Path, name: str, *command: object) -> Iterator[subprocess.Po
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_DOMAIN_ID": DOMAIN,
         "PYTHONUNBUFFERED": "1",
+        "FASTDDS_DEFAULT_PROFILES_FILE": str(PROCESSES / "patient.xml"),
     }
     with open(folder / f"{name}.log", "wb") as log:
         words = [PYTHON, *map(str, command)]

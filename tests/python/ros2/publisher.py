@@ -76,6 +76,8 @@ def main(path: Path, rate: float, listeners: int) -> None:
             publishers[topic][0].publish(bytes(data))
     for publisher, _ in publishers.values():
         assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE)), publisher.topic_name
+    for publisher in needed:  # A listener that is gone owes no acknowledgement.
+        assert publisher.get_subscription_count() >= listeners, f"{publisher.topic_name}: a listener has gone"
     rclpy.shutdown()
 
 
