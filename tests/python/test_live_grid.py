@@ -95,6 +95,32 @@ def test_what_is_cleared_becomes_unknown_and_another_map_is_sent_as_a_whole() ->
     assert np.array_equal(listener.values, image_of(other, grid)) and grid.cell_size == 0.1
 
 
+@pytest.mark.parametrize("height", [None, (0.13, 1.5)])
+def test_in_space_a_grid_follows_what_is_cleared_merged_and_forgotten(height: Any) -> None:
+    generator = np.random.default_rng(4)
+    scans = list(ndtree.simulate("apartment", scans=12))
+    m, grid, listener = ndtree.AdaptiveMap(dim=3, min_cell_size=0.1), GridFollower(None, height), Listener()
+    given = {} if height is None else {"height": height}
+    for step, scan in enumerate(scans):
+        scan.insert_into(m)
+        center = np.asarray(scan.origin)
+        if step % 3 == 1:
+            m.clear([center - generator.uniform(0.2, 1, 3), center + generator.uniform(0.2, 1, 3)])
+        if step % 4 == 3:
+            m.keep_near(center, 2.0)
+        listener.take(grid.follow(m.snapshot()))
+        assert np.array_equal(listener.values, grid.values)
+        assert np.array_equal(grid.values, image_of(m, grid, **given))
+    assert listener.parts > 5 and np.count_nonzero(grid.values == 100) > 50
+    other = ndtree.AdaptiveMap(dim=3, min_cell_size=0.05)
+    listener.take(grid.follow(other.snapshot()))  # Another kind of map, in which nothing is known.
+    assert (grid.values == -1).all() and np.array_equal(listener.values, grid.values)
+    for scan in scans[:2]:
+        scan.insert_into(other)
+        listener.take(grid.follow(other.snapshot()))
+        assert np.array_equal(listener.values, image_of(other, grid, **given))
+
+
 def test_behind_a_window_that_moves_the_grid_does_not_grow() -> None:
     m, grid, largest = ndtree.AdaptiveMap(dim=2), GridFollower(), 0
     ways = np.linspace(0, 2 * math.pi, 300)

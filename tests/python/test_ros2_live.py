@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +33,8 @@ import ndtree
 PYTHON = os.environ.get("NDTREE_ROS2_PYTHON", sys.executable)
 PROCESSES = Path(__file__).with_name("ros2")
 #: No other node of this machine talks on it.
-DOMAIN = str(100 + os.getpid() % 100)
+#: Up to 101 its ports are none that the system gives to others.
+DOMAIN = str(1 + os.getpid() % 101)
 PATIENCE = 180.0
 
 
@@ -54,6 +55,7 @@ def running(folder: Path, name: str, *command: object) -> Iterator[subprocess.Po
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         "ROS_DOMAIN_ID": DOMAIN,
         "PYTHONUNBUFFERED": "1",
+        "FASTDDS_DEFAULT_PROFILES_FILE": str(PROCESSES / "patient.xml"),
     }
     with open(folder / f"{name}.log", "wb") as log:
         words = [PYTHON, *map(str, command)]
@@ -68,6 +70,15 @@ def running(folder: Path, name: str, *command: object) -> Iterator[subprocess.Po
                 except subprocess.TimeoutExpired:
                     process.kill()
                     process.wait()
+
+
+def ended(process: subprocess.Popen[bytes], node: subprocess.Popen[bytes], log: Callable[[], str]) -> None:
+    """Wait for the end of a process, as long as the node runs."""
+    deadline = time.monotonic() + PATIENCE
+    while process.poll() is None:
+        assert node.poll() is None, log()
+        assert time.monotonic() < deadline, log()
+        time.sleep(0.05)
 
 
 @dataclass
@@ -94,9 +105,8 @@ class Received:
 def published(bag: Path, folder: Path, rate: float, scans: int, **parameters: object) -> Received:
     """What a node makes of a bag that another process publishes, and a third one receives."""
     stop, output, target = folder / "stop", folder / "out.npz", folder / "node.ndt"
-    words = [
-        w for k, v in {**parameters, "reliable": "true", "queue": 5000}.items() for w in ("-p", f"{k}:={v}")
-    ]
+    given = {**parameters, "reliable": "true", "queue": 5000, "patience": 120.0}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
     ros = ["--ros-args", "-p", f"map_file:={target}", *words]
 
     def log() -> str:
@@ -106,14 +116,12 @@ def published(bag: Path, folder: Path, rate: float, scans: int, **parameters: ob
         receiver = stack.enter_context(running(folder, "receiver", PROCESSES / "receiver.py", output, stop))
         node = stack.enter_context(running(folder, "node", "-m", "ndtree.live.ros2", *ros))
         with running(folder, "publisher", PROCESSES / "publisher.py", bag, rate, 1) as publisher:
-            publisher.wait(PATIENCE)
-        assert node.poll() is None, log()
-        time.sleep(3.0)  # What is shown every second or two.
+            ended(publisher, node, log)
+        assert publisher.returncode == 0, (folder / "publisher.log").read_text()
         node.send_signal(signal.SIGINT)
         assert node.wait(PATIENCE) == 0, log()
-        time.sleep(1.0)
         stop.touch()
-        receiver.wait(PATIENCE)
+        assert receiver.wait(PATIENCE) == 0, (folder / "receiver.log").read_text()
     text = log()
     assert f"{scans} scans received: " in text, text
     arrays = np.load(output)
@@ -131,7 +139,7 @@ def mapped(bag: Path, **options: Any) -> Any:
     return ndtree.load(target)
 
 
-def office_bag(folder: Path, n: int) -> Path:
+def office(n: int) -> tuple[Messages, list[tuple[str, float, Any]]]:
     """The simulated office as a robot would publish it, at 10 Hz."""
     make, content = Messages("mcap"), []
     fixed = make.transform(START - 1, "base", "laser", [0, 0, 0.2], [0, 0, 0, 1])
@@ -148,7 +156,7 @@ def office_bag(folder: Path, n: int) -> Path:
         step = float(angles[-1] - angles[0]) / (len(angles) - 1)
         laser = make.laser(stamp, "laser", ranges, angle_min=0.0, angle_increment=step, range_max=30.0)
         content += [("/scan", stamp + 0.001, laser), ("/tf", stamp + 0.01, make.tf(moved))]
-    return write_bag(folder / "office", make, content)
+    return make, content
 
 
 def apartment_bag(folder: Path, n: int) -> Path:
@@ -165,7 +173,7 @@ def apartment_bag(folder: Path, n: int) -> Path:
 
 
 def test_the_office_is_mapped_as_from_a_recording(tmp_path: Path) -> None:
-    bag = office_bag(tmp_path, 120)
+    bag = write_bag(tmp_path / "office", *office(120))
     received = published(bag, tmp_path, 2.0, 120, range_sigma=0.02, no_return="free")
     m = mapped(bag, range_sigma=0.02, no_return="free")
     assert "120 mapped, 0 dropped" in received.log
@@ -173,7 +181,7 @@ def test_the_office_is_mapped_as_from_a_recording(tmp_path: Path) -> None:
     grid, expected = received.grid_like(m)
     assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
     counts = received.text["counts"]
-    assert counts["map_updates"] > 3 and counts["map"] < 40  # Fewer on a busy machine.
+    assert 0 < counts["map_updates"] and 0 < counts["map"] < 40  # Fewer on a busy machine.
     occupied = m.leaves(states=["occupied"])
     order = np.lexsort(occupied.center.T)
     points = received.arrays["points"]
@@ -235,12 +243,13 @@ def test_real_bags_are_mapped_as_from_a_recording(name: str, recordings: Path, t
 
 def test_services_and_parameters(tmp_path: Path) -> None:
     file = tmp_path / "map.ndt"
-    given = {"map_file": file, "range_sigma": 0.02, "look": 0.5, "clear_radius": 0.5, "reliable": "true"}
+    given = {"map_file": file, "range_sigma": 0.02, "look": 0.5, "clear_radius": 0.5}
+    given |= {"reliable": "true", "patience": 60.0}
     words = [w for k, v in given.items() for w in ("-p", f"{k}:={v}")]
     with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
         with running(tmp_path, "client", PROCESSES / "client.py", file) as client:
-            assert client.wait(PATIENCE) == 0, (tmp_path / "client.log").read_text()
-        assert node.poll() is None, (tmp_path / "node.log").read_text()
+            ended(client, node, (tmp_path / "node.log").read_text)
+        assert client.returncode == 0, (tmp_path / "client.log").read_text()
     said = json.loads((tmp_path / "client.log").read_text().splitlines()[-1])
     assert said["state"] == "active" and "no map yet" in said["early save"]
     assert said["described"] == [True] * 3 and said["limits"] == [1]
@@ -250,9 +259,24 @@ def test_services_and_parameters(tmp_path: Path) -> None:
     assert said["save"] == [True, str(file)] and said["cleared"]
     assert 300 < said["known"] - said["known around"] < 500  # 1 m square of pixels of 5 cm.
     assert said["known without a box"] < said["known around"]
-    assert said["known after reset"] in (0, said["known without a box"])  # An empty map has no grid.
+    assert said["known after reset"] == 0
     assert said["load"] == [0, 1, 2]
     assert said["known after load"] == said["known"]
+
+
+def test_a_node_that_is_configured_again_begins_anew(tmp_path: Path) -> None:
+    given = {"range_sigma": 0.02, "look": 0.5, "reliable": "true", "autostart": "false"}
+    words = [w for k, v in given.items() for w in ("-p", f"{k}:={v}")]
+    with running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words) as node:
+        with running(tmp_path, "manager", PROCESSES / "manager.py") as manager:
+            ended(manager, node, (tmp_path / "node.log").read_text)
+        assert manager.returncode == 0, (tmp_path / "manager.log").read_text()
+    said = json.loads((tmp_path / "manager.log").read_text().splitlines()[-1])
+    once = ["inactive", "active", "inactive", "unconfigured"]
+    assert said["states"] == ["unconfigured", *once, *once]
+    assert said["publishers"] == [[1, 1], [1, 1]]  # None of before, which would publish an old map.
+    first, second = said["widths"]
+    assert first >= 12 / 0.05 > second >= 4 / 0.05
 
 
 def test_wrong_parameters_are_refused(tmp_path: Path) -> None:
@@ -274,3 +298,93 @@ def test_without_ros_the_command_says_what_to_install(tmp_path: Path) -> None:
     )
     done = subprocess.run([PYTHON, "-c", code], capture_output=True, text=True)
     assert done.returncode == 2 and "pip install 'ndtree-mapping[ros2]'" in done.stderr
+
+
+def wait_until(happens: Callable[[], bool], node: subprocess.Popen[bytes], log: Callable[[], str]) -> None:
+    """As long as the node runs."""
+    deadline = time.monotonic() + PATIENCE
+    while not happens():
+        assert node.poll() is None and time.monotonic() < deadline, log()
+        time.sleep(0.02)
+
+
+def test_a_subscriber_that_hangs_holds_up_neither_the_map_nor_others(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "office", *office(120))
+    file, stop, output = tmp_path / "map.ndt", tmp_path / "stop", tmp_path / "out.npz"
+    given = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
+    given |= {"map_file": file, "save_period": 0.2}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+    empty = len(ndtree.AdaptiveMap(dim=2).to_bytes()) + 100
+
+    def log() -> str:
+        return (tmp_path / "node.log").read_text(errors="replace")
+
+    with ExitStack() as stack:
+        target = tmp_path / "hung.npz"
+        hung = stack.enter_context(running(tmp_path, "hung", PROCESSES / "receiver.py", target, stop))
+        receiver = stack.enter_context(running(tmp_path, "receiver", PROCESSES / "receiver.py", output, stop))
+        command = ["-m", "ndtree.live.ros2", "--ros-args", *words]
+        node = stack.enter_context(running(tmp_path, "node", *command))
+        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 2.0, 1) as publisher:
+            wait_until(lambda: file.exists() and file.stat().st_size > empty, node, log)
+            hung.send_signal(signal.SIGSTOP)
+            stack.callback(hung.send_signal, signal.SIGCONT)
+            ended(publisher, node, log)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE) == 0, log()
+        stop.touch()
+        assert receiver.wait(PATIENCE) == 0, (tmp_path / "receiver.log").read_text()
+    assert "120 scans received: 120 mapped, 0 dropped" in log(), log()
+    m = mapped(bag, range_sigma=0.02, no_return="free")
+    assert file.read_bytes() == m.to_bytes()
+    received = Received(file.read_bytes(), np.load(output), {}, log())
+    grid, expected = received.grid_like(m)
+    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
+
+
+def test_a_node_that_is_killed_goes_on_from_its_last_saving(tmp_path: Path) -> None:
+    """Killed while scans come, the file is whole: the map of the first scans. A second node goes on with it,
+    and a listener that saw both has the grid of the second."""
+    make, content = office(120)
+    edge = START + 0.1 * 60 - 0.05
+    bags = [
+        write_bag(tmp_path / f"part{part}", make, [row for row in content if row[1] < START or place(row[1])])
+        for part, place in enumerate((lambda at: at < edge, lambda at: at > edge))
+    ]
+    file, stop, output = tmp_path / "map.ndt", tmp_path / "stop", tmp_path / "out.npz"
+    given = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
+    given |= {"map_file": file, "resume": "true", "save_period": 0.2}
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+    command = ["-m", "ndtree.live.ros2", "--ros-args", *words]
+    empty = len(ndtree.AdaptiveMap(dim=2).to_bytes()) + 100
+
+    def log() -> str:
+        return "".join(one.read_text(errors="replace") for one in tmp_path.glob("node*.log"))
+
+    with running(tmp_path, "receiver", PROCESSES / "receiver.py", output, stop) as receiver:
+        with running(tmp_path, "node1", *command) as node:
+            with running(tmp_path, "publisher1", PROCESSES / "publisher.py", bags[0], 1.0, 1):
+                wait_until(lambda: file.exists() and file.stat().st_size > empty, node, log)
+                node.kill()
+                assert node.wait(PATIENCE) == -signal.SIGKILL
+        saved = file.read_bytes()
+        with running(tmp_path, "node2", *command) as node:
+            with running(tmp_path, "publisher2", PROCESSES / "publisher.py", bags[1], 2.0, 1) as publisher:
+                ended(publisher, node, log)
+            node.send_signal(signal.SIGINT)
+            assert node.wait(PATIENCE) == 0, log()
+        stop.touch()
+        assert receiver.wait(PATIENCE) == 0, (tmp_path / "receiver.log").read_text()
+    assert "60 scans received: 60 mapped, 0 dropped" in log(), log()
+    m = ndtree.AdaptiveMap(dim=2, range_sigma=0.02)
+    for scan in ndtree.read(bags[0]):
+        scan.insert_into(m)
+        if m.to_bytes() == saved:
+            break
+    assert m.to_bytes() == saved
+    for scan in ndtree.read(bags[1]):
+        scan.insert_into(m)
+    assert file.read_bytes() == m.to_bytes()
+    received = Received(file.read_bytes(), np.load(output), {}, log())
+    grid, expected = received.grid_like(m)
+    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500

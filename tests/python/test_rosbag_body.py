@@ -31,6 +31,25 @@ SHAPES = {
 }
 
 
+#: Seen from above: an L, which is two boxes, at all heights and at some.
+SHAPES["footprint:-1,-1,1,-1,1,0,0,0,0,1.5,-1,1.5"] = lambda p: (
+    (-1 <= p[0] <= 1 and -1 <= p[1] <= 0) or (-1 <= p[0] <= 0 and -1 <= p[1] <= 1.5)
+)
+SHAPES["footprint:[[0.8, 0.5], [-0.8, 0.5], [-0.8, -0.5], [0.8, -0.5]]/-0.2,0.9"] = lambda p: (
+    abs(p[0]) <= 0.8 and abs(p[1]) <= 0.5 and -0.2 <= p[2] <= 0.9
+)
+
+
+def test_corners_and_edges_of_a_footprint_are_in_it() -> None:
+    is_in = Body.of("footprint:-1,-1,1,-1,1,0,0,0,0,1.5,-1,1.5").parts[0]
+    points = np.array(
+        [[-1, -1, 0], [1, 0, 0], [0, 1.5, 0], [0, 0.7, 5], [0.5, 0, -3], [0.3, -1, 0], [-0.5, 0, 0],
+         [0.01, 0.01, 0], [1.01, -0.5, 0], [-1.01, 0, 0], [np.nan, 0, 0], [0.5, 1.5, 0], [-2, 0, 0],
+         [-2, -1, 0]]
+    )  # fmt: skip
+    assert is_in(points).tolist() == [True] * 7 + [False] * 7
+
+
 @pytest.mark.parametrize("shape", [*SHAPES, "sphere:0.9+sphere:0.5,1,0,0.5"])
 @pytest.mark.parametrize("planar", [True, False])
 def test_beams_that_end_in_the_body_are_left_out(shape: str, planar: bool, tmp_path: Path) -> None:
@@ -50,6 +69,8 @@ def test_beams_that_end_in_the_body_are_left_out(shape: str, planar: bool, tmp_p
     for scan, (ends, own) in zip(scans, expected):
         assert np.isnan(scan.endpoints[own]).all()
         assert np.allclose(scan.endpoints[~own], ends[~own], atol=1e-5)
+        # Where the sensor is in the body, beams are free from it on.
+        assert np.allclose(scan.origin, drive.in_map(scan.stamp, np.zeros((1, 3)))[0], atol=1e-5)
     assert f"{inside} beams ended in the robot's own body, and are left out" in log.notes
 
 
@@ -61,6 +82,12 @@ def test_what_is_no_body_is_refused(tmp_path: Path) -> None:
         "sphere:nan": "expected box:LX",
         "sphere:-1": "lengths must be > 0 m",
         "sphere:1+box:0,1,1": "'box:0,1,1': lengths must be > 0 m",
+        "footprint:0,0,1,0": "or footprint:X,Y,X,Y,X,Y,...[/LOW,HIGH] in metres",
+        "footprint:0,0,1,0,1,1,2": "or footprint:X,Y",
+        "footprint:0,0,1,0,1,1/2": "or footprint:X,Y",
+        "footprint:0,0,1,0,1,x": "or footprint:X,Y",
+        "footprint:0,0,1,1,2,2": "its corners lie on a line",
+        "footprint:0,0,1,0,1,1/1,0": "heights must be from low to high",
     }.items():
         with pytest.raises(ValueError, match=said.replace("[", r"\[")):
             Body.of(text)

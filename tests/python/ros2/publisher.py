@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Publishes a bag on its topics, message by message as they are: publisher.py BAG RATE LISTENERS.
 
-It waits until each topic with measurements has this many listeners, and ends a while after the last message.
+It waits until each topic with measurements or transforms has this many listeners, and ends when they have
+the last message.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 SENSORS = ("LaserScan", "PointCloud2", "Image", "Range", "MultiEchoLaserScan")
+#: For listeners, and for the last messages to arrive [s].
+PATIENCE = 120.0
 
 
 def as_ros2(one: Any, store: Typestore) -> Any:
@@ -53,9 +57,10 @@ def main(path: Path, rate: float, listeners: int) -> None:
                 qos.durability = DurabilityPolicy.TRANSIENT_LOCAL
             if topic not in publishers:
                 publishers[topic] = node.create_publisher(kind, topic, qos), type_
-        measured = [p for p, type_ in publishers.values() if type_.endswith(SENSORS)]
-        deadline = time.monotonic() + 120
-        while min(p.get_subscription_count() for p in measured) < listeners and time.monotonic() < deadline:
+        needed = [p for p, type_ in publishers.values() if type_.endswith((*SENSORS, "TFMessage"))]
+        deadline = time.monotonic() + PATIENCE
+        while min(p.get_subscription_count() for p in needed) < listeners:
+            assert time.monotonic() < deadline, [p.topic_name for p in needed]
             rclpy.spin_once(node, timeout_sec=0.05)
         first, begin = None, time.monotonic()
         for connection, stamp, data in reader.messages():
@@ -69,7 +74,10 @@ def main(path: Path, rate: float, listeners: int) -> None:
                 message = reader.deserialize(data, connection.msgtype)
                 data = store.serialize_cdr(as_ros2(message, store), publishers[topic][1])
             publishers[topic][0].publish(bytes(data))
-    time.sleep(2.0)
+    for publisher, _ in publishers.values():
+        assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE)), publisher.topic_name
+    for publisher in needed:  # A listener that is gone owes no acknowledgement.
+        assert publisher.get_subscription_count() >= listeners, f"{publisher.topic_name}: a listener has gone"
     rclpy.shutdown()
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Receives what the node publishes until a file appears, and writes it: receiver.py OUTPUT.npz STOP."""
+"""Receives what the node publishes until a file appears, and writes it: receiver.py OUTPUT.npz STOP.
+
+Two topics have no order between them: an update counts if it was sent after the grid.
+"""
 
 from __future__ import annotations
 
@@ -24,41 +27,68 @@ class Receiver:
     def __init__(self) -> None:
         self.node = rclpy.create_node("receiver")
         self.grid = None
-        self.counts = {"map": 0, "map_updates": 0, "early_updates": 0}
+        self.counts = {"map": 0, "map_updates": 0}
+        self.received = 0
+        self.updates = []
         self.last = {}
         for kind, topic, qos, received in (
             (OccupancyGrid, "map", LATCHED, self.whole),
-            (OccupancyGridUpdate, "map_updates", QoSProfile(depth=100), self.part),
+            (OccupancyGridUpdate, "map_updates", QoSProfile(depth=10000), self.part),
             (PointCloud2, "ndtree_map/occupied_cells", LATCHED, self.keep("cloud")),
             (MarkerArray, "ndtree_map/cell_markers", LATCHED, self.keep("markers")),
             (PoseArray, "ndtree_map/frontiers", LATCHED, self.keep("frontiers")),
             (DiagnosticArray, "/diagnostics", QoSProfile(depth=10), self.keep("diagnostics")),
         ):
-            self.node.create_subscription(kind, topic, received, qos)
+            self.node.create_subscription(kind, topic, self.counted(received), qos)
         try:
             from octomap_msgs.msg import Octomap
         except ImportError:
             return
         for name in ("full", "binary"):
             topic = f"ndtree_map/octomap_{name}"
-            self.node.create_subscription(Octomap, topic, self.keep(f"octomap_{name}"), LATCHED)
+            received = self.counted(self.keep(f"octomap_{name}"))
+            self.node.create_subscription(Octomap, topic, received, LATCHED)
+
+    def counted(self, received):
+        def call(message, info) -> None:
+            self.received += 1
+            received(message, info["source_timestamp"])
+
+        return call
+
+    def drain(self) -> None:
+        """Take what has arrived."""
+        before = -1
+        while self.received > before:
+            before = self.received
+            rclpy.spin_once(self.node, timeout_sec=0.2)
 
     def keep(self, name):
-        def received(message) -> None:
+        def received(message, sent) -> None:
             self.last[name] = message
 
         return received
 
-    def whole(self, message) -> None:
+    def whole(self, message, sent) -> None:
         self.counts["map"] += 1
         self.info, self.frame = message.info, message.header.frame_id
         self.grid = np.array(message.data, dtype=np.int8).reshape(message.info.height, message.info.width)
+        self.sent = sent
+        self.updates = [one for one in self.updates if one[1] > sent]
+        for update, _ in self.updates:
+            self.draw(update)
 
-    def part(self, message) -> None:
-        if self.grid is None:
-            self.counts["early_updates"] += 1
-            return
+    def part(self, message, sent) -> None:
         self.counts["map_updates"] += 1
+        if self.grid is None or sent > self.sent:
+            self.updates.append((message, sent))  # It may belong to a grid that comes later.
+        if self.grid is not None and sent > self.sent:
+            self.draw(message)
+
+    def draw(self, message) -> None:
+        size = message.y + message.height, message.x + message.width
+        if any(end > edge for end, edge in zip(size, self.grid.shape)):
+            return
         values = np.array(message.data, dtype=np.int8).reshape(message.height, message.width)
         self.grid[message.y : message.y + message.height, message.x : message.x + message.width] = values
 
@@ -102,6 +132,7 @@ def main(output: Path, stop: Path) -> None:
     print("listens", flush=True)
     while not stop.exists():
         rclpy.spin_once(receiver.node, timeout_sec=0.1)
+    receiver.drain()
     receiver.written(output)
     rclpy.shutdown()
 

@@ -17,12 +17,17 @@ if TYPE_CHECKING:
     from ndtree.live.intake import Intake, ScansIntake, Verdict
     from ndtree.live.mapper import LiveMapper, Sink
     from ndtree.live.messages import MessagesIntake
+    from ndtree.live.obstacles import ObstacleDistance, ObstacleSink, obstacle_distance
     from ndtree.live.playing import play
     from ndtree.live.saver import Saver
+    from ndtree.live.to_foxglove import FoxgloveSink
+    from ndtree.live.to_rerun import RerunSink
+    from ndtree.live.way import Way
     from ndtree.live.window import Window
 
 #: Where each public name is; its module loads when it is asked for.
 _MODULES = {
+    "FoxgloveSink": "to_foxglove",
     "FramesIntake": "frames",
     "GridFollower": "grid",
     "GridPart": "grid",
@@ -30,17 +35,23 @@ _MODULES = {
     "LiveFigures": "figures",
     "LiveMapper": "mapper",
     "MessagesIntake": "messages",
+    "ObstacleDistance": "obstacles",
+    "ObstacleSink": "obstacles",
     "Reading": "frames",
+    "RerunSink": "to_rerun",
     "Saver": "saver",
     "ScansIntake": "intake",
     "Sink": "mapper",
     "Transform": "frames",
     "Verdict": "intake",
+    "Way": "way",
     "Window": "window",
+    "obstacle_distance": "obstacles",
     "play": "playing",
 }
 
 __all__ = [
+    "FoxgloveSink",
     "FramesIntake",
     "GridFollower",
     "GridPart",
@@ -48,13 +59,18 @@ __all__ = [
     "LiveFigures",
     "LiveMapper",
     "MessagesIntake",
+    "ObstacleDistance",
+    "ObstacleSink",
     "Reading",
+    "RerunSink",
     "Saver",
     "ScansIntake",
     "Sink",
     "Transform",
     "Verdict",
+    "Way",
     "Window",
+    "obstacle_distance",
     "play",
 ]
 

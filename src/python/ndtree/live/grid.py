@@ -1,9 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A grid in the plane that follows a map: what has changed since the last look is drawn anew, and no more."""
+"""A grid in the plane that follows a map: what has changed since the last look is drawn anew, and no more.
+
+Strategy: a map tells which regions have another state than at the last look. Of a 2-D map whose smallest
+cells are the pixels, these are the pixels. Of a 3-D map each pixel counts the free and the occupied cells
+above it, and a changed region moves its cells from one count to the other, so that no column is looked
+through again. Pixels of another size are drawn anew within the box around all that has changed.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree._native._core import OccupancyMap
+from ndtree._native.results import Changes
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,6 +91,8 @@ class GridFollower:
         self._wanted, self._height = cell_size, height
         self.values: NDArray[np.int8] | None = None
         self._lower = np.zeros(2, dtype=np.int64)  # In pixels from 0.
+        #: Of 3-D maps: free and occupied cells above each pixel, (2, rows, columns), in smallest cells.
+        self._counts: NDArray[np.int32] | None = None
         self._seen: OccupancyMap | None = None
         self.cell_size = cell_size or 0.0
 
@@ -101,32 +111,65 @@ class GridFollower:
         """
         unit = m.options["min_cell_size"]
         self.cell_size = self._wanted or unit
-        try:
-            changed = None if self._seen is None or self.values is None else self._changed(m, self._seen)
-        except ValueError:  # Another kind of map.
-            changed, self._seen = None, None
-        is_known = self._seen is not None and self.values is not None
+        changes = self._changes(m)
         self._seen = m
-        if is_known and changed is None:
-            return None
-        if changed is None or not self._contains(changed) or self._is_wasteful(m):
+        if changes is None or self.values is None:
             return self._drawn_anew(m)
+        cells = self._cells_in_band(changes.lower, changes.size, unit)
+        if not cells.any():
+            return None
+        changed = self._boxes(changes.lower, changes.size, changes.after, cells > 0)
+        if self._is_wasteful(m):
+            return self._drawn_anew(m)
+        is_whole = not self._contains(changed)
+        if is_whole and self._counts is None:
+            return self._drawn_anew(m)
+        if is_whole:
+            self._grow(changed)
         lower, upper = changed.first.min(axis=0), changed.last.max(axis=0)
-        assert self.values is not None
         column, row = (lower - self._lower).tolist()
-        before = self.values[row : row + upper[1] - lower[1], column : column + upper[0] - lower[0]]
-        if m.dim == 2 and self.cell_size == unit:  # Each pixel is one cell, and the changes tell all.
+        rows, columns = slice(row, row + upper[1] - lower[1]), slice(column, column + upper[0] - lower[0])
+        before = self.values[rows, columns]
+        if self._counts is not None:
+            counts = self._counts[:, rows, columns]
+            states = changes.before[cells > 0], changed.state
+            _count(counts, changed, lower, states, cells[cells > 0])
+            part = _seen_from_above(counts)
+        elif m.dim == 2 and self.cell_size == unit:  # Each pixel is one cell, and the changes tell all.
             part = before.copy()
             _fill(part, changed.first - lower, changed.last - lower, _VALUES[changed.state])
         else:
             part = self._drawn(m, lower, upper)
+        if is_whole:
+            before[:] = part
+            return GridPart(0, 0, self.values, True)
         differs = before != part
         if not differs.any():
             return None
-        rows, columns = np.flatnonzero(differs.any(axis=1)), np.flatnonzero(differs.any(axis=0))
+        changed_rows = np.flatnonzero(differs.any(axis=1))
+        changed_columns = np.flatnonzero(differs.any(axis=0))
         before[:] = part
-        part = part[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        return GridPart(column + int(columns[0]), row + int(rows[0]), part, False)
+        (top, bottom), (left, right) = changed_rows[[0, -1]].tolist(), changed_columns[[0, -1]].tolist()
+        return GridPart(column + left, row + top, part[top : bottom + 1, left : right + 1], False)
+
+    def _changes(self, m: OccupancyMap) -> Changes | None:
+        """What is another than at the last look; None if that was at no map, or at one of another kind."""
+        try:
+            return None if self._seen is None else m.changes(since=self._seen)
+        except ValueError:
+            return None
+
+    def _grow(self, boxes: _Boxes) -> None:
+        """Become so large that boxes are in the grid."""
+        assert self.values is not None and self._counts is not None
+        lower, upper = self._lower, self._lower + self.values.shape[::-1]
+        least = np.minimum(lower, boxes.first.min(axis=0) // GROWS * GROWS)
+        most = np.maximum(upper, -(-boxes.last.max(axis=0) // GROWS) * GROWS)
+        (left, low), (right, high) = (lower - least).tolist(), (most - upper).tolist()
+        around = (low, high), (left, right)
+        self.values = np.pad(self.values, around, constant_values=UNKNOWN)
+        self._counts = np.pad(self._counts, ((0, 0), *around))
+        self._lower = least
 
     def _pixels(self, lower: Floats, upper: Floats) -> tuple[Ints, Ints]:
         """The first pixels that boxes overlap, and those behind the last."""
@@ -136,24 +179,24 @@ class GridFollower:
         last = np.where(np.abs(last - near[1]) < _WHOLE, near[1], np.ceil(last))
         return first.astype(np.int64), last.astype(np.int64)
 
-    def _in_band(self, lower: Floats, size: Floats, unit: float) -> NDArray[np.bool_]:
-        if self._height is None or lower.shape[1] < 3:
-            return np.ones(len(lower), dtype=bool)
+    def _cells_in_band(self, lower: Floats, size: Floats, unit: float) -> Ints:
+        """How many smallest cells high boxes are, between the heights that count."""
+        height = np.rint(size / unit).astype(np.int64)
+        if lower.shape[1] < 3:
+            return np.ones(len(lower), dtype=np.int64)
+        if self._height is None:
+            return height
         low, high = (value / unit for value in self._height)
-        low, high = (round(v) if abs(v - round(v)) < _WHOLE else v for v in (low, high))
-        z = np.rint(lower[:, 2] / unit)
-        return (z < high) & (z + np.rint(size / unit) > low)
+        first = round(low) if abs(low - round(low)) < _WHOLE else math.floor(low)
+        last = round(high) if abs(high - round(high)) < _WHOLE else math.ceil(high)
+        z = np.rint(lower[:, 2] / unit).astype(np.int64)
+        return np.maximum(np.minimum(z + height, last) - np.maximum(z, first), 0)
 
-    def _changed(self, m: OccupancyMap, before: OccupancyMap) -> _Boxes | None:
-        changes = m.changes(since=before)
-        use = self._in_band(changes.lower, changes.size, m.options["min_cell_size"])
-        return self._boxes(changes.lower, changes.size, changes.after, use) if use.any() else None
-
-    def _known(self, m: OccupancyMap, box: Floats | None = None) -> _Boxes:
-        """Of leaves that are known."""
+    def _known(self, m: OccupancyMap, box: Floats | None = None) -> tuple[_Boxes, Ints]:
+        """Of leaves that are known, and how many smallest cells high they are."""
         leaves = m.leaves(box, states=["free", "occupied"])
-        use = self._in_band(leaves.lower, leaves.size, m.options["min_cell_size"])
-        return self._boxes(leaves.lower, leaves.size, leaves.state, use)
+        cells = self._cells_in_band(leaves.lower, leaves.size, m.options["min_cell_size"])
+        return self._boxes(leaves.lower, leaves.size, leaves.state, cells > 0), cells[cells > 0]
 
     def _boxes(self, lower: Floats, size: Floats, state: NDArray[np.int8], use: NDArray[np.bool_]) -> _Boxes:
         lower = lower[use, :2]
@@ -170,16 +213,25 @@ class GridFollower:
             if z[0] > z[1]:
                 return np.full((upper - lower)[::-1], UNKNOWN, dtype=np.int8)
             box = np.column_stack([box, z])
-        return _painted(self._known(m, box), lower, upper)
+        return _painted(self._known(m, box)[0], lower, upper)
 
     def _drawn_anew(self, m: OccupancyMap) -> GridPart | None:
-        known = self._known(m)
+        known, cells = self._known(m)
+        self._counts = None
         if not len(known.state):
-            return None
+            if self.values is None:
+                return None
+            self.values = np.full_like(self.values, UNKNOWN)
+            return GridPart(0, 0, self.values, True)
         lower = known.first.min(axis=0) // GROWS * GROWS
         upper = -(-known.last.max(axis=0) // GROWS) * GROWS
         self._lower = lower
-        self.values = _painted(known, lower, upper)
+        if m.dim == 3 and self.cell_size == m.options["min_cell_size"]:
+            self._counts = np.zeros((2, *(upper - lower)[::-1]), dtype=np.int32)
+            _count(self._counts, known, lower, (np.full_like(known.state, -1), known.state), cells)
+            self.values = _seen_from_above(self._counts)
+        else:
+            self.values = _painted(known, lower, upper)
         return GridPart(0, 0, self.values, True)
 
     def _contains(self, boxes: _Boxes) -> bool:
@@ -207,17 +259,67 @@ def _painted(boxes: _Boxes, lower: Ints, upper: Ints) -> NDArray[np.int8]:
     return values
 
 
-def _fill(values: NDArray[np.int8], first: Ints, last: Ints, what: NDArray[np.int8]) -> None:
-    """Write values into boxes of pixels: all boxes of one shape at once."""
+def _count(
+    counts: NDArray[np.int32],
+    boxes: _Boxes,
+    lower: Ints,
+    states: tuple[NDArray[np.int8], NDArray[np.int8]],
+    cells: Ints,
+) -> None:
+    """Move cells of boxes from the count of a state to that of another one.
+
+    Parameters
+    ----------
+    counts : (2, rows, columns)
+        Of free and of occupied cells; its first pixel is `lower`.
+    boxes : _Boxes
+    lower : (2,)
+    states : (before, after)
+        Of each box.
+    cells : (n,)
+        How many cells are above a pixel of each box.
+    """
+    before, after = states
+    size = counts.shape[1:]
+    for state in (0, 1):
+        change = ((after == state).astype(np.int64) - (before == state)) * cells
+        use = change != 0
+        at, which = _pixels_in(boxes.first[use] - lower, boxes.last[use] - lower, size[1])
+        sums = np.bincount(at, weights=change[use][which], minlength=size[0] * size[1])
+        counts[state] += sums.reshape(size).astype(np.int32)
+
+
+def _seen_from_above(counts: NDArray[np.int32]) -> NDArray[np.int8]:
+    """Occupied where some cell above is, else free where one is, else unknown."""
+    values = np.full(counts.shape[1:], UNKNOWN, dtype=np.int8)
+    values[counts[0] > 0] = FREE
+    values[counts[1] > 0] = OCCUPIED
+    return values
+
+
+def _pixels_in(first: Ints, last: Ints, width: int) -> tuple[Ints, Ints]:
+    """All pixels of boxes, as positions in a flat array of that width, and the box of each."""
+    found = [np.zeros((2, 0), dtype=np.int64)]
+    for (rows, columns), use in _by_shape(first, last):
+        at = first[use, 1] * width + first[use, 0]
+        inside = (np.arange(rows)[:, None] * width + np.arange(columns)).ravel()
+        found.append(np.stack([(at[:, None] + inside).ravel(), np.repeat(use, len(inside))]))
+    at, which = np.concatenate(found, axis=1)
+    return at, which
+
+
+def _by_shape(first: Ints, last: Ints) -> Iterator[tuple[tuple[int, int], Ints]]:
+    """Rows and columns that boxes have, with the numbers of the boxes that have them."""
     if not len(first):
         return
-    flat, width = values.reshape(-1), values.shape[1]
     extent = last - first
     most = int(extent.max()) + 1
     shape = extent[:, 1] * most + extent[:, 0]
     for one in np.flatnonzero(np.bincount(shape)).tolist():
-        rows, columns = divmod(one, most)
-        use = shape == one
-        at = first[use, 1] * width + first[use, 0]
-        inside = (np.arange(rows)[:, None] * width + np.arange(columns)).ravel()
-        flat[(at[:, None] + inside).ravel()] = np.repeat(what[use], len(inside))
+        yield divmod(one, most), np.flatnonzero(shape == one)
+
+
+def _fill(values: NDArray[np.int8], first: Ints, last: Ints, what: NDArray[np.int8]) -> None:
+    """Write values into boxes of pixels, which do not overlap unless their values are the same."""
+    at, which = _pixels_in(first, last, values.shape[1])
+    values.reshape(-1)[at] = what[which]

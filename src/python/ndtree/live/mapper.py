@@ -26,6 +26,7 @@ from ndtree.base.scan import Scan
 from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import Intake, Verdict
 from ndtree.live.queue import Entry, ScanQueue
+from ndtree.live.way import Way
 from ndtree.live.window import Window
 
 #: Measurements that wait, and how long one waits for its pose [s].
@@ -83,6 +84,8 @@ class LiveMapper:
         Says what time it is for the source [s]; left out, that is when the last item was received.
     prepare : callable, optional
         What is made of each scan before it is mapped, as to leave out beams.
+    way : Way, optional
+        Is told where the sensor is.
 
     Raises
     ------
@@ -114,6 +117,7 @@ class LiveMapper:
         sinks: Sequence[Sink] = (),
         clock: Callable[[], float] | None = None,
         prepare: Callable[[Scan], Scan] | None = None,
+        way: Way | None = None,
     ) -> None:
         if queue < 1:
             raise ValueError(f"queue = {queue}: must be >= 1")
@@ -125,7 +129,7 @@ class LiveMapper:
         self.failures: dict[str, str] = {}
         self._intake, self._target, self._make = intake, target, make
         self._patience, self._threads, self._window = patience, threads, window
-        self._clock, self._prepare = clock, prepare
+        self._clock, self._prepare, self._way = clock, prepare, way
         self._changed = threading.Condition()
         self._queue = ScanQueue(queue)
         self._poses: deque[tuple[Any, float]] = deque()
@@ -232,6 +236,11 @@ class LiveMapper:
     def intake(self) -> Intake:
         """That it was made with."""
         return self._intake
+
+    @property
+    def stamp(self) -> float:
+        """Of the last scan in the map [s]; 0 before the first."""
+        return self._stamp
 
     @property
     def has_map(self) -> bool:
@@ -412,6 +421,8 @@ class LiveMapper:
         for key, count in counts.items():
             figures.beams[key] = figures.beams.get(key, 0) + count
         figures.insert_seconds += one.seconds
+        if self._way is not None:
+            self._way.add(scan)
         figures.mapped += 1
         figures.mapped_delays.append(time.perf_counter() - entry.arrived)
         self._publisher.mapped(entry.arrived)

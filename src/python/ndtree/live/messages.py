@@ -94,6 +94,7 @@ class MessagesIntake(PosedIntake):
         self._entry: Entry | None = None
         self._measured: Measured | None = None
         self._span = 0.0, 0.0
+        self._unconnected: set[str] = set()
         self._reader: MessageReader | None = None
         self._follower: Follower | None = None
         self._clock: Clock | None = None
@@ -183,6 +184,10 @@ class MessagesIntake(PosedIntake):
         assert measured is not None
         first, last = self._span
         until = follower.until(measured.topic, measured.frame)
+        if until == -math.inf and (give_up or measured.frame in self._unconnected):
+            self._unconnected.add(measured.frame)  # The next of them is not worth waiting for.
+            figures.leave_out("messages in other frames")
+            return Verdict.left_out
 
         def place() -> Scan:
             follower.asked(measured.topic, last)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -64,6 +65,12 @@ class Frontiers:
 def _in_space(point: NDArray[np.float64]) -> tuple[float, float, float]:
     x, y, z = [*point.tolist(), 0.0][:3]
     return x, y, z
+
+
+def direction_of(quaternion: Sequence[float]) -> tuple[float, float, float]:
+    """Where the x axis looks that a quaternion x, y, z, w turns."""
+    x, y, z, w = quaternion
+    return 1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)
 
 
 def _looking(way: tuple[float, float, float]) -> tuple[float, float, float, float]:

@@ -5,9 +5,9 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any, Callable, Optional
+from typing import TYPE_CHECKING, Annotated, Any, Callable, Optional
 
 import typer
 
@@ -28,13 +28,16 @@ from ndtree.cli.commands.options import (
     World,
 )
 from ndtree.cli.commands.output import check_target, is_stdout, write_json
-from ndtree.live import Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Window, play
+from ndtree.live import Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Way, Window, play
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 from ndtree.live.playing import messages_of, scans_of
 from ndtree.logs import WrongOption, recognised
 from ndtree.logs.core.selection import Selection
 from ndtree.logs.ros.files.bag import open_bag
+
+if TYPE_CHECKING:
+    from ndtree.live import FoxgloveSink, RerunSink
 
 #: How often a page is drawn anew, and a line on a terminal [s].
 PAGE, LINE = 0.5, 0.5
@@ -48,6 +51,8 @@ PAGE, LINE = 0.5, 0.5
         "ndtree live drive.bag -o drive.ndt --rate 4 --queue 20 --window 30 --save-every 60",
         "ndtree live tuesday.bag --resume monday.ndt -o both.ndt --rate 0",
         "ndtree live --world office --rate 0",
+        "ndtree live drive.bag --foxglove 8765",
+        "ndtree live drive.bag --rerun drive.rrd --rate 0",
     ),
 )
 @reports_errors
@@ -83,6 +88,18 @@ def live(
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
     port: Port = None,
+    foxglove: Annotated[
+        Optional[int],
+        typer.Option(
+            metavar="PORT", help="Serve it to Foxglove, on 8765 or a free port: 0.", show_default=False
+        ),
+    ] = None,
+    rerun: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="FILE", help="Write it for rerun: FILE.rrd, or rerun+http://...", show_default=False
+        ),
+    ] = None,
     dim: Dim = None,
     max_range: MaxRange = None,
     no_return: NoReturnOption = NoReturnKind.auto,
@@ -103,6 +120,8 @@ def live(
         raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
     for path in (output, json_file):
         check_target(path)
+    if rerun is not None and "://" not in rerun:
+        check_target(Path(rerun))
     target = None
     if resume is not None:
         if options or fixed:
@@ -120,6 +139,10 @@ def live(
         )  # fmt: skip
         page = _Page(port) if watch else None
         sinks += [page] if page is not None else []
+        way = Way()
+        server = _foxglove(foxglove, intake, way, stack) if foxglove is not None else None
+        sinks += [server] if server is not None else []
+        sinks += [_rerun(rerun, way, stack)] if rerun is not None else []
         mapper = LiveMapper(
             intake,
             target=target,
@@ -129,6 +152,7 @@ def live(
             window=follow,
             sinks=sinks,
             prepare=_prepare(reading),
+            way=way,
         )
         begin = time.perf_counter()
         try:
@@ -144,6 +168,8 @@ def live(
         _report(mapper, seconds, output, json_file, str(log or f"world {world and world.value}"))
         if page is not None:
             page.stay()
+        elif server is not None:
+            _stay(server.url)
 
 
 def _source(
@@ -193,6 +219,36 @@ def _prepare(reading: Reading) -> Optional[Callable[[Scan], Scan]]:
     if not chosen:
         return None
     return made(lambda: Selection(3, **chosen)).cut
+
+
+def _foxglove(port: int, intake: Intake, way: Way, stack: ExitStack) -> "FoxgloveSink":
+    """A server for Foxglove, that ends with the command."""
+    from ndtree.live import FoxgloveSink
+
+    def frame() -> str:
+        log = intake.log if isinstance(intake, MessagesIntake) else None
+        return "map" if log is None else log.fixed_frame
+
+    sink = made(lambda: FoxgloveSink(port, frame=frame, way=way))
+    stack.callback(sink.close)
+    print(f"{sink.url} shows the map to Foxglove as it grows", file=sys.stderr, flush=True)
+    return sink
+
+
+def _rerun(target: str, way: Way, stack: ExitStack) -> "RerunSink":
+    """What writes for rerun, until the command ends."""
+    from ndtree.live import RerunSink
+
+    sink = made(lambda: RerunSink(target, way=way))
+    stack.callback(sink.close)
+    return sink
+
+
+def _stay(url: str) -> None:
+    """Until the user interrupts."""
+    print(f"{url} until Ctrl-C", file=sys.stderr, flush=True)
+    with suppress(KeyboardInterrupt):
+        threading.Event().wait()
 
 
 class _Page:

@@ -58,6 +58,8 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("faces", "", "points", "a mesh for Blender or MeshLab"),
         Row("mark", "", "what moved is left out", "a viewer shows the probability of each point"),
         Row("save_every", "S", "at the end alone", "a robot that may lose its power"),
+        Row("foxglove", "PORT", "off", "look at it in Foxglove while it grows"),
+        Row("rerun", "FILE|URL", "off", "look at it in rerun, then or later"),
         Row("quiet", "", "off", "scripts: errors alone are said"),
     ),
     "How fine is the map?": (

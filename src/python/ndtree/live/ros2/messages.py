@@ -19,8 +19,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from ndtree.live.grid import GridFollower, GridPart
 from ndtree.live.outputs import POINT, FrontierPose, by_size
-
-_PALETTE = ((0.9, 0.3, 0.1), (0.95, 0.6, 0.1), (0.9, 0.85, 0.2), (0.4, 0.75, 0.3), (0.2, 0.55, 0.8))
+from ndtree.live.palette import color_of
 
 
 def class_of(type: str) -> Any:
@@ -93,7 +92,7 @@ def marker_message(points: NDArray[np.void], frame: str, stamp: float) -> Marker
     """Cells as boxes, a list of each size; lists of before are deleted."""
     markers = [Marker(header=header(frame, stamp), action=Marker.DELETEALL)]
     for number, (size, centers) in enumerate(by_size(points)):
-        red, green, blue = _PALETTE[min(number, len(_PALETTE) - 1)]
+        red, green, blue = color_of(number)
         marker = Marker(header=header(frame, stamp), ns=f"cells of {size:g} m", id=number)
         marker.type, marker.action = Marker.CUBE_LIST, Marker.ADD
         marker.pose.orientation.w = 1.0

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PolygonStamped
 from nav_msgs.srv import GetMap, LoadMap
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from std_srvs.srv import Empty, Trigger
@@ -37,6 +39,8 @@ from ndtree.maps.writers import write
 TICK = 0.1
 #: A rate of diagnostics is that of this time [s]; and how often it is said why nothing is mapped [s].
 SAYS = 5.0
+#: Subscribers have so long to take the last map when the node ends [s].
+DELIVERY = 5.0
 _DONE = TransitionCallbackReturn.SUCCESS
 
 
@@ -56,6 +60,7 @@ class MapNode(LifecycleNode):
         self._is_configured = False
         self._position: np.ndarray | None = None
         self._before = (0, 0.0)
+        self._lost = 0
 
     def start(self) -> None:
         """Configure and activate, unless a lifecycle manager is to do it; raises what configuring raises."""
@@ -68,8 +73,14 @@ class MapNode(LifecycleNode):
                 raise ValueError("the node cannot be activated, expected parameters that fit together")
 
     def end(self) -> None:
-        """Map what waits, and save."""
+        """Map what has arrived, save, and wait a while until subscribers have the last map."""
         self._close()
+        self._deliver()
+
+    def _deliver(self) -> None:
+        until = time.monotonic() + DELIVERY
+        for publisher in self.publishers:
+            publisher.wait_for_all_acked(Duration(seconds=max(until - time.monotonic(), 0.0)))
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         if not self._is_configured:
@@ -85,7 +96,9 @@ class MapNode(LifecycleNode):
         options = reading_options(self)
         topics = {plain(one.partition("@")[0]) for one in options.get("topic", ())}
         poses = {plain(options[name]) for name in ("odometry", "poses") if name in options}
-        self._sources = Sources(self, self._put, topics, poses, reliable=value(self, "reliable"))
+        self._sources = Sources(
+            self, self._put, topics, poses, reliable=value(self, "reliable"), queue=value(self, "queue")
+        )
         for type, error in self._sources.missing.items():
             self.get_logger().warning(f"{type}: {error}: there will be no transforms")
         self._made = [
@@ -99,7 +112,16 @@ class MapNode(LifecycleNode):
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Save, and take back all that configuring has made: the next time it begins anew."""
         self._close()
+        self._deliver()
+        for service in self._offered:
+            self.destroy_service(service)
+        self.destroy_subscription(self._box_listener)
+        for publisher in self._published:
+            self.destroy_publisher(publisher)
+        self._intake = self._grid = self._position = None
+        self._is_announced, self._before, self._lost = False, (0, 0.0), 0
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -113,7 +135,8 @@ class MapNode(LifecycleNode):
         if value(self, "resume") and file and Path(file).exists():
             target = _loaded(file)
             options = dict(target.options)
-        (_core.FixedMap if value(self, "fixed_cells") else _core.AdaptiveMap)(**_fitting(self, options))
+        if target is None:
+            self._new_map(value(self, "dim") or 3, options)  # Refuses what no map can be made of.
         intake = MessagesIntake(
             self.get_fully_qualified_name(),
             options=options,
@@ -125,6 +148,7 @@ class MapNode(LifecycleNode):
         )
         if value(self, "no_return") not in ("auto", "free", "ignore"):
             raise ValueError(f"no_return = {value(self, 'no_return')}: must be auto, free or ignore")
+        before = list(self.publishers)
         self._grid = GridSink(self, self._frame)
         sinks: list[Any] = [self._grid, CellsSink(self, self._frame), FrontiersSink(self, self._frame)]
         octomap = optional_class("octomap_msgs/msg/Octomap")
@@ -152,6 +176,7 @@ class MapNode(LifecycleNode):
             prepare=prepare,
         )
         self._status_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._published = [one for one in self.publishers if one not in before]
         self._offered = [
             self.create_service(Trigger, "~/save", self._save),
             self.create_service(LoadMap, "~/load", self._load),
@@ -176,6 +201,7 @@ class MapNode(LifecycleNode):
 
     def _silence(self) -> None:
         if self._sources is not None:
+            self._lost += self._sources.lost
             self._sources.close()
             self._sources = None
         for timer in self._made:
@@ -183,8 +209,10 @@ class MapNode(LifecycleNode):
         self._made = []
 
     def _close(self) -> None:
+        mapper, sources = self._mapper, self._sources
+        if mapper is not None and sources is not None:
+            sources.take_all()
         self._silence()
-        mapper, self._mapper = self._mapper, None
         if mapper is None:
             return
         file = value(self, "map_file")
@@ -194,6 +222,8 @@ class MapNode(LifecycleNode):
                 write(mapper.snapshot(), Path(file))
         except (ValueError, OSError) as error:
             self.get_logger().error(str(error))
+        self._diagnose()
+        self._mapper = None
         self.get_logger().info(mapper.figures.summary())
 
     def _tick(self) -> None:
@@ -215,7 +245,7 @@ class MapNode(LifecycleNode):
 
     def _diagnose(self) -> None:
         mapper, sources = self._mapper, self._sources
-        if mapper is None or sources is None:
+        if mapper is None:
             return
         figures = mapper.figures
         now = 1e-9 * self.get_clock().now().nanoseconds
@@ -229,7 +259,7 @@ class MapNode(LifecycleNode):
             "received": figures.received,
             "mapped": figures.mapped,
             "dropped": figures.dropped,
-            "lost by the middleware": sources.lost,
+            "lost by the middleware": self._lost + (sources.lost if sources is not None else 0),
             "late poses": figures.late_poses,
             "waiting": figures.waiting,
             **{f"left out, {kind}": count for kind, count in figures.left_out.items()},
@@ -319,9 +349,10 @@ class MapNode(LifecycleNode):
 
     def _get_map(self, request: Any, response: Any) -> Any:
         try:
-            assert self._grid is not None
+            assert self._grid is not None and self._mapper is not None
+            self._grid.update(self._mapper.snapshot(), self._mapper.stamp)  # As the map is now.
             response.map = self._grid.whole()
-        except ValueError as error:
+        except (ValueError, RuntimeError) as error:
             self.get_logger().warning(f"get_map: {error}")
         return response
 

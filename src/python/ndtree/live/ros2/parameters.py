@@ -49,7 +49,7 @@ ROWS = (
     Row("camera", "", "Of depth images without CameraInfo: fx,fy,cx,cy."),
     Row("pixel_stride", 1, "Of depth images, each n-th pixel of each n-th row.", (1, 64)),
     Row("zero_is", "", "What ranges of 0 say: no-echo or invalid."),
-    Row("body", "", "The robot, which is no obstacle: box:LX,LY,LZ[,X,Y,Z], sphere:, capsule:, @FRAME."),
+    Row("body", "", "The robot, no obstacle: box:LX,LY,LZ[,X,Y,Z], sphere:, capsule:, footprint:, @FRAME."),
     Row("dim", 0, "2 or 3; 0: what the sensors say.", (0, 3)),
     Row("fixed_cells", False, "All cells of one size."),
     Row("max_range", 0.0, "Longer beams are free up to here [m]; 0: no limit.", (0.0, 1e6)),

@@ -82,7 +82,7 @@ class GridSink(NodeSink):
         )
         self._height: tuple[float, float] | None = None
         self._grid: GridFollower | None = None
-        self._listeners = 0
+        self._listeners = [0, 0]
         self._lock = threading.Lock()
         self._stamp = 0.0
         self.sent_bytes = 0
@@ -102,8 +102,7 @@ class GridSink(NodeSink):
                 self._grid = GridFollower(value(self._node, "grid_cell_size") or None, height)
                 self._height = height
             part = self._grid.follow(m)
-            listeners = self._maps.get_subscription_count()
-            has_come, self._listeners = listeners > self._listeners, listeners
+            has_come = self._has_come()
             if self._grid.values is None:
                 return
             if has_come or (part is not None and (part.is_whole or self._updates is None)):
@@ -112,6 +111,14 @@ class GridSink(NodeSink):
                 assert self._updates is not None
                 self._updates.publish(update_message(self._update, part, self._frame(), stamp))
                 self.sent_bytes += part.values.size
+
+    def _has_come(self) -> bool:
+        """Whether somebody listens who did not before: to updates, too, which lack what was before."""
+        before = self._listeners
+        self._listeners = [
+            0 if one is None else one.get_subscription_count() for one in (self._maps, self._updates)
+        ]
+        return any(now > then for now, then in zip(self._listeners, before))
 
     def _send_whole(self) -> None:
         assert self._grid is not None and self._grid.values is not None
@@ -122,9 +129,7 @@ class GridSink(NodeSink):
     def welcome(self) -> None:
         """Send the grid as a whole if a subscriber has come since the last one."""
         with self._lock:
-            listeners = self._maps.get_subscription_count()
-            has_come, self._listeners = listeners > self._listeners, listeners
-            if has_come and self._grid is not None and self._grid.values is not None:
+            if self._has_come() and self._grid is not None and self._grid.values is not None:
                 self._send_whole()
 
     def whole(self) -> OccupancyGrid:

@@ -38,6 +38,8 @@ class Sources:
         Of topics with poses, without the slash.
     reliable : bool
         Whether lost messages are asked for again.
+    queue : int
+        If so, messages of each sensor that may wait to be taken, at least.
 
     Attributes
     ----------
@@ -48,10 +50,18 @@ class Sources:
     """
 
     def __init__(
-        self, node: Node, put: Callable[[Raw], None], topics: set[str], poses: set[str], *, reliable: bool
+        self,
+        node: Node,
+        put: Callable[[Raw], None],
+        topics: set[str],
+        poses: set[str],
+        *,
+        reliable: bool,
+        queue: int,
     ) -> None:
         self._node, self._put, self._topics, self._poses = node, put, topics, poses
-        self._reliable = reliable
+        self.reliable = reliable
+        self.depth = max(SENSOR_DEPTH, queue) if reliable else SENSOR_DEPTH
         self._subscriptions: dict[str, Any] = {}
         self.lost = 0
         self.missing: dict[str, str] = {}
@@ -95,6 +105,13 @@ class Sources:
             if not one.is_sensor:
                 one.take_all()
 
+    def take_all(self) -> None:
+        """Take all that has arrived, measurements last."""
+        self.take_poses()
+        for one in self._subscriptions.values():
+            if one.is_sensor:
+                one.take_all()
+
     def close(self) -> None:
         """Listen to nothing."""
         for one in self._subscriptions.values():
@@ -115,8 +132,8 @@ class _Subscription:
         self._sources, self._node = sources, sources._node
         self.connection = Connection(0, topic, type, "cdr", _definition(type))
         self.is_sensor = type in SENSORS
-        qos = QoSProfile(depth=SENSOR_DEPTH if self.is_sensor else POSE_DEPTH)
-        if self.is_sensor and not sources._reliable:
+        qos = QoSProfile(depth=sources.depth if self.is_sensor else POSE_DEPTH)
+        if self.is_sensor and not sources.reliable:
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         if type == CAMERA_INFO:
             qos.reliability = ReliabilityPolicy.BEST_EFFORT

@@ -32,9 +32,17 @@ def without_padding(points: Points, origin: ArrayLike = 0.0) -> Points:
     ndarray of float, (n, dim)
         `points` itself where there is no padding.
     """
+    own = np.broadcast_to(np.asarray(origin, dtype=points.dtype), points.shape)
     with np.errstate(invalid="ignore", over="ignore"):
-        way = points - np.asarray(origin, dtype=points.dtype)
-        return _without(points, np.einsum("ij,ij->i", way, way) < NEAREST**2)
+        # Hardly any point is so near along one axis, and only these are looked at.
+        near = np.flatnonzero(np.abs(points[:, 0] - own[:, 0]) < 2 * NEAREST)
+        way = points[near] - own[near]
+        near = near[(way * way).sum(axis=1) < NEAREST**2]
+    if not len(near):
+        return points
+    points = points.copy()
+    points[near] = np.nan
+    return points
 
 
 def without_zeros(points: Points) -> Points:
@@ -44,12 +52,8 @@ def without_zeros(points: Points) -> Points:
     twice to the last bit.
     """
     zero: NDArray[np.bool_] = (points == 0).all(axis=1)
-    return _without(points, zero) if np.count_nonzero(zero) > 1 else points
-
-
-def _without(points: Points, which: NDArray[np.bool_]) -> Points:
-    if not which.any():
+    if np.count_nonzero(zero) < 2:
         return points
     points = points.copy()
-    points[which] = np.nan
+    points[zero] = np.nan
     return points

@@ -92,7 +92,7 @@ def points_of(
     ndarray of float64, (n, 3)
         In the camera's frame [m]: x to the right, y down, z ahead. Row by row.
     """
-    rays = _rays(camera, image.shape, pixel_stride)
+    x, y = _rays(camera, image.shape, pixel_stride)
     first = pixel_stride // 2
     values = image[first::pixel_stride, first::pixel_stride]
     known = values > 0
@@ -101,8 +101,11 @@ def points_of(
     for value in no_depth:
         known &= values != value
     which = np.flatnonzero(known)
-    depths = values.ravel()[which].astype(np.float64)
-    return rays.reshape(-1, 3).take(which, axis=0) * depths[:, None]
+    points = np.empty((len(which), 3))
+    depths = values.astype(np.float64)
+    for axis, along in enumerate((x, y, np.float64(1.0) / camera.scale)):
+        points[:, axis] = (along * depths).ravel().take(which)
+    return points
 
 
 def check_stride(pixel_stride: int) -> None:
@@ -112,12 +115,14 @@ def check_stride(pixel_stride: int) -> None:
 
 
 @lru_cache(maxsize=4)
-def _rays(camera: Camera, shape: tuple[int, int], pixel_stride: int) -> NDArray[np.float64]:
-    """(rows, columns, 3): what a depth of one image value is in the camera's frame [m]."""
+def _rays(
+    camera: Camera, shape: tuple[int, int], pixel_stride: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """x of columns, (columns,), and y of rows, (rows, 1), at a depth of one image value [m]."""
     first = pixel_stride // 2
-    v, u = np.mgrid[first : shape[0] : pixel_stride, first : shape[1] : pixel_stride].astype(np.float64)
+    v, u = (np.arange(first, n, pixel_stride).astype(np.float64) for n in shape)
     x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
-    return np.stack([x, y, np.ones_like(x)], axis=2) / camera.scale
+    return x / camera.scale, (y / camera.scale)[:, None]
 
 
 def load_png(path: str) -> NDArray[np.unsignedinteger[Any]]:

@@ -17,7 +17,7 @@ from ndtree.logs.core.log import Log
 from ndtree.logs.core.padding import without_padding
 from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source, WrongOption, require_dim
 from ndtree.logs.formats.packets import MAGICS, is_velodyne, packets, sender_of
-from ndtree.logs.poses.pose import matrices_of
+from ndtree.logs.poses.pose import matrices_of, rotated
 from ndtree.logs.poses.trajectory import Trajectory
 from ndtree.logs.poses.trajectory_files import TRAJECTORY, read_trajectory
 
@@ -67,7 +67,7 @@ class VelodyneLog(Log):
             except NoPose as error:
                 self._leave_out_unposed(error)
                 continue
-            turned = np.einsum("nij,nj->ni", matrices_of(quaternions), points.astype(np.float64))
+            turned = rotated(matrices_of(quaternions), points.astype(np.float64))
             yield Scan(turned + positions, positions, stamp=stamp)
 
     def _turns(self) -> Iterator[tuple[float, NDArray[np.floating[Any]], Floats]]:

@@ -15,6 +15,8 @@ Floats = NDArray[np.float64]
 ROTATION_TOLERANCE = 0.02
 #: Sine of an angle below which an arc is its chord to the last bit.
 STRAIGHT = 1e-9
+#: Points that are moved together, so that what is written between stays in the processor's cache.
+BLOCK = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,16 +54,47 @@ class Pose:
 
     def apply(self, points: ArrayLike) -> Floats:
         """Points (n, 3) in the map frame, float64 whatever they were [m]; not finite where they were not."""
+        given = np.asarray(points)
+        moved = np.empty(given.shape)
+        most = min(BLOCK, len(given))
+        own, sums, product = np.empty((3, most)), np.empty(most), np.empty(most)
         with np.errstate(invalid="ignore", over="ignore"):
-            return np.asarray(points, dtype=np.float64) @ self.rotation.T + self.position
+            for first in range(0, len(given), BLOCK):
+                part = given[first : first + BLOCK]
+                n = len(part)
+                own[:, :n] = part.T
+                for axis, row in enumerate(self.rotation):
+                    np.multiply(own[0, :n], row[0], out=sums[:n])
+                    for j in (1, 2):
+                        np.multiply(own[j, :n], row[j], out=product[:n])
+                        sums[:n] += product[:n]
+                    np.add(sums[:n], self.position[axis], out=moved[first : first + n, axis])
+        return moved
 
     def inverse(self) -> Pose:
         """The transform back."""
-        return Pose(self.rotation.T, -self.rotation.T @ self.position)
+        return Pose(self.rotation.T, -rotated(self.rotation.T, self.position))
 
     def __matmul__(self, other: Pose) -> Pose:
         """First `other`, then this one: ``T_map_body @ T_body_sensor``."""
-        return Pose(self.rotation @ other.rotation, self.rotation @ other.position + self.position)
+        position = rotated(self.rotation, other.position) + self.position
+        return Pose(multiplied(self.rotation, other.rotation), position)
+
+
+def rotated(rotations: Floats, points: Floats) -> Floats:
+    """Points (..., 3) by rotations (..., 3, 3).
+
+    Here and in `multiplied` terms are added in the order of axes, each rounded: a library of linear algebra
+    would do what suits the processor, and the last bits of a map would differ from machine to machine.
+    """
+    terms = [rotations[..., j] * points[..., j, None] for j in range(3)]
+    return terms[0] + terms[1] + terms[2]
+
+
+def multiplied(left: Floats, right: Floats) -> Floats:
+    """Matrices (..., 3, 3) by matrices."""
+    terms = [left[..., j, None] * right[..., j, None, :] for j in range(3)]
+    return terms[0] + terms[1] + terms[2]
 
 
 def unit_quaternions(quaternions: Floats) -> Floats:

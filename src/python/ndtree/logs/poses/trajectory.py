@@ -14,8 +14,10 @@ from ndtree.logs.poses.pose import (
     Pose,
     matrices_of,
     matrix_of,
+    multiplied,
     nearest_rotations,
     quaternions_of,
+    rotated,
     slerp,
     unit_quaternions,
 )
@@ -202,8 +204,8 @@ class Trajectory:
         matrices = matrices_of(self.quaternions)
         return Trajectory(
             self.stamps,
-            matrices @ T_sensor_other.position + self.positions,
-            matrices @ T_sensor_other.rotation,
+            rotated(matrices, T_sensor_other.position) + self.positions,
+            multiplied(matrices, T_sensor_other.rotation),
             name=self.name,
             is_numbered=self.is_numbered,
         )

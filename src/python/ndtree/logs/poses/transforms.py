@@ -9,7 +9,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree.logs.poses.pose import Pose, matrices_of, unit_quaternions
+from ndtree.logs.poses.pose import Pose, matrices_of, multiplied, rotated, unit_quaternions
 from ndtree.logs.poses.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
@@ -142,9 +142,9 @@ class TransformTree:
                 moved, turned = fixed.position, fixed.rotation
             if at == edge[0]:
                 turned = np.swapaxes(turned, -1, -2)
-                moved = -(turned @ moved[..., None])[..., 0]
-            rotations = turned @ rotations
-            positions = (turned @ positions[..., None])[..., 0] + moved
+                moved = -rotated(turned, moved)
+            rotations = multiplied(turned, rotations)
+            positions = rotated(turned, positions) + moved
             at = edge[0] if at == edge[1] else edge[1]
         return rotations, positions
 

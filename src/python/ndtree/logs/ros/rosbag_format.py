@@ -41,7 +41,9 @@ SWEEP = ReaderOption(
 )
 
 BODY = ReaderOption(
-    "body", str, "Of a ROS bag: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere: or capsule:, + more, @FRAME."
+    "body",
+    str,
+    "Of a ROS bag: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere:, capsule: or footprint:, + more, @FRAME.",
 )
 
 

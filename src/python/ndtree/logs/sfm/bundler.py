@@ -9,7 +9,7 @@ import numpy as np
 
 from ndtree.logs.core.plain_file import open_plain
 from ndtree.logs.core.source import Format, Source, require_dim
-from ndtree.logs.poses.pose import nearest_rotations
+from ndtree.logs.poses.pose import nearest_rotations, rotated
 from ndtree.logs.sfm.triangulation import DEFAULT_PIXEL_SIGMA, PIXEL_SIGMA, Model, ModelLog
 
 MAGIC = b"# Bundle file v"
@@ -50,7 +50,7 @@ class BundlerLog(ModelLog):
                 turns = nearest_rotations(np.array(rotations))
             except ValueError as error:
                 raise ValueError(f"{self.path}: cameras: {error}") from None
-            centers = -np.einsum("nji,nj->ni", turns, np.array(translations))
+            centers = -rotated(np.swapaxes(turns, 1, 2), np.array(translations))
         places = np.empty((points, 3))
         seeing: list[np.ndarray] = []
         counts = np.empty(points, dtype=np.int64)

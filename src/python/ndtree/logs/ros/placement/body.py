@@ -18,8 +18,8 @@ from ndtree.logs.ros.placement.registered import bases_in
 Floats = NDArray[np.float64]
 
 EXPECTED = (
-    "expected box:LX,LY,LZ[,X,Y,Z], sphere:R[,X,Y,Z] or capsule:R,X,Y,Z,X,Y,Z in metres, several with + "
-    "between them, and @FRAME behind all"
+    "expected box:LX,LY,LZ[,X,Y,Z], sphere:R[,X,Y,Z], capsule:R,X,Y,Z,X,Y,Z or "
+    "footprint:X,Y,X,Y,X,Y,...[/LOW,HIGH] in metres, several with + between them, and @FRAME behind all"
 )
 
 
@@ -85,6 +85,8 @@ class Body:
 
 def _part(text: str, one: str) -> Callable[[Floats], NDArray[np.bool_]]:
     kind, _, rest = one.partition(":")
+    if kind == "footprint":
+        return _footprint(text, one, rest)
     try:
         numbers = [float(field) for field in rest.split(",")]
     except ValueError:
@@ -107,3 +109,39 @@ def _part(text: str, one: str) -> Callable[[Floats], NDArray[np.bool_]]:
         return np.linalg.norm(points - begin - share[:, None] * way, axis=1) <= radius
 
     return is_near
+
+
+def _footprint(text: str, one: str, rest: str) -> Callable[[Floats], NDArray[np.bool_]]:
+    """A polygon seen from above, of all heights or between two; as navigation has it: ``[[x, y], ...]``."""
+    corners, _, heights = rest.translate(str.maketrans("", "", "[] ")).partition("/")
+    try:
+        numbers, limits = (
+            [float(field) for field in part.split(",")] if part else [] for part in (corners, heights)
+        )
+    except ValueError:
+        numbers, limits = [], []
+    is_finite = all(map(math.isfinite, (*numbers, *limits)))
+    if len(numbers) < 6 or len(numbers) % 2 or len(limits) != (2 if "/" in rest else 0) or not is_finite:
+        raise ValueError(f"body = {text!r}: {one!r}: {EXPECTED}")
+    x, y = np.array(numbers).reshape(-1, 2).T
+    if not abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) > 0:
+        raise ValueError(f"body = {text!r}: {one!r}: its corners lie on a line, expected an area > 0")
+    low, high = limits or (-math.inf, math.inf)
+    if not low < high:
+        raise ValueError(f"body = {text!r}: {one!r}: heights must be from low to high")
+    edges = [((x[i - 1], y[i - 1]), (x[i], y[i])) for i in range(len(x))]
+
+    def is_in(points: Floats) -> NDArray[np.bool_]:
+        px, py, pz = points.T
+        inside, border = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
+        for (x0, y0), (x1, y1) in edges:
+            side = (x1 - x0) * (py - y0) - (y1 - y0) * (px - x0)
+            # A ray to the right of a point crosses the edge upwards, the point on its left, or downwards.
+            inside ^= ((y0 <= py) & (py < y1) & (side > 0)) | ((y1 <= py) & (py < y0) & (side < 0))
+            border |= (
+                (side == 0)
+                & (px >= min(x0, x1)) & (px <= max(x0, x1)) & (py >= min(y0, y1)) & (py <= max(y0, y1))
+            )  # fmt: skip
+        return (inside | border) & (pz >= low) & (pz <= high)
+
+    return is_in

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The nearest obstacles around a robot, as autopilots take them: MAVLink's OBSTACLE_DISTANCE, from ray casts.
+
+Strategy: rays in level planes, so close beside and above each other that no smallest cell is between two of
+them at the largest distance. A sector has the shortest of its rays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
+
+#: Of the message: sectors, and their values where nothing is known [cm].
+SECTORS, NOT_KNOWN = 72, 65535
+#: The largest distance that fits, with the value above it that says that there is no obstacle [m].
+FARTHEST = 655.33
+#: MAV_FRAME_BODY_FRD: the first sector is ahead, the next ones are clockwise, seen from above.
+BODY_FRD = 12
+
+Unknown = Literal["tell", "free", "occupied"]
+
+
+@dataclass(frozen=True, eq=False)
+class ObstacleDistance:
+    """What the message of this name holds.
+
+    Attributes
+    ----------
+    distances : (72,) uint16
+        Of the nearest obstacle in each sector [cm]; `max_distance` + 1 where there is none, 65535 where
+        that is unknown. The middle of the first sector is ahead.
+    min_distance, max_distance : int
+        [cm]
+    increment_f : float
+        From one sector to the next, clockwise [deg].
+    angle_offset : float
+        Of the first sector from ahead [deg].
+    frame : int
+        12, MAV_FRAME_BODY_FRD.
+    """
+
+    distances: NDArray[np.uint16]
+    min_distance: int
+    max_distance: int
+    increment_f: float = 360.0 / SECTORS
+    angle_offset: float = 0.0
+    frame: int = BODY_FRD
+
+    def as_dict(self) -> dict[str, Any]:
+        """The message's fields but for time and type of sensor, as plain numbers."""
+        return {
+            "distances": self.distances.tolist(),
+            "increment": round(self.increment_f),
+            "min_distance": self.min_distance,
+            "max_distance": self.max_distance,
+            "increment_f": self.increment_f,
+            "angle_offset": self.angle_offset,
+            "frame": self.frame,
+        }
+
+
+def obstacle_distance(
+    m: OccupancyMap,
+    pose: ArrayLike,
+    *,
+    max_distance: float = 10.0,
+    min_distance: float = 0.0,
+    height: tuple[float, float] = (-0.3, 0.3),
+    unknown: Unknown = "tell",
+) -> ObstacleDistance:
+    """The nearest obstacles around a robot, level, in 72 sectors of 5 degrees.
+
+    Parameters
+    ----------
+    m : OccupancyMap
+    pose : array_like
+        From the robot's frame (x ahead, y left, z up) to the map's: a homogeneous matrix; x, y and yaw of a
+        2-D map; x, y, z and a quaternion qx, qy, qz, qw of a 3-D one [m, rad]. Roll and pitch do not count.
+    max_distance : float
+        How far to look [m], up to 655.33.
+    min_distance : float
+        What is nearer is told as being that far: autopilots pass over what is less [m].
+    height : (low, high)
+        Of a 3-D map: obstacles between these heights, from the robot's own [m].
+    unknown : str
+        "tell": a sector without an obstacle, part of which is unknown up to `max_distance`, says so.
+        "free", or "occupied": what unknown space is taken for, that outside the map, too.
+
+    Returns
+    -------
+    ObstacleDistance
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its limits, or the robot's x axis points up or down.
+    """
+    if not 0 < max_distance <= FARTHEST:
+        raise ValueError(f"max_distance = {max_distance:g} m: must be > 0 and <= {FARTHEST}")
+    if not 0 <= min_distance <= max_distance:
+        raise ValueError(
+            f"min_distance = {min_distance:g} m: must be from 0 to max_distance = {max_distance:g} m"
+        )
+    if not height[0] <= height[1] or not all(map(math.isfinite, height)):
+        raise ValueError(f"height = {height[0]:g} to {height[1]:g} m: must be from low to high, and finite")
+    if unknown not in ("tell", "free", "occupied"):
+        raise ValueError(f"unknown = {unknown!r}: must be 'tell', 'free' or 'occupied'")
+    matrix = _core.pose_matrix(pose, dim=m.dim)
+    ahead, position = matrix[:2, 0], matrix[: m.dim, m.dim]
+    if np.hypot(*ahead) < 1e-6:
+        raise ValueError("pose: its x axis points up or down, expected one that points somewhere ahead")
+    origins, ways = _rays(m, position, math.atan2(ahead[1], ahead[0]), max_distance, height)
+    ends = m.cast_rays(
+        origins, ways, max_range=max_distance, unknown="stop" if unknown == "occupied" else "pass"
+    )
+    by_sector = (_rows(m, height), SECTORS, -1)
+    nearest = np.fmin.reduce(ends.reshape(by_sector), axis=(0, 2))
+    found = np.isfinite(nearest)
+    limits = tuple(min(math.floor(100 * one + 1e-6), NOT_KNOWN - 2) for one in (min_distance, max_distance))
+    distances = np.full(SECTORS, limits[1] + 1, dtype=np.int64)
+    # Rounded down: an obstacle is never told to be farther than it is.
+    distances[found] = np.clip(np.floor(100 * nearest[found]), *limits)
+    if unknown == "tell":
+        stopped = m.cast_rays(origins, ways, max_range=max_distance, unknown="stop", details=True)
+        is_unknown = (stopped.state == -1).reshape(by_sector).any(axis=(0, 2))
+        distances[~found & is_unknown] = NOT_KNOWN
+    return ObstacleDistance(distances.astype(np.uint16), *limits)
+
+
+class ObstacleSink:
+    """A sink of a live mapper that tells someone the nearest obstacles.
+
+    Parameters
+    ----------
+    pose : callable
+        Where the robot is, as for `obstacle_distance`; None while that is unknown.
+    send : callable
+        Is given each ObstacleDistance, and the time of the map's last scan [s].
+    period : float
+        From one time to the next [s].
+    **options
+        Of `obstacle_distance`.
+    """
+
+    def __init__(
+        self,
+        pose: Callable[[], ArrayLike | None],
+        send: Callable[[ObstacleDistance, float], None],
+        *,
+        period: float = 0.1,
+        **options: Any,
+    ) -> None:
+        if not 0 <= period < math.inf:
+            raise ValueError(f"period = {period:g} s: must be >= 0 and finite")
+        self.period = period
+        self._pose, self._send, self._options = pose, send, options
+
+    def update(self, m: OccupancyMap, stamp: float) -> None:
+        """Tell what is around the robot."""
+        pose = self._pose()
+        if pose is not None:
+            self._send(obstacle_distance(m, pose, **self._options), stamp)
+
+
+def _rows(m: OccupancyMap, height: tuple[float, float]) -> int:
+    """In how many planes rays are cast."""
+    if m.dim == 2:
+        return 1
+    return math.ceil((height[1] - height[0]) / m.options["min_cell_size"] - 1e-9) + 1
+
+
+def _rays(
+    m: OccupancyMap,
+    position: NDArray[np.float64],
+    yaw: float,
+    max_distance: float,
+    height: tuple[float, float],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Origins and directions of rays: plane by plane, sector by sector, and in each clockwise."""
+    width = 2 * math.pi / SECTORS
+    n = math.ceil(width * max_distance / m.options["min_cell_size"]) + 1
+    middles = width * np.arange(SECTORS)
+    angles = (middles[:, None] + np.linspace(-0.5, 0.5, n) * width).ravel()
+    ways = np.stack([np.cos(yaw - angles), np.sin(yaw - angles)], axis=1)
+    if m.dim == 2:
+        return position, ways
+    rows = _rows(m, height)
+    up = np.repeat(np.linspace(*height, rows) if rows > 1 else [np.mean(height)], len(ways))
+    origins = position + np.stack([np.zeros_like(up), np.zeros_like(up), up], axis=1)
+    return origins, np.tile(np.column_stack([ways, np.zeros(len(ways))]), (rows, 1))

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Shows a live map to Foxglove: a server in this process, to which the application connects."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ndtree._native._core import OccupancyMap
+from ndtree.live.grid import GridFollower
+from ndtree.live.outputs import POINT, Frontiers, by_size, occupied_points
+from ndtree.live.palette import GRID_COLORS, color_of
+from ndtree.live.way import Way
+
+try:
+    import foxglove
+    from foxglove import channels, messages
+except ImportError as error:
+    raise ImportError(
+        f"ndtree.live.FoxgloveSink needs foxglove-sdk ({error}); install it with: "
+        "pip install 'ndtree-mapping[foxglove]'"
+    ) from None
+
+#: Where Foxglove looks for a server, and how often the map is shown [s].
+PORT, PERIOD = 8765, 0.5
+#: A pixel: as nav_msgs/OccupancyGrid has it, and its colour.
+PIXEL = np.dtype([("occupancy", "i1"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")])
+
+
+class FoxgloveSink:
+    """A sink of a live mapper that serves the map to Foxglove.
+
+    ``/map`` is a Grid in the plane, ``/cells`` a PointCloud of occupied cells with fields x, y, z, size and
+    probability, ``/cell_boxes`` a scene with an entity for each size of cells, ``/frontiers`` and ``/way``
+    are poses. Each is made only while a client listens to it, and for a client that comes.
+
+    Parameters
+    ----------
+    port : int
+        0: one that is free.
+    host : str
+        On which of this machine's addresses; "0.0.0.0" for all.
+    frame : str or callable
+        Of the map.
+    period : float
+        From one time to the next [s].
+    height : (low, high), optional
+        Of a 3-D map: the grid is of cells between these heights [m].
+    way : Way, optional
+        Of the sensor.
+    min_cells : float
+        Smaller frontiers are left out.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its limits.
+    OSError
+        If the port is taken.
+    """
+
+    def __init__(
+        self,
+        port: int = PORT,
+        *,
+        host: str = "127.0.0.1",
+        frame: str | Callable[[], str] = "map",
+        period: float = PERIOD,
+        height: tuple[float, float] | None = None,
+        way: Way | None = None,
+        min_cells: float = 8.0,
+    ) -> None:
+        if not 0 <= port <= 65535:
+            raise ValueError(f"port = {port}: must be from 0 to 65535")
+        if not 0 <= period < math.inf:
+            raise ValueError(f"period = {period:g} s: must be >= 0 and finite")
+        self.period = period
+        self._frame, self._way = frame, way
+        self._grid, self._frontiers = GridFollower(None, height), Frontiers(min_cells)
+        self._z = 0.0 if height is None else height[0]
+        self._last: tuple[OccupancyMap, float] | None = None
+        self._lock = threading.Lock()
+        self._context = context = foxglove.Context()  # Without it, its channels are gone.
+        made = {
+            "/map": (channels.GridChannel, self._map),
+            "/cells": (channels.PointCloudChannel, self._cells),
+            "/cell_boxes": (channels.SceneUpdateChannel, self._boxes),
+            "/frontiers": (channels.PosesInFrameChannel, self._frontier_poses),
+            "/way": (channels.PosesInFrameChannel, self._passed),
+        }
+        self._channels: dict[str, tuple[Any, Callable[[OccupancyMap, float], Any]]] = {
+            topic: (kind(topic, context=context), make) for topic, (kind, make) in made.items()
+        }
+        try:
+            self._server = foxglove.start_server(
+                name="ndtree", host=host, port=port, context=context, server_listener=_Listener(self)
+            )
+        except RuntimeError as error:
+            raise OSError(f"port {port} of {host}: {error}, expected one that is free") from None
+        #: Where clients connect.
+        self.url = f"ws://{host}:{self._server.port}"
+
+    def update(self, m: OccupancyMap, stamp: float) -> None:
+        """Send what clients listen to."""
+        with self._lock:
+            self._last = m, stamp
+            for topic in self._channels:
+                self._send(topic, m, stamp)
+
+    def welcome(self, topic: str) -> None:
+        """Send a topic as it is now, to a client that has come."""
+        with self._lock:
+            if self._last is not None and topic in self._channels:
+                self._send(topic, *self._last)
+
+    def close(self) -> None:
+        """Serve no more."""
+        self._server.stop()
+
+    def _send(self, topic: str, m: OccupancyMap, stamp: float) -> None:
+        channel, make = self._channels[topic]
+        if not channel.has_sinks():
+            return
+        message = make(m, stamp)
+        if message is not None:
+            channel.log(message, log_time=round(max(stamp, 0.0) * 1e9))
+
+    def _head(self, stamp: float) -> dict[str, Any]:
+        nanoseconds = round(max(stamp, 0.0) * 1e9)
+        time = messages.Timestamp(sec=nanoseconds // 10**9, nsec=nanoseconds % 10**9)
+        return {"timestamp": time, "frame_id": self._frame if isinstance(self._frame, str) else self._frame()}
+
+    def _map(self, m: OccupancyMap, stamp: float) -> Any:
+        self._grid.follow(m)
+        values = self._grid.values
+        if values is None:
+            return None
+        pixels = np.zeros(values.shape, dtype=PIXEL)
+        pixels["occupancy"] = values
+        for value, color in GRID_COLORS.items():
+            for name, one in zip(("red", "green", "blue", "alpha"), color):
+                pixels[name][values == value] = one
+        x, y = self._grid.origin
+        return messages.Grid(
+            **self._head(stamp),
+            pose=_pose((x, y, self._z)),
+            column_count=values.shape[1],
+            cell_size=messages.Vector2(x=self._grid.cell_size, y=self._grid.cell_size),
+            row_stride=PIXEL.itemsize * values.shape[1],
+            cell_stride=PIXEL.itemsize,
+            fields=_fields(PIXEL),
+            data=pixels.tobytes(),
+        )
+
+    def _cells(self, m: OccupancyMap, stamp: float) -> Any:
+        return messages.PointCloud(
+            **self._head(stamp),
+            pose=_pose((0.0, 0.0, 0.0)),
+            point_stride=POINT.itemsize,
+            fields=_fields(POINT),
+            data=occupied_points(m).tobytes(),
+        )
+
+    def _boxes(self, m: OccupancyMap, stamp: float) -> Any:
+        entities = []
+        for number, (size, centers) in enumerate(by_size(occupied_points(m))):
+            edges = messages.Vector3(x=size, y=size, z=size)
+            red, green, blue = color_of(number)
+            color = messages.Color(r=red, g=green, b=blue, a=1.0)
+            cubes = [
+                messages.CubePrimitive(pose=_pose(one), size=edges, color=color) for one in centers.tolist()
+            ]
+            entities.append(messages.SceneEntity(**self._head(stamp), id=f"cells of {size:g} m", cubes=cubes))
+        everything = messages.SceneEntityDeletion(type=messages.SceneEntityDeletionType.All)
+        return messages.SceneUpdate(deletions=[everything], entities=entities)
+
+    def _frontier_poses(self, m: OccupancyMap, stamp: float) -> Any:
+        poses = [_pose(one.position, one.quaternion) for one in self._frontiers.follow(m)]
+        return messages.PosesInFrame(**self._head(stamp), poses=poses)
+
+    def _passed(self, m: OccupancyMap, stamp: float) -> Any:
+        points: NDArray[np.float64] = np.zeros((0, 3)) if self._way is None else self._way.points()
+        return messages.PosesInFrame(**self._head(stamp), poses=[_pose(point) for point in points.tolist()])
+
+
+class _Listener(foxglove.ServerListener):
+    """Sends what a new client would otherwise wait for until the map changes."""
+
+    def __init__(self, sink: FoxgloveSink) -> None:
+        self._sink = sink
+
+    def on_subscribe(self, client: Any, channel: Any) -> None:
+        self._sink.welcome(channel.topic)
+
+
+def _pose(position: Sequence[float], quaternion: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> Any:
+    x, y, z = position
+    qx, qy, qz, qw = quaternion
+    return messages.Pose(
+        position=messages.Vector3(x=x, y=y, z=z), orientation=messages.Quaternion(x=qx, y=qy, z=qz, w=qw)
+    )
+
+
+def _fields(layout: np.dtype[Any]) -> list[Any]:
+    numbers = messages.PackedElementFieldNumericType
+    kinds = {"i1": numbers.Int8, "u1": numbers.Uint8, "f4": numbers.Float32}
+    fields = layout.fields
+    assert fields is not None
+    return [
+        messages.PackedElementField(name=name, offset=offset, type=kinds[kind.str[1:]])
+        for name, (kind, offset, *_) in fields.items()
+    ]
