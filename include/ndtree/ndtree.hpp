@@ -19,6 +19,7 @@
 #include "ndtree/layers/layered_map.hpp"
 #include "ndtree/layers/values.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/mapping/scan_history.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/collision.hpp"

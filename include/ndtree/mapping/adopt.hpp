@@ -21,14 +21,14 @@
 namespace ndtree::detail {
 
 /// Calls `visit(ref)` for each node of a level, at most 0, that is more than one blank leaf.
-/// @param window outside which none is visited; null: all are. Cost: nodes of the level and above in the
-/// window.
-template <class Tree, class Visit>
-void for_each_cube(const Tree& tree, int level, const LatticeBox<Tree::kDim>* window, const Visit& visit) {
+/// @param is_wanted(cell, edge) whether there may be wanted nodes in a cell. Cost: nodes of the level and
+/// above that are wanted.
+template <class Tree, class IsWanted, class Visit>
+void for_each_cube(const Tree& tree, int level, const IsWanted& is_wanted, const Visit& visit) {
   Pace pace;
   const auto descend = [&](const auto& self, const typename Tree::ConstRef& ref) -> void {
     pace.spend();
-    if (window != nullptr && !window->overlaps(ref.index, tree.geometry().edge(ref.index.level))) return;
+    if (!is_wanted(ref.index, tree.geometry().edge(ref.index.level))) return;
     if (ref.is_leaf() && is_blank(ref.cell())) return;
     if (ref.index.level == level) {
       visit(ref);
@@ -65,10 +65,12 @@ class Adopting {
   Adopting(Tree& tree, int level) : tree_(tree), level_(level) {}
 
   /// @throws std::invalid_argument naming the first cube that both hold.
-  void run(const Tree& other, const LatticeBox<Tree::kDim>* window) {
+  /// @param is_wanted see for_each_cube().
+  template <class IsWanted>
+  void run(const Tree& other, const IsWanted& is_wanted) {
     std::optional<LatticeBox<Tree::kDim>> box;
     const std::int64_t edge = tree_.geometry().edge(level_);
-    for_each_cube(other, level_, window, [&](const auto& cube) {
+    for_each_cube(other, level_, is_wanted, [&](const auto& cube) {
       if (!box) box = {cube.index.lower, cube.index.lower};
       for (std::size_t a = 0; a < D; ++a) {
         box->lower[a] = std::min(box->lower[a], cube.index.lower[a]);
@@ -77,7 +79,7 @@ class Adopting {
     });
     if (!box) return;
     grow_around(tree_, *box);
-    for_each_cube(other, level_, window, [&](const auto& cube) {
+    for_each_cube(other, level_, is_wanted, [&](const auto& cube) {
       const auto target =
           cube_at(tree_, level_, cube.index.lower, [](const auto& above) { above.node->set_note(0); });
       if (!target.is_leaf() || !is_blank(target.cell()))

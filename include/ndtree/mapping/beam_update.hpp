@@ -13,6 +13,7 @@
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
+#include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
@@ -50,9 +51,9 @@ class BeamUpdate : public BeamVisitor {
 
   /// Integrates beam after beam. @pre the tree contains what the survey reaches.
   /// @param undo gets one log; null if none is to be kept.
-  /// @param window of cells of the coarsest level, outside which nothing is to change; null: all may.
+  /// @param window outside which no cell of the coarsest level changes.
   void finish(Workers& /*workers*/, std::vector<UndoLog<Tree>>* undo = nullptr,
-              const LatticeBox<D>* window = nullptr) {
+              const ChangeWindow<D>& window = {}) {
     window_ = window;
     if (undo != nullptr) undo->resize(1);
     undo_ = undo == nullptr ? nullptr : undo->data();
@@ -144,7 +145,7 @@ class BeamUpdate : public BeamVisitor {
   /// Whether nothing of a node is to change.
   template <class Ref>
   [[nodiscard]] bool is_outside(const Ref& ref) const {
-    return window_ != nullptr && !window_->overlaps(ref.index, tree_.geometry().edge(ref.index.level));
+    return !window_.overlaps(ref.index, tree_.geometry().edge(ref.index.level));
   }
   /// A leaf that only may take the hit, which others then do not.
   bool pass_outside(double t_exit) {
@@ -175,7 +176,7 @@ class BeamUpdate : public BeamVisitor {
   bool try_merge_ = false;  // A child of the node being left could take part in a merge.
 
   UndoLog<Tree>* undo_ = nullptr;
-  const LatticeBox<D>* window_ = nullptr;
+  ChangeWindow<D> window_;
   Pace pace_;
 };
 

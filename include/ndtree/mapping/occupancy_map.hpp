@@ -33,6 +33,7 @@
 #include "ndtree/mapping/refinement.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
+#include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 #include "ndtree/tree/undo_log.hpp"
 #include "ndtree/tree/visit.hpp"
@@ -85,6 +86,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
  public:
   using Cells = MapCells<N, D, typename Refinement::Cell>;
   using RefinementType = Refinement;
+  using SensorType = Sensor;
   using typename Cells::Cell;
   using typename Cells::Tree;
 
@@ -116,10 +118,27 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   ///   that still shares cells, the map is then as it was before the call; else it is valid, but some cells
   ///   may have taken the scan in, and others not.
   InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0,
-                      const std::optional<Box<D>>& window = std::nullopt);
+                      const std::optional<Box<D>>& window = std::nullopt) {
+    if (window) check(*window);
+    return integrate(scan, max_range, threads, window, nullptr, nullptr);
+  }
   InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange, int threads = 0,
                       const std::optional<Box<D>>& window = std::nullopt) {
     return insert(scan.view(), max_range, threads, window);
+  }
+
+  /// insert() of which only cells in some cubes of max_cell_size change.
+  /// @param reach gets a box around all that the scan reaches [m], see grow_to(); empty without a valid beam.
+  InsertReport insert_in(const CubeSet<D>& cubes, const ScanView<D>& scan, double max_range, int threads,
+                         Box<D>& reach) {
+    return integrate(scan, max_range, threads, std::nullopt, &cubes, &reach);
+  }
+  /// Makes the room that a scan of this reach needs, as insert() does. @param reach see insert_in().
+  void grow_to(const Box<D>& reach) {
+    if (!(reach.lower.array() <= reach.upper.array()).all()) return;
+    tree_.grow_to_contain(reach.lower);
+    tree_.grow_to_contain(reach.upper);
+    summarise_stale(tree_, *tree_.root().node, saturated());
   }
 
   /// Gives the memory back that merging has freed, and puts what is near each other near each other in
@@ -198,23 +217,24 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   /// @throws std::invalid_argument if an option but max_memory differs, both hold cells in one such cube, or
   ///   the box has no volume, MemoryLimitReached, std::bad_alloc, Cancelled; the map is then unchanged.
   void adopt(const OccupancyMap& other, const std::optional<Box<D>>& box = std::nullopt) {
-    require_same_sizes(other, "adopted by");
-    require_same_options(other);
     if (box) check(*box);
     const int coarsest = Refinement::coarsest_level(tree_.geometry().finest_level());
     const auto window = box ? std::optional(tree_.geometry().cells_in(*box, coarsest)) : std::nullopt;
-    Tree changed = tree_;
-    changed.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
-    detail::Adopting<Tree>(changed, coarsest).run(other.tree_, window ? &*window : nullptr);
-    changed.limit_memory(kUnlimitedMemory);
-    summarise_stale(changed, *changed.root().node, saturated());
-    last_checkpoint();
-    tree_ = std::move(changed);
+    adopt_wanted(other, coarsest, [&](const CellIndex<D>& cell, std::int64_t edge) {
+      return !window || window->overlaps(cell, edge);
+    });
     if (box) return;
     counters_.updates += other.counters_.updates;
     counters_.splits += other.counters_.splits;
     counters_.merges += other.counters_.merges;
     counters_.scans = std::max(counters_.scans, other.counters_.scans);
+  }
+
+  /// adopt() of all cubes of max_cell_size but those of a set. Counters stay this map's.
+  void adopt_outside(const CubeSet<D>& cubes, const OccupancyMap& other) {
+    adopt_wanted(other, 0, [&](const CellIndex<D>& cell, std::int64_t edge) {
+      return cell.level > 0 || !cubes.overlaps(cell, edge);
+    });
   }
 
   /// The map as it is now, to be read by any thread while this one goes on. See changes().
@@ -285,6 +305,23 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
                                   " to " + describe_number(options_.max_cell_size) + " m");
   }
 
+  InsertReport integrate(const ScanView<D>& scan, double max_range, int threads,
+                         const std::optional<Box<D>>& window, const CubeSet<D>* cubes, Box<D>* reach);
+
+  /// @param level of the cubes. @param is_wanted see detail::for_each_cube().
+  template <class IsWanted>
+  void adopt_wanted(const OccupancyMap& other, int level, const IsWanted& is_wanted) {
+    require_same_sizes(other, "adopted by");
+    require_same_options(other);
+    Tree changed = tree_;
+    changed.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
+    detail::Adopting<Tree>(changed, level).run(other.tree_, is_wanted);
+    changed.limit_memory(kUnlimitedMemory);
+    summarise_stale(changed, *changed.root().node, saturated());
+    last_checkpoint();
+    tree_ = std::move(changed);
+  }
+
   template <class Rule>
   void forget(const Rule& rule) {
     const auto is_saturated = saturated();
@@ -347,13 +384,13 @@ OccupancyMap<N, D, Refinement, Sensor>::OccupancyMap(const MapOptions& options, 
 }
 
 template <int N, int D, class Refinement, class Sensor>
-InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& scan, double max_range,
-                                                            int threads,
-                                                            const std::optional<Box<D>>& window) {
+InsertReport OccupancyMap<N, D, Refinement, Sensor>::integrate(const ScanView<D>& scan, double max_range,
+                                                               int threads,
+                                                               const std::optional<Box<D>>& window,
+                                                               const CubeSet<D>* cubes, Box<D>* reach) {
   const auto start = std::chrono::steady_clock::now();
   threads = number_of_threads(threads);
   check(scan, max_range);
-  if (window) check(*window);
   InsertReport report;
   report.beams = static_cast<std::uint64_t>(scan.size);
   const UpdateCounters before = counters_;
@@ -381,7 +418,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
     LatticeBox<D> cells;
     if (window)
       cells = tree_.geometry().cells_in(*window, Refinement::coarsest_level(tree_.geometry().finest_level()));
-    update.finish(workers, is_undone ? &undo : nullptr, window ? &cells : nullptr);
+    update.finish(workers, is_undone ? &undo : nullptr, ChangeWindow<D>{window ? &cells : nullptr, cubes});
     if (!tree_.shrink_if_half_empty()) last_checkpoint();
   } catch (...) {
     tree_.limit_memory(kUnlimitedMemory);
@@ -396,6 +433,7 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::insert(const ScanView<D>& s
   }
   tree_.limit_memory(kUnlimitedMemory);
   summarise_stale(tree_, *tree_.root().node, saturated());
+  if (reach != nullptr) *reach = survey.reach;
   counters_.scans = scan_number + 1;
   report.updates = counters_.updates - before.updates;
   report.splits = counters_.splits - before.splits;

@@ -19,8 +19,9 @@
   prefix template AdaptiveMap<N, D>::OccupancyMap(const MapOptions&); \
   prefix template PaperMap<N, D>::OccupancyMap(const MapOptions&);    \
   prefix template FixedMap<N, D>::OccupancyMap(const MapOptions&)
-#define NDTREE_INSERT_OF(Map, N, D) \
-  InsertReport Map<N, D>::insert(const ScanView<D>&, double, int, const std::optional<Box<D>>&)
+#define NDTREE_INSERT_OF(Map, N, D)                                                                \
+  InsertReport Map<N, D>::integrate(const ScanView<D>&, double, int, const std::optional<Box<D>>&, \
+                                    const CubeSet<D>*, Box<D>*)
 
 namespace ndtree {
 

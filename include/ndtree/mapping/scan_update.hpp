@@ -26,6 +26,7 @@
 #include "ndtree/mapping/scan/tasks.hpp"
 #include "ndtree/mapping/scan/walk.hpp"
 #include "ndtree/mapping/update_counters.hpp"
+#include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
@@ -87,9 +88,9 @@ class ScanUpdate {
   /// Integrates the surveyed scan. The result is the same for every number of workers.
   /// @pre the tree contains the survey's reach.
   /// @param undo is resized to 1 + workers.count() logs of changed nodes; null: nothing is logged.
-  /// @param window of cells of the coarsest level, outside which no cell changes; null: all may change.
+  /// @param window outside which no cell of the coarsest level changes.
   void finish(Workers& workers, std::vector<UndoLog<Tree>>* undo = nullptr,
-              const LatticeBox<D>* window = nullptr) {
+              const ChangeWindow<D>& window = {}) {
     prepare(workers);
     if (beams_.size() == 0) return;
     checkpoint();
@@ -314,7 +315,7 @@ class ScanUpdate {
   CubeMap<D> cube_map_;
   ScanBeams<D> beams_;
   std::vector<UndoLog<Tree>>* undo_ = nullptr;
-  const LatticeBox<D>* window_ = nullptr;
+  ChangeWindow<D> window_;
 };
 
 }  // namespace ndtree

@@ -32,6 +32,7 @@
 #include "ndtree/mapping/scan/task_lists.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/child_index.hpp"
+#include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
@@ -82,9 +83,9 @@ class alignas(kCacheLines) ScanWalk {
   using Ref = typename Tree::Ref;
 
   /// @param arena of the tree, for this thread alone. @param undo log of what it changes, or null.
-  /// @param window outside which no cell of the coarsest level changes; null: all cells may change.
+  /// @param window outside which no cell of the coarsest level changes.
   ScanWalk(Tree& tree, typename Tree::Arena& arena, const Refinement& refinement, const Sensor& sensor,
-           const ScanBeams<D>& beams, UndoLog<Tree>* undo, const LatticeBox<D>* window = nullptr)
+           const ScanBeams<D>& beams, UndoLog<Tree>* undo, const ChangeWindow<D>& window = {})
       : tree_(tree),
         arena_(arena),
         undo_(undo),
@@ -172,7 +173,7 @@ class alignas(kCacheLines) ScanWalk {
   }
   /// Whether a node of the coarsest level or above lies in the window.
   [[nodiscard]] bool may_change(const CellIndex<D>& node) const {
-    return window_ == nullptr || window_->overlaps(node, tree_.geometry().edge(node.level));
+    return window_.overlaps(node, tree_.geometry().edge(node.level));
   }
 
   Lists partition(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
@@ -605,7 +606,7 @@ class alignas(kCacheLines) ScanWalk {
   Tree& tree_;
   typename Tree::Arena& arena_;
   UndoLog<Tree>* undo_;
-  const LatticeBox<D>* window_;
+  ChangeWindow<D> window_;
   const Refinement& refinement_;
   const ScanBeams<D>& beams_;
   const ChildPartition<N, D> partition_;

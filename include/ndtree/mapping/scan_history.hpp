@@ -1,0 +1,255 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// A map and the scans that made it: when poses are corrected, the map follows.
+#pragma once
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "ndtree/core/beam.hpp"
+#include "ndtree/core/body.hpp"
+#include "ndtree/core/scan.hpp"
+#include "ndtree/core/types.hpp"
+#include "ndtree/mapping/crossed_cubes.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/mapping/packed_scan.hpp"
+#include "ndtree/tree/cube_set.hpp"
+
+namespace ndtree {
+
+/// What a change of poses cost.
+struct HistoryReport {
+  std::size_t moved = 0;     ///< Scans whose poses changed, or that were removed.
+  std::size_t replayed = 0;  ///< Scans that were mapped again, in some cubes.
+  std::size_t cubes = 0;     ///< Cubes of max_cell_size that were made anew.
+  /// Pairs of a scan and a cube that it crosses, that were mapped again; and all of them.
+  std::uint64_t cube_scans = 0;
+  std::uint64_t all_cube_scans = 0;
+  double seconds = 0.0;
+};
+
+/// A map that remembers its scans, each with a key and a pose.
+///
+/// Invariant, tested: after any sequence of calls, each cell of the map is, bit for bit, what inserting the
+/// present scans at their present poses, in the order in which they came, makes of it; a scan keeps its
+/// number, by which its beams are sampled, when others are removed. Counters of the map add up the work that
+/// was done. What a cell becomes depends on the scans alone that cross its cube of max_cell_size, so only
+/// cubes are made anew that a moved scan crosses, before or after, and only by the scans that cross them.
+/// Cost: insert() that of the map and O(beams · cubes along a beam); move() and remove() that of the replayed
+/// scans, and O(nodes). A call that throws changes nothing.
+template <class Map>
+class ScanHistory {
+ public:
+  static constexpr int D = Map::kDim;
+  using Key = std::int64_t;
+
+  /// @throws std::invalid_argument naming the first option that is out of bounds.
+  explicit ScanHistory(const MapOptions& options = {}) : map_(options) {}
+
+  [[nodiscard]] const Map& map() const { return map_; }
+  [[nodiscard]] std::size_t size() const { return entries_.size(); }
+  [[nodiscard]] bool contains(Key key) const { return numbers_.count(key) > 0; }
+  /// Of all scans, in their order.
+  [[nodiscard]] std::vector<Key> keys() const {
+    std::vector<Key> keys;
+    keys.reserve(entries_.size());
+    for (const Entry& entry : entries_) keys.push_back(entry.key);
+    return keys;
+  }
+  /// @throws std::out_of_range if there is no such scan.
+  [[nodiscard]] const Pose<D>& pose(Key key) const { return entries_[place_of(key)].pose; }
+  /// @throws as pose().
+  [[nodiscard]] double max_range(Key key) const { return entries_[place_of(key)].max_range; }
+  /// A scan in the map's frame, as the map took it in. @throws as pose().
+  [[nodiscard]] Scan<D> scan(Key key) const {
+    const Entry& entry = entries_[place_of(key)];
+    return entry.beams->at(entry.pose);
+  }
+  /// Of the map and the packed scans.
+  [[nodiscard]] std::size_t memory_bytes() const {
+    std::size_t bytes = map_.memory_bytes();
+    for (const Entry& entry : entries_)
+      bytes += sizeof(Entry) + entry.beams->memory_bytes() + sizeof(CubeSet<D>) + entry.cubes->memory_bytes();
+    return bytes;
+  }
+
+  /// Maps a scan and keeps it.
+  /// @param scan in its sensor's frame. @param pose of the sensor in the map.
+  /// @param max_range, threads as of OccupancyMap::insert().
+  /// @throws std::invalid_argument if the key is there already, the pose is no rigid motion, or as insert().
+  InsertReport insert(Key key, const ScanView<D>& scan, const Pose<D>& pose,
+                      double max_range = kUnlimitedRange, int threads = 0) {
+    if (contains(key))
+      throw std::invalid_argument("key " + std::to_string(key) +
+                                  ": is there already; move() changes its pose");
+    require_rigid(pose, key);
+    Entry entry{key, next_number_, pose, max_range, {}, {}, {}};
+    entry.beams = std::make_shared<PackedScan<D>>(scan, map_.options().min_cell_size);
+    const Scan<D> in_map = entry.beams->at(pose);
+    const ScanView<D> view = numbered(in_map, next_number_);
+    entry.cubes = std::make_shared<CubeSet<D>>(cubes_of(view, max_range));
+    // Nothing throws behind the map's own insertion.
+    if (entries_.size() == entries_.capacity()) entries_.reserve(2 * entries_.size() + 1);
+    const auto number = numbers_.emplace(key, next_number_).first;
+    InsertReport report;
+    try {
+      report = map_.insert_in(*entry.cubes, view, max_range, threads, entry.reach);
+    } catch (...) {
+      numbers_.erase(number);
+      throw;
+    }
+    report.beams += entry.beams->num_left_out();
+    report.invalid += entry.beams->num_left_out();
+    entries_.push_back(std::move(entry));
+    ++next_number_;
+    return report;
+  }
+
+  /// Moves scans to other poses, and makes the map anew where they were and where they are.
+  /// @throws std::out_of_range naming a key that is not there, std::invalid_argument if a key is there twice
+  ///   or a pose is no rigid motion, and as OccupancyMap::insert().
+  HistoryReport move(const std::vector<std::pair<Key, Pose<D>>>& poses, int threads = 0) {
+    std::vector<std::optional<Pose<D>>> changes(entries_.size());
+    for (const auto& [key, pose] : poses) {
+      std::optional<Pose<D>>& change = changes[place_of(key)];
+      if (change) throw std::invalid_argument("key " + std::to_string(key) + ": is given twice");
+      require_rigid(pose, key);
+      change = pose;
+    }
+    std::vector<Entry> entries = entries_;
+    std::vector<bool> is_changed(entries.size());
+    for (std::size_t i = 0; i < entries.size(); ++i) {
+      if (!changes[i] || is_same(*changes[i], entries[i].pose)) continue;
+      is_changed[i] = true;
+      entries[i].pose = *changes[i];
+    }
+    return make_anew(std::move(entries), is_changed, {}, threads);
+  }
+
+  /// Takes scans out of the map. @throws as move().
+  HistoryReport remove(const std::vector<Key>& keys, int threads = 0) {
+    std::vector<bool> goes(entries_.size());
+    for (const Key key : keys) {
+      const std::size_t place = place_of(key);
+      if (goes[place]) throw std::invalid_argument("key " + std::to_string(key) + ": is given twice");
+      goes[place] = true;
+    }
+    std::vector<Entry> entries;
+    CubeSet<D> touched;
+    for (std::size_t i = 0; i < entries_.size(); ++i) {
+      if (goes[i])
+        touched.add(*entries_[i].cubes);
+      else
+        entries.push_back(entries_[i]);
+    }
+    HistoryReport report =
+        make_anew(std::move(entries), std::vector<bool>(entries_.size() - keys.size()), touched, threads);
+    report.moved = keys.size();
+    return report;
+  }
+
+ private:
+  struct Entry {
+    Key key;
+    std::uint64_t number;  ///< ScanView::number.
+    Pose<D> pose;
+    double max_range;
+    std::shared_ptr<const PackedScan<D>> beams;
+    std::shared_ptr<const CubeSet<D>> cubes;  ///< Which it may change.
+    Box<D> reach;
+  };
+
+  /// Which of the entries a key belongs to.
+  [[nodiscard]] std::size_t place_of(Key key) const {
+    const auto found = numbers_.find(key);
+    if (found == numbers_.end()) throw std::out_of_range("key " + std::to_string(key) + ": no such scan");
+    const auto at = std::lower_bound(entries_.begin(), entries_.end(), found->second,
+                                     [](const Entry& entry, std::uint64_t n) { return entry.number < n; });
+    return static_cast<std::size_t>(at - entries_.begin());
+  }
+  static void require_rigid(const Pose<D>& pose, Key key) {
+    constexpr double kRounding = 1e-6;
+    const bool is_finite = pose.rotation.allFinite() && pose.translation.allFinite();
+    const Eigen::Matrix<double, D, D> product = pose.rotation * pose.rotation.transpose();
+    if (!is_finite || !product.isIdentity(kRounding) || !(pose.rotation.determinant() > 0.0))
+      throw std::invalid_argument("the pose of key " + std::to_string(key) +
+                                  ": must be finite, with a rotation matrix of determinant 1");
+  }
+  [[nodiscard]] static bool is_same(const Pose<D>& a, const Pose<D>& b) {
+    return a.rotation == b.rotation && a.translation == b.translation;
+  }
+
+  [[nodiscard]] static ScanView<D> numbered(const Scan<D>& scan, std::uint64_t number) {
+    ScanView<D> view = scan.view();
+    view.number = number;
+    return view;
+  }
+  /// Which cubes a scan crosses. @throws as survey_exactly().
+  [[nodiscard]] CubeSet<D> cubes_of(const ScanView<D>& scan, double max_range) const {
+    const typename Map::SensorType sensor(map_.options());
+    const Measurements<D, typename Map::SensorType> measurements(scan, max_range, sensor);
+    const ScanSurvey<D> survey = survey_exactly(map_.tree().geometry(), measurements, measurements.all());
+    if (survey.num_valid() == 0) return {};
+    CrossedCubes<Map::kBranching, D> crossed(map_.tree().geometry(), survey.reach);
+    crossed.add(measurements);
+    return crossed.cubes();
+  }
+
+  /// Replaces the entries and the map. @param is_changed which have another pose than before.
+  /// @param touched cubes that are to be made anew, beside those of changed entries.
+  HistoryReport make_anew(std::vector<Entry> entries, const std::vector<bool>& is_changed, CubeSet<D> touched,
+                          int threads) {
+    const auto start = std::chrono::steady_clock::now();
+    HistoryReport report;
+    for (std::size_t i = 0; i < entries.size(); ++i) {
+      if (!is_changed[i]) continue;
+      ++report.moved;
+      Entry& entry = entries[i];
+      touched.add(*entry.cubes);
+      const Scan<D> scan = entry.beams->at(entry.pose);
+      entry.cubes = std::make_shared<CubeSet<D>>(cubes_of(scan.view(), entry.max_range));
+      touched.add(*entry.cubes);
+    }
+    Map map(map_.options(), typename Map::Tree(Map(map_.options()).tree()), map_.counters());
+    for (Entry& entry : entries) {
+      report.all_cube_scans += entry.cubes->size();
+      if (!entry.cubes->overlaps(touched)) {
+        map.grow_to(entry.reach);
+        continue;
+      }
+      const Scan<D> scan = entry.beams->at(entry.pose);
+      (void)map.insert_in(touched, numbered(scan, entry.number), entry.max_range, threads, entry.reach);
+      ++report.replayed;
+      entry.cubes->for_each([&](const Lattice<D>& cube) { report.cube_scans += touched.contains(cube); });
+    }
+    map.adopt_outside(touched, map_);
+    // The next scan's number, which replayed scans may have set back.
+    const Scan<D> none{{D, 0}, Vector<D>::Zero(), {}, 0.0, {}};
+    if (!entries.empty()) (void)map.insert(numbered(none, entries.back().number));
+    report.cubes = touched.size();
+    std::unordered_map<Key, std::uint64_t> numbers;
+    for (const Entry& entry : entries) numbers.emplace(entry.key, entry.number);
+    entries_ = std::move(entries);
+    numbers_ = std::move(numbers);
+    map_ = std::move(map);
+    report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    return report;
+  }
+
+  Map map_;
+  std::vector<Entry> entries_;  // By their numbers.
+  std::unordered_map<Key, std::uint64_t> numbers_;
+  std::uint64_t next_number_ = 0;
+};
+
+}  // namespace ndtree

@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// A map whose scans move is the map that its scans make where they are.
+#include <gtest/gtest.h>
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/mapping/scan_history.hpp"
+#include "options.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
+
+namespace ndtree::test::test_scan_history {
+namespace {
+
+MapOptions options_of(int branching) {
+  MapOptions options = spelled_out_options(0.1, 0.1 * std::pow(branching, branching == 2 ? 4 : 2));
+  options.range_sigma = 0.02;
+  options.sample_beams = 2.0;
+  return options;
+}
+
+template <int D>
+Pose<D> random_pose(test::Random& random, double reach) {
+  Pose<D> pose;
+  Eigen::Matrix<double, D, D> any;
+  for (Eigen::Index i = 0; i < any.size(); ++i) any(i) = random.uniform(-1.0, 1.0);
+  pose.rotation = any.householderQr().householderQ();
+  if (pose.rotation.determinant() < 0.0) pose.rotation.col(0) *= -1.0;
+  for (double& x : pose.translation) x = random.uniform(-reach, reach);
+  return pose;
+}
+
+/// Beams to a wall all around, with some that do not return or are not finite.
+template <int D>
+Scan<D> random_scan(test::Random& random) {
+  Scan<D> scan;
+  const int beams = random.integer(5, 60);
+  scan.origins = Vector<D>::Zero();
+  scan.endpoints.resize(D, beams);
+  scan.returned.resize(beams);
+  for (int i = 0; i < beams; ++i) {
+    Vector<D> direction;
+    for (double& x : direction) x = random.uniform(-1.0, 1.0);
+    scan.endpoints.col(i) = direction * (random.uniform(0.5, 4.0) / (direction.norm() + 0.01));
+    scan.returned[i] = !random.chance(0.1);
+    if (random.chance(0.02)) scan.endpoints(0, i) = std::numeric_limits<double>::quiet_NaN();
+  }
+  if (random.chance(0.2)) scan.range_sigma = Eigen::ArrayXd::Constant(beams, random.uniform(0.01, 0.05));
+  if (random.chance(0.2)) {
+    scan.origins.resize(D, beams);
+    for (Eigen::Index i = 0; i < scan.origins.size(); ++i) scan.origins(i) = random.uniform(-0.2, 0.2);
+  }
+  return scan;
+}
+
+/// The map's cells and root, without the counters of how they were made.
+template <class Map>
+std::string cells_of(const Map& map) {
+  UpdateCounters counters;
+  counters.scans = map.counters().scans;
+  return to_bytes(Map(map.options(), typename Map::Tree(map.tree()), counters));
+}
+
+/// Plays random calls, and compares with a map that took the same scans in at once.
+/// @returns how often scans were mapped again.
+template <class Map>
+std::size_t play(std::uint64_t seed, int branching, int calls) {
+  constexpr int D = Map::kDim;
+  Random random(seed);
+  SCOPED_TRACE(random.trace());
+  ScanHistory<Map> history(options_of(branching));
+  std::vector<std::pair<std::int64_t, std::uint64_t>> present;  // Keys and numbers.
+  std::uint64_t number = 0;
+  std::size_t replayed = 0;
+  for (int call = 0; call < calls; ++call) {
+    const int what = random.integer(0, 9);
+    if (present.size() < 3 || what < 5) {
+      const auto key = static_cast<std::int64_t>(1000 - 7 * number);
+      (void)history.insert(key, random_scan<D>(random).view(), random_pose<D>(random, 8.0),
+                           random.chance(0.5) ? 3.0 : kUnlimitedRange);
+      present.emplace_back(key, number++);
+    } else if (what < 8) {
+      std::vector<std::pair<std::int64_t, Pose<D>>> poses;
+      for (const auto& [key, n] : present) {
+        if (!random.chance(0.3)) continue;
+        Pose<D> pose = random.chance(0.3) ? random_pose<D>(random, 8.0) : history.pose(key);
+        for (double& x : pose.translation) x += random.uniform(-0.2, 0.2);
+        poses.emplace_back(key, pose);
+      }
+      std::reverse(poses.begin(), poses.end());
+      const HistoryReport report = history.move(poses, 1 + random.integer(0, 1));
+      EXPECT_EQ(report.moved, poses.size());
+      EXPECT_LE(report.cube_scans, report.all_cube_scans);
+      replayed += report.replayed;
+    } else {
+      const std::size_t i = static_cast<std::size_t>(random.integer(0, static_cast<int>(present.size()) - 1));
+      (void)history.remove({present[i].first});
+      present.erase(present.begin() + static_cast<std::ptrdiff_t>(i));
+    }
+    ASSERT_NO_THROW(history.map().check_invariants());
+    ASSERT_EQ(history.size(), present.size());
+  }
+  Map expected(options_of(branching));
+  for (const auto& [key, n] : present) {
+    const Scan<D> scan = history.scan(key);
+    ScanView<D> view = scan.view();
+    view.number = n;
+    (void)expected.insert(view, history.max_range(key));
+  }
+  EXPECT_EQ(cells_of(history.map()), cells_of(expected));
+  return replayed;
+}
+
+template <class S>
+class ScanHistoryOf : public ::testing::Test {};
+TYPED_TEST_SUITE(ScanHistoryOf, Shapes, ShapeNames);
+
+TYPED_TEST(ScanHistoryOf, TheMapIsThatOfTheScansWhereTheyAre) {
+  NDTREE_SHAPE;
+  std::size_t replayed = 0;
+  for (std::uint64_t seed = 1; seed <= (D < 3 ? 12 : 4); ++seed) {
+    replayed += play<AdaptiveMap<N, D>>(seed, N, 24);
+    replayed += play<PaperMap<N, D>>(seed, N, 12);
+    replayed += play<FixedMap<N, D>>(seed, N, 12);
+  }
+  EXPECT_GT(replayed, 100u);
+}
+
+TEST(ScanHistory, ABeamIsKeptToAThousandthOfACell) {
+  Random random(5);
+  Scan<3> scan = random_scan<3>(random);
+
+  const PackedScan<3> packed(scan.view(), 0.05);
+  const Scan<3> again = packed.at({});
+  Eigen::Index kept = 0;
+  for (Eigen::Index i = 0; i < scan.size(); ++i) {
+    if (!scan.endpoints.col(i).allFinite()) continue;
+    EXPECT_LE((again.endpoints.col(kept) - scan.endpoints.col(i)).cwiseAbs().maxCoeff(), 0.05 / 2048);
+    EXPECT_EQ(again.returned[kept], scan.returned[i]);
+    ++kept;
+  }
+  EXPECT_EQ(kept, again.size());
+  const PackedScan<3> twice(again.view(), 0.05);
+  EXPECT_EQ(twice.at({}).endpoints, again.endpoints) << "what was packed once is packed without loss";
+}
+
+TEST(ScanHistory, FarBeamsAreKeptAsWellAsTheyCanBe) {
+  Scan<2> scan;
+  scan.origins = Vector<2>::Zero();
+  scan.endpoints.resize(2, 2);
+  scan.endpoints.col(0) = Vector<2>(3000.0, 1.0);
+  scan.endpoints.col(1) = Vector<2>(1.0, 1.0);
+  const Scan<2> again = PackedScan<2>(scan.view(), 0.05).at({});
+  EXPECT_NEAR(again.endpoints(0, 0), 3000.0, 0.003);
+  scan.endpoints(0, 0) = 1e6;
+  EXPECT_THROW((void)PackedScan<2>(scan.view(), 0.05), std::invalid_argument);
+}
+
+TEST(ScanHistory, OnlyWhatMovedScansCrossIsMadeAnew) {
+  ScanHistory<AdaptiveMap<2, 2>> history(options_of(2));
+  Random random(8);
+  for (int i = 0; i < 20; ++i) {
+    Pose<2> pose;
+    pose.translation[0] = 20.0 * i;  // Scans reach 4 m.
+    (void)history.insert(i, random_scan<2>(random).view(), pose);
+  }
+  Pose<2> pose = history.pose(7);
+  pose.translation[1] += 0.3;
+  const HistoryReport report = history.move({{7, pose}});
+  EXPECT_EQ(report.moved, 1u);
+  EXPECT_EQ(report.replayed, 1u);
+  EXPECT_LT(report.cube_scans, report.all_cube_scans / 10);
+  EXPECT_EQ(history.move({{7, pose}}).replayed, 0u) << "it is there already";
+}
+
+TEST(ScanHistory, BadCallsChangeNothing) {
+  ScanHistory<AdaptiveMap<2, 2>> history(options_of(2));
+  Random random(9);
+  const Scan<2> scan = random_scan<2>(random);
+  (void)history.insert(1, scan.view(), {});
+  (void)history.insert(2, scan.view(), {});
+  const std::string before = to_bytes(history.map());
+  Pose<2> bad;
+  bad.rotation *= 2.0;
+  Pose<2> mirrored;
+  mirrored.rotation(0, 0) = -1.0;
+  EXPECT_THROW((void)history.insert(1, scan.view(), {}), std::invalid_argument) << "the key is there";
+  EXPECT_THROW((void)history.insert(3, scan.view(), bad), std::invalid_argument);
+  EXPECT_THROW((void)history.insert(3, scan.view(), {}, -1.0), std::invalid_argument);
+  EXPECT_THROW((void)history.move({{1, mirrored}}), std::invalid_argument);
+  EXPECT_THROW((void)history.move({{1, {}}, {1, {}}}), std::invalid_argument) << "twice";
+  EXPECT_THROW((void)history.move({{4, {}}}), std::out_of_range);
+  EXPECT_THROW((void)history.remove({1, 4}), std::out_of_range);
+  EXPECT_EQ(to_bytes(history.map()), before);
+  EXPECT_EQ(history.keys(), (std::vector<std::int64_t>{1, 2}));
+  EXPECT_FALSE(history.contains(3));
+  (void)history.remove({1, 2});
+  EXPECT_EQ(history.size(), 0u);
+  EXPECT_EQ(history.map().stats().observed_leaves, 0u);
+}
+
+TEST(ScanHistory, ACancelledCallChangesNothing) {
+  ScanHistory<AdaptiveMap<2, 2>> history(options_of(2));
+  Random random(10);
+  for (int i = 0; i < 30; ++i)
+    (void)history.insert(i, random_scan<2>(random).view(), random_pose<2>(random, 3.0));
+  const std::string before = to_bytes(history.map());
+  std::vector<std::pair<std::int64_t, Pose<2>>> poses;
+  for (int i = 0; i < 30; ++i) poses.emplace_back(i, random_pose<2>(random, 3.0));
+  int calls = 0;
+  {
+    const CancelScope scope([&] { return ++calls > 5; });
+    EXPECT_THROW((void)history.move(poses), Cancelled);
+  }
+  EXPECT_EQ(to_bytes(history.map()), before);
+  EXPECT_TRUE(history.pose(0).translation != poses[0].second.translation);
+  (void)history.move(poses);
+  EXPECT_TRUE(history.pose(0).translation == poses[0].second.translation);
+}
+
+TEST(CubeSet, IsASetOfCubes) {
+  Random random(11);
+  for (int round = 0; round < 50; ++round) {
+    const LatticeBox<3> box{{random.integer(-900, 0), random.integer(-90, 0), random.integer(-90, 0)},
+                            {random.integer(1, 900), random.integer(1, 90), random.integer(1, 90)}};
+    CubeSet<3> set(8, box);
+    EXPECT_TRUE(set.empty());
+    std::vector<Lattice<3>> cubes;
+    for (int i = 0; i < 20; ++i) {
+      Lattice<3> cube;
+      for (std::size_t a = 0; a < 3; ++a)
+        cube[a] = CubeSet<3>::floor_divide(
+            random.integer(static_cast<int>(box.lower[a]), static_cast<int>(box.upper[a]) - 1), 8);
+      set.insert(cube);
+      cubes.push_back(cube);
+    }
+    std::sort(cubes.begin(), cubes.end());
+    cubes.erase(std::unique(cubes.begin(), cubes.end()), cubes.end());
+    std::vector<Lattice<3>> found;
+    set.for_each([&](const Lattice<3>& cube) { found.push_back(cube); });
+    std::sort(found.begin(), found.end());
+    EXPECT_EQ(found, cubes);
+    EXPECT_EQ(set.size(), cubes.size());
+    for (int i = 0; i < 200; ++i) {
+      CellIndex<3> cell;
+      const std::int64_t edge = std::int64_t{1} << random.integer(0, 7);
+      for (auto& lower : cell.lower)
+        lower = edge * random.integer(-120 * 8 / static_cast<int>(edge), 120 * 8 / static_cast<int>(edge));
+      const bool expected = std::any_of(cubes.begin(), cubes.end(), [&](const Lattice<3>& cube) {
+        for (std::size_t a = 0; a < 3; ++a)
+          if (8 * cube[a] >= cell.lower[a] + edge || 8 * cube[a] + 8 <= cell.lower[a]) return false;
+        return true;
+      });
+      EXPECT_EQ(set.overlaps(cell, edge), expected);
+    }
+    CubeSet<3> other(8, {{-400, -30, -30}, {400, 300, 30}});
+    other.insert({2, 30, 1});
+    EXPECT_FALSE(set.overlaps(other));
+    CubeSet<3> sum = set;
+    sum.add(other);
+    EXPECT_EQ(sum.size(), set.size() + 1);
+    EXPECT_TRUE(sum.overlaps(other) && sum.overlaps(set) && sum.contains({2, 30, 1}));
+  }
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_scan_history
