@@ -320,6 +320,27 @@ TEST(Coverage, VerdictsFollowTheRule) {
   EXPECT_EQ(cases, 11);
 }
 
+TEST(Coverage, ACellThatRemembersNoMoreBeamsSplitsHoweverSmall) {
+  const CoverageModel model(CoverageOptions{});
+  ScanCoverage<2, 2> scan;  // One child alone was seen, by one beam.
+  scan.add(ScanCoverage<2, 2>::passed(1.0f, 1.0f));
+  scan.add(0, ScanCoverage<2, 2>::seen(1.0f, 1.0f));
+  int cases = 0;
+  for (const double size : {4.0, 8.0, 64.0}) {
+    EXPECT_FALSE(model.judge(scan, 0, size, 1.0).shows_more) << size;
+    const CoverageVerdict full = model.judge(scan, 0, size, 1.0, true);
+    EXPECT_TRUE(full.shows_more) << size;
+    EXPECT_FALSE(full.is_enough) << size;
+    const CoverageVerdict all_seen = model.judge(scan, 0b1110, size, 1.0, true);
+    EXPECT_FALSE(all_seen.shows_more) << size;
+    EXPECT_TRUE(all_seen.is_enough) << size;
+    ++cases;
+  }
+  EXPECT_EQ(cases, 3);
+  const CoverageModel coarse(CoverageOptions{0.25, 1e9});
+  EXPECT_TRUE(coarse.judge(scan, 0, 64.0, 1.0, true).shows_more) << "whatever coverage_cells";
+}
+
 TYPED_TEST(CoverageOf, WhatIsCertainStaysWhateverElseIsSeen) {
   NDTREE_SHAPE;
   using Sum = ScanCoverage<N, D>;

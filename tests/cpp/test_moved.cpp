@@ -139,14 +139,16 @@ TEST(Moved, ProbabilityIsThatOfBayes) {
   int cases = 0;
   for (std::uint32_t v = 0; v < 12; ++v)
     for (std::uint32_t h = 0; h < 12; ++h, ++cases) {
-      // The mean likelihood over all fractions, by the middle rule.
+      // The mean likelihoods over all fractions below e, and above, by the middle rule.
       double moved = 0.0;
+      double stands = 0.0;
       constexpr int kSteps = 20000;
       for (int i = 0; i < kSteps; ++i) {
-        const double q = (i + 0.5) / kSteps;
+        const double q = e + (1.0 - e) * (i + 0.5) / kSteps;
         moved += std::pow(q, v) * std::pow(1.0 - q, h) / kSteps;
+        const double small = e * (i + 0.5) / kSteps;
+        stands += std::pow(small, v) * std::pow(1.0 - small, h) / kSteps;
       }
-      const double stands = std::pow(e, v) * std::pow(1.0 - e, h);
       EXPECT_NEAR(evidence.probability(v, h), moved / (moved + stands), 1e-4);
       EXPECT_TRUE(v > 0 || evidence.probability(v, h) <= 0.5F);
       if (v > 3) continue;  // Too near to 1 for a float to tell.
@@ -154,6 +156,7 @@ TEST(Moved, ProbabilityIsThatOfBayes) {
       EXPECT_GT(evidence.probability(v + 1, h), evidence.probability(v, h));
     }
   EXPECT_EQ(cases, 144);
+  for (const std::uint32_t h : {100U, 1000U, 100000U}) EXPECT_LT(evidence.probability(0U, h), 0.5F) << h;
 }
 
 /// Shares of the points of what stands, and of what moves, that are said to have moved.

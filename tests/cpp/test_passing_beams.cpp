@@ -3,8 +3,12 @@
 /// What beams that pass must clear, however alike they are, and what no beam came through must not be free.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
+#include <iterator>
+#include <string>
 #include <vector>
 
 #include "ndtree/mapping/occupancy_map.hpp"
@@ -93,6 +97,125 @@ TYPED_TEST(PassingBeams, EqualBeamsClearWhatTheyPassAndItStaysClear) {
       ++cases;
     }
   EXPECT_EQ(cases, D == 1 ? 2 : 6);
+}
+
+/// Scans after which every cell that equal beams cross is free, whatever the options. The slowest are cells
+/// that a single beam clips: it must pass for as long as the cell remembers passes of mean length.
+constexpr int kScansToFree = 1500;
+/// In edges of a smallest cell: how far a beam goes through those that are asked about. Evidence is in
+/// proportion to ways, so half of this takes twice as many scans.
+constexpr double kLeastWay = 0.5;
+
+/// One point on each beam in each smallest cell that it crosses over at least kLeastWay, but for the last.
+template <int D>
+std::vector<Vector<D>> points_crossed(const Vector<D>& origin, const std::vector<Vector<D>>& directions,
+                                      double range, double cell_size) {
+  std::vector<Vector<D>> points;
+  for (const Vector<D>& d : directions) {
+    std::vector<double> borders{0.0};  // Where the beam enters smallest cells.
+    for (int a = 0; a < D; ++a) {
+      if (d[a] == 0.0) continue;
+      const int first = static_cast<int>(std::floor(std::min(0.0, range * d[a]) / cell_size)) - 1;
+      const int last = static_cast<int>(std::ceil(std::max(0.0, range * d[a]) / cell_size)) + 1;
+      for (int i = first; i <= last; ++i) {
+        const double t = (i * cell_size - origin[a]) / d[a];
+        if (t > 0.0 && t < range) borders.push_back(t);
+      }
+    }
+    std::sort(borders.begin(), borders.end());
+    for (std::size_t i = 1; i < borders.size(); ++i)
+      if (borders[i] - borders[i - 1] >= kLeastWay * cell_size)
+        points.push_back(origin + 0.5 * (borders[i - 1] + borders[i]) * d);
+  }
+  return points;
+}
+
+struct OptionRow {
+  const char* name;
+  void (*set)(MapOptions&);
+};
+const OptionRow kOptionRows[] = {
+    {"defaults", [](MapOptions&) {}},
+    {"sample_beams 0.05", [](MapOptions& o) { o.sample_beams = 0.05; }},
+    {"sample_beams 8", [](MapOptions& o) { o.sample_beams = 8.0; }},
+    {"sample_beams 1e9", [](MapOptions& o) { o.sample_beams = 1e9; }},
+    {"scan_beams 1", [](MapOptions& o) { o.scan_beams = 1.0; }},
+    {"known_evidence 1e9", [](MapOptions& o) { o.known_evidence = 1e9; }},
+    {"free_memory 1", [](MapOptions& o) { o.free_memory = 1.0; }},
+    {"evidence_memory 5", [](MapOptions& o) { o.evidence_memory = 5.0; }},
+    {"evidence_prior 10", [](MapOptions& o) { o.evidence_prior = 10.0; }},
+    {"evidence_half_life 20", [](MapOptions& o) { o.evidence_half_life = 20.0; }},
+    {"change_probability 0", [](MapOptions& o) { o.change_probability = 0.0; }},
+    {"split_probability 0.1", [](MapOptions& o) { o.split_probability = 0.1; }},
+    {"split_probability 0.99", [](MapOptions& o) { o.split_probability = 0.99; }},
+    {"partial_probability 0.6", [](MapOptions& o) { o.partial_probability = 0.6; }},
+    {"merge_loss 0", [](MapOptions& o) { o.merge_loss = 0.0; }},
+    {"inherited_beams 0", [](MapOptions& o) { o.inherited_beams = 0.0; }},
+    {"noise_sigmas 10", [](MapOptions& o) { o.noise_sigmas = 10.0; }},
+    {"range_sigma 0.1", [](MapOptions& o) { o.range_sigma = 0.1; }},
+    {"covered_share 0", [](MapOptions& o) { o.covered_share = 0.0; }},
+    {"covered_share 1", [](MapOptions& o) { o.covered_share = 1.0; }},
+    {"coverage_cells 1", [](MapOptions& o) { o.coverage_cells = 1.0; }},
+    {"smallest cells only", [](MapOptions& o) { o.max_cell_size = o.min_cell_size; }},
+};
+
+#ifdef NDTREE_SANITIZED
+constexpr std::size_t kRowStep = 6;  // Ten times as slow.
+#else
+constexpr std::size_t kRowStep = 1;
+#endif
+
+TYPED_TEST(PassingBeams, WhateverTheOptionsEveryCrossedCellBecomesFreeAndStaysSo) {
+  NDTREE_SHAPE;
+  constexpr double kRange = 2.0;
+  constexpr int kMore = 40;
+  std::size_t points_asked = 0;
+  int cases = 0;
+  for (std::size_t number = 0; number < std::size(kOptionRows); number += kRowStep)
+    for (const bool is_bundle : {false, true}) {
+      const OptionRow& row = kOptionRows[number];
+      SCOPED_TRACE(std::string(row.name) + (is_bundle ? ", a bundle" : ", spread"));
+      Random random(70 + D + (is_bundle ? 1 : 0));
+      SCOPED_TRACE(random.trace());
+      MapOptions options = options_of(0.05, N);
+      row.set(options);
+      AdaptiveMap<N, D> map(options);
+      const Vector<D> origin = Vector<D>::Constant(0.021);
+      const Vector<D> middle = direction<D>(random);
+      const auto another = [&] {
+        const Vector<D> d = direction<D>(random);
+        return is_bundle ? Vector<D>((middle + 0.2 * d).normalized()) : d;
+      };
+      std::vector<Vector<D>> directions;
+      for (int i = 0; i < (D == 1 ? 1 : is_bundle ? 30 : 10); ++i) directions.push_back(another());
+      // What stands in their way was seen by these beams, and by others, before and after space there was.
+      for (int i = 0; i < 60; ++i) {
+        std::vector<Vector<D>> some = directions;
+        for (int k = 0; k < 20; ++k) some.push_back(another());
+        map.insert(fan<D>(origin, some, i < 10 ? 1.4 : 1.0, 0.06, random));
+      }
+      EXPECT_GT(occupied_leaves(map), 0);
+      const Scan<D> passing = fan<D>(origin, directions, kRange, 0.0, random, false);
+      for (int i = 0; i < kScansToFree; ++i) map.insert(passing);
+      const std::vector<Vector<D>> points = points_crossed<D>(origin, directions, kRange, 0.05);
+      const auto not_free = [&] {
+        return std::count_if(points.begin(), points.end(),
+                             [&](const Vector<D>& point) { return state(map, point) != CellState::free; });
+      };
+      ASSERT_EQ(not_free(), 0) << "of " << points.size();
+      const UpdateCounters before = map.counters();
+      for (int i = 0; i < kMore; ++i) {
+        map.insert(passing);
+        if (i % 8 == 0) ASSERT_EQ(not_free(), 0) << "and stays so";
+      }
+      const std::uint64_t splits = map.counters().splits - before.splits;
+      const std::uint64_t merges = map.counters().merges - before.merges;
+      EXPECT_EQ(std::min(splits, merges), 0u) << "no cell splits and joins again";
+      points_asked += points.size();
+      ++cases;
+    }
+  EXPECT_EQ(cases, kRowStep == 1 ? 44 : 8);
+  EXPECT_GT(points_asked, (D == 1 ? 1000u : 10000u) / kRowStep);
 }
 
 TYPED_TEST(PassingBeams, WhatStandsAtTheMaximumRangeIsClearedByBeamsThatAreCutThere) {

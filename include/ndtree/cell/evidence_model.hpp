@@ -58,9 +58,12 @@ class EvidenceModel {
   /// them. @returns true if the cell changed.
   bool update_partly_seen(EvidenceCell& cell, std::uint32_t parts, const ScanEvidence& scan) const {
     const EvidenceCell before = cell;
-    cell.set_partly_seen(parts, std::min(EvidenceMemory::part(cell.free_evidence(), kept_) + scan.free,
-                                         memory_.free_memory()));
+    cell.set_partly_seen(parts, free_with(cell, scan));
     return cell != before;
+  }
+  /// True if a partly seen cell has as much evidence for free space as scans like this one can give it.
+  [[nodiscard]] bool remembers_no_more(const EvidenceCell& cell, const ScanEvidence& scan) const {
+    return scan.free > 0 && free_with(cell, scan) <= cell.free_evidence();
   }
 
   /// True if scans whose beams all pass the cell leave it as it is: its evidence for free space is at its
@@ -169,6 +172,10 @@ class EvidenceModel {
   }
 
  private:
+  /// Evidence for free space that a cell without other has after a scan.
+  [[nodiscard]] std::int64_t free_with(const EvidenceCell& cell, const ScanEvidence& scan) const {
+    return std::min(EvidenceMemory::part(cell.free_evidence(), kept_) + scan.free, memory_.free_memory());
+  }
   /// True if update_free() is enough for a scan whose beams all pass the cell.
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool keeps_only_free_evidence(const EvidenceCell& cell) const {
     return cell.has_only_free_evidence() && forgets_nothing();

@@ -36,7 +36,7 @@ struct MovedOptions {
   double range_sigma = 0.03;           ///< Standard deviation of a range r is this [m], pose errors included,
   double range_sigma_quadratic = 0.0;  ///< plus this times r² [1/m].
   double noise_sigmas = 2.0;           ///< Of a range, that a point and a beam each may be wrong by.
-  double error_rate = 0.01;            ///< Probability that a scan sees through what stands.
+  double error_rate = 0.2;             ///< Fraction of the scans that see through what stands, at most.
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
   void validate() const {
@@ -58,20 +58,23 @@ struct MovedOptions {
 /// there? Cells that the scan cannot see are skipped together, by balls around eight cells, around eight of
 /// these balls, and so on.
 ///
-/// Let v scans have seen through a cell, and h found a surface there. If something stands there, v happens by
-/// error; if it moved, any fraction of the scans may have seen it. With both equally likely before,
+/// Let v scans have seen through a cell, and h found a surface there. If something stands there, a fraction
+/// of the scans of at most e = error_rate sees through it: thin things, edges and wrong poses have more
+/// errors than walls. If it moved, a greater one does. With both equally likely before, and the fraction
+/// uniform within each,
 ///
-///     P(moved) = B(v + 1, h + 1) / (B(v + 1, h + 1) + e^v (1 - e)^h),  e = error_rate,
+///     P(moved) = m / (m + s),  m = (1 - I_e(v + 1, h + 1)) / (1 - e),  s = I_e(v + 1, h + 1) / e,
 ///
-/// which is 1/2 without any scan, at most 1/2 without one that saw through, and less the more found it.
+/// I being the incomplete beta function. That is 1/2 without any scan, less without one that saw through, and
+/// less the more found it.
 ///
 /// The same log gives the same answers to the last bit, whatever the number of threads.
 template <int D>
 class MovedEvidence {
  public:
   /// @throws std::invalid_argument as MovedOptions::validate().
-  explicit MovedEvidence(const MovedOptions& options) : options_(options), known_(kKnown * kKnown) {
-    options.validate();
+  explicit MovedEvidence(const MovedOptions& options)
+      : options_(validated(options)), below_(options.error_rate), known_(kKnown * kKnown) {
     for (std::uint32_t v = 0; v < kKnown; ++v)
       for (std::uint32_t h = 0; h < kKnown; ++h) known_[v * kKnown + h] = probability(v, h);
   }
@@ -105,11 +108,11 @@ class MovedEvidence {
   }
   /// Of a cell that `through` scans saw through, and in which `hits` found a surface.
   [[nodiscard]] float probability(std::uint32_t through, std::uint32_t hits) const {
-    const double v = through;
-    const double h = hits;
-    const double moved = log_beta(v + 1.0, h + 1.0);
-    const double stands = v * std::log(options_.error_rate) + h * std::log1p(-options_.error_rate);
-    return static_cast<float>(1.0 / (1.0 + std::exp(stands - moved)));
+    if (through == 0 && hits == 0) return 0.5F;
+    const double below = std::clamp(below_(through + 1.0, hits + 1.0), 0.0, 1.0);
+    const double moved = (1.0 - below) / (1.0 - options_.error_rate);
+    const double stands = below / options_.error_rate;
+    return static_cast<float>(moved / (moved + stands));
   }
 
   [[nodiscard]] const MovedOptions& options() const { return options_; }
@@ -136,6 +139,10 @@ class MovedEvidence {
     std::uint32_t end;
   };
 
+  static const MovedOptions& validated(const MovedOptions& options) {
+    options.validate();
+    return options;
+  }
   [[nodiscard]] double sigma_at(double range) const {
     return options_.range_sigma + rounded(options_.range_sigma_quadratic * range) * range;
   }
@@ -151,6 +158,7 @@ class MovedEvidence {
   void visit(std::size_t level, std::size_t number);
 
   MovedOptions options_;
+  QuickIncompleteBeta below_;              // Of error_rate.
   std::vector<float> known_;               // Probabilities of numbers of scans below kKnown.
   Vector<D> base_ = Vector<D>::Zero();     // Near the first end point, so that floats are exact enough.
   std::optional<CellNumbers<D>> numbers_;  // From the first end point on.

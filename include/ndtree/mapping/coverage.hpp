@@ -169,6 +169,9 @@ struct CoverageVerdict {
 ///   it was seen like the rest of the cell: their number scatters by sqrt(n); with sqrt(2) times that, only a
 ///   child that at least two would pass can be missing;
 /// - by all scans so far, if kBeamsOfPart beams would have passed each part if all were seen alike.
+///
+/// A cell of any size splits that still has an unseen part when it remembers no more beams: so a cell that
+/// equal beams clip in every scan does not stay unknown for ever.
 class CoverageModel {
  public:
   explicit CoverageModel(const CoverageOptions& options)
@@ -193,9 +196,10 @@ class CoverageModel {
   }
   /// @param seen_before parts of the cell, one bit each. @param size the cell's edge, in smallest cells.
   /// @param beams that have passed the cell so far, in this scan and before.
+  /// @param adds_nothing the cell remembers no more beams: scans like this one leave it as it is.
   template <int N, int D>
   [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before, double size,
-                                      double beams) const {
+                                      double beams, bool adds_nothing = false) const {
     using Parts = CellParts<N, D>;
     constexpr std::int64_t kOne = ScanCoverage<N, D>::kOne;
     const double beams_for_child = scan.beams_for_child();
@@ -231,7 +235,7 @@ class CoverageModel {
     const bool has_enough = are_few || are_enough<N, D>(verdict.parts, size);
     const bool is_missing =
         least < missing_below || (!has_enough && beams > kBeamsOfPart * (Parts::kCount / 2));
-    verdict.shows_more = is_missing && may_split;
+    verdict.shows_more = (is_missing && may_split) || (!has_enough && adds_nothing);
     verdict.is_enough = !verdict.shows_more && has_enough;
     verdict.is_covered = all_seen(scan, covered<N>(size));
     return verdict;

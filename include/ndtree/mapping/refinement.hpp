@@ -77,6 +77,12 @@ struct EvidenceRefinement {
     return cell.hits() >= kLeastHits && split_test(cell.hits(), cell.misses()) &&
            model.raise(cell, *partial_log_odds);
   }
+  /// Whether siblings stay apart that would join in a cell which splits: where cells are kept occupied, they
+  /// would split and join for ever, and each time lose evidence of beams that passed.
+  [[nodiscard]] bool stay_apart(const EvidenceCell& joined) const {
+    return partial_log_odds && joined.state() == CellState::occupied &&
+           split_test(joined.hits(), joined.misses());
+  }
   /// Whether scans whose beams all pass leave the cell as it is.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
   /// **The leaf decision**: what the evidence of a scan does to a leaf.

@@ -109,10 +109,11 @@ All scans are given twice: to add(), which collects where beams ended, and then 
 whether it saw these places empty: whether the beams around a place pass it by a cell and by the noise of both
 ranges. Then probability() answers.
 
-Let v scans have seen through a cell, and h found a surface there. Something that stands is seen through by
-error, at `error_rate`; of something that moved, any fraction of the scans may see through. With both equally
-likely before, the probability that it moved is B(v + 1, h + 1) / (B(v + 1, h + 1) + e**v (1 - e)**h): 0.5 where
-no scan says anything, below that where all found it.
+Let v scans have seen through a cell, and h found a surface there. Of the scans that look at something that
+stands, a fraction of at most e = `error_rate` sees through it; of something that moved, a greater one. With both
+equally likely before, and the fraction uniform within each, the probability that it moved is m / (m + s), with
+m = (1 - I_e(v + 1, h + 1)) / (1 - e), s = I_e(v + 1, h + 1) / e and the incomplete beta function I: 0.5 where no
+scan says anything, below that where all found it.
 
 Parameters
 ----------
@@ -125,7 +126,7 @@ range_sigma, range_sigma_quadratic : float
 noise_sigmas : float
     Standard deviations that a point and a beam each may be wrong by.
 error_rate : float
-    Probability that a scan sees through what stands.
+    Of the scans that look at what stands, at most this fraction sees through it.
 
 Raises
 ------

@@ -511,6 +511,9 @@ class FlatScanMap {
     const double beams = static_cast<double>(cell.free_evidence() + scan.free) / miss;
     const double parts_side_by_side = std::exp2(std::min(D, 4) - 1);
     if (!has_enough && may_split && beams > 8.0 * parts_side_by_side) result.splits = true;
+    const double most = std::round(256.0 * std::min(options_.free_memory, options_.evidence_memory));
+    if (!has_enough && scan.free > 0 && static_cast<double>(cell.free_evidence()) >= most)
+      result.splits = true;
     result.enough = !result.splits && has_enough;
     if (cell.observed()) {
       result.splits = false;

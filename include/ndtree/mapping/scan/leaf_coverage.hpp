@@ -56,7 +56,7 @@ class LeafCoverage {
   /// @param sample the beams of its list that it samples. @param beams that have passed it so far.
   [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
                                       const BeamList& list, const LeafSample<D>& sample,
-                                      const CoverageModel& model, double beams) const {
+                                      const CoverageModel& model, double beams, bool adds_nothing) const {
     const LatticeGeometry<N, D>& geometry = partition_.geometry();
     const double size = geometry.cell_size(leaf.level) / geometry.unit();
     const float per_child = 1.0f / static_cast<float>(geometry.cell_size(leaf.level - 1));
@@ -69,7 +69,7 @@ class LeafCoverage {
           (*this)(leaf, part, per_child, widths, model, size, sum);
         });
     const std::uint32_t seen_before = cell.is_partly_seen() ? cell.seen_parts() : 0;
-    return model.judge(sum, seen_before, size, beams);
+    return model.judge(sum, seen_before, size, beams, adds_nothing);
   }
 
  private:

@@ -529,9 +529,9 @@ class alignas(kCacheLines) ScanWalk {
                       const ScanEvidence& scan, LeafAction action, const Sampling& sampling) {
     if (action == LeafAction::split) return split(leaf, list, sample, scan, sampling);
     EvidenceCell& cell = leaf.cell();
-    const CoverageVerdict seen =
-        coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
-                        refinement_.model.beams_of(cell.free_evidence() + scan.free));
+    const CoverageVerdict seen = coverage_.judge(leaf.index, cell, list, sample, refinement_.coverage,
+                                                 refinement_.model.beams_of(cell.free_evidence() + scan.free),
+                                                 refinement_.model.remembers_no_more(cell, scan));
     const EvidenceCell before = cell;
     if (!before.observed()) {
       if (seen.shows_more) return split(leaf, list, sample, scan, sampling);
@@ -591,7 +591,7 @@ class alignas(kCacheLines) ScanWalk {
   bool merge_children(const Ref& ref, bool was_split) {
     const auto merged =
         refinement_.merge_rule.of_one_state(tree_.children(*ref.node), kNumChildren, kChildrenAcross<Tree>);
-    if (!merged) return false;
+    if (!merged || refinement_.stay_apart(*merged)) return false;
     tree_.merge(*ref.node, *merged, arena_);
     if (was_split)
       --counters_.splits;

@@ -105,18 +105,27 @@ class MovedPoints:
 
         Of what is at the end point nothing is said then: other beams do.
         """
-        moved = self.moved(scan)
+        moved = np.asarray(self._evidence.probability(scan.endpoints)) > THRESHOLD
         if not moved.any():
             return scan
-        origin = np.broadcast_to(scan.origin, scan.endpoints.shape)
-        way = scan.endpoints[moved].astype(np.float64) - origin[moved]
+        origin = np.broadcast_to(scan.origin, scan.endpoints.shape)[moved]
+        way = scan.endpoints[moved].astype(np.float64) - origin
         length = np.linalg.norm(way, axis=1)
+        # Of the few alone: what did not return did not move, though it may end in a cell of what did.
+        did_return = (length > 0) & (length <= self.max_range)
+        if scan.returned is not None:
+            did_return &= scan.returned[moved]
+        if not did_return.all():
+            moved[moved] = did_return
+            if not moved.any():
+                return scan
+            origin, way, length = origin[did_return], way[did_return], length[did_return]
         sigma = self._sigma[0] + self._sigma[1] * length**2
         if scan.range_sigma is not None:
             sigma = scan.range_sigma[moved].astype(np.float64)
         kept = 1 - (self._margin + 2 * sigma) / length
-        ends = scan.endpoints.astype(np.float64)
-        ends[moved] = np.where((kept > 0)[:, None], origin[moved] + kept[:, None] * way, np.nan)
+        ends = scan.endpoints.copy()
+        ends[moved] = np.where((kept > 0)[:, None], origin + kept[:, None] * way, np.nan)
         returned = np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned.copy()
         returned[moved] = False
         return replace(scan, endpoints=ends, returned=returned)
