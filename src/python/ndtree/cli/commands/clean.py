@@ -8,6 +8,7 @@ from typing import Annotated, Any, Optional
 import numpy as np
 import typer
 
+from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.flags import map_options, reading_options
 from ndtree.cli.commands.logs import limit_of, made, new_map, settled, skipped, warn_of_skipped
@@ -95,7 +96,7 @@ def clean(
         cleaned.draw(picture)
     if not is_stdout(json_file):
         share = cleaned.moved / max(cleaned.points, 1)
-        print(f"{opened.name}: {cleaned.scans} scans, {cleaned.points} points that returned")
+        print(f"{opened.name}: {number_of(cleaned.scans, 'scan')}, {cleaned.points} points that returned")
         for line in settings.lines():
             print(f"  {line}")
         print(f"  {cleaned.moved} moved ({100 * share:.1f} %), of {cleaned.unknown} no scan can tell")

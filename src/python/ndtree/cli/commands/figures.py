@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._native._core import OccupancyMap, default_options
+from ndtree.base.words import number_of
 from ndtree.cli.commands.logs import length_of
 from ndtree.cli.commands.messages import line_width
 from ndtree.cli.commands.progress import progress
@@ -155,7 +156,8 @@ def print_contents(path: Path, held: dict[str, Any]) -> None:
 def print_log(figures: dict[str, Any]) -> None:
     first = "" if figures["is_whole"] else "the first "
     print(
-        f"{figures['log']}: {figures['format']} log, {figures['dim']}-D, {first}{figures['scans']} scans"
+        f"{figures['log']}: {figures['format']} log, {figures['dim']}-D, "
+        f"{first}{number_of(figures['scans'], 'scan')}"
         + (f" in {figures['seconds']:.1f} s" if figures["seconds"] > 0 else "")
     )
     if figures["uses"]:
@@ -190,7 +192,7 @@ def indented(text: str) -> str:
 
 def counted(counts: dict[str, int]) -> str:
     parts = [f"{count} {key.replace('_', ' ')}" for key, count in counts.items() if key != "beams" and count]
-    return f"{counts['beams']} beams" + (f": {', '.join(parts)}" if parts else "")
+    return number_of(counts["beams"], "beam") + (f": {', '.join(parts)}" if parts else "")
 
 
 def point(values: Sequence[float]) -> str:

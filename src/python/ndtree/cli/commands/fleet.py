@@ -9,6 +9,7 @@ from typing import Annotated, Any, Optional
 import typer
 
 from ndtree import distributed
+from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import indented
 from ndtree.cli.commands.flags import map_options
@@ -87,7 +88,8 @@ def fleet(
             progress=advance,
         )
     if not is_stdout(json_file):
-        print(f"{len(sources)} logs: {report.scans} scans, {report.beams:,} beams")
+        beams = number_of(report.beams, "beam", ",")
+        print(f"{number_of(len(sources), 'log')}: {number_of(report.scans, 'scan')}, {beams}")
         for line in settings.lines():
             print(indented(line))
         print(

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Optional
 
 from ndtree.base.exit_status import WrongCall
+from ndtree.base.words import number_of
 from ndtree.cli.commands.figures import counted, indented
 from ndtree.cli.commands.logs import length_of, new_map
 from ndtree.cli.commands.mapping import Passage
@@ -88,7 +89,7 @@ def map_into_tiles(
 def print_tiled(figures: dict[str, Any], settings: Settings, output: Path) -> None:
     """What map_into_tiles() did."""
     known = f", {figures['known_scans']} of them known already" if figures["known_scans"] else ""
-    print(f"{figures['log']}: {figures['scans']} scans{known}, {counted(figures['beams'])}")
+    print(f"{figures['log']}: {number_of(figures['scans'], 'scan')}{known}, {counted(figures['beams'])}")
     for line in settings.lines():
         print(indented(line))
     print(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
+from ndtree.base.words import number_of
 from ndtree.cli.commands.figures import counted, indented, map_figures, print_map
 from ndtree.cli.commands.logs import made, new_map, settled, skipped, timed
 from ndtree.cli.commands.options import PictureStyle
@@ -85,7 +86,7 @@ class Mapped:
 
     def print(self, *written: Optional[Path]) -> None:
         """What was mapped, and which files were written: the map first."""
-        print(f"{self.log.name}: {self.scans} scans, {counted(self.report)}")
+        print(f"{self.log.name}: {number_of(self.scans, 'scan')}, {counted(self.report)}")
         absurd = self.scale.warning()
         lines = [f"uses {self.log.uses}"] if self.log.uses else []
         for line in lines + self.settings.lines() + ([absurd] if absurd else []):
@@ -135,7 +136,9 @@ class Passage:
         if self.ignored:
             counts = {**counts, "beams": counts["beams"] + self.ignored, "ignored": self.ignored}
         if not any(counts[kind] for kind in ("returned", "not_returned", "beyond_max_range")):
-            raise ValueError(f"{self.log.name}: nothing to map in {self.scans} scans, {counted(counts)}")
+            raise ValueError(
+                f"{self.log.name}: nothing to map in {number_of(self.scans, 'scan')}, {counted(counts)}"
+            )
         return counts
 
 

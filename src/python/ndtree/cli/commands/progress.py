@@ -11,6 +11,7 @@ from typing import Any
 
 from ndtree._native._core import OccupancyMap
 from ndtree.base.progress import Progress, no_progress
+from ndtree.base.words import number_of
 from ndtree.logs import Log
 
 #: A mapping's figures are drawn anew after so long [s].
@@ -91,6 +92,6 @@ def mapping_line(scans: int, beams: int, seconds: float, target: OccupancyMap) -
     """Scans, beams a second, leaves and memory of a map that grows."""
     stats = target.stats()
     return (
-        f"{scans} scans, {beams / max(seconds, 1e-9):,.0f} beams/s, {stats.leaves:,} leaves, "
+        f"{number_of(scans, 'scan')}, {beams / max(seconds, 1e-9):,.0f} beams/s, {stats.leaves:,} leaves, "
         f"{stats.memory_bytes / 2**20:.1f} MiB"
     )

@@ -8,6 +8,7 @@ import typer
 
 from ndtree import logs
 from ndtree.base.exit_status import WrongCall
+from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.options import Scans, Seed, World
 from ndtree.cli.commands.output import check_target
@@ -58,5 +59,5 @@ def simulate(
         raise WrongCall(f"--{error}") from None
     with progress() as advance:
         count = log.save(target, progress=advance)
-    print(f"wrote {target}: {count} scans, {log.dim}-D")
+    print(f"wrote {target}: {number_of(count, 'scan')}, {log.dim}-D")
     print(f"map it: ndtree map {target} --picture {target.stem}.png")

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from numpy.typing import ArrayLike
 
 from ndtree.base.scan import Scan
+from ndtree.base.words import number_of
 from ndtree.logs.core.archive import save_archive
 from ndtree.logs.core.failures import NoPose, readable
 from ndtree.logs.core.padding import without_padding
@@ -362,7 +363,7 @@ class SizedLog(Log):
         return self._done / max(len(self), 1)
 
     def __repr__(self) -> str:
-        return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D, {len(self)} scans>"
+        return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D, {number_of(len(self), 'scan')}>"
 
 
 class SelectedLog(Log):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
+from ndtree.base.words import number_of
 from ndtree.logs.core.failures import readable
 from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.plain_file import open_regular
@@ -67,7 +68,7 @@ class E57Log(SizedLog):
         if without and not unplaced:
             what = "an E57 of points without a pose"
             if self._count > 1:
-                what = f"an E57 of {self._count} scans, of which {len(without)} have no pose"
+                what = f"an E57 of {number_of(self._count, 'scan')}, of which {len(without)} have no pose"
             raise without_sensor(path, what)
 
     def __len__(self) -> int:
