@@ -440,7 +440,7 @@ TEXT = text_log().encode()
 PACKED = gzip.compress(TEXT)
 NPZ = npz_with()
 BAD_LOGS = {
-    "empty": (b"", ["empty", "expected a log"]),
+    "empty": (b"", ["empty", "expected a CARMEN log"]),
     "blank": (b"\n\n# nothing\n", ["no line with numbers"]),
     "words": (b"Lorem ipsum\ndolor\n", ["no FLASER or ROBOTLASER1 record in 2 lines"]),
     "binary": (bytes(range(256)), ["neither text nor a zip"]),

@@ -582,7 +582,7 @@ def test_a_missing_library_is_named_with_its_extra(
     for module in [module for module in sys.modules if module.split(".")[0] == missing]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ImportError, match=rf"{missing}.*ndtree-mapping\[{extra}\]"):
+    with pytest.raises(ImportError, match=rf"(?s){missing}.*ndtree-mapping\[{extra}\]"):
         ndtree.convert(plane, tmp_path / name)
     assert not list(tmp_path.iterdir())
 

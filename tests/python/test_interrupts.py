@@ -90,7 +90,8 @@ def test_what_a_signal_ends_has_not_happened(name: str, layers: Any, on_alarm: A
             assert now == end
         # Where Python looks at signals next is behind the call, on the same line; that is an instant, too.
         seen["late" if stopped and now == end else "stopped" if stopped else "done"] += 1
-    assert seen["late"] <= 2, seen
+    # All are where a call commits and then looks once more.
+    assert seen["late"] <= 6, seen
     assert seen["stopped"] > 0, seen
 
 

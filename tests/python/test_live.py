@@ -556,7 +556,7 @@ def test_no_ros_is_imported_by_the_package() -> None:
     [
         (["--every", "2"], 2, "--every: is for ndtree map alone"),
         (["--rate", "-1"], 2, "--rate -1: must be >= 0"),
-        (["--window", "0"], 2, "window = 0 m: must be > 0"),
+        (["--window", "0"], 2, "--window 0 m: must be > 0"),
         (["--save-every", "3"], 2, "--save-every: expected -o MAP"),
         (["--port", "3"], 2, "--port: is for the page of --watch"),
         (["--resume", "nothing.ndt"], 1, "nothing.ndt: No such file"),

@@ -112,13 +112,13 @@ def test_a_short_queue_counts_what_it_drops() -> None:
 
 
 def test_memory_is_bounded_over_hours(tmp_path: Path) -> None:
-    """Twelve minutes of the office here; `tools/bench/live_day.py` plays as many hours as one likes."""
+    """Six minutes of the office here; `tools/bench/live_day.py` plays as many hours as one likes."""
     done = subprocess.run(
-        [sys.executable, str(BENCH), "--hours", "0.2", "--json"], capture_output=True, text=True
+        [sys.executable, str(BENCH), "--hours", "0.1", "--json"], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
-    assert said["received"] > 9000
+    assert said["received"] > 4500
     assert said["received"] == said["mapped"] + said["dropped"] + said["left out"]
     assert said["resident [MiB]"][-1] - said["resident [MiB]"][1] < 12, said
     assert said["map [MiB]"] < 5
@@ -129,13 +129,13 @@ def test_memory_is_bounded_over_a_real_bag_in_a_loop(recordings: Path) -> None:
     if not bag.exists():
         pytest.skip(f"no such bag: {bag}")
     done = subprocess.run(
-        [sys.executable, str(BENCH), "--hours", "0.06", "--bag", str(bag), "--json"],
+        [sys.executable, str(BENCH), "--hours", "0.03", "--bag", str(bag), "--json"],
         capture_output=True,
         text=True,
     )
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
-    assert said["received"] > 5000
+    assert said["received"] > 2500
     assert said["received"] == said["mapped"] + said["dropped"] + said["left out"]
     assert said["resident [MiB]"][-1] - said["resident [MiB]"][1] < 12, said
 
