@@ -147,7 +147,7 @@ def test_threads_may_share_a_history() -> None:
         for key in range(first, first + 20):
             history.insert(key, points, (key / 50, 0, 0))
             history.move({key: (key / 60, 0, 0)})
-            assert history.map.state([key / 60 + 0.5, 0.1]) != -1
+            assert history.map.stats().observed_leaves > 100
 
     threads = [threading.Thread(target=work, args=(100 * i,)) for i in range(3)]
     for thread in threads:

@@ -68,10 +68,9 @@ struct CellParts {
 /// The volume that the beams of one scan have seen of each child of a cell: sums of whole numbers, so that
 /// the order of the beams does not matter.
 ///
-/// A beam stands for its solid angle, with the width that it has in the middle of its way through the cell.
-/// The volume that it sees of a child is its way through the child, along the main axis of the beam, times
-/// the part of its width that lies in the child, on each axis across: a beam along a border sees one side of
-/// a child, not its middle.
+/// A beam stands for its solid angle. The volume that it sees of a child is its way through the child, along
+/// the main axis of the beam, times the part of its width that lies in the child, on each axis across: a beam
+/// along a border sees one side of a child, not its middle.
 template <int N, int D>
 class ScanCoverage {
  public:

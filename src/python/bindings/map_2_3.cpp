@@ -5,4 +5,4 @@
 namespace ndtree::python {
 NDTREE_PYTHON_MAP(, 2, 3);
 NDTREE_PYTHON_HISTORY(, 2, 3);
-}
+}  // namespace ndtree::python

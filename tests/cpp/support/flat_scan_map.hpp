@@ -443,9 +443,12 @@ class FlatScanMap {
                                       : std::pow(fraction, -1.0f / static_cast<float>(D - 1));
       if (enter >= beam.range) continue;
       exit = std::min(exit, beam.range);
-      const float width = face.beams == 1 ? static_cast<float>(smallest()) * per_child
-                                          : 0.5f * (enter + exit) * beam.slant *
-                                                (std::min(0.1f, 1.0f / face.density) * widening * per_child);
+      const auto width_at = [&](float distance) {
+        return face.beams == 1
+                   ? static_cast<float>(smallest()) * per_child
+                   : distance * (beam.slant * (std::min(0.1f, 1.0f / face.density) * widening * per_child));
+      };
+      const float width = width_at(0.5f * (enter + exit));
       const float through = (exit - enter) * beam.slant * per_child * kUnits;
       const float half = std::min(1.0f, 0.5f * width);
       float in_middle = 1.0f;
@@ -461,6 +464,7 @@ class FlatScanMap {
         if (!clip(beam, children[j], enter, exit) || enter >= beam.range) continue;
         exit = std::min(exit, beam.range);
         const float chord = (exit - enter) * beam.slant * per_child * kUnits;
+        const float width_there = width_at(0.5f * (enter + exit));
         float area = 1.0f;  // Of the beam's cross-section in the child, over that of the child.
         for (std::size_t a = 0; a < D; ++a) {
           if (a == static_cast<std::size_t>(beam.face[D])) continue;
@@ -468,7 +472,8 @@ class FlatScanMap {
               static_cast<float>(border(children[j].lower[a]) - beam.origin[static_cast<int>(a)]);
           const float at = 0.5f * (enter + exit) * (1.0f / beam.inverse[a] * per_child);
           const float from_middle = std::abs(at - (to_border * per_child + 0.5f));
-          area *= std::max(0.0f, std::min(0.5f + 0.5f * width - from_middle, std::min(1.0f, width)));
+          area *=
+              std::max(0.0f, std::min(0.5f + 0.5f * width_there - from_middle, std::min(1.0f, width_there)));
         }
         seen[j] += static_cast<double>(std::nearbyint(chord * area));
       }

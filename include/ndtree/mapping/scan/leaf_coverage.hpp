@@ -93,21 +93,22 @@ class LeafCoverage {
       }
     }
 #endif
-    std::uint32_t last = BeamList::kAll;  // The beam of `width`.
-    float width = 0.0f;
+    std::uint32_t last = BeamList::kAll;  // The beam that was added to the sums last.
     partition_.for_each_crossing(
         leaf, list, [&](std::size_t child, std::uint32_t beam, float enter, float leave) {
           const BeamEnd<D>& end = beams_.end(beam);
           const float exit = std::min(leave, end.range);
           if (!(exit > enter)) return;
           const float per_metre = end.slant * per_child;
+          const auto width_at = [&](float distance) {
+            return widths.per_depth > 0.0f ? distance * (end.slant * widths.per_depth) : widths.fixed;
+          };
           if (beam != last) {
             last = beam;
             const Crossing whole = partition_.crossing(leaf, beam);
             const float end_of_way = std::min(whole.exit, end.range);
-            const float depth = 0.5f * (whole.enter + end_of_way) * end.slant;
-            width = widths.per_depth > 0.0f ? depth * widths.per_depth : widths.fixed;
-            sum.add(Sum::passed((end_of_way - whole.enter) * per_metre, width));
+            sum.add(Sum::passed((end_of_way - whole.enter) * per_metre,
+                                width_at(0.5f * (whole.enter + end_of_way))));
           }
           const float middle = 0.5f * (enter + exit);
           const std::size_t main = main_axis(beams_.ray(beam));
@@ -116,7 +117,7 @@ class LeafCoverage {
             if (a == main) continue;
             const float border = partition_.plane_of(leaf, a, Partition::kOffsets[child][a], beam);
             const float along = rounded(middle * (1.0f / beams_.ray(beam).inverse[a] * per_child));
-            area *= Sum::overlap(std::abs(along - middle_of(border, per_child)), width);
+            area *= Sum::overlap(std::abs(along - middle_of(border, per_child)), width_at(middle));
           }
           sum.add(static_cast<int>(child), Sum::seen((exit - enter) * per_metre, area));
         });
@@ -135,7 +136,7 @@ class LeafCoverage {
     __m256i whole = _mm256_setzero_si256();
     __m256i mean = _mm256_setzero_si256();
     const __m256 per_depth = _mm256_set1_ps(widths.per_depth);
-    const __m256 fixed = _mm256_set1_ps(widths.fixed);
+    const __m256 fixed = _mm256_set1_ps(widths.per_depth > 0.0f ? 0.0f : widths.fixed);
     const __m256 half = _mm256_set1_ps(0.5f);
     const __m256 one = _mm256_set1_ps(1.0f);
     typename Partition::Planes middles;  // Of children.
@@ -152,20 +153,18 @@ class LeafCoverage {
       const __m256 units_per_metre = _mm256_mul_ps(ends.slant, _mm256_set1_ps(per_child * Sum::kUnitsOfOne));
       __m256 enter_leaf, exit_leaf;
       Partition::eight_crossings(planes, rays, seen, enter_leaf, exit_leaf);
-      const __m256 depth =
-          _mm256_mul_ps(_mm256_mul_ps(half, _mm256_add_ps(enter_leaf, exit_leaf)), ends.slant);
-      const __m256 width = widths.per_depth > 0.0f ? _mm256_mul_ps(depth, per_depth) : fixed;
-      const __m256 half_width = _mm256_mul_ps(half, width);
-      const __m256 narrow = _mm256_min_ps(width, one);
-      const __m256 reach = _mm256_add_ps(half, half_width);
+      const __m256 width_per_metre = _mm256_mul_ps(ends.slant, per_depth);
       {
+        const __m256 middle = _mm256_mul_ps(half, _mm256_add_ps(enter_leaf, exit_leaf));
+        const __m256 width = _mm256_add_ps(_mm256_mul_ps(middle, width_per_metre), fixed);
         const __m256i passes = _mm256_castps_si256(_mm256_cmp_ps(exit_leaf, enter_leaf, _CMP_GT_OQ));
         const __m256 units = _mm256_mul_ps(_mm256_sub_ps(exit_leaf, enter_leaf), units_per_metre);
-        const __m256 half_narrow = _mm256_min_ps(half_width, one);
+        const __m256 half_narrow = _mm256_min_ps(_mm256_mul_ps(half, width), one);
         const __m256 mean_overlap =
             _mm256_mul_ps(half_narrow, _mm256_sub_ps(_mm256_set1_ps(2.0f), half_narrow));
         way = _mm256_add_epi32(way, in_units(units, passes));
-        whole = _mm256_add_epi32(whole, in_units(_mm256_mul_ps(units, across(narrow)), passes));
+        whole = _mm256_add_epi32(whole,
+                                 in_units(_mm256_mul_ps(units, across(_mm256_min_ps(width, one))), passes));
         mean = _mm256_add_epi32(mean, in_units(_mm256_mul_ps(units, across(mean_overlap)), passes));
       }
       __m256 per_metre[std::size_t{D}];  // Along the beam: children's edges along the axis.
@@ -189,6 +188,9 @@ class LeafCoverage {
         const __m256i sees = _mm256_castps_si256(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ));
         const __m256 middle = _mm256_mul_ps(half, _mm256_add_ps(enter[c], exit[c]));
         const __m256 units = _mm256_mul_ps(_mm256_sub_ps(exit[c], enter[c]), units_per_metre);
+        const __m256 width = _mm256_add_ps(_mm256_mul_ps(middle, width_per_metre), fixed);
+        const __m256 narrow = _mm256_min_ps(width, one);
+        const __m256 reach = _mm256_add_ps(half, _mm256_mul_ps(half, width));
         __m256 area = one;
 #pragma GCC unroll 4
         for (std::size_t a = 0; a < D; ++a) {
