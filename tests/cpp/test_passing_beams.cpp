@@ -206,7 +206,9 @@ TYPED_TEST(PassingBeams, WhateverTheOptionsEveryCrossedCellBecomesFreeAndStaysSo
       const UpdateCounters before = map.counters();
       for (int i = 0; i < kMore; ++i) {
         map.insert(passing);
-        if (i % 8 == 0) ASSERT_EQ(not_free(), 0) << "and stays so";
+        if (i % 8 == 0) {
+          ASSERT_EQ(not_free(), 0) << "and stays so";
+        }
       }
       const std::uint64_t splits = map.counters().splits - before.splits;
       const std::uint64_t merges = map.counters().merges - before.merges;
