@@ -24,7 +24,7 @@ namespace detail {
 template <int N, int D>
 class CrossedCubes {
  public:
-  /// @param reach around all beams [m].
+  /// @param reach around all beams [m]. @pre the lattice can address it.
   CrossedCubes(const LatticeGeometry<N, D>& geometry, const Box<D>& reach)
       : per_metre_(1.0 / geometry.cell_size(0)),
         beside_(kBeside * geometry.unit() / geometry.cell_size(0)),
@@ -43,10 +43,9 @@ class CrossedCubes {
   [[nodiscard]] static LatticeBox<D> around(const LatticeGeometry<N, D>& geometry, const Box<D>& reach) {
     LatticeBox<D> box;
     for (int a = 0; a < D; ++a) {
-      const double most = geometry.reach();
       const auto axis = static_cast<std::size_t>(a);
-      box.lower[axis] = geometry.coordinate(std::clamp(reach.lower[a], -most, most)) - 1;
-      box.upper[axis] = geometry.coordinate(std::clamp(reach.upper[a], -most, most)) + 2;
+      box.lower[axis] = geometry.coordinate(reach.lower[a]) - 1;
+      box.upper[axis] = geometry.coordinate(reach.upper[a]) + 2;
     }
     return box;
   }
@@ -95,7 +94,7 @@ class CrossedCubes {
 
 }  // namespace detail
 
-/// The cubes of max_cell_size that a scan may change: those that its beams pass, to the end of their noise.
+/// The cubes of max_cell_size that a scan may change: its beams pass them, to the end of their noise.
 /// Cost: O(beams · cubes along a beam).
 /// @throws as survey_exactly().
 template <int N, int D, class Sensor>

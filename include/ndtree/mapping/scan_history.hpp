@@ -9,7 +9,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <stdexcept>
 #include <string>
 #include <unordered_map>
@@ -119,31 +118,32 @@ class ScanHistory {
   /// @throws std::out_of_range naming a key that is not there, std::invalid_argument if a key is there twice
   ///   or a pose is no rigid motion, and as OccupancyMap::insert().
   HistoryReport move(const std::vector<std::pair<Key, Pose<D>>>& poses, int threads = 0) {
-    std::vector<std::optional<Pose<D>>> changes(entries_.size());
-    for (const auto& [key, pose] : poses) {
-      std::optional<Pose<D>>& change = changes[place_of(key)];
-      if (change) throw std::invalid_argument("key " + std::to_string(key) + ": is given twice");
-      require_rigid(pose, key);
-      change = pose;
-    }
+    const auto start = std::chrono::steady_clock::now();
     std::vector<Entry> entries = entries_;
-    std::vector<bool> is_changed(entries.size());
-    for (std::size_t i = 0; i < entries.size(); ++i) {
-      if (!changes[i] || is_same(*changes[i], entries[i].pose)) continue;
-      is_changed[i] = true;
-      entries[i].pose = *changes[i];
+    std::vector<bool> is_given(entries.size());
+    CubeSet<D> touched;
+    std::size_t moved = 0;
+    for (const auto& [key, pose] : poses) {
+      const std::size_t place = place_of(key);
+      require_first(is_given, place, key);
+      require_rigid(pose, key);
+      Entry& entry = entries[place];
+      if (is_same(pose, entry.pose)) continue;
+      ++moved;
+      touched.add(*entry.cubes);
+      entry.pose = pose;
+      const Scan<D> scan = entry.beams->at(pose);
+      entry.cubes = std::make_shared<CubeSet<D>>(cubes_of(scan.view(), entry.max_range));
+      touched.add(*entry.cubes);
     }
-    return make_anew(std::move(entries), is_changed, {}, threads);
+    return make_anew(std::move(entries), touched, moved, threads, start);
   }
 
   /// Takes scans out of the map. @throws as move().
   HistoryReport remove(const std::vector<Key>& keys, int threads = 0) {
+    const auto start = std::chrono::steady_clock::now();
     std::vector<bool> goes(entries_.size());
-    for (const Key key : keys) {
-      const std::size_t place = place_of(key);
-      if (goes[place]) throw std::invalid_argument("key " + std::to_string(key) + ": is given twice");
-      goes[place] = true;
-    }
+    for (const Key key : keys) require_first(goes, place_of(key), key);
     std::vector<Entry> entries;
     CubeSet<D> touched;
     for (std::size_t i = 0; i < entries_.size(); ++i) {
@@ -152,9 +152,8 @@ class ScanHistory {
       else
         entries.push_back(entries_[i]);
     }
-    HistoryReport report =
-        make_anew(std::move(entries), std::vector<bool>(entries_.size() - keys.size()), touched, threads);
-    report.moved = keys.size();
+    const HistoryReport report = make_anew(std::move(entries), touched, keys.size(), threads, start);
+    for (const Key key : keys) numbers_.erase(key);
     return report;
   }
 
@@ -176,6 +175,11 @@ class ScanHistory {
     const auto at = std::lower_bound(entries_.begin(), entries_.end(), found->second,
                                      [](const Entry& entry, std::uint64_t n) { return entry.number < n; });
     return static_cast<std::size_t>(at - entries_.begin());
+  }
+  /// Notes that a key was given. @throws std::invalid_argument the second time.
+  static void require_first(std::vector<bool>& is_given, std::size_t place, Key key) {
+    if (is_given[place]) throw std::invalid_argument("key " + std::to_string(key) + ": is given twice");
+    is_given[place] = true;
   }
   static void require_rigid(const Pose<D>& pose, Key key) {
     constexpr double kRounding = 1e-6;
@@ -201,22 +205,15 @@ class ScanHistory {
     return cubes_crossed(map_.tree().geometry(), measurements);
   }
 
-  /// Replaces the entries and the map. @param is_changed which have another pose than before.
-  /// @param touched cubes that are to be made anew, beside those of changed entries.
-  HistoryReport make_anew(std::vector<Entry> entries, const std::vector<bool>& is_changed, CubeSet<D> touched,
-                          int threads) {
-    const auto start = std::chrono::steady_clock::now();
+  /// Replaces the entries and the map. @param touched cubes that are made anew. @param moved, start for the
+  /// report.
+  HistoryReport make_anew(std::vector<Entry> entries, const CubeSet<D>& touched, std::size_t moved,
+                          int threads, std::chrono::steady_clock::time_point start) {
     HistoryReport report;
-    for (std::size_t i = 0; i < entries.size(); ++i) {
-      if (!is_changed[i]) continue;
-      ++report.moved;
-      Entry& entry = entries[i];
-      touched.add(*entry.cubes);
-      const Scan<D> scan = entry.beams->at(entry.pose);
-      entry.cubes = std::make_shared<CubeSet<D>>(cubes_of(scan.view(), entry.max_range));
-      touched.add(*entry.cubes);
-    }
-    Map map(map_.options(), typename Map::Tree(Map(map_.options()).tree()), map_.counters());
+    report.moved = moved;
+    const MapOptions& options = map_.options();
+    Map map(options, typename Map::Tree(options.min_cell_size, options.num_levels(Map::kBranching)),
+            map_.counters());
     for (Entry& entry : entries) {
       report.all_cube_scans += entry.cubes->size();
       if (!entry.cubes->overlaps(touched)) {
@@ -233,10 +230,7 @@ class ScanHistory {
     const Scan<D> none{{D, 0}, Vector<D>::Zero(), {}, 0.0, {}};
     if (!entries.empty()) (void)map.insert(numbered(none, entries.back().number));
     report.cubes = touched.size();
-    std::unordered_map<Key, std::uint64_t> numbers;
-    for (const Entry& entry : entries) numbers.emplace(entry.key, entry.number);
     entries_ = std::move(entries);
-    numbers_ = std::move(numbers);
     map_ = std::move(map);
     report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     return report;
