@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from ndtree.base.words import number_of
 from ndtree.logs.core.failures import NotALog, shown
 from ndtree.logs.core.plain_file import wrongly_written
 from ndtree.logs.core.source import Source
@@ -216,7 +217,7 @@ def _of_folder(source: Source, path: str) -> NotALog | None:
         ways = [f"ndtree map {shlex.quote(os.path.join(source.path, first))}"]
         if count > 1:
             ways = [f"ndtree map {path}/*{ending} --merge -o OUT.ndt (all in one frame)", *ways]
-        return NotALog(source.path, f"a folder with {count} {ending} file{'s' if count > 1 else ''}", ways)
+        return NotALog(source.path, f"a folder with {number_of(count, f'{ending} file')}", ways)
     images = sum(endings[ending] for ending in (".png", ".jpg", ".jpeg", ".tif", ".tiff"))
     if images and images >= len(source.names) / 2:
         return NotALog(source.path, f"a folder with {images} images, without poses", [_DEPTH])
