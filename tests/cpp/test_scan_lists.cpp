@@ -208,7 +208,7 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
           evidence[w] = leaves.of(leaf, crossings, list);
           all_pass[w] = leaves.all_pass(crossings, list);
           if (level == scan.geometry.finest_level()) continue;
-          const LeafCoverage<N, D> covering(scan.beams, partition);
+          const LeafCoverage<N, D> covering(scan.beams, partition, 0.0f);
           const auto per_child = 1.0f / static_cast<float>(scan.geometry.cell_size(level - 1));
           for (const BeamWidths& widths : {BeamWidths{0.0f, 0.5f}, BeamWidths{0.3f, 0.0f}})
             covering(leaf, list, per_child, widths, CoverageModel(CoverageOptions{}), 8.0, coverage[w]);

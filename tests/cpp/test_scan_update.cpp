@@ -184,9 +184,11 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   SCOPED_TRACE(random.trace());
   struct Row {
     double range_sigma, range_sigma_quadratic, noise_sigmas, merge_loss, evidence_memory, free_memory,
-        scan_beams, known_evidence, sample_beams, covered_share, coverage_cells;
+        scan_beams, known_evidence, sample_beams, covered_share, coverage_cells, beam_divergence = 0.0;
   };
   const Row rows[] = {
+      {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6, 0.75, 1.0, 0.3},
+      {0.06, 0.001, 1.0, 4.0, 200.0, 20.0, 8.0, 2.0, 0.3, 0.5, 2.0, 0.08},
       {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6, 0.75, 1.0},
       {0.06, 0.0, 1.0, 4.0, 200.0, 20.0, 8.0, 2.0, 0.3, 0.9, 2.0},
       {0.02, 0.0, 1.0, 4.0, 20.0, 20.0, 64.0, 50.0, 0.05, 1.0, 8.0},
@@ -220,6 +222,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       options.sample_beams = row.sample_beams;
       options.covered_share = row.covered_share;
       options.coverage_cells = row.coverage_cells;
+      options.beam_divergence = row.beam_divergence;
       ASSERT_EQ(options.num_levels(N), levels);
       SCOPED_TRACE("row " + std::to_string(&row - rows) + ", grid " + std::to_string(grid));
       AdaptiveMap<N, D> map(options);
@@ -248,7 +251,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       for_coverage += flat.for_coverage;
       partly_seen += flat.partly_seen;
     }
-  EXPECT_EQ(scans, 8 * 2 * 12);
+  EXPECT_EQ(scans, 10 * 2 * 12);
   EXPECT_GE(for_coverage, D == 1 ? 0u : N == 2 ? 20u : 5u);
   EXPECT_GE(partly_seen, D == 1 ? 0u : N == 2 ? 30u : 5u);
   EXPECT_GE(splits, 30u);

@@ -25,7 +25,7 @@ PARAMETERS = {
     "split_probability", "merge_loss", "inherited_beams", "noise_sigmas", "evidence_memory", "evidence_prior",
     "free_memory", "scan_beams", "known_evidence", "sample_beams",
     "probability_clip", "change_probability", "evidence_half_life", "covered_share", "coverage_cells",
-    "partial_probability", "max_memory",
+    "partial_probability", "beam_divergence", "max_memory",
     "claims_samples", "claims_spacings", "claims_tolerance", "claims_margin", "claims_middle", "claims_seed",
 }  # fmt: skip
 TRUTH = {
@@ -349,7 +349,7 @@ def test_options_reach_the_map_and_the_report(log):
         "noise_sigmas": 0.5, "evidence_memory": 100.0, "evidence_prior": 0.25,
         "free_memory": 30.0, "scan_beams": 20.0,
         "change_probability": 0.001, "evidence_half_life": 500.0, "covered_share": 0.5, "coverage_cells": 4.0,
-        "partial_probability": 0.6, "max_memory": 1e9,
+        "partial_probability": 0.6, "beam_divergence": 0.05, "max_memory": 1e9,
     }  # fmt: skip
     flags = [part for name, value in arguments.items() for part in ("--" + name.replace("_", "-"), value)]
     report, _ = report_of(log, *flags)

@@ -70,6 +70,7 @@ const std::map<std::string, std::string>& option_help() {
       {"covered_share", "fraction of each half to be seen until a cell is observed; 0: any beam"},
       {"coverage_cells", "cells of more smallest cells than this split to show what was seen"},
       {"partial_probability", "least probability of a smallest cell that would split; 0: its beams decide"},
+      {"beam_divergence", "full angle of wide beams, as of sonar [rad]; 0: beams are lines"},
       {"max_memory", "scans for which a map would need more are refused; 0: 3/4 of the machine's [bytes]"},
   };
   return help;

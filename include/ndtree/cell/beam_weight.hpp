@@ -52,6 +52,16 @@ struct BeamWeight {
     sum.free -= std::min<std::int64_t>(units, 0);
   }
 
+  /// The part of a wide beam's cross-section that a cell covers, which a hit in the cell is worth: the
+  /// surface lies somewhere across the beam. @param width of the beam at its end point [m]; if 0, the part
+  /// is 1.
+  template <int D, class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats covered_part(float cell, const Floats& width) {
+    const Floats on_axis = min_of(cell / width, 1.0f);
+    Floats part = 1.0f;
+    for (int a = 1; a < D; ++a) part = part * on_axis;
+    return part;
+  }
   /// The weight w of a hit in a cell u > 0 standard deviations wide.
   [[nodiscard]] static double probability_inside(double u) {
     constexpr double kSqrtHalf = 0.70710678118654752;

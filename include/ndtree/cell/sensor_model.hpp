@@ -26,16 +26,20 @@ inline constexpr OptionBounds kRangeSigmaBounds{1e-9, 1e6, " m"};
 struct SensorOptions {
   double range_sigma = 0.03;           ///< Standard deviation of a range at the sensor [m].
   double range_sigma_quadratic = 0.0;  ///< Its growth with the squared range, for depth cameras [1/m].
-  double probability_min = 0.4;        ///< The inverse sensor model's least probability,
-  double probability_max = 0.7;        ///< and its largest.
-  double log_odds_min = -2.0;          ///< A cell's log-odds stay above this,
-  double log_odds_max = 3.5;           ///< and below this, so that a change can be seen.
+  /// Full angle of the cone somewhere across which the surface lies that a beam meets [rad]; sonar: 0.2 to
+  /// 0.6.
+  double beam_divergence = 0.0;
+  double probability_min = 0.4;  ///< The inverse sensor model's least probability,
+  double probability_max = 0.7;  ///< and its largest.
+  double log_odds_min = -2.0;    ///< A cell's log-odds stay above this,
+  double log_odds_max = 3.5;     ///< and below this, so that a change can be seen.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>
   static void for_each_bounded(Options& options, Visit&& visit) {
     visit("range_sigma", options.range_sigma, kRangeSigmaBounds);
     visit("range_sigma_quadratic", options.range_sigma_quadratic, OptionBounds{0.0, 1e6, " 1/m"});
+    visit("beam_divergence", options.beam_divergence, OptionBounds{0.0, 2.0, " rad"});
     visit("probability_min", options.probability_min, OptionBounds{1e-6, 0.49});
     visit("probability_max", options.probability_max, OptionBounds{0.51, 1.0 - 1e-6});
     visit("log_odds_min", options.log_odds_min, OptionBounds{-1e3, -1e-3});
@@ -51,10 +55,10 @@ inline constexpr bool kHasNoiseOfLanes = false;
 #ifdef NDTREE_HAS_EIGHTS
 template <class Sensor>
 inline constexpr bool kHasNoiseOfLanes<
-    Sensor, std::enable_if_t<std::is_same_v<
-                decltype(std::declval<const Sensor&>().clearly_free_until(
-                    FourDoubles(), std::declval<const Sensor&>().sigma(FourDoubles()))),
-                FourDoubles>>> = true;
+    Sensor,
+    std::enable_if_t<std::is_same_v<decltype(std::declval<const Sensor&>().clearly_free_until(
+                                        FourDoubles(), std::declval<const Sensor&>().sigma(FourDoubles()))),
+                                    FourDoubles>>> = true;
 #endif
 
 /// p(n|z) for a beam that enters cell n at one distance and leaves it at another.
@@ -70,6 +74,7 @@ class BeamSensorModel {
 
   explicit BeamSensorModel(const SensorOptions& options)
       : options_(options),
+        width_per_range_(static_cast<float>(2.0 * std::tan(0.5 * options.beam_divergence))),
         z_min_(normal_quantile(options.probability_min)),
         probability_min_(static_cast<float>(options.probability_min)),
         probability_max_(static_cast<float>(options.probability_max)),
@@ -82,6 +87,13 @@ class BeamSensorModel {
   template <class Doubles>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma(const Doubles& range) const {
     return options_.range_sigma + rounded(options_.range_sigma_quadratic * range * range);
+  }
+  /// Whether beams are wide beside cells: see width().
+  [[nodiscard]] bool has_width() const { return width_per_range_ > 0.0f; }
+  /// Width of a beam at a distance [m].
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats width(const Floats& distance) const {
+    return width_per_range_ * distance;
   }
   /// Cells that end before this distance [m] get log_odds_free(): F(exit) alone is below probability_min.
   template <class Doubles>
@@ -139,6 +151,7 @@ class BeamSensorModel {
   }
 
   SensorOptions options_;
+  float width_per_range_;
   double z_min_;
   float probability_min_;
   float probability_max_;

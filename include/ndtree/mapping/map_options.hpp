@@ -76,7 +76,7 @@ struct MapOptions : SensorOptions,
   for (const char* const name :
        {"split_probability", "partial_probability", "merge_loss", "inherited_beams", "noise_sigmas",
         "evidence_memory", "free_memory", "scan_beams", "known_evidence", "sample_beams", "evidence_prior",
-        "change_probability", "evidence_half_life", "covered_share", "coverage_cells"})
+        "change_probability", "evidence_half_life", "covered_share", "coverage_cells", "beam_divergence"})
     if (option == name) return "evidence";
   return {};
 }
@@ -113,6 +113,7 @@ void for_each_option(Options& options, Visit&& visit) {
   visit("covered_share", options.covered_share);
   visit("coverage_cells", options.coverage_cells);
   visit("partial_probability", options.partial_probability);
+  visit("beam_divergence", options.beam_divergence);
   visit("max_memory", options.max_memory);
 }
 

@@ -800,6 +800,9 @@ coverage_cells : float
 partial_probability : float
     A smallest cell that is more probably than split_probability partially occupied, as by a table top or a chair's leg,
     has at least this probability, however many beams pass beside what is in it; 0: all its beams decide ("evidence").
+beam_divergence : float
+    Full angle of the cone somewhere across which the surface lies that a beam meets [rad], as of sonar or radar: a hit is
+    worth to a cell the part of the beam's cross-section that the cell covers; 0: beams are lines ("evidence").
 significance : float
     Confidence of the chi-square test that splits a cell ("paper").
 merge_free_below, merge_occupied_above : float

@@ -137,6 +137,16 @@ class FlatScanMap {
     }
   }
 
+  /// Width of a beam over the distance from its origin.
+  [[nodiscard]] float width_per_range() const {
+    return static_cast<float>(2.0 * std::tan(0.5 * options_.beam_divergence));
+  }
+  /// The part of a beam's cross-section that a cell covers.
+  [[nodiscard]] static float part_of(float beam_width, float size) {
+    float part = 1.0f;
+    for (int a = 1; a < D; ++a) part *= std::min(1.0f, size / beam_width);
+    return part;
+  }
   /// Evidence of the last scan's beams for a cell: of each face, the beams that the cell samples.
   [[nodiscard]] ScanEvidence evidence(const CellIndex<D>& index, double sample_beams) const {
     const float size = size_of(index);
@@ -184,7 +194,7 @@ class FlatScanMap {
       if (nats > 0.0f)
         sum.occupied +=
             std::lrint(BeamWeight::probability_inside_table()(std::min(beam.sigma * (1.0f / size), 0.6f)) *
-                       nats * 256.0f);
+                       part_of(width_per_range() * beam.range, size) * nats * 256.0f);
       else
         sum.free += std::lrint(-nats * 256.0f);
       if (hit) {
@@ -444,9 +454,10 @@ class FlatScanMap {
       if (enter >= beam.range) continue;
       exit = std::min(exit, beam.range);
       const auto width_at = [&](float distance) {
-        return face.beams == 1
-                   ? static_cast<float>(smallest()) * per_child
-                   : distance * (beam.slant * (std::min(0.1f, 1.0f / face.density) * widening * per_child));
+        const float spacing = face.beams == 1 ? 0.0f : std::min(0.1f, 1.0f / face.density) * widening;
+        const float per_metre = std::max(spacing, width_per_range());
+        return per_metre > 0.0f ? distance * (beam.slant * (per_metre * per_child))
+                                : static_cast<float>(smallest()) * per_child;
       };
       const float width = width_at(0.5f * (enter + exit));
       const float through = (exit - enter) * beam.slant * per_child * kUnits;

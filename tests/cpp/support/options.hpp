@@ -52,6 +52,7 @@ inline MapOptions spelled_out_options(double min_cell_size, double max_cell_size
   options.covered_share = 0.0;
   options.coverage_cells = 2.0;
   options.partial_probability = 0.0;
+  options.beam_divergence = 0.0;
   return options;
 }
 

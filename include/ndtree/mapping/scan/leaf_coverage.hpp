@@ -39,8 +39,9 @@ class LeafCoverage {
   static constexpr int kNumChildren = Partition::kNumChildren;
 
  public:
-  LeafCoverage(const ScanBeams<D>& beams, const Partition& partition)
-      : beams_(beams), partition_(partition) {}
+  /// @param width_per_range least width of a beam at a distance of 1 m; 0: its distance to its neighbours.
+  LeafCoverage(const ScanBeams<D>& beams, const Partition& partition, float width_per_range)
+      : beams_(beams), partition_(partition), width_per_range_(width_per_range) {}
 
   /// Adds what beams see of a leaf's children, up to their end points, until the leaf is certain to be
   /// covered.
@@ -64,7 +65,8 @@ class LeafCoverage {
     sample.for_each_fraction(
         beams_, list, [&](const CubeFace<D>& face, float fraction, const BeamList& part) {
           // Sampled beams stand for the others, too.
-          const BeamWidths widths{face.width_of_beam() * BeamSampling<N, D>::widening(fraction) * per_child,
+          const float width = face.width_of_beam() * BeamSampling<N, D>::widening(fraction);
+          const BeamWidths widths{std::max(width, width_per_range_) * per_child,
                                   static_cast<float>(geometry.unit()) * per_child};
           (*this)(leaf, part, per_child, widths, model, size, sum);
         });
@@ -202,6 +204,7 @@ class LeafCoverage {
 
   const ScanBeams<D>& beams_;
   const Partition& partition_;
+  const float width_per_range_;
 };
 
 }  // namespace ndtree

@@ -59,6 +59,7 @@ class LeafEvidence {
         beams_(beams),
         sensor_(sensor),
         width_(beams.width()),
+        is_wide_(sensor.has_width()),
         noise_sigmas_(static_cast<float>(model.noise_sigmas())) {
     sizes_.reserve(static_cast<std::size_t>(1 - geometry.finest_level()));
     for (int level = geometry.finest_level(); level <= 0; ++level) {
@@ -71,7 +72,7 @@ class LeafEvidence {
       of_level.units_per_metre =
           static_cast<float>(static_cast<double>(model.miss_evidence()) / (kMeanChord * size));
       of_level.is_inside_alike = beams.largest_sigma() == beams.smallest_sigma();
-      of_level.inside = inside(of_level, beams.smallest_sigma());
+      of_level.inside = inside_table_(std::min(beams.smallest_sigma() * of_level.per_cell, kWidestSigma));
       of_level.small = is_finest ? 0.0f : of_level.cell;
       of_level.resolves_all = of_level.child >= noise_sigmas_ * beams.largest_sigma();
       of_level.resolves_some = of_level.child >= noise_sigmas_ * beams.smallest_sigma();
@@ -140,7 +141,7 @@ class LeafEvidence {
       BeamWeight::add(sum,
                       all_.sensor_.quick_log_odds(
                           before_end, holds_end ? std::max(behind_end, kLeastBehindHit) : behind_end),
-                      size_.is_inside_alike ? size_.inside : all_.inside(size_, beam.sigma));
+                      all_.inside(size_, beam.sigma, beam.range));
       if (holds_end) {
         ++sum.hits;
         sum.resolvable_hits += is_resolvable();
@@ -246,10 +247,13 @@ class LeafEvidence {
     return sum;
   }
 
-  /// BeamWeight::probability_inside() of a cell for one beam, or eight.
+  /// The weight of a hit in a cell, along and across the beam; for one beam, or eight.
   template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats inside(const Size& size, const Floats& sigma) const {
-    return inside_table_(min_of(sigma * size.per_cell, kWidestSigma));
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats inside(const Size& size, const Floats& sigma,
+                                                   const Floats& range) const {
+    const Floats along = size.is_inside_alike ? Floats(size.inside)
+                                              : inside_table_(min_of(sigma * size.per_cell, kWidestSigma));
+    return is_wide_ ? Floats(along * BeamWeight::covered_part<D>(size.cell, sensor_.width(range))) : along;
   }
   /// Whether the noise of a beam is small enough for the leaf's children; of one beam, or eight.
   template <class Floats>
@@ -367,7 +371,7 @@ class LeafEvidence {
     const EightFloats before_end = (enter - beams.range) * per_sigma;
     const EightFloats behind_end = (end - beams.range) * per_sigma;
     const EightFloats behind = select(holds_end, max_of(behind_end, kLeastBehindHit), behind_end);
-    const EightFloats weight = size.is_inside_alike ? EightFloats(size.inside) : inside(size, beams.sigma);
+    const EightFloats weight = inside(size, beams.sigma, beams.range);
     const EightInts evidence =
         BeamWeight::units_of(sensor_.quick_log_odds(before_end, behind), weight) & has_evidence;
     const EightInts occupied = max_of(evidence, 0);
@@ -415,6 +419,7 @@ class LeafEvidence {
   const Sensor& sensor_;
   const CubicTable& inside_table_ = BeamWeight::probability_inside_table();
   int width_;
+  bool is_wide_;  // Beams are wide beside cells.
   float noise_sigmas_;
   std::vector<Size> sizes_;  // Of levels from the finest up to 0.
 };

@@ -94,7 +94,7 @@ class alignas(kCacheLines) ScanWalk {
         beams_(beams),
         partition_(tree.geometry(), beams),
         evidence_(tree.geometry(), beams, refinement.model, sensor),
-        coverage_(beams, partition_),
+        coverage_(beams, partition_, sensor.width(1.0f)),
         sampling_(tree.geometry(), beams, refinement.model),
         lists_(partition_, beams, sampling_),
         initialiser_(tree.geometry(), refinement.model, beams),

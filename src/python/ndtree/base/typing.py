@@ -79,6 +79,7 @@ class MapOptions(_CommonOptions, total=False):
     covered_share: float
     coverage_cells: float
     partial_probability: float
+    beam_divergence: float
     significance: float
     merge_free_below: float
     merge_occupied_above: float

@@ -61,6 +61,7 @@ MAP_OPTIONS = (
         float,
         "Least probability of a smallest cell that holds something thin; 0: all its beams decide.",
     ),
+    MapOption("beam_divergence", float, "Full angle of wide beams, as of sonar [rad]; 0: lines."),
     MapOption("max_memory", float, "No map holds more [bytes]; 0: 3/4 of the machine's memory."),
     MapOption("significance", float, "Confidence of the split test."),
     MapOption("merge_free_below", float, "Siblings merge if all are at most this probable."),

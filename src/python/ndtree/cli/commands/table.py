@@ -170,6 +170,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
             "",
             "0.6: table tops and chair legs survive beams that pass beside them",
         ),
+        _maps("beam_divergence", "RAD", "rad: lines", "sonar and radar: the angle of their cones"),
         _maps("sample_beams", "BEAMS", "beams", "dense scans: more beams, slower"),
         _maps("probability_min", "P", "", "what one miss says"),
         _maps("probability_max", "P", "", "0.8: thin things survive, walls get thicker"),
