@@ -71,7 +71,7 @@ class LeafEvidence {
       of_level.child = is_finest ? -1.0f : static_cast<float>(geometry.cell_size(level - 1));
       of_level.units_per_metre =
           static_cast<float>(static_cast<double>(model.miss_evidence()) / (kMeanChord * size));
-      of_level.is_inside_alike = beams.largest_sigma() == beams.smallest_sigma();
+      of_level.is_inside_alike = beams.largest_sigma() == beams.smallest_sigma() && !is_wide_;
       of_level.inside = inside_table_(std::min(beams.smallest_sigma() * of_level.per_cell, kWidestSigma));
       of_level.small = is_finest ? 0.0f : of_level.cell;
       of_level.resolves_all = of_level.child >= noise_sigmas_ * beams.largest_sigma();
@@ -214,7 +214,7 @@ class LeafEvidence {
     bool goes_by_eights;    // Vector loops are used.
     bool is_simple;         // Vector loops are used, and ScanBeams::are_alike().
     std::int32_t edge;      // Of the cell, in smallest cells, if it fits 32 bits.
-    bool is_inside_alike;   // All beams have equal noise.
+    bool is_inside_alike;   // All beams have equal noise, and no width.
     float inside;           // BeamWeight::probability_inside() of the most precise beam.
     float small;            // Edge of the cell; 0 for smallest cells, which are small beside any noise.
   };
@@ -251,8 +251,8 @@ class LeafEvidence {
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Floats inside(const Size& size, const Floats& sigma,
                                                    const Floats& range) const {
-    const Floats along = size.is_inside_alike ? Floats(size.inside)
-                                              : inside_table_(min_of(sigma * size.per_cell, kWidestSigma));
+    if (size.is_inside_alike) return size.inside;
+    const Floats along = inside_table_(min_of(sigma * size.per_cell, kWidestSigma));
     return is_wide_ ? Floats(along * BeamWeight::covered_part<D>(size.cell, sensor_.width(range))) : along;
   }
   /// Whether the noise of a beam is small enough for the leaf's children; of one beam, or eight.
