@@ -47,8 +47,8 @@ struct MatchOptions {
 template <int D>
 struct MatchWindow {
   Motion<D> half = Motion<D>::Zero();  ///< Farthest from the guess on each axis [m, rad].
-  double apart = 0.5;                  ///< As far from the best pose on some axis [m], ...
-  double apart_angle = 0.35;           ///< ... or turned as far [rad], a pose is another one.
+  double apart = 0.5;         ///< A pose is another one if it is as far from the best on some axis [m]
+  double apart_angle = 0.35;  ///< or turned by as much [rad].
 };
 
 /// A pose on the grid of a window, in steps of each axis from the guess.
@@ -92,7 +92,7 @@ struct Match {
   Pose<D> pose;
   MotionMatrix<D> covariance = MotionMatrix<D>::Zero();  ///< Of a Motion of the pose.
   double score = 0.0;    ///< Mean likelihood of the end points at the grid's best pose, in [0, 1].
-  double second = 0.0;   ///< The same of the best pose of the window that is another one; 0 if there is none.
+  double second = 0.0;   ///< Score of the best other pose of the window; 0 if there is none.
   double inliers = 0.0;  ///< Fraction of points that lie on a surface at the refined pose.
   GridPose<D> grid;      ///< The grid's best pose.
 
@@ -206,14 +206,14 @@ class Matcher {
   }
 
   /// Refines a pose, and sets `pose`, `covariance` and `inliers` of a match.
-  /// @param guess, information what is known of the pose beforehand: the inverse covariance of a Motion of
+  /// @param guess, information what the pose is beforehand: the inverse covariance of a Motion of
   /// the
   ///   guess, 0 for nothing. @pre the points are finite.
   void refine(const Points<D>& points, const Pose<D>& from, const Pose<D>& guess,
               const MotionMatrix<D>& information, Match<D>& match) const {
     constexpr int kSteps = 30;
     constexpr double kKernel = 2.0;  // Standard deviations from which on a point counts half, and less.
-    constexpr double kLeast = 1e-6;  // Of what is known of a pose: keeps a match without points solvable.
+    constexpr double kLeast = 1e-6;  // Information: keeps a match without points solvable.
     constexpr double kStill = 1e-6;  // [m, rad]
     const MotionMatrix<D> least = kLeast * MotionMatrix<D>::Identity();
     MotionMatrix<D> hessian;
