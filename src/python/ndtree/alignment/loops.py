@@ -36,8 +36,8 @@ _FEWEST = 100  # Points that were compared.
 _MARGIN = 0.15  # Of ranges that are the same [m].
 _APART = 1.0  # Farther poses of the window are others [m].
 _WIDER = 4.0  # Covariance of a relation, times: points next to each other are wrong alike.
-_LEAST = np.diag([0.01, 0.01, 0.002]) ** 2  # Added to it: submaps are bent a little.
-_KERNEL = 2.0  # Standard deviations.
+_LEAST = np.diag([0.02, 0.02, 0.003]) ** 2  # Added to it: submaps are bent a little.
+_KERNEL = 3.0  # Standard deviations.
 _CONTRADICTED = 0.2  # Weight of a relation that the others contradict.
 
 

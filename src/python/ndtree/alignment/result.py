@@ -19,7 +19,7 @@ from ndtree.base.words import number_of
 from ndtree.logs.core.log import Log
 
 _CELL = 0.05  # Of the grid on which walls are counted [m].
-_MOST_LOST = 0.01  # Fraction of scans that may have no match,
+_MOST_LOST = (3, 0.01)  # Scans that may have no match, a few or this fraction,
 _MOST_CONTRADICTED = 0.1  # and of loops that others may contradict.
 _FAR = 20.0  # End points that are drawn [m].
 
@@ -84,7 +84,7 @@ class Alignment:
     def doubts(self) -> list[str]:
         """Why not to trust the poses; empty if nothing speaks against them."""
         doubts = []
-        if self.lost > _MOST_LOST * len(self.poses):
+        if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
         if self.contradicted > _MOST_CONTRADICTED * max(1, len(self.loops)):
             doubts.append(

@@ -57,7 +57,7 @@ COMMANDS = {
     ),
     "view": (
         "view",
-        "Show a map on an interactive page of this computer until Ctrl-C, or draw it into a file.",
+        "Show a map on a page of this computer until Ctrl-C, or draw it into a file.",
     ),
     "convert": ("convert", "Write a map as a file of another kind."),
     "info": ("info", "Say what is in a map or a log."),
