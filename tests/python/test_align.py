@@ -18,6 +18,7 @@ from ndtree.alignment.planar import between, composed, placed, pose_of, seen_fro
 from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
 from ndtree.cli.commands import app
 from ndtree.logs.core.log import Log
+from ndtree.logs.ros.reading import heading_of
 
 
 def run(*arguments: object):
@@ -191,6 +192,31 @@ def test_the_command_writes_poses_map_and_picture(tmp_path, office):
     assert mapped.exit_code == 0, mapped.output
     assert "aligned: poses moved by" in mapped.stderr
     assert (tmp_path / "same.ndt").read_bytes() == (tmp_path / "drive.ndt").read_bytes()
+
+
+def test_readers_say_the_heading_of_lasers(tmp_path):
+    log = tmp_path / "two.log"
+    log.write_text(
+        "FLASER 3 1 2 3 0.5 0.25 0.75 9 9 9 1.0 host 1.0\n"
+        "ROBOTLASER1 0 -1.57 3.14 1.57 80 0.01 0 3 1 2 3 2 7 8 0.5 0.25 -0.5 9 9 9 0 0 0 0 0 2.0 host 2.0\n"
+    )
+    assert [scan.heading for scan in ndtree.read(log)] == [0.75, -0.5]
+    assert [scan.heading for scan in ndtree.read(log).select(stride=2)] == [0.75, -0.5]
+    assert ndtree.Scan(np.zeros((1, 2)), np.zeros(2)).heading is None
+
+
+def test_the_heading_of_a_bag_is_that_of_its_beams():
+    rng = np.random.default_rng(4)
+    local = np.column_stack((rng.uniform(-3, 3, (50, 2)), np.zeros(50)))
+    local[3] = np.nan
+    for yaw in (-3.1, -1.0, 0.0, 2.5, 3.14):
+        c, s = math.cos(yaw), math.sin(yaw)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        heading = heading_of(local, local @ turn.T + (1, 2, 0.5), np.array([1, 2, 0.5]))
+        assert math.cos(heading - yaw) == pytest.approx(1)
+        upside_down = local @ np.diag((1, -1, -1)) @ turn.T
+        assert heading_of(local, upside_down, np.zeros(3)) is None
+    assert heading_of(local[:0], local[:0], np.zeros(3)) is None
 
 
 def test_wrong_calls_are_refused(tmp_path, office):
