@@ -48,6 +48,8 @@ class Alignment:
         Loops that others contradict.
     lost : int
         Scans that matched nothing, and are where odometry puts them.
+    blind : int
+        Of logs without odometry, scans that do not tell how far they are along a corridor.
     seconds : float
         What it took.
     """
@@ -61,6 +63,7 @@ class Alignment:
     tested: int
     contradicted: int
     lost: int
+    blind: int
     seconds: float
     _scans: list[SensorScan] = field(default_factory=list)
 
@@ -86,6 +89,10 @@ class Alignment:
         doubts = []
         if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
+        if self.blind > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
+            doubts.append(
+                f"{number_of(self.blind, 'scan')} do not tell a direction, as in corridors, nor does odometry"
+            )
         if self.contradicted > _MOST_CONTRADICTED * max(1, len(self.loops)):
             doubts.append(
                 f"{self.contradicted} of {number_of(len(self.loops), 'loop')} contradict the others"
@@ -119,6 +126,7 @@ class Alignment:
             "tested": self.tested,
             "contradicted": self.contradicted,
             "lost": self.lost,
+            "blind": self.blind,
             "cells": {"before": before, "after": after},
             "doubts": self.doubts,
             "seconds": self.seconds,
