@@ -84,6 +84,7 @@ def test_poses_without_odometry_are_found(office):
     there = [moved(scan, np.zeros(3)) for scan in log]
     found = ndtree.align(Drifting(there, np.zeros((len(there), 3))))
     after = errors(found.poses, truth)
+    assert not found.has_odometry and "how long corridors are" in str(found)
     assert after.max() < 0.5 and np.median(after) < 0.07
 
 

@@ -88,7 +88,7 @@ def align(
         tested=graph.tested,
         contradicted=graph.contradicted,
         lost=track.lost,
-        blind=track.blind,
+        has_odometry=moves,
         seconds=time.perf_counter() - begin,
         _scans=track.scans,
     )

@@ -48,8 +48,8 @@ class Alignment:
         Loops that others contradict.
     lost : int
         Scans that matched nothing, and are where odometry puts them.
-    blind : int
-        Of logs without odometry, scans that do not tell how far they are along a corridor.
+    has_odometry : bool
+        Whether the log's poses said how the sensor moved.
     seconds : float
         What it took.
     """
@@ -63,7 +63,7 @@ class Alignment:
     tested: int
     contradicted: int
     lost: int
-    blind: int
+    has_odometry: bool
     seconds: float
     _scans: list[SensorScan] = field(default_factory=list)
 
@@ -89,10 +89,8 @@ class Alignment:
         doubts = []
         if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
             doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
-        if self.blind > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
-            doubts.append(
-                f"{number_of(self.blind, 'scan')} do not tell a direction, as in corridors, nor does odometry"
-            )
+        if not self.has_odometry:
+            doubts.append("no odometry says how long corridors are, which may come out too short")
         if self.contradicted > _MOST_CONTRADICTED * max(1, len(self.loops)):
             doubts.append(
                 f"{self.contradicted} of {number_of(len(self.loops), 'loop')} contradict the others"
@@ -110,7 +108,7 @@ class Alignment:
             f"poses moved by {np.median(moved):.2f} m, at most {moved.max():.2f} m; "
             f"{number_of(len(self.loops), 'loop')} closed of {self.tested} looked at; "
             f"end points take {100 * (after / max(before, 1) - 1):+.0f} % cells: "
-            + (f"do not trust them: {trust}" if trust else "nothing speaks against them")
+            + (f"doubtful: {trust}" if trust else "nothing speaks against them")
         )
 
     __repr__ = __str__
@@ -126,7 +124,7 @@ class Alignment:
             "tested": self.tested,
             "contradicted": self.contradicted,
             "lost": self.lost,
-            "blind": self.blind,
+            "has_odometry": self.has_odometry,
             "cells": {"before": before, "after": after},
             "doubts": self.doubts,
             "seconds": self.seconds,

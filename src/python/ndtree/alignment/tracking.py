@@ -46,7 +46,6 @@ _WIDE = np.array([1.0, 1.0, 0.6])
 _POOR = 0.75  # Of the score of scans before: below it, the wide window is looked at, too,
 _GAIN = 0.2  # and believed if this fraction of the points fits more.
 _LOST = 0.3  # Fewer points on surfaces are no match.
-_BLIND = 0.5  # Of the uncertainty of a guess: what a scan leaves of it that does not tell a direction.
 _REMEMBERED = 30  # Scans whose scores are compared.
 _FEWEST = 10  # Points of a scan that says something.
 _MAP_SCANS = 60  # Key scans of the sliding map,
@@ -65,7 +64,6 @@ class Track:
     covariances: list[Floats] = field(default_factory=list)  # Of these.
     lost: int = 0  # Scans that did not match.
     found: int = 0  # Scans that were found in the wide window.
-    blind: int = 0  # Scans that do not tell one direction, in logs without odometry.
 
 
 class Tracker:
@@ -135,9 +133,6 @@ class Tracker:
         if match.inliers < _LOST:
             self.track.lost += 1
             return guess, by_odometry, match.score
-        if not self._has_odometry:
-            largest = float(np.linalg.eigvalsh(match.covariance[:2, :2])[-1])
-            self.track.blind += largest > (_BLIND * sigmas[0]) ** 2
         return pose_of(match.pose), match.covariance, match.score
 
     def _sliding_map(self) -> Matcher:
