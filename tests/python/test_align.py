@@ -195,6 +195,21 @@ def test_the_command_writes_poses_map_and_picture(tmp_path, office):
     assert (tmp_path / "same.ndt").read_bytes() == (tmp_path / "drive.ndt").read_bytes()
 
 
+def test_a_real_drive_fits_relations_that_people_measured(recordings):
+    """The first minutes of ACES, and those of its relations that lie in them."""
+    folder = recordings / "laser2d_raw_aces"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    found = ndtree.align(ndtree.read(folder / "aces.clf.bz2").select(stop=240))
+    rows = np.loadtxt(folder / "aces.relations")
+    rows = rows[rows[:, :2].max(axis=1) < found.stamps[-1]]
+    first, second = (np.abs(found.stamps - t[:, None]).argmin(axis=1) for t in rows[:, :2].T)
+
+    off = between(rows[:, [2, 3, 7]], between(found.poses[first], found.poses[second]))
+    assert len(rows) > 100 and np.hypot(off[:, 0], off[:, 1]).mean() < 0.045
+    assert found.cells[1] < 0.75 * found.cells[0] and not found.doubts
+
+
 def test_readers_say_the_heading_of_lasers(tmp_path):
     log = tmp_path / "two.log"
     log.write_text(
