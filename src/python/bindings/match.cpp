@@ -204,8 +204,8 @@ PythonMatcher matcher_of_map(const PythonMap& map, const py::object& box, const 
   if (!box.is_none()) corners = as_corners(box, "box", dim);
   const auto make = [&](auto dimension) -> PythonMatcher {
     constexpr int D = decltype(dimension)::value;
-    constexpr double kInfinity = std::numeric_limits<double>::infinity();
-    Box<D> region{Vector<D>::Constant(-kInfinity), Vector<D>::Constant(kInfinity)};
+    constexpr double kFar = std::numeric_limits<double>::infinity();
+    Box<D> region{Vector<D>::Constant(-kFar), Vector<D>::Constant(kFar)};
     if (!box.is_none()) {
       region.lower = Eigen::Map<const Vector<D>>(corners.data());
       region.upper = Eigen::Map<const Vector<D>>(corners.data() + D);
