@@ -21,6 +21,7 @@ FOLDERS = (
     "cells",
     "tiles",
     "maps",
+    "alignment",
     "plot",
     "evaluation",
     "tuning",

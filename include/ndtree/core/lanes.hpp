@@ -3,8 +3,10 @@
 /// Numbers side by side: arithmetic that is written once, for one number, for eight and for sixteen.
 ///
 /// Strategy. A rule is a template on its numbers, NDTREE_ALWAYS_INLINE, with `Floats` a float or EightFloats:
-///     template <class Floats>
-///     NDTREE_ALWAYS_INLINE Floats plane_at(const Floats& inverse) const { return rounded(p_ * inverse); }
+/// @code
+/// template <class Floats>
+/// NDTREE_ALWAYS_INLINE Floats plane_at(const Floats& inverse) const { return rounded(p_ * inverse); }
+/// @endcode
 /// A loop over vectors is a function with NDTREE_BY_EIGHTS (AVX2) or NDTREE_BY_SIXTEENS (AVX-512), which a
 /// caller chooses by Simd::width(). This header is the one place with a processor's instructions for
 /// arithmetic.

@@ -27,6 +27,8 @@ void bind_claims(pybind11::module_& module);
 void bind_moved(pybind11::module_& module);
 /// @pre as bind_exports().
 void bind_history(pybind11::module_& module);
+/// @pre as bind_exports().
+void bind_match(pybind11::module_& module);
 void bind_logs(pybind11::module_& module);
 void bind_statistics(pybind11::module_& module);
 void bind_octomap(pybind11::module_& module);

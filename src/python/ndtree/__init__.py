@@ -40,6 +40,8 @@ if TYPE_CHECKING:
         InsertReport,
         Leaves,
         MapStats,
+        Match,
+        Matcher,
         MovedEvidence,
         NearestOccupied,
         OccupancyMap,
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
         has_octomap,
         load_octomap,
     )
+    from ndtree.alignment import Alignment, align
     from ndtree.base.scan import Scan
     from ndtree.evaluation.comparison import Comparison, compare
     from ndtree.evaluation.map_comparison import MapComparison, compare_maps
@@ -68,6 +71,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AdaptiveMap",
+    "Alignment",
     "Box",
     "Calibration",
     "Capsule",
@@ -87,6 +91,8 @@ __all__ = [
     "Log",
     "MapComparison",
     "MapStats",
+    "Match",
+    "Matcher",
     "MovedEvidence",
     "NearestOccupied",
     "OccupancyMap",
@@ -100,6 +106,7 @@ __all__ = [
     "TileMapper",
     "TiledMap",
     "__version__",
+    "align",
     "calibrate",
     "compare",
     "compare_maps",
@@ -122,6 +129,7 @@ __all__ = [
 _FOLDERS = ("distributed", "logs", "plot", "study", "tiles", "typing", "viewer")
 #: Modules of the names in `__all__`; all others are the compiled module's.
 _MODULES = {
+    "Alignment": "ndtree.alignment",
     "Calibration": "ndtree.tuning.calibration",
     "Comparison": "ndtree.evaluation.comparison",
     "FirstLook": "ndtree.tuning.first_look",
@@ -131,6 +139,7 @@ _MODULES = {
     "Scan": "ndtree.base.scan",
     "TileMapper": "ndtree.tiles",
     "TiledMap": "ndtree.tiles",
+    "align": "ndtree.alignment",
     "calibrate": "ndtree.tuning.calibration",
     "compare": "ndtree.evaluation.comparison",
     "compare_maps": "ndtree.evaluation.map_comparison",

@@ -40,6 +40,7 @@ INTERNAL = frozenset(
         "pose_matrix",
         "sensor_probability",
         "simulate",
+        "solve_pose_graph",
         "splits",
         "write_ply",
     )

@@ -15,6 +15,7 @@ from ndtree._native.results import HistoryReport as HistoryReport
 from ndtree._native.results import InsertReport as InsertReport
 from ndtree._native.results import Leaves as Leaves
 from ndtree._native.results import MapStats as MapStats
+from ndtree._native.results import Match as Match
 from ndtree._native.results import NearestOccupied as NearestOccupied
 from ndtree._native.results import RayEnds as RayEnds
 from ndtree.base.scan import Scan
@@ -192,6 +193,111 @@ class MovedEvidence:
         -------
         (n,) float32
             0.5 where no beam ended, or no scan can tell.
+        """
+
+class Matcher:
+    """Finds scans among points of surfaces.
+
+    Made once, and used for many scans, from several threads at once.
+
+    Parameters
+    ----------
+    points : (n, dim) array of float
+        On surfaces, dim 2 or 3 [m].
+    cell_size : float
+        Of the grid of poses [m].
+    sigma : float, optional
+        Of an end point's distance from a surface, in the search [m]. Default: cell_size.
+    radius : float, optional
+        Of the points that shape a piece of the surface [m]. Default: four cells.
+    noise : float
+        Least standard deviation across a surface, in the refinement [m].
+
+    Raises
+    ------
+    ValueError
+        A size is out of bounds, or the surface has more than 2^30 cells.
+    """
+
+    def __init__(
+        self,
+        points: ArrayLike,
+        *,
+        cell_size: float = 0.05,
+        sigma: float | None = None,
+        radius: float | None = None,
+        noise: float = 0.02,
+    ) -> None: ...
+    @property
+    def dim(self) -> int:
+        """int: dimension of space."""
+    def match(
+        self,
+        points: ArrayLike,
+        guess: ArrayLike,
+        *,
+        window: ArrayLike,
+        information: ArrayLike | None = None,
+        apart: float = 0.5,
+        apart_angle: float = 0.35,
+        second: bool = True,
+    ) -> Match:
+        """The best pose of a window around a guess, refined.
+
+        All poses of the window's grid count, whose steps are a cell, and a turn that moves the farthest point by a cell:
+        branch and bound finds the best of them surely.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            End points in the sensor's frame [m].
+        guess : array of float
+            As poses of `ScanHistory.insert`.
+        window : (3,), (4,) or (6,) array of float
+            How far the pose may be from the guess to each side: dx, dy, dyaw, or dx, dy, dz, dyaw, droll, dpitch [m, rad].
+        information : (3, 3) or (6, 6) array of float, optional
+            Inverse covariance of the guess, as `Match.covariance` has it: the refinement weighs it, less where the search
+            ends far from the guess.
+        apart, apart_angle : float
+            As far from the best [m] or turned as far [rad], a pose is another one.
+        second : bool
+            Whether to look for the best of the others, which costs another search.
+
+        Returns
+        -------
+        Match
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, or the window negative or too large.
+        """
+    def match_all(
+        self,
+        scans: Sequence[ArrayLike],
+        guesses: ArrayLike,
+        *,
+        window: ArrayLike,
+        apart: float = 0.5,
+        apart_angle: float = 0.35,
+        threads: int = 0,
+    ) -> list[Match]:
+        """Poses of many scans; the same with any number of threads.
+
+        Parameters
+        ----------
+        scans : sequence of (n, dim) array of float
+            End points, each in its sensor's frame [m].
+        guesses : array of float
+            A pose for each.
+        window, apart, apart_angle
+            As of `match`.
+        threads : int
+            0: all cores.
+
+        Returns
+        -------
+        list of Match
         """
 
 class ScanHistory:
@@ -1068,6 +1174,68 @@ class OccupancyMap:
             .distance (n,), inf where there is nothing, 0 in an occupied cell; .point (n, dim), nan where there is
             nothing.
         """
+    def match(
+        self,
+        points: ArrayLike,
+        guess: ArrayLike,
+        *,
+        window: ArrayLike,
+        cell_size: float | None = None,
+        apart: float = 0.5,
+        apart_angle: float = 0.35,
+    ) -> Match:
+        """The pose of a scan in the map: the best of a window around a guess, refined.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            End points in the sensor's frame, dim 2 or 3 [m].
+        guess : array of float
+            Of the sensor, as poses of `ScanHistory.insert`.
+        window : (3,), (4,) or (6,) array of float
+            How far the pose may be from the guess: dx, dy, dyaw, or dx, dy, dz, dyaw, droll, dpitch [m, rad].
+        cell_size : float, optional
+            Of the grid of poses [m]. Default: that of the smallest cells.
+        apart, apart_angle : float
+            As far from the best [m] or turned as far [rad], a pose is another one.
+
+        Returns
+        -------
+        Match
+
+        Raises
+        ------
+        ValueError
+            A shape is wrong, or the window negative or too large.
+
+        See Also
+        --------
+        matcher : to match many scans with a map that does not change.
+        """
+    def matcher(
+        self,
+        box: ArrayLike | None = None,
+        *,
+        cell_size: float | None = None,
+        sigma: float | None = None,
+        radius: float | None = None,
+        noise: float = 0.02,
+    ) -> Matcher:
+        """A matcher of the map's occupied cells as they are now.
+
+        Parameters
+        ----------
+        box : (2, dim) array of float, optional
+            Only cells that share a point with it [m].
+        cell_size : float, optional
+            Of the grid of poses [m]. Default: that of the smallest cells.
+        sigma, radius, noise
+            As of `Matcher`.
+
+        Returns
+        -------
+        Matcher
+        """
     def distance_field(
         self,
         box: ArrayLike,
@@ -1809,6 +1977,40 @@ def pose_matrix(pose: ArrayLike, *, dim: int, name: str = "pose") -> NDArray[np.
     ------
     ValueError
         As of `OccupancyMap.transformed`.
+    """
+
+def solve_pose_graph(
+    poses: ArrayLike,
+    pairs: ArrayLike,
+    measured: ArrayLike,
+    information: ArrayLike,
+    kernels: ArrayLike,
+    *,
+    iterations: int = 50,
+) -> tuple[NDArray[np.float64], int, float, float]:
+    """Poses in the plane that fit measurements between them best.
+
+    Parameters
+    ----------
+    poses : (n, 3) array of float
+        x, y and yaw to start from; the first stays.
+    pairs : (m, 2) array
+        Numbers of poses; a measurement is the second as seen from the first.
+    measured : (m, 3) array of float
+        x, y and yaw.
+    information : (m, 3, 3) array of float
+        Inverse covariances, in the first's frame.
+    kernels : (m,) array of float
+        Standard deviations from which on a measurement counts half and less; 0: it counts whatever it is.
+    iterations : int
+        At most.
+
+    Returns
+    -------
+    poses : (n, 3) float64
+    iterations : int
+    before, after : float
+        Sums of squared errors in standard deviations.
     """
 
 @overload

@@ -36,6 +36,8 @@ class Scan:
     points_only : bool
         There is no sensor: the smallest cells that hold an end point become occupied, nothing becomes free,
         and `origin` is not looked at.
+    heading : float, optional
+        Direction of the sensor in the plane, its yaw [rad], where a 2-D log says it; maps do not need it.
 
     Raises
     ------
@@ -49,6 +51,7 @@ class Scan:
     stamp: float = 0.0
     range_sigma: NDArray[np.floating[Any]] | None = None
     points_only: bool = False
+    heading: float | None = None
 
     def __post_init__(self) -> None:
         refuse_masked("Scan", {f.name: getattr(self, f.name) for f in fields(self)})
@@ -142,6 +145,7 @@ class Scan:
             self.stamp,
             part(self.range_sigma),
             self.points_only,
+            self.heading,
         )
 
     def returned_beams(

@@ -62,8 +62,8 @@ class Disagreement:
         when = f"from {self.since:.1f} s on" if math.isfinite(self.since) else "from some scan on"
         return (
             f"{when}, scans that follow each other disagree by {self.error:.2f} m while the poses move "
-            f"{self.moved:.2f} m: wheels slip or poses drift; poses of a SLAM or a localization help, "
-            "or --to before that"
+            f"{self.moved:.2f} m: wheels slip or poses drift; --align, or poses of a SLAM or a localization "
+            "help, or --to before that"
         )
 
 

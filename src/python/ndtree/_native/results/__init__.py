@@ -3,6 +3,7 @@
 
 from ndtree._native.results.arrays import Answers as Answers
 from ndtree._native.results.arrays import Changes, Frontier, Leaves, NearestOccupied, RayEnds
+from ndtree._native.results.match import Match
 from ndtree._native.results.reports import Claims, CompressReport, HistoryReport, InsertReport, MapStats
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "InsertReport",
     "Leaves",
     "MapStats",
+    "Match",
     "NearestOccupied",
     "RayEnds",
 ]

@@ -27,6 +27,10 @@ COMMANDS = {
         "map_log",
         "Build a map from a log, and write it to a file. Several logs give a map each, or with --merge one.",
     ),
+    "align": (
+        "align",
+        "Find the poses of a 2-D laser's log, where its own drift or it has none.",
+    ),
     "clean": (
         "clean",
         "Write the points of a log without what moved: people, cars, doors.",
@@ -53,7 +57,7 @@ COMMANDS = {
     ),
     "view": (
         "view",
-        "Show a map on an interactive page of this computer until Ctrl-C, or draw it into a file.",
+        "Show a map on a page of this computer until Ctrl-C, or draw it into a file.",
     ),
     "convert": ("convert", "Write a map as a file of another kind."),
     "info": ("info", "Say what is in a map or a log."),

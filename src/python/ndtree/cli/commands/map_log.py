@@ -41,6 +41,7 @@ from ndtree.tuning.settings import Settings
         "ndtree map drive.bag -o drive.ndt --topic /scan --fixed-frame map --from 10 --keep-going",
         "ndtree map monday.bag tuesday.bag -o maps/",
         "ndtree map monday.bag tuesday.bag --merge -o both.ndt",
+        "ndtree map drive.log --align -o drive.ndt",
         "ndtree map crowded.bag -o hall.ndt --static",
         "ndtree map city.bag -o city.tiles --max-resident 500MB",
     ),
@@ -70,6 +71,9 @@ def map_(
         typer.Option(
             "--static", help="Leave out what moved, such as people and cars: reads the log 3 times."
         ),
+    ] = False,
+    align: Annotated[
+        bool, typer.Option("--align", help="Find the poses of a 2-D log first: its own drift.")
     ] = False,
     picture: Annotated[Optional[Path], typer.Option(metavar="FILE", help="Draw the map, too.")] = None,
     style: StyleOption = None,
@@ -109,7 +113,11 @@ def map_(
     """
     if style is not None and picture is None:
         raise WrongCall("--style: is for --picture")
-    wanted = _Wanted(fixed, static, options, dim, max_range, limit_of(max_range), no_return.value, reading)
+    wanted = _Wanted(
+        fixed, static, align, options, dim, max_range, limit_of(max_range), no_return.value, reading
+    )
+    if align and merge:
+        raise WrongCall("--align: makes a frame for each log, expected no --merge")
     if len(logs) > 1 and not merge:
         alone = {"--picture": picture, "--record": record, "--watch": watch or None}
         for flag, value in alone.items():
@@ -173,6 +181,7 @@ class _Wanted:
 
     fixed: bool
     static: bool
+    align: bool
     options: dict[str, Any]
     dim: Optional[int]
     max_range: Optional[float]  # As it was given.
@@ -182,6 +191,8 @@ class _Wanted:
 
     def open(self, logs: Sequence[Path]) -> Log:
         opened = [self.reading.open(log, self.dim, self.max_range) for log in logs]
+        if self.align:
+            opened = [_aligned(log) for log in opened]
         return opened[0] if len(opened) == 1 else JoinedLog(opened)
 
     def settings(self, log: Log) -> Settings:
@@ -200,6 +211,15 @@ class _Wanted:
             observers=observers,
             static=self.static,
         )
+
+
+def _aligned(log: Log) -> Log:
+    """A log with poses that fit what its scans saw."""
+    from ndtree.cli.commands.align import aligned  # Not for all other maps.
+
+    found = aligned(log)
+    log.notes.append(f"aligned: {found}")
+    return found.log
 
 
 def _map_each(

@@ -44,6 +44,7 @@ def _maps(name: str, value: str, unit: str, when: str) -> Row:
 QUESTIONS: dict[str, tuple[Row, ...]] = {
     "What is written, and where?": (
         Row("output", "PATH", "LOG's name with .ndt, here", "always, where the name matters"),
+        Row("map_file", "MAP", "none", "the map of the poses that were found, too"),
         Row("merge", "", "a map each", "several logs in one frame, one map"),
         Row("picture", "FILE", "none", "to see the map at once"),
         Row("style", "ros|paper", "ros", "the paper's grey levels in pictures"),
@@ -111,6 +112,8 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("look", "", "off", "what mapping will choose, and how long it takes"),
     ),
     "Where was the sensor?": (
+        Row("align", "", "as the log says", "a 2-D log whose walls come out double: its poses drift"),
+        Row("loops", "", "on", "--no-loops: poses alone that drift slowly, as from a laser's odometry"),
         Row("trajectory", "FILE", "none", "poses in a file: TUM or KITTI"),
         Row("fixed_frame", "FRAME", "map, odom, world or a root", "another frame for the map"),
         Row("odometry", "TOPIC", "/tf", "a bag without /tf"),
@@ -197,6 +200,8 @@ DEFAULTS = {
     ("demo", "output"): "ndtree-demo",
     ("simulate", "output"): "the world's name with .npz, here",
     ("study", "output"): "as CONFIG says",
+    ("align", "output"): "none: must be given",
+    ("align", "max_range"): "40 m",
     ("clean", "output"): "none: must be given",
     ("live", "output"): "none",
     ("fleet", "output"): "none: must be given",
@@ -214,6 +219,7 @@ TOUCHED = {
     "demo": ("min_cell_size", "max_range", "no_return", "every", "json_file"),
     "simulate": ("scans", "seed", "people", "doors", "cars"),
     "map": ("min_cell_size", "max_range", "topic", "trajectory", "picture"),
+    "align": ("map_file", "picture", "max_range", "loops", "every"),
     "clean": ("mark", "picture", "max_range", "topic", "trajectory"),
     "live": ("rate", "window", "watch", "resume", "min_cell_size"),
     "fleet": ("min_cell_size", "max_range", "engine", "workers", "tile_size"),

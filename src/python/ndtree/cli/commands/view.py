@@ -56,7 +56,7 @@ def view(
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
     reading: Any = None,
 ) -> None:
-    """Show a map on an interactive page of this computer until Ctrl-C, or draw it into a file.
+    """Show a map on a page of this computer until Ctrl-C, or draw it into a file.
 
     Rooms are cut below their ceiling, unless --slice says where; the page's switch "Slice" brings it back.
     """

@@ -64,7 +64,7 @@ class CarmenLog(LineLog):
             record = parser.parse_line(_with_no_echo(line) if self.zero_is == NO_ECHO else line)
             if record is None:
                 return None
-            scan = Scan(*record)
+            scan = Scan(*record, heading=_heading_of(line))
             self.zeros += _zeros_of(line, scan)
             return scan
 
@@ -102,6 +102,16 @@ def _recognises(source: Source) -> bool:
     if not fields:
         return False
     return fields[0] in KEYWORDS or _LASER_RECORD.search(source.head) is not None
+
+
+def _heading_of(line: str) -> float:
+    """Yaw of the laser [rad] in a record that could be read; its pose stands behind ranges and remissions."""
+    fields = line.split()
+    begin = _FIRST_RANGE[fields[0]]
+    end = begin + int(fields[begin - 1])
+    if fields[0] == "ROBOTLASER1":
+        end += 1 + int(fields[end])
+    return float(fields[end + 2])
 
 
 def _zeros_of(line: str, scan: Scan) -> int:

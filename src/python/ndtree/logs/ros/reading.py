@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
@@ -24,6 +27,8 @@ from ndtree.logs.ros.storage import Raw
 
 #: The note about messages with senseless times of beams, or a senseless largest range.
 _SENSELESS = "the times of beams make no sense, and all beams count as measured at the stamp"
+_LEAST_WAY = 0.1  # Of beams that tell how a sensor is turned [m].
+_TURNED_ALIKE = 0.3  # Beams of one message, at most apart [rad].
 _UNLIMITED = "the largest range makes no sense, and counts as not given"
 
 
@@ -193,7 +198,8 @@ class MessageReader:
         sigma = self._sensors[one.topic].sigma
         sigmas = None if sigma is None else np.full(len(ends), sigma)
         dim = self._dim
-        return Scan(ends[:, :dim], origins[..., :dim], beams.returned, one.stamp, sigmas)
+        heading = heading_of(beams.points, ends, origins) if dim == 2 and place.observer is None else None
+        return Scan(ends[:, :dim], origins[..., :dim], beams.returned, one.stamp, sigmas, heading=heading)
 
     def _tell(self, one: Measured, what: str, said: str) -> None:
         """Count messages of a topic in which something is wrong that they are mapped in spite of."""
@@ -228,3 +234,25 @@ def elsewhere_said(sensor: Sensor, others: list[str]) -> str:
         f"{count} of {sensor.topic.messages} messages of {sensor.topic.name} are left out: they are in "
         f"{', '.join(others) or 'no frame'}, and nothing says where that is"
     )
+
+
+def heading_of(
+    local: NDArray[np.floating[Any]], ends: NDArray[np.float64], origins: NDArray[np.float64]
+) -> float | None:
+    """Yaw of a sensor [rad]: how far its beams are turned in the map; None if not all are turned alike.
+
+    Parameters
+    ----------
+    local, ends : (n, 3)
+        End points in the sensor's frame and in the map [m]; a sensor that turns fast may turn beams apart.
+    origins : (3,) or (n, 3)
+        Of the beams in the map [m].
+    """
+    ways = ends - origins
+    turns = np.arctan2(ways[:, 1], ways[:, 0]) - np.arctan2(local[:, 1], local[:, 0])
+    turns = turns[np.isfinite(turns) & (np.hypot(local[:, 0], local[:, 1]) > _LEAST_WAY)]
+    if not len(turns):
+        return None
+    middle = math.atan2(float(np.sin(turns).mean()), float(np.cos(turns).mean()))
+    apart = np.abs((turns - middle + math.pi) % (2 * math.pi) - math.pi)
+    return middle if float(apart.max()) < _TURNED_ALIKE else None

@@ -1,0 +1,465 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include "ndtree/query/match.hpp"
+
+#include <pybind11/eigen.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "arguments.hpp"
+#include "binders.hpp"
+#include "ndtree/alignment/matcher.hpp"
+#include "ndtree/alignment/pose_graph.hpp"
+#include "ndtree/core/parallel.hpp"
+#include "numpy.hpp"
+#include "python_map.hpp"
+#include "released.hpp"
+
+namespace py = pybind11;
+using namespace pybind11::literals;
+
+namespace ndtree::python {
+namespace {
+
+using AnyMatcher = std::variant<std::shared_ptr<const Matcher<2>>, std::shared_ptr<const Matcher<3>>>;
+
+struct PythonMatcher {
+  AnyMatcher matcher;
+
+  [[nodiscard]] int dim() const { return static_cast<int>(matcher.index()) + 2; }
+};
+
+/// Of any dimension; matrices by rows.
+struct PythonMatch {
+  Eigen::MatrixXd pose;
+  Eigen::MatrixXd covariance;
+  double score;
+  double second;
+  double inliers;
+};
+
+template <int D>
+PythonMatch to_python(const Match<D>& match) {
+  Eigen::MatrixXd pose = Eigen::MatrixXd::Identity(D + 1, D + 1);
+  pose.topLeftCorner<D, D>() = match.pose.rotation;
+  pose.topRightCorner<D, 1>() = match.pose.translation;
+  return {pose, match.covariance, match.score, match.second, match.inliers};
+}
+
+template <int D>
+Points<D> points_of(const DoubleArray& array) {
+  return Eigen::Map<const Points<D>>(array.data(), D, array.shape(0));
+}
+
+template <int D>
+Pose<D> pose_at(const Poses& poses, std::size_t i = 0) {
+  const double* const numbers = poses.numbers.data() + i * (D * D + D);
+  Pose<D> pose;
+  for (int row = 0; row < D; ++row)
+    for (int column = 0; column < D; ++column) pose.rotation(row, column) = numbers[row * D + column];
+  pose.translation = Eigen::Map<const Vector<D>>(numbers + D * D);
+  return pose;
+}
+
+/// (dx, dy, dyaw), or (dx, dy, dz, dyaw[, droll, dpitch]).
+template <int D>
+MatchWindow<D> window_of(const DoubleArray& numbers, double apart, double apart_angle) {
+  const py::ssize_t count = numbers.ndim() == 1 ? numbers.shape(0) : -1;
+  if (D == 2 ? count != 3 : count != 4 && count != 6)
+    throw py::value_error("window has shape " + shape_text(numbers) + ": must be " +
+                          (D == 2 ? "(3,): dx, dy, dyaw" : "(4,) or (6,): dx, dy, dz, dyaw, droll, dpitch"));
+  if (!(apart > 0.0) || !(apart_angle > 0.0))
+    throw py::value_error("apart = " + number_text(apart) +
+                          " m and apart_angle = " + number_text(apart_angle) + " rad: must be > 0");
+  MatchWindow<D> window;
+  for (int a = 0; a < D; ++a) window.half[a] = numbers.data()[a];
+  constexpr std::array<int, 3> kAxes = D == 2 ? std::array<int, 3>{2, 2, 2} : std::array<int, 3>{5, 3, 4};
+  for (int a = D; a < count; ++a) window.half[kAxes[static_cast<std::size_t>(a - D)]] = numbers.data()[a];
+  window.apart = apart;
+  window.apart_angle = apart_angle;
+  return window;
+}
+
+template <int D>
+MotionMatrix<D> information_of(const py::object& object) {
+  if (object.is_none()) return MotionMatrix<D>::Zero();
+  const DoubleArray array = as_doubles(object, "information");
+  if (array.ndim() != 2 || array.shape(0) != kFreedoms<D> || array.shape(1) != kFreedoms<D>)
+    throw py::value_error("information has shape " + shape_text(array) + ": must be (" +
+                          std::to_string(kFreedoms<D>) + ", " + std::to_string(kFreedoms<D>) + ")");
+  const MotionMatrix<D> matrix = Eigen::Map<const MotionMatrix<D>>(array.data());
+  if (!matrix.allFinite() || !matrix.isApprox(matrix.transpose()))
+    throw py::value_error("information: must be finite and symmetric");
+  return matrix;
+}
+
+MatchOptions options_of(double cell_size, const py::object& sigma, const py::object& radius, double noise) {
+  MatchOptions options;
+  options.cell_size = cell_size;
+  options.sigma = sigma.is_none() ? cell_size : sigma.cast<double>();
+  options.radius = radius.is_none() ? 4.0 * cell_size : radius.cast<double>();
+  options.noise = noise;
+  options.validate();
+  return options;
+}
+
+PythonMatcher make_matcher(const py::object& points, double cell_size, const py::object& sigma,
+                           const py::object& radius, double noise) {
+  const MatchOptions options = options_of(cell_size, sigma, radius, noise);
+  const DoubleArray any = as_doubles(points, "points");
+  const int dim = any.ndim() == 2 && any.shape(1) == 3 ? 3 : 2;
+  const DoubleArray array = as_points(points, "points", dim);
+  const Released released;
+  if (dim == 2) return {std::make_shared<const Matcher<2>>(points_of<2>(array), options)};
+  return {std::make_shared<const Matcher<3>>(points_of<3>(array), options)};
+}
+
+/// Calls `use` with the matcher of one dimension, as its own type.
+template <class Use>
+auto with(const PythonMatcher& m, const Use& use) {
+  return std::visit([&](const auto& matcher) { return use(*matcher); }, m.matcher);
+}
+
+template <int D>
+PythonMatch match_one(const Matcher<D>& matcher, const py::object& points, const py::object& guess,
+                      const py::object& window, const py::object& information, double apart,
+                      double apart_angle, bool second) {
+  const DoubleArray array = as_points(points, "points", D);
+  const Pose<D> from = pose_at<D>(pose_from(guess, D, "guess"));
+  const MatchWindow<D> in = window_of<D>(as_doubles(window, "window"), apart, apart_angle);
+  const MotionMatrix<D> known = information_of<D>(information);
+  const Released released;
+  return to_python(matcher.match(points_of<D>(array), from, in, known, second));
+}
+
+template <int D>
+std::vector<PythonMatch> match_many(const Matcher<D>& matcher, const std::vector<py::object>& scans,
+                                    const py::object& guesses, const py::object& window, double apart,
+                                    double apart_angle, int threads) {
+  const Poses from = poses_from(guesses, D, "guesses");
+  if (from.count != scans.size())
+    throw py::value_error("guesses: are " + std::to_string(from.count) + ", must be one for each of the " +
+                          std::to_string(scans.size()) + " scans");
+  if (threads < 0) throw py::value_error("threads = " + std::to_string(threads) + ": must be >= 0");
+  const MatchWindow<D> in = window_of<D>(as_doubles(window, "window"), apart, apart_angle);
+  std::vector<DoubleArray> arrays;
+  arrays.reserve(scans.size());
+  for (const py::object& scan : scans) arrays.push_back(as_points(scan, "scans", D));
+  std::vector<Points<D>> points;
+  points.reserve(arrays.size());
+  for (const DoubleArray& array : arrays) points.push_back(points_of<D>(array));
+  std::vector<PythonMatch> results(scans.size());
+  const Released released;
+  const unsigned cores = threads > 0 ? static_cast<unsigned>(threads) : std::thread::hardware_concurrency();
+  Workers workers(std::max(1u, cores));
+  workers.for_each_task(scans.size(), [&](std::size_t, std::size_t i) {
+    results[i] = to_python(matcher.match(points[i], pose_at<D>(from, i), in));
+  });
+  return results;
+}
+
+/// The occupied cells around where a scan may be.
+template <int D>
+Matcher<D> matcher_of(const PythonMap& map, const Box<D>& box, const MatchOptions& options) {
+  RegionStates occupied;
+  occupied.occupied = true;
+  const LeafArrays leaves = map.read(
+      [&](const MapInterface& m) { return m.leaves_in(box.lower.data(), box.upper.data(), occupied); });
+  PointsOfBoxes<D> surface(options.cell_size);
+  for (std::size_t i = 0; i < leaves.size.size(); ++i) {
+    const Vector<D> lower = Eigen::Map<const Vector<D>>(leaves.lower.data() + i * D);
+    surface.add({lower, lower.array() + leaves.size[i]});
+  }
+  return Matcher<D>(surface.points(), options);
+}
+
+void require_plane_or_space(const PythonMap& map) {
+  const int dim = map.constant().dim();
+  if (dim != 2 && dim != 3) throw py::value_error("dim = " + std::to_string(dim) + ": must be 2 or 3");
+}
+
+double cell_size_of(const PythonMap& map, const py::object& cell_size) {
+  return cell_size.is_none() ? map.constant().options().min_cell_size : cell_size.cast<double>();
+}
+
+PythonMatcher matcher_of_map(const PythonMap& map, const py::object& box, const py::object& cell_size,
+                             const py::object& sigma, const py::object& radius, double noise) {
+  require_plane_or_space(map);
+  const MatchOptions options = options_of(cell_size_of(map, cell_size), sigma, radius, noise);
+  const int dim = map.constant().dim();
+  DoubleArray corners;
+  if (!box.is_none()) corners = as_corners(box, "box", dim);
+  const auto make = [&](auto dimension) -> PythonMatcher {
+    constexpr int D = decltype(dimension)::value;
+    constexpr double kFar = std::numeric_limits<double>::infinity();
+    Box<D> region{Vector<D>::Constant(-kFar), Vector<D>::Constant(kFar)};
+    if (!box.is_none()) {
+      region.lower = Eigen::Map<const Vector<D>>(corners.data());
+      region.upper = Eigen::Map<const Vector<D>>(corners.data() + D);
+    }
+    return {std::make_shared<const Matcher<D>>(matcher_of<D>(map, region, options))};
+  };
+  return dim == 2 ? make(std::integral_constant<int, 2>()) : make(std::integral_constant<int, 3>());
+}
+
+template <int D>
+PythonMatch match_in_map(const PythonMap& map, const py::object& points, const py::object& guess,
+                         const py::object& window, const MatchOptions& options, double apart,
+                         double apart_angle) {
+  const DoubleArray array = as_points(points, "points", D);
+  const Pose<D> from = pose_at<D>(pose_from(guess, D, "guess"));
+  const MatchWindow<D> in = window_of<D>(as_doubles(window, "window"), apart, apart_angle);
+  for (int a = 0; a < kFreedoms<D>; ++a)
+    if (!(in.half[a] >= 0.0 && std::isfinite(in.half[a])))
+      throw py::value_error("window = " + number_text(in.half[a]) + ": must be >= 0 and finite");
+  const Matcher<D> matcher = matcher_of<D>(map, reach_of<D>(points_of<D>(array), from, in.half), options);
+  const Released released;
+  return to_python(matcher.match(points_of<D>(array), from, in));
+}
+
+PythonMatch match_map(const PythonMap& map, const py::object& points, const py::object& guess,
+                      const py::object& window, const py::object& cell_size, double apart,
+                      double apart_angle) {
+  require_plane_or_space(map);
+  const MatchOptions options =
+      options_of(cell_size_of(map, cell_size), py::none(), py::none(), MatchOptions{}.noise);
+  return map.constant().dim() == 2 ? match_in_map<2>(map, points, guess, window, options, apart, apart_angle)
+                                   : match_in_map<3>(map, points, guess, window, options, apart, apart_angle);
+}
+
+py::tuple solve_graph(const py::object& poses, const py::object& pairs, const py::object& measured,
+                      const py::object& information, const py::object& kernels, int iterations) {
+  const DoubleArray start = as_points(poses, "poses", 3);
+  const DoubleArray relative = as_points(measured, "measured", 3);
+  const py::ssize_t count = relative.shape(0);
+  const DoubleArray numbers = as_points(pairs, "pairs", 2);
+  const DoubleArray matrices = as_doubles(information, "information");
+  const DoubleArray scales = as_doubles(kernels, "kernels");
+  if (numbers.shape(0) != count || matrices.ndim() != 3 || matrices.shape(0) != count ||
+      matrices.shape(1) != 3 || matrices.shape(2) != 3 || scales.ndim() != 1 || scales.shape(0) != count)
+    throw py::value_error("pairs " + shape_text(numbers) + ", information " + shape_text(matrices) +
+                          " and kernels " + shape_text(scales) + ": must have one for each of measured " +
+                          shape_text(relative));
+  std::vector<PlanarPose> at(static_cast<std::size_t>(start.shape(0)));
+  for (std::size_t i = 0; i < at.size(); ++i) at[i] = Eigen::Map<const PlanarPose>(start.data() + 3 * i);
+  std::vector<PoseRelation> relations(static_cast<std::size_t>(count));
+  for (std::size_t i = 0; i < relations.size(); ++i) {
+    const double* const pair = numbers.data() + 2 * i;
+    if (!(pair[0] >= 0.0) || !(pair[1] >= 0.0)) throw py::value_error("pairs: must be >= 0");
+    relations[i].from = static_cast<std::size_t>(pair[0]);
+    relations[i].to = static_cast<std::size_t>(pair[1]);
+    relations[i].measured = Eigen::Map<const PlanarPose>(relative.data() + 3 * i);
+    relations[i].information = Eigen::Map<const Eigen::Matrix3d>(matrices.data() + 9 * i);
+    relations[i].kernel = scales.data()[i];
+  }
+  PoseGraphReport report;
+  {
+    const Released released;
+    report = solve(at, relations, iterations);
+  }
+  std::vector<double> moved;
+  moved.reserve(3 * at.size());
+  for (const PlanarPose& pose : at) moved.insert(moved.end(), pose.data(), pose.data() + 3);
+  return py::make_tuple(take(std::move(moved), 3), report.iterations, report.before, report.after);
+}
+
+}  // namespace
+
+void bind_match(py::module_& module) {
+  const MatchOptions defaults;
+  py::class_<PythonMatch>(module, "Match", "The pose of a scan that was found.")
+      .def_readonly("pose", &PythonMatch::pose, "(dim + 1, dim + 1) float64: of the sensor in the map.")
+      .def_readonly(
+          "covariance", &PythonMatch::covariance,
+          "(3, 3) or (6, 6) float64: of x, y, yaw, or of x, y, z, roll, pitch, yaw, along and about the "
+          "map's axes [m, rad].")
+      .def_readonly("score", &PythonMatch::score,
+                    "float: mean likelihood of the end points at the best pose of the window's grid, 0 to 1.")
+      .def_readonly("second", &PythonMatch::second,
+                    "float: the same of the best pose elsewhere in the window; 0 if there is none.")
+      .def_readonly("inliers", &PythonMatch::inliers,
+                    "float: fraction of the points that lie on a surface at the refined pose.");
+
+  py::class_<PythonMatcher>(module, "Matcher", R"(Finds scans among points of surfaces.
+
+Made once, and used for many scans, from several threads at once.
+
+Parameters
+----------
+points : (n, dim) array of float
+    On surfaces, dim 2 or 3 [m].
+cell_size : float
+    Of the grid of poses [m].
+sigma : float, optional
+    Of an end point's distance from a surface, in the search [m]. Default: cell_size.
+radius : float, optional
+    Of the points that shape a piece of the surface [m]. Default: four cells.
+noise : float
+    Least standard deviation across a surface, in the refinement [m].
+
+Raises
+------
+ValueError
+    A size is out of bounds, or the surface has more than 2^30 cells.
+)")
+      .def(py::init(&make_matcher), "points"_a, py::kw_only(), "cell_size"_a = defaults.cell_size,
+           "sigma"_a = py::none(), "radius"_a = py::none(), "noise"_a = defaults.noise)
+      .def_property_readonly("dim", &PythonMatcher::dim, "int: dimension of space.")
+      .def(
+          "match",
+          [](const PythonMatcher& m, const py::object& points, const py::object& guess,
+             const py::object& window, const py::object& information, double apart, double apart_angle,
+             bool second) {
+            return with(m, [&](const auto& matcher) {
+              return match_one(matcher, points, guess, window, information, apart, apart_angle, second);
+            });
+          },
+          "points"_a, "guess"_a, py::kw_only(), "window"_a, "information"_a = py::none(), "apart"_a = 0.5,
+          "apart_angle"_a = 0.35, "second"_a = true, R"(The best pose of a window around a guess, refined.
+
+All poses of the window's grid count, whose steps are a cell, and a turn that moves the farthest point by a cell:
+branch and bound finds the best of them surely.
+
+Parameters
+----------
+points : (n, dim) array of float
+    End points in the sensor's frame [m].
+guess : array of float
+    As poses of `ScanHistory.insert`.
+window : (3,), (4,) or (6,) array of float
+    How far the pose may be from the guess to each side: dx, dy, dyaw, or dx, dy, dz, dyaw, droll, dpitch [m, rad].
+information : (3, 3) or (6, 6) array of float, optional
+    Inverse covariance of the guess, as `Match.covariance` has it: the refinement weighs it, less where the search
+    ends far from the guess.
+apart, apart_angle : float
+    As far from the best [m] or turned as far [rad], a pose is another one.
+second : bool
+    Whether to look for the best of the others, which costs another search.
+
+Returns
+-------
+Match
+
+Raises
+------
+ValueError
+    A shape is wrong, or the window negative or too large.
+)")
+      .def(
+          "match_all",
+          [](const PythonMatcher& m, const std::vector<py::object>& scans, const py::object& guesses,
+             const py::object& window, double apart, double apart_angle, int threads) {
+            return with(m, [&](const auto& matcher) {
+              return match_many(matcher, scans, guesses, window, apart, apart_angle, threads);
+            });
+          },
+          "scans"_a, "guesses"_a, py::kw_only(), "window"_a, "apart"_a = 0.5, "apart_angle"_a = 0.35,
+          "threads"_a = 0, R"(Poses of many scans; the same with any number of threads.
+
+Parameters
+----------
+scans : sequence of (n, dim) array of float
+    End points, each in its sensor's frame [m].
+guesses : array of float
+    A pose for each.
+window, apart, apart_angle
+    As of `match`.
+threads : int
+    0: all cores.
+
+Returns
+-------
+list of Match
+)");
+
+  auto map = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
+  map.def("match", &match_map, "points"_a, "guess"_a, py::kw_only(), "window"_a, "cell_size"_a = py::none(),
+          "apart"_a = 0.5, "apart_angle"_a = 0.35,
+          R"(The pose of a scan in the map: the best of a window around a guess, refined.
+
+Parameters
+----------
+points : (n, dim) array of float
+    End points in the sensor's frame, dim 2 or 3 [m].
+guess : array of float
+    Of the sensor, as poses of `ScanHistory.insert`.
+window : (3,), (4,) or (6,) array of float
+    How far the pose may be from the guess: dx, dy, dyaw, or dx, dy, dz, dyaw, droll, dpitch [m, rad].
+cell_size : float, optional
+    Of the grid of poses [m]. Default: that of the smallest cells.
+apart, apart_angle : float
+    As far from the best [m] or turned as far [rad], a pose is another one.
+
+Returns
+-------
+Match
+
+Raises
+------
+ValueError
+    A shape is wrong, or the window negative or too large.
+
+See Also
+--------
+matcher : to match many scans with a map that does not change.
+)");
+  map.def("matcher", &matcher_of_map, "box"_a = py::none(), py::kw_only(), "cell_size"_a = py::none(),
+          "sigma"_a = py::none(), "radius"_a = py::none(), "noise"_a = defaults.noise,
+          R"(A matcher of the map's occupied cells as they are now.
+
+Parameters
+----------
+box : (2, dim) array of float, optional
+    Only cells that share a point with it [m].
+cell_size : float, optional
+    Of the grid of poses [m]. Default: that of the smallest cells.
+sigma, radius, noise
+    As of `Matcher`.
+
+Returns
+-------
+Matcher
+)");
+
+  module.def("solve_pose_graph", &solve_graph, "poses"_a, "pairs"_a, "measured"_a, "information"_a,
+             "kernels"_a, py::kw_only(), "iterations"_a = 50,
+             R"(Poses in the plane that fit measurements between them best.
+
+Parameters
+----------
+poses : (n, 3) array of float
+    x, y and yaw to start from; the first stays.
+pairs : (m, 2) array
+    Numbers of poses; a measurement is the second as seen from the first.
+measured : (m, 3) array of float
+    x, y and yaw.
+information : (m, 3, 3) array of float
+    Inverse covariances, in the first's frame.
+kernels : (m,) array of float
+    Standard deviations from which on a measurement counts half and less; 0: it counts whatever it is.
+iterations : int
+    At most.
+
+Returns
+-------
+poses : (n, 3) float64
+iterations : int
+before, after : float
+    Sums of squared errors in standard deviations.
+)");
+}
+
+}  // namespace ndtree::python

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses of a log from what its scans saw."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from ndtree.alignment.loops import Graph
+from ndtree.alignment.planar import Floats
+from ndtree.alignment.result import Alignment, between_keys
+from ndtree.alignment.sensor_scans import pose_in_log, sensor_scans
+from ndtree.alignment.tracking import NO_ODOMETRY, Motion, Tracker
+from ndtree.base.progress import Progress, no_progress
+from ndtree.logs.core.log import Log, SizedLog, require_log
+
+#: Farther end points say little of poses in buildings [m].
+MAX_RANGE = 40.0
+_STILL = 1e-3  # Poses of a log that stay within this do not say how the sensor moved [m].
+
+
+def align(
+    log: Log,
+    *,
+    max_range: float = MAX_RANGE,
+    cell_size: float = 0.05,
+    odometry: bool | None = None,
+    close_loops: bool = True,
+    progress: Progress = no_progress,
+) -> Alignment:
+    """Find the poses of a 2-D log's scans: each matched with those before, and places seen again.
+
+    Parameters
+    ----------
+    log : Log
+        In 2-D, its scans in the order in which they were taken.
+    max_range : float
+        Farther end points are left out [m].
+    cell_size : float
+        Of the maps that scans are matched with [m].
+    odometry : bool, optional
+        Whether the log's poses say how the sensor moved. Default: unless they are all the same.
+    close_loops : bool
+        Whether to look for places seen again; else poses drift slowly.
+    progress : callable
+        Called as ``progress(what, done, total)``.
+
+    Returns
+    -------
+    Alignment
+
+    Raises
+    ------
+    ValueError
+        The log is not 2-D, has no scans, or an argument is out of bounds.
+    """
+    require_log(log)
+    if log.dim != 2:
+        raise ValueError(f"{log.name}: is {log.dim}-D, expected a 2-D log")
+    for name, value in (("max_range", max_range), ("cell_size", cell_size)):
+        if not value > 0:
+            raise ValueError(f"{name} = {value:g} m: must be > 0")
+    begin = time.perf_counter()
+    moves = _moves(log) if odometry is None else odometry
+    tracker = Tracker(cell_size, Motion() if moves else NO_ODOMETRY, moves)
+    track = tracker.track
+    stamps: list[float] = []
+    by_log: list[Floats] = []
+    total = len(log) if isinstance(log, SizedLog) else 0
+    for scan in sensor_scans(log, max_range):
+        tracker.add(scan)
+        stamps.append(scan.stamp)
+        by_log.append(scan.pose)
+        progress("matching scans", len(stamps), total)
+    if not stamps:
+        raise ValueError(f"{log.name}: no scans, expected at least one")
+    graph = Graph(track)
+    if close_loops:
+        graph.close(progress)
+    return Alignment(
+        source=log,
+        poses=between_keys(np.array(track.poses), track.keys, graph.poses),
+        odometry=np.array(by_log),
+        stamps=np.array(stamps),
+        key_scans=np.array(track.keys),
+        loops=graph.loops,
+        tested=graph.tested,
+        contradicted=graph.contradicted,
+        lost=track.lost,
+        has_odometry=moves,
+        seconds=time.perf_counter() - begin,
+        _scans=track.scans,
+    )
+
+
+def _moves(log: Log) -> bool:
+    """Whether a log's poses are not all the same: reads up to the first that is another."""
+    poses = (pose_in_log(scan) for scan in log)
+    first = next(poses, None)
+    return first is not None and any(np.abs(pose - first).max() > _STILL for pose in poses)

@@ -1,0 +1,246 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Places that were seen before, and poses that fit all of them.
+
+Strategy: key scans in a row are a submap. Each submap is looked for in older ones that may be near, in a
+window as large as the way between them in the graph allows drift. It is found where its points fit, no other
+pose of the window fits nearly as well, and its scans agree with theirs: hardly a point lies where others saw
+through. Each that is found becomes a relation with a robust kernel, and the graph is solved, before the
+next submap is looked for.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ndtree._native._core import Matcher, solve_pose_graph
+from ndtree.alignment.planar import Floats, between, composed, placed, pose_of, thinned
+from ndtree.alignment.sensor_scans import SensorScan
+from ndtree.alignment.tracking import Track
+from ndtree.base.progress import Progress, no_progress
+
+_WAY = 4.0  # Of a submap [m],
+_SCANS = 60  # and its key scans, at most.
+_NEAR = 6.0  # Submaps whose middles may be nearer are looked at [m].
+_MOST = 8  # Of these the nearest.
+_DRIFT = (0.3, 0.03)  # How far a place may be wrong: at once, and for a way [m, 1].
+_DRIFT_ANGLE = (0.05, 0.004)  # The same of the yaw [rad, rad/m].
+_LARGEST = (6.0, 0.7)  # Window [m, rad].
+_LOOP_WAY = 0.5  # What a relation between submaps counts as a way [m].
+_SCORE = 0.4  # Of a submap that is found.
+_AGREE = 0.85  # Of points, that do not lie where others saw through.
+_FEWEST = 100  # Points that were compared.
+_MARGIN = 0.15  # Of ranges that are the same [m].
+_APART = 1.0  # Farther poses of the window are others [m].
+_WIDER = 4.0  # Covariance of a relation, times: points next to each other are wrong alike.
+_LEAST = np.diag([0.02, 0.02, 0.003]) ** 2  # Added to it: submaps are bent a little.
+_KERNEL = 3.0  # Standard deviations.
+_CONTRADICTED = 0.2  # Weight of a relation that the others contradict.
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A submap that was found in an older one: a relation between two key scans."""
+
+    older: int
+    newer: int
+    relation: Floats
+    information: Floats
+
+
+class Outline:
+    """How far a scan saw, by bearing."""
+
+    def __init__(self, scan: SensorScan) -> None:
+        bearings = np.arctan2(scan.free[:, 1], scan.free[:, 0])
+        order = np.argsort(bearings, kind="stable")
+        self._bearings = bearings[order]
+        self._ranges = np.hypot(scan.free[:, 0], scan.free[:, 1])[order]
+        gaps = np.diff(self._bearings)
+        self._widest = 2.5 * float(np.median(gaps)) if len(gaps) else 0.0
+
+    def judge(self, points: Floats) -> tuple[int, int]:
+        """How many points of this scan's frame lie where it saw a surface, and where it saw through."""
+        if len(self._bearings) < 4:
+            return 0, 0
+        ranges = np.hypot(points[:, 0], points[:, 1])
+        bearings = np.arctan2(points[:, 1], points[:, 0])
+        after = np.searchsorted(self._bearings, bearings)
+        inside = (after > 1) & (after < len(self._bearings) - 1)
+        after, ranges = after[inside], ranges[inside]
+        inside = self._bearings[after] - self._bearings[after - 1] <= self._widest
+        after, ranges = after[inside], ranges[inside]
+        around = np.stack([self._ranges[after + i] for i in (-2, -1, 0, 1)])
+        low, high = around.min(axis=0) - _MARGIN, around.max(axis=0) + _MARGIN
+        return int(np.count_nonzero((ranges > low) & (ranges < high))), int(np.count_nonzero(ranges <= low))
+
+
+class Graph:
+    """Key scans and relations between their poses.
+
+    Attributes
+    ----------
+    poses : (n, 3) float64
+        Of the key scans.
+    loops : list of Loop
+        Found so far.
+    tested : int
+        Pairs of submaps that were looked at.
+    """
+
+    def __init__(self, track: Track) -> None:
+        self._scans = track.scans
+        self._way = np.asarray(track.way)
+        self.poses = np.array([track.poses[key] for key in track.keys])
+        self._relations = np.array(track.relations).reshape(-1, 3)
+        self._information = np.linalg.inv(np.array(track.covariances).reshape(-1, 3, 3))
+        self.loops: list[Loop] = []
+        self.tested = 0
+        self._submaps = _in_rows(self._way)
+        self._middles = np.array([ids[len(ids) // 2] for ids in self._submaps])
+        self._matchers: dict[int, Matcher] = {}
+        self._outlines: dict[int, Outline] = {}
+        self._joined: dict[int, list[int]] = {}
+
+    def close(self, progress: Progress = no_progress) -> None:
+        """Look for all submaps in older ones."""
+        for newer in range(len(self._submaps)):
+            found = [
+                loop for older, near in self._candidates(newer) if (loop := self._find(older, newer, near))
+            ]
+            if found:
+                self.loops += found
+                self.solve()
+            progress("closing loops", newer + 1, len(self._submaps))
+
+    def solve(self) -> None:
+        """Move the poses to where all relations fit best."""
+        count = len(self._relations)
+        numbers = np.arange(count)
+        pairs = [np.column_stack((numbers, numbers + 1))] + [[(one.older, one.newer)] for one in self.loops]
+        self.poses = solve_pose_graph(
+            self.poses,
+            np.concatenate(pairs),
+            np.concatenate([self._relations] + [one.relation[None] for one in self.loops]),
+            np.concatenate([self._information] + [one.information[None] for one in self.loops]),
+            np.array([0.0] * count + [_KERNEL] * len(self.loops)),
+        )[0]
+
+    @property
+    def contradicted(self) -> int:
+        """Loops that others contradict, and that hardly count."""
+        total = 0
+        for loop in self.loops:
+            off = between(self.poses[loop.older], self.poses[loop.newer]) - loop.relation
+            square = float(off @ loop.information @ off)
+            total += 1 / (1 + square / _KERNEL**2) < _CONTRADICTED
+        return total
+
+    def _candidates(self, newer: int) -> list[tuple[int, float]]:
+        """Older submaps that may be near, the nearest first, and how long the way to each is."""
+        ways = self._ways_from(newer)
+        first = self._way[self._submaps[newer][0]]
+        here = self.poses[self._middles[newer], :2]
+        near = []
+        for older in range(newer - 1):
+            if first - self._way[self._submaps[older][-1]] < 1.5 * _WAY:
+                continue
+            away = float(np.hypot(*(self.poses[self._middles[older], :2] - here)))
+            least = away - (_DRIFT[0] + _DRIFT[1] * ways[older])
+            if least < _NEAR:
+                near.append((max(0.0, least) + 0.1 * away, older, float(ways[older])))
+        return [(older, way) for _, older, way in sorted(near)[:_MOST]]
+
+    def _ways_from(self, submap: int) -> Floats:
+        """The shortest way in the graph to each submap [m]."""
+        way = self._way[self._middles]
+        ways = np.full(len(way), np.inf)
+        ways[submap] = 0.0
+        queue = [(0.0, submap)]
+        while queue:
+            so_far, at = heapq.heappop(queue)
+            if so_far > ways[at]:
+                continue
+            steps = [(to, abs(way[to] - way[at])) for to in (at - 1, at + 1) if 0 <= to < len(way)]
+            for to, length in steps + [(to, _LOOP_WAY) for to in self._joined.get(at, ())]:
+                if so_far + length < ways[to]:
+                    ways[to] = so_far + length
+                    heapq.heappush(queue, (float(ways[to]), to))
+        return ways
+
+    def _find(self, older: int, newer: int, way: float) -> Loop | None:
+        """A submap in an older one, if it is surely there."""
+        self.tested += 1
+        near = min(_DRIFT[0] + _DRIFT[1] * way, _LARGEST[0])
+        angle = min(_DRIFT_ANGLE[0] + _DRIFT_ANGLE[1] * way, _LARGEST[1])
+        a, b = int(self._middles[older]), int(self._middles[newer])
+        points = thinned(self._points(self._submaps[newer], b), 0.1)
+        match = self._matcher(older).match(
+            points, between(self.poses[a], self.poses[b]), window=(near, near, angle), apart=_APART
+        )
+        if match.score < _SCORE or not match.is_unique:
+            return None
+        relation = pose_of(match.pose)
+        if not self._agree(older, newer, relation):
+            return None
+        self._joined.setdefault(older, []).append(newer)
+        self._joined.setdefault(newer, []).append(older)
+        # The covariance is in the frame of the older, as the match is.
+        return Loop(a, b, relation, np.linalg.inv(_WIDER * match.covariance + _LEAST))
+
+    def _agree(self, older: int, newer: int, relation: Floats) -> bool:
+        """Whether scans of two submaps see the same."""
+        a, b = self._middles[older], self._middles[newer]
+        theirs = self._around(older)[::3]
+        places = between(self.poses[a], self.poses[theirs])
+        same = through = 0
+        for key in self._submaps[newer][::4]:
+            pose = composed(relation, between(self.poses[b], self.poses[key]))
+            off = between(places, pose[None])
+            for i in np.argsort(np.hypot(off[:, 0], off[:, 1]) + np.abs(off[:, 2]), kind="stable")[:2]:
+                hits, misses = self._outline(int(theirs[i])).judge(placed(off[i], self._scans[key].points))
+                same += hits
+                through += misses
+        return same >= _FEWEST and same >= _AGREE * (same + through)
+
+    def _around(self, submap: int) -> Sequence[int]:
+        """Key scans of a submap and of those beside it."""
+        return np.arange(
+            self._submaps[max(0, submap - 1)][0],
+            self._submaps[min(len(self._submaps) - 1, submap + 1)][-1] + 1,
+        )
+
+    def _matcher(self, submap: int) -> Matcher:
+        """Of a submap and those beside it, in the frame of its middle; made once."""
+        if submap not in self._matchers:
+            points = self._points(self._around(submap), int(self._middles[submap]))
+            self._matchers[submap] = Matcher(points, sigma=0.075)
+        return self._matchers[submap]
+
+    def _outline(self, key: int) -> Outline:
+        if key not in self._outlines:
+            self._outlines[key] = Outline(self._scans[key])
+        return self._outlines[key]
+
+    def _points(self, keys: Sequence[int], middle: int) -> Floats:
+        """End points of key scans in the frame of one."""
+        frame = self.poses[middle]
+        return np.concatenate(
+            [placed(between(frame, self.poses[key]), self._scans[key].points) for key in keys]
+        )
+
+
+def _in_rows(way: Floats) -> list[range]:
+    """Key scans in submaps."""
+    rows: list[range] = []
+    first = 0
+    for key in range(1, len(way) + 1):
+        if key == len(way) or way[key] - way[first] >= _WAY or key - first >= _SCANS:
+            rows.append(range(first, key))
+            first = key
+    if len(rows) > 1 and len(rows[-1]) < 5:
+        rows[-2:] = [range(rows[-2].start, rows[-1].stop)]
+    return rows

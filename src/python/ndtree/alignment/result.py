@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an alignment found: poses, how sure they are, and how to go on."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ndtree.alignment.aligned_log import AlignedLog
+from ndtree.alignment.loops import Loop
+from ndtree.alignment.planar import Floats, between, composed, placed
+from ndtree.alignment.sensor_scans import SensorScan
+from ndtree.base.files import replaced
+from ndtree.base.words import number_of
+from ndtree.logs.core.log import Log
+
+_CELL = 0.05  # Of the grid on which walls are counted [m].
+_MOST_LOST = (3, 0.01)  # Scans that may have no match, a few or this fraction,
+_MOST_CONTRADICTED = 0.1  # and of loops that others may contradict.
+_FAR = 20.0  # End points that are drawn [m].
+
+
+@dataclass(frozen=True, repr=False)
+class Alignment:
+    """Poses of a log's scans that fit what they saw.
+
+    Attributes
+    ----------
+    source : Log
+        The log.
+    poses : (n, 3) float64
+        x, y [m] and yaw [rad] of each scan's sensor; the first is the log's.
+    odometry : (n, 3) float64
+        The same as the log has them. Where it does not say yaw, both are of a frame turned as the log's map.
+    stamps : (n,) float64
+        Of the scans [s].
+    key_scans : (k,) int64
+        Scans that the graph is of.
+    loops : list of Loop
+        Places that were seen again, by numbers of key scans.
+    tested : int
+        Pairs of places that were looked at.
+    contradicted : int
+        Loops that others contradict.
+    lost : int
+        Scans that matched nothing, and are where odometry puts them.
+    has_odometry : bool
+        Whether the log's poses said how the sensor moved.
+    seconds : float
+        What it took.
+    """
+
+    source: Log
+    poses: Floats
+    odometry: Floats
+    stamps: Floats
+    key_scans: Any
+    loops: list[Loop]
+    tested: int
+    contradicted: int
+    lost: int
+    has_odometry: bool
+    seconds: float
+    _scans: list[SensorScan] = field(default_factory=list)
+
+    @property
+    def log(self) -> AlignedLog:
+        """AlignedLog: the log with these poses, as any other."""
+        return AlignedLog(self.source, self.poses)
+
+    @property
+    def moved(self) -> Floats:
+        """(n,) float64: how far each scan is from where the log has it [m]."""
+        off = self.poses[:, :2] - self.odometry[:, :2]
+        return np.hypot(off[:, 0], off[:, 1])
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Cells of 0.05 m with end points, by the log's poses and by these: double walls take more."""
+        return _cells_of(self._points(self.odometry)), _cells_of(self._points(self.poses))
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why not to trust the poses; empty if nothing speaks against them."""
+        doubts = []
+        if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
+            doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
+        if not self.has_odometry:
+            doubts.append("no odometry says how long corridors are, which may come out too short")
+        if self.contradicted > _MOST_CONTRADICTED * max(1, len(self.loops)):
+            doubts.append(
+                f"{self.contradicted} of {number_of(len(self.loops), 'loop')} contradict the others"
+            )
+        before, after = self.cells
+        if after > 1.02 * before:
+            doubts.append(f"walls take more cells than before, {after} instead of {before}")
+        return doubts
+
+    def __str__(self) -> str:
+        before, after = self.cells
+        moved = self.moved
+        trust = "; ".join(self.doubts)
+        return (
+            f"poses moved by {np.median(moved):.2f} m, at most {moved.max():.2f} m; "
+            f"{number_of(len(self.loops), 'loop')} closed of {self.tested} looked at; "
+            f"end points take {100 * (after / max(before, 1) - 1):+.0f} % cells: "
+            + (f"doubtful: {trust}" if trust else "nothing speaks against them")
+        )
+
+    __repr__ = __str__
+
+    def figures(self) -> dict[str, Any]:
+        """For a script."""
+        before, after = self.cells
+        return {
+            "scans": len(self.poses),
+            "key_scans": len(self.key_scans),
+            "moved": {"median": float(np.median(self.moved)), "most": float(self.moved.max())},
+            "loops": len(self.loops),
+            "tested": self.tested,
+            "contradicted": self.contradicted,
+            "lost": self.lost,
+            "has_odometry": self.has_odometry,
+            "cells": {"before": before, "after": after},
+            "doubts": self.doubts,
+            "seconds": self.seconds,
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the trajectory as TUM's: a time, a place and a quaternion a line.
+
+        Parameters
+        ----------
+        path : str or path
+            It appears whole or not at all.
+        """
+        half = self.poses[:, 2] / 2
+        zero = np.zeros(len(half))
+        rows = np.column_stack((self.stamps, self.poses[:, :2], zero, zero, zero, np.sin(half), np.cos(half)))
+        with replaced(path) as part:
+            np.savetxt(part, rows, fmt=["%.6f"] + ["%.9g"] * 7)
+
+    def draw(self, path: str | os.PathLike[str]) -> None:
+        """Draw what the key scans saw, with the log's poses and with these.
+
+        Parameters
+        ----------
+        path : str or path
+            Its ending says the kind of picture.
+        """
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(14, 7), layout="constrained")
+        for axes, name, poses in zip(figure.subplots(1, 2), ("before", "after"), (self.odometry, self.poses)):
+            points = self._points(poses)
+            axes.plot(points[:, 0], points[:, 1], ",", color="black")
+            axes.plot(poses[:, 0], poses[:, 1], "-", color="tab:red", linewidth=0.6)
+            axes.set(title=name, aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        with replaced(path) as part:
+            figure.savefig(part, dpi=110, format=Path(path).suffix.lower().lstrip(".") or "png")
+
+    def _points(self, poses: Floats) -> Floats:
+        """Near end points of the key scans where some poses put them."""
+        placed_points = [
+            placed(poses[key], scan.points[np.hypot(scan.points[:, 0], scan.points[:, 1]) < _FAR])
+            for key, scan in zip(self.key_scans, self._scans)
+        ]
+        return np.concatenate(placed_points) if placed_points else np.zeros((0, 2))
+
+
+def _cells_of(points: Floats) -> int:
+    return len(np.unique(np.floor(points / _CELL).astype(np.int64), axis=0))
+
+
+def between_keys(poses: Floats, keys: Any, corrected: Floats) -> Floats:
+    """Poses of all scans from those of key scans: in between they move as before, and errors are spread."""
+    result = np.empty_like(poses)
+    ends = [*keys[1:], len(poses)]
+    for i, (first, end) in enumerate(zip(keys, ends)):
+        part = composed(corrected[i][None], between(poses[first][None], poses[first:end]))
+        if end < len(poses):
+            expected = composed(corrected[i], between(poses[first], poses[end]))
+            off = between(expected, corrected[i + 1])
+            part = composed(part, np.arange(end - first)[:, None] / (end - first) * off)
+        result[first:end] = part
+    return result

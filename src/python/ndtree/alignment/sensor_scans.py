@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Scans of a log in their sensor's frame, with the pose that the log gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ndtree.alignment.planar import Floats, seen_from
+from ndtree.base.scan import Scan
+from ndtree.logs.core.log import Log
+
+#: Beams of a scan that are matched, at most: evenly spread, more are no surer.
+MOST_BEAMS = 400
+_LEAST_RANGE = 0.1  # Nearer end points are the robot's own [m].
+
+
+@dataclass(frozen=True)
+class SensorScan:
+    """One scan.
+
+    Parameters
+    ----------
+    points : (n, 2) float64
+        End points of beams that returned, in the sensor's frame [m].
+    free : (m, 2) float64
+        End points of all beams: it is free up to there [m].
+    pose : (3,) float64
+        The log's: x, y and yaw; yaw is 0 where the log does not say it, and the frame is turned as the map's.
+    stamp : float
+        Of the scan [s].
+    has_heading : bool
+        Whether the log says yaw.
+    """
+
+    points: Floats
+    free: Floats
+    pose: Floats
+    stamp: float
+    has_heading: bool = True
+
+
+def pose_in_log(scan: Scan) -> Floats:
+    """x, y and yaw of a scan as its log has it."""
+    origin = scan.origin if scan.origin.ndim == 1 else scan.origin.mean(axis=0)
+    heading = 0.0 if scan.heading is None else scan.heading
+    return np.array([float(origin[0]), float(origin[1]), heading])
+
+
+def sensor_scans(log: Log, max_range: float) -> Iterator[SensorScan]:
+    """All scans of a log in 2-D; farther end points are left out."""
+    for scan in log:
+        scan.require_sensor("poses")
+        pose = pose_in_log(scan)
+        local = seen_from(pose, scan.endpoints.astype(np.float64))
+        ranges = np.hypot(local[:, 0], local[:, 1])
+        free = np.isfinite(ranges) & (ranges > _LEAST_RANGE)
+        hits = free & (ranges <= max_range)
+        if scan.returned is not None:
+            hits &= scan.returned
+        points = local[hits]
+        step = -(-len(points) // MOST_BEAMS) if len(points) else 1
+        yield SensorScan(points[::step], local[free], pose, scan.stamp, scan.heading is not None)

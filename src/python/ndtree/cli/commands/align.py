@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``ndtree align``: poses of a 2-D log from what its scans saw."""
+
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+
+from ndtree.alignment import MAX_RANGE, Alignment, align
+from ndtree.base.exit_status import WrongCall
+from ndtree.base.words import number_of
+from ndtree.cli.commands.app import command, examples, reports_errors
+from ndtree.cli.commands.flags import reading_options
+from ndtree.cli.commands.logs import limit_of, warn_of_skipped
+from ndtree.cli.commands.mapping import mapped, written
+from ndtree.cli.commands.options import GivenLog, Json
+from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write_json
+from ndtree.cli.commands.pictures import plotting
+from ndtree.cli.commands.progress import progress
+from ndtree.logs import Log
+
+
+@command(
+    "align",
+    epilog=examples(
+        "ndtree align drive.log -o poses.txt",
+        "ndtree align drive.log -o poses.txt --map drive.ndt --picture before-after.png",
+        "ndtree map drive.log --align -o drive.ndt",
+    ),
+)
+@reports_errors
+@reading_options
+def align_(
+    log: GivenLog,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="POSES", help="The trajectory, as TUM's: t x y z qx qy qz qw."
+        ),
+    ],
+    map_file: Annotated[
+        Optional[Path], typer.Option("--map", metavar="MAP", help="Write the map of these poses, too.")
+    ] = None,
+    picture: Annotated[
+        Optional[Path], typer.Option(metavar="FILE", help="Draw what was seen, before and after.")
+    ] = None,
+    max_range: Annotated[
+        float, typer.Option(help="Farther end points are not matched \\[m].", show_default=False)
+    ] = MAX_RANGE,
+    loops: Annotated[
+        bool, typer.Option("--loops/--no-loops", help="Look for places that were seen before.")
+    ] = True,
+    json_file: Json = None,
+    reading: Any = None,
+) -> None:
+    """Find the poses of a 2-D laser's log, where its own drift or it has none.
+
+    Each scan is matched with those before it. Places seen before are found, and all poses made to fit.
+    """
+    limit_of(max_range)
+    opened = reading.open(log, None)
+    for path in (output, map_file, json_file):
+        check_target(path)
+    if picture is not None:
+        check_picture(plotting(), picture)
+    found = aligned(opened, max_range, loops)
+    found.save(output)
+    if picture is not None:
+        found.draw(picture)
+    if map_file is not None:
+        done = mapped(found.log, False, {}, max_range=limit_of(None), no_return="auto", read_seconds=0.0)
+        written(done, map_file)
+    if not is_stdout(json_file):
+        print_alignment(opened, found)
+        files = " and ".join(str(path) for path in (output, map_file, picture) if path)
+        print(f"in {found.seconds:.3f} s; wrote {files}")
+    write_json({"log": opened.name, "format": opened.format, **found.figures()}, json_file)
+    warn_of_skipped(opened)
+
+
+def aligned(log: Log, max_range: float = MAX_RANGE, loops: bool = True) -> Alignment:
+    """The alignment of a log, with its progress shown."""
+    if log.dim != 2:
+        raise WrongCall(f"{log.name}: is {log.dim}-D, expected a 2-D log")
+    with progress() as advance:
+        return align(log, max_range=max_range, close_loops=loops, progress=advance)
+
+
+def print_alignment(log: Log, found: Alignment) -> None:
+    """How far poses moved, and whether to trust them."""
+    print(f"{log.name}: {number_of(len(found.poses), 'scan')} aligned")
+    print(f"  {found}")

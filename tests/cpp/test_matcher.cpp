@@ -1,0 +1,312 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// A match is the best pose of its window, and refining it finds where the scan was.
+#include <gtest/gtest.h>
+
+#include <Eigen/Core>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <stdexcept>
+
+#include "ndtree/alignment/likelihood_pyramid.hpp"
+#include "ndtree/alignment/matcher.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/match.hpp"
+#include "options.hpp"
+#include "random.hpp"
+
+namespace ndtree::test::test_matcher {
+namespace {
+
+template <int D>
+Motion<D> random_motion(Random& random, double reach, double angle) {
+  Motion<D> motion;
+  for (int a = 0; a < kFreedoms<D>; ++a) motion[a] = random.uniform(-1.0, 1.0) * (a < D ? reach : angle);
+  return motion;
+}
+
+template <int D>
+Points<D> random_points(Random& random, int count, double reach) {
+  Points<D> points(D, count);
+  for (Eigen::Index i = 0; i < points.size(); ++i) points(i) = random.uniform(-reach, reach);
+  return points;
+}
+
+/// The likelihood of a point among others, as its definition says.
+template <int D>
+std::int64_t likelihood(const Points<D>& surface, const LikelihoodPyramid<D>& pyramid, double sigma,
+                        const typename LikelihoodPyramid<D>::Cell& cell) {
+  double nearest = std::numeric_limits<double>::infinity();
+  for (Eigen::Index i = 0; i < surface.cols(); ++i) {
+    double square = 0.0;
+    for (int a = 0; a < D; ++a) {
+      const double centre =
+          pyramid.lower()[a] + (cell[static_cast<std::size_t>(a)] + 0.5) * pyramid.cell_size();
+      square += (centre - surface(a, i)) * (centre - surface(a, i));
+    }
+    nearest = std::min(nearest, square);
+  }
+  if (nearest >= 9.0 * sigma * sigma) return 0;
+  return std::lround(255.0 * std::exp(-0.5 * nearest / (sigma * sigma)));
+}
+
+/// All poses of a grid, one after the other.
+template <int D>
+GridPose<D> best_of_all(const Matcher<D>& matcher, const Points<D>& points, const Pose<D>& guess,
+                        const PoseGrid<D>& grid, const MatchWindow<D>& window, const GridPose<D>* except) {
+  GridPose<D> best;
+  GridPose<D> pose;
+  for (std::size_t a = 0; a < pose.steps.size(); ++a) pose.steps[a] = -grid.count[a];
+  for (;;) {
+    bool is_other = except == nullptr;
+    for (std::size_t a = 0; a < pose.steps.size() && !is_other; ++a) {
+      const double apart = a < std::size_t{D} ? window.apart : window.apart_angle;
+      is_other =
+          std::abs(pose.steps[a] - except->steps[a]) * grid.step[static_cast<int>(a)] >= apart * (1.0 - 1e-9);
+    }
+    if (is_other) {
+      pose.score = matcher.score(points, guess, grid, pose);
+      if (pose.is_better_than(best)) best = pose;
+    }
+    std::size_t a = 0;
+    for (; a < pose.steps.size(); ++a) {
+      if (++pose.steps[a] <= grid.count[a]) break;
+      pose.steps[a] = -grid.count[a];
+    }
+    if (a == pose.steps.size()) return best;
+  }
+}
+
+template <int D>
+void search_is_exhaustive(int cases, double reach, double angle) {
+  Random random(D == 2 ? 11 : 12);
+  int with_points = 0;
+  int with_second = 0;
+  for (int i = 0; i < cases; ++i) {
+    MatchOptions options;
+    options.cell_size = random.uniform(0.08, 0.2);
+    options.sigma = random.uniform(0.5, 1.5) * options.cell_size;
+    const Matcher<D> matcher(random_points<D>(random, random.integer(0, 60), 1.5), options);
+    const Points<D> points = random_points<D>(random, random.integer(0, 25), 1.0);
+    const Pose<D> guess = moved(Pose<D>{}, random_motion<D>(random, 0.5, 3.0));
+    MatchWindow<D> window;
+    window.half = random_motion<D>(random, reach, angle).cwiseAbs();
+    window.apart = random.uniform(0.1, 0.6);
+    window.apart_angle = random.uniform(0.1, 0.6);
+    const PoseGrid<D> grid = matcher.grid_of(points, window.half);
+    const GridPose<D> expected = best_of_all<D>(matcher, points, guess, grid, window, nullptr);
+    const GridPose<D> found = matcher.search(points, guess, grid, window);
+    ASSERT_EQ(found.score, expected.score) << "case " << i;
+    if (found.score > 0) {
+      ASSERT_EQ(found.steps, expected.steps) << "case " << i;
+      ++with_points;
+    }
+    const GridPose<D> other = best_of_all<D>(matcher, points, guess, grid, window, &found);
+    ASSERT_EQ(matcher.search(points, guess, grid, window, &found).score, other.score) << "case " << i;
+    with_second += other.score > 0 ? 1 : 0;
+  }
+  EXPECT_GT(with_points, cases / 2);
+  EXPECT_GT(with_second, cases / 4);
+}
+
+TEST(Matcher, SearchFindsTheBestOfAllPosesInThePlane) { search_is_exhaustive<2>(1500, 1.2, 0.4); }
+TEST(Matcher, SearchFindsTheBestOfAllPosesInSpace) { search_is_exhaustive<3>(200, 0.35, 0.12); }
+
+template <int D>
+void bounds_are_maxima(int cases) {
+  Random random(D == 2 ? 21 : 22);
+  int likely = 0;
+  for (int i = 0; i < cases; ++i) {
+    const double size = random.uniform(0.05, 0.2);
+    const double sigma = random.uniform(0.4, 2.0) * size;
+    const Points<D> surface = random_points<D>(random, random.integer(1, 8), 0.6);
+    LikelihoodPyramid<D> pyramid(surface, size, sigma);
+    pyramid.grow_to(4);
+    for (int k = 0; k < 20; ++k) {
+      const auto cell = pyramid.cell_of(random_points<D>(random, 1, 1.5).col(0));
+      ASSERT_NEAR(static_cast<double>(pyramid.bound(0, cell)),
+                  static_cast<double>(likelihood(surface, pyramid, sigma, cell)), 1.0);
+      const int level = random.integer(1, 4);
+      const std::int32_t bound = pyramid.bound(level, cell);
+      for (int j = 0; j < 10; ++j) {
+        auto inside = cell;
+        for (auto& c : inside) c += random.integer(0, (1 << level) - 1);
+        ASSERT_LE(pyramid.bound(0, inside), bound) << "level " << level;
+        likely += pyramid.bound(0, inside) > 0 ? 1 : 0;
+      }
+      // What a block reaches is not more than 1.5 times as long: beyond, nothing counts.
+      std::int32_t most = 0;
+      const std::int32_t step = level == 1 ? 1 : 1 << (level - 1);
+      auto first = cell;
+      for (auto& c : first) c = static_cast<std::int32_t>(std::floor(static_cast<double>(c) / step)) * step;
+      auto at = first;
+      const std::int32_t length = level == 1 ? 2 : 3 * step - 1;
+      for (;;) {
+        most = std::max(most, pyramid.bound(0, at));
+        std::size_t a = 0;
+        for (; a < at.size(); ++a) {
+          if (++at[a] < first[a] + length) break;
+          at[a] = first[a];
+        }
+        if (a == at.size()) break;
+      }
+      ASSERT_EQ(bound, most) << "level " << level;
+    }
+  }
+  EXPECT_GT(likely, cases);
+}
+
+TEST(LikelihoodPyramid, LevelsAreMaximaInThePlane) { bounds_are_maxima<2>(200); }
+TEST(LikelihoodPyramid, LevelsAreMaximaInSpace) { bounds_are_maxima<3>(15); }
+
+/// The walls of a room that looks different from everywhere.
+template <int D>
+Points<D> room(double spacing) {
+  PointsOfBoxes<D> walls(spacing);
+  const auto wall = [&](double x, double y, double to_x, double to_y) {
+    Box<D> box;
+    box.lower.setZero();
+    box.upper.setConstant(D == 3 ? 2.5 : 0.0);
+    box.lower.template head<2>() << x, y;
+    box.upper.template head<2>() << to_x, to_y;
+    walls.add(box);
+  };
+  wall(-4.0, -3.0, 5.0, -3.0);
+  wall(-4.0, -3.0, -4.0, 3.5);
+  wall(5.0, -3.0, 5.0, 3.5);
+  wall(-4.0, 3.5, 1.0, 3.5);
+  wall(2.0, 3.5, 5.0, 3.5);
+  wall(2.0, 1.5, 2.0, 3.5);
+  if constexpr (D == 3) {
+    Box<D> floor{Vector<D>(-4.0, -3.0, 0.0), Vector<D>(5.0, 3.5, 0.0)};
+    walls.add(floor);
+  }
+  return walls.points();
+}
+
+/// What a scan at a pose sees of points, with noise.
+template <int D>
+Points<D> seen_from(const Points<D>& surface, const Pose<D>& pose, double sigma, Random& random) {
+  Points<D> points = pose.rotation.transpose() * (surface.colwise() - pose.translation);
+  for (Eigen::Index i = 0; i < points.size(); ++i) points(i) += random.uniform(-1.7, 1.7) * sigma;
+  return points;
+}
+
+TEST(Matcher, FindsScansOfARoomInThePlane) {
+  Random random(31);
+  const Matcher<2> matcher(room<2>(0.02));
+  const Points<2> seen = room<2>(0.11);
+  int unique = 0;
+  double worst = 0.0;
+  for (int i = 0; i < 50; ++i) {
+    const Pose<2> pose = moved(Pose<2>{}, random_motion<2>(random, 1.0, 3.1));
+    const Points<2> points = seen_from<2>(seen, pose, 0.01, random);
+    MatchWindow<2> window;
+    window.half << 1.0, 1.0, 0.35;
+    const Match<2> match = matcher.match(points, moved(pose, random_motion<2>(random, 0.95, 0.33)), window);
+    const Motion<2> off = motion_between(pose, match.pose);
+    worst = std::max(worst, off.head<2>().norm());
+    EXPECT_LT(off.head<2>().norm(), 0.01);
+    EXPECT_LT(std::abs(off[2]), 0.003);
+    EXPECT_GT(match.inliers, 0.9);
+    // Within five standard deviations, which the covariance knows.
+    EXPECT_LT(off.dot(match.covariance.inverse() * off), 25.0 * 3.0);
+    unique += match.is_unique() ? 1 : 0;
+  }
+  EXPECT_GT(worst, 0.0);
+  EXPECT_EQ(unique, 50);
+}
+
+TEST(Matcher, FindsScansOfARoomInSpace) {
+  Random random(32);
+  MatchOptions options;
+  options.cell_size = options.sigma = 0.1;
+  options.radius = 0.3;
+  const Matcher<3> matcher(room<3>(0.08), options);
+  const Points<3> seen = room<3>(0.6);
+  for (int i = 0; i < 3; ++i) {
+    const Pose<3> pose = moved(Pose<3>{}, random_motion<3>(random, 1.0, 0.5));
+    const Points<3> points = seen_from<3>(seen, pose, 0.01, random);
+    MatchWindow<3> window;
+    window.half << 0.3, 0.3, 0.2, 0.04, 0.04, 0.1;
+    const Match<3> match = matcher.match(points, moved(pose, Motion<3>(0.8 * window.half)), window);
+    const Motion<3> off = motion_between(pose, match.pose);
+    EXPECT_LT(off.head<3>().norm(), 0.02);
+    EXPECT_LT(off.tail<3>().norm(), 0.01);
+  }
+}
+
+TEST(Matcher, ACorridorIsNotUnique) {
+  Points<2> walls(2, 1000);
+  for (int i = 0; i < 500; ++i) {
+    walls.col(2 * i) << 0.04 * i - 10.0, -1.0;
+    walls.col(2 * i + 1) << 0.04 * i - 10.0, 1.0;
+  }
+  const Matcher<2> matcher(walls);
+  Points<2> points(2, 60);
+  for (int i = 0; i < 60; ++i) points.col(i) << 0.1 * (i / 2) - 1.5, i % 2 == 0 ? -1.0 : 1.0;
+  MatchWindow<2> window;
+  window.half << 2.0, 0.3, 0.2;
+  const Match<2> match = matcher.match(points, Pose<2>{}, window);
+  EXPECT_FALSE(match.is_unique());
+  // Along the corridor nothing is known, across it much.
+  EXPECT_GT(match.covariance(0, 0), 100.0 * match.covariance(1, 1));
+  // A guess that is known along it stays there.
+  MotionMatrix<2> information = MotionMatrix<2>::Zero();
+  information(0, 0) = 1e4;
+  window.half << 0.0, 0.3, 0.2;
+  const Match<2> known = matcher.match(points, Pose<2>{}, window, information);
+  EXPECT_NEAR(known.pose.translation[0], 0.0, 0.01);
+  EXPECT_LT(known.covariance(0, 0), 1.1e-4);
+}
+
+TEST(Matcher, FindsScansInAMap) {
+  Random random(41);
+  MapOptions map_options = spelled_out_options(0.05, 0.8);
+  AdaptiveMap<2, 2> map(map_options);
+  const Points<2> surface = room<2>(0.02);
+  Scan<2> scan;
+  scan.origins = Eigen::Vector2d(0.5, -0.5);
+  scan.endpoints = surface;
+  for (int i = 0; i < 5; ++i) map.insert(scan);
+  const Pose<2> pose = moved(Pose<2>{}, Motion<2>(0.3, -0.2, 0.4));
+  MatchWindow<2> window;
+  window.half << 0.5, 0.5, 0.2;
+  const Match<2> match = ndtree::match(map, seen_from<2>(room<2>(0.1), pose, 0.01, random),
+                                       moved(pose, Motion<2>(0.3, 0.3, -0.15)), window);
+  const Motion<2> off = motion_between(pose, match.pose);
+  EXPECT_LT(off.head<2>().norm(), 0.03);  // Walls are cells of 0.05 m.
+  EXPECT_LT(std::abs(off[2]), 0.01);
+  EXPECT_TRUE(match.is_unique());
+}
+
+TEST(Matcher, NothingMatchesNothing) {
+  const Matcher<2> empty((Points<2>(2, 0)));
+  MatchWindow<2> window;
+  window.half << 5.0, 5.0, 1.0;
+  Points<2> points(2, 2);
+  points << 1.0, std::numeric_limits<double>::quiet_NaN(), 2.0, 0.0;
+  const Match<2> match = empty.match(points, Pose<2>{}, window);
+  EXPECT_EQ(match.score, 0.0);
+  EXPECT_FALSE(match.is_unique());
+  EXPECT_EQ(match.inliers, 0.0);
+  EXPECT_EQ(Matcher<2>::finite(points).cols(), 1);
+}
+
+TEST(Matcher, RefusesWhatIsOutOfBounds) {
+  MatchOptions options;
+  options.cell_size = 0.0;
+  EXPECT_THROW(Matcher<2>(room<2>(0.5), options), std::invalid_argument);
+  options.cell_size = 1e-4;
+  EXPECT_THROW(Matcher<2>(room<2>(0.5), options), std::invalid_argument);  // More than 2^30 cells.
+  const Matcher<2> matcher(room<2>(0.5));
+  MatchWindow<2> window;
+  window.half << -1.0, 0.0, 0.0;
+  EXPECT_THROW((void)matcher.match(room<2>(0.5), Pose<2>{}, window), std::invalid_argument);
+  window.half << 1e6, 0.0, 0.0;
+  EXPECT_THROW((void)matcher.match(room<2>(0.5), Pose<2>{}, window), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_matcher

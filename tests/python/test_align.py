@@ -1,0 +1,254 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses of logs that drift, found from what the scans saw."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree.alignment.aligned_log import moved
+from ndtree.alignment.loops import Outline
+from ndtree.alignment.planar import between, composed, placed, pose_of, seen_from, turned
+from ndtree.alignment.sensor_scans import SensorScan, pose_in_log
+from ndtree.cli.commands import app
+from ndtree.logs.core.log import Log
+from ndtree.logs.ros.reading import heading_of
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+class Drifting(Log):
+    """A log whose poses are those of an odometry."""
+
+    format = "drifting"
+
+    def __init__(self, scans, poses):
+        super().__init__(None, 2)
+        self._placed = [moved(scan, pose) for scan, pose in zip(scans, poses)]
+
+    def _scans(self):
+        yield from self._placed
+
+
+def driven(rate: float, turn: float, seed: int = 1, scans: int = 160):
+    """A drive through the office: its scans, where they were, and where odometry says."""
+    every = [replace(scan, heading=0.0) for scan in ndtree.simulate("office", seed=seed)][:scans]
+    truth = np.array([pose_in_log(scan) for scan in every])
+    rng = np.random.default_rng(seed)
+    odometry = [truth[0]]
+    for step in between(truth[:-1], truth[1:]):
+        way = math.hypot(step[0], step[1])
+        wrong = np.array([rate * way, 0.0, turn * way + 0.3 * turn * rng.normal() * math.sqrt(way)])
+        odometry.append(composed(odometry[-1], step + wrong))
+    return every, truth, np.array(odometry)
+
+
+def errors(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Distances, with the first pose in its place."""
+    at = composed(truth[0][None], between(poses[0][None], poses))
+    return np.hypot(*(at - truth)[:, :2].T)
+
+
+@pytest.fixture(scope="module")
+def office():
+    scans, truth, odometry = driven(rate=0.03, turn=0.015)
+    return Drifting(scans, odometry), truth, odometry
+
+
+def test_poses_of_a_drive_are_found(office):
+    log, truth, odometry = office
+    found = ndtree.align(log)
+    before, after = errors(odometry, truth), errors(found.poses, truth)
+    assert before.max() > 1.0 and after.max() < 0.15 and np.median(after) < 0.07
+    assert found.lost <= 3 and not found.doubts and found.cells[1] < 0.7 * found.cells[0]
+    assert "nothing speaks against them" in str(found)
+    np.testing.assert_allclose(found.odometry, odometry, atol=1e-9)
+    # The log with the poses is the log with its scans moved.
+    aligned = list(found.log)
+    assert len(aligned) == len(found.log) == len(truth)
+    np.testing.assert_allclose([pose_in_log(scan) for scan in aligned], found.poses, atol=1e-6)
+    again = ndtree.align(log)
+    np.testing.assert_array_equal(again.poses, found.poses)
+
+
+def test_poses_without_odometry_are_found(office):
+    log, truth, _ = office
+    there = [moved(scan, np.zeros(3)) for scan in log]
+    found = ndtree.align(Drifting(there, np.zeros((len(there), 3))))
+    after = errors(found.poses, truth)
+    assert not found.has_odometry and "how long corridors are" in str(found)
+    assert after.max() < 0.5 and np.median(after) < 0.07
+
+
+def test_logs_without_a_heading_are_aligned_alike(office):
+    log, _, odometry = office
+    blind = Drifting(log, odometry)
+    blind._placed = [replace(scan, heading=None) for scan in log]
+    found = ndtree.align(blind)
+    off = np.hypot(*(found.poses - ndtree.align(log).poses)[:, :2].T)
+    assert off.max() < 0.05
+
+
+def test_loops_bring_a_drive_back():
+    """A round trip: what drifts on the way is gone at its end."""
+    scans, truth, odometry = driven(rate=0.05, turn=0.02, seed=2, scans=300)
+    log = Drifting(scans, odometry)
+    with_loops, without = ndtree.align(log), ndtree.align(log, close_loops=False)
+    assert without.loops == [] and len(with_loops.loops) > 0 and with_loops.contradicted == 0
+    for loop in with_loops.loops:
+        keys = with_loops.key_scans
+        off = between(truth[keys[loop.older]], truth[keys[loop.newer]]) - loop.relation
+        assert np.hypot(*off[:2]) < 0.15 and abs(off[2]) < 0.03
+    assert np.mean(errors(with_loops.poses, truth)) <= np.mean(errors(without.poses, truth)) + 0.005
+
+
+def test_the_first_pose_stays_and_one_scan_is_enough(office):
+    log, _, odometry = office
+    one = Drifting(list(log)[:1], odometry[:1])
+    found = ndtree.align(one)
+    np.testing.assert_allclose(found.poses, odometry[:1])
+    assert found.loops == [] and "0 loops" in str(found)
+
+
+def test_poses_in_the_plane_compose():
+    rng = np.random.default_rng(7)
+    a, b = rng.uniform(-3, 3, (2, 50, 3))
+    c = between(a, b)
+    np.testing.assert_allclose(composed(a, c)[:, :2], b[:, :2], atol=1e-12)
+    np.testing.assert_allclose(np.cos(composed(a, c)[:, 2] - b[:, 2]), 1, atol=1e-12)
+    points = rng.normal(size=(20, 2))
+    np.testing.assert_allclose(seen_from(a[0], placed(a[0], points)), points, atol=1e-12)
+    matrix = np.eye(3)
+    matrix[:2, :2] = [[math.cos(a[0, 2]), -math.sin(a[0, 2])], [math.sin(a[0, 2]), math.cos(a[0, 2])]]
+    matrix[:2, 2] = a[0, :2]
+    np.testing.assert_allclose(placed(pose_of(matrix), points), placed(a[0], points), atol=1e-12)
+    samples = rng.multivariate_normal(np.zeros(3), np.diag((4.0, 1.0, 0.1)), 20000)
+    in_frame = seen_from(np.array([0, 0, 0.7]), samples[:, :2])
+    np.testing.assert_allclose(turned(np.diag((4.0, 1.0, 0.1)), 0.7)[:2, :2], np.cov(in_frame.T), atol=0.15)
+
+
+def test_an_outline_tells_walls_from_space():
+    bearings = np.linspace(-1.5, 1.5, 181)
+    wall = 3.0 * np.column_stack((np.cos(bearings), np.sin(bearings)))
+    outline = Outline(SensorScan(wall, wall, np.zeros(3), 0.0))
+    assert outline.judge(0.99 * wall)[0] > 170 and outline.judge(0.99 * wall)[1] == 0
+    assert outline.judge(0.5 * wall)[0] == 0 and outline.judge(0.5 * wall)[1] > 170
+    assert outline.judge(1.5 * wall) == (0, 0)  # Behind it, which was not seen.
+    assert outline.judge(-wall) == (0, 0)
+
+
+def carmen(path, scans, odometry):
+    """A CARMEN log of scans."""
+    lines = []
+    for i, (scan, pose) in enumerate(zip(scans, odometry)):
+        bearings = np.arange(-90, 90)
+        local = seen_from(pose_in_log(scan), scan.returned_only().endpoints)
+        angles = np.degrees(np.arctan2(local[:, 1], local[:, 0]))
+        ranges = [
+            float(np.hypot(*local[np.argmin(np.abs(angles - b))])) if np.abs(angles - b).min() < 1 else 81.83
+            for b in bearings
+        ]
+        place = f"{pose[0]:.6f} {pose[1]:.6f} {pose[2]:.6f}"
+        numbers = " ".join(f"{r:.3f}" for r in ranges)
+        lines.append(f"FLASER 180 {numbers} {place} {place} {i * 0.2:.3f} host {i * 0.2:.3f}\n")
+    path.write_text("".join(lines))
+
+
+def test_the_command_writes_poses_map_and_picture(tmp_path, office):
+    log, _, odometry = office
+    source = tmp_path / "drive.log"
+    carmen(source, list(log)[:80], odometry)
+    result = run(
+        "align",
+        source,
+        "-o",
+        tmp_path / "poses.txt",
+        "--map",
+        tmp_path / "drive.ndt",
+        "--picture",
+        tmp_path / "both.png",
+        "--json",
+        tmp_path / "figures.json",
+    )
+    assert result.exit_code == 0, result.output
+    assert "80 scans aligned" in result.stdout and "poses moved by" in result.stdout
+    rows = np.loadtxt(tmp_path / "poses.txt")
+    found = ndtree.align(ndtree.read(source))
+    assert rows.shape == (80, 8)
+    np.testing.assert_allclose(rows[:, 1:3], found.poses[:, :2], atol=1e-6)
+    np.testing.assert_allclose(2 * np.arctan2(rows[:, 6], rows[:, 7]) - found.poses[:, 2], 0, atol=1e-6)
+    np.testing.assert_allclose(rows[:, 0], found.stamps, atol=1e-6)
+    figures = json.loads((tmp_path / "figures.json").read_text())
+    assert figures["scans"] == 80 and figures["loops"] == len(found.loops)
+    assert (tmp_path / "both.png").stat().st_size > 10_000
+    mapped = run("map", source, "--align", "-o", tmp_path / "same.ndt")
+    assert mapped.exit_code == 0, mapped.output
+    assert "aligned: poses moved by" in mapped.stderr
+    assert (tmp_path / "same.ndt").read_bytes() == (tmp_path / "drive.ndt").read_bytes()
+
+
+def test_a_real_drive_fits_relations_that_people_measured(recordings):
+    """The first minutes of ACES, and those of its relations that lie in them."""
+    folder = recordings / "laser2d_raw_aces"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    found = ndtree.align(ndtree.read(folder / "aces.clf.bz2").select(stop=240))
+    rows = np.loadtxt(folder / "aces.relations")
+    rows = rows[rows[:, :2].max(axis=1) < found.stamps[-1]]
+    first, second = (np.abs(found.stamps - t[:, None]).argmin(axis=1) for t in rows[:, :2].T)
+
+    off = between(rows[:, [2, 3, 7]], between(found.poses[first], found.poses[second]))
+    assert len(rows) > 100 and np.hypot(off[:, 0], off[:, 1]).mean() < 0.045
+    assert found.cells[1] < 0.75 * found.cells[0] and not found.doubts
+
+
+def test_readers_say_the_heading_of_lasers(tmp_path):
+    log = tmp_path / "two.log"
+    log.write_text(
+        "FLASER 3 1 2 3 0.5 0.25 0.75 9 9 9 1.0 host 1.0\n"
+        "ROBOTLASER1 0 -1.57 3.14 1.57 80 0.01 0 3 1 2 3 2 7 8 0.5 0.25 -0.5 9 9 9 0 0 0 0 0 2.0 host 2.0\n"
+    )
+    assert [scan.heading for scan in ndtree.read(log)] == [0.75, -0.5]
+    assert [scan.heading for scan in ndtree.read(log).select(stride=2)] == [0.75, -0.5]
+    assert ndtree.Scan(np.zeros((1, 2)), np.zeros(2)).heading is None
+
+
+def test_the_heading_of_a_bag_is_that_of_its_beams():
+    rng = np.random.default_rng(4)
+    local = np.column_stack((rng.uniform(-3, 3, (50, 2)), np.zeros(50)))
+    local[3] = np.nan
+    for yaw in (-3.1, -1.0, 0.0, 2.5, 3.14):
+        c, s = math.cos(yaw), math.sin(yaw)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        heading = heading_of(local, local @ turn.T + (1, 2, 0.5), np.array([1, 2, 0.5]))
+        assert math.cos(heading - yaw) == pytest.approx(1)
+        upside_down = local @ np.diag((1, -1, -1)) @ turn.T
+        assert heading_of(local, upside_down, np.zeros(3)) is None
+    assert heading_of(local[:0], local[:0], np.zeros(3)) is None
+
+
+def test_wrong_calls_are_refused(tmp_path, office):
+    with pytest.raises(ValueError, match="is 3-D, expected a 2-D log"):
+        ndtree.align(ndtree.simulate("street", scans=1))
+    with pytest.raises(ValueError, match="max_range = -1 m"):
+        ndtree.align(office[0], max_range=-1)
+    with pytest.raises(TypeError, match="expected a Log"):
+        ndtree.align("drive.log")
+    with pytest.raises(ValueError, match="expected at least one"):
+        ndtree.align(Drifting([], np.zeros((0, 3))))
+    source = tmp_path / "drive.log"
+    carmen(source, list(office[0])[:2], office[2])
+    both = run("map", source, source, "--align", "--merge", "-o", tmp_path / "m.ndt")
+    assert both.exit_code == 2 and "expected no --merge" in both.stderr
+    changed = ndtree.align(ndtree.read(source)).log
+    carmen(source, list(office[0])[:3], office[2])
+    with pytest.raises(ValueError, match="has not the 2 scans"):
+        list(changed)

@@ -1,0 +1,190 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses of scans in maps: the best of the window, with any number of threads."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree._native import _core
+
+RNG = np.random.default_rng(3)
+
+
+def room(spacing: float) -> np.ndarray:
+    """Walls of a room that looks different from everywhere."""
+    lines = [
+        ((-4, -3), (5, -3)),
+        ((-4, -3), (-4, 3.5)),
+        ((5, -3), (5, 3.5)),
+        ((-4, 3.5), (1, 3.5)),
+        ((2, 1.5), (2, 3.5)),
+    ]
+    walls = []
+    for a, b in lines:
+        count = int(math.dist(a, b) / spacing) + 1
+        walls.append(np.linspace(a, b, count))
+    return np.concatenate(walls)
+
+
+def seen_from(points: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    return (points - pose[:2]) @ np.array([[c, -s], [s, c]])
+
+
+def pose_of(match: ndtree.Match) -> np.ndarray:
+    return np.array([match.pose[0, 2], match.pose[1, 2], math.atan2(match.pose[1, 0], match.pose[0, 0])])
+
+
+def room_map() -> ndtree.AdaptiveMap:
+    m = ndtree.AdaptiveMap(dim=2, min_cell_size=0.05, max_cell_size=0.8, range_sigma=0.01)
+    for origin in ((0.5, -0.5), (-2.0, 1.0), (3.5, 0.0)):
+        m.insert(room(0.02), origin)
+    return m
+
+
+def test_a_scan_is_found_in_a_map():
+    m = room_map()
+    matcher = m.matcher()
+    for _ in range(10):
+        pose = RNG.uniform((-1, -1, -3), (1, 1, 3))
+        points = seen_from(room(0.09), pose) + RNG.normal(0, 0.01, (len(room(0.09)), 2))
+        guess = pose + RNG.uniform((-0.9, -0.9, -0.3), (0.9, 0.9, 0.3))
+        found = m.match(points, guess, window=(1, 1, 0.35))
+        off = pose_of(found) - pose
+        assert np.hypot(*off[:2]) < 0.03  # Walls are cells of 0.05 m.
+        assert abs((off[2] + math.pi) % (2 * math.pi) - math.pi) < 0.01
+        assert found.is_unique and found.score > 0.5 and found.inliers > 0.8
+        again = matcher.match(points, guess, window=(1, 1, 0.35))
+        np.testing.assert_allclose(again.pose, found.pose, atol=1e-9)
+
+
+def test_the_search_is_exhaustive():
+    """By the score alone: a window of one pose gives that pose's score."""
+    tried = 0
+    for _ in range(40):
+        surface = RNG.uniform(-1.5, 1.5, (40, 2))
+        matcher = ndtree.Matcher(surface, cell_size=0.2)
+        points = np.concatenate((RNG.uniform(-0.9, 0.9, (15, 2)), [[1.0, 0.0]]))  # 1 m: turns are 0.2 rad.
+        guess = RNG.uniform(-0.5, 0.5, 3)
+        found = matcher.match(points, guess, window=(0.4, 0.4, 0.2))
+        farthest = np.hypot(points[:, 0], points[:, 1]).max()
+        scores = []
+        for x, y, turn in itertools.product((-2, -1, 0, 1, 2), (-2, -1, 0, 1, 2), (-1, 0, 1)):
+            if abs(turn) * 0.2 / farthest > 0.2:
+                continue
+            pose = guess + np.array((0.2 * x, 0.2 * y, turn * 0.2 / farthest))
+            scores.append(matcher.match(points, pose, window=(0, 0, 0)).score)
+            tried += 1
+        # A shift by a cell moves all points by a cell, but for rounding at borders.
+        assert found.score == pytest.approx(max(scores), abs=0.02)
+    assert tried >= 1000
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_many_scans_are_the_same_with_any_threads(threads):
+    matcher = ndtree.Matcher(room(0.03))
+    poses = RNG.uniform((-1, -1, -3), (1, 1, 3), (12, 3))
+    scans = [seen_from(room(0.2), pose) for pose in poses]
+    guesses = poses + 0.1
+    many = matcher.match_all(scans, guesses, window=(0.3, 0.3, 0.2), threads=threads)
+    for scan, guess, found in zip(scans, guesses, many):
+        alone = matcher.match(scan, guess, window=(0.3, 0.3, 0.2))
+        np.testing.assert_array_equal(alone.pose, found.pose)
+        np.testing.assert_array_equal(alone.covariance, found.covariance)
+        assert (alone.score, alone.second, alone.inliers) == (found.score, found.second, found.inliers)
+
+
+def test_a_scan_is_found_in_space():
+    side = np.arange(-1.5, 1.5, 0.1)
+    x, y = (one.ravel() for one in np.meshgrid(side, side))
+    cube = np.concatenate(
+        [np.column_stack(np.roll((x, y, np.full(len(x), -1.5)), axis, axis=0)) for axis in range(3)]
+    )
+    matcher = ndtree.Matcher(cube, cell_size=0.1)
+    found = matcher.match(
+        cube[::7] - (0.1, -0.05, 0.08), (0, 0, 0, 0, 0, 0, 1), window=(0.2, 0.2, 0.2, 0.05, 0.05, 0.05)
+    )
+    np.testing.assert_allclose(found.pose[:3, 3], (0.1, -0.05, 0.08), atol=0.01)
+    np.testing.assert_allclose(found.pose[:3, :3], np.eye(3), atol=0.01)
+    assert found.covariance.shape == (6, 6) and found.is_unique
+
+
+def test_a_corridor_is_not_unique():
+    x = np.arange(-10, 10, 0.04)
+    walls = np.concatenate([np.column_stack((x, np.full(len(x), y))) for y in (-1.0, 1.0)])
+    matcher = ndtree.Matcher(walls)
+    found = matcher.match(walls[np.abs(walls[:, 0]) < 2][::3], (0, 0, 0), window=(3, 0.3, 0.1))
+    assert not found.is_unique and found.covariance[0, 0] > 50 * found.covariance[1, 1]
+    known = matcher.match(
+        walls[::9], (0, 0, 0), window=(3, 0.3, 0.1), information=np.diag((1e4, 0, 0)), second=False
+    )
+    assert known.second == 0 and known.covariance[0, 0] < 1.1e-4
+
+
+def test_matches_can_be_shown_copied_and_pickled():
+    found = ndtree.Matcher(room(0.05)).match(room(0.3), (0, 0, 0), window=(0.1, 0.1, 0.1))
+    for again in (copy.deepcopy(found), pickle.loads(pickle.dumps(found))):
+        np.testing.assert_array_equal(again.pose, found.pose)
+        assert again.score == found.score
+    assert "unique" in repr(found) and ndtree.Matcher(room(0.5)).dim == 2
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: ndtree.Matcher(np.zeros((3, 4))), "points has shape"),
+        (lambda: ndtree.Matcher(room(0.5), cell_size=0), "cell_size = 0"),
+        (lambda: ndtree.Matcher(room(0.5)).match(room(0.5), (0, 0, 0), window=(1, 1)), "window has shape"),
+        (lambda: ndtree.Matcher(room(0.5)).match(room(0.5), (0, 0, 0), window=(-1, 1, 1)), "window = -1"),
+        (lambda: ndtree.Matcher(room(0.5)).match(room(0.5), (0, 0), window=(1, 1, 1)), "guess"),
+        (
+            lambda: ndtree.Matcher(room(0.5)).match(room(0.5), (0, 0, 0), window=(1, 1, 1), apart=0),
+            "apart = 0",
+        ),
+        (lambda: ndtree.Matcher(room(0.5)).match_all([room(0.5)], [], window=(1, 1, 1)), "guesses"),
+        (lambda: room_map().match(room(0.5), (0, 0, 0), window=(math.inf, 1, 1)), "window = inf"),
+        (lambda: ndtree.AdaptiveMap(dim=4).match(room(0.5), (0, 0, 0), window=(1, 1, 1)), "dim = 4"),
+    ],
+)
+def test_wrong_calls_are_named(call, says):
+    with pytest.raises(ValueError, match=says.replace("(", r"\(")):
+        call()
+
+
+def test_pose_graphs_are_those_of_gtsam():
+    gtsam = pytest.importorskip("gtsam", reason="the oracle is the gtsam of PyPI")
+    rng = np.random.default_rng(5)
+    for _ in range(5):
+        start = np.cumsum(rng.normal(0, 0.5, (30, 3)), axis=0)
+        pairs = [(i, i + 1) for i in range(29)] + [
+            tuple(sorted(rng.choice(30, 2, replace=False))) for _ in range(15)
+        ]
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        measured, information = [], []
+        for a, b in pairs:
+            relation = gtsam.Pose2(*start[a]).between(gtsam.Pose2(*(start[b] + rng.normal(0, 0.002, 3))))
+            sigmas = rng.uniform(0.02, 0.2, 2)[[0, 0, 1]]  # Its x and y are those of the other pose.
+            measured.append((relation.x(), relation.y(), relation.theta()))
+            information.append(np.diag(sigmas**-2))
+            graph.add(
+                gtsam.BetweenFactorPose2(int(a), int(b), relation, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
+            )
+        graph.add(
+            gtsam.PriorFactorPose2(0, gtsam.Pose2(*start[0]), gtsam.noiseModel.Isotropic.Sigma(3, 1e-6))
+        )
+        for i, pose in enumerate(start):
+            values.insert(i, gtsam.Pose2(*pose))
+        expected = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+        poses, *_ = _core.solve_pose_graph(start, pairs, measured, information, np.zeros(len(pairs)))
+        ours = gtsam.Values()
+        for i, pose in enumerate(poses):
+            ours.insert(i, gtsam.Pose2(*pose))
+        # It takes shift and turn together, we do not: the same to first order.
+        assert graph.error(ours) < 1.02 * graph.error(expected) < graph.error(values)
