@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         NearestOccupied,
         OccupancyMap,
         RayEnds,
+        Reliability,
         ScanHistory,
         SeenSpace,
         Shape,
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
         has_octomap,
         load_octomap,
     )
+    from ndtree.base.certificate import Certificate
     from ndtree.base.scan import Scan
     from ndtree.evaluation.comparison import Comparison, compare
     from ndtree.evaluation.map_comparison import MapComparison, compare_maps
@@ -71,6 +73,7 @@ __all__ = [
     "Box",
     "Calibration",
     "Capsule",
+    "Certificate",
     "Changes",
     "Claims",
     "Comparison",
@@ -92,6 +95,7 @@ __all__ = [
     "OccupancyMap",
     "OctoMap",
     "RayEnds",
+    "Reliability",
     "Scan",
     "ScanHistory",
     "SeenSpace",
@@ -123,6 +127,7 @@ _FOLDERS = ("distributed", "logs", "plot", "study", "tiles", "typing", "viewer")
 #: Modules of the names in `__all__`; all others are the compiled module's.
 _MODULES = {
     "Calibration": "ndtree.tuning.calibration",
+    "Certificate": "ndtree.base.certificate",
     "Comparison": "ndtree.evaluation.comparison",
     "FirstLook": "ndtree.tuning.first_look",
     "Log": "ndtree.logs",
