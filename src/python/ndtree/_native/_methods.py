@@ -113,8 +113,13 @@ def _truth_text(self: _core.HeldOutTruth) -> str:
     return (
         f"HeldOutTruth(samples={self.samples}, free={self.free:.4g}, occupied={self.occupied:.4g}, "
         f"unknown={self.unknown:.4g}, endpoints={self.endpoints}, endpoints_near={self.endpoints_near:.4g}, "
-        f"casts={self.casts}, casts_within={self.casts_within:.4g}, median_error={self.median_error:.4g})"
+        f"casts={self.casts}, casts_within={self.casts_within:.4g}, median_error={self.median_error:.4g}, "
+        f"surfaces_within={self.surfaces_within:.4g}, surface_error={self.surface_error:.4g})"
     )
+
+
+def _reliability_text(self: _core.Reliability) -> str:
+    return f"Reliability({self.beams} beams in {int(self.pairs.sum())} cells, {int(self.ends.sum())} ends)"
 
 
 def _space_text(self: _core.SeenSpace) -> str:
@@ -170,4 +175,5 @@ _given(_core.OccupancyMap, "_repr_png_", _png)
 _given(_core.DistanceField, "__repr__", _field_text)
 _core.DistanceField.centers = property(_field_centers)  # type: ignore[assignment, method-assign]
 _given(_core.HeldOutTruth, "__repr__", _truth_text)
+_given(_core.Reliability, "__repr__", _reliability_text)
 _given(_core.SeenSpace, "__repr__", _space_text)
