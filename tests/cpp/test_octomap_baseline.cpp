@@ -334,14 +334,14 @@ TEST(OctomapBaseline, CellsOfARayAreThoseAtItsPoints) {
     if (!surface) continue;
     ++surfaces;
     double left = 1.0;  // Of the beams, in steps of a tenth of a millimetre.
-    double half = *entry + 0.1;
+    double half = *entry + 0.075;
     map.for_each_cell(origin, unit, *entry, [&](float log_odds, double enter, double exit) {
       const double rate = log_odds == 0.0f ? 0.0 : HitRateModel::mean_of(static_cast<double>(log_odds));
       for (double d = enter; d < exit && left > 0.5; d += 1e-4) {
         left *= std::pow(1.0 - rate, std::min(1e-4, exit - d) / (exit - enter));
         if (left <= 0.5) half = std::min(half, d);
       }
-      return left > 0.5 && exit < *entry + 0.1;
+      return left > 0.5 && exit < *entry + 0.075;
     });
     EXPECT_NEAR(*surface, half, 2e-4);
   }

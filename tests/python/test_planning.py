@@ -104,7 +104,7 @@ def test_rays_that_stop_at_unknown_space_end_before_it(any_room):
         any_room.cast_rays(origin, directions, unknown="no")
 
 
-def test_rays_at_the_surface_end_at_most_a_smallest_cell_behind_the_entry(any_room):
+def test_rays_at_the_surface_end_a_little_behind_the_entry(any_room):
     directions = RNG.normal(size=(200, any_room.dim))
     origin = np.full(any_room.dim, 0.3)
     for unknown in ("pass", "stop"):
@@ -120,7 +120,7 @@ def test_rays_at_the_surface_end_at_most_a_smallest_cell_behind_the_entry(any_ro
         met = cell.state == 1
         assert met.sum() > 20
         depth = (surface.distance - cell.distance)[met]
-        assert (depth > 0.0).all() and (depth <= any_room.min_cell_size * (1 + 1e-9)).all()
+        assert (depth > 0.0).all() and (depth <= 0.75 * any_room.min_cell_size * (1 + 1e-9)).all()
         assert np.unique(np.round(depth, 4)).size > 10
         np.testing.assert_array_equal(surface.distance[~met], cell.distance[~met])
     with pytest.raises(ValueError, match="at = 'wall': must be 'cell' or 'surface'"):

@@ -333,7 +333,7 @@ std::optional<double> OctomapBaseline::cast_ray(const Vector<3>& origin, const V
   }
   if (!(entry < max_range)) return std::nullopt;
   if (aim == RayAim::cell) return entry;
-  detail::MedianEnd end(entry + impl_->cell_size());
+  detail::MedianEnd end(entry + detail::kMostDepth * impl_->cell_size());
   for_each_cell(origin, unit, entry, [&](float log_odds, double enter, double exit) {
     const bool is_observed = state_of(log_odds) != CellState::unknown;
     return end.pass(is_observed ? HitRateModel::mean_of(static_cast<double>(log_odds)) : 0.0, enter, exit);

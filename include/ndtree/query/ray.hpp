@@ -60,6 +60,10 @@ struct FirstNotFree : BeamVisitor {
   }
 };
 
+/// A surface is at most this many smallest cells behind where a ray enters its first occupied cell:
+/// where few beams have ended, half of those that come would end farther behind than the surface is.
+inline constexpr double kMostDepth = 0.75;
+
 /// Where half of the beams that reach a cell end, in it or behind: the beams go from cell to cell, and in
 /// each its hit rate ends some, with the same probability in each part of the way through it. At most a
 /// limit.
@@ -102,7 +106,7 @@ struct EndOfBeams : BeamVisitor {
 template <class Map>
 [[nodiscard]] double surface_behind(const Map& map, const Vector<Map::kDim>& origin,
                                     const Vector<Map::kDim>& direction, double t_enter, double length) {
-  EndOfBeams<Map> beams(map, t_enter + map.options().min_cell_size / length);
+  EndOfBeams<Map> beams(map, t_enter + kMostDepth * map.options().min_cell_size / length);
   traverse_beam(map.tree(), origin, direction, t_enter, std::numeric_limits<double>::infinity(), beams);
   return beams.end.t();
 }
@@ -130,7 +134,7 @@ inline void check_ray(bool finite, double length, double max_range) {
 }  // namespace detail
 
 /// What is meant by the distance to an occupied cell: to where the ray enters it; or to the surface, which is
-/// where half of the beams that come this way would end by now, at most a smallest cell behind that.
+/// where half of the beams that come this way would end by now, at most 3/4 of a smallest cell behind that.
 enum class RayAim { cell, surface };
 
 /// Where a ray ends.
@@ -178,8 +182,8 @@ template <class Map>
 /// there is none within `max_range` [m]. Unknown space does not stop a ray. The direction may have any length
 /// but zero.
 /// @param aim surface: instead, to where the surface is likely to be; a leaf still counts if the ray enters
-/// it within max_range. Then the distance is at most a smallest cell longer, and a ray that starts in an
-/// occupied leaf ends ahead of its origin.
+/// it within max_range. Then the distance is at most 3/4 of a smallest cell longer, and a ray that starts in
+/// an occupied leaf ends ahead of its origin.
 /// @throws std::invalid_argument if origin or direction is not finite, the direction zero or max_range not >
 /// 0.
 template <class Map>

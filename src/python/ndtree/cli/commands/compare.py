@@ -36,6 +36,7 @@ from ndtree.maps.open import is_map
     epilog=examples(
         "ndtree compare office.npz --max-range 20 --no-return ignore --json office.json",
         "ndtree compare --world apartment --maps adaptive,fixed,fixed@0.1,octomap --picture rooms.png",
+        "ndtree compare office.npz --calibration --certify --reliability office.png",
         "ndtree compare hall.ndt hall.bt --picture differences.png",
     ),
 )
