@@ -926,7 +926,7 @@ class OccupancyMap:
             "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
         at : str
             "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
-            beams that come this way by the hit rates of this leaf and of those behind it, at most a smallest cell farther.
+            beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
         details : bool
             Whether to say what the rays end at, too.
 
@@ -966,7 +966,7 @@ class OccupancyMap:
             "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
         at : str
             "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
-            beams that come this way by the hit rates of this leaf and of those behind it, at most a smallest cell farther.
+            beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
         details : bool
             Whether to say what the rays end at, too.
 
