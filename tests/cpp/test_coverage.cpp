@@ -236,20 +236,31 @@ TYPED_TEST(CoverageOf, FilesKeepWhatWasPartlySeen) {
   EXPECT_GE(partly_seen, D == 1 ? 0 : 10);
 }
 
+/// What a beam sees, @param way over a child's edge.
+template <class Sum>
+auto passed(float way, float width) {
+  return Sum::passed(way * Sum::kUnitsOfOne, width);
+}
+/// Of one child. @param area over that of a face of the child.
+template <class Sum>
+std::int64_t seen(float way, float area) {
+  return nearest_integer(way * Sum::kUnitsOfOne * area);
+}
+
 TEST(Coverage, SumsAreShares) {
   using Sum = ScanCoverage<2, 3>;
   Sum coverage;
   EXPECT_EQ(coverage.beams_for_child(), 0.0);
   EXPECT_EQ(coverage.mean_share(), 1.0);
   EXPECT_EQ(CoverageModel(CoverageOptions{}).judge(coverage, 0, 8.0, 3.0).parts, 0u) << "nothing was seen";
-  coverage.add(Sum::passed(1.0f, 0.5f));
-  coverage.add(3, Sum::seen(1.0f, 0.25f));
+  coverage.add(passed<Sum>(1.0f, 0.5f));
+  coverage.add(3, seen<Sum>(1.0f, 0.25f));
   EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.25);
   EXPECT_DOUBLE_EQ(coverage.of_child(0), 0.0);
   EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 4.0);
   EXPECT_DOUBLE_EQ(coverage.mean_share(), 0.765625);  // (7 / 16)² of the child instead of a quarter.
-  coverage.add(Sum::passed(0.5f, 3.0f));              // Wider than the child, in a corner of it.
-  coverage.add(3, Sum::seen(0.5f, 0.25f));
+  coverage.add(passed<Sum>(0.5f, 3.0f));              // Wider than the child, in a corner of it.
+  coverage.add(3, seen<Sum>(0.5f, 0.25f));
   EXPECT_DOUBLE_EQ(coverage.of_child(3), 0.375);
   EXPECT_DOUBLE_EQ(coverage.beams_for_child(), 2.0);
   EXPECT_NEAR(coverage.mean_share(), (0.19140625 + 0.5) / 0.75, 1e-6);
@@ -307,8 +318,8 @@ TEST(Coverage, VerdictsFollowTheRule) {
       if ((row.children >> child & 1u) != 0)
         for (int i = 0; i < row.beams_a_child; ++i) {
           const float width = 1.0f / static_cast<float>(row.beams_a_child);
-          scan.add(ScanCoverage<2, 2>::passed(1.0f, width));
-          scan.add(child, ScanCoverage<2, 2>::seen(1.0f, width));
+          scan.add(passed<ScanCoverage<2, 2>>(1.0f, width));
+          scan.add(child, seen<ScanCoverage<2, 2>>(1.0f, width));
         }
     const CoverageVerdict verdict = model.judge(scan, row.before, row.size, row.beams);
     EXPECT_EQ(verdict.parts, row.parts) << cases;
@@ -323,8 +334,8 @@ TEST(Coverage, VerdictsFollowTheRule) {
 TEST(Coverage, ACellThatRemembersNoMoreBeamsSplitsHoweverSmall) {
   const CoverageModel model(CoverageOptions{});
   ScanCoverage<2, 2> scan;  // One child alone was seen, by one beam.
-  scan.add(ScanCoverage<2, 2>::passed(1.0f, 1.0f));
-  scan.add(0, ScanCoverage<2, 2>::seen(1.0f, 1.0f));
+  scan.add(passed<ScanCoverage<2, 2>>(1.0f, 1.0f));
+  scan.add(0, seen<ScanCoverage<2, 2>>(1.0f, 1.0f));
   int cases = 0;
   for (const double size : {4.0, 8.0, 64.0}) {
     EXPECT_FALSE(model.judge(scan, 0, size, 1.0).shows_more) << size;
@@ -357,8 +368,8 @@ TYPED_TEST(CoverageOf, WhatIsCertainStaysWhateverElseIsSeen) {
     Sum scan;
     const auto add = [&](int child, double share) {
       const auto width = std::pow(static_cast<float>(share), 1.0f / std::max(1, D - 1));
-      scan.add(Sum::passed(1.0f, width));
-      scan.add(child, Sum::seen(1.0f, D == 1 ? 1.0f : static_cast<float>(share)));
+      scan.add(passed<Sum>(1.0f, width));
+      scan.add(child, seen<Sum>(1.0f, D == 1 ? 1.0f : static_cast<float>(share)));
     };
     const double most = random.uniform(0.1, 1.6);
     const int beams = static_cast<int>(random.uniform(4.0, 100.0));

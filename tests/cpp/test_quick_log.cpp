@@ -35,7 +35,7 @@ TEST(QuickLog, IsWithin1em12) {
 #ifdef NDTREE_HAS_EIGHTS
 NDTREE_BY_EIGHTS std::array<double, 4> four_logs(const std::array<double, 4>& x) {
   std::array<double, 4> result;
-  _mm256_storeu_pd(result.data(), quick_log(_mm256_loadu_pd(x.data())));
+  quick_log(FourDoubles::load(x.data())).store(result.data());
   return result;
 }
 
@@ -77,7 +77,7 @@ TEST(RoughLog, IsWithinItsError) {
 #ifdef NDTREE_HAS_EIGHTS
 NDTREE_BY_EIGHTS std::array<float, 8> eight_logs(const std::array<float, 8>& x) {
   std::array<float, 8> result;
-  _mm256_storeu_ps(result.data(), rough_log(_mm256_loadu_ps(x.data())));
+  rough_log(EightFloats::load(x.data())).store(result.data());
   return result;
 }
 

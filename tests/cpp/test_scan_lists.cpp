@@ -244,7 +244,7 @@ NDTREE_BY_EIGHTS std::array<float, 8> passes_of_eight(const ScanBeams<D>& beams,
   EightBeams<D> eight;
   beams.look_up(numbers.data(), eight);
   std::array<float, 8> passes;
-  _mm256_storeu_ps(passes.data(), eight.t_free);
+  eight.t_free.store(passes.data());
   return passes;
 }
 #endif

@@ -219,13 +219,12 @@ TEST(CubicTable, IsWithinItsError) {
 using Eight = std::array<float, 8>;
 NDTREE_BY_EIGHTS Eight of_eight(const CubicTable& table, const Eight& x) {
   Eight result;
-  _mm256_storeu_ps(result.data(), table(_mm256_loadu_ps(x.data())));
+  table(EightFloats::load(x.data())).store(result.data());
   return result;
 }
 NDTREE_BY_EIGHTS Eight of_eight(const BeamSensorModel& model, const Eight& entry, const Eight& exit) {
   Eight result;
-  _mm256_storeu_ps(result.data(),
-                   model.quick_log_odds(_mm256_loadu_ps(entry.data()), _mm256_loadu_ps(exit.data())));
+  model.quick_log_odds(EightFloats::load(entry.data()), EightFloats::load(exit.data())).store(result.data());
   return result;
 }
 

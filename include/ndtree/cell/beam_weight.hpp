@@ -9,7 +9,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/cubic_table.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/simd.hpp"
 
 namespace ndtree {
@@ -36,25 +36,21 @@ namespace ndtree {
 ///   w = erf(u / sqrt 2) - sqrt(2 / pi) (1 - exp(-u^2 / 2)) / u:   0.54 at u = 5/3, 0.84 at u = 5.
 /// Where noise spreads the hits of one wall over several cells, fewer of them then become occupied.
 struct BeamWeight {
+  /// The units of one beam or eight: added to E+ if > 0, else their negative to E-.
   /// @param nats the inverse sensor model's log-odds that the cell is occupied, |nats| < 1e6.
   /// @param inside probability_inside() of the cell.
-  static void add(ScanEvidence& sum, float nats, float inside) {
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto units_of(const Floats& nats, const Floats& inside) {
     constexpr auto kUnitsPerNat = static_cast<float>(1.0 / EvidenceCell::kUnit);
-    const float weight = nats > 0.0f ? inside : 1.0f;
-    const std::int64_t units = nearest_integer(weight * nats * kUnitsPerNat);
+    const Floats weight = select(nats > 0.0f, inside, Floats(1.0f));
+    return nearest_integer(Floats(weight * nats * kUnitsPerNat));
+  }
+  /// Adds those of one beam.
+  static void add(ScanEvidence& sum, float nats, float inside) {
+    const std::int64_t units = units_of(nats, inside);
     sum.occupied += std::max<std::int64_t>(units, 0);
     sum.free -= std::min<std::int64_t>(units, 0);
   }
-
-#ifdef NDTREE_HAS_EIGHTS
-  /// What add() adds for eight beams, to the last bit: to E+ if > 0, else its negative to E-.
-  NDTREE_BY_EIGHTS [[nodiscard]] static NDTREE_ALWAYS_INLINE __m256i units_of(__m256 nats, __m256 inside) {
-    constexpr auto kUnitsPerNat = static_cast<float>(1.0 / EvidenceCell::kUnit);
-    const __m256 is_for = _mm256_cmp_ps(nats, _mm256_setzero_ps(), _CMP_GT_OQ);
-    const __m256 weight = _mm256_blendv_ps(_mm256_set1_ps(1.0f), inside, is_for);
-    return _mm256_cvtps_epi32(_mm256_mul_ps(_mm256_mul_ps(weight, nats), _mm256_set1_ps(kUnitsPerNat)));
-  }
-#endif
 
   /// The weight w of a hit in a cell u > 0 standard deviations wide.
   [[nodiscard]] static double probability_inside(double u) {

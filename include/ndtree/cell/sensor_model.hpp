@@ -7,14 +7,16 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
+#include <utility>
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/cubic_table.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/quick_log.hpp"
 #include "ndtree/core/rounded.hpp"
-#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 
@@ -43,6 +45,18 @@ struct SensorOptions {
   void validate() const { for_each_bounded(*this, require_within); }
 };
 
+/// Whether a sensor's noise is a template on its numbers, so that beams are packed eight at a time.
+template <class Sensor, class = void>
+inline constexpr bool kHasNoiseOfLanes = false;
+#ifdef NDTREE_HAS_EIGHTS
+template <class Sensor>
+inline constexpr bool kHasNoiseOfLanes<
+    Sensor, std::enable_if_t<std::is_same_v<
+                decltype(std::declval<const Sensor&>().clearly_free_until(
+                    FourDoubles(), std::declval<const Sensor&>().sigma(FourDoubles()))),
+                FourDoubles>>> = true;
+#endif
+
 /// p(n|z) for a beam that enters cell n at one distance and leaves it at another.
 ///
 /// The obstacle's distance x is N(range, sigma²). The cell is occupied if x falls inside it, free if x falls
@@ -60,26 +74,29 @@ class BeamSensorModel {
         probability_min_(static_cast<float>(options.probability_min)),
         probability_max_(static_cast<float>(options.probability_max)),
         log_odds_free_(static_cast<float>(ndtree::log_odds(options.probability_min))),
-        log_odds_occupied_(static_cast<float>(ndtree::log_odds(options.probability_max))),
-        quick_log_odds_min_(quick_log_odds(probability_min_)),
-        quick_log_odds_max_(quick_log_odds(probability_max_)) {}
+        log_odds_occupied_(static_cast<float>(ndtree::log_odds(options.probability_max))) {}
+
+  // Of one number, or of several side by side: see lanes.hpp.
 
   /// Standard deviation of a measured range [m].
-  [[nodiscard]] double sigma(double range) const {
+  template <class Doubles>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma(const Doubles& range) const {
     return options_.range_sigma + rounded(options_.range_sigma_quadratic * range * range);
   }
-
-#ifdef NDTREE_HAS_EIGHTS
-  /// sigma() of four ranges, to the last bit.
-  NDTREE_BY_EIGHTS [[nodiscard]] __m256d sigma(__m256d range) const {
-    return _mm256_add_pd(
-        _mm256_set1_pd(options_.range_sigma),
-        _mm256_mul_pd(_mm256_mul_pd(_mm256_set1_pd(options_.range_sigma_quadratic), range), range));
+  /// Cells that end before this distance [m] get log_odds_free(): F(exit) alone is below probability_min.
+  template <class Doubles>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles clearly_free_until(const Doubles& range,
+                                                                const Doubles& sigma) const {
+    return range + rounded(z_min_ * sigma);
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] __m256d clearly_free_until(__m256d range, __m256d sigma) const {
-    return _mm256_add_pd(range, _mm256_mul_pd(_mm256_set1_pd(z_min_), sigma));
+  /// log_odds() from a probability within 5e-5, for a cell whose entry and exit are these distances behind
+  /// the end point, in standard deviations.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats quick_log_odds(const Floats& entry, const Floats& exit) const {
+    const Floats p = 0.25f + (upper_cdf(exit) - rounded(0.5f * upper_cdf(entry)));
+    const Floats clamped = min_of(max_of(p, probability_min_), probability_max_);
+    return rough_log(Floats(clamped / (1.0f - clamped)));
   }
-#endif
 
   /// The t of the last point for which a beam has evidence.
   /// @param sigma of the beam's range [m].
@@ -92,11 +109,6 @@ class BeamSensorModel {
   /// The model as derived, not clamped; entry and exit in metres from the sensor.
   [[nodiscard]] static double probability(double entry, double exit, double range, double sigma) {
     return cdf(exit, range, sigma) - rounded(0.5 * cdf(entry, range, sigma));
-  }
-
-  /// Cells that end before this distance [m] get log_odds_free(): F(exit) alone is below probability_min.
-  [[nodiscard]] double clearly_free_until(double range, double sigma) const {
-    return range + rounded(z_min_ * sigma);
   }
 
   /// F(distance; range, sigma²). Neighbours along a beam share it: one's exit is the other's entry.
@@ -112,39 +124,15 @@ class BeamSensorModel {
     return static_cast<float>(ndtree::log_odds(p));
   }
 
-  /// log_odds() from a probability within 5e-5, for a cell whose entry and exit are these distances behind
-  /// the end point, in standard deviations.
-  [[nodiscard]] float quick_log_odds(float entry, float exit) const {
-    const float p = 0.25f + (upper_cdf(exit) - rounded(0.5f * upper_cdf(entry)));
-    if (p <= probability_min_) return quick_log_odds_min_;
-    if (p >= probability_max_) return quick_log_odds_max_;
-    return quick_log_odds(p);
-  }
-#ifdef NDTREE_HAS_EIGHTS
-  /// quick_log_odds() of eight cells, to the last bit.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 quick_log_odds(__m256 entry, __m256 exit) const {
-    const __m256 p =
-        _mm256_add_ps(_mm256_set1_ps(0.25f),
-                      _mm256_sub_ps(upper_cdf(exit), _mm256_mul_ps(_mm256_set1_ps(0.5f), upper_cdf(entry))));
-    const __m256 clamped =
-        _mm256_min_ps(_mm256_max_ps(p, _mm256_set1_ps(probability_min_)), _mm256_set1_ps(probability_max_));
-    return rough_log(_mm256_div_ps(clamped, _mm256_sub_ps(_mm256_set1_ps(1.0f), clamped)));
-  }
-#endif
-
   /// The log-odds of probability_min, for a cell that a beam passed.
   [[nodiscard]] float log_odds_free() const { return log_odds_free_; }
 
  private:
-  [[nodiscard]] static float quick_log_odds(float p) { return rough_log(p / (1.0f - p)); }
   /// normal_cdf() - 1/2 within 3.5e-5.
-  [[nodiscard]] float upper_cdf(float x) const { return std::copysign((*upper_cdf_)(std::abs(x)), x); }
-#ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 upper_cdf(__m256 x) const {
-    const __m256 sign = _mm256_set1_ps(-0.0f);
-    return _mm256_or_ps((*upper_cdf_)(_mm256_andnot_ps(sign, x)), _mm256_and_ps(sign, x));
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats upper_cdf(const Floats& x) const {
+    return with_sign((*upper_cdf_)(abs_of(x)), x);
   }
-#endif
   [[nodiscard]] static const CubicTable& upper_cdf_table() {
     static const CubicTable table(4.25, [](double x) { return normal_cdf(x) - 0.5; });
     return table;
@@ -156,8 +144,6 @@ class BeamSensorModel {
   float probability_max_;
   float log_odds_free_;
   float log_odds_occupied_;
-  float quick_log_odds_min_;
-  float quick_log_odds_max_;
   const CubicTable* upper_cdf_ = &upper_cdf_table();  // One of all models.
 };
 

@@ -10,6 +10,7 @@
 #include <limits>
 #include <utility>
 
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/quick_log.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
@@ -42,22 +43,23 @@ inline constexpr double kLogSqrt2Pi = 0.91893853320467274;
 namespace detail {
 
 /// Factors of the gamma function: Γ(x) = exp(stirling) sqrt(2 π) / product. Stirling's series from 8 on, and
-/// the recurrence down from there.
+/// the recurrence down from there: Γ(x) = Γ(x + 8) / (x (x + 1) ... (x + 7)).
+template <class Doubles>
 struct GammaFactors {
-  double stirling;
-  double product = 1.0;
+  Doubles stirling;
+  Doubles product;
 
-  explicit GammaFactors(double x) {
-    if (x < 8.0) {  // Γ(x) = Γ(x + 8) / (x (x + 1) ... (x + 7))
-      const double y = rounded(x * (x + 7.0));
-      product = y * (y + 6.0) * (y + 10.0) * (y + 12.0);
-      x += 8.0;
-    }
-    const double inverse = 1.0 / x;
-    const double y = inverse * inverse;
-    const double series =
+  NDTREE_ALWAYS_INLINE explicit GammaFactors(const Doubles& of_x) {
+    const auto is_small = of_x < 8.0;
+    const Doubles y = rounded(of_x * (of_x + 7.0));
+    product = select(is_small, Doubles(y * (y + 6.0) * (y + 10.0) * (y + 12.0)), Doubles(1.0));
+    const Doubles x = select(is_small, Doubles(of_x + 8.0), of_x);
+    const Doubles inverse = 1.0 / x;
+    const Doubles square = inverse * inverse;
+    const Doubles series =
         (1.0 / 12.0 -
-         rounded(y * (1.0 / 360.0 - rounded(y * (1.0 / 1260.0 - rounded(y * (1.0 / 1680.0))))))) *
+         rounded(square *
+                 (1.0 / 360.0 - rounded(square * (1.0 / 1260.0 - rounded(square * (1.0 / 1680.0))))))) *
         inverse;
     stirling = rounded((x - 0.5) * quick_log(x)) - x + rounded(series);
   }
@@ -65,54 +67,15 @@ struct GammaFactors {
 
 }  // namespace detail
 
-/// log_beta() within 1e-9 or 1e-12 of the largest of the three, in a third of the time.
-[[nodiscard]] inline double quick_log_beta(double a, double b) {
-  const detail::GammaFactors of_a(a);
-  const detail::GammaFactors of_b(b);
-  const detail::GammaFactors of_sum(a + b);
+/// log_beta() within 1e-9 or 1e-12 of the largest of the three, in a third of the time; of one or four pairs.
+template <class Doubles>
+[[nodiscard]] NDTREE_ALWAYS_INLINE Doubles quick_log_beta(const Doubles& a, const Doubles& b) {
+  const detail::GammaFactors<Doubles> of_a(a);
+  const detail::GammaFactors<Doubles> of_b(b);
+  const detail::GammaFactors<Doubles> of_sum(a + b);
   return of_a.stirling + of_b.stirling - of_sum.stirling + detail::kLogSqrt2Pi +
-         quick_log(of_sum.product / (of_a.product * of_b.product));
+         quick_log(Doubles(of_sum.product / (of_a.product * of_b.product)));
 }
-
-#ifdef NDTREE_HAS_EIGHTS
-namespace detail {
-
-/// GammaFactors of four numbers, to the same bits.
-struct FourGammaFactors {
-  __m256d stirling;
-  __m256d product;
-};
-NDTREE_BY_EIGHTS inline __m256d plus(__m256d x, double c) { return _mm256_add_pd(x, _mm256_set1_pd(c)); }
-NDTREE_BY_EIGHTS inline FourGammaFactors four_gamma_factors(__m256d x) {
-  const __m256d is_small = _mm256_cmp_pd(x, _mm256_set1_pd(8.0), _CMP_LT_OQ);
-  const __m256d below = _mm256_mul_pd(x, plus(x, 7.0));
-  const __m256d product = _mm256_mul_pd(
-      _mm256_mul_pd(_mm256_mul_pd(below, plus(below, 6.0)), plus(below, 10.0)), plus(below, 12.0));
-  x = _mm256_blendv_pd(x, plus(x, 8.0), is_small);
-  const __m256d inverse = _mm256_div_pd(_mm256_set1_pd(1.0), x);
-  const __m256d y = _mm256_mul_pd(inverse, inverse);
-  __m256d series = _mm256_set1_pd(1.0 / 1680.0);
-  for (const double c : {1.0 / 1260.0, 1.0 / 360.0, 1.0 / 12.0})
-    series = _mm256_sub_pd(_mm256_set1_pd(c), _mm256_mul_pd(y, series));
-  series = _mm256_mul_pd(series, inverse);
-  return {_mm256_add_pd(_mm256_sub_pd(_mm256_mul_pd(plus(x, -0.5), quick_log(x)), x), series),
-          _mm256_blendv_pd(_mm256_set1_pd(1.0), product, is_small)};
-}
-
-}  // namespace detail
-
-/// Of four pairs, to the same bits.
-NDTREE_BY_EIGHTS [[nodiscard]] inline __m256d quick_log_beta(__m256d a, __m256d b) {
-  const detail::FourGammaFactors of_a = detail::four_gamma_factors(a);
-  const detail::FourGammaFactors of_b = detail::four_gamma_factors(b);
-  const detail::FourGammaFactors of_sum = detail::four_gamma_factors(_mm256_add_pd(a, b));
-  const __m256d stirling =
-      _mm256_add_pd(_mm256_sub_pd(_mm256_add_pd(of_a.stirling, of_b.stirling), of_sum.stirling),
-                    _mm256_set1_pd(detail::kLogSqrt2Pi));
-  return _mm256_add_pd(stirling,
-                       quick_log(_mm256_div_pd(of_sum.product, _mm256_mul_pd(of_a.product, of_b.product))));
-}
-#endif
 
 namespace detail {
 
@@ -209,8 +172,9 @@ class RateComparison {
   }
 
  private:
-  [[nodiscard]] double log_evidence(double hits, double misses) const {
-    return quick_log_beta(hits + prior_hits_, misses + 1.0) - log_prior_;
+  template <class Doubles>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles log_evidence(const Doubles& hits, const Doubles& misses) const {
+    return quick_log_beta(Doubles(hits + prior_hits_), Doubles(misses + 1.0)) - log_prior_;
   }
   static constexpr std::size_t kAtOnce = 4;
   void log_evidences(const double* hits, const double* misses, std::size_t n, double* evidence) const {
@@ -221,9 +185,7 @@ class RateComparison {
   }
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS void four_log_evidences(const double* hits, const double* misses, double* evidence) const {
-    const __m256d a = _mm256_add_pd(_mm256_loadu_pd(hits), _mm256_set1_pd(prior_hits_));
-    const __m256d b = _mm256_add_pd(_mm256_loadu_pd(misses), _mm256_set1_pd(1.0));
-    _mm256_storeu_pd(evidence, _mm256_sub_pd(quick_log_beta(a, b), _mm256_set1_pd(log_prior_)));
+    log_evidence(FourDoubles::load(hits), FourDoubles::load(misses)).store(evidence);
   }
 #endif
 

@@ -3,12 +3,11 @@
 /// Functions that are needed for every beam, from tables that fit registers.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cstddef>
 
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
-#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 
@@ -38,29 +37,18 @@ class CubicTable {
     }
   }
 
-  /// @pre x >= 0.
-  [[nodiscard]] float operator()(float x) const {
-    const float place = std::min(kEnd, rounded(x * parts_per_unit_));  // Of NaN, the end.
-    const auto part = static_cast<std::size_t>(static_cast<int>(place));
-    const float t = place - static_cast<float>(static_cast<int>(part));
-    const auto factor = [&](std::size_t power) { return factors_[power][part]; };
-    return rounded((rounded((rounded(factor(3) * t) + factor(2)) * t) + factor(1)) * t) + factor(0);
-  }
-#ifdef NDTREE_HAS_EIGHTS
-  /// The values at eight numbers, to the last bit.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 operator()(__m256 x) const {
-    const __m256 place =
-        _mm256_min_ps(_mm256_mul_ps(x, _mm256_set1_ps(parts_per_unit_)), _mm256_set1_ps(kEnd));
-    const __m256i part = _mm256_cvttps_epi32(place);
-    const __m256 t = _mm256_sub_ps(place, _mm256_cvtepi32_ps(part));
-    __m256 value = _mm256_permutevar8x32_ps(_mm256_loadu_ps(factors_[3].data()), part);
+  /// @param x >= 0; one number, or eight: see lanes.hpp.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats operator()(const Floats& x) const {
+    const Floats place = min_of(rounded(x * parts_per_unit_), kEnd);  // Of NaN, the end.
+    const auto part = truncated(place);
+    const Floats t = place - to_floats(part);
+    Floats value = one_of_eight(factors_[3].data(), part);
 #pragma GCC unroll 4
     for (std::size_t left = 3; left > 0; --left)
-      value = _mm256_add_ps(_mm256_mul_ps(value, t),
-                            _mm256_permutevar8x32_ps(_mm256_loadu_ps(factors_[left - 1].data()), part));
+      value = rounded(value * t) + one_of_eight(factors_[left - 1].data(), part);
     return value;
   }
-#endif
 
  private:
   static constexpr std::size_t kParts = 8;

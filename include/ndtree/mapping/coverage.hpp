@@ -9,6 +9,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/tree/child_index.hpp"
 
@@ -76,40 +77,47 @@ class ScanCoverage {
  public:
   static constexpr int kNumChildren = static_cast<int>(integer_power(N, D));
 
-  /// Of one beam, over a whole child, in 1 / kOne.
+  /// Of one beam, or of several, over a whole child, in 1 / kOne.
+  template <class Ints>
   struct Passed {
-    std::int64_t way = 0;    ///< Sum of ways.
-    std::int64_t whole = 0;  ///< Seen volume if the beam was in the middle of each child.
-    std::int64_t mean = 0;   ///< Mean of the seen volume over all places of the beam.
+    Ints way;    ///< Sum of ways.
+    Ints whole;  ///< Seen volume if the beam was in the middle of each child.
+    Ints mean;   ///< Mean of the seen volume over all places of the beam.
   };
   static constexpr std::int64_t kOne = 1 << 20;
   static constexpr float kUnitsOfOne = kOne;
 
-  /// @param way through the cell along the main axis of the beam, over a child's edge.
+  /// @param way through the cell along the main axis of the beam, over a child's edge, times kOne.
   /// @param width of the beam's solid angle there, over a child's edge.
-  [[nodiscard]] static Passed passed(float way, float width) {
-    const float units = way * kUnitsOfOne;
-    return {in_units(units), in_units(units * across(std::min(width, 1.0f))),
-            in_units(units * across(mean_overlap(0.5f * width)))};
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto passed(const Floats& way, const Floats& width) {
+    return Passed<decltype(nearest_integer(way))>{
+        nearest_integer(way), nearest_integer(Floats(way * across(min_of(width, 1.0f)))),
+        nearest_integer(Floats(way * across(mean_overlap(Floats(0.5f * width)))))};
   }
-  /// Seen volume of a child, in 1 / kOne. @param way through the child. @param area of the beam's solid angle
-  /// that lies in the child, over that of a face of the child: the product of overlap() over the axes across.
-  [[nodiscard]] static std::int64_t seen(float way, float area) { return in_units(way * kUnitsOfOne * area); }
   /// The part of a beam's width that lies in a child, over the child's edge.
   /// @param from_middle distance of the beam from the middle of the child, on an axis across.
-  [[nodiscard]] static float overlap(float from_middle, float width) {
-    return std::max(0.0f, std::min(0.5f + 0.5f * width - from_middle, std::min(width, 1.0f)));
+  /// @param least what it is at least: 0, or 1 on the beam's main axis.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats overlap(const Floats& from_middle, const Floats& width,
+                                                           const Floats& least = 0.0f) {
+    return max_of(least, min_of(0.5f + 0.5f * width - from_middle, min_of(width, 1.0f)));
   }
   /// The mean of overlap() over all places: 2 h - h² with h = min(half_width, 1).
-  [[nodiscard]] static float mean_overlap(float half_width) {
-    const float half = std::min(half_width, 1.0f);
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats mean_overlap(const Floats& half_width) {
+    const Floats half = min_of(half_width, 1.0f);
     return half * (2.0f - half);
   }
-  void add(const Passed& beam) {
-    way_ += beam.way;
-    whole_ += beam.whole;
-    mean_ += beam.mean;
+  /// @param sums of whole numbers, of one beam or several.
+  template <class Number>
+  void add(const Passed<Number>& sums) {
+    way_ += sums.way;
+    whole_ += sums.whole;
+    mean_ += sums.mean;
   }
+  /// @param seen volume of a child, in 1 / kOne: the way through it, times the product of overlap() over the
+  ///   axes across.
   void add(int child, std::int64_t seen) { of_child_[static_cast<std::size_t>(child)] += seen; }
   /// Seen fraction of a child; more than 1 where beams are closer than they are elsewhere.
   [[nodiscard]] double of_child(int number) const {
@@ -127,12 +135,10 @@ class ScanCoverage {
  private:
   static constexpr double kUnit = 1.0 / static_cast<double>(kUnitsOfOne);
 
-  [[nodiscard]] static std::int64_t in_units(float units) {
-    return static_cast<std::int64_t>(std::nearbyint(units));
-  }
-  [[nodiscard]] static float across(float width) {
-    float area = 1.0f;
-    for (int a = 1; a < D; ++a) area *= width;
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats across(const Floats& width) {
+    Floats area = 1.0f;
+    for (int a = 1; a < D; ++a) area = area * width;
     return area;
   }
   [[nodiscard]] static double ratio(std::int64_t part, std::int64_t of) {

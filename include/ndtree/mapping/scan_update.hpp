@@ -167,7 +167,7 @@ class ScanUpdate {
   [[nodiscard]] bool may_go_by_eights() const {
 #ifdef NDTREE_HAS_EIGHTS
     const ScanView<D>& scan = measurements_->scan();
-    return std::is_same_v<Sensor, BeamSensorModel> && Simd::width() >= 8 && !scan.origin_per_beam &&
+    return kHasNoiseOfLanes<Sensor> && Simd::width() >= 8 && !scan.origin_per_beam &&
            scan.range_sigma == nullptr && scan.size < std::numeric_limits<std::int32_t>::max() / D &&
            ends_nearby();
 #else
@@ -195,7 +195,7 @@ class ScanUpdate {
     if (first < last) set(first);
     std::size_t i = first + 1;
 #ifdef NDTREE_HAS_EIGHTS
-    if constexpr (std::is_same_v<Sensor, BeamSensorModel>) {
+    if constexpr (kHasNoiseOfLanes<Sensor>) {
       // Sorted beams lie scattered in the scan's array, which the first cache does not hold: prefetch.
       constexpr std::size_t kAhead = 32;
       const ScanView<D>& scan = measurements_->scan();

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/field_grid.hpp"
@@ -308,29 +309,27 @@ class DistanceTransform {
                                                   const float* column, std::size_t start, std::size_t n,
                                                   Lanes& best) {
     static_assert(kLanes == 16);
-    __m256 low = _mm256_load_ps(best.data());
-    __m256 high = _mm256_load_ps(best.data() + 8);
+    EightFloats low = EightFloats::load(best.data());
+    EightFloats high = EightFloats::load(best.data() + 8);
     std::size_t up = start;
     std::size_t down = start;
     while (up < n || down > 0) {
       for (const bool is_up : {true, false}) {
         if (is_up ? up >= n : down == 0) continue;
         const std::size_t r = is_up ? up : down - 1;
-        const __m256 distance = _mm256_broadcast_ss(squared + slabs[r]);
-        const __m256 farther =
-            _mm256_or_ps(_mm256_cmp_ps(low, distance, _CMP_GT_OQ), _mm256_cmp_ps(high, distance, _CMP_GT_OQ));
-        const bool matters = _mm256_movemask_ps(farther) != 0;
+        const EightFloats distance = squared[slabs[r]];
+        const bool matters = ((low > distance) | (high > distance)).set() != 0;
         if (is_up)
           up = matters ? up + 1 : n;
         else
           down = matters ? down - 1 : 0;
         if (!matters) continue;
-        low = _mm256_min_ps(_mm256_add_ps(_mm256_loadu_ps(column + r * kLanes), distance), low);
-        high = _mm256_min_ps(_mm256_add_ps(_mm256_loadu_ps(column + r * kLanes + 8), distance), high);
+        low = min_of(EightFloats::load(column + r * kLanes) + distance, low);
+        high = min_of(EightFloats::load(column + r * kLanes + 8) + distance, high);
       }
     }
-    _mm256_store_ps(best.data(), low);
-    _mm256_store_ps(best.data() + 8, high);
+    low.store(best.data());
+    high.store(best.data() + 8);
   }
 #endif
 

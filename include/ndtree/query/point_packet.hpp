@@ -9,6 +9,7 @@
 #include <cstdint>
 
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/query/cells.hpp"
@@ -146,25 +147,22 @@ class PointPacket {
   NDTREE_BY_EIGHTS [[nodiscard]] bool is_nearer_by_eights(const Squares& box) const {
     const Rest rest = rest_of(box);
     for (std::size_t i = 0; i < kSide; ++i) {
-      const __m256 first = _mm256_broadcast_ss(box[0]->data() + i);
-      __m256 nearer = _mm256_setzero_ps();
-      for (std::size_t k = 0; k < kRest; k += 8) {
-        const __m256 sum = _mm256_add_ps(_mm256_loadu_ps(rest.data() + k), first);
-        const __m256 known = _mm256_loadu_ps(squared_.data() + i * kRest + k);
-        nearer = _mm256_or_ps(nearer, _mm256_cmp_ps(sum, known, _CMP_LT_OQ));
-      }
-      if (_mm256_movemask_ps(nearer) != 0) return true;
+      const float first = (*box[0])[i];
+      EightMask nearer = EightMask::none();
+      for (std::size_t k = 0; k < kRest; k += 8)
+        nearer = nearer | (EightFloats::load(rest.data() + k) + first <
+                           EightFloats::load(squared_.data() + i * kRest + k));
+      if (nearer.set() != 0) return true;
     }
     return false;
   }
   NDTREE_BY_EIGHTS void take_by_eights(const Squares& box) {
     const Rest rest = rest_of(box);
     for (std::size_t i = 0; i < kSide; ++i) {
-      const __m256 first = _mm256_broadcast_ss(box[0]->data() + i);
+      const float first = (*box[0])[i];
       for (std::size_t k = 0; k < kRest; k += 8) {
         float* const squared = squared_.data() + i * kRest + k;
-        const __m256 sum = _mm256_add_ps(_mm256_loadu_ps(rest.data() + k), first);
-        _mm256_storeu_ps(squared, _mm256_min_ps(sum, _mm256_loadu_ps(squared)));
+        min_of(EightFloats::load(rest.data() + k) + first, EightFloats::load(squared)).store(squared);
       }
     }
   }
@@ -172,16 +170,13 @@ class PointPacket {
   NDTREE_BY_EIGHTS static void measure_by_fours(const Planes& planes,
                                                 const std::array<double, N + 1>& borders,
                                                 std::array<AxisSquares, N>& squares) {
-    const __m256d zero = _mm256_setzero_pd();
     for (std::size_t i = 0; i < kSide; i += 4) {
-      const __m256d at = _mm256_loadu_pd(planes.data() + i);
-      __m256d below = _mm256_sub_pd(_mm256_broadcast_sd(&borders[0]), at);
+      const FourDoubles at = FourDoubles::load(planes.data() + i);
+      FourDoubles below = borders[0] - at;
       for (std::size_t j = 0; j < N; ++j) {
-        const __m256d border = _mm256_broadcast_sd(&borders[j + 1]);
-        const __m256d above = _mm256_sub_pd(at, border);
-        const __m256d gap = _mm256_max_pd(_mm256_max_pd(below, above), zero);
-        _mm_storeu_ps(squares[j].data() + i, _mm256_cvtpd_ps(_mm256_mul_pd(gap, gap)));
-        below = _mm256_sub_pd(border, at);
+        const FourDoubles gap = max_of(max_of(below, at - borders[j + 1]), 0.0);
+        store_as_floats(gap * gap, squares[j].data() + i);
+        below = borders[j + 1] - at;
       }
     }
   }

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
@@ -113,21 +114,14 @@ class LatticeGeometry {
 #ifdef NDTREE_HAS_EIGHTS
   /// The coordinates of four numbers, as floating point. @param is_on_border whether x lies on a border of
   /// the cell, within rounding_at().
-  NDTREE_BY_EIGHTS [[nodiscard]] __m256d coordinate(__m256d x, __m256d& is_on_border) const {
-    const __m256d unit = _mm256_set1_pd(unit_);
-    const __m256d one = _mm256_set1_pd(1.0);
-    __m256d k = _mm256_floor_pd(_mm256_mul_pd(x, _mm256_set1_pd(per_metre_)));
-    const __m256d lower = _mm256_mul_pd(k, unit);
-    k = _mm256_sub_pd(k, _mm256_and_pd(one, _mm256_cmp_pd(lower, x, _CMP_GT_OQ)));
-    const __m256d upper = _mm256_mul_pd(_mm256_add_pd(k, one), unit);
-    const __m256d sign = _mm256_set1_pd(-0.0);
-    const __m256d rounding =
-        _mm256_add_pd(_mm256_mul_pd(_mm256_set1_pd(kRounding), _mm256_andnot_pd(sign, x)),
-                      _mm256_set1_pd(kRoundingOfUnit * unit_));
-    const __m256d to_lower = _mm256_andnot_pd(sign, _mm256_sub_pd(x, lower));
-    const __m256d to_upper = _mm256_andnot_pd(sign, _mm256_sub_pd(x, upper));
-    is_on_border = _mm256_cmp_pd(_mm256_min_pd(to_lower, to_upper), rounding, _CMP_LE_OQ);
-    return _mm256_add_pd(k, _mm256_and_pd(one, _mm256_cmp_pd(upper, x, _CMP_LE_OQ)));
+  NDTREE_BY_EIGHTS [[nodiscard]] FourDoubles coordinate(const FourDoubles& x, FourMask& is_on_border) const {
+    FourDoubles k = floor_of(x * per_metre_);
+    const FourDoubles lower = k * unit_;
+    k = k - (FourDoubles(1.0) & (lower > x));
+    const FourDoubles upper = (k + 1.0) * unit_;
+    const FourDoubles rounding = kRounding * abs_of(x) + kRoundingOfUnit * unit_;
+    is_on_border = min_of(abs_of(x - lower), abs_of(x - upper)) <= rounding;
+    return k + (FourDoubles(1.0) & (upper <= x));
   }
 #endif
   [[nodiscard]] Lattice<D> coordinates(const Vector<D>& point) const {

@@ -7,8 +7,8 @@
 #include <array>
 #include <limits>
 
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
-#include "ndtree/core/simd.hpp"
 
 namespace ndtree {
 
@@ -36,18 +36,15 @@ class BeamNoise {
   void add(float sigma, float reach, float pass) {
     smallest_[0] = std::min(smallest_[0], sigma);
     largest_[0] = std::max(largest_[0], sigma);
-    const float grown = rounded(rounded(growth_ * reach) * reach);
-    margin_[0] = std::max(margin_[0], rounded(reach * kAboveRounding) - pass - grown);
+    margin_[0] = std::max(margin_[0], margin_of(reach, pass));
   }
 #ifdef NDTREE_HAS_EIGHTS
   /// Adds eight beams.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(__m256 sigma, __m256 reach, __m256 pass) {
-    _mm256_store_ps(smallest_.data(), _mm256_min_ps(_mm256_load_ps(smallest_.data()), sigma));
-    _mm256_store_ps(largest_.data(), _mm256_max_ps(_mm256_load_ps(largest_.data()), sigma));
-    const __m256 grown = _mm256_mul_ps(_mm256_mul_ps(_mm256_set1_ps(growth_), reach), reach);
-    const __m256 margin =
-        _mm256_sub_ps(_mm256_sub_ps(_mm256_mul_ps(reach, _mm256_set1_ps(kAboveRounding)), pass), grown);
-    _mm256_store_ps(margin_.data(), _mm256_max_ps(_mm256_load_ps(margin_.data()), margin));
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(const EightFloats& sigma, const EightFloats& reach,
+                                                 const EightFloats& pass) {
+    min_of(EightFloats::load(smallest_.data()), sigma).store(smallest_.data());
+    max_of(EightFloats::load(largest_.data()), sigma).store(largest_.data());
+    max_of(EightFloats::load(margin_.data()), margin_of(reach, pass)).store(margin_.data());
   }
 #endif
   /// Adds the beams of another set. @pre both have the same growth.
@@ -67,6 +64,10 @@ class BeamNoise {
 
  private:
   static constexpr float kAboveRounding = 1.0f + 0x1p-21f;
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats margin_of(const Floats& reach, const Floats& pass) const {
+    return rounded(reach * kAboveRounding) - pass - rounded(rounded(growth_ * reach) * reach);
+  }
   float growth_;
   // Element k is of every eighth beam; width 1 uses element 0 alone.
   alignas(32) std::array<float, 8> smallest_;

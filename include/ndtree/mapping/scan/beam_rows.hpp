@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "ndtree/core/simd.hpp"
+#include "ndtree/core/lanes.hpp"
 
 namespace ndtree {
 
@@ -38,14 +38,14 @@ struct alignas(D <= 3 ? 32 : 16) BeamEnd {
 /// The columns of eight BeamRay rows.
 template <int D>
 struct EightRays {
-  __m256 inverse[std::size_t{D}];
-  __m256 t_max;
+  EightFloats inverse[std::size_t{D}];
+  EightFloats t_max;
 };
 /// The columns of eight BeamEnd rows.
 template <int D>
 struct EightEnds {
-  __m256 range, slant, clear, surface, sigma;
-  __m256i cell[std::size_t{D}];
+  EightFloats range, slant, clear, surface, sigma;
+  EightInts cell[std::size_t{D}];
 };
 
 /// A ray packet: up to eight beams that go down the tree together. Their rows are read once, at its start.
@@ -54,8 +54,8 @@ struct EightBeams {
   /// Ascending; elements without a beam hold any valid number.
   alignas(32) std::array<std::uint32_t, 8> number;
   EightRays<D> rays;
-  __m256 t_free;      ///< See ScanBeams::t_free_of().
-  EightEnds<D> ends;  ///< Valid if has_ends; ScanBeams::ends_of() reads them.
+  EightFloats t_free;  ///< See ScanBeams::t_free_of().
+  EightEnds<D> ends;   ///< Valid if has_ends; ScanBeams::ends_of() reads them.
   bool has_ends = false;
 };
 #endif

@@ -8,7 +8,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
-#include "ndtree/core/simd.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
@@ -62,7 +62,9 @@ class ChildrenInitialiser {
     const bool are_finest = level - 1 == geometry_.finest_level();
     const EightEnds<D>& ends = beams_.ends_of(packet.beams);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
-      const std::uint32_t set = passed(ends, _mm256_load_ps(packet.exit[j].data())) & packet.set[j];
+      const std::uint32_t set =
+          has_passed(EightFloats::load(packet.exit[j].data()), ends.clear, ends.surface).set() &
+          packet.set[j];
       children[j].cell() = initial_child(leaf, count(set & sample), count(sample), j, are_finest);
     }
   }
@@ -97,8 +99,10 @@ class ChildrenInitialiser {
                                 : count_passed_by_eights<false>(crossings, list);
 #endif
     std::size_t n = 0;
-    for (std::size_t i = 0; i < list.size; ++i)
-      n += has_passed(list.beam[i], crossings.of(list.beam[i]).exit);
+    for (std::size_t i = 0; i < list.size; ++i) {
+      const BeamEnd<D>& end = beams_.end(list.beam[i]);
+      n += static_cast<std::size_t>(has_passed(crossings.of(list.beam[i]).exit, end.clear, end.surface));
+    }
     return n;
   }
 #ifdef NDTREE_HAS_EIGHTS
@@ -107,27 +111,20 @@ class ChildrenInitialiser {
                                                                     const BeamList& list) const {
     std::size_t n = 0;
     for (std::size_t i = 0; i < list.size; i += 8) {
-      const __m256i live = detail::first_of_eight(list.size - i);
       const std::uint32_t* const beam = list.beam + i;
-      const __m256 exit = crossings.template of<kAlike>(beam, beams_.rays(beam)).exit;
-      n += count(passed(beams_.ends(beam), exit) &
-                 static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_castsi256_ps(live))));
+      const EightFloats exit = crossings.template of<kAlike>(beam, beams_.rays(beam)).exit;
+      const EightEnds<D> ends = beams_.ends(beam);
+      n += (has_passed(exit, ends.clear, ends.surface) & EightMask::first(list.size - i)).count();
     }
     return n;
   }
-  /// has_passed() of eight beams, as a set. @param exit where they leave a cell.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static std::uint32_t passed(const EightEnds<D>& ends,
-                                                                                  __m256 exit) {
-    const __m256 no_return = _mm256_cmp_ps(ends.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
-    const __m256 is_clear = _mm256_cmp_ps(exit, ends.clear, _CMP_LT_OQ);
-    return static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_or_ps(is_clear, no_return)));
-  }
 #endif
-  /// Whether a beam passed a cell: it has clearly not met a surface where it leaves the cell.
-  [[nodiscard]] bool has_passed(std::uint32_t beam, float exit) const {
-    const BeamEnd<D>& end = beams_.end(beam);
-    // Without a branch, which would be unpredictable.
-    return static_cast<int>(!end.is_returned()) | static_cast<int>(exit < end.clear);
+  /// Whether one beam or several passed a cell: they have clearly not met a surface where they leave the
+  /// cell. Without a branch, which would be unpredictable. @param clear, surface see BeamEnd.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto has_passed(const Floats& exit, const Floats& clear,
+                                                            const Floats& surface) {
+    return (exit < clear) | (surface == 0.0f);
   }
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS [[nodiscard]] static std::size_t count(std::uint32_t set) {

@@ -8,8 +8,8 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
-#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/scan/packed_beams.hpp"
 #include "ndtree/tree/lattice.hpp"
@@ -25,9 +25,9 @@ struct Crossing {
 #ifdef NDTREE_HAS_EIGHTS
 /// Crossings of eight beams.
 struct EightCrossings {
-  __m256 enter;
-  __m256 exit;
-  __m256 t_free;  ///< ScanBeams::t_free_of() them.
+  EightFloats enter;
+  EightFloats exit;
+  EightFloats t_free;  ///< ScanBeams::t_free_of() them.
 };
 #endif
 
@@ -54,13 +54,17 @@ class CellCrossings {
   [[nodiscard]] NDTREE_ALWAYS_INLINE static Crossing clipped(const BeamRay<D>& ray, const Lower& lower,
                                                              const Upper& upper) {
     Crossing result{0.0f, ray.t_max};
-    for (std::size_t a = 0; a < D; ++a) {
-      const float at_lower = rounded(lower(a) * ray.inverse[a]);
-      const float at_upper = rounded(upper(a) * ray.inverse[a]);
-      result.enter = std::max(result.enter, std::min(at_lower, at_upper));
-      result.exit = std::min(result.exit, std::max(at_lower, at_upper));
-    }
+    for (std::size_t a = 0; a < D; ++a) clip(lower(a), upper(a), ray.inverse[a], result.enter, result.exit);
     return result;
+  }
+  /// The slab test on one axis, of one beam or several.
+  template <class Floats>
+  NDTREE_ALWAYS_INLINE static void clip(float lower, float upper, const Floats& inverse, Floats& enter,
+                                        Floats& exit) {
+    const Floats at_lower = rounded(lower * inverse);
+    const Floats at_upper = rounded(upper * inverse);
+    enter = max_of(enter, min_of(at_lower, at_upper));
+    exit = min_of(exit, max_of(at_lower, at_upper));
   }
 
   NDTREE_ALWAYS_INLINE CellCrossings(const LatticeGeometry<N, D>& geometry, const ScanBeams<D>& beams,
@@ -106,15 +110,11 @@ class CellCrossings {
   of([[maybe_unused]] const std::uint32_t* beams, const EightRays<D>& rays) const {
     if constexpr (!kAlike)
       if (beams_.has_own_origins()) return of_each(beams, rays.t_max);
-    EightCrossings result{_mm256_setzero_ps(), rays.t_max,
-                          kAlike ? beams_.t_free_of(rays.t_max) : beams_.t_free_of(beams, rays.t_max)};
+    EightCrossings result{0.0f, rays.t_max,
+                          kAlike ? beams_.t_free_at(rays.t_max) : beams_.t_free_of(beams, rays.t_max)};
 #pragma GCC unroll 4
-    for (std::size_t a = 0; a < D; ++a) {
-      const __m256 at_lower = _mm256_mul_ps(_mm256_set1_ps(lower_[a]), rays.inverse[a]);
-      const __m256 at_upper = _mm256_mul_ps(_mm256_set1_ps(upper_[a]), rays.inverse[a]);
-      result.enter = _mm256_max_ps(result.enter, _mm256_min_ps(at_lower, at_upper));
-      result.exit = _mm256_min_ps(result.exit, _mm256_max_ps(at_lower, at_upper));
-    }
+    for (std::size_t a = 0; a < D; ++a)
+      clip(lower_[a], upper_[a], rays.inverse[a], result.enter, result.exit);
     return result;
   }
 #endif
@@ -122,15 +122,15 @@ class CellCrossings {
  private:
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE EightCrossings of_each(const std::uint32_t* beams,
-                                                                            __m256 reach) const {
-    alignas(32) std::array<float, 8> enter;
-    alignas(32) std::array<float, 8> exit;
+                                                                            const EightFloats& reach) const {
+    std::array<float, 8> enter;
+    std::array<float, 8> exit;
     for (std::size_t i = 0; i < 8; ++i) {
       const Crossing crossing = of(beams[i]);
       enter[i] = crossing.enter;
       exit[i] = crossing.exit;
     }
-    return {_mm256_load_ps(enter.data()), _mm256_load_ps(exit.data()), beams_.t_free_of(beams, reach)};
+    return {EightFloats::load(enter.data()), EightFloats::load(exit.data()), beams_.t_free_of(beams, reach)};
   }
 #endif
 
@@ -172,10 +172,8 @@ struct RayPacket {
   }
   /// Of all, the set of those with smaller numbers than this.
   NDTREE_BY_EIGHTS [[nodiscard]] std::uint32_t before(std::uint32_t number) const {
-    const __m256i numbers = _mm256_load_si256(reinterpret_cast<const __m256i*>(beams.number.data()));
-    const __m256i larger = _mm256_max_epu32(numbers, _mm256_set1_epi32(static_cast<int>(number)));
-    return ~static_cast<std::uint32_t>(
-        _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(larger, numbers))));
+    const EightInts numbers = EightInts::load(beams.number.data());
+    return ~(unsigned_max_of(numbers, static_cast<std::int32_t>(number)) == numbers).set();
   }
 };
 #endif

@@ -11,8 +11,8 @@
 #include <limits>
 
 #include "ndtree/cell/evidence_cell.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
-#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
@@ -99,7 +99,7 @@ class LeafCoverage {
           const BeamEnd<D>& end = beams_.end(beam);
           const float exit = std::min(leave, end.range);
           if (!(exit > enter)) return;
-          const float per_metre = end.slant * per_child;
+          const float units_per_metre = end.slant * (per_child * Sum::kUnitsOfOne);
           const auto width_at = [&](float distance) {
             return widths.per_depth > 0.0f ? distance * (end.slant * widths.per_depth) : widths.fixed;
           };
@@ -107,7 +107,7 @@ class LeafCoverage {
             last = beam;
             const Crossing whole = partition_.crossing(leaf, beam);
             const float end_of_way = std::min(whole.exit, end.range);
-            sum.add(Sum::passed((end_of_way - whole.enter) * per_metre,
+            sum.add(Sum::passed((end_of_way - whole.enter) * units_per_metre,
                                 width_at(0.5f * (whole.enter + end_of_way))));
           }
           const float middle = 0.5f * (enter + exit);
@@ -119,7 +119,7 @@ class LeafCoverage {
             const float along = rounded(middle * (1.0f / beams_.ray(beam).inverse[a] * per_child));
             area *= Sum::overlap(std::abs(along - middle_of(border, per_child)), width_at(middle));
           }
-          sum.add(static_cast<int>(child), Sum::seen((exit - enter) * per_metre, area));
+          sum.add(static_cast<int>(child), nearest_integer((exit - enter) * units_per_metre * area));
         });
   }
   /// The middle of a child, in its edges. @param border its lower one.
@@ -129,103 +129,74 @@ class LeafCoverage {
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS void add_by_eights(const typename Partition::Planes& planes, const BeamList& list,
                                       float per_child, const BeamWidths& widths, Sum& sum) const {
-    __m256i child[std::size_t{kNumChildren}];
+    EightInts child[std::size_t{kNumChildren}];
 #pragma GCC unroll 32
-    for (int c = 0; c < kNumChildren; ++c) child[c] = _mm256_setzero_si256();
-    __m256i way = _mm256_setzero_si256();
-    __m256i whole = _mm256_setzero_si256();
-    __m256i mean = _mm256_setzero_si256();
-    const __m256 per_depth = _mm256_set1_ps(widths.per_depth);
-    const __m256 fixed = _mm256_set1_ps(widths.per_depth > 0.0f ? 0.0f : widths.fixed);
-    const __m256 half = _mm256_set1_ps(0.5f);
-    const __m256 one = _mm256_set1_ps(1.0f);
+    for (int c = 0; c < kNumChildren; ++c) child[c] = 0;
+    EightInts way = 0;
+    EightInts whole = 0;
+    EightInts mean = 0;
+    const EightFloats fixed = widths.per_depth > 0.0f ? 0.0f : widths.fixed;
     typename Partition::Planes middles;  // Of children.
     for (std::size_t a = 0; a < D; ++a)
       for (std::size_t i = 0; i < N; ++i) middles[a][i] = middle_of(planes[a][i], per_child);
     for (std::size_t i = 0; i < list.size; i += 8) {
-      const __m256i live = detail::first_of_eight(list.size - i);
       const EightRays<D> rays = beams_.rays(list.beam + i);
       const EightEnds<D> ends = beams_.ends(list.beam + i);
-      const __m256 seen = _mm256_and_ps(_mm256_min_ps(rays.t_max, ends.range), _mm256_castsi256_ps(live));
-      __m256 enter[std::size_t{kNumChildren}];
-      __m256 exit[std::size_t{kNumChildren}];
-      partition_.eight_beams(planes, rays, _mm256_setzero_ps(), seen, enter, exit);
-      const __m256 units_per_metre = _mm256_mul_ps(ends.slant, _mm256_set1_ps(per_child * Sum::kUnitsOfOne));
-      __m256 enter_leaf, exit_leaf;
-      Partition::eight_crossings(planes, rays, seen, enter_leaf, exit_leaf);
-      const __m256 width_per_metre = _mm256_mul_ps(ends.slant, per_depth);
-      {
-        const __m256 middle = _mm256_mul_ps(half, _mm256_add_ps(enter_leaf, exit_leaf));
-        const __m256 width = _mm256_add_ps(_mm256_mul_ps(middle, width_per_metre), fixed);
-        const __m256i passes = _mm256_castps_si256(_mm256_cmp_ps(exit_leaf, enter_leaf, _CMP_GT_OQ));
-        const __m256 units = _mm256_mul_ps(_mm256_sub_ps(exit_leaf, enter_leaf), units_per_metre);
-        const __m256 half_narrow = _mm256_min_ps(_mm256_mul_ps(half, width), one);
-        const __m256 mean_overlap =
-            _mm256_mul_ps(half_narrow, _mm256_sub_ps(_mm256_set1_ps(2.0f), half_narrow));
-        way = _mm256_add_epi32(way, in_units(units, passes));
-        whole = _mm256_add_epi32(whole,
-                                 in_units(_mm256_mul_ps(units, across(_mm256_min_ps(width, one))), passes));
-        mean = _mm256_add_epi32(mean, in_units(_mm256_mul_ps(units, across(mean_overlap)), passes));
-      }
-      __m256 per_metre[std::size_t{D}];  // Along the beam: children's edges along the axis.
-      __m256 least[std::size_t{D}];      // Of the overlap: all of it on the main axis.
-      __m256 least_steep = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+      const EightFloats seen = min_of(rays.t_max, ends.range) & EightMask::first(list.size - i);
+      EightFloats enter[std::size_t{kNumChildren}];
+      EightFloats exit[std::size_t{kNumChildren}];
+      Partition::template crossings_of_children<EightFloats>(planes, rays.inverse, 0.0f, seen, enter, exit);
+      const EightFloats units_per_metre = ends.slant * (per_child * Sum::kUnitsOfOne);
+      const EightFloats width_per_metre = ends.slant * widths.per_depth;
+      EightFloats enter_leaf, exit_leaf;
+      Partition::crossings_of_node(planes, rays.inverse, seen, enter_leaf, exit_leaf);
+      const EightMask passes = exit_leaf > enter_leaf;
+      const auto passed = Sum::passed(EightFloats((exit_leaf - enter_leaf) * units_per_metre),
+                                      EightFloats(0.5f * (enter_leaf + exit_leaf) * width_per_metre + fixed));
+      way += passed.way & passes;
+      whole += passed.whole & passes;
+      mean += passed.mean & passes;
+      EightFloats per_metre[std::size_t{D}];  // Along the beam: children's edges along the axis.
+      EightFloats least[std::size_t{D}];      // Of the overlap: all of it on the main axis.
+      EightFloats least_steep = std::numeric_limits<float>::infinity();
 #pragma GCC unroll 4
       for (std::size_t a = 0; a < D; ++a) {
-        least[a] = _mm256_andnot_ps(_mm256_set1_ps(-0.0f), rays.inverse[a]);
-        least_steep = _mm256_min_ps(least_steep, least[a]);
+        least[a] = abs_of(rays.inverse[a]);
+        least_steep = min_of(least_steep, least[a]);
       }
-      __m256 is_later = _mm256_castsi256_ps(_mm256_set1_epi32(-1));  // The main axis was not found yet.
+      EightMask is_later = EightMask::all();  // The main axis was not found yet.
 #pragma GCC unroll 4
       for (std::size_t a = 0; a < D; ++a) {
-        const __m256 is_least = _mm256_cmp_ps(least[a], least_steep, _CMP_EQ_OQ);
-        least[a] = _mm256_and_ps(_mm256_and_ps(is_later, is_least), one);
-        is_later = _mm256_andnot_ps(is_least, is_later);
-        per_metre[a] = _mm256_mul_ps(_mm256_div_ps(one, rays.inverse[a]), _mm256_set1_ps(per_child));
+        const EightMask is_least = least[a] == least_steep;
+        least[a] = EightFloats(1.0f) & (is_later & is_least);
+        is_later = is_later.without(is_least);
+        per_metre[a] = 1.0f / rays.inverse[a] * per_child;
       }
 #pragma GCC unroll 32
       for (int c = 0; c < kNumChildren; ++c) {
-        const __m256i sees = _mm256_castps_si256(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ));
-        const __m256 middle = _mm256_mul_ps(half, _mm256_add_ps(enter[c], exit[c]));
-        const __m256 units = _mm256_mul_ps(_mm256_sub_ps(exit[c], enter[c]), units_per_metre);
-        const __m256 width = _mm256_add_ps(_mm256_mul_ps(middle, width_per_metre), fixed);
-        const __m256 narrow = _mm256_min_ps(width, one);
-        const __m256 reach = _mm256_add_ps(half, _mm256_mul_ps(half, width));
-        __m256 area = one;
+        const EightFloats middle = 0.5f * (enter[c] + exit[c]);
+        const EightFloats width = middle * width_per_metre + fixed;
+        EightFloats area = 1.0f;
 #pragma GCC unroll 4
         for (std::size_t a = 0; a < D; ++a) {
-          const __m256 middle_of_child =
-              _mm256_set1_ps(middles[a][Partition::kOffsets[static_cast<std::size_t>(c)][a]]);
-          const __m256 from_middle = _mm256_andnot_ps(
-              _mm256_set1_ps(-0.0f), _mm256_sub_ps(_mm256_mul_ps(middle, per_metre[a]), middle_of_child));
-          area = _mm256_mul_ps(
-              area, _mm256_max_ps(least[a], _mm256_min_ps(_mm256_sub_ps(reach, from_middle), narrow)));
+          const float middle_of_child = middles[a][Partition::kOffsets[static_cast<std::size_t>(c)][a]];
+          area = area * Sum::overlap(abs_of(middle * per_metre[a] - middle_of_child), width, least[a]);
         }
-        child[c] = _mm256_add_epi32(child[c], in_units(_mm256_mul_ps(units, area), sees));
+        child[c] += nearest_integer((exit[c] - enter[c]) * units_per_metre * area) & (exit[c] > enter[c]);
       }
     }
     std::array<std::uint32_t, 4> sums;
-    const auto store_sums = [&sums](__m128i v) {
-      _mm_storeu_si128(reinterpret_cast<__m128i*>(sums.data()), v);
-    };
 #pragma GCC unroll 8
     for (int c = 0; c < kNumChildren; c += 4) {  // The last again if there are no four left.
       constexpr int kLast = kNumChildren - 1;
-      store_sums(detail::sums_of(child[c], child[std::min(c + 1, kLast)], child[std::min(c + 2, kLast)],
-                                 child[std::min(c + 3, kLast)]));
+      sums_of(child[c], child[std::min(c + 1, kLast)], child[std::min(c + 2, kLast)],
+              child[std::min(c + 3, kLast)])
+          .store(sums.data());
       for (int k = 0; k < std::min(4, kNumChildren - c); ++k)
         sum.add(c + k, sums[static_cast<std::size_t>(k)]);
     }
-    store_sums(detail::sums_of(way, whole, mean, way));
-    sum.add({sums[0], sums[1], sums[2]});
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i in_units(__m256 units, __m256i sees) {
-    return _mm256_and_si256(sees, _mm256_cvtps_epi32(units));
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] static __m256 across(__m256 width) {
-    __m256 area = _mm256_set1_ps(1.0f);
-    for (int a = 1; a < D; ++a) area = _mm256_mul_ps(area, width);
-    return area;
+    sums_of(way, whole, mean, way).store(sums.data());
+    sum.add(typename Sum::template Passed<std::uint32_t>{sums[0], sums[1], sums[2]});
   }
 #endif
 

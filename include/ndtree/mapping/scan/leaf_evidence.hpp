@@ -13,7 +13,7 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_model.hpp"
 #include "ndtree/core/cubic_table.hpp"
-#include "ndtree/core/simd.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/packed_beams.hpp"
@@ -156,7 +156,7 @@ class LeafEvidence {
     /// Whether the beam's noise is small enough for the leaf's children.
     [[nodiscard]] NDTREE_ALWAYS_INLINE bool is_resolvable() const {
       if (size_.resolves_all || !size_.resolves_some) return size_.resolves_all;
-      return size_.child >= all_.noise_sigmas_ * all_.beams_.end(number_).sigma;
+      return all_.is_resolvable(size_, all_.beams_.end(number_).sigma);
     }
 
     const LeafEvidence& all_;
@@ -183,23 +183,19 @@ class LeafEvidence {
                                                                      std::size_t child,
                                                                      std::uint32_t end) const {
     const Size& size = size_of(node.level - 1);
-    const __m256 enter = _mm256_load_ps(packet.enter[child].data());
-    const __m256 exit = _mm256_load_ps(packet.exit[child].data());
+    const EightFloats enter = EightFloats::load(packet.enter[child].data());
+    const EightFloats exit = EightFloats::load(packet.exit[child].data());
     const std::uint32_t set = packet.set[child] & packet.before(end);
-    const __m256i live = detail::lanes_of(set);
-    const __m256i zero = _mm256_setzero_si256();
-    EightSums sums{zero, zero, zero, zero};
+    const EightMask live = EightMask::of_set(set);
+    EightSums sums{0, 0, 0, 0};
     ScanEvidence sum;
-    __m256i misses =
-        _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(exit, packet.beams.t_free, _CMP_LT_OQ)));
+    EightMask misses = live & (exit < packet.beams.t_free);
     if ((packet.passing[child] & set) != set)
       misses = add_near_end(child_of(corner_of(node), child, size), size, beams_.ends_of(packet.beams), enter,
                             exit, misses, live, sums, sum);
-    sums.free = _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_length(enter, exit, size), misses));
-    sums.passed = misses;
+    add_misses(enter, exit, misses, size, sums);
     if (size.resolves_some && !size.resolves_all)
-      sum.resolvable_misses =
-          count(set_of(_mm256_castsi256_ps(misses)) & resolvable(size, beams_.ends_of(packet.beams).sigma));
+      sum.resolvable_misses = (misses & is_resolvable(size, beams_.ends_of(packet.beams).sigma)).count();
     finish(sums, size, sum);
     return sum;
   }
@@ -250,27 +246,25 @@ class LeafEvidence {
     return sum;
   }
 
-  /// BeamWeight::probability_inside() of a cell.
-  [[nodiscard]] float inside(const Size& size, float sigma) const {
-    return inside_table_(std::min(sigma * size.per_cell, kWidestSigma));
+  /// BeamWeight::probability_inside() of a cell for one beam, or eight.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats inside(const Size& size, const Floats& sigma) const {
+    return inside_table_(min_of(sigma * size.per_cell, kWidestSigma));
   }
-#ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 inside(const Size& size, __m256 sigma) const {
-    return inside_table_(
-        _mm256_min_ps(_mm256_mul_ps(sigma, _mm256_set1_ps(size.per_cell)), _mm256_set1_ps(kWidestSigma)));
+  /// Whether the noise of a beam is small enough for the leaf's children; of one beam, or eight.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE auto is_resolvable(const Size& size, const Floats& sigma) const {
+    return size.child >= noise_sigmas_ * sigma;
   }
-#endif
 
 #ifdef NDTREE_HAS_EIGHTS
   template <bool kAlike>
   NDTREE_BY_EIGHTS [[nodiscard]] bool all_pass_by_eights(const CellCrossings<N, D>& crossings,
                                                          const BeamList& list) const {
     for (std::size_t i = 0; i < list.size; i += 8) {
-      const __m256i live = detail::first_of_eight(list.size - i);
       const std::uint32_t* const beam = list.beam + i;
       const EightCrossings eight = crossings.template of<kAlike>(beam, beams_.rays(beam));
-      const __m256 not_passing = _mm256_cmp_ps(eight.exit, eight.t_free, _CMP_NLT_UQ);
-      if (!_mm256_testz_si256(_mm256_castps_si256(not_passing), live)) return false;
+      if (!EightMask::first(list.size - i).is_within(eight.exit < eight.t_free)) return false;
     }
     return true;
   }
@@ -278,8 +272,8 @@ class LeafEvidence {
 
   /// Sums of eight lanes.
   struct EightSums {
-    __m256i occupied, free;  // Evidence.
-    __m256i passed, near;    // Minus the number of beams that passed, and of others with evidence.
+    EightInts occupied, free;  // Evidence.
+    EightInts passed, near;    // Minus the number of beams that passed, and of others with evidence.
   };
 
   /// The evidence of 1 to kMostAtOnce beams, those with numbers below `end`: the bits of OfBeam.
@@ -288,27 +282,21 @@ class LeafEvidence {
                                                               const CellCrossings<N, D>& crossings,
                                                               const BeamList& list, std::uint32_t end,
                                                               const Size& size) const {
-    const __m256i last = _mm256_set1_epi32(static_cast<int>(std::min(end, ScanBeams<D>::kMostInLoops)));
-    const __m256i zero = _mm256_setzero_si256();
-    EightSums sums{zero, zero, zero, zero};
+    const auto last = static_cast<std::int32_t>(std::min(end, ScanBeams<D>::kMostInLoops));
+    EightSums sums{0, 0, 0, 0};
     ScanEvidence sum;
     std::size_t i = 0;
     do {
       const std::uint32_t* const beam = list.beam + i;
-      const __m256i live = _mm256_and_si256(detail::first_of_eight(list.size - i),
-                                            _mm256_cmpgt_epi32(last, detail::load(beam)));
+      const EightMask live = EightMask::first(list.size - i) & (EightInts(last) > EightInts::load(beam));
       const EightCrossings at = crossings.template of<kAlike>(beam, beams_.rays(beam));
-      __m256i misses =
-          _mm256_and_si256(live, _mm256_castps_si256(_mm256_cmp_ps(at.exit, at.t_free, _CMP_LT_OQ)));
-      if (!_mm256_testc_si256(misses, live))
+      EightMask misses = live & (at.exit < at.t_free);
+      if (!live.is_within(misses))
         misses = add_near_end(corner_of(leaf), size, beams_.ends(beam), at.enter, at.exit, misses, live, sums,
                               sum);
-      sums.free =
-          _mm256_add_epi32(sums.free, _mm256_and_si256(units_of_length(at.enter, at.exit, size), misses));
-      sums.passed = _mm256_add_epi32(sums.passed, misses);
+      add_misses(at.enter, at.exit, misses, size, sums);
       if (size.resolves_some && !size.resolves_all)
-        sum.resolvable_misses +=
-            count(set_of(_mm256_castsi256_ps(misses)) & resolvable(size, beams_.ends(beam).sigma));
+        sum.resolvable_misses += (misses & is_resolvable(size, beams_.ends(beam).sigma)).count();
       i += 8;
     } while (i < list.size && list.beam[i] < end);
     finish(sums, size, sum);
@@ -317,13 +305,13 @@ class LeafEvidence {
   /// Adds up the lanes. @param sum has the counts that are not kept in lanes.
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE static void finish(const EightSums& sums, const Size& size,
                                                            ScanEvidence& sum) {
-    const __m128i all = detail::sums_of(sums.occupied, sums.free, sums.passed, sums.near);
-    const auto passed = 0u - static_cast<std::uint32_t>(_mm_extract_epi32(all, 2));
-    sum.occupied = static_cast<std::uint32_t>(_mm_cvtsi128_si32(all));
-    sum.free = static_cast<std::uint32_t>(_mm_extract_epi32(all, 1));
+    const FourInts all = sums_of(sums.occupied, sums.free, sums.passed, sums.near);
+    const std::uint32_t passed = 0u - all.get<2>();
+    sum.occupied = all.get<0>();
+    sum.free = all.get<1>();
     sum.misses += passed;
     sum.resolvable_misses += size.resolves_all ? passed : 0;
-    sum.beams = passed - static_cast<std::uint32_t>(_mm_extract_epi32(all, 3));
+    sum.beams = passed - all.get<3>();
   }
   [[nodiscard]] NDTREE_ALWAYS_INLINE Corner corner_of(const CellIndex<D>& cell) const {
     Corner corner;  // It fits: what beams cross is where they reach, see ScanBeams::ends_nearby().
@@ -338,103 +326,87 @@ class LeafEvidence {
       corner[a] += static_cast<std::int32_t>(child % N) * size.edge;
     return corner;
   }
-  /// All ones in the lanes whose end cells lie in a leaf.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i lie_in(const Corner& leaf,
-                                                                            const Size& size,
-                                                                            const __m256i* cell) {
-    __m256i farthest = _mm256_sub_epi32(cell[0], _mm256_set1_epi32(leaf[0]));  // Without sign: before is far.
+  /// Whether the end cells of eight beams lie in a leaf.
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static EightMask lie_in(const Corner& leaf,
+                                                                              const Size& size,
+                                                                              const EightInts* cell) {
+    EightInts farthest = cell[0] - leaf[0];  // Without sign: before is far.
 #pragma GCC unroll 4
-    for (std::size_t a = 1; a < D; ++a)
-      farthest = _mm256_max_epu32(farthest, _mm256_sub_epi32(cell[a], _mm256_set1_epi32(leaf[a])));
-    const __m256i last = _mm256_set1_epi32(size.edge - 1);
-    return _mm256_cmpeq_epi32(_mm256_max_epu32(farthest, last), last);
+    for (std::size_t a = 1; a < D; ++a) farthest = unsigned_max_of(farthest, cell[a] - leaf[a]);
+    const EightInts last = size.edge - 1;
+    return unsigned_max_of(farthest, last) == last;
+  }
+  /// Adds the misses of beams that pass a leaf.
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE static void add_misses(const EightFloats& enter,
+                                                               const EightFloats& exit,
+                                                               const EightMask& misses, const Size& size,
+                                                               EightSums& sums) {
+    sums.free += units_of_length(exit - enter, size) & misses;
+    sums.passed += EightInts::minus_one_where(misses);
   }
   /// Adds the evidence of eight beams that do not all clearly pass a leaf, but for misses.
   /// @param misses beams that clearly pass. @returns these and other beams that passed; their misses are not
   ///   added.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE __m256i add_near_end(const Corner& leaf, const Size& size,
-                                                             const EightEnds<D>& beams, __m256 enter,
-                                                             __m256 exit, __m256i misses, __m256i live,
-                                                             EightSums& sums, ScanEvidence& sum) const {
-    const __m256i others = _mm256_andnot_si256(misses, live);
-    const __m256 sigma = beams.sigma;
-    const __m256 range = beams.range;
-    const __m256 is_small = _mm256_cmp_ps(_mm256_set1_ps(size.small),
-                                          _mm256_mul_ps(_mm256_set1_ps(kSmallCell), sigma), _CMP_LE_OQ);
-    const __m256 end = _mm256_max_ps(exit, _mm256_add_ps(enter, _mm256_and_ps(beams.surface, is_small)));
-    const __m256 no_return = _mm256_cmp_ps(beams.surface, _mm256_setzero_ps(), _CMP_EQ_OQ);
-    const __m256 is_clear = _mm256_cmp_ps(end, beams.clear, _CMP_LT_OQ);
-    const __m256 passes_or_not_returned = _mm256_or_ps(is_clear, no_return);
-    const __m256 holds_end = _mm256_andnot_ps(is_clear, _mm256_castsi256_ps(lie_in(leaf, size, beams.cell)));
-    misses = _mm256_or_si256(misses, _mm256_and_si256(others, _mm256_castps_si256(passes_or_not_returned)));
-    const __m256 is_behind = _mm256_andnot_ps(holds_end, _mm256_cmp_ps(enter, range, _CMP_GE_OQ));
-    const __m256 says_nothing = _mm256_or_ps(passes_or_not_returned, _mm256_andnot_ps(is_small, is_behind));
-    if (_mm256_testc_si256(_mm256_castps_si256(says_nothing), others)) return misses;
-    const __m256 says = _mm256_andnot_ps(says_nothing, _mm256_castsi256_ps(others));
-    const __m256 per_sigma = _mm256_div_ps(_mm256_set1_ps(1.0f), sigma);
-    const __m256 before_end = _mm256_mul_ps(_mm256_sub_ps(enter, range), per_sigma);
-    const __m256 behind_end = _mm256_mul_ps(_mm256_sub_ps(end, range), per_sigma);
-    const __m256 behind_hit = _mm256_max_ps(behind_end, _mm256_set1_ps(kLeastBehindHit));
-    const __m256i evidence = _mm256_and_si256(
-        _mm256_castps_si256(says),
-        BeamWeight::units_of(
-            sensor_.quick_log_odds(before_end, _mm256_blendv_ps(behind_end, behind_hit, holds_end)),
-            size.is_inside_alike ? _mm256_set1_ps(size.inside) : inside(size, sigma)));
-    const __m256i occupied = _mm256_max_epi32(evidence, _mm256_setzero_si256());
-    sums.occupied = _mm256_add_epi32(sums.occupied, occupied);
-    sums.free = _mm256_add_epi32(sums.free, _mm256_sub_epi32(occupied, evidence));
-    sums.near = _mm256_add_epi32(sums.near, _mm256_castps_si256(says));
-    sum.misses += count(set_of(_mm256_andnot_ps(_mm256_or_ps(holds_end, is_behind), says)));
-    const unsigned hits = set_of(_mm256_and_ps(holds_end, says));
-    if (hits == 0) return misses;
-    const unsigned resolved = hits & resolvable(size, sigma);
-    sum.hits += count(hits);
-    sum.resolvable_hits += count(resolved);
-    sum.deep_hits +=
-        count(resolved & set_of(_mm256_or_ps(
-                             _mm256_cmp_ps(before_end, _mm256_set1_ps(-kNoiseReach), _CMP_LT_OQ),
-                             _mm256_cmp_ps(_mm256_set1_ps(size.cell),
-                                           _mm256_mul_ps(_mm256_set1_ps(kNoiseReach), sigma), _CMP_GT_OQ))));
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightMask add_near_end(const Corner& leaf, const Size& size,
+                                                               const EightEnds<D>& beams,
+                                                               const EightFloats& enter,
+                                                               const EightFloats& exit, EightMask misses,
+                                                               const EightMask& live, EightSums& sums,
+                                                               ScanEvidence& sum) const {
+    const EightMask others = live.without(misses);
+    const EightMask is_small = size.small <= kSmallCell * beams.sigma;
+    const EightFloats end = max_of(exit, enter + (beams.surface & is_small));
+    const EightMask is_clear = end < beams.clear;
+    const EightMask passes = is_clear | (beams.surface == 0.0f);  // Or did not return.
+    const EightMask holds_end = lie_in(leaf, size, beams.cell).without(is_clear);
+    misses = misses | (others & passes);
+    const EightMask is_behind = (enter >= beams.range).without(holds_end);
+    const EightMask has_evidence = others.without(passes | is_behind.without(is_small));
+    if (has_evidence.set() == 0) return misses;
+    const EightFloats per_sigma = 1.0f / beams.sigma;
+    const EightFloats before_end = (enter - beams.range) * per_sigma;
+    const EightFloats behind_end = (end - beams.range) * per_sigma;
+    const EightFloats behind = select(holds_end, max_of(behind_end, kLeastBehindHit), behind_end);
+    const EightFloats weight = size.is_inside_alike ? EightFloats(size.inside) : inside(size, beams.sigma);
+    const EightInts evidence =
+        BeamWeight::units_of(sensor_.quick_log_odds(before_end, behind), weight) & has_evidence;
+    const EightInts occupied = max_of(evidence, 0);
+    sums.occupied += occupied;
+    sums.free += occupied - evidence;
+    sums.near += EightInts::minus_one_where(has_evidence);
+    sum.misses += has_evidence.without(holds_end | is_behind).count();
+    const EightMask hits = holds_end & has_evidence;
+    if (hits.set() == 0) return misses;
+    const EightMask resolved = hits & is_resolvable(size, beams.sigma);
+    const EightMask is_deep = (before_end < -kNoiseReach) | (size.cell > kNoiseReach * beams.sigma);
+    sum.hits += hits.count();
+    sum.resolvable_hits += resolved.count();
+    sum.deep_hits += (resolved & is_deep).count();
     return misses;
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] static __m256i units_of_length(__m256 enter, __m256 exit, const Size& size) {
-    return _mm256_max_epi32(
-        _mm256_set1_epi32(1),
-        _mm256_cvtps_epi32(_mm256_mul_ps(_mm256_sub_ps(exit, enter), _mm256_set1_ps(size.units_per_metre))));
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] unsigned resolvable(const Size& size, __m256 sigma) const {
-    return set_of(_mm256_cmp_ps(_mm256_set1_ps(size.child),
-                                _mm256_mul_ps(_mm256_set1_ps(noise_sigmas_), sigma), _CMP_GE_OQ));
+  NDTREE_BY_EIGHTS [[nodiscard]] static EightInts units_of_length(const EightFloats& ray, const Size& size) {
+    return max_of(EightInts(1), nearest_integer(ray * size.units_per_metre));
   }
   /// Adds up the misses of a packet's rays for each child that they cross.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void weigh_passes(const Size& size, Packet& packet) const {
     constexpr std::size_t kLast = kNumChildren - 1;
     packet.resolvable = size.resolves_all    ? 0xff
-                        : size.resolves_some ? resolvable(size, beams_.ends_of(packet.beams).sigma)
+                        : size.resolves_some ? is_resolvable(size, beams_.ends_of(packet.beams).sigma).set()
                                              : 0;
 #pragma GCC unroll 8
-    for (std::size_t c = 0; c < kNumChildren; c += 4) {  // The last again if there are no four left.
-      const __m128i four =
-          detail::sums_of(passed_units(size, packet, c), passed_units(size, packet, std::min(c + 1, kLast)),
-                          passed_units(size, packet, std::min(c + 2, kLast)),
-                          passed_units(size, packet, std::min(c + 3, kLast)));
-      _mm_storeu_si128(reinterpret_cast<__m128i*>(packet.free.data() + c), four);
-    }
+    for (std::size_t c = 0; c < kNumChildren; c += 4)  // The last again if there are no four left.
+      sums_of(passed_units(size, packet, c), passed_units(size, packet, std::min(c + 1, kLast)),
+              passed_units(size, packet, std::min(c + 2, kLast)),
+              passed_units(size, packet, std::min(c + 3, kLast)))
+          .store(packet.free.data() + c);
     packet.has_passed = true;
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256i passed_units(const Size& size,
-                                                                                  const Packet& packet,
-                                                                                  std::size_t child) {
-    const __m256 enter = _mm256_load_ps(packet.enter[child].data());
-    const __m256 exit = _mm256_load_ps(packet.exit[child].data());
-    return _mm256_and_si256(units_of_length(enter, exit, size),
-                            _mm256_castps_si256(_mm256_cmp_ps(exit, enter, _CMP_GT_OQ)));
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] static unsigned set_of(__m256 mask) {
-    return static_cast<unsigned>(_mm256_movemask_ps(mask));
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] static unsigned count(unsigned set) {
-    return static_cast<unsigned>(__builtin_popcount(set));
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static EightInts passed_units(const Size& size,
+                                                                                    const Packet& packet,
+                                                                                    std::size_t child) {
+    const EightFloats enter = EightFloats::load(packet.enter[child].data());
+    const EightFloats exit = EightFloats::load(packet.exit[child].data());
+    return units_of_length(exit - enter, size) & (exit > enter);
   }
 #endif
 

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
@@ -145,65 +146,53 @@ class ScanBeams {
                                   const Sensor& sensor, const Measurements<D, Sensor>& measurements,
                                   const std::uint32_t* numbers, BeamNoise& noise) {
     const ScanView<D>& scan = measurements.scan();
-    const __m256 sign = _mm256_set1_ps(-0.0f);
-    __m256 ray[std::size_t{D}];
-    __m256 square = _mm256_setzero_ps();
-    __m256 depth = square;
-    __m256d on_border = _mm256_setzero_pd();
+    EightFloats ray[std::size_t{D}];
+    EightFloats square = 0.0f;
+    EightFloats depth = 0.0f;
+    FourMask on_border = FourMask::none();
     EightRays<D> rays;
     EightEnds<D> ends;
 #pragma GCC unroll 4
     for (int a = 0; a < D; ++a) {
       const double* const from = scan.endpoints + a;
-      const __m256d low =
-          _mm256_setr_pd(from[D * std::size_t{numbers[0]}], from[D * std::size_t{numbers[1]}],
-                         from[D * std::size_t{numbers[2]}], from[D * std::size_t{numbers[3]}]);
-      const __m256d high =
-          _mm256_setr_pd(from[D * std::size_t{numbers[4]}], from[D * std::size_t{numbers[5]}],
-                         from[D * std::size_t{numbers[6]}], from[D * std::size_t{numbers[7]}]);
-      const __m256d origin = _mm256_set1_pd(scan.origins[a]);
-      ray[a] = detail::joined(_mm256_cvtpd_ps(_mm256_sub_pd(low, origin)),
-                              _mm256_cvtpd_ps(_mm256_sub_pd(high, origin)));
-      square = _mm256_add_ps(square, _mm256_mul_ps(ray[a], ray[a]));
-      depth = _mm256_max_ps(depth, _mm256_andnot_ps(sign, ray[a]));
-      __m256d low_on_border;
-      __m256d high_on_border;
-      const __m256d base = _mm256_set1_pd(static_cast<double>(base_[static_cast<std::size_t>(a)]));
-      const __m128i low_offset =
-          _mm256_cvtpd_epi32(_mm256_sub_pd(geometry.coordinate(low, low_on_border), base));
-      const __m128i high_offset =
-          _mm256_cvtpd_epi32(_mm256_sub_pd(geometry.coordinate(high, high_on_border), base));
-      on_border = _mm256_or_pd(on_border, _mm256_or_pd(low_on_border, high_on_border));
-      ends.cell[a] = _mm256_inserti128_si256(_mm256_castsi128_si256(low_offset), high_offset, 1);
+      const FourDoubles low =
+          FourDoubles::of(from[D * std::size_t{numbers[0]}], from[D * std::size_t{numbers[1]}],
+                          from[D * std::size_t{numbers[2]}], from[D * std::size_t{numbers[3]}]);
+      const FourDoubles high =
+          FourDoubles::of(from[D * std::size_t{numbers[4]}], from[D * std::size_t{numbers[5]}],
+                          from[D * std::size_t{numbers[6]}], from[D * std::size_t{numbers[7]}]);
+      const FourDoubles origin = scan.origins[a];
+      ray[a] = to_floats(low - origin, high - origin);
+      square = square + ray[a] * ray[a];
+      depth = max_of(depth, abs_of(ray[a]));
+      FourMask low_on_border;
+      FourMask high_on_border;
+      const FourDoubles base = static_cast<double>(base_[static_cast<std::size_t>(a)]);
+      ends.cell[a] = to_ints(geometry.coordinate(low, low_on_border) - base,
+                             geometry.coordinate(high, high_on_border) - base);
+      on_border = on_border | (low_on_border | high_on_border);
     }
-    const __m256 fits = _mm256_and_ps(_mm256_cmp_ps(square, _mm256_set1_ps(kLeastSquare), _CMP_GE_OQ),
-                                      _mm256_cmp_ps(square, _mm256_set1_ps(kLargestSquare), _CMP_LE_OQ));
-    if (_mm256_movemask_pd(on_border) != 0 || _mm256_movemask_ps(fits) != 0xff) return false;
-    const __m256 range = _mm256_sqrt_ps(square);
+    const EightMask fits = (square >= kLeastSquare) & (square <= kLargestSquare);
+    if (on_border.set() != 0 || fits.set() != 0xff) return false;
+    const EightFloats range = sqrt_of(square);
     const auto surely_in_range = static_cast<float>(measurements.max_range() * (1.0 - 1e-6));
-    if (_mm256_movemask_ps(_mm256_cmp_ps(range, _mm256_set1_ps(surely_in_range), _CMP_LE_OQ)) != 0xff)
-      return false;
+    if ((range <= surely_in_range).set() != 0xff) return false;
 #pragma GCC unroll 4
-    for (int a = 0; a < D; ++a) {
-      const __m256 inverse =
-          _mm256_min_ps(_mm256_div_ps(range, _mm256_andnot_ps(sign, ray[a])), _mm256_set1_ps(kSteepest));
-      const __m256 is_down = _mm256_and_ps(sign, _mm256_cmp_ps(ray[a], _mm256_setzero_ps(), _CMP_LT_OQ));
-      rays.inverse[a] = _mm256_or_ps(inverse, is_down);
-    }
-    const __m256d low = _mm256_cvtps_pd(_mm256_castps256_ps128(range));
-    const __m256d high = _mm256_cvtps_pd(_mm256_extractf128_ps(range, 1));
-    const __m256d low_sigma = sensor.sigma(low);
-    const __m256d high_sigma = sensor.sigma(high);
-    const __m256d reach = _mm256_set1_pd(Sensor::kReachSigmas);
-    ends.sigma = detail::joined(_mm256_cvtpd_ps(low_sigma), _mm256_cvtpd_ps(high_sigma));
-    ends.clear = detail::joined(_mm256_cvtpd_ps(sensor.clearly_free_until(low, low_sigma)),
-                                _mm256_cvtpd_ps(sensor.clearly_free_until(high, high_sigma)));
-    ends.surface = _mm256_mul_ps(_mm256_set1_ps(static_cast<float>(kThinnestSurface)), ends.sigma);
+    for (int a = 0; a < D; ++a)
+      rays.inverse[a] =
+          with_sign(min_of(range / abs_of(ray[a]), kSteepest), EightFloats(-0.0f) & (ray[a] < 0.0f));
+    const EightDoubles of_range = to_doubles(range);
+    const FourDoubles low_sigma = sensor.sigma(of_range.low);
+    const FourDoubles high_sigma = sensor.sigma(of_range.high);
+    ends.sigma = to_floats(low_sigma, high_sigma);
+    ends.clear = to_floats(sensor.clearly_free_until(of_range.low, low_sigma),
+                           sensor.clearly_free_until(of_range.high, high_sigma));
+    ends.surface = static_cast<float>(kThinnestSurface) * ends.sigma;
     ends.range = range;
-    ends.slant = _mm256_div_ps(depth, range);
-    rays.t_max = detail::joined(_mm256_cvtpd_ps(_mm256_add_pd(low, _mm256_mul_pd(reach, low_sigma))),
-                                _mm256_cvtpd_ps(_mm256_add_pd(high, _mm256_mul_pd(reach, high_sigma))));
-    noise.add(ends.sigma, rays.t_max, _mm256_sub_ps(ends.clear, ends.surface));
+    ends.slant = depth / range;
+    rays.t_max = to_floats(of_range.low + Sensor::kReachSigmas * low_sigma,
+                           of_range.high + Sensor::kReachSigmas * high_sigma);
+    noise.add(ends.sigma, rays.t_max, ends.clear - ends.surface);
     store(rays, ends, number);
     return true;
   }
@@ -213,47 +202,31 @@ class ScanBeams {
   }
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static EightRays<D> rays(const BeamRay<D>* of_all,
                                                                                const std::uint32_t* numbers) {
-    __m256 column[kColumnsOfRay];
-    detail::load_columns(of_all, numbers, column);
+    EightFloats column[kColumnsOfRay];
+    load_columns(of_all, numbers, column);
     EightRays<D> rays;
 #pragma GCC unroll 8
     for (std::size_t a = 0; a < D; ++a) rays.inverse[a] = column[a];
     rays.t_max = column[D];
     return rays;
   }
-#ifdef NDTREE_HAS_SIXTEENS
-  /// Reads the BeamRay rows of sixteen beams.
-  /// @param column kColumnsOfRay columns: the inverse direction on each axis, then t_max.
-  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void rays(const BeamRay<D>* of_all,
-                                                           const std::uint32_t* numbers, __m512* column) {
-    detail::load_columns(of_all, numbers, column);
-  }
-#endif
   /// The BeamEnd rows of eight beams.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightEnds<D> ends(const std::uint32_t* numbers) const {
-    __m256 column[kColumnsOfEnd];
-    detail::load_columns(ends_.get(), numbers, column);
+    EightFloats column[kColumnsOfEnd];
+    load_columns(ends_.get(), numbers, column);
     EightEnds<D> ends{column[0], column[1], column[2], column[3], column[4], {}};
 #pragma GCC unroll 8
-    for (std::size_t a = 0; a < D; ++a) ends.cell[a] = _mm256_castps_si256(column[5 + a]);
+    for (std::size_t a = 0; a < D; ++a) ends.cell[a] = bits_of(column[5 + a]);
     return ends;
-  }
-  /// t_free of eight beams: each has passed all cells, of any size, that it leaves before this distance.
-  /// Computed from t_max with one margin for all beams, which saves reading another number for each.
-  /// @param reach t_max of the beams. @pre no beam has noise of its own.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 t_free_of(__m256 reach) const {
-    const __m256 growth = _mm256_set1_ps(margin_.growth);
-    return _mm256_sub_ps(reach, _mm256_add_ps(_mm256_set1_ps(margin_.fixed),
-                                              _mm256_mul_ps(_mm256_mul_ps(growth, reach), reach)));
   }
   /// t_free of eight beams, read from memory if beams have noise of their own.
   /// @param numbers of the beams. @param reach their t_max.
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE __m256 t_free_of(const std::uint32_t* numbers,
-                                                                       __m256 reach) const {
-    if (t_free_ == nullptr) return t_free_of(reach);
-    alignas(32) std::array<float, 8> pass;
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightFloats t_free_of(const std::uint32_t* numbers,
+                                                                            const EightFloats& reach) const {
+    if (t_free_ == nullptr) return t_free_at(reach);
+    std::array<float, 8> pass;
     for (std::size_t i = 0; i < 8; ++i) pass[i] = t_free_[numbers[i]];
-    return _mm256_load_ps(pass.data());
+    return EightFloats::load(pass.data());
   }
   /// Starts a ray packet: reads the rows of eight beams that inner nodes need.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void look_up(const std::uint32_t* numbers,
@@ -315,11 +288,14 @@ class ScanBeams {
   [[nodiscard]] const BeamRay<D>* rays() const { return rays_.get(); }
   [[nodiscard]] const BeamRay<D>& ray(std::size_t number) const { return rays_[number]; }
   [[nodiscard]] const BeamEnd<D>& end(std::size_t number) const { return ends_[number]; }
-  /// t_free of one beam, with the same bits as of eight: it has passed all cells that it leaves before this
-  /// distance.
+  /// t_free of one beam: it has passed all cells, of any size, that it leaves before this distance.
   [[nodiscard]] float t_free_of(std::uint32_t number) const {
-    if (t_free_ != nullptr) return t_free_[number];
-    const float reach = rays_[number].t_max;
+    return t_free_ != nullptr ? t_free_[number] : t_free_at(rays_[number].t_max);
+  }
+  /// t_free of one beam or several, from t_max with one margin for all beams, which saves reading another
+  /// number for each. @pre no beam has noise of its own.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats t_free_at(const Floats& reach) const {
     return reach - (margin_.fixed + rounded(rounded(margin_.growth * reach) * reach));
   }
 
@@ -362,16 +338,25 @@ class ScanBeams {
   /// Writes the rows of beams [number, number + 8).
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void store(const EightRays<D>& rays, const EightEnds<D>& ends,
                                                    std::size_t number) {
-    __m256 ray[kColumnsOfRay] = {};
-    __m256 end[kColumnsOfEnd] = {ends.range, ends.slant, ends.clear, ends.surface, ends.sigma};
+    EightFloats ray[kColumnsOfRay];
+    EightFloats end[kColumnsOfEnd];
+#pragma GCC unroll 8
+    for (EightFloats& column : ray) column = 0.0f;
+#pragma GCC unroll 8
+    for (EightFloats& column : end) column = 0.0f;
+    end[0] = ends.range;
+    end[1] = ends.slant;
+    end[2] = ends.clear;
+    end[3] = ends.surface;
+    end[4] = ends.sigma;
 #pragma GCC unroll 8
     for (std::size_t a = 0; a < D; ++a) {
       ray[a] = rays.inverse[a];
-      end[5 + a] = _mm256_castsi256_ps(ends.cell[a]);
+      end[5 + a] = float_of(ends.cell[a]);
     }
     ray[D] = rays.t_max;
-    detail::store_columns(ray, rays_.get() + number);
-    detail::store_columns(end, ends_.get() + number);
+    store_columns(ray, rays_.get() + number);
+    store_columns(end, ends_.get() + number);
   }
 #endif
 

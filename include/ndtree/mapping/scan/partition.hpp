@@ -9,8 +9,8 @@
 #include <cstdint>
 #include <limits>
 
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
-#include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/packed_beams.hpp"
@@ -143,52 +143,47 @@ class ChildPartition {
   /// Clips a packet against the children of a node. @param list of its rays. @pre goes_by_eights().
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void operator()(const CellIndex<D>& node, const BeamList& list,
                                                        Packet& packet) const {
-    const __m256 live = _mm256_castsi256_ps(detail::first_of_eight(list.size));
-    clip_packet(planes_of(node), _mm256_setzero_ps(), _mm256_and_ps(packet.beams.rays.t_max, live), packet);
+    clip_packet(planes_of(node), 0.0f, packet.beams.rays.t_max & EightMask::first(list.size), packet);
   }
   /// Clips the rays of a packet that cross a child of a node against the child's children.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void operator()(const CellIndex<D>& node, const Packet& above,
                                                        std::size_t child, Packet& packet) const {
-    clip_packet(inner_planes_of(node), _mm256_load_ps(above.enter[child].data()),
-                _mm256_load_ps(above.exit[child].data()), packet);
+    clip_packet(inner_planes_of(node), EightFloats::load(above.enter[child].data()),
+                EightFloats::load(above.exit[child].data()), packet);
   }
 
-  /// Where eight beams enter and leave the node, before a distance.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE static void eight_crossings(const Planes& plane,
-                                                                    const EightRays<D>& rays, __m256 to,
-                                                                    __m256& enter, __m256& exit) {
-    enter = _mm256_setzero_ps();
+  /// Where several beams enter and leave the node, before a distance.
+  template <class Floats>
+  NDTREE_ALWAYS_INLINE static void crossings_of_node(const Planes& plane, const Floats* inverse,
+                                                     const Floats& to, Floats& enter, Floats& exit) {
+    enter = 0.0f;
     exit = to;
 #pragma GCC unroll 4
-    for (std::size_t a = 0; a < D; ++a) {
-      const __m256 at_lower = _mm256_mul_ps(_mm256_set1_ps(plane[a][0]), rays.inverse[a]);
-      const __m256 at_upper = _mm256_mul_ps(_mm256_set1_ps(plane[a][N]), rays.inverse[a]);
-      enter = _mm256_max_ps(enter, _mm256_min_ps(at_lower, at_upper));
-      exit = _mm256_min_ps(exit, _mm256_max_ps(at_lower, at_upper));
-    }
+    for (std::size_t a = 0; a < D; ++a)
+      CellCrossings<N, D>::clip(plane[a][0], plane[a][N], inverse[a], enter, exit);
   }
-  /// Where eight beams enter and leave each child, between two distances.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void eight_beams(const Planes& plane, const EightRays<D>& rays,
-                                                         __m256 from, __m256 to, __m256* enter,
-                                                         __m256* exit) const {
+  /// Where several beams enter and leave each child, between two distances.
+  template <class Floats>
+  NDTREE_ALWAYS_INLINE static void crossings_of_children(const Planes& plane, const Floats* inverse,
+                                                         const Floats& from, const Floats& to, Floats* enter,
+                                                         Floats* exit) {
     enter[0] = from;
     exit[0] = to;
     std::size_t made = 1;
 #pragma GCC unroll 4
     for (std::size_t a = 0; a < D; ++a, made *= N) {
-      __m256 at[kPlanes];
+      Floats at[kPlanes];
 #pragma GCC unroll 8
-      for (std::size_t i = 0; i < kPlanes; ++i)
-        at[i] = _mm256_mul_ps(_mm256_set1_ps(plane[a][i]), rays.inverse[a]);
+      for (std::size_t i = 0; i < kPlanes; ++i) at[i] = rounded(plane[a][i] * inverse[a]);
 #pragma GCC unroll 8
       for (std::size_t m = 0; m < N; ++m) {  // From the last slab: the first takes the place of its source.
         const std::size_t s = N - 1 - m;
-        const __m256 before = _mm256_min_ps(at[s], at[s + 1]);
-        const __m256 behind = _mm256_max_ps(at[s], at[s + 1]);
+        const Floats before = min_of(at[s], at[s + 1]);
+        const Floats behind = max_of(at[s], at[s + 1]);
 #pragma GCC unroll 16
         for (std::size_t c = 0; c < made; ++c) {
-          enter[s * made + c] = _mm256_max_ps(enter[c], before);
-          exit[s * made + c] = _mm256_min_ps(exit[c], behind);
+          enter[s * made + c] = max_of(enter[c], before);
+          exit[s * made + c] = min_of(exit[c], behind);
         }
       }
     }
@@ -245,106 +240,50 @@ class ChildPartition {
   /// With four children, in 2-D, sixteen beams at a time are no faster than eight.
   static constexpr bool kHasSixteens = N == 2 && kNumChildren >= 8;
 #ifdef NDTREE_HAS_EIGHTS
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void clip_packet(const Planes& planes, __m256 from, __m256 to,
-                                                         Packet& packet) const {
-    __m256 enter[std::size_t{kNumChildren}];
-    __m256 exit[std::size_t{kNumChildren}];
-    eight_beams(planes, packet.beams.rays, from, to, enter, exit);
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void clip_packet(const Planes& planes, const EightFloats& from,
+                                                         const EightFloats& to, Packet& packet) const {
+    EightFloats enter[std::size_t{kNumChildren}];
+    EightFloats exit[std::size_t{kNumChildren}];
+    crossings_of_children(planes, packet.beams.rays.inverse, from, to, enter, exit);
 #pragma GCC unroll 32
     for (std::size_t c = 0; c < kNumChildren; ++c) {
-      _mm256_store_ps(packet.enter[c].data(), enter[c]);
-      _mm256_store_ps(packet.exit[c].data(), exit[c]);
-      packet.set[c] =
-          static_cast<std::uint32_t>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ)));
-      packet.passing[c] = packet.set[c] & static_cast<std::uint32_t>(_mm256_movemask_ps(
-                                              _mm256_cmp_ps(exit[c], packet.beams.t_free, _CMP_LT_OQ)));
+      enter[c].store(packet.enter[c].data());
+      exit[c].store(packet.exit[c].data());
+      packet.set[c] = (exit[c] > enter[c]).set();
+      packet.passing[c] = packet.set[c] & (exit[c] < packet.beams.t_free).set();
     }
   }
   NDTREE_BY_EIGHTS void eight_at_a_time(const Planes& plane, const BeamList& list, Lists& children) const {
+    add_to_lists<EightFloats>(plane, list, children);
+  }
+#endif
+#ifdef NDTREE_HAS_SIXTEENS
+  NDTREE_BY_SIXTEENS void sixteen_at_a_time(const Planes& plane, const BeamList& list,
+                                            Lists& children) const {
+    add_to_lists<SixteenFloats>(plane, list, children);
+  }
+#endif
+#ifdef NDTREE_HAS_EIGHTS
+  /// Appends beams to the lists of the children that they cross, several at a time.
+  template <class Floats>
+  NDTREE_ALWAYS_INLINE void add_to_lists(const Planes& plane, const BeamList& list, Lists& children) const {
+    static_assert(BeamList::kSlack >= Floats::kWidth, "all of a vector is written, and read");
     // Copies, as stores through `to` might alias the members.
     const BeamList from = list;
     std::uint32_t* const to = children.memory.beam;
     const BeamRay<D>* const rows = beams_.rays();
     std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
-    for (std::size_t i = 0; i < from.size; i += 8) {
-      const __m256i live = detail::first_of_eight(from.size - i);
-      const __m256i beam = detail::load(from.beam + i);
-      const EightRays<D> rays = ScanBeams<D>::rays(rows, from.beam + i);
-      __m256 enter[std::size_t{kNumChildren}];
-      __m256 exit[std::size_t{kNumChildren}];
-      eight_beams(plane, rays, _mm256_setzero_ps(), _mm256_and_ps(rays.t_max, _mm256_castsi256_ps(live)),
-                  enter, exit);
+    for (std::size_t i = 0; i < from.size; i += Floats::kWidth) {
+      const auto live = Floats::Mask::first(from.size - i);
+      const auto beam = Floats::Ints::load(from.beam + i);
+      Floats ray[ScanBeams<D>::kColumnsOfRay];
+      load_columns_once(rows, from.beam + i, ray);
+      Floats enter[std::size_t{kNumChildren}];
+      Floats exit[std::size_t{kNumChildren}];
+      crossings_of_children<Floats>(plane, ray, 0.0f, ray[D] & live, enter, exit);
 #pragma GCC unroll 32
-      for (std::size_t c = 0; c < kNumChildren; ++c) {
-        const auto set =
-            static_cast<unsigned>(_mm256_movemask_ps(_mm256_cmp_ps(exit[c], enter[c], _CMP_GT_OQ)));
-        const std::size_t place = last[c];
-        _mm256_storeu_si256(reinterpret_cast<__m256i*>(to + place),
-                            _mm256_permutevar8x32_epi32(beam, detail::packing(set)));
-        last[c] = place + static_cast<std::size_t>(__builtin_popcount(set));
-      }
-    }
-    children.last = last;
-    children.pad();
-  }
-#endif
-#ifdef NDTREE_HAS_SIXTEENS
-  // GCC warns of uninitialised parts in the intrinsics without a mask.
-  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static __m512 larger(__m512 a, __m512 b) {
-    return _mm512_maskz_max_ps(0xffff, a, b);
-  }
-  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static __m512 smaller(__m512 a, __m512 b) {
-    return _mm512_maskz_min_ps(0xffff, a, b);
-  }
-  /// As eight_beams(), of all that lies before the beams' reach.
-  /// @param way ScanBeams::kColumnsOfWay of sixteen beams.
-  NDTREE_BY_SIXTEENS NDTREE_ALWAYS_INLINE static void sixteen_beams(const Planes& plane, const __m512* ray,
-                                                                    __m512* enter, __m512* exit) {
-    enter[0] = _mm512_setzero_ps();
-    exit[0] = ray[D];
-    std::size_t made = 1;
-#pragma GCC unroll 4
-    for (std::size_t a = 0; a < D; ++a, made *= N) {
-      __m512 at[kPlanes];
-#pragma GCC unroll 8
-      for (std::size_t i = 0; i < kPlanes; ++i) at[i] = _mm512_mul_ps(_mm512_set1_ps(plane[a][i]), ray[a]);
-#pragma GCC unroll 8
-      for (std::size_t m = 0; m < N; ++m) {
-        const std::size_t s = N - 1 - m;
-        const __m512 before = smaller(at[s], at[s + 1]);
-        const __m512 behind = larger(at[s], at[s + 1]);
-#pragma GCC unroll 16
-        for (std::size_t c = 0; c < made; ++c) {
-          enter[s * made + c] = larger(enter[c], before);
-          exit[s * made + c] = smaller(exit[c], behind);
-        }
-      }
-    }
-  }
-  NDTREE_BY_SIXTEENS void sixteen_at_a_time(const Planes& plane, const BeamList& list,
-                                            Lists& children) const {
-    static_assert(BeamList::kSlack == 16, "all of a vector is written, and read");
-    const BeamList from = list;  // As in eight_at_a_time().
-    std::uint32_t* const to = children.memory.beam;
-    const BeamRay<D>* const rows = beams_.rays();
-    std::array<std::size_t, std::size_t{kNumChildren}> last = children.last;
-    for (std::size_t i = 0; i < from.size; i += 16) {
-      const std::size_t left = std::min<std::size_t>(from.size - i, 16);
-      const auto live = static_cast<__mmask16>((1u << left) - 1);
-      const __m512i beam = _mm512_maskz_loadu_epi32(live, from.beam + i);
-      __m512 ray[ScanBeams<D>::kColumnsOfRay];
-      ScanBeams<D>::rays(rows, from.beam + i, ray);
-      __m512 enter[std::size_t{kNumChildren}];
-      __m512 exit[std::size_t{kNumChildren}];
-      sixteen_beams(plane, ray, enter, exit);
-#pragma GCC unroll 32
-      for (std::size_t c = 0; c < kNumChildren; ++c) {
-        // Compressed in registers: straight to memory takes some processors a hundred cycles.
-        const __mmask16 set = _mm512_mask_cmp_ps_mask(live, exit[c], enter[c], _CMP_GT_OQ);
-        const std::size_t place = last[c];
-        _mm512_storeu_si512(to + place, _mm512_maskz_compress_epi32(set, beam));
-        last[c] = place + static_cast<std::size_t>(__builtin_popcount(set));
-      }
+      for (std::size_t c = 0; c < kNumChildren; ++c)
+        last[c] += store_packed(beam, exit[c] > enter[c], to + last[c]);
     }
     children.last = last;
     children.pad();

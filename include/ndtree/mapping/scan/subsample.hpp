@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "ndtree/core/cache_lines.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/scan/counting_sort.hpp"
@@ -128,8 +129,10 @@ class alignas(kCacheLines) ScanPart {
   }
 
   /// The largest depth at which a cell can sample a beam that ends at a depth [m].
-  [[nodiscard]] static float last_depth(float depth, float farthest, float behind) {
-    return rounded(std::min(depth, farthest) * kSlack) + behind;
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats last_depth(const Floats& depth, float farthest,
+                                                              float behind) {
+    return rounded(min_of(depth, farthest) * kSlack) + behind;
   }
 
   /// True if a smallest cell at this depth can sample a beam with this key.
@@ -147,14 +150,15 @@ class alignas(kCacheLines) ScanPart {
 #ifdef NDTREE_HAS_EIGHTS
   static constexpr std::size_t kNone = 2 * D;  // Stands for CubeMap::kNoFace.
   using OfFaces = std::array<float, std::max<std::size_t>(kNone + 1, 8)>;
-  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static __m256 of_face(const OfFaces& values,
-                                                                            __m256i faces) {
+  NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE static EightFloats of_face(const OfFaces& values,
+                                                                                 const EightInts& faces) {
     if constexpr (kNone < 8) {
-      return _mm256_permutevar8x32_ps(_mm256_loadu_ps(values.data()), faces);
+      return one_of_eight(values.data(), faces);
     } else {
-      const detail::Offsets at(faces);
-      return _mm256_setr_ps(values[at[0]], values[at[1]], values[at[2]], values[at[3]], values[at[4]],
-                            values[at[5]], values[at[6]], values[at[7]]);
+      const Offsets at(faces);
+      const std::array<float, 8> eight{values[at[0]], values[at[1]], values[at[2]], values[at[3]],
+                                       values[at[4]], values[at[5]], values[at[6]], values[at[7]]};
+      return EightFloats::load(eight.data());
     }
   }
   /// Does keep()'s work for eight beams at a time. @pre at most 2 D faces.
@@ -178,38 +182,28 @@ class alignas(kCacheLines) ScanPart {
     std::array<std::uint32_t, kNone + 1> kept_of_faces{};  // The last: of invalid beams.
     std::size_t i = 0;
     for (; i + 8 <= beams_.size; i += 8) {
-      const __m256i face =
-          _mm256_min_epu32(detail::load(beams_.face.get() + i), _mm256_set1_epi32(static_cast<int>(kNone)));
-      const __m256 depth = _mm256_add_ps(
-          _mm256_mul_ps(_mm256_min_ps(_mm256_loadu_ps(beams_.depth.get() + i), _mm256_set1_ps(farthest)),
-                        _mm256_set1_ps(kSlack)),
-          _mm256_set1_ps(behind));
-      const __m256 in_row = _mm256_div_ps(of_face(row, face), depth);
-      __m256 expected = _mm256_set1_ps(1.0f);
-      for (std::size_t k = 0; k < kAxes; ++k)
-        expected = _mm256_mul_ps(expected, _mm256_min_ps(in_row, of_face(pixels[k], face)));
-      const __m256i number = detail::load(beams_.key.get() + i);
-      const __m256i bucket = _mm256_and_si256(number, _mm256_castps_si256(of_face(key_masks, face)));
-      const __m256 key = _mm256_mul_ps(_mm256_cvtepi32_ps(bucket), _mm256_set1_ps(kKeyUnit));
-      const __m256 is_kept = _mm256_and_ps(
-          _mm256_cmp_ps(_mm256_mul_ps(key, expected), _mm256_set1_ps(beams), _CMP_LT_OQ),
-          _mm256_castsi256_ps(_mm256_cmpgt_epi32(_mm256_set1_epi32(static_cast<int>(kNone)), face)));
-      const auto set = static_cast<unsigned>(_mm256_movemask_ps(is_kept));
+      const EightInts face =
+          unsigned_min_of(EightInts::load(beams_.face.get() + i), static_cast<std::uint32_t>(kNone));
+      const EightFloats depth = last_depth(EightFloats::load(beams_.depth.get() + i), farthest, behind);
+      const EightFloats in_row = of_face(row, face) / depth;
+      EightFloats expected = 1.0f;
+      for (std::size_t k = 0; k < kAxes; ++k) expected = expected * min_of(in_row, of_face(pixels[k], face));
+      const EightInts number = EightInts::load(beams_.key.get() + i);
+      const EightInts bucket = number & bits_of(of_face(key_masks, face));
+      const EightMask is_kept = (to_floats(bucket) * kKeyUnit * expected < beams) &
+                                (EightInts(static_cast<std::uint32_t>(kNone)) > face);
+      const unsigned set = is_kept.set();
       for (unsigned left = 0xff; left != 0;) {  // Adjacent beams mostly have the same face.
         const std::uint32_t one = std::min(beams_.face[i + static_cast<std::size_t>(__builtin_ctz(left))],
                                            static_cast<std::uint32_t>(kNone));
-        const __m256i is_one = _mm256_cmpeq_epi32(face, _mm256_set1_epi32(static_cast<int>(one)));
-        const auto same = static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(is_one)));
+        const unsigned same = (face == EightInts(one)).set();
         kept_of_faces[one] += static_cast<std::uint32_t>(__builtin_popcount(same & set));
         left &= ~same;
       }
-      const __m256i order = detail::packing(set);
-      const auto put = [this](std::unique_ptr<std::uint32_t[]>& column) {
-        return reinterpret_cast<__m256i*>(column.get() + num_kept_);
-      };
-      _mm256_storeu_si256(put(kept_), _mm256_add_epi32(_mm256_set1_epi32(static_cast<int>(i)), order));
-      _mm256_storeu_si256(put(beams_.key), _mm256_permutevar8x32_epi32(number, order));
-      _mm256_storeu_si256(put(beams_.face), _mm256_permutevar8x32_epi32(face, order));
+      const EightInts order = packing(set);
+      (EightInts(static_cast<std::uint32_t>(i)) + order).store(kept_.get() + num_kept_);
+      in_order(number, order).store(beams_.key.get() + num_kept_);
+      in_order(face, order).store(beams_.face.get() + num_kept_);
       num_kept_ += static_cast<std::size_t>(__builtin_popcount(set));
     }
     std::copy_n(kept_of_faces.begin(), kept_of_faces_.size(), kept_of_faces_.begin());
@@ -232,11 +226,10 @@ class alignas(kCacheLines) ScanPart {
     }
     std::size_t k = 0;
     for (; k + 8 <= num_kept_; k += 8) {
-      const __m256i face = detail::load(beams_.face.get() + k);
-      auto* const key = reinterpret_cast<__m256i*>(beams_.key.get() + k);
-      const __m256i bucket =
-          _mm256_srlv_epi32(detail::load(beams_.key.get() + k), _mm256_castps_si256(of_face(shift, face)));
-      _mm256_storeu_si256(key, _mm256_add_epi32(bucket, _mm256_castps_si256(of_face(first, face))));
+      const EightInts face = EightInts::load(beams_.face.get() + k);
+      std::uint32_t* const key = beams_.key.get() + k;
+      const EightInts bucket = unsigned_shifted_right(EightInts::load(key), bits_of(of_face(shift, face)));
+      (bucket + bits_of(of_face(first, face))).store(key);
     }
     return k;
   }

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
@@ -31,20 +32,23 @@ namespace ndtree {
 /// a fraction of a scan's beams samples the beams with keys below this fraction of 2^24.
 /// A key does not depend on the order of the beams. Equal beams of two scans have independent keys, so that
 /// of a sensor that stands still each beam is sampled in some scan.
+/// @param displacement D components of one beam, or of eight.
+template <int D, class Floats>
+[[nodiscard]] NDTREE_ALWAYS_INLINE auto sampling_key_at(const Floats* displacement,
+                                                        std::uint64_t scan_number) {
+  std::uint32_t factor = 0x9e3779b1u;
+  auto hash = words_of(displacement[0]) * factor + key_of_scan(scan_number);
+#pragma GCC unroll 4
+  for (std::size_t a = 1; a < D; ++a) hash = hash + words_of(displacement[a]) * (factor *= 0x9e3779b1u);
+  hash = hash ^ unsigned_shifted_right(hash, 15);
+  hash = hash * 0x85ebca77u;
+  hash = hash ^ unsigned_shifted_right(hash, 13);
+  return unsigned_shifted_right(hash * 0xc2b2ae3du, 8);
+}
 template <int D>
 [[nodiscard]] std::uint32_t sampling_key_of(const std::array<float, std::size_t{D}>& displacement,
                                             std::uint64_t scan_number = 0) {
-  std::uint32_t hash = key_of_scan(scan_number);
-  std::uint32_t factor = 1;
-  for (const float component : displacement) {
-    std::uint32_t bits = 0;
-    std::memcpy(&bits, &component, sizeof bits);
-    hash += bits * (factor *= 0x9e3779b1u);
-  }
-  hash ^= hash >> 15;
-  hash *= 0x85ebca77u;
-  hash ^= hash >> 13;
-  return (hash * 0xc2b2ae3du) >> 8;
+  return sampling_key_at<D>(displacement.data(), scan_number);
 }
 
 /// The survey's result for a part of a scan. Arrays are indexed by the beam's position in the part.
@@ -193,99 +197,78 @@ class ScanSurveyor {
     const Vector<D> origin = scan.origin(0);
     const double max_range = measurements_.max_range();
     const double longest = std::min(max_range, 2.0 * static_cast<double>(kLongest));
-    const auto cut = _mm256_set1_ps(static_cast<float>(longest));
+    const EightFloats cut = static_cast<float>(longest);
     // A beam up to this depth is at most `longest` long, whatever the rounding.
-    const auto in_reach = _mm256_set1_ps(static_cast<float>(longest / (std::sqrt(D) * (1.0 + 1e-5))));
-    const __m256 sign = _mm256_set1_ps(-0.0f);
-    const __m256 infinity = _mm256_set1_ps(std::numeric_limits<float>::infinity());
+    const auto in_reach = static_cast<float>(longest / (std::sqrt(D) * (1.0 + 1e-5)));
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
     struct Extent {
-      __m256 lower, upper;
+      EightFloats lower, upper;
     };
     std::array<std::array<Extent, kAxes>, std::size_t{2 * D}> extents;
-    for (auto& of_side : extents) of_side.fill({infinity, _mm256_sub_ps(_mm256_setzero_ps(), infinity)});
+    for (auto& of_side : extents) of_side.fill({kInfinity, -kInfinity});
     std::array<std::uint32_t, std::size_t{2 * D}> count{};
     std::array<Extent, std::size_t{D}> reach;
-    reach.fill({_mm256_setzero_ps(), _mm256_setzero_ps()});
-    __m256 deepest = _mm256_setzero_ps();
+    reach.fill({0.0f, 0.0f});
+    EightFloats deepest = 0.0f;
     Eigen::Index i = range_.first;
     std::uint64_t valid = 0;
     for (; i + 8 <= range_.last; i += 8) {
       prefetch<8 * D>(scan.endpoints + D * std::min(i + kAhead, scan.size - 8));
-      __m256 d[std::size_t{D}];
-      __m256 depth = _mm256_setzero_ps();
-      __m256i axis = _mm256_setzero_si256();
-      __m256 finite = _mm256_castsi256_ps(_mm256_set1_epi32(-1));
+      EightFloats d[std::size_t{D}];
+      EightFloats depth = 0.0f;
+      EightInts axis = 0;  // Twice the number of the longest.
+      EightMask fits = EightMask::all();
 #pragma GCC unroll 4
       for (int a = 0; a < D; ++a) {
         const double* const from = scan.endpoints + i * D + a;
-        const __m256d o = _mm256_set1_pd(origin[a]);
-        const __m128 low =
-            _mm256_cvtpd_ps(_mm256_sub_pd(_mm256_setr_pd(from[0], from[D], from[2 * D], from[3 * D]), o));
-        const __m128 high = _mm256_cvtpd_ps(
-            _mm256_sub_pd(_mm256_setr_pd(from[4 * D], from[5 * D], from[6 * D], from[7 * D]), o));
+        const FourDoubles o = origin[a];
         const auto k = static_cast<std::size_t>(a);
-        d[k] = detail::joined(low, high);
-        const __m256 length = _mm256_andnot_ps(sign, d[k]);
-        const __m256 longer = _mm256_cmp_ps(length, depth, _CMP_GT_OQ);
-        axis = _mm256_blendv_epi8(axis, _mm256_set1_epi32(2 * a), _mm256_castps_si256(longer));
-        depth = _mm256_max_ps(length, depth);
-        finite = _mm256_and_ps(finite, _mm256_cmp_ps(length, _mm256_set1_ps(kLongest), _CMP_LE_OQ));
+        d[k] = to_floats(FourDoubles::of(from[0], from[D], from[2 * D], from[3 * D]) - o,
+                         FourDoubles::of(from[4 * D], from[5 * D], from[6 * D], from[7 * D]) - o);
+        const EightFloats length = abs_of(d[k]);
+        axis = select(length > depth, EightInts(2 * a), axis);
+        depth = max_of(length, depth);
+        fits = fits & (length <= kLongest);
       }
-      const __m256 fits = _mm256_and_ps(finite, _mm256_cmp_ps(depth, _mm256_set1_ps(kShortest), _CMP_GE_OQ));
-      if (_mm256_movemask_ps(fits) != 0xff) {
+      fits = fits & (depth >= kShortest);
+      if (fits.set() != 0xff) {
         for (Eigen::Index k = 0; k < 8; ++k) survey_one(i + k);
         continue;
       }
       // Coordinates on the face: those of the other axes, in their order.
-      __m256 main = d[0];
-      __m256 at[kAxes + 1];
+      EightFloats main = d[0];
+      EightFloats at[kAxes + 1];
 #pragma GCC unroll 4
       for (std::size_t k = 0; k < kAxes; ++k) {
-        const __m256i this_axis = _mm256_set1_epi32(static_cast<int>(2 * (k + 1)));
-        // Axes after the face's axis.
-        const __m256 is_behind = _mm256_castsi256_ps(_mm256_cmpgt_epi32(this_axis, axis));
-        at[k] = _mm256_blendv_ps(d[k], d[k + 1], is_behind);
-        main = _mm256_blendv_ps(main, d[k + 1], _mm256_castsi256_ps(_mm256_cmpeq_epi32(this_axis, axis)));
+        const EightInts this_axis = static_cast<std::int32_t>(2 * (k + 1));
+        at[k] = select(this_axis > axis, d[k + 1], d[k]);  // Axes after the face's axis.
+        main = select(this_axis == axis, d[k + 1], main);
       }
-      const __m256i side = _mm256_sub_epi32(axis, _mm256_srai_epi32(_mm256_castps_si256(main), 31));
+      const EightInts side = axis - shifted_right(bits_of(main), 31);  // One more if it is negative.
 #pragma GCC unroll 4
-      for (std::size_t k = 0; k < kAxes; ++k) at[k] = _mm256_div_ps(at[k], depth);
-
-      __m256i hash = _mm256_set1_epi32(static_cast<int>(key_of_scan(measurements_.scan_number())));
-      std::uint32_t factor = 1;
-#pragma GCC unroll 4
-      for (std::size_t a = 0; a < D; ++a) {
-        factor *= 0x9e3779b1u;
-        hash = _mm256_add_epi32(
-            hash, _mm256_mullo_epi32(_mm256_castps_si256(d[a]), _mm256_set1_epi32(static_cast<int>(factor))));
-      }
-      hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 15));
-      hash = _mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0x85ebca77u)));
-      hash = _mm256_xor_si256(hash, _mm256_srli_epi32(hash, 13));
-      hash = _mm256_srli_epi32(_mm256_mullo_epi32(hash, _mm256_set1_epi32(static_cast<int>(0xc2b2ae3du))), 8);
+      for (std::size_t k = 0; k < kAxes; ++k) at[k] = at[k] / depth;
+      const EightInts key = sampling_key_at<D>(&d[0], measurements_.scan_number());
 
       const auto index = static_cast<std::size_t>(i - range_.first);
-      _mm256_storeu_ps(beams_.depth.get() + index, depth);
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.key.get() + index), hash);
-      _mm256_storeu_si256(reinterpret_cast<__m256i*>(beams_.face.get() + index), side);
-      deepest = _mm256_max_ps(deepest, depth);
+      depth.store(beams_.depth.get() + index);
+      key.store(beams_.key.get() + index);
+      side.store(beams_.face.get() + index);
+      deepest = max_of(deepest, depth);
       for (std::size_t a = 0; a < D; ++a) {
-        reach[a].lower = _mm256_min_ps(reach[a].lower, _mm256_max_ps(d[a], _mm256_xor_ps(cut, sign)));
-        reach[a].upper = _mm256_max_ps(reach[a].upper, _mm256_min_ps(d[a], cut));
+        reach[a].lower = min_of(reach[a].lower, max_of(d[a], -static_cast<float>(longest)));
+        reach[a].upper = max_of(reach[a].upper, min_of(d[a], cut));
       }
       unsigned left = 0xff;
       do {  // Adjacent beams mostly have the same face.
         const std::uint32_t one = beams_.face[index + static_cast<std::size_t>(__builtin_ctz(left))];
-        const __m256 same =
-            _mm256_castsi256_ps(_mm256_cmpeq_epi32(side, _mm256_set1_epi32(static_cast<int>(one))));
-        const auto set = static_cast<unsigned>(_mm256_movemask_ps(same));
+        const EightMask same = side == static_cast<std::int32_t>(one);
         for (std::size_t k = 0; k < kAxes; ++k) {
           Extent& extent = extents[one][k];
-          extent.lower = _mm256_min_ps(extent.lower, _mm256_blendv_ps(infinity, at[k], same));
-          extent.upper = _mm256_max_ps(extent.upper, _mm256_blendv_ps(extent.upper, at[k], same));
+          extent.lower = min_of(extent.lower, select(same, at[k], EightFloats(kInfinity)));
+          extent.upper = max_of(extent.upper, select(same, at[k], extent.upper));
         }
-        count[one] += static_cast<std::uint32_t>(__builtin_popcount(set));
-        left &= ~set;
+        count[one] += same.count();
+        left &= ~same.set();
       } while (left != 0);
       valid += 8;
       count_outcomes(i, depth, in_reach);
@@ -295,12 +278,12 @@ class ScanSurveyor {
       Vector<D> lower = origin;
       Vector<D> upper = origin;
       for (std::size_t a = 0; a < D; ++a) {
-        lower[static_cast<int>(a)] += static_cast<double>(min_of(reach[a].lower));
-        upper[static_cast<int>(a)] += static_cast<double>(max_of(reach[a].upper));
+        lower[static_cast<int>(a)] += static_cast<double>(least_of(reach[a].lower));
+        upper[static_cast<int>(a)] += static_cast<double>(largest_of(reach[a].upper));
       }
       beams_.survey.include(lower);
       beams_.survey.include(upper);
-      beams_.deepest = std::max(beams_.deepest, max_of(deepest));
+      beams_.deepest = std::max(beams_.deepest, largest_of(deepest));
     }
     return i;
   }
@@ -313,8 +296,8 @@ class ScanSurveyor {
       CubeFace<D>& face = beams_.cube_map.faces()[side];
       face.num_beams += count[side];
       for (std::size_t k = 0; k < kAxes; ++k) {
-        face.lower[k] = std::min(face.lower[k], min_of(extents[side][k].lower));
-        face.upper[k] = std::max(face.upper[k], max_of(extents[side][k].upper));
+        face.lower[k] = std::min(face.lower[k], least_of(extents[side][k].lower));
+        face.upper[k] = std::max(face.upper[k], largest_of(extents[side][k].upper));
       }
     }
   }
@@ -322,31 +305,30 @@ class ScanSurveyor {
   NDTREE_BY_EIGHTS [[nodiscard]] unsigned returned_of_eight(Eigen::Index first) const {
     const bool* const returned = measurements_.scan().returned;
     if (returned == nullptr) return 0xff;
-    const __m128i flags = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(returned + first));
-    return ~static_cast<unsigned>(_mm_movemask_epi8(_mm_cmpeq_epi8(flags, _mm_setzero_si128()))) & 0xff;
+    return set_of_eight(returned + first);
   }
   /// Counts the outcomes of eight valid beams.
   /// @param in_reach depth up to which every beam is within max_range [m].
-  NDTREE_BY_EIGHTS void count_outcomes(Eigen::Index first, __m256 depths, __m256 in_reach) {
-    if (_mm256_movemask_ps(_mm256_cmp_ps(depths, in_reach, _CMP_LE_OQ)) == 0xff) {
+  NDTREE_BY_EIGHTS void count_outcomes(Eigen::Index first, const EightFloats& depths, float in_reach) {
+    if ((depths <= in_reach).set() == 0xff) {
       const auto returned = static_cast<unsigned>(__builtin_popcount(returned_of_eight(first)));
       beams_.survey.count(BeamOutcome::returned) += returned;
       beams_.survey.count(BeamOutcome::not_returned) += 8 - returned;
       return;
     }
     std::array<float, 8> depth;
-    _mm256_storeu_ps(depth.data(), depths);
+    depths.store(depth.data());
     for (std::size_t k = 0; k < 8; ++k)
       ++beams_.survey.count(outcome_of(first + static_cast<Eigen::Index>(k), depth[k]));
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] static float min_of(__m256 v) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static float least_of(const EightFloats& eight) {
     std::array<float, 8> values;
-    _mm256_storeu_ps(values.data(), v);
+    eight.store(values.data());
     return *std::min_element(values.begin(), values.end());
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] static float max_of(__m256 v) {
+  NDTREE_BY_EIGHTS [[nodiscard]] static float largest_of(const EightFloats& eight) {
     std::array<float, 8> values;
-    _mm256_storeu_ps(values.data(), v);
+    eight.store(values.data());
     return *std::max_element(values.begin(), values.end());
   }
 #endif
