@@ -145,7 +145,7 @@ def test_bounds_cover_what_beams_held_out_do_in_simulated_worlds(kind: str) -> N
     ("world", "seed", "scans"), [("office", 21, 100), ("office", 22, 100), ("apartment", 21, 40)]
 )
 def test_calibration_errors_are_small_in_other_worlds(world: str, seed: int, scans: int) -> None:
-    """As long as scans look where others did: in a room that no scan has mapped, cells at its door mislead."""
+    """As long as scans look where others did: at the door of a room without scans, cells mislead."""
     log = ndtree.simulate(world, seed=seed, scans=scans)  # type: ignore[arg-type]
     found = ndtree.compare(log, KINDS, held_out=5, calibration=True, max_range=20.0)
     for row in found["maps"]:
