@@ -4,6 +4,7 @@
 /// instead.
 #pragma once
 
+#include "ndtree/evaluation/calibration.hpp"
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/evaluation/moved.hpp"
@@ -21,6 +22,7 @@
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/mapping/scan_history.hpp"
 #include "ndtree/query/cells.hpp"
+#include "ndtree/query/cells_on_beam.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/collision.hpp"
 #include "ndtree/query/distance_field.hpp"

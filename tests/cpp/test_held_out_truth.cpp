@@ -36,11 +36,12 @@ bool occupied_within(const Wall& map, const ndtree::Vector<2>& point, double rad
   return point.x() >= map.wall - radius && point.x() <= map.back + radius;
 }
 
+/// The surface is 3 cm inside.
 std::optional<double> cast_ray(const Wall& map, const ndtree::Vector<2>& origin,
-                               const ndtree::Vector<2>& direction, double max_range) {
+                               const ndtree::Vector<2>& direction, double max_range, ndtree::RayAim aim) {
   const double distance = (map.wall - origin.x()) / direction.normalized().x();
   if (!(distance >= 0.0 && distance <= max_range)) return std::nullopt;
-  return distance;
+  return distance + (aim == ndtree::RayAim::surface ? 0.03 : 0.0);
 }
 
 }  // namespace elsewhere
@@ -114,6 +115,13 @@ TEST(HeldOutTruth, CountsOneBeamAgainstAWall) {
       EXPECT_EQ(truth.median_cast_error(), c.error);
     else
       EXPECT_NEAR(truth.median_cast_error().value(), c.error, 1e-12);
+    const double surface = std::abs(c.map.wall + 0.03 - c.range);
+    EXPECT_EQ(truth.surfaces_within, !std::isinf(c.error) && surface <= 0.10 ? 1u : 0u);
+    EXPECT_EQ(truth.surface_errors.size(), 1u);
+    if (std::isinf(c.error))
+      EXPECT_EQ(truth.median_surface_error(), c.error);
+    else
+      EXPECT_NEAR(truth.median_surface_error().value(), surface, 1e-12);
   }
 }
 

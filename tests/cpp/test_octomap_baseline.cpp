@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "ndtree/core/log_odds.hpp"
+#include "ndtree/evaluation/calibration.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
@@ -295,6 +296,79 @@ TEST(OctomapBaseline, CastsEndWhereTheRayEntersTheCell) {
   EXPECT_EQ(cast_ray(map, Vector<2>(1e9, 0.0), Vector<2>(-1.0, 0.0), kUnlimitedRange), std::nullopt);
   EXPECT_THROW(static_cast<void>(cast_ray(map, origin, Vector<2>(0.0, 0.0), 5.0)), std::invalid_argument);
   EXPECT_THROW(static_cast<void>(cast_ray(map, origin, Vector<2>(1.0, 0.0), 0.0)), std::invalid_argument);
+}
+
+TEST(OctomapBaseline, CellsOfARayAreThoseAtItsPoints) {
+  constexpr std::uint64_t kSeed = 13;
+  SCOPED_TRACE("seed " + std::to_string(kSeed));
+  OctomapBaseline map(0.1);
+  for (const Scan<3>& scan : room<3>(kSeed, 2000)) map.insert(scan);
+  std::mt19937_64 random(kSeed);
+  std::uniform_real_distribution<double> place(-4.0, 4.0);
+  std::uniform_real_distribution<double> part(0.05, 0.95);
+  const auto anywhere = [&] { return Vector<3>(place(random), place(random), place(random)); };
+  int cells = 0;
+  int known = 0;
+  int surfaces = 0;
+  for (int i = 0; i < 300; ++i) {
+    const Vector<3> origin = anywhere();
+    const Vector<3> unit = anywhere().normalized();
+    double last = 0.7;
+    map.for_each_cell(origin, unit, 0.7, [&](float log_odds, double enter, double exit) {
+      EXPECT_EQ(enter, last);
+      EXPECT_GT(exit, enter);
+      EXPECT_LE(exit - enter, 0.1 * std::sqrt(3.0) + 1e-9);
+      const Vector<3> point = origin + (enter + part(random) * (exit - enter)) * unit;
+      if (exit - enter > 1e-4) {  // Else the point is too near to other cells.
+        EXPECT_EQ(map.log_odds(point).value_or(0.0f), log_odds);
+      }
+      last = exit;
+      ++cells;
+      known += log_odds != 0.0f;
+      return exit < 3.0;
+    });
+    EXPECT_GE(last, 3.0);
+    const auto entry = cast_ray(map, origin, unit, 6.0);
+    const auto surface = cast_ray(map, origin, unit, 6.0, RayAim::surface);
+    ASSERT_EQ(surface.has_value(), entry.has_value());
+    if (!surface) continue;
+    ++surfaces;
+    double left = 1.0;  // Of the beams, in steps of a tenth of a millimetre.
+    double half = *entry + 0.075;
+    map.for_each_cell(origin, unit, *entry, [&](float log_odds, double enter, double exit) {
+      const double rate = log_odds == 0.0f ? 0.0 : HitRateModel::mean_of(static_cast<double>(log_odds));
+      for (double d = enter; d < exit && left > 0.5; d += 1e-4) {
+        left *= std::pow(1.0 - rate, std::min(1e-4, exit - d) / (exit - enter));
+        if (left <= 0.5) half = std::min(half, d);
+      }
+      return left > 0.5 && exit < *entry + 0.075;
+    });
+    EXPECT_NEAR(*surface, half, 2e-4);
+  }
+  EXPECT_GT(cells, 3000);
+  EXPECT_GT(known, 300);
+  EXPECT_GT(surfaces, 30);
+}
+
+TEST(OctomapBaseline, CalibrationAsksEachCellUpToTheEnd) {
+  OctomapBaseline map(0.1);
+  const Scan<2> scan = beam<2>({0.05, 0.05}, {1.05, 0.05});
+  map.insert(scan);
+  Calibration calibration;
+  calibrate(map, scan.view(), kUnlimitedRange, calibration);
+  std::uint64_t pairs = 0;
+  std::uint64_t ends = 0;
+  for (const auto& [group, bins] : calibration.groups) {
+    EXPECT_EQ(std::get<1>(group), 0.1);
+    EXPECT_EQ(std::get<2>(group), -1);
+    for (const auto& bin : bins) {
+      pairs += bin.pairs;
+      ends += bin.ends;
+    }
+  }
+  EXPECT_EQ(pairs, 11u);
+  EXPECT_EQ(ends, 1u);
+  EXPECT_EQ(calibration.ends_at_unknown, 0u);
 }
 
 TEST(OctomapBaseline, NearnessCountsTheBorderIn) {

@@ -8,6 +8,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "ndtree/mapping/occupancy_map.hpp"
@@ -197,6 +198,98 @@ TYPED_TEST(QueriesOf, RaysEndAtTheNearestOccupiedLeaf) {
   EXPECT_EQ(cases, 1200);
   EXPECT_GT(found, 25);
   EXPECT_GT(started_inside, 0);
+}
+
+/// Leaves that a ray passes through, by where it enters and leaves them [m].
+template <int D>
+std::vector<std::pair<std::pair<double, double>, OccupancyCell>> crossings(
+    const std::vector<PlainLeaf<D>>& leaves, const Vector<D>& origin, const Vector<D>& unit) {
+  std::vector<std::pair<std::pair<double, double>, OccupancyCell>> found;
+  for (const auto& leaf : leaves) {
+    double enter = 0.0;
+    double exit = kInfinity;
+    for (int a = 0; a < D; ++a) {
+      const double t = (leaf.box.lower[a] - origin[a]) / unit[a];
+      const double u = (leaf.box.upper[a] - origin[a]) / unit[a];
+      enter = std::max(enter, std::min(t, u));
+      exit = std::min(exit, std::max(t, u));
+    }
+    if (exit - enter > 1e-9) found.push_back({{enter, exit}, leaf.cell});
+  }
+  return found;
+}
+
+TYPED_TEST(QueriesOf, TheSurfaceIsWhereHalfOfTheBeamsHaveEnded) {
+  NDTREE_SHAPE;
+  Random random(55);
+  SCOPED_TRACE(random.trace());
+  const auto map = random_map<N, D>(random);
+  const auto leaves = plain_leaves(map);
+  const HitRateModel model(map.options());
+  const double most = 0.75 * map.options().min_cell_size;
+  int found = 0;
+  int inside = 0;
+  int at_limit = 0;
+  for (int i = 0; i < 3000; ++i) {
+    const Vector<D> origin = random_point<D>(random, {Vector<D>::Constant(-3.0), Vector<D>::Constant(3.0)});
+    const Vector<D> unit =
+        random_point<D>(random, {Vector<D>::Constant(-1.0), Vector<D>::Constant(1.0)}).normalized();
+    const double max_range = i % 3 == 0 ? kInfinity : random.uniform(0.1, 6.0);
+    const auto at_cell = cast_ray(map, origin, unit, max_range);
+    const auto surface = cast_ray(map, origin, unit, max_range, RayAim::surface);
+    ASSERT_EQ(surface.has_value(), at_cell.has_value());
+    if (!surface) continue;
+    ++found;
+    const double depth = *surface - *at_cell;
+    ASSERT_GE(depth, 0.0);
+    ASSERT_LE(depth, most * (1.0 + 1e-12));
+    // What is left of the beams at a distance: each leaf between ends its share, evenly along its way.
+    const auto passed = crossings(leaves, origin, unit);
+    const auto log_left_at = [&](double distance) {
+      double sum = 0.0;
+      for (const auto& [way, leaf] : passed) {
+        if (!leaf.observed()) continue;
+        const double from = std::max(way.first, *at_cell);  // The ray may start in it.
+        const double part = (std::min(distance, way.second) - from) / (way.second - from);
+        if (way.second > *at_cell + 1e-9 && part > 0.0) sum += part * std::log1p(-model(leaf).mean());
+      }
+      return sum;
+    };
+    const double half = std::log(0.5);
+    if (depth < most * (1.0 - 1e-9)) {
+      ASSERT_NEAR(log_left_at(*surface), half, 1e-6) << "at " << *surface << " of " << *at_cell;
+      ++inside;
+    } else {
+      ASSERT_GE(log_left_at(*surface), half - 1e-6);
+      ++at_limit;
+    }
+    const auto traced = trace_ray(map, origin, unit, max_range, false, RayAim::surface);
+    ASSERT_EQ(traced->distance, *surface);
+    ASSERT_EQ(traced->cell->lower, trace_ray(map, origin, unit, max_range, false)->cell->lower);
+  }
+  EXPECT_GT(found, 20);
+  EXPECT_GT(inside, 5);
+  EXPECT_GT(at_limit, 0);
+}
+
+TYPED_TEST(QueriesOf, HitRatesAreThoseOfTheLeafAround) {
+  NDTREE_SHAPE;
+  Random random(56);
+  SCOPED_TRACE(random.trace());
+  const auto map = random_map<N, D>(random);
+  const HitRateModel model(map.options());
+  int observed = 0;
+  for (int i = 0; i < 600; ++i) {
+    const Vector<D> point = random_point<D>(random, {Vector<D>::Constant(-2.2), Vector<D>::Constant(2.2)});
+    const OccupancyCell cell = cell_at(map, point);
+    const auto rate = hit_rate(map, point);
+    ASSERT_EQ(rate.has_value(), cell.observed());
+    if (!rate) continue;
+    ASSERT_EQ(rate->mean(), model(cell).mean());
+    ++observed;
+  }
+  EXPECT_GT(observed, 20);
+  EXPECT_FALSE(hit_rate(map, Vector<D>::Constant(kNan).eval()));
 }
 
 TYPED_TEST(QueriesOf, OccupiedWithinIsTheLeastDistanceToAnOccupiedLeaf) {

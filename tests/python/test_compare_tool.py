@@ -30,7 +30,7 @@ PARAMETERS = {
 }  # fmt: skip
 TRUTH = {
     "free", "occupied", "unknown", "samples", "endpoints_near", "endpoints", "casts_within", "casts",
-    "median_error", "balanced_accuracy", "log_score",
+    "median_error", "surfaces_within", "surface_error", "balanced_accuracy", "log_score",
 }  # fmt: skip
 CLAIMS = {
     "points", "seen", "free", "free_and_unseen", "unknown_and_seen", "free_unseen", "seen_unknown",
@@ -180,6 +180,7 @@ def test_the_report_agrees_with_the_log_and_with_itself(tmp_path, dim, branching
         assert truth["endpoints"] == truth["casts"] == 2 * (BEAMS - 2)
         assert truth["endpoints_near"] <= truth["endpoints"]
         assert truth["casts_within"] <= truth["casts"]
+        assert truth["surfaces_within"] <= truth["casts"]
         assert truth["free"] > 0.1 * truth["samples"]
         claims = entry["claims"]
         assert set(claims) == CLAIMS

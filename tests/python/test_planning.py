@@ -104,6 +104,29 @@ def test_rays_that_stop_at_unknown_space_end_before_it(any_room):
         any_room.cast_rays(origin, directions, unknown="no")
 
 
+def test_rays_at_the_surface_end_a_little_behind_the_entry(any_room):
+    directions = RNG.normal(size=(200, any_room.dim))
+    origin = np.full(any_room.dim, 0.3)
+    for unknown in ("pass", "stop"):
+        asked = {"max_range": 9.0, "unknown": unknown, "details": True}
+        cell = any_room.cast_rays(origin, directions, **asked)
+        surface = any_room.cast_rays(origin, directions, at="surface", **asked)
+        for name in ("state", "lower", "size"):
+            np.testing.assert_array_equal(getattr(surface, name), getattr(cell, name))
+        np.testing.assert_array_equal(
+            surface.distance,
+            any_room.cast_rays(origin, directions, max_range=9.0, unknown=unknown, at="surface"),
+        )
+        met = cell.state == 1
+        assert met.sum() > 20
+        depth = (surface.distance - cell.distance)[met]
+        assert (depth > 0.0).all() and (depth <= 0.75 * any_room.min_cell_size * (1 + 1e-9)).all()
+        assert np.unique(np.round(depth, 4)).size > 10
+        np.testing.assert_array_equal(surface.distance[~met], cell.distance[~met])
+    with pytest.raises(ValueError, match="at = 'wall': must be 'cell' or 'surface'"):
+        any_room.cast_rays(origin, directions, at="wall")
+
+
 @pytest.mark.parametrize("unknown", ["free", "occupied"])
 def test_a_distance_field_is_scipys_up_to_where_cells_begin(any_room, unknown):
     edt = pytest.importorskip("scipy.ndimage").distance_transform_edt

@@ -209,6 +209,9 @@ def test_answers_are_those_of_the_whole_map(both, parts):
     points[5] = np.nan
     for name in ("state", "probability"):
         np.testing.assert_array_equal(getattr(tiles, name)(points), getattr(whole, name)(points))
+    np.testing.assert_array_equal(tiles.probability(points, of="hit"), whole.probability(points, of="hit"))
+    for own, other in zip(tiles.probability(points, interval=0.8), whole.probability(points, interval=0.8)):
+        np.testing.assert_array_equal(own, other)
     good = points[np.isfinite(points).all(axis=1)]
     np.testing.assert_array_equal(tiles.occupied_within(good, 0.7), whole.occupied_within(good, 0.7))
     np.testing.assert_array_equal(
@@ -222,6 +225,11 @@ def test_answers_are_those_of_the_whole_map(both, parts):
         for limit in (math.inf, 4.0):
             one = tiles.cast_rays(good, ways, max_range=limit, unknown=unknown)
             np.testing.assert_array_equal(one, whole.cast_rays(good, ways, max_range=limit, unknown=unknown))
+            at, expected = (
+                m.cast_rays(good, ways, max_range=limit, unknown=unknown, at="surface")
+                for m in (tiles, whole)
+            )
+            np.testing.assert_array_equal(at, expected)
     assert np.isfinite(one).sum() > 30
     for scale in (2.0**-1040, 2.0**-600, 2.0**600):  # Their squares are no normal numbers.
         some = np.round(ways * 2**20) * scale  # So that nothing is lost below the smallest numbers.

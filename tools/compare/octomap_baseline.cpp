@@ -20,6 +20,8 @@
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/log_odds.hpp"
+#include "ndtree/tree/beam_traversal.hpp"
+#include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {
 namespace {
@@ -302,7 +304,7 @@ bool OctomapBaseline::occupied_within(const Vector<3>& point, double radius) con
 }
 
 std::optional<double> OctomapBaseline::cast_ray(const Vector<3>& origin, const Vector<3>& direction,
-                                                double max_range) const {
+                                                double max_range, RayAim aim) const {
   const double length = direction.norm();
   if (!origin.allFinite() || !(length > 0.0) || !direction.allFinite())
     throw std::invalid_argument("ray: origin and direction must be finite, and the direction not zero");
@@ -330,7 +332,34 @@ std::optional<double> OctomapBaseline::cast_ray(const Vector<3>& origin, const V
     entry = std::max(entry, (impl_->border(unit[a] > 0.0 ? key : key + 1) - origin[a]) / unit[a]);
   }
   if (!(entry < max_range)) return std::nullopt;
-  return entry;
+  if (aim == RayAim::cell) return entry;
+  detail::MedianEnd end(entry + detail::kMostDepth * impl_->cell_size());
+  for_each_cell(origin, unit, entry, [&](float log_odds, double enter, double exit) {
+    const bool is_observed = state_of(log_odds) != CellState::unknown;
+    return end.pass(is_observed ? HitRateModel::mean_of(static_cast<double>(log_odds)) : 0.0, enter, exit);
+  });
+  return end.t();
+}
+
+void OctomapBaseline::for_each_cell(const Vector<3>& origin, const Vector<3>& direction, double begin,
+                                    const std::function<bool(float, double, double)>& visit) const {
+  const LatticeGeometry<2, 3> lattice(impl_->cell_size(), 0);
+  const BeamStepper<2, 3> stepper(lattice, origin, direction);
+  const std::function<bool(const CellIndex<3>&, double, double)> descend = [&](const CellIndex<3>& cell,
+                                                                               double enter, double exit) {
+    if (cell.level > lattice.finest_level())
+      return stepper.for_each_child(
+          cell, enter, exit,
+          [&](int, const CellIndex<3>& child, double from, double to) { return descend(child, from, to); });
+    octomap::OcTreeKey key;
+    for (unsigned a = 0; a < 3; ++a) key[a] = static_cast<octomap::key_type>(cell.lower[a] + kKeyOfZero);
+    const octomap::OcTreeNode* const node = impl_->tree.search(key);
+    return visit(node == nullptr ? 0.0f : node->getLogOdds(), enter, exit);
+  };
+  constexpr int kLevels = 16;  // Of OctoMap's tree.
+  CellIndex<3> all{{-kKeyOfZero, -kKeyOfZero, -kKeyOfZero}, kLevels};
+  double end = std::numeric_limits<double>::infinity();
+  if (stepper.clip(all, begin, end)) descend(all, begin, end);
 }
 
 void OctomapBaseline::save(std::ostream& out) const {

@@ -7,15 +7,20 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <iosfwd>
 #include <memory>
 #include <optional>
 
+#include "ndtree/cell/hit_rate.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
+#include "ndtree/core/beam.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/cells_on_beam.hpp"
+#include "ndtree/query/ray.hpp"
 
 namespace ndtree {
 
@@ -88,7 +93,13 @@ class OctomapBaseline {
   /// See the free functions of the same names.
   [[nodiscard]] bool occupied_within(const Vector<3>& point, double radius) const;
   [[nodiscard]] std::optional<double> cast_ray(const Vector<3>& origin, const Vector<3>& direction,
-                                               double max_range) const;
+                                               double max_range, RayAim aim) const;
+  /// Calls `visit(log_odds, d_enter, d_exit)` for the cells that a ray passes through over more than a point,
+  /// in order, with log-odds of 0 where OctoMap has no node, until it returns false or the ray leaves what
+  /// OctoMap can address. @param direction of length 1. @param begin distance from the origin to begin at
+  /// [m].
+  void for_each_cell(const Vector<3>& origin, const Vector<3>& direction, double begin,
+                     const std::function<bool(float, double, double)>& visit) const;
 
   /// The whole state, for load().
   void save(std::ostream& out) const;
@@ -135,10 +146,29 @@ template <int D>
 /// within `max_range` [m], or if it starts outside what OctoMap can address. Unknown space does not stop it.
 /// @throws std::invalid_argument if origin or direction is not finite, the direction zero or max_range not >
 /// 0.
+/// @param aim surface: as of our maps, by HitRateModel::mean_of() the cells' log-odds.
 template <int D>
 [[nodiscard]] std::optional<double> cast_ray(const OctomapBaseline& map, const Vector<D>& origin,
-                                             const Vector<D>& direction, double max_range) {
-  return map.cast_ray(detail::in_space(origin), detail::in_space(direction), max_range);
+                                             const Vector<D>& direction, double max_range,
+                                             RayAim aim = RayAim::cell) {
+  return map.cast_ray(detail::in_space(origin), detail::in_space(direction), max_range, aim);
+}
+
+/// As of our maps; OctoMap does not keep how many beams a cell has seen.
+template <int D, class Visit>
+void for_each_cell_on(const OctomapBaseline& map, const Beam<D>& beam, const Visit& visit) {
+  const double length = beam.displacement.norm();
+  map.for_each_cell(detail::in_space(beam.origin), detail::in_space(beam.displacement) / length, 0.0,
+                    [&](float log_odds, double enter, double exit) {
+                      if (enter > length) return false;
+                      CellOnBeam cell;
+                      cell.state = state_of(log_odds);
+                      cell.hit_rate = HitRateModel::mean_of(static_cast<double>(log_odds));
+                      cell.size = map.cell_size();
+                      cell.ends_beam = exit > length;
+                      if (cell.state != CellState::unknown) visit(cell);
+                      return !cell.ends_beam;
+                    });
 }
 
 }  // namespace ndtree

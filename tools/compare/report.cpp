@@ -84,7 +84,9 @@ Json truth(const HeldOutTruth& truth) {
           {"casts", truth.casts()},
           {"balanced_accuracy", nullable(truth.balanced_accuracy())},
           {"log_score", nullable(truth.log_score())},
-          {"median_error", nullable(truth.median_cast_error().value_or(HUGE_VAL))}};
+          {"median_error", nullable(truth.median_cast_error().value_or(HUGE_VAL))},
+          {"surfaces_within", truth.surfaces_within},
+          {"surface_error", nullable(truth.median_surface_error().value_or(HUGE_VAL))}};
 }
 
 Json claims(const Claims& claims) {
@@ -279,6 +281,8 @@ void add_map_rows(const Json& maps, Table& table) {
   row("log score [nats]", [](const Json& map) { return decimals(map["truth"]["log_score"], 4); });
   row_of_truth("ray casts right", "casts_within", "casts");
   row("  median error [m]", [](const Json& map) { return decimals(map["truth"]["median_error"], 4); });
+  row_of_truth("  at the surface, right", "surfaces_within", "casts");
+  row("  median error [m]", [](const Json& map) { return decimals(map["truth"]["surface_error"], 4); });
   row("free but unseen", [](const Json& map) { return percent(map["claims"]["free_unseen"]); });
   row("seen but unknown", [](const Json& map) { return percent(map["claims"]["seen_unknown"]); });
   row("wrong volume", [](const Json& map) { return percent(map["claims"]["wrong_volume"]); });

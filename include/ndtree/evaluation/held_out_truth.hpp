@@ -56,10 +56,12 @@ struct HeldOutTruth {
   std::uint64_t endpoints = 0;           ///< End points.
   std::uint64_t endpoints_near = 0;      ///< End points with an occupied cell within endpoint_radius.
   std::uint64_t casts_within = 0;        ///< Ray casts that end within cast_tolerance of the measured range.
+  std::uint64_t surfaces_within = 0;     ///< Casts that aim at the surface and end within cast_tolerance.
   double free_log_likelihood = 0.0;      ///< Sum of log(1 - p) over the samples of free space [nats].
   double endpoint_log_likelihood = 0.0;  ///< Sum of log p over the end points [nats].
   std::vector<double>
       cast_errors;  ///< |cast - measured range|, one a ray cast; infinite if it finds nothing.
+  std::vector<double> surface_errors;  ///< As cast_errors, of casts that aim at the surface.
 
   [[nodiscard]] std::uint64_t samples() const { return free + occupied + unknown; }
   [[nodiscard]] std::uint64_t casts() const { return cast_errors.size(); }
@@ -71,6 +73,9 @@ struct HeldOutTruth {
     return share(endpoints_near, endpoints);
   }
   [[nodiscard]] std::optional<double> casts_within_share() const { return share(casts_within, casts()); }
+  [[nodiscard]] std::optional<double> surfaces_within_share() const {
+    return share(surfaces_within, casts());
+  }
 
   /// Mean of the fractions of free space called free and of end points found.
   [[nodiscard]] std::optional<double> balanced_accuracy() const {
@@ -87,14 +92,9 @@ struct HeldOutTruth {
 
   /// Exact median of cast_errors [m], of an even number the mean of the middle two; infinite if as many casts
   /// find nothing. O(casts).
-  [[nodiscard]] std::optional<double> median_cast_error() const {
-    if (cast_errors.empty()) return std::nullopt;
-    std::vector<double> errors = cast_errors;
-    const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
-    std::nth_element(errors.begin(), middle, errors.end());
-    if (errors.size() % 2 == 1) return *middle;
-    return 0.5 * (*std::max_element(errors.begin(), middle) + *middle);
-  }
+  [[nodiscard]] std::optional<double> median_cast_error() const { return median(cast_errors); }
+  /// Median of surface_errors [m].
+  [[nodiscard]] std::optional<double> median_surface_error() const { return median(surface_errors); }
 
   /// The counts of other beams join these.
   void add(const HeldOutTruth& other) {
@@ -104,9 +104,11 @@ struct HeldOutTruth {
     endpoints += other.endpoints;
     endpoints_near += other.endpoints_near;
     casts_within += other.casts_within;
+    surfaces_within += other.surfaces_within;
     free_log_likelihood += other.free_log_likelihood;
     endpoint_log_likelihood += other.endpoint_log_likelihood;
     cast_errors.insert(cast_errors.end(), other.cast_errors.begin(), other.cast_errors.end());
+    surface_errors.insert(surface_errors.end(), other.surface_errors.begin(), other.surface_errors.end());
   }
 
  private:
@@ -114,12 +116,19 @@ struct HeldOutTruth {
     if (whole == 0) return std::nullopt;
     return static_cast<double>(part) / static_cast<double>(whole);
   }
+  [[nodiscard]] static std::optional<double> median(std::vector<double> errors) {
+    if (errors.empty()) return std::nullopt;
+    const auto middle = errors.begin() + static_cast<std::ptrdiff_t>(errors.size() / 2);
+    std::nth_element(errors.begin(), middle, errors.end());
+    if (errors.size() % 2 == 1) return *middle;
+    return 0.5 * (*std::max_element(errors.begin(), middle) + *middle);
+  }
 };
 
 /// Asks the map about each beam of a scan that was not mapped, and adds what it says to `truth`.
 /// @param map any type for which `probability(map, point)`, `state(map, point)`,
-///   `occupied_within(map, point, radius)` and `cast_ray(map, origin, direction, max_range)` are found, in
-///   ndtree or in the map's own namespace.
+///   `occupied_within(map, point, radius)` and `cast_ray(map, origin, direction, max_range, aim)` are found,
+///   in ndtree or in the map's own namespace.
 /// @param max_range [m] longer beams, and beams that did not return, are not asked about.
 /// @throws std::invalid_argument if max_range is not > 0, or a beam is too long to be sampled.
 template <class Map, int D>
@@ -158,11 +167,14 @@ void evaluate(const Map& map, const ScanView<D>& scan, double max_range, HeldOut
     truth.endpoint_log_likelihood += std::log(clipped(probability(map, beam.endpoint)));
     if (occupied_within(map, beam.endpoint, options.endpoint_radius)) ++truth.endpoints_near;
 
-    const std::optional<double> cast =
-        cast_ray(map, beam.origin, beam.displacement, beam.range + options.cast_overshoot);
-    const double error = cast ? std::abs(*cast - beam.range) : std::numeric_limits<double>::infinity();
-    truth.cast_errors.push_back(error);
-    if (error <= options.cast_tolerance) ++truth.casts_within;
+    const auto cast = [&](RayAim aim, std::vector<double>& errors) {
+      const std::optional<double> at =
+          cast_ray(map, beam.origin, beam.displacement, beam.range + options.cast_overshoot, aim);
+      errors.push_back(at ? std::abs(*at - beam.range) : std::numeric_limits<double>::infinity());
+      return errors.back() <= options.cast_tolerance;
+    };
+    truth.casts_within += cast(RayAim::cell, truth.cast_errors);
+    truth.surfaces_within += cast(RayAim::surface, truth.surface_errors);
   }
 }
 

@@ -7,9 +7,11 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <utility>
 #include <vector>
 
+#include "ndtree/cell/hit_rate.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
@@ -34,6 +36,15 @@ template <class Map>
 template <class Map>
 [[nodiscard]] double probability(const Map& map, const Vector<Map::kDim>& point) {
   return cell_at(map, point).probability();
+}
+
+/// Which fraction of the beams that reach the cell of a point end in it; none where nothing was observed.
+/// O(depth).
+template <class Map>
+[[nodiscard]] std::optional<HitRate> hit_rate(const Map& map, const Vector<Map::kDim>& point) {
+  const auto cell = cell_at(map, point);
+  if (!cell.observed()) return std::nullopt;
+  return HitRateModel(map.options())(cell);
 }
 
 namespace detail {

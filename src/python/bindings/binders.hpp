@@ -24,6 +24,8 @@ void bind_changes(pybind11::module_& module);
 /// @pre as bind_exports().
 void bind_claims(pybind11::module_& module);
 /// @pre as bind_exports().
+void bind_calibration(pybind11::module_& module);
+/// @pre as bind_exports().
 void bind_moved(pybind11::module_& module);
 /// @pre as bind_exports().
 void bind_history(pybind11::module_& module);

@@ -19,6 +19,8 @@
 #include "map_interface.hpp"
 #include "map_layers.hpp"
 #include "map_shapes.hpp"
+#include "ndtree/cell/hit_rate.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/forget_rule.hpp"
 #include "ndtree/core/memory.hpp"
 #include "ndtree/io/map_file.hpp"
@@ -37,6 +39,7 @@ template <class Cells>
 class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
  protected:
   static constexpr int D = Cells::kDim;
+  static constexpr std::size_t kStepsOfInterval = 1000;  // Two quantiles.
   using Layers = MapLayers<Cells::kBranching, D>;
 
  public:
@@ -77,6 +80,23 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
   void probability(const double* points, std::size_t n, float* out) const final {
     for_each_cell_at(cells(), points, n, [out](std::size_t i, const auto& cell) {
       out[i] = static_cast<float>(cell.probability());
+    });
+  }
+  void hit_rate(const double* points, std::size_t n, double interval, const HitRateArrays& out) const final {
+    const HitRateModel model(options());
+    Pace pace;
+    for_each_cell_at(cells(), points, n, [&](std::size_t i, const auto& cell) {
+      if (!cell.observed()) {
+        out.value[i] = std::numeric_limits<float>::quiet_NaN();
+        if (interval > 0.0) out.lower[i] = out.upper[i] = out.value[i];
+        return;
+      }
+      const HitRate rate = model(cell);
+      out.value[i] = static_cast<float>(rate.mean());
+      if (!(interval > 0.0)) return;
+      pace.spend(kStepsOfInterval);
+      out.lower[i] = std::min(out.value[i], static_cast<float>(rate.quantile(0.5 - 0.5 * interval)));
+      out.upper[i] = std::max(out.value[i], static_cast<float>(rate.quantile(0.5 + 0.5 * interval)));
     });
   }
   void state(const double* points, std::size_t n, std::int8_t* out) const final {

@@ -18,10 +18,12 @@
 #include "map_exports.hpp"
 #include "map_layers.hpp"
 #include "map_queries.hpp"
+#include "ndtree/evaluation/calibration.hpp"
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/query/changes.hpp"
+#include "ndtree/query/ray.hpp"
 
 namespace ndtree::python {
 
@@ -41,6 +43,13 @@ struct ChangeArrays {
   std::vector<double> size;
   std::vector<std::int8_t> before;
   std::vector<std::int8_t> after;
+};
+
+/// The probabilities of hits, and bounds where they are asked for, each n.
+struct HitRateArrays {
+  float* value;
+  float* lower;
+  float* upper;
 };
 
 struct PythonStats : MapStats {
@@ -84,6 +93,10 @@ class MapInterface {
   /// Gives unused memory back, where the map can.
   virtual void shrink_to_fit() {}
   virtual void probability(const double* points, std::size_t n, float* out) const = 0;
+  /// Hit rates, NaN where nothing was observed. @param interval in (0, 1), or 0: bounds are not written.
+  /// @throws std::invalid_argument for bounds of a map that keeps no counts.
+  virtual void hit_rate(const double* points, std::size_t n, double interval,
+                        const HitRateArrays& out) const = 0;
   virtual void state(const double* points, std::size_t n, std::int8_t* out) const = 0;
   virtual void occupied_within(const double* points, std::size_t n, double radius, bool* out) const = 0;
   /// NaN outside the tree. @throws std::invalid_argument for maps that are not ours.
@@ -92,8 +105,9 @@ class MapInterface {
   }
   /// `origin_step` is dim, or 0 for one origin for all rays.
   virtual void cast_rays(const double* origins, std::size_t origin_step, const double* directions,
-                         std::size_t n, double max_range, double* out) const = 0;
+                         std::size_t n, double max_range, RayAim aim, double* out) const = 0;
   virtual void evaluate(const BeamPointers& beams, double max_range, HeldOutTruth& truth) const = 0;
+  virtual void calibrate(const BeamPointers& beams, double max_range, Calibration& calibration) const = 0;
   /// @throws std::invalid_argument if the space has not the map's dimension.
   [[nodiscard]] virtual Claims claims(const AnySeenSpace& space) const = 0;
   [[nodiscard]] virtual LeafArrays leaves() const = 0;

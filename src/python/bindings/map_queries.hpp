@@ -82,7 +82,7 @@ class MapQueries {
   virtual void nearest_occupied(const double* points, std::size_t n, double max_distance, double* distance,
                                 double* nearest) const = 0;
   virtual void trace_rays(const double* origins, std::size_t origin_step, const double* directions,
-                          std::size_t n, double max_range, bool stops_at_unknown,
+                          std::size_t n, double max_range, bool stops_at_unknown, RayAim aim,
                           const RayEndArrays& out) const = 0;
   [[nodiscard]] virtual AnyField distance_field(const AnyBox& box, double cell_size, double max_distance,
                                                 UnknownSpace unknown) const = 0;
@@ -123,10 +123,11 @@ class MapQueriesOf final : public MapQueries {
     });
   }
   void trace_rays(const double* origins, std::size_t origin_step, const double* directions, std::size_t n,
-                  double max_range, bool stops_at_unknown, const RayEndArrays& out) const override {
+                  double max_range, bool stops_at_unknown, RayAim aim,
+                  const RayEndArrays& out) const override {
     for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       const auto end = trace_ray(map_, Vector<D>(Point(origins + i * origin_step)),
-                                 Vector<D>(Point(directions + i * D)), max_range, stops_at_unknown);
+                                 Vector<D>(Point(directions + i * D)), max_range, stops_at_unknown, aim);
       const bool has_cell = end && end->cell;
       out.distance[i] = end ? end->distance : std::numeric_limits<double>::quiet_NaN();
       out.state[i] = static_cast<std::int8_t>(end ? end->state : CellState::free);

@@ -79,10 +79,35 @@ py::array_t<T> per_point(const PythonMap& map, const py::object& object, Fill&& 
   return out;
 }
 
+py::object probability_of(const PythonMap& map, const py::object& points,
+                          const std::optional<std::string>& of, const std::optional<double>& interval) {
+  const std::string what = of.value_or(interval ? "hit" : "occupied");
+  if (what != "occupied" && what != "hit")
+    throw py::value_error("of = '" + what + "': must be 'occupied' or 'hit'");
+  if (interval && !(*interval > 0.0 && *interval < 1.0))
+    throw py::value_error("interval = " + number_text(*interval) + ": must be in (0, 1)");
+  if (interval && what != "hit")
+    throw py::value_error("interval: is of 'hit', the fraction of beams that end in a cell");
+  if (what == "occupied") return per_point<float>(map, points, &MapInterface::probability);
+  py::array_t<float> lower(interval ? as_points(points, "points", map.constant().dim()).shape(0) : 0);
+  py::array_t<float> upper(lower.shape(0));
+  py::array_t<float> value = per_point<float>(
+      map, points,
+      [bounds = interval.value_or(0.0), low = lower.mutable_data(), high = upper.mutable_data()](
+          const MapInterface& m, const double* p, std::size_t n, float* out) {
+        m.hit_rate(p, n, bounds, {out, low, high});
+      });
+  if (!interval) return value;
+  return py::make_tuple(value, lower, upper);
+}
+
 py::object cast_rays(const PythonMap& map, const py::object& origins, const py::object& directions,
-                     double max_range, const std::string& unknown, bool details) {
+                     double max_range, const std::string& unknown, const std::string& at, bool details) {
   if (unknown != "pass" && unknown != "stop")
     throw py::value_error("unknown = '" + unknown + "': must be 'pass' or 'stop'");
+  if (at != "cell" && at != "surface")
+    throw py::value_error("at = '" + at + "': must be 'cell' or 'surface'");
+  const RayAim aim = at == "cell" ? RayAim::cell : RayAim::surface;
   const int dim = map.constant().dim();
   const DoubleArray d = as_points(directions, "directions", dim);
   const DoubleArray o = as_points_or_one(origins, "origins", dim, d.shape(0));
@@ -98,14 +123,14 @@ py::object cast_rays(const PythonMap& map, const py::object& origins, const py::
     if (is_zero) throw py::value_error("ray " + std::to_string(i) + ": the direction must not be zero");
   }
   if (details || unknown == "stop") {
-    const py::object ends = trace_rays(map, o, d, max_range, unknown == "stop");
+    const py::object ends = trace_rays(map, o, d, max_range, unknown == "stop", aim);
     return details ? ends : ends.attr("distance");
   }
   py::array_t<double> out(d.shape(0));
   double* const results = out.mutable_data();
   const std::size_t step = o.ndim() == 2 ? static_cast<std::size_t>(dim) : 0;
   map.read([&, po = o.data(), pd = d.data(), n = static_cast<std::size_t>(d.shape(0))](
-               const MapInterface& m) { m.cast_rays(po, step, pd, n, max_range, results); });
+               const MapInterface& m) { m.cast_rays(po, step, pd, n, max_range, aim, results); });
   return out;
 }
 
@@ -346,7 +371,8 @@ void bind_maps(py::module_& module) {
       "Of points every 10 cm along a returned beam up to 10 cm before its end, the shares that "
       "the map calls\nfree, occupied and unknown; of end points, the share within 5 cm of an "
       "occupied cell; of ray casts\nalong the beams, the share that ends within 10 cm of the "
-      "measured range, and the median error.")
+      "measured range, and the median error; the last two also of casts that end at the likely surface\n"
+      "instead of where they enter its cell.")
       .def(py::init<>())
       .def_property_readonly(
           "samples", [](const HeldOutTruth& t) { return t.samples(); }, "Points looked at.")
@@ -378,6 +404,12 @@ void bind_maps(py::module_& module) {
       .def_property_readonly(
           "median_error", [](const HeldOutTruth& t) { return or_nan(t.median_cast_error()); },
           "Median distance [m] between cast and beam; inf where most casts find nothing.")
+      .def_property_readonly(
+          "surfaces_within", [](const HeldOutTruth& t) { return or_nan(t.surfaces_within_share()); },
+          "As `casts_within`, of casts that end at the likely surface.")
+      .def_property_readonly(
+          "surface_error", [](const HeldOutTruth& t) { return or_nan(t.median_surface_error()); },
+          "As `median_error`, of casts that end at the likely surface.")
       .def("__iadd__",
            [](HeldOutTruth& a, const HeldOutTruth& b) -> HeldOutTruth& {
              a.add(b);
@@ -386,18 +418,20 @@ void bind_maps(py::module_& module) {
       .def(py::pickle(
           [](const HeldOutTruth& t) {
             return py::make_tuple(t.free, t.occupied, t.unknown, t.endpoints, t.endpoints_near,
-                                  t.casts_within, t.free_log_likelihood, t.endpoint_log_likelihood,
-                                  t.cast_errors);
+                                  t.casts_within, t.surfaces_within, t.free_log_likelihood,
+                                  t.endpoint_log_likelihood, t.cast_errors, t.surface_errors);
           },
           [](const py::tuple& state) {
             HeldOutTruth t;
-            std::uint64_t* const counts[] = {&t.free,      &t.occupied,       &t.unknown,
-                                             &t.endpoints, &t.endpoints_near, &t.casts_within};
+            std::uint64_t* const counts[] = {&t.free,           &t.occupied,       &t.unknown,
+                                             &t.endpoints,      &t.endpoints_near, &t.casts_within,
+                                             &t.surfaces_within};
             std::size_t next = 0;
             for (std::uint64_t* const count : counts) *count = state[next++].cast<std::uint64_t>();
             t.free_log_likelihood = state[next++].cast<double>();
             t.endpoint_log_likelihood = state[next++].cast<double>();
-            t.cast_errors = state[next].cast<std::vector<double>>();
+            t.cast_errors = state[next++].cast<std::vector<double>>();
+            t.surface_errors = state[next].cast<std::vector<double>>();
             return t;
           }));
 
@@ -572,22 +606,33 @@ ValueError
       .def(
           "shrink_to_fit", [](PythonMap& map) { map.write([](MapInterface& m) { m.shrink_to_fit(); }); },
           "Give the memory back that merging has freed; no answer changes. For an OctoMap, nothing.")
-      .def(
-          "probability",
-          [](const PythonMap& map, const py::object& points) {
-            return per_point<float>(map, points, &MapInterface::probability);
-          },
-          "points"_a, R"(Probability that space is occupied at points.
+      .def("probability", &probability_of, "points"_a, py::kw_only(), "of"_a = py::none(),
+           "interval"_a = py::none(),
+           R"(Probability that space is occupied at points, or that beams end there.
 
 Parameters
 ----------
 points : (n, dim) array of float
     Map frame [m].
+of : str, optional
+    "occupied": that space is occupied, by the log-odds which the state is of. "hit": that a beam which reaches the
+    cell ends in it, as held-out beams do. Left out: "occupied", and with an interval "hit".
+interval : float, optional
+    In (0, 1): also say within which bounds the fraction of beams that end in the cell lies with this probability.
+    They are those of a Beta posterior of the beams that ended in the cell and that passed it, eight of which are
+    worth one, since beams through a cell are alike.
 
 Returns
 -------
-(n,) float32
-    0.5 where unknown: outside the map, or not observed.
+(n,) float32, or a tuple of three with an interval
+    Where unknown, outside the map or not observed: 0.5 for "occupied", nan for "hit". With an interval: the
+    probability, the lower and the upper bound.
+
+Raises
+------
+ValueError
+    If `of` is another word; if the interval is not in (0, 1), not of "hit", or asked of an OctoMap, which keeps no
+    counts.
 )")
       .def(
           "state",
@@ -630,7 +675,7 @@ Returns
 (n,) bool
 )")
       .def("cast_rays", &cast_rays, "origins"_a, "directions"_a, py::kw_only(), "max_range"_a = kInfinity,
-           "unknown"_a = "pass", "details"_a = false,
+           "unknown"_a = "pass", "at"_a = "cell", "details"_a = false,
            R"(Distance along rays to the first occupied leaf (Sec. II-D of the paper).
 
 Parameters
@@ -643,13 +688,16 @@ max_range : float
     How far to look, > 0 [m].
 unknown : str
     "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
+at : str
+    "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
+    beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
 details : bool
     Whether to say what the rays end at, too.
 
 Returns
 -------
 (n,) float64, or RayEnds with details
-    Metres; nan where there is none. 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
+    Metres; nan where there is none. 0 for a ray that starts in an occupied leaf, but at its surface. RayEnds has .distance, .state,
     and .lower and .size of the cell.
 
 Raises

@@ -37,6 +37,7 @@ PYBIND11_MODULE(_core, module) {
   ndtree::python::bind_queries(module);
   ndtree::python::bind_changes(module);
   ndtree::python::bind_claims(module);
+  ndtree::python::bind_calibration(module);
   ndtree::python::bind_moved(module);
   ndtree::python::bind_history(module);
   ndtree::python::bind_match(module);

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
+#include <limits>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -31,6 +32,19 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
   [[nodiscard]] std::string refinement() const override { return kOctomap; }
   [[nodiscard]] const MapOptions& options() const override { return map_.options(); }
   [[nodiscard]] bool clones_cheaply() const override { return false; }
+  void hit_rate(const double* points, std::size_t n, double interval,
+                const HitRateArrays& out) const override {
+    if (interval > 0.0)
+      throw std::invalid_argument("interval: OctoMap does not keep how many beams a cell has seen");
+    for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
+      const float log_odds =
+          map_.log_odds(detail::in_space(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D))))
+              .value_or(0.0f);
+      out.value[i] = state_of(log_odds) == CellState::unknown
+                         ? std::numeric_limits<float>::quiet_NaN()
+                         : static_cast<float>(HitRateModel::mean_of(static_cast<double>(log_odds)));
+    });
+  }
   InsertReport insert(const BeamPointers& beams, double max_range, int threads,
                       const std::optional<AnyBox>& window,
                       const std::vector<LayerMeasurements>& layers) override {

@@ -124,7 +124,7 @@ pybind11::object to_python(std::unique_ptr<MapInterface> map);
 
 /// What rays end at: a RayEnds. @param origins, directions checked.
 pybind11::object trace_rays(const PythonMap& map, const DoubleArray& origins, const DoubleArray& directions,
-                            double max_range, bool stops_at_unknown);
+                            double max_range, bool stops_at_unknown, RayAim aim);
 /// A list of Frontier.
 pybind11::object to_python(AnyFrontiers&& frontiers);
 

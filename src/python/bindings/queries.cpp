@@ -383,7 +383,7 @@ Returns
 }  // namespace
 
 py::object trace_rays(const PythonMap& map, const DoubleArray& origins, const DoubleArray& directions,
-                      double max_range, bool stops_at_unknown) {
+                      double max_range, bool stops_at_unknown, RayAim aim) {
   const auto n = static_cast<std::size_t>(directions.shape(0));
   const int dim = map.constant().dim();
   py::array_t<double> distance(directions.shape(0));
@@ -394,7 +394,7 @@ py::object trace_rays(const PythonMap& map, const DoubleArray& origins, const Do
                          size.mutable_data()};
   const std::size_t step = origins.ndim() == 2 ? static_cast<std::size_t>(dim) : 0;
   map.read([&, o = origins.data(), d = directions.data()](const MapInterface& m) {
-    m.queries()->trace_rays(o, step, d, n, max_range, stops_at_unknown, out);
+    m.queries()->trace_rays(o, step, d, n, max_range, stops_at_unknown, aim, out);
   });
   return py::cast(RayEnds{distance, state, lower, size});
 }

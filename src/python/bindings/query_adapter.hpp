@@ -11,8 +11,10 @@
 
 #include "map_interface.hpp"
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/evaluation/calibration.hpp"
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
+#include "ndtree/query/cells_on_beam.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
@@ -46,16 +48,19 @@ class QueryAdapter : public MapInterface {
     });
   }
   void cast_rays(const double* origins, std::size_t origin_step, const double* directions, std::size_t n,
-                 double max_range, double* out) const final {
+                 double max_range, RayAim aim, double* out) const final {
     const Map& map = cells();
     for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
       out[i] = ndtree::cast_ray(map, Vector<D>(Point(origins + i * origin_step)),
-                                Vector<D>(Point(directions + i * D)), max_range)
+                                Vector<D>(Point(directions + i * D)), max_range, aim)
                    .value_or(std::numeric_limits<double>::quiet_NaN());
     });
   }
   void evaluate(const BeamPointers& beams, double max_range, HeldOutTruth& truth) const final {
     ndtree::evaluate(cells(), beams.view<D>(), max_range, truth);
+  }
+  void calibrate(const BeamPointers& beams, double max_range, Calibration& calibration) const final {
+    ndtree::calibrate(cells(), beams.view<D>(), max_range, calibration);
   }
   [[nodiscard]] Claims claims(const AnySeenSpace& any) const final {
     const SeenSpace<D>* const own = std::get_if<SeenSpace<D>>(&any.space);

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
         NearestOccupied,
         OccupancyMap,
         RayEnds,
+        Reliability,
         ScanHistory,
         SeenSpace,
         Shape,
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
         load_octomap,
     )
     from ndtree.alignment import Alignment, align
+    from ndtree.base.certificate import Certificate
     from ndtree.base.scan import Scan
     from ndtree.evaluation.comparison import Comparison, compare
     from ndtree.evaluation.map_comparison import MapComparison, compare_maps
@@ -75,6 +77,7 @@ __all__ = [
     "Box",
     "Calibration",
     "Capsule",
+    "Certificate",
     "Changes",
     "Claims",
     "Comparison",
@@ -98,6 +101,7 @@ __all__ = [
     "OccupancyMap",
     "OctoMap",
     "RayEnds",
+    "Reliability",
     "Scan",
     "ScanHistory",
     "SeenSpace",
@@ -131,6 +135,7 @@ _FOLDERS = ("distributed", "logs", "plot", "study", "tiles", "typing", "viewer")
 _MODULES = {
     "Alignment": "ndtree.alignment",
     "Calibration": "ndtree.tuning.calibration",
+    "Certificate": "ndtree.base.certificate",
     "Comparison": "ndtree.evaluation.comparison",
     "FirstLook": "ndtree.tuning.first_look",
     "Log": "ndtree.logs",

@@ -11,7 +11,12 @@ from typing import Any
 
 #: Functions of folders above ``_native`` that methods of its classes call. The classes work without those
 #: folders; the methods that need them load them.
-METHODS = {"write": "ndtree.maps.writers", "html": "ndtree.maps.notebook", "png": "ndtree.maps.notebook"}
+METHODS = {
+    "certify": "ndtree.evaluation.certificate",
+    "write": "ndtree.maps.writers",
+    "html": "ndtree.maps.notebook",
+    "png": "ndtree.maps.notebook",
+}
 
 
 def method(name: str) -> Any:

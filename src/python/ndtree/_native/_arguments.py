@@ -127,6 +127,8 @@ def shaped(result: Any, leading: tuple[int, ...]) -> Any:
     if isinstance(result, np.ndarray):
         answer = result.reshape(leading + result.shape[1:])
         return answer if answer.ndim else answer.item()
+    if isinstance(result, tuple):
+        return tuple(shaped(one, leading) for one in result)
     if isinstance(result, Answers):
         return replace(result, **{f.name: shaped(getattr(result, f.name), leading) for f in fields(result)})
     return result

@@ -18,6 +18,7 @@ from ndtree._native.results import MapStats as MapStats
 from ndtree._native.results import Match as Match
 from ndtree._native.results import NearestOccupied as NearestOccupied
 from ndtree._native.results import RayEnds as RayEnds
+from ndtree.base.certificate import Certificate
 from ndtree.base.scan import Scan
 from ndtree.base.typing import (
     ChangeOf,
@@ -51,7 +52,8 @@ class HeldOutTruth:
 
     Of points every 10 cm along a returned beam up to 10 cm before its end, the shares that the map calls
     free, occupied and unknown; of end points, the share within 5 cm of an occupied cell; of ray casts
-    along the beams, the share that ends within 10 cm of the measured range, and the median error.
+    along the beams, the share that ends within 10 cm of the measured range, and the median error; the last two also of casts that end at the likely surface
+    instead of where they enter its cell.
     """
 
     def __init__(self) -> None: ...
@@ -88,7 +90,50 @@ class HeldOutTruth:
     @property
     def median_error(self) -> float:
         """Median distance [m] between cast and beam; inf where most casts find nothing."""
+    @property
+    def surfaces_within(self) -> float:
+        """As `casts_within`, of casts that end at the likely surface."""
+    @property
+    def surface_error(self) -> float:
+        """As `median_error`, of casts that end at the likely surface."""
     def __iadd__(self, other: HeldOutTruth) -> Self: ...
+
+class Reliability:
+    """How often beams end where a map says that they would; counts that add up.
+
+    Of pairs of a held-out beam and an observed cell that it reaches, up to that of its end point. Columns
+    have an entry for each group of pairs that are alike in state, size, number of beams and twentieth of
+    the probability.
+    """
+
+    def __init__(self) -> None: ...
+    @property
+    def beams(self) -> int:
+        """Beams asked about."""
+    @property
+    def ends_at_unknown(self) -> int:
+        """Of these, that ended where nothing was observed."""
+    @property
+    def state(self) -> NDArray[np.int8]:
+        """(k,) int8 of the cells: -1 unknown, 0 free, 1 occupied."""
+    @property
+    def size(self) -> NDArray[np.float64]:
+        """(k,) float64: their edge [m]."""
+    @property
+    def power(self) -> NDArray[np.int64]:
+        """(k,) int64: 2**power - 1 beams or more, and less than 2**(power + 1) - 1, are what their evidence is
+        worth; -1 where a map does not keep that.
+        """
+    @property
+    def pairs(self) -> NDArray[np.uint64]:
+        """(k,) uint64: pairs of a beam and a cell."""
+    @property
+    def probability(self) -> NDArray[np.float64]:
+        """(k,) float64: mean probability that the beam ends in the cell, `probability(of="hit")`."""
+    @property
+    def ends(self) -> NDArray[np.uint64]:
+        """(k,) uint64: pairs of which the beam ended in the cell."""
+    def __iadd__(self, other: Reliability) -> Self: ...
 
 class MovedEvidence:
     """Which points of a log returned from what moved.
@@ -785,32 +830,124 @@ class OccupancyMap:
     def shrink_to_fit(self) -> None:
         """Give the memory back that merging has freed; no answer changes. For an OctoMap, nothing."""
     @overload
-    def probability(self, points: Sequence[float]) -> float:
-        """Probability that space is occupied at points.
+    def probability(
+        self, points: Sequence[float], *, of: Literal["occupied", "hit"] | None = None, interval: None = None
+    ) -> float:
+        """Probability that space is occupied at points, or that beams end there.
 
         Parameters
         ----------
         points : (n, dim) array of float
             Map frame [m].
+        of : str, optional
+            "occupied": that space is occupied, by the log-odds which the state is of. "hit": that a beam which reaches the
+            cell ends in it, as held-out beams do. Left out: "occupied", and with an interval "hit".
+        interval : float, optional
+            In (0, 1): also say within which bounds the fraction of beams that end in the cell lies with this probability.
+            They are those of a Beta posterior of the beams that ended in the cell and that passed it, eight of which are
+            worth one, since beams through a cell are alike.
 
         Returns
         -------
-        (n,) float32
-            0.5 where unknown: outside the map, or not observed.
+        (n,) float32, or a tuple of three with an interval
+            Where unknown, outside the map or not observed: 0.5 for "occupied", nan for "hit". With an interval: the
+            probability, the lower and the upper bound.
+
+        Raises
+        ------
+        ValueError
+            If `of` is another word; if the interval is not in (0, 1), not of "hit", or asked of an OctoMap, which keeps no
+            counts.
         """
     @overload
-    def probability(self, points: ArrayLike) -> NDArray[np.float32]:
-        """Probability that space is occupied at points.
+    def probability(
+        self, points: ArrayLike, *, of: Literal["occupied", "hit"] | None = None, interval: None = None
+    ) -> NDArray[np.float32]:
+        """Probability that space is occupied at points, or that beams end there.
 
         Parameters
         ----------
         points : (n, dim) array of float
             Map frame [m].
+        of : str, optional
+            "occupied": that space is occupied, by the log-odds which the state is of. "hit": that a beam which reaches the
+            cell ends in it, as held-out beams do. Left out: "occupied", and with an interval "hit".
+        interval : float, optional
+            In (0, 1): also say within which bounds the fraction of beams that end in the cell lies with this probability.
+            They are those of a Beta posterior of the beams that ended in the cell and that passed it, eight of which are
+            worth one, since beams through a cell are alike.
 
         Returns
         -------
-        (n,) float32
-            0.5 where unknown: outside the map, or not observed.
+        (n,) float32, or a tuple of three with an interval
+            Where unknown, outside the map or not observed: 0.5 for "occupied", nan for "hit". With an interval: the
+            probability, the lower and the upper bound.
+
+        Raises
+        ------
+        ValueError
+            If `of` is another word; if the interval is not in (0, 1), not of "hit", or asked of an OctoMap, which keeps no
+            counts.
+        """
+    @overload
+    def probability(
+        self, points: Sequence[float], *, of: Literal["hit"] | None = None, interval: float
+    ) -> tuple[float, float, float]:
+        """Probability that space is occupied at points, or that beams end there.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+        of : str, optional
+            "occupied": that space is occupied, by the log-odds which the state is of. "hit": that a beam which reaches the
+            cell ends in it, as held-out beams do. Left out: "occupied", and with an interval "hit".
+        interval : float, optional
+            In (0, 1): also say within which bounds the fraction of beams that end in the cell lies with this probability.
+            They are those of a Beta posterior of the beams that ended in the cell and that passed it, eight of which are
+            worth one, since beams through a cell are alike.
+
+        Returns
+        -------
+        (n,) float32, or a tuple of three with an interval
+            Where unknown, outside the map or not observed: 0.5 for "occupied", nan for "hit". With an interval: the
+            probability, the lower and the upper bound.
+
+        Raises
+        ------
+        ValueError
+            If `of` is another word; if the interval is not in (0, 1), not of "hit", or asked of an OctoMap, which keeps no
+            counts.
+        """
+    @overload
+    def probability(
+        self, points: ArrayLike, *, of: Literal["hit"] | None = None, interval: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Probability that space is occupied at points, or that beams end there.
+
+        Parameters
+        ----------
+        points : (n, dim) array of float
+            Map frame [m].
+        of : str, optional
+            "occupied": that space is occupied, by the log-odds which the state is of. "hit": that a beam which reaches the
+            cell ends in it, as held-out beams do. Left out: "occupied", and with an interval "hit".
+        interval : float, optional
+            In (0, 1): also say within which bounds the fraction of beams that end in the cell lies with this probability.
+            They are those of a Beta posterior of the beams that ended in the cell and that passed it, eight of which are
+            worth one, since beams through a cell are alike.
+
+        Returns
+        -------
+        (n,) float32, or a tuple of three with an interval
+            Where unknown, outside the map or not observed: 0.5 for "occupied", nan for "hit". With an interval: the
+            probability, the lower and the upper bound.
+
+        Raises
+        ------
+        ValueError
+            If `of` is another word; if the interval is not in (0, 1), not of "hit", or asked of an OctoMap, which keeps no
+            counts.
         """
     @overload
     def state(self, points: Sequence[float]) -> int:
@@ -878,6 +1015,7 @@ class OccupancyMap:
         *,
         max_range: float = ...,
         unknown: Literal["pass", "stop"] = "pass",
+        at: Literal["cell", "surface"] = "cell",
         details: Literal[False] = False,
     ) -> NDArray[np.float64]:
         """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
@@ -892,13 +1030,16 @@ class OccupancyMap:
             How far to look, > 0 [m].
         unknown : str
             "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
+        at : str
+            "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
+            beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
         details : bool
             Whether to say what the rays end at, too.
 
         Returns
         -------
         (n,) float64, or RayEnds with details
-            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
+            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf, but at its surface. RayEnds has .distance, .state,
             and .lower and .size of the cell.
 
         Raises
@@ -914,6 +1055,7 @@ class OccupancyMap:
         *,
         max_range: float = ...,
         unknown: Literal["pass", "stop"] = "pass",
+        at: Literal["cell", "surface"] = "cell",
         details: Literal[True],
     ) -> RayEnds:
         """Distance along rays to the first occupied leaf (Sec. II-D of the paper).
@@ -928,13 +1070,16 @@ class OccupancyMap:
             How far to look, > 0 [m].
         unknown : str
             "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
+        at : str
+            "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
+            beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
         details : bool
             Whether to say what the rays end at, too.
 
         Returns
         -------
         (n,) float64, or RayEnds with details
-            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf. RayEnds has .distance, .state,
+            Metres; nan where there is none. 0 for a ray that starts in an occupied leaf, but at its surface. RayEnds has .distance, .state,
             and .lower and .size of the cell.
 
         Raises
@@ -979,6 +1124,58 @@ class OccupancyMap:
         -------
         (n,) float32
             0.5 where the map does not know, at most 0.5 where it is occupied.
+        """
+    def reliability(
+        self,
+        points: ArrayLike,
+        origin: ArrayLike,
+        *,
+        returned: ArrayLike | None = None,
+        max_range: float = ...,
+        counts: Reliability | None = None,
+    ) -> Reliability:
+        """Count how often beams that the map was not built from end where it says that they would.
+
+        Parameters
+        ----------
+        points, origin, returned, max_range
+            As for insert(). Only returned beams within max_range count.
+        counts : Reliability, optional
+            Of earlier scans, to add to; it is not changed itself.
+
+        Returns
+        -------
+        Reliability
+        """
+    def certify(
+        self, scans: Iterable[Scan], *, confidence: float = 0.95, max_range: float = ...
+    ) -> Certificate:
+        """Bound the share of what a map calls free that is occupied, by scans that it was not made of.
+
+        Of the points along a scan's beams, every 0.1 m and at their ends, the map calls some free; the scan's
+        share is that of end points among these. Of n scans and one more, in an order that says nothing, the last
+        has a share of at most the k-th smallest of the others' with a probability of at least k / (n + 1): a
+        conformal bound, without any assumption about sensor, world or map, or how beams of one scan depend on
+        each other. It is for scans from where the held-out ones are from, so hold out scans from all along the
+        way, as every tenth. Of less than confidence / (1 - confidence) scans, which is 19 at 95 %, it is 1.
+
+        Parameters
+        ----------
+        scans : iterable of Scan
+            Held out from the map.
+        confidence : float
+            In (0, 1).
+        max_range : float
+            Beams that are longer say nothing [m].
+
+        Returns
+        -------
+        Certificate
+
+        Raises
+        ------
+        ValueError
+            If confidence or max_range is out of its limits.
         """
     def claims(self, space: SeenSpace) -> Claims:
         """Compare what the map calls free and unknown with what was seen.

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,39 @@ def save(self: _core.OccupancyMap, path: str | os.PathLike[str]) -> None:
     _lazy.method("write")(self, target)
 
 
+def certify(
+    self: _core.OccupancyMap, scans: Iterable[Any], *, confidence: float = 0.95, max_range: float = math.inf
+) -> Any:
+    """Bound the share of what a map calls free that is occupied, by scans that it was not made of.
+
+    Of the points along a scan's beams, every 0.1 m and at their ends, the map calls some free; the scan's
+    share is that of end points among these. Of n scans and one more, in an order that says nothing, the last
+    has a share of at most the k-th smallest of the others' with a probability of at least k / (n + 1): a
+    conformal bound, without any assumption about sensor, world or map, or how beams of one scan depend on
+    each other. It is for scans from where the held-out ones are from, so hold out scans from all along the
+    way, as every tenth. Of less than confidence / (1 - confidence) scans, which is 19 at 95 %, it is 1.
+
+    Parameters
+    ----------
+    scans : iterable of Scan
+        Held out from the map.
+    confidence : float
+        In (0, 1).
+    max_range : float
+        Beams that are longer say nothing [m].
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    ValueError
+        If confidence or max_range is out of its limits.
+    """
+    return _lazy.method("certify")(self, scans, confidence=confidence, max_range=max_range)
+
+
 def _html(self: _core.OccupancyMap) -> str:
     """What notebooks show: the map's numbers and a small picture."""
     text: str = _lazy.method("html")(self)
@@ -79,8 +113,13 @@ def _truth_text(self: _core.HeldOutTruth) -> str:
     return (
         f"HeldOutTruth(samples={self.samples}, free={self.free:.4g}, occupied={self.occupied:.4g}, "
         f"unknown={self.unknown:.4g}, endpoints={self.endpoints}, endpoints_near={self.endpoints_near:.4g}, "
-        f"casts={self.casts}, casts_within={self.casts_within:.4g}, median_error={self.median_error:.4g})"
+        f"casts={self.casts}, casts_within={self.casts_within:.4g}, median_error={self.median_error:.4g}, "
+        f"surfaces_within={self.surfaces_within:.4g}, surface_error={self.surface_error:.4g})"
     )
+
+
+def _reliability_text(self: _core.Reliability) -> str:
+    return f"Reliability({self.beams} beams in {int(self.pairs.sum())} cells, {int(self.ends.sum())} ends)"
 
 
 def _space_text(self: _core.SeenSpace) -> str:
@@ -130,9 +169,11 @@ _given(_core.OccupancyMap, "save", save)
 _core.OccupancyMap.min_cell_size = property(_min_cell_size)  # type: ignore[assignment, method-assign]
 _core.OccupancyMap.max_cell_size = property(_max_cell_size)  # type: ignore[assignment, method-assign]
 _given(_core.AdaptiveMap, "__repr__", _map_text)
+_given(_core.OccupancyMap, "certify", certify)
 _given(_core.OccupancyMap, "_repr_html_", _html)
 _given(_core.OccupancyMap, "_repr_png_", _png)
 _given(_core.DistanceField, "__repr__", _field_text)
 _core.DistanceField.centers = property(_field_centers)  # type: ignore[assignment, method-assign]
 _given(_core.HeldOutTruth, "__repr__", _truth_text)
+_given(_core.Reliability, "__repr__", _reliability_text)
 _given(_core.SeenSpace, "__repr__", _space_text)

@@ -20,6 +20,7 @@ from ndtree.plot.cubes import occupied, projected
 from ndtree.plot.figures import FORMATS, STYLES
 from ndtree.plot.flat import cell_sizes, cells, occupancy, slice
 from ndtree.plot.pages import overview, overview_3d, side_by_side, side_by_side_3d
+from ndtree.plot.reliability import reliability
 from ndtree.plot.truth import truth_against_cells, truth_by_cell_size
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "overview",
     "overview_3d",
     "projected",
+    "reliability",
     "side_by_side",
     "side_by_side_3d",
     "slice",

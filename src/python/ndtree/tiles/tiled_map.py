@@ -219,9 +219,19 @@ class TiledMap:
         return self.region(around).to_grid(box, cell_size, values=values)
 
     @_bulk
-    def probability(self, points: ArrayLike) -> NDArray[np.float32]:
+    def probability(
+        self, points: ArrayLike, *, of: Any = None, interval: float | None = None
+    ) -> NDArray[np.float32] | tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """As of `OccupancyMap`."""
-        return self._at(points, 0.0, lambda m, some: m.probability(some))
+        if interval is None:
+            return self._at(points, 0.0, lambda m, some: m.probability(some, of=of))
+        bounds = self._at(
+            points,
+            0.0,
+            lambda m, some: np.column_stack(m.probability(some, of=of, interval=interval)),
+            columns=3,
+        )
+        return bounds[:, 0].copy(), bounds[:, 1].copy(), bounds[:, 2].copy()
 
     @_bulk
     def state(self, points: ArrayLike) -> NDArray[np.int8]:
@@ -285,6 +295,7 @@ class TiledMap:
         *,
         max_range: float = math.inf,
         unknown: Literal["pass", "stop"] = "pass",
+        at: Literal["cell", "surface"] = "cell",
         details: bool = False,
     ) -> NDArray[np.float64] | RayEnds:
         """As of `OccupancyMap`; in its details, unknown space that ends a ray may be larger."""
@@ -293,7 +304,7 @@ class TiledMap:
         )
         way = np.asarray(given["directions"], dtype=np.float64)
         start = np.asarray(given["origins"], dtype=np.float64)
-        keywords: dict[str, Any] = {"max_range": max_range, "unknown": unknown, "details": details}
+        keywords: dict[str, Any] = {"max_range": max_range, "unknown": unknown, "at": at, "details": details}
         if way.ndim != 2 or way.shape[1] != self.dim or start.shape not in ((self.dim,), way.shape):
             return self._frame.cast_rays(start, way, **keywords)  # Which says what is wrong.
         self._frame.cast_rays(start, way, **{**keywords, "details": False})  # So with what is not finite.
@@ -301,7 +312,8 @@ class TiledMap:
         limit = 0.0
         if bounds is not None and way.size:
             far = np.maximum(np.abs(start - bounds[0]), np.abs(start - bounds[1]))
-            limit = min(max_range, float(np.linalg.norm(far, axis=-1).max()))
+            beyond = float(self.options["min_cell_size"]) if at == "surface" else 0.0
+            limit = min(max_range + beyond, float(np.linalg.norm(far, axis=-1).max()))
         heading = way / np.abs(way).max(
             axis=1, keepdims=True
         )  # The length of which neither over- nor underflows.

@@ -36,6 +36,7 @@ from ndtree.maps.open import is_map
     epilog=examples(
         "ndtree compare office.npz --max-range 20 --no-return ignore --json office.json",
         "ndtree compare --world apartment --maps adaptive,fixed,fixed@0.1,octomap --picture rooms.png",
+        "ndtree compare office.npz --calibration --certify --reliability office.png",
         "ndtree compare hall.ndt hall.bt --picture differences.png",
     ),
 )
@@ -78,6 +79,16 @@ def compare_(
         Optional[Path],
         typer.Option(metavar="FILE", help="Draw the first two maps side by side, or how A and B differ."),
     ] = None,
+    calibration: Annotated[
+        bool, typer.Option("--calibration", help="Whether beams end as often as each map says.")
+    ] = False,
+    reliability: Annotated[
+        Optional[Path],
+        typer.Option(metavar="FILE", help="Draw that: reliability diagrams.", show_default=False),
+    ] = None,
+    certify: Annotated[
+        bool, typer.Option("--certify", help="Bound how much of what is called free is occupied.")
+    ] = False,
     options: Any = None,
     reading: Any = None,
 ) -> None:
@@ -92,10 +103,13 @@ def compare_(
         raise WrongCall("compare: expected either LOG or --world")
     opened = open_log(log, world, dim, reading, scans, seed, max_range)
     names = [name.strip() for name in maps.split(",")] if maps is not None else None
-    plot = plotting() if picture else None
+    plot = plotting() if picture or reliability else None
     for path in (json_file, csv_file):
         check_target(path)
-    check_picture(plot, picture)
+    for path in (picture, reliability):
+        check_picture(plot, path)
+    if held_out == 0 and (calibration or reliability or certify):
+        raise WrongCall("--held-out 0: must be at least 2 for --calibration, --reliability and --certify")
     if picture and names is not None and len(names) < 2:
         raise WrongCall("--picture: expected at least two maps")
     comparison = compared(
@@ -107,10 +121,14 @@ def compare_(
         held_out=held_out,
         repeat=repeat,
         json_file=json_file or csv_file,
+        calibration=calibration or reliability is not None,
+        certify=certify,
     )
     warn_of_skipped(opened)
     if plot and picture:
         draw_side_by_side(plot, *list(comparison.map_objects.values())[:2], picture)
+    if plot and reliability:
+        plot.reliability(comparison, reliability)
     if not (is_stdout(json_file) or is_stdout(csv_file)):
         print(comparison)
     write(comparison.to_csv, csv_file)

@@ -26,6 +26,8 @@ def compared(
     max_range: Optional[float],
     no_return: str,
     json_file: Optional[Path],
+    calibration: bool = False,
+    certify: bool = False,
     made_maps: Callable[[dict[str, OccupancyMap]], None] = lambda maps: None,
     **more: Any,
 ) -> Comparison:
@@ -61,4 +63,4 @@ def compared(
             print(f"{log.name}: {absurd}")
     made_maps(trial.map_objects)
     with progress() as advance:
-        return trial.judged(advance)
+        return trial.judged(advance, calibration=calibration, certify=certify)

@@ -139,6 +139,9 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
     "What is compared?": (
         Row("maps", "A,B", "adaptive, fixed, octomap", "other kinds, or sizes, as fixed@0.1"),
         Row("held_out", "N", "10: each tenth scan", "0: no truth, all scans mapped"),
+        Row("calibration", "", "off", "whether beams end as often as each map says"),
+        Row("reliability", "FILE", "none", "the same as a diagram"),
+        Row("certify", "", "off", "a bound on what is called free but occupied"),
         Row("repeat", "N", "1", "times that are worth printing"),
         Row("world", "NAME", "none", "no log at hand"),
         Row("scans", "N", "the world's own", "a shorter simulated log"),

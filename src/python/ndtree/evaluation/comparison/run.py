@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
@@ -16,6 +16,7 @@ from ndtree._native._core import OccupancyMap
 from ndtree.base.held_out import is_held_out
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
+from ndtree.evaluation.certificate import certify as make_certificate
 from ndtree.evaluation.comparison.building import OUTCOMES, Built, Maps, build_once, figures_of, makers_of
 from ndtree.evaluation.comparison.result import Comparison
 from ndtree.evaluation.comparison.truth import (
@@ -27,6 +28,7 @@ from ndtree.evaluation.comparison.truth import (
 )
 from ndtree.evaluation.exact_truth import ExactTruth
 from ndtree.evaluation.no_returns import AUTO, believed
+from ndtree.evaluation.reliability import reliability_of
 from ndtree.logs.core.log import Log, require_log
 from ndtree.logs.formats.simulated import SimulatedLog
 
@@ -45,6 +47,8 @@ def compare(
     repeat: int = 1,
     cell_size: float | None = None,
     progress: Progress | None = None,
+    calibration: bool = False,
+    certify: bool = False,
     **options: Any,
 ) -> Comparison:
     """Map a log in several ways, and say what each map costs and how true it is.
@@ -71,6 +75,13 @@ def compare(
         Smallest cells [m]. Left out: the adaptive map's own default.
     progress : callable, optional
         Called as ``progress(what, done, total)`` with numbers of scans.
+    calibration : bool
+        Whether to say how often beams that were held out end where each map says: "calibration", of pairs of
+        a beam and a cell that it reaches, has the expected calibration error "ece" and the "bins" of a
+        reliability diagram for "all" cells, those called "free" and "occupied", and "by_size" and "by_beams".
+    certify : bool
+        Whether to bound the share of what each map calls free that is occupied: "certificate", see
+        `OccupancyMap.certify`.
     **options
         As in `AdaptiveMap`; each map gets those that it knows.
 
@@ -81,15 +92,17 @@ def compare(
         "seconds" the insertion alone. "truth" is about the scans held out: of "samples", points every 0.1 m
         along the beams up to 0.1 m before their end, how many the map calls free, occupied and unknown; how
         many end points are within 0.05 m of an occupied cell; how many ray casts end within 0.1 m of the
-        measured range, and their median error [m]; "balanced_accuracy", the mean of the shares of free space
-        and end points that are right; and "log_score", the mean log-likelihood [nats] of both under the map's
-        probabilities, clipped to [0.02, 0.98]. "claims" is about space that no beam has seen, and the scans
-        that were mapped: of "points" drawn uniformly around the log's end points, how many were "seen" by
-        some beam's share of its scan's view (`SeenSpace`; on simulated logs by the exact line of sight),
-        and what the map says of them. "free_unseen" is the share of the space called free that was not seen,
-        "seen_unknown" the share of the space seen that is called unknown, and "wrong_volume" both volumes
-        over the volume seen. "exact", on simulated logs, compares with the world itself. "ratios" say what
-        the adaptive map needs of the fixed one.
+        measured range, and their median error [m], and the same of casts at="surface"; "balanced_accuracy",
+        the mean of the shares of free space and end points that are right; and "log_score", the mean
+        log-likelihood [nats] of both under the map's probabilities, clipped to [0.02, 0.98]; "hit_log_score"
+        is that of the probabilities of hits, as odds times the number of samples of free space for each end
+        point. "claims" is about space that no beam has seen, and the scans that were mapped: of "points"
+        drawn uniformly around the log's end points, how many were "seen" by some beam's share of its scan's
+        view (`SeenSpace`; on simulated logs by the exact line of sight), and what the map says of them.
+        "free_unseen" is the share of the space called free that was not seen, "seen_unknown" the share of the
+        space seen that is called unknown, and "wrong_volume" both volumes over the volume seen. "exact", on
+        simulated logs, compares with the world itself. "ratios" say what the adaptive map needs of the fixed
+        one.
 
     Raises
     ------
@@ -107,7 +120,7 @@ def compare(
         progress=progress,
         **options,
     )
-    return trial.judged(progress)
+    return trial.judged(progress, calibration=calibration, certify=certify)
 
 
 def map_in_turns(
@@ -192,8 +205,10 @@ class Trial:
         """The maps, by name."""
         return {name: one.map for name, one in self.built.items()}
 
-    def judged(self, progress: Progress | None = None) -> Comparison:
-        """What each map costs and how true it is."""
+    def judged(
+        self, progress: Progress | None = None, *, calibration: bool = False, certify: bool = False
+    ) -> Comparison:
+        """What each map costs and how true it is; `calibration` and `certify` as of `compare`."""
         progress = progress or no_progress
         log, max_range, built = self.log, self.max_range, self.built
         space = seen_space(
@@ -206,6 +221,13 @@ class Trial:
                 one.map, self.unseen, max_range, partial(progress, f"{name}, truth")
             )
             row["claims"] = claims_of(one.map, space)
+            if calibration:
+                row["calibration"] = reliability_of(
+                    one.map, self.unseen, max_range, partial(progress, f"{name}, calibration")
+                )
+            if certify:
+                row["certificate"] = asdict(make_certificate(one.map, self.unseen, max_range=max_range))
+                row["certificate"]["worst"] = finite_or_none(row["certificate"]["worst"])
             rows.append(row)
         if isinstance(log, SimulatedLog):
             exact = ExactTruth(log, self.scans, max_range)

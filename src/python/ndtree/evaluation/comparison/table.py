@@ -51,6 +51,12 @@ def table_of(comparison: Mapping[str, Any]) -> str:
     def claimed(key: str) -> Callable[[dict[str, Any]], str | None]:
         return lambda row: _percent(row["claims"][key], 1)
 
+    def calibrated(of: str) -> Callable[[dict[str, Any]], str | None]:
+        return lambda row: _error(row["calibration"][of]["ece"]) if row.get("calibration") else None
+
+    def certified(row: dict[str, Any]) -> str | None:
+        return _percent(row["certificate"]["at_most"], 1) if row.get("certificate") else None
+
     line("cells", lambda row: _grouped(row["cells"]))
     line("  after pruning", lambda row: _grouped(row.get("cells_pruned")))
     line("nodes", lambda row: _grouped(row["nodes"]))
@@ -65,11 +71,18 @@ def table_of(comparison: Mapping[str, Any]) -> str:
     line("end points at occupied", truth("endpoints_near", "endpoints"))
     line("balanced accuracy", lambda row: _percent((row["truth"] or {}).get("balanced_accuracy"), 1))
     line("log score", lambda row: _nats((row["truth"] or {}).get("log_score")))
+    line("  of hits", lambda row: _nats((row["truth"] or {}).get("hit_log_score")))
     line("ray casts within 0.1 m", truth("casts_within", "casts"))
     line("  median error", lambda row: _centimetres((row["truth"] or {}).get("median_error")))
+    line("  at the surface", truth("surfaces_within", "casts"))
+    line("  median error", lambda row: _centimetres((row["truth"] or {}).get("surface_error")))
     line("free but unseen", claimed("free_unseen"))
     line("seen but unknown", claimed("seen_unknown"))
     line("wrong volume", claimed("wrong_volume"))
+    line("calibration error", calibrated("all"))
+    line("  in cells called free", calibrated("free"))
+    line("  called occupied", calibrated("occupied"))
+    line("free is occupied, at most", certified)
     line("exactly free, called free", exact("free", "free"))
     line("  last 0.1 m before walls", exact("near", "free"))
     line("exactly inside, called occupied", exact("inside", "occupied"))
@@ -141,6 +154,10 @@ def _bytes(value: float | None) -> str | None:
 
 
 def _number(value: float | None) -> str | None:
+    return None if value is None else f"{value:.4f}"
+
+
+def _error(value: float | None) -> str | None:
     return None if value is None else f"{value:.4f}"
 
 

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.evaluation.beam_points import beam_points
 from ndtree.evaluation.exact_truth import FOUND_WITHIN, NEAR_SURFACE
 from ndtree.logs.core.log import Log
 from ndtree.logs.formats.simulated import SimulatedLog
 
+PROBABILITY_CLIP = 0.02  # As of the log score.
 CLAIMED = ("points", "seen", "free", "free_and_unseen", "unknown_and_seen")
 SHARES_OF_VOLUME = ("free_unseen", "seen_unknown", "wrong_volume")
 
@@ -34,14 +36,44 @@ def held_out_truth(
     for total, shares in (
         ("samples", ("free", "occupied", "unknown")),
         ("endpoints", ("endpoints_near",)),
-        ("casts", ("casts_within",)),
+        ("casts", ("casts_within", "surfaces_within")),
     ):
         n = getattr(truth, total)
         result.update({key: round(getattr(truth, key) * n) if n else 0 for key in shares})
         result[total] = n
-    for key in ("balanced_accuracy", "log_score", "median_error"):
+    for key in ("balanced_accuracy", "log_score", "median_error", "surface_error"):
         result[key] = finite_or_none(getattr(truth, key))
+    result["hit_log_score"] = finite_or_none(hit_log_score(target, scans, max_range))
     return result
+
+
+def hit_log_score(target: OccupancyMap, scans: Sequence[Scan], max_range: float) -> float:
+    """As the log score, of the probabilities of hits instead of those of occupied space.
+
+    The log score asks how probable an end point is where as many points are end points as are free. A cell's
+    rate of hits is the probability among all beams that reach it; of the points that are asked about, r are
+    free for each end point. So the odds of the rate, times r, are those that the score asks for.
+
+    Returns
+    -------
+    float
+        [nats]; nan without points of both kinds.
+    """
+    kinds: tuple[list[NDArray[np.float32]], ...] = ([], [])
+    for scan in scans:
+        for points, rates in zip(beam_points(scan, max_range), kinds):
+            if len(points):
+                rates.append(np.asarray(target.probability(points, of="hit")))
+    if not all(kinds):
+        return math.nan
+    free, ends = (np.concatenate(rates).astype(np.float64) for rates in kinds)
+    ratio = len(free) / len(ends)
+
+    def balanced(rate: NDArray[np.float64]) -> NDArray[np.float64]:
+        p = np.where(np.isnan(rate), 0.5, ratio * rate / (ratio * rate + 1.0 - rate))
+        return np.clip(p, PROBABILITY_CLIP, 1.0 - PROBABILITY_CLIP)
+
+    return 0.5 * float(np.log1p(-balanced(free)).mean() + np.log(balanced(ends)).mean())
 
 
 def seen_space(
