@@ -155,7 +155,7 @@ class OldGlibc:
         )  # fmt: skip
 
     def _loader(self) -> Path:
-        """The machine's own dynamic loader; beside it there may be those of other processors, as of 32 bits."""
+        """The machine's own dynamic loader, where there may be those of other processors, as of 32 bits."""
         own = _kind_of(Path(self._path_of("libc.so.6")))
         return next(path for path in sorted(Path("/").glob("lib*/ld-linux*.so.*")) if _kind_of(path) == own)
 
