@@ -16,12 +16,12 @@
 namespace ndtree::test::test_pose_graph {
 namespace {
 
-PlanarPose random_pose(Random& random, double reach, double angle) {
+XyYaw random_pose(Random& random, double reach, double angle) {
   return {random.uniform(-reach, reach), random.uniform(-reach, reach), random.uniform(-angle, angle)};
 }
 
 /// The pose that is seen as `relative` from `from`.
-PlanarPose placed(const PlanarPose& from, const PlanarPose& relative) {
+XyYaw placed(const XyYaw& from, const XyYaw& relative) {
   const double c = std::cos(from[2]);
   const double s = std::sin(from[2]);
   return {from[0] + c * relative[0] - s * relative[1], from[1] + s * relative[0] + c * relative[1],
@@ -35,8 +35,8 @@ Eigen::Matrix3d random_information(Random& random) {
 }
 
 struct Graph {
-  std::vector<PlanarPose> truth;
-  std::vector<PlanarPose> start;
+  std::vector<XyYaw> truth;
+  std::vector<XyYaw> start;
   std::vector<PoseRelation> relations;
 };
 
@@ -66,10 +66,10 @@ Graph random_graph(Random& random, double noise) {
   return graph;
 }
 
-double cost(const std::vector<PlanarPose>& poses, const std::vector<PoseRelation>& relations) {
+double cost(const std::vector<XyYaw>& poses, const std::vector<PoseRelation>& relations) {
   double sum = 0.0;
   for (const PoseRelation& r : relations) {
-    PlanarPose error = between(poses[r.from], poses[r.to]) - r.measured;
+    XyYaw error = between(poses[r.from], poses[r.to]) - r.measured;
     error[2] = wrapped(error[2]);
     const double square = error.dot(r.information * error);
     sum += r.kernel > 0.0 ? r.kernel * r.kernel * std::log(1.0 + square / (r.kernel * r.kernel)) : square;
@@ -95,7 +95,7 @@ TEST(PoseGraph, NoPoseFitsBetterElsewhere) {
   for (int i = 0; i < 100; ++i) {
     Graph graph = random_graph(random, 0.05);
     for (PoseRelation& r : graph.relations) r.kernel = random.chance(0.3) ? 3.0 : 0.0;
-    std::vector<PlanarPose> poses = graph.start;
+    std::vector<XyYaw> poses = graph.start;
     const PoseGraphReport report = solve(poses, graph.relations, 200);
     EXPECT_NEAR(report.before, cost(graph.start, graph.relations), 1e-6 * (1.0 + report.before));
     EXPECT_NEAR(report.after, cost(poses, graph.relations), 1e-6 * (1.0 + report.after));
@@ -104,7 +104,7 @@ TEST(PoseGraph, NoPoseFitsBetterElsewhere) {
     for (std::size_t k = 1; k < poses.size(); ++k)
       for (int a = 0; a < 3; ++a)
         for (const double step : {-1e-3, 1e-3}) {
-          std::vector<PlanarPose> other = poses;
+          std::vector<XyYaw> other = poses;
           other[k][a] += step;
           EXPECT_GE(cost(other, graph.relations), report.after - 1e-6) << "graph " << i;
         }
@@ -118,7 +118,7 @@ TEST(PoseGraph, WrongRelationsWithAKernelDoNotCount) {
     if (graph.truth.size() < 5) continue;
     PoseRelation wrong;
     wrong.to = graph.truth.size() - 1;
-    wrong.measured = between(graph.truth.front(), graph.truth.back()) + PlanarPose(2.0, -1.0, 0.5);
+    wrong.measured = between(graph.truth.front(), graph.truth.back()) + XyYaw(2.0, -1.0, 0.5);
     wrong.information = 100.0 * Eigen::Matrix3d::Identity();
     wrong.kernel = 1.0;
     for (PoseRelation& relation : graph.relations) relation.information *= 100.0;
@@ -130,7 +130,7 @@ TEST(PoseGraph, WrongRelationsWithAKernelDoNotCount) {
 }
 
 TEST(PoseGraph, RefusesWhatIsWrong) {
-  std::vector<PlanarPose> poses(2, PlanarPose::Zero());
+  std::vector<XyYaw> poses(2, XyYaw::Zero());
   PoseRelation relation;
   relation.to = 2;
   relation.measured.setZero();

@@ -17,7 +17,7 @@
 namespace ndtree {
 
 /// x, y [m] and yaw [rad].
-using PlanarPose = Eigen::Vector3d;
+using XyYaw = Eigen::Vector3d;
 
 /// An angle in [-pi, pi].
 [[nodiscard]] inline double wrapped(double angle) {
@@ -25,7 +25,7 @@ using PlanarPose = Eigen::Vector3d;
 }
 
 /// Pose b as seen from pose a.
-[[nodiscard]] inline PlanarPose between(const PlanarPose& a, const PlanarPose& b) {
+[[nodiscard]] inline XyYaw between(const XyYaw& a, const XyYaw& b) {
   const double c = std::cos(a[2]);
   const double s = std::sin(a[2]);
   const double x = b[0] - a[0];
@@ -37,7 +37,7 @@ using PlanarPose = Eigen::Vector3d;
 struct PoseRelation {
   std::size_t from = 0;
   std::size_t to = 0;
-  PlanarPose measured;
+  XyYaw measured;
   Eigen::Matrix3d information;  ///< Inverse covariance, in the frame of `from`.
   /// A Cauchy kernel's scale in standard deviations; 0 for none. Relations that may be wrong have one.
   double kernel = 0.0;
@@ -54,9 +54,9 @@ struct PoseGraphReport {
 /// Cholesky factorisation (Eigen). The first pose stays where it is.
 /// @throws std::invalid_argument if a relation names a pose that is not there, or a number is not finite.
 /// Cost: a step O(poses + relations) and the factorisation's fill. The same result on any number of cores.
-inline PoseGraphReport solve(std::vector<PlanarPose>& poses, const std::vector<PoseRelation>& relations,
+inline PoseGraphReport solve(std::vector<XyYaw>& poses, const std::vector<PoseRelation>& relations,
                              int most_iterations = 50) {
-  for (const PlanarPose& pose : poses)
+  for (const XyYaw& pose : poses)
     if (!pose.allFinite()) throw std::invalid_argument("a pose of the graph is not finite");
   for (const PoseRelation& r : relations) {
     if (r.from >= poses.size() || r.to >= poses.size())
@@ -66,15 +66,15 @@ inline PoseGraphReport solve(std::vector<PlanarPose>& poses, const std::vector<P
       throw std::invalid_argument("relation from " + std::to_string(r.from) + " to " + std::to_string(r.to) +
                                   ": is not finite");
   }
-  const auto error_of = [](const PoseRelation& r, const PlanarPose& from, const PlanarPose& to) {
-    PlanarPose error = between(from, to) - r.measured;
+  const auto error_of = [](const PoseRelation& r, const XyYaw& from, const XyYaw& to) {
+    XyYaw error = between(from, to) - r.measured;
     error[2] = wrapped(error[2]);
     return error;
   };
-  const auto cost_of = [&](const std::vector<PlanarPose>& at) {
+  const auto cost_of = [&](const std::vector<XyYaw>& at) {
     double sum = 0.0;
     for (const PoseRelation& r : relations) {
-      const PlanarPose error = error_of(r, at[r.from], at[r.to]);
+      const XyYaw error = error_of(r, at[r.from], at[r.to]);
       const double square = error.dot(r.information * error);
       sum += r.kernel > 0.0 ? r.kernel * r.kernel * std::log1p(square / (r.kernel * r.kernel)) : square;
     }
@@ -100,8 +100,8 @@ inline PoseGraphReport solve(std::vector<PlanarPose>& poses, const std::vector<P
                                block(row, column));
     };
     for (const PoseRelation& r : relations) {
-      const PlanarPose& a = poses[r.from];
-      const PlanarPose error = error_of(r, a, poses[r.to]);
+      const XyYaw& a = poses[r.from];
+      const XyYaw error = error_of(r, a, poses[r.to]);
       const double square = error.dot(r.information * error);
       const double weight = r.kernel > 0.0 ? 1.0 / (1.0 + square / (r.kernel * r.kernel)) : 1.0;
       const double c = std::cos(a[2]);
@@ -136,7 +136,7 @@ inline PoseGraphReport solve(std::vector<PlanarPose>& poses, const std::vector<P
       solver.factorize(damped);
       if (solver.info() == Eigen::Success) {
         const Eigen::VectorXd change = -solver.solve(gradient);
-        std::vector<PlanarPose> next = poses;
+        std::vector<XyYaw> next = poses;
         for (std::size_t i = 1; i < next.size(); ++i) {
           next[i] += change.segment<3>(static_cast<Eigen::Index>(3 * (i - 1)));
           next[i][2] = wrapped(next[i][2]);

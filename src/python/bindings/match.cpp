@@ -250,15 +250,15 @@ py::tuple solve_graph(const py::object& poses, const py::object& pairs, const py
     throw py::value_error("pairs " + shape_text(numbers) + ", information " + shape_text(matrices) +
                           " and kernels " + shape_text(scales) + ": must have one for each of measured " +
                           shape_text(relative));
-  std::vector<PlanarPose> at(static_cast<std::size_t>(start.shape(0)));
-  for (std::size_t i = 0; i < at.size(); ++i) at[i] = Eigen::Map<const PlanarPose>(start.data() + 3 * i);
+  std::vector<XyYaw> at(static_cast<std::size_t>(start.shape(0)));
+  for (std::size_t i = 0; i < at.size(); ++i) at[i] = Eigen::Map<const XyYaw>(start.data() + 3 * i);
   std::vector<PoseRelation> relations(static_cast<std::size_t>(count));
   for (std::size_t i = 0; i < relations.size(); ++i) {
     const double* const pair = numbers.data() + 2 * i;
     if (!(pair[0] >= 0.0) || !(pair[1] >= 0.0)) throw py::value_error("pairs: must be >= 0");
     relations[i].from = static_cast<std::size_t>(pair[0]);
     relations[i].to = static_cast<std::size_t>(pair[1]);
-    relations[i].measured = Eigen::Map<const PlanarPose>(relative.data() + 3 * i);
+    relations[i].measured = Eigen::Map<const XyYaw>(relative.data() + 3 * i);
     relations[i].information = Eigen::Map<const Eigen::Matrix3d>(matrices.data() + 9 * i);
     relations[i].kernel = scales.data()[i];
   }
@@ -269,7 +269,7 @@ py::tuple solve_graph(const py::object& poses, const py::object& pairs, const py
   }
   std::vector<double> moved;
   moved.reserve(3 * at.size());
-  for (const PlanarPose& pose : at) moved.insert(moved.end(), pose.data(), pose.data() + 3);
+  for (const XyYaw& pose : at) moved.insert(moved.end(), pose.data(), pose.data() + 3);
   return py::make_tuple(take(std::move(moved), 3), report.iterations, report.before, report.after);
 }
 
