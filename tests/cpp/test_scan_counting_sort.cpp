@@ -119,7 +119,7 @@ TEST(BeamBuckets, AreOneOrTwoBeamsOfAFace) {
     face.num_beams = beams;
     face.lower = {-0.5f, -0.5f};
     face.upper = {0.5f, 0.5f};
-    face.divide();
+    face.make_pixels();
     const double buckets = static_cast<double>(face.num_all_buckets());
     EXPECT_GE(buckets, std::min(0.5 * beams + 0.5, 0x1p24));
     EXPECT_LE(buckets, std::min(static_cast<double>(beams), 0x1p24));

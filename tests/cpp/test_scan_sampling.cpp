@@ -37,7 +37,7 @@ CubeFace<D> random_face(Random& random, const EvidenceModel& model, std::size_t 
     face.lower[k] = static_cast<float>(random.uniform(-1.0, 0.0));
     face.upper[k] = random.chance(0.2) ? face.lower[k] : static_cast<float>(random.uniform(0.0, 1.0));
   }
-  face.divide();
+  face.make_pixels();
   for (const bool is_well_observed : {false, true})
     face.depth_of_full_sample[is_well_observed] =
         face.depth_for(static_cast<float>(model.sample_beams(is_well_observed)), static_cast<float>(kUnit));

@@ -83,7 +83,7 @@ void surveys_as_one_by_one(std::uint64_t seed) {
         std::uint64_t beams = 0;
         for (CubeFace<D>& face : cube_map.faces()) {
           beams += face.num_beams;
-          face.divide();
+          face.make_pixels();
         }
         EXPECT_EQ(beams, exact.num_valid());
         part.keep(cube_map, numbers, {1e9, 0.05, 0.4});
@@ -136,7 +136,7 @@ void puts_beams_where_they_belong(std::uint64_t seed) {
           parts[p].survey_beams(measurements, measurements.part(p, parts.size()), sensor, geometry);
           numbers.push_back(cube_map.join(parts[p].cube_map()));
         }
-        for (CubeFace<D>& face : cube_map.faces()) face.divide();
+        for (CubeFace<D>& face : cube_map.faces()) face.make_pixels();
         std::vector<CubeFace<D>> faces = cube_map.faces();
         for (CubeFace<D>& face : faces) face.num_buckets = static_cast<std::uint32_t>(face.num_all_buckets());
         const BeamBuckets<D> buckets(faces);
@@ -199,7 +199,7 @@ void keeps_what_some_cell_samples(std::uint64_t seed) {
     part.survey_beams(measurements, measurements.all(), sensor, geometry);
     CubeMap<D> cube_map;
     const auto numbers = cube_map.join(part.cube_map());
-    for (CubeFace<D>& face : cube_map.faces()) face.divide();
+    for (CubeFace<D>& face : cube_map.faces()) face.make_pixels();
     const SubsampleLimits sampling{beams_of_a_cell, 0.25, 1.0};
     part.keep(cube_map, numbers, sampling);
     std::set<std::uint32_t> kept;
@@ -262,7 +262,7 @@ TEST(CubeMap, FacesAreAsDenseAsTheirBeams) {
   face.lower = {-0.5f, -0.25f};
   face.upper = {0.5f, 0.25f};
   face.num_beams = 5000;  // On an area of 1 / 2: a hundred pixels in a row of length 1.
-  face.divide();
+  face.make_pixels();
   EXPECT_NEAR(face.density, 100.0f, 1e-4f);
   EXPECT_NEAR(face.expected_beams(2.0f, 0.1f), 25.0f, 1e-4f);
   EXPECT_EQ(face.expected_beams(0.01f, 0.1f), face.pixels[0] * face.pixels[1]) << "no more than there are";

@@ -261,6 +261,54 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   EXPECT_GE(sampled, D == 1 ? 0u : 1000u);
 }
 
+/// A sensor of one's own for the default: its noise grows linearly. Its beams are packed several at a time.
+class LinearNoise : public BeamSensorModel {
+ public:
+  using BeamSensorModel::BeamSensorModel;
+  template <class Doubles>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma(const Doubles& range) const {
+    return 0.01 + rounded(0.005 * range);
+  }
+};
+/// The same, whose beams are packed one by one.
+class PlainLinearNoise : public BeamSensorModel {
+ public:
+  using BeamSensorModel::BeamSensorModel;
+  [[nodiscard]] double sigma(double range) const { return 0.01 + rounded(0.005 * range); }
+};
+#ifdef NDTREE_HAS_EIGHTS
+static_assert(kPacksByEights<BeamSensorModel> && kPacksByEights<LinearNoise> &&
+              !kPacksByEights<PlainLinearNoise>);
+#endif
+
+TEST(ScanUpdate, TakesASensorOfOnesOwn) {
+  constexpr int D = 3;
+  Random random(141);
+  SCOPED_TRACE(random.trace());
+  MapOptions options = spelled_out_options(kUnit, 4.0 * kUnit);
+  options.covered_share = 0.5;
+  options.sample_beams = 0.3;
+  OccupancyMap<2, D, EvidenceRefinement, LinearNoise> map(options);
+  OccupancyMap<2, D, EvidenceRefinement, PlainLinearNoise> plain(options);
+  FlatScanMap<2, D, LinearNoise> flat(options, -2, 2);
+  AdaptiveMap<2, D> other(options);
+  const double size = 2.0 * 4.0 * kUnit - 3.0 * (0.01 + 0.005 * 16.0 * kUnit) - kUnit / 4.0;
+  for (int i = 0; i < 12; ++i) {
+    Scan<D> scan = random_scan<D>(random, 60, size, 0.0, 0.3 * size);
+    scan.origins = scan.origins.leftCols(1).eval();  // Of which lists go by vectors.
+    Simd::limit(i % 3 == 0 ? 1 : i % 3 == 1 ? 8 : Simd::kWidest);
+    map.insert(scan);
+    plain.insert(scan);
+    Simd::limit(Simd::kWidest);
+    other.insert(scan);
+    flat.insert(scan, kUnlimitedRange);
+    expect_equal(map, flat);
+    expect_equal(plain, flat);
+    if (HasFailure()) return;
+  }
+  EXPECT_NE(map.stats().observed_leaves, other.stats().observed_leaves) << "the noise matters";
+}
+
 /// More beams than are partitioned at once, of one origin and of several.
 TYPED_TEST(ScanUpdateOf, LongListsSayWhatEachOfTheirBeamsDoes) {
   NDTREE_SHAPE;

@@ -60,8 +60,8 @@ Scan<2> sonars(Random& random, const Vector<2>& origin, double heading) {
 
 TEST(WideBeams, AreWorthTheirCoveredPart) {
   const BeamSensorModel model{SensorOptions(options(kDivergence))};
-  EXPECT_FALSE(BeamSensorModel{SensorOptions{}}.has_width());
-  EXPECT_NEAR(model.width(2.0f), 4.0 * std::tan(0.13), 1e-6);
+  EXPECT_FALSE(BeamSensorModel{SensorOptions{}}.has_cone());
+  EXPECT_NEAR(model.cone_width(2.0f), 4.0 * std::tan(0.13), 1e-6);
   EXPECT_FLOAT_EQ(BeamWeight::covered_part<3>(0.1f, 0.4f), 1.0f / 16.0f);
   EXPECT_FLOAT_EQ(BeamWeight::covered_part<2>(0.1f, 0.4f), 0.25f);
   EXPECT_FLOAT_EQ(BeamWeight::covered_part<3>(0.4f, 0.1f), 1.0f);

@@ -87,7 +87,7 @@ class EvidenceModel {
     memory_.assign(cell, cell.occupied_evidence(), free);
     return true;
   }
-  /// Whether a scan doubles a cell's misses, or carries them past a power of two.
+  /// Whether a cell's count of misses reaches a new power of two with a scan.
   [[nodiscard]] bool misses_double(const EvidenceCell& cell, std::uint32_t misses) const {
     const std::uint32_t after = std::min(cell.misses() + misses, memory_.free_memory_beams());
     return (cell.misses() ^ after) > cell.misses() && after > cell.misses();
@@ -102,7 +102,6 @@ class EvidenceModel {
   }
   NDTREE_ALWAYS_INLINE void limit(ScanEvidence& scan) const { sampling_.limit(scan); }
   [[nodiscard]] bool may_limit(std::uint32_t beams) const { return sampling_.may_limit(beams); }
-  [[nodiscard]] bool is_full(const ScanEvidence& scan) const { return sampling_.is_full(scan); }
 
   // ChangeDetection
   [[nodiscard]] bool has_changed(const EvidenceCell& cell) const {

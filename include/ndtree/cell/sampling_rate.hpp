@@ -49,10 +49,6 @@ class SamplingRate {
     constexpr std::uint32_t kLongestWay = 8;  // In mean_chord_of_unit_cube(): up to eight dimensions.
     return beams > scan_beams_ / kLongestWay;
   }
-  /// True if further beams that pass the cell would change nothing in what limit() leaves.
-  [[nodiscard]] bool is_full(const ScanEvidence& scan) const {
-    return scan.misses >= scan_beams_ && scan.free >= scan_beams_ * miss_;
-  }
 
  private:
   double sample_beams_;

@@ -51,10 +51,10 @@ struct SensorOptions {
 
 /// Whether a sensor's noise is a template on its numbers, so that beams are packed eight at a time.
 template <class Sensor, class = void>
-inline constexpr bool kHasNoiseOfLanes = false;
+inline constexpr bool kPacksByEights = false;
 #ifdef NDTREE_HAS_EIGHTS
 template <class Sensor>
-inline constexpr bool kHasNoiseOfLanes<
+inline constexpr bool kPacksByEights<
     Sensor,
     std::enable_if_t<std::is_same_v<decltype(std::declval<const Sensor&>().clearly_free_until(
                                         FourDoubles(), std::declval<const Sensor&>().sigma(FourDoubles()))),
@@ -74,7 +74,7 @@ class BeamSensorModel {
 
   explicit BeamSensorModel(const SensorOptions& options)
       : options_(options),
-        width_per_range_(static_cast<float>(2.0 * std::tan(0.5 * options.beam_divergence))),
+        cone_per_range_(static_cast<float>(2.0 * std::tan(0.5 * options.beam_divergence))),
         z_min_(normal_quantile(options.probability_min)),
         probability_min_(static_cast<float>(options.probability_min)),
         probability_max_(static_cast<float>(options.probability_max)),
@@ -88,12 +88,12 @@ class BeamSensorModel {
   [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma(const Doubles& range) const {
     return options_.range_sigma + rounded(options_.range_sigma_quadratic * range * range);
   }
-  /// Whether beams are wide beside cells: see width().
-  [[nodiscard]] bool has_width() const { return width_per_range_ > 0.0f; }
+  /// Whether beams are cones: see cone_width().
+  [[nodiscard]] bool has_cone() const { return cone_per_range_ > 0.0f; }
   /// Width of a beam at a distance [m].
   template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats width(const Floats& distance) const {
-    return width_per_range_ * distance;
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats cone_width(const Floats& distance) const {
+    return cone_per_range_ * distance;
   }
   /// Cells that end before this distance [m] get log_odds_free(): F(exit) alone is below probability_min.
   template <class Doubles>
@@ -151,7 +151,7 @@ class BeamSensorModel {
   }
 
   SensorOptions options_;
-  float width_per_range_;
+  float cone_per_range_;
   double z_min_;
   float probability_min_;
   float probability_max_;

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Whether loops may work on eight numbers at a time, found out at run time: no compiler flag is needed.
+/// How many numbers loops take at a time, 1, 8 or 16, found out at run time: no compiler flag is needed.
 #pragma once
 
 #if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
@@ -16,7 +16,7 @@
 #define NDTREE_BY_EIGHTS [[gnu::target("avx2,popcnt,no-fma")]]
 #endif
 #define NDTREE_HAS_SIXTEENS 1
-/// Compiles a function with AVX-512, which Clang enables with FMA only: it must not add to products at all.
+/// Compiles a function for AVX-512. Clang's implies FMA: such a function must contain no sum of a product.
 #define NDTREE_BY_SIXTEENS [[gnu::target("avx2,popcnt,avx512f,avx512dq")]]
 #elif defined(NDTREE_USE_SIMDE) && defined(__aarch64__) && defined(__GNUC__)
 // SIMDe writes the same functions with NEON, which every such processor has. NDTREE_USE_SIMDE asks for it.
@@ -85,18 +85,6 @@ NDTREE_ALWAYS_INLINE void prefetch([[maybe_unused]] const T* values) {
   constexpr int kOfLine = 64 / sizeof(T);
   static_assert(kOfLine > 0, "values that fit a cache line");
   for (int k = 0; k < kCount; k += kOfLine) __builtin_prefetch(values + k);
-#endif
-}
-
-/// To the nearest whole number, the even one if two are: as vectors of numbers are rounded.
-/// @pre |x| < 2^31.
-[[nodiscard]] inline std::int32_t nearest_integer(float x) {
-#if defined(__x86_64__) && defined(NDTREE_HAS_EIGHTS)
-  return _mm_cvtss_si32(_mm_set_ss(x));
-#elif defined(__aarch64__) && (defined(__GNUC__) || defined(__clang__))
-  return vcvtns_s32_f32(x);
-#else
-  return static_cast<std::int32_t>(std::lrint(x));
 #endif
 }
 

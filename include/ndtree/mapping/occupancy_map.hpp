@@ -75,12 +75,12 @@ struct InsertReport {
   return threads > 0 ? threads : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
 }
 
-/// A map of N^D-trees' cells. `Refinement` decides how fine cells are, `Sensor` what a range says about one.
-/// Invariants, tested by check_invariants(): those of the tree; leaves above the coarsest level of the
-/// refinement were never observed; log-odds are within their bounds.
-/// Not for use by two threads at once while one of them changes it. Copies are independent, and may be used
-/// by other threads; they share the cells that neither has changed since, so that a copy, see snapshot(),
-/// takes microseconds for each megabyte.
+/// Occupancy of space: the leaves of one N^D-tree. `Refinement` decides how fine cells are, `Sensor` what a
+/// range says about one. Invariants, tested by check_invariants(): those of the tree; leaves above the
+/// coarsest level of the refinement were never observed; log-odds are within their bounds. Not for use by two
+/// threads at once while one of them changes it. Copies are independent, and may be used by other threads;
+/// they share the cells that neither has changed since, so that a copy, see snapshot(), takes microseconds
+/// for each megabyte.
 template <int N, int D, class Refinement, class Sensor>
 class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
  public:
@@ -405,8 +405,8 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::integrate(const ScanView<D>
   for (const BeamOutcome outcome : {BeamOutcome::returned, BeamOutcome::not_returned,
                                     BeamOutcome::beyond_max_range, BeamOutcome::invalid})
     report.count(outcome) = survey.num(outcome);
-  const bool is_undone = options_.max_memory > 0.0 || CancelScope::current() != nullptr || tree_.is_shared();
-  if (is_undone) (void)tree_.root();  // Copies the root's chunk now, so that undo() need not.
+  const bool can_undo = options_.max_memory > 0.0 || CancelScope::current() != nullptr || tree_.is_shared();
+  if (can_undo) (void)tree_.root();  // Copies the root's chunk now, so that undo() need not.
   const typename UndoLog<Tree>::Begin begin(tree_);
   std::vector<UndoLog<Tree>> undo;
   try {
@@ -418,11 +418,11 @@ InsertReport OccupancyMap<N, D, Refinement, Sensor>::integrate(const ScanView<D>
     LatticeBox<D> cells;
     if (window)
       cells = tree_.geometry().cells_in(*window, Refinement::coarsest_level(tree_.geometry().finest_level()));
-    update.finish(workers, is_undone ? &undo : nullptr, ChangeWindow<D>{window ? &cells : nullptr, cubes});
+    update.finish(workers, can_undo ? &undo : nullptr, ChangeWindow<D>{window ? &cells : nullptr, cubes});
     if (!tree_.shrink_if_half_empty()) last_checkpoint();
   } catch (...) {
     tree_.limit_memory(kUnlimitedMemory);
-    if (is_undone) {
+    if (can_undo) {
       UndoLog<Tree>::undo(tree_, begin, undo);
       counters_ = before;
     } else {

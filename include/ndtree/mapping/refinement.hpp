@@ -74,14 +74,14 @@ struct EvidenceRefinement {
   /// pass beside it. @pre partial_log_odds. @returns whether the cell changed.
   bool keep_partial(EvidenceCell& cell) const {
     constexpr std::uint32_t kLeastHits = 2;  // One may be an outlier.
-    return cell.hits() >= kLeastHits && split_test(cell.hits(), cell.misses()) &&
+    return cell.hits() >= kLeastHits && is_partial(cell.hits(), cell.misses()) &&
            model.raise(cell, *partial_log_odds);
   }
   /// Whether siblings stay apart that would join in a cell which splits: where cells are kept occupied, they
   /// would split and join for ever, and each time lose evidence of beams that passed.
   [[nodiscard]] bool stay_apart(const EvidenceCell& joined) const {
     return partial_log_odds && joined.state() == CellState::occupied &&
-           split_test(joined.hits(), joined.misses());
+           is_partial(joined.hits(), joined.misses());
   }
   /// Whether scans whose beams all pass leave the cell as it is.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
@@ -121,12 +121,18 @@ struct EvidenceRefinement {
         break;
     }
     if (scan.resolvable_misses + scan.deep_hits == 0) return false;
-    return split_test(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
+    return is_partial(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
   }
   /// splits() for a scan whose beams all passed the cell.
   [[nodiscard]] bool splits(const EvidenceCell& cell, const PassedEvidence& passed) const {
     return cell.state() == CellState::occupied && passed.resolvable_misses > 0 &&
-           split_test(cell.hits(), cell.misses() + passed.misses);
+           is_partial(cell.hits(), cell.misses() + passed.misses);
+  }
+  /// Whether these counts make it more probable than split_probability that a cell is partially occupied.
+  /// Where it is occupied, this decides; also whether a smallest cell that holds something thin is kept, and
+  /// stays apart.
+  [[nodiscard]] bool is_partial(std::uint32_t hits, std::uint32_t misses) const {
+    return split_test(hits, misses);
   }
   /// Whether the cell splits whatever evidence the scan's other beams have: splits() is monotone in beams
   /// unless the cell is occupied. Lets the walk stop reading a long list early.

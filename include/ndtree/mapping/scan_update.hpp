@@ -113,7 +113,7 @@ class ScanUpdate {
     std::vector<std::vector<std::uint32_t>> numbers;  // [part][face]: its number in the cube map.
     numbers.reserve(parts_.size());
     for (Part& part : parts_) numbers.push_back(cube_map_.join(part.cube_map()));
-    for (CubeFace<D>& face : cube_map_.faces()) face.divide();
+    for (CubeFace<D>& face : cube_map_.faces()) face.make_pixels();
     const auto& geometry = tree_.geometry();
     const SubsampleLimits sampling{refinement_.model.sample_beams(false), geometry.unit(),
                                    geometry.cell_size(coarsest_level())};
@@ -167,14 +167,14 @@ class ScanUpdate {
   [[nodiscard]] bool may_go_by_eights() const {
 #ifdef NDTREE_HAS_EIGHTS
     const ScanView<D>& scan = measurements_->scan();
-    return kHasNoiseOfLanes<Sensor> && Simd::width() >= 8 && !scan.origin_per_beam &&
+    return kPacksByEights<Sensor> && Simd::width() >= 8 && !scan.origin_per_beam &&
            scan.range_sigma == nullptr && scan.size < std::numeric_limits<std::int32_t>::max() / D &&
            ends_nearby();
 #else
     return false;
 #endif
   }
-  /// FreeMargin::growth that fits the sensor's noise, which grows with the square of the range.
+  /// FreeMargin::growth that fits the sensor's noise at both ends of the scan.
   [[nodiscard]] float margin_growth() const {
     const double range = (reach_.upper - reach_.lower).norm();
     const auto margin = [&](double r) {
@@ -195,7 +195,7 @@ class ScanUpdate {
     if (first < last) set(first);
     std::size_t i = first + 1;
 #ifdef NDTREE_HAS_EIGHTS
-    if constexpr (kHasNoiseOfLanes<Sensor>) {
+    if constexpr (kPacksByEights<Sensor>) {
       // Sorted beams lie scattered in the scan's array, which the first cache does not hold: prefetch.
       constexpr std::size_t kAhead = 32;
       const ScanView<D>& scan = measurements_->scan();

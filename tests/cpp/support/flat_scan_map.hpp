@@ -26,7 +26,7 @@ namespace ndtree::test {
 /// that maps are compared bit by bit. Updates of a cell by its evidence and the rule for merging are the
 /// library's EvidenceModel and EvidenceMergeRule, which have tests of their own.
 /// Cost: O(cells * beams) for each scan.
-template <int N, int D>
+template <int N, int D, class Sensor = BeamSensorModel>
 class FlatScanMap {
  public:
   LeafMap<D, EvidenceCell> cells;
@@ -289,9 +289,7 @@ class FlatScanMap {
     beam.inverse = inverse;
     beam.range = cut ? static_cast<float>(t_free * range) : length;
     const auto metres = static_cast<double>(beam.range);
-    const double noise = range_sigma >= 0.0
-                             ? range_sigma
-                             : options_.range_sigma + options_.range_sigma_quadratic * metres * metres;
+    const double noise = range_sigma >= 0.0 ? range_sigma : sensor_.sigma(metres);
     beam.sigma = static_cast<float>(noise);
     beam.reach = returned ? static_cast<float>(metres + 3.0 * noise) : beam.range;
     beam.clear = returned ? static_cast<float>(sensor_.clearly_free_until(metres, noise)) : beam.range;
@@ -607,7 +605,7 @@ class FlatScanMap {
 
   MapOptions options_;
   int num_levels_;
-  BeamSensorModel sensor_;
+  const Sensor sensor_;
   EvidenceModel model_;
   EvidenceMergeRule merge_rule_;
   PartialOccupancyModel partial_occupancy_;

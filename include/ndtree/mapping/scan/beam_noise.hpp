@@ -12,8 +12,9 @@
 
 namespace ndtree {
 
-/// A beam has passed every cell, of any size, that it leaves before t_max - fixed - growth * t_max^2. The
-/// margin grows with the square of the distance, as noise does.
+/// A beam has passed every cell, of any size, that it leaves before t_max - fixed - growth * t_max^2: a
+/// margin fitted to the noise of near and far beams, that holds for any noise, as `fixed` is the largest that
+/// a beam needs.
 struct FreeMargin {
   float fixed = 0.0f;   ///< [m]
   float growth = 0.0f;  ///< [1 / m]

@@ -22,10 +22,9 @@ namespace ndtree {
 /// Strategy: every scan is treated as a depth image, be it a laser scan in a plane, a depth image, the rings
 /// of a lidar or unordered points. The part of the face that its beams pass through is divided into about
 /// as many square pixels as there are beams, so that a cell expects as many beams as it covers pixels.
-/// Invariants: num_beams, lower and upper do not depend on the order of the beams; divide() is called once,
-/// after the last beam; functions that use pixels or buckets are called afterwards; depths are measured along
-/// the axis [m].
-/// Cost: a few operations per axis for each function; no memory of its own.
+/// Invariants: num_beams, lower and upper do not depend on the order of the beams; make_pixels() is called
+/// once, after the last beam; functions that use pixels or buckets are called afterwards; depths are measured
+/// along the axis [m]. Cost: a few operations per axis for each function; no memory of its own.
 template <int D>
 struct CubeFace {
   static constexpr std::size_t kAxes = D - 1;
@@ -65,7 +64,7 @@ struct CubeFace {
 
   /// Divides the part of the face that the beams pass through into about num_beams square pixels, and the
   /// keys into buckets. Called after the last beam.
-  void divide() {
+  void make_pixels() {
     if (num_beams == 0) return;
     while (key_shift > 0 && num_beams >> (kKeyBits + 1 - key_shift) != 0) --key_shift;
     constexpr double kNarrowest = 1e-6;

@@ -59,7 +59,7 @@ class LeafEvidence {
         beams_(beams),
         sensor_(sensor),
         width_(beams.width()),
-        is_wide_(sensor.has_width()),
+        has_cone_(sensor.has_cone()),
         noise_sigmas_(static_cast<float>(model.noise_sigmas())) {
     sizes_.reserve(static_cast<std::size_t>(1 - geometry.finest_level()));
     for (int level = geometry.finest_level(); level <= 0; ++level) {
@@ -71,7 +71,7 @@ class LeafEvidence {
       of_level.child = is_finest ? -1.0f : static_cast<float>(geometry.cell_size(level - 1));
       of_level.units_per_metre =
           static_cast<float>(static_cast<double>(model.miss_evidence()) / (kMeanChord * size));
-      of_level.is_inside_alike = beams.largest_sigma() == beams.smallest_sigma() && !is_wide_;
+      of_level.is_inside_alike = beams.largest_sigma() == beams.smallest_sigma() && !has_cone_;
       of_level.inside = inside_table_(std::min(beams.smallest_sigma() * of_level.per_cell, kWidestSigma));
       of_level.small = is_finest ? 0.0f : of_level.cell;
       of_level.resolves_all = of_level.child >= noise_sigmas_ * beams.largest_sigma();
@@ -222,8 +222,8 @@ class LeafEvidence {
   [[nodiscard]] const Size& size_of(int level) const {
     return sizes_[static_cast<std::size_t>(level - geometry_.finest_level())];
   }
-  [[nodiscard]] static std::int32_t units_of_length(float ray, const Size& size) {
-    return std::max(1, nearest_integer(ray * size.units_per_metre));
+  [[nodiscard]] static std::int32_t units_of_length(float way, const Size& size) {
+    return std::max(1, nearest_integer(way * size.units_per_metre));
   }
 
   /// of() for any list, leaf and beams.
@@ -253,7 +253,8 @@ class LeafEvidence {
                                                    const Floats& range) const {
     if (size.is_inside_alike) return size.inside;
     const Floats along = inside_table_(min_of(sigma * size.per_cell, kWidestSigma));
-    return is_wide_ ? Floats(along * BeamWeight::covered_part<D>(size.cell, sensor_.width(range))) : along;
+    return has_cone_ ? Floats(along * BeamWeight::covered_part<D>(size.cell, sensor_.cone_width(range)))
+                     : along;
   }
   /// Whether the noise of a beam is small enough for the leaf's children; of one beam, or eight.
   template <class Floats>
@@ -388,8 +389,8 @@ class LeafEvidence {
     sum.deep_hits += (resolved & is_deep).count();
     return misses;
   }
-  NDTREE_BY_EIGHTS [[nodiscard]] static EightInts units_of_length(const EightFloats& ray, const Size& size) {
-    return max_of(EightInts(1), nearest_integer(ray * size.units_per_metre));
+  NDTREE_BY_EIGHTS [[nodiscard]] static EightInts units_of_length(const EightFloats& way, const Size& size) {
+    return max_of(EightInts(1), nearest_integer(way * size.units_per_metre));
   }
   /// Adds up the misses of a packet's rays for each child that they cross.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void weigh_passes(const Size& size, Packet& packet) const {
@@ -419,7 +420,7 @@ class LeafEvidence {
   const Sensor& sensor_;
   const CubicTable& inside_table_ = BeamWeight::probability_inside_table();
   int width_;
-  bool is_wide_;  // Beams are wide beside cells.
+  bool has_cone_;  // Beams are cones, see BeamSensorModel::cone_width().
   float noise_sigmas_;
   std::vector<Size> sizes_;  // Of levels from the finest up to 0.
 };

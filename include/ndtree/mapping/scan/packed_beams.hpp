@@ -52,8 +52,9 @@ template <int N, int D>
 /// face's beams, and end_of_fraction() finds the prefix's end by one look-up. Threads write disjoint ranges.
 /// Invariants: numbers ascend by face, then by bucket, then in the order of the scan; all rows are written by
 /// set() or set_eight(), with the same bits, between resize() and finish(), and are constant afterwards.
-/// Distances are in metres from the origin along the beam, as floats: directions are measured less exactly.
-/// Cost: O(1) for each beam; memory 52 bytes for each, more if beams have origins or noise of their own.
+/// Distances are in metres from the origin along the beam, as floats: no sensor measures directions to 24
+/// bits. Cost: O(1) for each beam; memory 52 bytes for each, more if beams have origins or noise of their
+/// own.
 template <int D>
 class ScanBeams {
  public:
@@ -104,7 +105,7 @@ class ScanBeams {
       square += rounded(ray[a] * ray[a]);
       depth = std::max(depth, std::abs(ray[a]));
     }
-    // The square exceeds floats only if the beam is cut, or cells are far smaller than real ones.
+    // The square exceeds floats for a beam over 3e18 m: it is cut, or made up.
     constexpr auto kMost = static_cast<double>(std::numeric_limits<float>::max());
     const float range = square >= kLeastSquare && square <= kLargestSquare
                             ? std::sqrt(square)

@@ -93,7 +93,7 @@ class ChildPartition {
         for (std::size_t i = 0; i < kPlanes; ++i) borders[a][i] = geometry_.border(coordinate(node, a, i));
       for (std::size_t i = 0; i < list.size; ++i) {
         const Vector<D>& origin = beams_.origin(list.beam[i]);
-        divide(list.beam[i], visit, [&](std::size_t a, std::size_t plane) {
+        clip_among_children(list.beam[i], visit, [&](std::size_t a, std::size_t plane) {
           return static_cast<float>(borders[a][plane] - origin[static_cast<int>(a)]);
         });
       }
@@ -101,7 +101,8 @@ class ChildPartition {
     }
     const Planes planes = planes_of(node);
     for (std::size_t i = 0; i < list.size; ++i)
-      divide(list.beam[i], visit, [&](std::size_t a, std::size_t plane) { return planes[a][plane]; });
+      clip_among_children(list.beam[i], visit,
+                          [&](std::size_t a, std::size_t plane) { return planes[a][plane]; });
   }
   /// Where one beam enters and leaves a node.
   [[nodiscard]] Crossing crossing(const CellIndex<D>& node, std::uint32_t beam) const {
@@ -209,16 +210,16 @@ class ChildPartition {
   }
   /// Clips one beam against the children. @param plane_of `(axis, number)` planes minus its origin.
   template <class Visit, class PlaneOf>
-  void divide(std::uint32_t beam, const Visit& visit, const PlaneOf& plane_of) const {
+  void clip_among_children(std::uint32_t beam, const Visit& visit, const PlaneOf& plane_of) const {
     const Crossing whole = CellCrossings<N, D>::clipped(
         beams_.ray(beam), [&](std::size_t a) { return plane_of(a, 0); },
         [&](std::size_t a) { return plane_of(a, N); });
-    divide<D - 1>(beam, whole, 0, visit, plane_of);
+    clip_among_children<D - 1>(beam, whole, 0, visit, plane_of);
   }
   /// Clips one beam against slabs of children, axis by axis.
   template <int Axis, class Visit, class PlaneOf>
-  void divide(std::uint32_t beam, Crossing left, int child, const Visit& visit,
-              const PlaneOf& plane_of) const {
+  void clip_among_children(std::uint32_t beam, Crossing left, int child, const Visit& visit,
+                           const PlaneOf& plane_of) const {
     if constexpr (Axis < 0) {
       visit(static_cast<std::size_t>(child), beam, left.enter, left.exit);
     } else {
@@ -231,7 +232,7 @@ class ChildPartition {
           leave = std::min(left.exit,
                            rounded(plane_of(Axis, static_cast<std::size_t>(up ? slab + 1 : slab)) * inverse));
         if (!(leave > left.enter)) continue;
-        divide<Axis - 1>(beam, {left.enter, leave}, child * N + slab, visit, plane_of);
+        clip_among_children<Axis - 1>(beam, {left.enter, leave}, child * N + slab, visit, plane_of);
         left.enter = leave;
       }
     }

@@ -56,7 +56,8 @@ class alignas(kCacheLines) ScanPart {
 
   /// Drops the beams that no cell can sample. Sampling fractions grow with depth, so it is enough to ask a
   /// smallest cell at the last depth: that of the beam's end with its noise, and half a largest cell.
-  /// @param cube_map of the whole scan, after CubeFace::divide(). @param numbers of this part's faces there.
+  /// @param cube_map of the whole scan, after CubeFace::make_pixels(). @param numbers of this part's faces
+  /// there.
   void keep(const CubeMap<D>& cube_map, const std::vector<std::uint32_t>& numbers,
             const SubsampleLimits& sampling) {
     const float behind = this->behind(sampling);

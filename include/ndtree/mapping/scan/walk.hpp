@@ -19,6 +19,7 @@
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/leaf_action.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
+#include "ndtree/mapping/scan/beam_sources.hpp"
 #include "ndtree/mapping/scan/child_initialiser.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/cube_map.hpp"
@@ -44,10 +45,16 @@ namespace ndtree {
 /// evidence of the beams that it samples and is updated, or splits and passes the same beams on. On the way
 /// back siblings merge, or their parent's summary is updated.
 ///
-/// Where to read: update_leaf() decides about a leaf, by EvidenceRefinement::action(), whose split criterion
-/// is splits(). EvidenceModel::update() computes a leaf's occupancy. update_children() integrates beams into
-/// a node's children, whatever their source. Splits and merges write cells as well: split(),
-/// merge_children().
+/// Where to read: update_children() integrates beams into a node's children, whatever their source;
+/// update_leaf() decides about a leaf, by EvidenceRefinement::action(), whose split criterion is splits().
+///
+/// What writes a cell:
+/// - EvidenceModel::update(), with a leaf's evidence: nearly always;
+/// - EvidenceModel::update_without_split(), where a split is predicted to re-merge, or its children did;
+/// - EvidenceModel::update_partly_seen(), where too little of a cell was seen; set_covered(), where all was;
+/// - EvidenceRefinement::keep_partial(), if partial_probability is set;
+/// - ChildrenInitialiser, in split_and_descend(), and EvidenceMergeRule, in merge_children();
+/// - UndoLog, if a scan fails.
 ///
 /// Invariants, and the test that notices when one is broken (tests/cpp):
 /// - A list holds ascending beam numbers, and BeamList::kSlack valid ones behind its end: vector loops read
@@ -94,9 +101,9 @@ class alignas(kCacheLines) ScanWalk {
         beams_(beams),
         partition_(tree.geometry(), beams),
         evidence_(tree.geometry(), beams, refinement.model, sensor),
-        coverage_(beams, partition_, sensor.width(1.0f)),
+        coverage_(beams, partition_, sensor.cone_width(1.0f)),
         sampling_(tree.geometry(), beams, refinement.model),
-        lists_(partition_, beams, sampling_),
+        list_partition_(partition_, beams, sampling_),
         initialiser_(tree.geometry(), refinement.model, beams),
         summary_(refinement.model),
         finest_level_(tree.geometry().finest_level()),
@@ -179,134 +186,26 @@ class alignas(kCacheLines) ScanWalk {
   Lists partition(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
                   const Sampling& sampling, bool replaces) {
     pace_.spend(list.size);
-    return lists_(node, planes, list, sampling, replaces, stack_);
+    return list_partition_(node, planes, list, sampling, replaces, stack_);
   }
 
-  // Beam sources. A source (ListSource, PacketSource) is a node's children with the beams that cross each:
-  //   crosses(child), in_child(child, ref).
-  // Its beams in one child (ListInCell, PacketInCell) answer
-  //   all_pass()            whether all of them pass the child, of whatever size its cells are;
-  //   evidence(..., end)    the evidence of the beams with numbers below `end` for the child as a leaf;
-  //   passed()              evidence() if all_pass(), where that is known without a look at each beam;
-  //   with_list(use)        calls `use(list)`, for steps that are rare;
-  //   integrate_below(node) partitions them among the children of an inner node.
-
-  /// A list of beams that cross a cell.
-  struct ListInCell {
-    static constexpr bool kHasPassingSet = false;  // all_pass() tests every beam.
-    ScanWalk& walk;
-    const Ref& cell;
-    const BeamList list;
-    const Planes* planes;  ///< Of the cell's parent; null if the cell was not reached from it.
-    int child;             ///< The cell's number in its parent.
-
-    [[nodiscard]] auto& node() const { return *cell.node; }
-    [[nodiscard]] const Ref& ref() const { return cell; }
-    [[nodiscard]] const BeamList& crossing() const { return list; }
-    [[nodiscard]] std::uint32_t first_beam() const { return list.first_beam(); }
-    [[nodiscard]] std::uint32_t last_beam() const { return list.last_beam(); }
-    [[nodiscard]] CellCrossings<N, D> crossings() const {
-      const auto& geometry = walk.tree_.geometry();
-      return planes != nullptr ? CellCrossings<N, D>(geometry, walk.beams_, cell.index, *planes, child)
-                               : CellCrossings<N, D>(geometry, walk.beams_, cell.index);
-    }
-    [[nodiscard]] bool all_pass() const { return walk.evidence_.all_pass(crossings(), list); }
-    [[nodiscard]] NDTREE_ALWAYS_INLINE ScanEvidence evidence(const EvidenceCell& leaf, int level,
-                                                             std::uint32_t end) const {
-      ScanEvidence scan;
-      if (walk.may_stop_early(level, list))
-        walk.add_until_split(leaf, cell.index, crossings(), list.part(0, list.find(end)), scan);
-      else
-        scan = walk.evidence_.of(cell.index, crossings(), list, end);
-      walk.refinement_.model.limit(scan);
-      return scan;
-    }
-    template <class Use>
-    bool with_list(const Use& use) const {
-      return use(list);
-    }
-    bool integrate_below(const Ref& inner, const Sampling& sampling) const {
-      return walk.integrate_below(inner, list, sampling);
-    }
-  };
-  /// The children of a node, and lists of the beams that cross each of them.
-  struct ListSource {
-    static constexpr bool kMayBeAboveCells = true;  // The children may be of the coarsest level or above.
-    static constexpr std::size_t kPace = 0;         // partition() spends it.
-    ScanWalk& walk;
-    const Children children;
-    const Planes& planes;  ///< Of the node, if all beams have one origin.
-    const Lists& lists;
-
-    [[nodiscard]] bool crosses(int child) const { return !lists.of(child).empty(); }
-    /// @param ref of the child, which must stay where it is.
-    [[nodiscard]] NDTREE_ALWAYS_INLINE ListInCell in_child(int child, const Ref& ref) const {
-      return {walk, ref, lists.of(child), &planes, child};
-    }
-  };
-
+  // Beam sources, see beam_sources.hpp.
+  template <class>
+  friend struct ndtree::ListInCell;
+  template <class>
+  friend struct ndtree::ListSource;
+  using ListInCell = ndtree::ListInCell<ScanWalk>;
+  using ListSource = ndtree::ListSource<ScanWalk>;
 #ifdef NDTREE_HAS_EIGHTS
+  template <class>
+  friend struct ndtree::PacketSource;
+  template <class>
+  friend struct ndtree::PacketInCell;
+  using PacketSource = ndtree::PacketSource<ScanWalk>;
+  using PacketInCell = ndtree::PacketInCell<ScanWalk>;
   using Rays = RayPacket<D, kNumChildren>;
   using OfBeam = typename LeafEvidence<N, D, Sensor>::OfBeam;
-  struct PacketInCell;
-  /// The children of a node, and where a ray packet crosses them.
-  struct PacketSource {
-    static constexpr bool kMayBeAboveCells = false;
-    static constexpr std::size_t kPace = Rays::kMost;
-    ScanWalk& walk;
-    const Children children;
-    mutable Rays rays;
 
-    PacketSource(ScanWalk& of_walk, const Ref& node, EightBeams<D>& beams)
-        : walk(of_walk), children(of_walk.tree_, node), rays(beams) {}
-    [[nodiscard]] bool crosses(int child) const { return rays.set[static_cast<std::size_t>(child)] != 0; }
-    [[nodiscard]] PacketInCell in_child(int child, const Ref&) const { return {*this, child}; }
-  };
-  /// The rays of a packet that cross a node's child.
-  struct PacketInCell {
-    static constexpr bool kHasPassingSet = true;
-    const PacketSource& source;
-    int child;
-
-    [[nodiscard]] auto& node() const { return source.children.node(child); }
-    [[nodiscard]] Ref ref() const { return source.children[child]; }
-    [[nodiscard]] const PacketInCell& crossing() const { return *this; }
-    [[nodiscard]] Rays& rays() const { return source.rays; }
-    [[nodiscard]] std::size_t number() const { return static_cast<std::size_t>(child); }
-    [[nodiscard]] std::uint32_t set() const { return rays().set[number()]; }
-    [[nodiscard]] std::uint32_t first_beam() const { return rays().first_of(set()); }
-    [[nodiscard]] std::uint32_t last_beam() const { return rays().last_of(set()); }
-    [[nodiscard]] bool all_pass() const { return rays().passing[number()] == set(); }
-    /// @pre all_pass().
-    [[nodiscard]] PassedEvidence passed() const {
-      return source.walk.evidence_.passed(source.children.level(), rays(), number());
-    }
-    [[nodiscard]] ScanEvidence evidence(const EvidenceCell&, int level, std::uint32_t end) const {
-      ScanEvidence scan;
-      if ((set() & (set() - 1)) == 0) {  // One ray.
-        const auto lane = static_cast<std::size_t>(__builtin_ctz(set()));
-        if (rays().beams.number[lane] < end)
-          OfBeam(source.walk.evidence_, level, rays().beams.number[lane])
-              .add(ref().index, {rays().enter[number()][lane], rays().exit[number()][lane]}, scan);
-      } else {
-        scan = source.walk.evidence_.of(source.children.parent().index, rays(), number(), end);
-      }
-      if (source.walk.packet_may_exceed_limit_) source.walk.refinement_.model.limit(scan);
-      return scan;
-    }
-    template <class Use>
-    bool with_list(const Use& use) const {
-      const ListScope scope(source.walk.stack_);
-      BeamList list = source.walk.stack_.allocate(Rays::kMost + BeamList::kSlack);
-      for (std::uint32_t left = set(); left != 0; left &= left - 1)
-        list.beam[list.size++] = rays().first_of(left);
-      list.pad();
-      return use(list);
-    }
-    bool integrate_below(const Ref& inner, const Sampling& sampling) const {
-      return source.walk.integrate_below(inner, *this, sampling);
-    }
-  };
   /// Whether a list is short enough for a packet, and the node's children are cells.
   [[nodiscard]] bool fits_packet(const Ref& ref, const BeamList& list) const {
     return list.size <= Rays::kMost && ref.index.level <= coarsest_level_ && partition_.goes_by_eights() &&
@@ -397,10 +296,8 @@ class alignas(kCacheLines) ScanWalk {
   /// Integrates beams into a leaf:
   /// 1. Saturated? A saturated leaf that all beams pass stays as it is. If more beams end in it than the
   ///    sensor's errors explain, it samples as many beams as a leaf that is not well observed.
-  /// 2. Sampled? The leaf samples all beams, or a fraction of them: those below a bucket of each cube-map
-  ///    face.
-  /// 3. Passed? The evidence of the sampled beams is added up, see LeafEvidence, and limited, see
-  ///    EvidenceModel::limit().
+  /// 2. Sample all beams, or a fraction of them: those below a bucket of each cube-map face.
+  /// 3. Add up the evidence of the sampled beams, see LeafEvidence, and limit it, see EvidenceModel::limit().
   /// 4. Split? EvidenceRefinement::action() decides whether the leaf is updated or splits.
   /// @param of_siblings sampling fractions of the children of the leaf's parent; null unless the leaf was
   ///   reached from there, by beams of one cube-map face of which not all are sampled.
@@ -422,19 +319,19 @@ class alignas(kCacheLines) ScanWalk {
       if (face == nullptr) return update_by_faces(beams, samples_few);
       sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, samples_few));
     }
-    const auto otherwise = [&](const ScanEvidence& scan, LeafAction action) {
+    const auto split_or_wait = [&](const ScanEvidence& scan, LeafAction action) {
       return split_or_judge(beams, sample, scan, action, sampling);
     };
     if constexpr (Beams::kHasPassingSet) {
       if (sample.fraction >= 1.0f && beams.all_pass() && !packet_may_exceed_limit_)
-        return update_or(cell, level, beams.passed(), otherwise);
+        return update_unless_split(cell, level, beams.passed(), split_or_wait);
     }
-    return update_or(cell, level, beams.evidence(cell, level, sample.end), otherwise);
+    return update_unless_split(cell, level, beams.evidence(cell, level, sample.end), split_or_wait);
   }
-  /// Updates a leaf, or calls `otherwise(scan, action)` if it may split.
+  /// Updates a leaf, or calls `split_or_wait(scan, action)` if it may split.
   template <class Scan, class Otherwise>
-  NDTREE_ALWAYS_INLINE bool update_or(EvidenceCell& leaf, int level, const Scan& scan,
-                                      const Otherwise& otherwise) {
+  NDTREE_ALWAYS_INLINE bool update_unless_split(EvidenceCell& leaf, int level, const Scan& scan,
+                                                const Otherwise& split_or_wait) {
     const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
     if (action == LeafAction::update) {
       const bool changed = update(leaf, scan);
@@ -443,7 +340,7 @@ class alignas(kCacheLines) ScanWalk {
     }
     const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
     if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
-    return all.beams > 0 && otherwise(all, action);
+    return all.beams > 0 && split_or_wait(all, action);
   }
 
   // Rare steps. They take copies, so that update_leaf() keeps its values in registers.
@@ -466,7 +363,7 @@ class alignas(kCacheLines) ScanWalk {
                        scan.add(evidence_.of(leaf.index, crossings, part));
                    });
     refinement_.model.limit(scan);
-    return update_or(leaf.cell(), level, scan, [&](const ScanEvidence& all, LeafAction action) {
+    return update_unless_split(leaf.cell(), level, scan, [&](const ScanEvidence& all, LeafAction action) {
       return split_or_judge(leaf, list, sample_, all, action, {});
     });
   }
@@ -547,7 +444,7 @@ class alignas(kCacheLines) ScanWalk {
   bool split(const Ref& leaf, const BeamList& list, const LeafSample<D>& sample, const ScanEvidence& scan,
              const Sampling& sampling) {
     const EvidenceCell parent = leaf.cell();
-    const bool changed = divide(leaf, parent, list, sample, sampling);
+    const bool changed = split_and_descend(leaf, parent, list, sample, sampling);
     if (leaf.is_leaf() && parent.observed() && scan.is_free_alone()) {
       leaf.cell() = parent;
       (void)refinement_.model.update_without_split(leaf.cell(), scan);
@@ -555,8 +452,8 @@ class alignas(kCacheLines) ScanWalk {
     return changed;
   }
   /// Makes a leaf an inner node, initialises its children and integrates its beams into them.
-  bool divide(const Ref& leaf, const EvidenceCell& parent, const BeamList& list, const LeafSample<D>& sample,
-              const Sampling& sampling) {
+  bool split_and_descend(const Ref& leaf, const EvidenceCell& parent, const BeamList& list,
+                         const LeafSample<D>& sample, const Sampling& sampling) {
     ++counters_.splits;
 #ifdef NDTREE_HAS_EIGHTS
     if (fits_packet(leaf, list)) {
@@ -613,7 +510,7 @@ class alignas(kCacheLines) ScanWalk {
   const LeafEvidence<N, D, Sensor> evidence_;
   const LeafCoverage<N, D> coverage_;
   const BeamSampling<N, D> sampling_;
-  ListPartition<N, D> lists_;
+  ListPartition<N, D> list_partition_;
   const ChildrenInitialiser<Tree> initialiser_;
   const EvidenceSummary<kNumChildren> summary_;
   const int finest_level_;
