@@ -6,6 +6,7 @@ import importlib.util
 import itertools
 import json
 import math
+import multiprocessing
 import os
 import re
 import signal
@@ -20,10 +21,11 @@ import pytest
 
 import ndtree
 from ndtree import distributed
-from ndtree.distributed import engines
+from ndtree.distributed import engines, plan
 from ndtree.distributed.blocks import FAR, Block, divided
 from ndtree.distributed.engines import Engine, LocalEngine, ProcessEngine
-from ndtree.tiles import MANIFEST, in_order, open_tiles
+from ndtree.distributed.scans import BatchWriter, StoredScans
+from ndtree.tiles import MANIFEST, in_order, open_tiles, storage_of
 
 SEEDS = {"ann": 1, "bob": 2, "eve": 3}
 
@@ -142,8 +144,10 @@ def test_a_run_that_was_stopped_goes_on(tmp_path):
     whole = serial(fleet(12))
     for left in (0, 2, 3, 6, 8):
         url = tmp_path / str(left)
+        engine = Dying(left)
         with pytest.raises(KeyboardInterrupt):
-            distributed.map(fleet(12), url, engine=Dying(left), like=make_map(), **OPTIONS)
+            distributed.map(fleet(12), url, engine=engine, like=make_map(), **OPTIONS)
+        engine.close()  # What runs is finished.
         assert not (url / MANIFEST).exists()
         done = [json.loads(path.read_bytes()) for path in url.rglob("work/*.json") if path.stem != "plan"]
         assert len(done) >= left - len(SEEDS)
@@ -209,6 +213,19 @@ def test_a_task_that_always_kills_its_process_is_given_up(monkeypatch):
         engine.close()
 
 
+def test_processes_that_are_not_forked_need_functions_of_modules(tmp_path, monkeypatch):
+    spawned = multiprocessing.get_context("spawn")
+    monkeypatch.setattr(engines.multiprocessing, "get_context", lambda kind: spawned)
+    with pytest.raises(ValueError, match=r"engine = 'processes': .*must be a path, or a function"):
+        distributed.map({"a": lambda: robot(1, 2)}, tmp_path / "a", like=make_map(), **OPTIONS)
+    engine = ProcessEngine(1)
+    try:
+        handle = engine.submit(math.sqrt, 4.0)
+        assert engine.done_of({handle}) == {handle} and engine.result(handle) == 2.0
+    finally:
+        engine.close()
+
+
 def test_blocks_fill_space_and_weigh_about_the_same():
     random = np.random.default_rng(3)
     print("seed 3")
@@ -232,6 +249,44 @@ def test_blocks_fill_space_and_weigh_about_the_same():
     assert cases == 60
     assert divided(Block.everywhere(2), {(3, 4): 1.0}, 5) == [Block.everywhere(2)]  # A tile stays whole.
     assert len(divided(Block.everywhere(2), {(3, 4): 1.0, (3, 5): 1e-9}, 5)) == 2
+
+
+def test_blocks_have_no_more_tiles_than_fit_into_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "MOST_TILES", 20)
+    options = {**OPTIONS, "block_beams": 10**9}
+    report = distributed.map(fleet(12), tmp_path / "a", engine="local", workers=1, like=make_map(), **options)
+    assert report.blocks > 3 and all(len(record.entries) <= 20 for record in report.records)
+    assert open_tiles(tmp_path / "a").to_map().to_bytes() == serial(fleet(12)).to_bytes()
+
+
+def test_scans_come_back_as_they_were_stored(tmp_path):
+    """Of any types, with and without what is optional, with one origin or many."""
+    random = np.random.default_rng(2)
+    print("seed 2")
+    scans = []
+    for i in range(60):
+        n = int(random.integers(0, 50))
+        kind = [np.float32, np.float64][random.integers(2)]
+        origin = random.normal(size=(n, 2) if random.random() < 0.3 else 2).astype(kind)
+        returned = random.random(n) < 0.5 if random.random() < 0.5 else None
+        sigma = random.uniform(0.01, 0.1, n).astype(np.float32) if random.random() < 0.5 else None
+        scans += [ndtree.Scan(random.normal(size=(n, 2)).astype(kind), origin, returned, i, sigma)] * 2
+    storage, places = storage_of(tmp_path), []
+    writer = BatchWriter(storage, "run", "a/b", 80)
+    for scan in scans:
+        writer.add(scan)
+        places.append((writer.batch, writer.position, writer.row, len(scan)))
+    writer.store()
+    assert len({batch for batch, *_ in places}) > 30 and max(at for _, at, *_ in places) > 0
+    stored = StoredScans(storage, "run", {})
+    for i in random.permutation(len(scans)).tolist():
+        scan, found = scans[i], stored.get("a/b", i, *places[i])
+        for name in ("endpoints", "origin", "returned", "range_sigma"):
+            was, now = getattr(scan, name), getattr(found, name)
+            assert (was is None) == (now is None)
+            if was is not None:
+                assert was.dtype == now.dtype
+                np.testing.assert_array_equal(was, now)
 
 
 def turned(angle: float, x: float, y: float) -> np.ndarray:

@@ -128,7 +128,13 @@ class ProcessEngine(Engine):
             process = self._context.Process(target=_serve, args=(theirs, function, arguments), daemon=True)
             with warnings.catch_warnings():  # Of forks beside threads: children use none of these.
                 warnings.simplefilter("ignore", DeprecationWarning)
-                process.start()
+                try:
+                    process.start()
+                except (pickle.PicklingError, AttributeError, TypeError) as error:
+                    raise ValueError(
+                        f"engine = 'processes': {error}: must be a path, or a function of a module; or take "
+                        "engine = 'local'"
+                    ) from error
             theirs.close()
             self._running[number] = _Child(process, ours, function, arguments)
 

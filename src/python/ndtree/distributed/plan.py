@@ -15,7 +15,7 @@ from ndtree.distributed.stages import BlockTask, Job, ScanRef, scans_name
 from ndtree.tiles.grid import Tile
 from ndtree.tiles.storage import Storage
 
-_MOST_TILES = 4096  # Of a block: about a gigabyte of cells.
+MOST_TILES = 4096  # Of a block: about a gigabyte of cells.
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def planned(
 
 def _held_at_once(block: Block, weights: dict[Tile, float]) -> list[Block]:
     """A block as smaller ones that have few enough tiles for a worker's memory."""
-    if len(weights) <= _MOST_TILES:
+    if len(weights) <= MOST_TILES:
         return [block]
     return [
         small
