@@ -176,7 +176,7 @@ def test_demo_takes_beams_without_return_as_map_and_compare_do(tmp_path: Path) -
 def test_demo_shows_the_maps_before_it_judges_them(
     log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def judged(self: Any, progress: Any) -> None:
+    def judged(self: Any, progress: Any, **options: Any) -> None:
         assert (tmp_path / "adaptive-fixed.png").read_bytes().startswith(b"\x89PNG")
         raise ValueError("judging comes last")
 

@@ -128,6 +128,12 @@ def _version_script(symbols: list[Symbol]) -> str:
     return "".join(f"{version} {{ {'; '.join(names)}; }};\n" for version, names in nodes.items())
 
 
+def _kind_of(library: Path) -> bytes:
+    """Of which width and for which processor an ELF file is."""
+    start = library.read_bytes()[:20]
+    return start[4:6] + start[18:20]
+
+
 class OldGlibc:
     """Libraries to link against in a folder, of the C compiler `cc`; see the module."""
 
@@ -141,12 +147,17 @@ class OldGlibc:
             self._make_library(library, symbols)
         shared = " ".join(str(folder / name) for name in ("libc.so.6", "libpthread.so.0"))
         rest = self._path_of("libc_nonshared.a")
-        loader = next(Path("/").glob("lib*/ld-linux*.so.*"))
+        loader = self._loader()
         (folder / "libc.so").write_text(f"GROUP ( {shared} {rest} AS_NEEDED ( {loader} ) )\n")
         self._run(
             "-O2", "-fPIC", "-fvisibility=hidden", "-Wall", "-std=c99", "-D_DEFAULT_SOURCE",
             "-c", str(Path(__file__).with_name("later.c")), "-o", str(folder / "later.o"),
         )  # fmt: skip
+
+    def _loader(self) -> Path:
+        """The machine's own dynamic loader, where there may be those of other processors, as of 32 bits."""
+        own = _kind_of(Path(self._path_of("libc.so.6")))
+        return next(path for path in sorted(Path("/").glob("lib*/ld-linux*.so.*")) if _kind_of(path) == own)
 
     @property
     def link_options(self) -> list[str]:

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "docstrings.hpp"
 #include "python_map.hpp"
 
 namespace ndtree::python {
@@ -42,56 +43,47 @@ Calibration calibrated(const PythonMap& map, const py::object& points, const py:
 void bind_calibration(py::module_& module) {
   using Group = Calibration::Group;
   using Bin = Calibration::Bin;
-  py::class_<Calibration>(module, "Reliability",
-                          "How often beams end where a map says that they would; counts that add up.\n\n"
-                          "Of pairs of a held-out beam and an observed cell that it reaches, up to that of "
-                          "its end point. Columns\n"
-                          "have an entry for each group of pairs that are alike in state, size, number of "
-                          "beams and twentieth of\n"
-                          "the probability.")
+  py::class_<Calibration>(module, "Reliability", doc::Reliability)
       .def(py::init<>())
-      .def_readonly("beams", &Calibration::beams, "Beams asked about.")
-      .def_readonly("ends_at_unknown", &Calibration::ends_at_unknown,
-                    "Of these, that ended where nothing was observed.")
+      .def_readonly("beams", &Calibration::beams, doc::Reliability_beams)
+      .def_readonly("ends_at_unknown", &Calibration::ends_at_unknown, doc::Reliability_ends_at_unknown)
       .def_property_readonly(
           "state",
           [](const Calibration& c) {
             return column<std::int8_t>(c, [](const Group& g, const Bin&) { return std::get<0>(g); });
           },
-          "(k,) int8 of the cells: -1 unknown, 0 free, 1 occupied.")
+          doc::Reliability_state)
       .def_property_readonly(
           "size",
           [](const Calibration& c) {
             return column<double>(c, [](const Group& g, const Bin&) { return std::get<1>(g); });
           },
-          "(k,) float64: their edge [m].")
+          doc::Reliability_size)
       .def_property_readonly(
           "power",
           [](const Calibration& c) {
             return column<std::int64_t>(c, [](const Group& g, const Bin&) { return std::get<2>(g); });
           },
-          "(k,) int64: 2**power - 1 beams or more, and less than 2**(power + 1) - 1, are what their evidence "
-          "is\n"
-          "worth; -1 where a map does not keep that.")
+          doc::Reliability_power)
       .def_property_readonly(
           "pairs",
           [](const Calibration& c) {
             return column<std::uint64_t>(c, [](const Group&, const Bin& b) { return b.pairs; });
           },
-          "(k,) uint64: pairs of a beam and a cell.")
+          doc::Reliability_pairs)
       .def_property_readonly(
           "probability",
           [](const Calibration& c) {
             return column<double>(
                 c, [](const Group&, const Bin& b) { return b.hit_rates / static_cast<double>(b.pairs); });
           },
-          "(k,) float64: mean probability that the beam ends in the cell, `probability(of=\"hit\")`.")
+          doc::Reliability_probability)
       .def_property_readonly(
           "ends",
           [](const Calibration& c) {
             return column<std::uint64_t>(c, [](const Group&, const Bin& b) { return b.ends; });
           },
-          "(k,) uint64: pairs of which the beam ended in the cell.")
+          doc::Reliability_ends)
       .def("__iadd__",
            [](Calibration& a, const Calibration& b) -> Calibration& {
              a.add(b);
@@ -125,19 +117,7 @@ void bind_calibration(py::module_& module) {
   auto map_class = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
   map_class.def("reliability", &calibrated, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
                 "max_range"_a = std::numeric_limits<double>::infinity(), "counts"_a = py::none(),
-                R"(Count how often beams that the map was not built from end where it says that they would.
-
-Parameters
-----------
-points, origin, returned, max_range
-    As for insert(). Only returned beams within max_range count.
-counts : Reliability, optional
-    Of earlier scans, to add to; it is not changed itself.
-
-Returns
--------
-Reliability
-)");
+                doc::OccupancyMap_reliability);
 }
 
 }  // namespace ndtree::python

@@ -9,6 +9,7 @@
 #include <variant>
 #include <vector>
 
+#include "docstrings.hpp"
 #include "python_map.hpp"
 #include "seen_space.hpp"
 #include "simulated_log.hpp"
@@ -100,54 +101,17 @@ double or_nan(std::optional<double> share) {
 
 void bind_claims(py::module_& module) {
   const ClaimsOptions defaults;
-  py::class_<AnySeenSpace>(
-      module, "SeenSpace",
-      R"(Points drawn uniformly around the end points of a log, and whether some scan saw them.
-
-A scan has a point in view if its beam that is nearest in direction is at most `spacings` times the median
-distance between neighbouring beams' directions away. It sees the point if that beam goes past it, or
-returned at most `tolerance` before it. Beams are cut at `max_range`, and one that did not return sees up to
-where it ends. Beams from several origins are scans of their own, and a single beam sees nothing. In a
-simulated world the exact line of sight says what is seen of what is in view, as far as the sensor reaches.
-
-Parameters
-----------
-scans : iterable of Scan
-    All of the same dim; 2, 3 or 4.
-max_range : float
-    As for insert() [m].
-simulation : SimulatedLog2 or SimulatedLog3, optional
-    The log that the scans are from. Left out: beams alone say what was seen.
-samples : int
-    Number of points.
-spacings : float
-    Of beams, in which a point is in view.
-tolerance : float
-    How far behind its end point a beam that returned sees [m].
-margin : float
-    The points are drawn up to so far [m] around the box ...
-middle : float
-    ... that holds this share of the end points on each axis.
-seed : int
-    Of the points; equal seeds and logs give equal points.
-
-Raises
-------
-ValueError
-    If there is no scan, the scans differ in dim, or a value is out of its limits; it is named.
-)")
+  py::class_<AnySeenSpace>(module, "SeenSpace", doc::SeenSpace)
       .def(py::init(&make_seen_space), "scans"_a, py::kw_only(),
            "max_range"_a = std::numeric_limits<double>::infinity(), "simulation"_a = py::none(),
            "samples"_a = defaults.samples, "spacings"_a = defaults.spacings,
            "tolerance"_a = defaults.tolerance, "margin"_a = defaults.margin, "middle"_a = defaults.middle,
            "seed"_a = defaults.seed)
       .def_property_readonly(
-          "dim", [](const AnySeenSpace& any) { return any.dim(); }, "Of the points.")
-      .def_property_readonly("points", &points_of, "(n, dim) float64 [m]; none without a valid beam.")
-      .def_property_readonly("seen", &seen_of, "(n,) bool: whether some scan saw the point.")
-      .def_property_readonly("box", &box_of,
-                             "(2, dim) float64: lower and upper corner of where the points are [m]; None "
-                             "without a valid beam.");
+          "dim", [](const AnySeenSpace& any) { return any.dim(); }, doc::SeenSpace_dim)
+      .def_property_readonly("points", &points_of, doc::SeenSpace_points)
+      .def_property_readonly("seen", &seen_of, doc::SeenSpace_seen)
+      .def_property_readonly("box", &box_of, doc::SeenSpace_box);
 
   py::class_<Claims>(module, "Claims",
                      "What a map says about space of which is known whether somebody saw it.\n\n"
@@ -176,23 +140,7 @@ ValueError
       [](const PythonMap& map, const AnySeenSpace& space) {
         return map.read([&](const MapInterface& m) { return m.claims(space); });
       },
-      "space"_a,
-      R"(Compare what the map calls free and unknown with what was seen.
-
-Parameters
-----------
-space : SeenSpace
-    Of the scans that were mapped.
-
-Returns
--------
-Claims
-
-Raises
-------
-ValueError
-    If the space has another dim than the map.
-)");
+      "space"_a, doc::OccupancyMap_claims);
 }
 
 }  // namespace ndtree::python

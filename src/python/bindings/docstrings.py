@@ -3,8 +3,8 @@
 
 usage: docstrings.py _core.pyi docstrings.hpp
 
-The stub is the one place where a docstring stands: editors read it there, `help()` what was compiled from it. `Map.insert`
-becomes `doc::Map_insert`, `Map.__init__` `doc::Map_init`, the class itself `doc::Map`.
+The stub is the one place where a docstring stands: editors read it there, `help()` shows what is made of
+it. `Map.insert` becomes `doc::Map_insert`, `Map.__init__` `doc::Map_init`, the class itself `doc::Map`.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "docstrings.hpp"
 #include "map_exports.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/io/map_file.hpp"
@@ -114,33 +115,7 @@ void bind_exports(py::module_& module) {
   auto map_class = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
   map_class
       .def("to_grid", &grid_of, "box"_a, "cell_size"_a = py::none(), py::kw_only(), "values"_a = "state",
-           R"(A part of the map as a dense array.
-
-Entry [i, j, ...] is what the map says of the cell from lower + (i, j, ...) * cell_size to
-lower + (i + 1, j + 1, ...) * cell_size, half-open: the first axis is x, the second y, the third z. That is
-what it says at the cell's centre; but a cell larger than the map's smallest is occupied if some occupied cell
-overlaps it, else free if some free one does, else unknown, and has the largest log-odds of those known cells.
-
-Parameters
-----------
-box : (2, dim) array of float
-    Lower and upper corner [m]. Cells begin at the lower one, as many as cover the box.
-cell_size : float, optional
-    [m]; left out, the map's smallest.
-values : {"state", "probability", "log_odds"}
-    What is stored.
-
-Returns
--------
-array of int8, or of float32
-    One axis for each of space. States are -1 unknown, 0 free, 1 occupied; unknown space has the probability
-    0.5 and the log-odds 0.
-
-Raises
-------
-ValueError
-    A shape is wrong, the box not finite or not from low to high, or cell_size not > 0.
-)")
+           doc::OccupancyMap_to_grid)
       .def(
           "states_in",
           [](const PythonMap& map, const py::object& lower, const py::object& upper) {
@@ -159,23 +134,7 @@ ValueError
                           data = out.mutable_data()](const MapExports& m) { m.states_in(a, b, n, data); });
             return out;
           },
-          "lower"_a, "upper"_a, R"(Which states there are in boxes.
-
-Parameters
-----------
-lower, upper : (n, dim) array of float
-    Corners [m]. The boxes are closed: a cell that shares a point with one counts.
-
-Returns
--------
-(n, 3) bool
-    Whether something in the box is unknown, free, occupied. Space outside the map is unknown.
-
-Raises
-------
-ValueError
-    A shape is wrong, or a box not from low to high.
-)")
+          "lower"_a, "upper"_a, doc::OccupancyMap_states_in)
       .def(
           "distance_to_occupied",
           [](const PythonMap& map, const py::object& points) {
@@ -185,19 +144,7 @@ ValueError
                                in = p.data()](const MapExports& m) { m.distance_to_occupied(in, n, data); });
             return out;
           },
-          "points"_a, R"(Distance from points to the nearest occupied cell.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-
-Returns
--------
-(n,) float64
-    To the cell's border, 0 inside [m]; nan where the map has no occupied cell, or the point is nan; inf of points
-    beyond 1e154.
-)")
+          "points"_a, doc::OccupancyMap_distance_to_occupied)
       .def(
           "save_octomap",
           [](const PythonMap& map, const std::filesystem::path& path, std::optional<double> cell_size) {
@@ -205,25 +152,7 @@ Returns
             read_exports(map,
                          [&](const MapExports& m) { write_file(path, m.octomap_bytes(format, cell_size)); });
           },
-          "path"_a, py::kw_only(), "cell_size"_a = py::none(), R"(Write an OctoMap file of a 3-D map.
-
-With the map's own cell size that is exact; other cells follow from the map's as in to_grid(), so that thin
-walls stay. Unknown space stays unknown. The file appears whole or not at all.
-
-Parameters
-----------
-path : str or os.PathLike
-    Ends in .ot, with the log-odds of each cell, or in .bt, where cells are free or occupied and no more.
-cell_size : float, optional
-    OctoMap's resolution [m]; left out, the map's smallest cell size.
-
-Raises
-------
-ValueError
-    The map is not 3-D, the name ends otherwise, or something known lies more than 32768 cells from 0.
-OSError
-    The file cannot be written.
-)")
+          "path"_a, py::kw_only(), "cell_size"_a = py::none(), doc::OccupancyMap_save_octomap)
       .def(
           "save_map_server",
           [](const PythonMap& map, const std::filesystem::path& path, std::optional<double> cell_size,
@@ -233,26 +162,7 @@ OSError
             });
           },
           "path"_a, py::kw_only(), "cell_size"_a = py::none(), "height"_a = py::none(),
-          R"(Write a map for navigation, as ROS's map_server and nav2 read it: .yaml, and .pgm beside it.
-
-A pixel is occupied if some occupied cell overlaps it, else free if some free one does, else unknown.
-
-Parameters
-----------
-path : str or os.PathLike
-    Ends in .yaml; the image has the same name with .pgm.
-cell_size : float, optional
-    Edge of a pixel [m]; left out, the map's smallest cell size.
-height : (low, high), optional
-    Of a 3-D map, only cells that overlap low <= z < high [m]; left out, all.
-
-Raises
-------
-ValueError
-    The map is not 2-D or 3-D, a value is out of bounds, or nothing is known there.
-OSError
-    A file cannot be written.
-)")
+          doc::OccupancyMap_save_map_server)
       .def(
           "map_server_image",
           [](const PythonMap& map, std::optional<double> cell_size,
@@ -267,22 +177,7 @@ OSError
                                   py::make_tuple(image.origin.x(), image.origin.y()), image.cell_size);
           },
           py::kw_only(), "cell_size"_a = py::none(), "height"_a = py::none(),
-          R"(The image that save_map_server() writes.
-
-Parameters
-----------
-cell_size, height
-    As of save_map_server().
-
-Returns
--------
-pixels : (rows, columns) uint8
-    254 free, 0 occupied, 205 unknown; the first row is the one with the largest y.
-origin : (x, y)
-    Lower left corner of the last row's first pixel [m].
-cell_size : float
-    Edge of a pixel [m].
-)")
+          doc::OccupancyMap_map_server_image)
       .def(
           "save_ply",
           [](const PythonMap& map, const std::filesystem::path& path, const py::object& leaves) {
@@ -292,28 +187,10 @@ cell_size : float
             const bool* const chosen = mask.is_none() ? nullptr : mask.cast<BoolArray>().data();
             read_exports(map, [&](const MapExports& m) { write_file(path, m.ply_bytes(chosen)); });
           },
-          "path"_a, py::kw_only(), "leaves"_a = py::none(), R"(Write cells as points of a PLY file.
-
-Each has x, y, z of the cell's centre and its size [m], its probability and its state (-1 unknown, 0 free,
-1 occupied). In the plane, z is 0. The file appears whole or not at all.
-
-Parameters
-----------
-path : str or os.PathLike
-leaves : (n,) array of bool, optional
-    Which of leaves() are written; left out, the occupied ones.
-
-Raises
-------
-ValueError
-    The map is not 2-D or 3-D, or the mask has another length.
-OSError
-    The file cannot be written.
-)");
+          "path"_a, py::kw_only(), "leaves"_a = py::none(), doc::OccupancyMap_save_ply);
 
   module.def("write_ply", &write_ply_of, "path"_a, "points"_a, py::kw_only(), "size"_a, "probability"_a,
-             "state"_a,
-             "A PLY file as OccupancyMap.save_ply() writes it, of any cells: their centres and more.");
+             "state"_a, doc::write_ply);
 }
 
 }  // namespace ndtree::python

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "docstrings.hpp"
 #include "ndtree/io/replaced_file.hpp"
 #include "python_map.hpp"
 
@@ -14,15 +15,13 @@ namespace ndtree::python {
 void bind_files(pybind11::module_& module) {
   namespace py = pybind11;
   using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
-  py::class_<ReplacedFile>(
-      module, "ReplacedFile",
-      "A file that is written under a hidden name, and takes its place when it is whole.")
+  py::class_<ReplacedFile>(module, "ReplacedFile", doc::ReplacedFile)
       .def(py::init<std::filesystem::path>(), "path"_a,
            "OSError if what is there cannot be replaced, or nothing can be written beside it.")
       .def_property_readonly(
           "temporary", [](const ReplacedFile& file) { return file.temporary().string(); },
-          "Path of the hidden file; of the empty text when it has its place or was discarded.")
-      .def("discard", &ReplacedFile::discard, "Forget what was written.");
+          doc::ReplacedFile_temporary)
+      .def("discard", &ReplacedFile::discard, doc::ReplacedFile_discard);
   module.def(
       "commit_together",
       [](const py::list& files) {
@@ -31,8 +30,7 @@ void bind_files(pybind11::module_& module) {
         const py::gil_scoped_release released;
         commit_together(moved);
       },
-      "files"_a,
-      "Put files into their places, all or none; of several, the one that names the others comes last.");
+      "files"_a, doc::commit_together);
 }
 
 }  // namespace ndtree::python

@@ -14,6 +14,7 @@
 
 #include "arguments.hpp"
 #include "binders.hpp"
+#include "docstrings.hpp"
 #include "history_interface.hpp"
 #include "numpy.hpp"
 #include "python_map.hpp"
@@ -104,18 +105,10 @@ HistoryReport move(PythonHistory& h, const py::dict& poses, int threads) {
 }
 
 /// A (dim + 1, dim + 1) matrix.
-py::array_t<double> pose_of(const PythonHistory& h, Key key) {
+py::array_t<double> pose_of_scan(const PythonHistory& h, Key key) {
   const std::vector<double> numbers =
       finding_key([&] { return h.with([&](const HistoryInterface& history) { return history.pose(key); }); });
-  const auto dim = static_cast<std::size_t>(h.history->dim());
-  std::vector<double> matrix((dim + 1) * (dim + 1), 0.0);
-  for (std::size_t row = 0; row < dim; ++row) {
-    std::copy_n(numbers.begin() + static_cast<std::ptrdiff_t>(row * dim), dim,
-                matrix.begin() + static_cast<std::ptrdiff_t>(row * (dim + 1)));
-    matrix[row * (dim + 1) + dim] = numbers[dim * dim + row];
-  }
-  matrix.back() = 1.0;
-  return take(std::move(matrix), static_cast<int>(dim) + 1);
+  return matrix_of(numbers, h.history->dim());
 }
 
 py::object scan_of(const PythonHistory& h, Key key) {
@@ -145,93 +138,30 @@ void bind_history(py::module_& module) {
       .def_readonly("all_cube_scans", &HistoryReport::all_cube_scans, "... and all of them.")
       .def_readonly("seconds", &HistoryReport::seconds, "Wall time [s].");
 
-  py::class_<PythonHistory>(module, "ScanHistory",
-                            R"(A map and the scans that made it: when poses are corrected, the map follows.
-
-Each scan has a key and a pose, and is kept in its sensor's frame with 8 bytes a beam, rounded to a 1024th of a
-smallest cell, or more if it reaches farther than 1024 cells. After any calls, each cell of the map is, bit for
-bit, what mapping the present scans at their present poses in the order in which they came makes of it. Only
-cubes of max_cell_size are made anew that a moved scan crosses, before or after, and only by the scans that
-cross them. The map's counters add up the work that was done.
-
-Parameters
-----------
-dim : int
-    2 or 3.
-options
-    As of AdaptiveMap, with cells adapted by evidence.
-
-Raises
-------
-ValueError
-    As AdaptiveMap.
-)")
+  py::class_<PythonHistory>(module, "ScanHistory", doc::ScanHistory)
       .def(py::init([](int dim, const py::kwargs& options) {
              return std::make_unique<PythonHistory>(
                  dim, options_from_keywords(options, EvidenceRefinement::kName, "ScanHistory"));
            }),
            py::kw_only(), "dim"_a = 2)
       .def_property_readonly(
-          "dim", [](const PythonHistory& h) { return h.history->dim(); }, "Dimension of space.")
+          "dim", [](const PythonHistory& h) { return h.history->dim(); }, doc::ScanHistory_dim)
       .def_property_readonly(
           "map",
           [](const PythonHistory& h) {
             return to_python(h.with([](const HistoryInterface& history) { return history.map(); }));
           },
-          "AdaptiveMap: the map as it is now, a copy that shares its cells and takes no time.")
+          doc::ScanHistory_map)
       .def_property_readonly(
           "memory_bytes",
           [](const PythonHistory& h) {
             return h.with([](const HistoryInterface& history) { return history.memory_bytes(); });
           },
-          "Bytes of the map and of the scans.")
+          doc::ScanHistory_memory_bytes)
       .def("insert", &insert, "key"_a, "points"_a, "pose"_a, py::kw_only(), "origin"_a = py::none(),
            "returned"_a = py::none(), "range_sigma"_a = py::none(), "max_range"_a = kInfinity,
-           "threads"_a = 0, R"(Map a scan, and keep it.
-
-Parameters
-----------
-key : int
-    By which the scan is found again.
-points : (n, dim) array of float
-    End points in the sensor's frame [m].
-pose : array of float
-    Of the sensor in the map: (3,) of x, y and yaw in 2-D, (7,) of x, y, z and a quaternion x, y, z, w in 3-D,
-    or a (dim + 1, dim + 1) matrix.
-origin : (dim,) or (n, dim) array of float, optional
-    Where beams start in the sensor's frame [m]. Default: at 0.
-returned, range_sigma, max_range, threads
-    As of `OccupancyMap.insert`.
-
-Returns
--------
-InsertReport
-
-Raises
-------
-ValueError
-    The key is there already, the pose is wrong, or as `OccupancyMap.insert`; nothing has changed.
-)")
-      .def("move", &move, "poses"_a, py::kw_only(), "threads"_a = 0, R"(Move scans to other poses.
-
-Parameters
-----------
-poses : dict
-    From keys to poses, as of `insert`; scans that are left out stay where they are.
-threads : int
-    As of `OccupancyMap.insert`.
-
-Returns
--------
-HistoryReport
-
-Raises
-------
-KeyError
-    There is no scan with this key; nothing has changed.
-ValueError
-    A pose is wrong; nothing has changed.
-)")
+           "threads"_a = 0, doc::ScanHistory_insert)
+      .def("move", &move, "poses"_a, py::kw_only(), "threads"_a = 0, doc::ScanHistory_move)
       .def(
           "remove",
           [](PythonHistory& h, const std::vector<Key>& keys, int threads) {
@@ -239,69 +169,15 @@ ValueError
               return h.with([&](HistoryInterface& history) { return history.remove(keys, threads); });
             });
           },
-          "keys"_a, py::kw_only(), "threads"_a = 0, R"(Take scans out of the map.
-
-Parameters
-----------
-keys : sequence of int
-    Of the scans.
-threads : int
-    As of `OccupancyMap.insert`.
-
-Returns
--------
-HistoryReport
-
-Raises
-------
-KeyError
-    There is no scan with this key; nothing has changed.
-ValueError
-    A key is given twice; nothing has changed.
-)")
+          "keys"_a, py::kw_only(), "threads"_a = 0, doc::ScanHistory_remove)
       .def(
           "keys",
           [](const PythonHistory& h) {
             return h.with([](const HistoryInterface& history) { return history.keys(); });
           },
-          R"(Keys of all scans, in the order in which they came.
-
-Returns
--------
-list of int
-)")
-      .def("pose", &pose_of, "key"_a, R"(Pose of a scan's sensor in the map.
-
-Parameters
-----------
-key : int
-    Of the scan.
-
-Returns
--------
-(dim + 1, dim + 1) float64
-
-Raises
-------
-KeyError
-    There is no scan with this key.
-)")
-      .def("scan", &scan_of, "key"_a, R"(A scan in the map's frame, as the map took it in.
-
-Parameters
-----------
-key : int
-    Of the scan.
-
-Returns
--------
-Scan
-
-Raises
-------
-KeyError
-    There is no scan with this key.
-)")
+          doc::ScanHistory_keys)
+      .def("pose", &pose_of_scan, "key"_a, doc::ScanHistory_pose)
+      .def("scan", &scan_of, "key"_a, doc::ScanHistory_scan)
       .def("__len__",
            [](const PythonHistory& h) {
              return h.with([](const HistoryInterface& history) { return history.keys().size(); });

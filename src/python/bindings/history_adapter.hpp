@@ -10,6 +10,7 @@
 
 #include "history_interface.hpp"
 #include "map_adapter.hpp"
+#include "pose_numbers.hpp"
 
 namespace ndtree::python {
 
@@ -49,13 +50,13 @@ class HistoryAdapter final : public HistoryInterface {
   [[nodiscard]] std::size_t memory_bytes() const override { return history_.memory_bytes(); }
   InsertReport insert(Key key, const BeamPointers& beams, const double* pose, double max_range,
                       int threads) override {
-    return history_.insert(key, beams.view<D>(), pose_from(pose), max_range, threads);
+    return history_.insert(key, beams.view<D>(), pose_of<D>(pose), max_range, threads);
   }
   HistoryReport move(const std::vector<Key>& keys, const double* poses, int threads) override {
     std::vector<std::pair<Key, Pose<D>>> moved;
     moved.reserve(keys.size());
     for (const Key key : keys) {
-      moved.emplace_back(key, pose_from(poses));
+      moved.emplace_back(key, pose_of<D>(poses));
       poses += kNumbers;
     }
     return history_.move(moved, threads);
@@ -65,14 +66,6 @@ class HistoryAdapter final : public HistoryInterface {
   }
 
  private:
-  [[nodiscard]] static Pose<D> pose_from(const double* numbers) {
-    Pose<D> pose;
-    for (int row = 0; row < D; ++row)
-      for (int column = 0; column < D; ++column) pose.rotation(row, column) = numbers[row * D + column];
-    pose.translation = Eigen::Map<const Vector<D>>(numbers + D * D);
-    return pose;
-  }
-
   ScanHistory<Map> history_;
 };
 

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "arguments.hpp"
+#include "docstrings.hpp"
 #include "ndtree/core/memory.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "ndtree/io/dense_grid.hpp"
@@ -132,25 +133,7 @@ py::object map_from_grid(const py::object& states, const py::object& lower, doub
 }  // namespace
 
 void bind_loading(py::module_& module) {
-  module.def("load", &load, "path"_a,
-             R"(Read a map that save() wrote, or an OctoMap file, .bt or .ot; the content says what it is.
-
-Parameters
-----------
-path : str or os.PathLike
-
-Returns
--------
-AdaptiveMap or FixedMap
-    Of an OctoMap file as load_octomap() gives it, which takes options, too.
-
-Raises
-------
-OSError
-    The file cannot be read.
-ValueError
-    It is no such file, truncated, damaged, or of another version.
-)");
+  module.def("load", &load, "path"_a, doc::load);
   module.def(
       "from_bytes",
       [](const py::bytes& bytes) {
@@ -163,64 +146,11 @@ ValueError
         }
         return to_python(std::move(map));
       },
-      "bytes"_a, "The map that to_bytes() wrote; ValueError as load().");
+      "bytes"_a, doc::from_bytes);
   module.def("load_octomap", &load_octomap_file, "path"_a, py::kw_only(),
-             "refinement"_a = EvidenceRefinement::kName, "max_memory"_a = 0.0,
-             R"(Read an OctoMap file, .bt or .ot, into a map.
-
-Cells have the borders and states of the file's leaves. Log-odds are the file's with refinement "paper" and
-"fixed". With "evidence" a cell gets the least evidence that gives its log-odds, which is met within 0.008 from
--4.6 to 5.9, and is the nearer bound outside. Leaves of a .bt file get the map's log_odds_min or log_odds_max.
-Colours of a ColorOcTree's .ot become the layer 'color' of the rule 'mean3', red, green and blue from 0 to 255.
-
-Parameters
-----------
-path : str or os.PathLike
-refinement : {"evidence", "paper", "fixed"}
-    How the map goes on when scans are inserted. With "fixed" all cells are of the smallest size.
-max_memory : float
-    As of AdaptiveMap: a file that needs more is refused [bytes].
-
-Returns
--------
-AdaptiveMap or FixedMap
-    With dim 3, branching 2, and the file's resolution as its smallest cell size.
-
-Raises
-------
-OSError
-    The file cannot be read.
-ValueError
-    It is not an OctoMap file, or damaged: what was found, and where.
-MemoryError
-    The map would hold more than max_memory.
-)");
+             "refinement"_a = EvidenceRefinement::kName, "max_memory"_a = 0.0, doc::load_octomap);
   module.def("from_grid", &map_from_grid, "states"_a, "lower"_a, "cell_size"_a, py::kw_only(),
-             "refinement"_a = EvidenceRefinement::kName, R"(A map with the states of a dense array.
-
-The inverse of OccupancyMap.to_grid(). Free cells get the map's log_odds_min, occupied ones its log_odds_max.
-
-Parameters
-----------
-states : 2-D or 3-D array of int
-    -1 unknown, 0 free, 1 occupied; the first axis is x, the second y, the third z.
-lower : (dim,) array of float
-    Lower corner of the first cell [m]: within a millionth of a cell of whole numbers of cells from 0.
-cell_size : float
-    [m].
-refinement : {"evidence", "paper", "fixed"}
-    How the map goes on when scans are inserted. With the first two, equal neighbours are joined.
-
-Returns
--------
-AdaptiveMap or FixedMap
-    With branching 2.
-
-Raises
-------
-ValueError
-    A shape or a number is wrong, or the corner is not on the lattice of cells.
-)");
+             "refinement"_a = EvidenceRefinement::kName, doc::from_grid);
 }
 
 }  // namespace ndtree::python

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "binders.hpp"
+#include "docstrings.hpp"
 #include "ndtree/logs/carmen.hpp"
 #include "ndtree/logs/simulator.hpp"
 #include "ndtree/logs/xyz.hpp"
@@ -58,26 +59,25 @@ auto as_value_error(Function&& function) {
 
 template <int D>
 void bind_xyz(py::module_& module, const char* name) {
-  py::class_<XyzParser<D>>(module, name,
-                           "Collects scans from lines of plain text: origin, end point[, 0 or 1].")
+  py::class_<XyzParser<D>>(module, name, doc::XyzParser2)
       .def(py::init<>())
       .def(
           "parse_line",
           [](XyzParser<D>& parser, const std::string& line) {
             return as_value_error([&] { return to_tuple_or_none<D>(parser.parse_line(line)); });
           },
-          "line"_a, "The scan that ends because this line starts another, as a tuple; else None.")
+          "line"_a, doc::XyzParser2_parse_line)
       .def(
           "finish", [](XyzParser<D>& parser) { return to_tuple_or_none<D>(parser.finish()); },
-          "The last scan, as a tuple; None if no beam is waiting.")
-      .def_property_readonly("line_number", &XyzParser<D>::line_number, "Lines read so far.");
+          doc::XyzParser2_finish)
+      .def_property_readonly("line_number", &XyzParser<D>::line_number, doc::CarmenParser_line_number);
 }
 
 template <int D>
 void bind_simulated(py::module_& module, const char* name) {
   using Log = SimulatedLog<D>;
   using Point = Eigen::Map<const Vector<D>>;
-  py::class_<Log>(module, name, "A simulated log, and the world that it measures.")
+  py::class_<Log>(module, name, doc::SimulatedLog2)
       .def_property_readonly("dim", [](const Log&) { return D; })
       .def("__len__", &Log::size)
       .def(
@@ -93,8 +93,7 @@ void bind_simulated(py::module_& module, const char* name) {
             }
             return to_tuple(*scan);
           },
-          "i"_a,
-          "(endpoints (n, dim), origin (dim,), returned (n,), stamp) of scan i; the same at each call.")
+          "i"_a, doc::SimulatedLog2_scan)
       .def(
           "moved",
           [](const Log& log, std::size_t i) {
@@ -110,7 +109,7 @@ void bind_simulated(py::module_& module, const char* name) {
             std::copy(moved.begin(), moved.end(), out.mutable_data());
             return out;
           },
-          "i"_a, "(n,) bool: whether each beam of scan i returned from something that moves.")
+          "i"_a, doc::SimulatedLog2_moved)
       .def(
           "contains",
           [](const Log& log, const py::object& object) {
@@ -124,7 +123,7 @@ void bind_simulated(py::module_& module, const char* name) {
               results[i] = log.world.contains(Vector<D>(Point(data + i * D)));
             return out;
           },
-          "points"_a, "(n,) bool: whether each of the (n, dim) points is inside something.")
+          "points"_a, doc::SimulatedLog2_contains)
       .def(
           "distance",
           [](const Log& log, const py::object& origins, const py::object& directions, double max_range) {
@@ -148,7 +147,7 @@ void bind_simulated(py::module_& module, const char* name) {
             return out;
           },
           "origins"_a, "directions"_a, py::kw_only(), "max_range"_a = std::numeric_limits<double>::infinity(),
-          "(n,) metres from origins to the first surface along directions; nan where there is none.");
+          doc::SimulatedLog2_distance);
 }
 
 constexpr std::int64_t kMostThings = 1000;  // Of one kind that move in a simulated world.
@@ -204,8 +203,7 @@ template const SimulatedLog<2>* simulated_log<2>(const py::object&);
 template const SimulatedLog<3>* simulated_log<3>(const py::object&);
 
 void bind_logs(py::module_& module) {
-  py::class_<CarmenParser>(module, "CarmenParser",
-                           "Turns FLASER and ROBOTLASER1 records of a CARMEN log into scans.")
+  py::class_<CarmenParser>(module, "CarmenParser", doc::CarmenParser)
       .def(py::init([](std::optional<double> max_range, std::optional<double> field_of_view) {
              CarmenOptions options;
              if (max_range) options.max_range = *max_range;
@@ -218,10 +216,7 @@ void bind_logs(py::module_& module) {
           [](CarmenParser& parser, const std::string& line) {
             return as_value_error([&] { return to_tuple_or_none<2>(parser.parse_line(line)); });
           },
-          "line"_a,
-          "(endpoints (n, 2), origin (2,), returned (n,), stamp) of a laser record, else None; ValueError "
-          "naming "
-          "the line.")
+          "line"_a, doc::CarmenParser_parse_line)
       .def_property_readonly(
           "field_of_view",
           [](const CarmenParser& parser) -> std::optional<std::pair<double, std::string>> {
@@ -230,18 +225,14 @@ void bind_logs(py::module_& module) {
             constexpr const char* names[] = {"option", "param", "beams", "none"};
             return std::make_pair(found->first, std::string(names[static_cast<int>(found->second)]));
           },
-          "Field of view of the last FLASER record [rad], and whether the option, a PARAM record, the number "
-          "of "
-          "beams or none of them says it; None before the first.")
-      .def_property_readonly("line_number", &CarmenParser::line_number, "Lines read so far.");
+          doc::CarmenParser_field_of_view)
+      .def_property_readonly("line_number", &CarmenParser::line_number, doc::CarmenParser_line_number);
   bind_xyz<2>(module, "XyzParser2");
   bind_xyz<3>(module, "XyzParser3");
   bind_simulated<2>(module, "SimulatedLog2");
   bind_simulated<3>(module, "SimulatedLog3");
-  module.def(
-      "simulate", &simulate, "world"_a, py::kw_only(), "seed"_a = 1, "scans"_a = py::none(),
-      "A simulated log: 'office', 'apartment' or 'street'; noise_scale, outlier_rate, no_return_rate,\n"
-      "position_sigma, heading_sigma, yaw, people, doors and cars as in SimulationOptions.");
+  module.def("simulate", &simulate, "world"_a, py::kw_only(), "seed"_a = 1, "scans"_a = py::none(),
+             doc::simulate);
 }
 
 }  // namespace ndtree::python

@@ -30,6 +30,7 @@
 #include "ndtree/query/ray.hpp"
 #include "ndtree/query/transform.hpp"
 #include "ndtree/tree/visit.hpp"
+#include "pose_numbers.hpp"
 #include "query_adapter.hpp"
 
 namespace ndtree::python {
@@ -253,10 +254,7 @@ class MapAdapter final : public CellsAdapter<typename Map::Cells> {
         !beside.layers_.empty());
   }
   [[nodiscard]] std::unique_ptr<MapInterface> transformed(const double* pose) const override {
-    Pose<D> motion;
-    for (int row = 0; row < D; ++row)
-      for (int column = 0; column < D; ++column) motion.rotation(row, column) = pose[row * D + column];
-    motion.translation = Eigen::Map<const Vector<D>>(pose + D * D);
+    const auto motion = pose_of<D>(pose);
     Map moved = ndtree::transformed(map_, motion);
     Layers layers = naming_whole_limit([&] {
       return layers_.transformed(LayeredCellsOf(moved.cells()), motion, lattice_motion_of(map_, motion),

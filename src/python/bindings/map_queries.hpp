@@ -24,6 +24,7 @@
 #include "ndtree/query/frontiers.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/ray.hpp"
+#include "pose_numbers.hpp"
 
 namespace ndtree::python {
 
@@ -152,7 +153,7 @@ class MapQueriesOf final : public MapQueries {
     if constexpr (D <= 3) {
       const Body<D> shape = shape_of(body);
       for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
-        out[i] = ndtree::collides(map_, shape, pose_of(poses, i), unknown);
+        out[i] = ndtree::collides(map_, shape, pose_at(poses, i), unknown);
       });
     } else {
       throw_no_shapes();
@@ -165,8 +166,8 @@ class MapQueriesOf final : public MapQueries {
       Pace pace;
       for (std::size_t i = 0; i < n; ++i) {
         pace.spend(kStepsOfQuery);
-        if (i == 0 ? ndtree::collides(map_, shape, pose_of(poses, i), unknown)
-                   : collides_between(map_, shape, pose_of(poses, i - 1), pose_of(poses, i), unknown))
+        if (i == 0 ? ndtree::collides(map_, shape, pose_at(poses, i), unknown)
+                   : collides_between(map_, shape, pose_at(poses, i - 1), pose_at(poses, i), unknown))
           return static_cast<std::int64_t>(i);
       }
       return -1;
@@ -201,13 +202,8 @@ class MapQueriesOf final : public MapQueries {
   [[noreturn]] static void throw_no_shapes() {
     throw std::invalid_argument("a map with dim = 4: shapes are of maps with dim = 2 or 3");
   }
-  [[nodiscard]] static Pose<D> pose_of(const double* poses, std::size_t i) {
-    const double* const numbers = poses + i * (D * D + D);
-    Pose<D> pose;
-    for (int row = 0; row < D; ++row)
-      for (int column = 0; column < D; ++column) pose.rotation(row, column) = numbers[row * D + column];
-    pose.translation = Point(numbers + D * D);
-    return pose;
+  [[nodiscard]] static Pose<D> pose_at(const double* poses, std::size_t i) {
+    return pose_of<D>(poses + i * (D * D + D));
   }
   [[nodiscard]] static Vector<D> vector_of(const std::vector<double>& values) {
     if (values.empty()) return Vector<D>::Zero();

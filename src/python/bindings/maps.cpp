@@ -11,6 +11,7 @@
 #include <string>
 
 #include "arguments.hpp"
+#include "docstrings.hpp"
 #include "ndtree/io/byte_stream.hpp"
 #include "python_map.hpp"
 
@@ -225,18 +226,7 @@ void bind_own_map(py::module_& module, const char* name, bool adaptive, const ch
           [](const Type& map, const py::object& points) {
             return per_point<double>(map, points, &MapInterface::cell_size);
           },
-          "points"_a, R"(Edge of the leaf around each point.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-
-Returns
--------
-(n,) float64
-    [m], unknown space included; nan outside the map.
-)")
+          "points"_a, doc::AdaptiveMap_cell_size)
       .def("__repr__", [name, adaptive](const Type& map) { return describe(name, map, adaptive); })
       .def("__copy__",
            [](const Type& map) { return Type(map.read([](const MapInterface& m) { return m.clone(); })); })
@@ -365,51 +355,43 @@ void bind_maps(py::module_& module) {
       .def_readonly("state", &Leaves::state, "(n,) int8: -1 unknown, 0 free, 1 occupied.")
       .def("__len__", [](const Leaves& leaves) { return leaves.size.size(); });
 
-  py::class_<HeldOutTruth>(
-      module, "HeldOutTruth",
-      "How right a map is about beams that it was not built from; counts that add up.\n\n"
-      "Of points every 10 cm along a returned beam up to 10 cm before its end, the shares that "
-      "the map calls\nfree, occupied and unknown; of end points, the share within 5 cm of an "
-      "occupied cell; of ray casts\nalong the beams, the share that ends within 10 cm of the "
-      "measured range, and the median error; the last two also of casts that end at the likely surface\n"
-      "instead of where they enter its cell.")
+  py::class_<HeldOutTruth>(module, "HeldOutTruth", doc::HeldOutTruth)
       .def(py::init<>())
       .def_property_readonly(
-          "samples", [](const HeldOutTruth& t) { return t.samples(); }, "Points looked at.")
+          "samples", [](const HeldOutTruth& t) { return t.samples(); }, doc::HeldOutTruth_samples)
       .def_property_readonly(
-          "free", [](const HeldOutTruth& t) { return or_nan(t.free_share()); },
-          "Share in [0, 1]; nan of none.")
+          "free", [](const HeldOutTruth& t) { return or_nan(t.free_share()); }, doc::HeldOutTruth_free)
       .def_property_readonly(
           "occupied", [](const HeldOutTruth& t) { return or_nan(t.occupied_share()); },
-          "Share in [0, 1]; nan of none.")
+          doc::HeldOutTruth_occupied)
       .def_property_readonly(
           "unknown", [](const HeldOutTruth& t) { return or_nan(t.unknown_share()); },
-          "Share in [0, 1]; nan of none.")
+          doc::HeldOutTruth_unknown)
       .def_property_readonly(
-          "endpoints", [](const HeldOutTruth& t) { return t.endpoints; }, "End points looked at.")
+          "endpoints", [](const HeldOutTruth& t) { return t.endpoints; }, doc::HeldOutTruth_endpoints)
       .def_property_readonly(
           "endpoints_near", [](const HeldOutTruth& t) { return or_nan(t.endpoints_near_share()); },
-          "Share of end points near an occupied cell.")
+          doc::HeldOutTruth_endpoints_near)
       .def_property_readonly(
           "casts", [](const HeldOutTruth& t) { return t.casts(); }, "Rays cast.")
       .def_property_readonly(
           "casts_within", [](const HeldOutTruth& t) { return or_nan(t.casts_within_share()); },
-          "Share of casts that end where the beam did.")
+          doc::HeldOutTruth_casts_within)
       .def_property_readonly(
           "balanced_accuracy", [](const HeldOutTruth& t) { return or_nan(t.balanced_accuracy()); },
-          "Mean of `free` and `endpoints_near`.")
+          doc::HeldOutTruth_balanced_accuracy)
       .def_property_readonly(
           "log_score", [](const HeldOutTruth& t) { return or_nan(t.log_score()); },
-          "Mean log-likelihood [nats] of free samples and end points, weighted equally; at most 0.")
+          doc::HeldOutTruth_log_score)
       .def_property_readonly(
           "median_error", [](const HeldOutTruth& t) { return or_nan(t.median_cast_error()); },
-          "Median distance [m] between cast and beam; inf where most casts find nothing.")
+          doc::HeldOutTruth_median_error)
       .def_property_readonly(
           "surfaces_within", [](const HeldOutTruth& t) { return or_nan(t.surfaces_within_share()); },
-          "As `casts_within`, of casts that end at the likely surface.")
+          doc::HeldOutTruth_surfaces_within)
       .def_property_readonly(
           "surface_error", [](const HeldOutTruth& t) { return or_nan(t.median_surface_error()); },
-          "As `median_error`, of casts that end at the likely surface.")
+          doc::HeldOutTruth_surface_error)
       .def("__iadd__",
            [](HeldOutTruth& a, const HeldOutTruth& b) -> HeldOutTruth& {
              a.add(b);
@@ -435,20 +417,19 @@ void bind_maps(py::module_& module) {
             return t;
           }));
 
-  py::class_<PythonMap>(module, "OccupancyMap",
-                        "What all maps have in common. Make an AdaptiveMap or a FixedMap.")
+  py::class_<PythonMap>(module, "OccupancyMap", doc::OccupancyMap)
       .def_property_readonly(
-          "dim", [](const PythonMap& m) { return m.constant().dim(); }, "Dimension of space.")
+          "dim", [](const PythonMap& m) { return m.constant().dim(); }, doc::OccupancyMap_dim)
       .def_property_readonly(
           "branching", [](const PythonMap& m) { return m.constant().branching(); },
-          "Children of a node along each axis.")
+          doc::OccupancyMap_branching)
       .def_property_readonly(
           "refinement", [](const PythonMap& m) { return m.constant().refinement(); },
-          "Name of the rule that decides on cell sizes.")
+          doc::OccupancyMap_refinement)
       .def_property_readonly(
           "options",
           [](const PythonMap& m) { return options_dict(m.constant().options(), m.constant().refinement()); },
-          "dict of float: the options that the map reads.")
+          doc::OccupancyMap_options)
       .def(
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
@@ -469,55 +450,7 @@ void bind_maps(py::module_& module) {
           },
           "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "range_sigma"_a = py::none(),
           "max_range"_a = kInfinity, "threads"_a = 0, "window"_a = py::none(), "layers"_a = py::none(),
-          "number"_a = py::none(),
-          R"(Integrate a scan.
-
-All beams together, so that their order does not matter; a fixed map, and one refined as the paper has it,
-beam by beam (Sec. III of the paper).
-
-Parameters
-----------
-points : (n, dim) array of float
-    End points in the map frame [m]. A beam that is not finite or of zero length is skipped and counted.
-origin : (dim,) or (n, dim) array of float
-    Sensor position [m], one for all beams or one each.
-returned : (n,) array of bool, optional
-    False: nothing was hit, the space up to the point is free. Default: all True.
-range_sigma : (n,) array of float, optional
-    Standard deviation of each range [m], > 0, where it is known beam by beam. Default: the map's options say.
-    OctoMap has no use for it.
-max_range : float
-    Longer beams are free up to there and have no end point [m].
-threads : int
-    That may work on a large scan; 0: as many as the machine has cores. The map is the same, bit for bit, for
-    every number. Beam by beam there is only one.
-window : (2, dim) array of float, optional
-    Lower and upper corner [m]: only cells in this box change, and become, bit for bit, what they would
-    without it. In it are all cells of `max_cell_size` (of a fixed map: all cells) that share a volume with it.
-layers : dict of str and array, optional
-    By the name of a layer of the map, each beam's value for the cell in which it ends: (n,), or (n, 3) for
-    "mean3". Values of beams that did not return are ignored. See `layer`.
-number : int, optional
-    The scan's number among all scans, from 0: each number samples other beams of a dense scan. For maps that
-    take only some of the scans, as the parts of a distributed one do. Default: ``stats().scans``.
-
-Returns
--------
-InsertReport
-
-Raises
-------
-ValueError
-    A shape is wrong, an option out of bounds, the one origin not finite, a point too far away for the
-    lattice of cells, or a beam longer than 2**20 of the smallest cells. The map is then unchanged.
-MemoryError
-    The map would hold more than max_memory. If that was given, the map is then unchanged.
-UserWarning
-    A beam is longer than 20,000 of the smallest cells, and no max_range is given: points in millimetres, or in
-    another frame than their origin.
-KeyboardInterrupt
-    Ctrl-C, heard within a fraction of a second; the map is then unchanged. So with all long calls.
-)")
+          "number"_a = py::none(), doc::OccupancyMap_insert)
       .def(
           "compress",
           [](PythonMap& map, std::optional<double> max_loss, std::optional<std::size_t> max_leaves,
@@ -525,31 +458,7 @@ KeyboardInterrupt
             return map.write([&](MapInterface& m) { return m.compress({max_loss, max_leaves, max_bytes}); });
           },
           py::kw_only(), "max_loss"_a = py::none(), "max_leaves"_a = py::none(), "max_bytes"_a = py::none(),
-          R"(Make the map smaller, losing as little information as possible.
-
-Siblings join in the order of what that loses for each leaf saved: the logarithm of how much better several
-cells explain the beams than one does (a Bayes factor), and the divergence of their occupancies from the one of
-the cell that takes their place. What was never observed stays unknown. Later scans go on from there. Only for maps refined by "evidence".
-
-Parameters
-----------
-max_loss : float, optional
-    What may be lost, the sum over all merges [bits].
-max_leaves : int, optional
-    Observed leaves that may remain.
-max_bytes : int, optional
-    Memory that the map may hold.
-
-Returns
--------
-CompressReport
-
-Raises
-------
-ValueError
-    No limit is given, one is out of bounds or cannot be met, or the map has another refinement. The map is then
-    unchanged.
-)")
+          doc::OccupancyMap_compress)
       .def_property_readonly(
           "layers",
           [](const PythonMap& map) {
@@ -558,7 +467,7 @@ ValueError
               dict[py::str(kind.name)] = kind.rule;
             return dict;
           },
-          "dict of str: what cells carry, name and rule.")
+          doc::OccupancyMap_layers)
       .def(
           "layer",
           [](const PythonMap& map, const py::str& text, const py::object& object) -> py::object {
@@ -580,77 +489,18 @@ ValueError
             if (rule == "mean3") return take(std::move(numbers), 3);
             return take(std::move(numbers));
           },
-          "name"_a, "points"_a, R"(What the cells around points carry.
-
-A cell of which beams were told something (see `insert`) has the mean of it, the label that most gave, or the
-latest time. Where it splits, its parts have the same; where cells merge, the rule joins theirs. So
-``m.layer("color", m.leaves().center)`` is what the leaves carry.
-
-Parameters
-----------
-name : str
-    Of the layer.
-points : (n, dim) array of float
-    Map frame [m].
-
-Returns
--------
-(n,) float64 of "mean" and "latest", (n, 3) float64 of "mean3", (n,) int64 of "majority"
-    nan, or -1, where the cell carries nothing: unknown, or no beam ended in it.
-
-Raises
-------
-ValueError
-    The map has no such layer; those that it has are named.
-)")
+          "name"_a, "points"_a, doc::OccupancyMap_layer)
       .def(
           "shrink_to_fit", [](PythonMap& map) { map.write([](MapInterface& m) { m.shrink_to_fit(); }); },
-          "Give the memory back that merging has freed; no answer changes. For an OctoMap, nothing.")
+          doc::OccupancyMap_shrink_to_fit)
       .def("probability", &probability_of, "points"_a, py::kw_only(), "of"_a = py::none(),
-           "interval"_a = py::none(),
-           R"(Probability that space is occupied at points, or that beams end there.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-of : str, optional
-    "occupied": that space is occupied, by the log-odds which the state is of. "hit": that a beam which reaches the
-    cell ends in it, as held-out beams do. Left out: "occupied", and with an interval "hit".
-interval : float, optional
-    In (0, 1): also say within which bounds the fraction of beams that end in the cell lies with this probability.
-    They are those of a Beta posterior of the beams that ended in the cell and that passed it, eight of which are
-    worth one, since beams through a cell are alike.
-
-Returns
--------
-(n,) float32, or a tuple of three with an interval
-    Where unknown, outside the map or not observed: 0.5 for "occupied", nan for "hit". With an interval: the
-    probability, the lower and the upper bound.
-
-Raises
-------
-ValueError
-    If `of` is another word; if the interval is not in (0, 1), not of "hit", or asked of an OctoMap, which keeps no
-    counts.
-)")
+           "interval"_a = py::none(), doc::OccupancyMap_probability)
       .def(
           "state",
           [](const PythonMap& map, const py::object& points) {
             return per_point<std::int8_t>(map, points, &MapInterface::state);
           },
-          "points"_a, R"(State of space at points.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-
-Returns
--------
-(n,) int8
-    -1 unknown, 0 free, 1 occupied.
-)")
+          "points"_a, doc::OccupancyMap_state)
       .def(
           "occupied_within",
           [](const PythonMap& map, const py::object& points, double radius) {
@@ -661,65 +511,11 @@ Returns
                   m.occupied_within(p, n, radius, out);
                 });
           },
-          "points"_a, "radius"_a, R"(Whether some occupied cell is near each point.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-radius : float
-    Largest distance from the point to the cell's border, >= 0 [m].
-
-Returns
--------
-(n,) bool
-)")
+          "points"_a, "radius"_a, doc::OccupancyMap_occupied_within)
       .def("cast_rays", &cast_rays, "origins"_a, "directions"_a, py::kw_only(), "max_range"_a = kInfinity,
-           "unknown"_a = "pass", "at"_a = "cell", "details"_a = false,
-           R"(Distance along rays to the first occupied leaf (Sec. II-D of the paper).
-
-Parameters
-----------
-origins : (dim,) or (n, dim) array of float
-    Where the rays start, one for all or one each [m].
-directions : (n, dim) array of float
-    Of any length but zero.
-max_range : float
-    How far to look, > 0 [m].
-unknown : str
-    "pass": unknown space does not stop a ray. "stop": it does, also where the ray leaves the map.
-at : str
-    "cell": to where the ray enters that leaf. "surface": to where the surface is likely to be, the end of half of the
-    beams that come this way by the hit rates of this leaf and of those behind it, at most 3/4 of a smallest cell farther.
-details : bool
-    Whether to say what the rays end at, too.
-
-Returns
--------
-(n,) float64, or RayEnds with details
-    Metres; nan where there is none. 0 for a ray that starts in an occupied leaf, but at its surface. RayEnds has .distance, .state,
-    and .lower and .size of the cell.
-
-Raises
-------
-ValueError
-    A shape is wrong, max_range not > 0, or a ray is not finite or has a zero direction; it is named.
-)")
+           "unknown"_a = "pass", "at"_a = "cell", "details"_a = false, doc::OccupancyMap_cast_rays)
       .def("evaluate", &evaluate, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
-           "max_range"_a = kInfinity, "truth"_a = py::none(),
-           R"(Compare the map with beams that it was not built from.
-
-Parameters
-----------
-points, origin, returned, max_range
-    As for insert(). Only returned beams within max_range count.
-truth : HeldOutTruth, optional
-    Counts of earlier scans to add to; it is not changed itself.
-
-Returns
--------
-HeldOutTruth
-)")
+           "max_range"_a = kInfinity, "truth"_a = py::none(), doc::OccupancyMap_evaluate)
       .def(
           "leaves",
           [](const PythonMap& map, const py::object& box,
@@ -745,138 +541,21 @@ HeldOutTruth
                 map.read([&](const MapInterface& m) { return m.leaves_in(lower, lower + dim, wanted); }),
                 dim);
           },
-          "box"_a = py::none(), py::kw_only(), "states"_a = py::none(),
-          R"(Leaves as arrays.
-
-Parameters
-----------
-box : (2, dim) array of float, optional
-    Lower and upper corner [m]: only leaves that touch it. Default: all.
-states : sequence of str, optional
-    Only leaves of these: "free", "occupied", "unknown". Default: all.
-
-Returns
--------
-Leaves
-
-Raises
-------
-ValueError
-    A shape or a name is wrong, or the box not from low to high, or nan.
-)")
+          "box"_a = py::none(), py::kw_only(), "states"_a = py::none(), doc::OccupancyMap_leaves)
       .def(
           "stats",
           [](const PythonMap& map) { return map.read([](const MapInterface& m) { return m.stats(); }); },
-          "Size of the map and what happened to it: a MapStats.")
-      .def("to_bytes", &to_bytes, "The bytes of the map's file; equal maps give equal bytes.")
+          doc::OccupancyMap_stats)
+      .def("to_bytes", &to_bytes, doc::OccupancyMap_to_bytes)
       .def(
           "save",
           [](const PythonMap& map, const std::filesystem::path& path) {
             map.read([&](const MapInterface& m) { write_file(path, m.file_bytes()); });
           },
-          "path"_a, R"(Write the map's file; it appears whole or not at all.
+          "path"_a, doc::OccupancyMap_save);
 
-Parameters
-----------
-path : str or os.PathLike
-
-Raises
-------
-OSError
-    The file cannot be written.
-)");
-
-  bind_own_map<PythonAdaptiveMap>(module, "AdaptiveMap", true,
-                                  R"(Occupancy map whose cells find their size while mapping.
-
-Parameters
-----------
-dim : int
-    Dimension of space: 2, 3 or 4.
-branching : int
-    Children of a node along each axis: 2, 3 or 4 (in four dimensions 2).
-refinement : str
-    "evidence": cells split where a beam ends behind a free way through them or hits and misses contradict each
-    other, start with a part of their parents' evidence, and merge where little is lost by it. "paper": the rules of
-    Einhorn, Schroeter and Gross (ICRA 2011), as published.
-layers : dict of str, optional
-    What cells carry beside their occupancy, by a name: "mean" of a number a beam, "mean3" of three, as of a
-    colour, "majority" of labels, whole numbers in [0, 65535], or "latest" of times [s]. See `insert`, `layer`.
-min_cell_size : float
-    Cells are never split below this edge length [m].
-max_cell_size : float
-    No larger cell is ever updated [m]; rounded down to min_cell_size * branching**k.
-range_sigma, range_sigma_quadratic : float
-    Standard deviation of a range r is range_sigma + range_sigma_quadratic * r**2 [m, 1/m].
-probability_min, probability_max : float
-    Bounds of a single beam's inverse sensor model.
-log_odds_min, log_odds_max : float
-    Bounds of a cell's log-odds.
-miss_given_occupied, hit_given_free : float
-    Error rates p(miss|occ) and p(hit|free) of the sensor.
-split_probability : float
-    A cell splits if it is more probably than this partially occupied ("evidence").
-merge_loss : float
-    Siblings merge if that loses at most this for each cell that it saves ("evidence") [bits].
-inherited_beams : float
-    A cell that splits divides its evidence as the scan's beams go, with this many more beams spread evenly
-    ("evidence").
-noise_sigmas : float
-    No split makes cells smaller than this many standard deviations of the range ("evidence").
-evidence_memory : float
-    Evidence that a cell remembers at most; older evidence fades ("evidence") [nats].
-free_memory : float
-    Cap of evidence in a cell that has it for free space only ("evidence") [nats].
-scan_beams : float
-    Beams of one scan that count at most in a cell if all of them passed it ("evidence").
-known_evidence, sample_beams : float
-    Cells sample a scan that is denser than they are: a well observed cell, with known_evidence [nats], about
-    sample_beams beams per cell of min_cell_size side by side in it, any other five times as many ("evidence").
-evidence_prior : float
-    Evidence of both kinds that every cell begins with ("evidence") [nats].
-change_probability : float
-    A streak of scans that contradicts a cell and is less likely than this is a change, and the cell forgets its
-    earlier evidence; 0 for never ("evidence").
-evidence_half_life : float
-    A cell's evidence halves in this many scans that observe it; 0 for never ("evidence") [scans].
-covered_share : float
-    A cell is observed once this fraction of each of its halves was seen, along every axis; 0: as soon as a beam
-    passed it ("evidence").
-coverage_cells : float
-    A cell of which a part was not seen splits to show it if it is larger than this many of min_cell_size
-    ("evidence").
-partial_probability : float
-    A smallest cell that is more probably than split_probability partially occupied, as by a table top or a chair's leg,
-    has at least this probability, however many beams pass beside what is in it; 0: all its beams decide ("evidence").
-beam_divergence : float
-    Full angle of the cone somewhere across which the surface lies that a beam meets [rad], as of sonar or radar: a hit is
-    worth to a cell the part of the beam's cross-section that the cell covers; 0: beams are lines ("evidence").
-significance : float
-    Confidence of the chi-square test that splits a cell ("paper").
-merge_free_below, merge_occupied_above : float
-    Siblings merge if all are at most, or all at least, this probable ("paper").
-max_memory : float
-    A scan with which the map would hold more is refused [bytes]; 0: three quarters of the machine's memory.
-
-Raises
-------
-ValueError
-    A value is out of bounds; the message names it and the limit.
-TypeError
-    There is no such option, or the refinement does not read it.
-)");
-  bind_own_map<PythonFixedMap>(module, "FixedMap", false,
-                               R"(The baseline: the same map with every cell of one size.
-
-Parameters
-----------
-dim, branching, layers
-    As for AdaptiveMap.
-cell_size : float
-    Edge length of every cell that a beam updates [m].
-range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_min, log_odds_max, max_memory : float
-    As for AdaptiveMap.
-)");
+  bind_own_map<PythonAdaptiveMap>(module, "AdaptiveMap", true, doc::AdaptiveMap);
+  bind_own_map<PythonFixedMap>(module, "FixedMap", false, doc::FixedMap);
 
   module.def(
       "default_options",
@@ -886,7 +565,7 @@ range_sigma, range_sigma_quadratic, probability_min, probability_max, log_odds_m
         for_each_option(options, [&](const char* name, double value) { dict[name] = value; });
         return dict;
       },
-      "dict of float: what maps use where nothing is said.");
+      doc::default_options);
 }
 
 }  // namespace ndtree::python

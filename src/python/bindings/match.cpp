@@ -21,10 +21,12 @@
 
 #include "arguments.hpp"
 #include "binders.hpp"
+#include "docstrings.hpp"
 #include "ndtree/alignment/matcher.hpp"
 #include "ndtree/alignment/pose_graph.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "numpy.hpp"
+#include "pose_numbers.hpp"
 #include "python_map.hpp"
 #include "released.hpp"
 
@@ -66,12 +68,7 @@ Points<D> points_of(const DoubleArray& array) {
 
 template <int D>
 Pose<D> pose_at(const Poses& poses, std::size_t i = 0) {
-  const double* const numbers = poses.numbers.data() + i * (D * D + D);
-  Pose<D> pose;
-  for (int row = 0; row < D; ++row)
-    for (int column = 0; column < D; ++column) pose.rotation(row, column) = numbers[row * D + column];
-  pose.translation = Eigen::Map<const Vector<D>>(numbers + D * D);
-  return pose;
+  return pose_of<D>(poses.numbers.data() + i * (D * D + D));
 }
 
 /// (dx, dy, dyaw), or (dx, dy, dz, dyaw[, droll, dpitch]).
@@ -293,31 +290,10 @@ void bind_match(py::module_& module) {
       .def_readonly("inliers", &PythonMatch::inliers,
                     "float: fraction of the points that lie on a surface at the refined pose.");
 
-  py::class_<PythonMatcher>(module, "Matcher", R"(Finds scans among points of surfaces.
-
-Made once, and used for many scans, from several threads at once.
-
-Parameters
-----------
-points : (n, dim) array of float
-    On surfaces, dim 2 or 3 [m].
-cell_size : float
-    Of the grid of poses [m].
-sigma : float, optional
-    Of an end point's distance from a surface, in the search [m]. Default: cell_size.
-radius : float, optional
-    Of the points that shape a piece of the surface [m]. Default: four cells.
-noise : float
-    Least standard deviation across a surface, in the refinement [m].
-
-Raises
-------
-ValueError
-    A size is out of bounds, or the surface has more than 2^30 cells.
-)")
+  py::class_<PythonMatcher>(module, "Matcher", doc::Matcher)
       .def(py::init(&make_matcher), "points"_a, py::kw_only(), "cell_size"_a = defaults.cell_size,
            "sigma"_a = py::none(), "radius"_a = py::none(), "noise"_a = defaults.noise)
-      .def_property_readonly("dim", &PythonMatcher::dim, "int: dimension of space.")
+      .def_property_readonly("dim", &PythonMatcher::dim, doc::Matcher_dim)
       .def(
           "match",
           [](const PythonMatcher& m, const py::object& points, const py::object& guess,
@@ -328,36 +304,7 @@ ValueError
             });
           },
           "points"_a, "guess"_a, py::kw_only(), "window"_a, "information"_a = py::none(), "apart"_a = 0.5,
-          "apart_angle"_a = 0.35, "second"_a = true, R"(The best pose of a window around a guess, refined.
-
-All poses of the window's grid count, whose steps are a cell, and a turn that moves the farthest point by a cell:
-branch and bound finds the best of them surely.
-
-Parameters
-----------
-points : (n, dim) array of float
-    End points in the sensor's frame [m].
-guess : array of float
-    As poses of `ScanHistory.insert`.
-window : (3,), (4,) or (6,) array of float
-    How far the pose may be from the guess to each side: dx, dy, dyaw, or dx, dy, dz, dyaw, droll, dpitch [m, rad].
-information : (3, 3) or (6, 6) array of float, optional
-    Inverse covariance of the guess, as `Match.covariance` has it: the refinement weighs it, less where the search
-    ends far from the guess.
-apart, apart_angle : float
-    As far from the best [m] or turned as far [rad], a pose is another one.
-second : bool
-    Whether to look for the best of the others, which costs another search.
-
-Returns
--------
-Match
-
-Raises
-------
-ValueError
-    A shape is wrong, or the window negative or too large.
-)")
+          "apart_angle"_a = 0.35, "second"_a = true, doc::Matcher_match)
       .def(
           "match_all",
           [](const PythonMatcher& m, const std::vector<py::object>& scans, const py::object& guesses,
@@ -367,99 +314,17 @@ ValueError
             });
           },
           "scans"_a, "guesses"_a, py::kw_only(), "window"_a, "apart"_a = 0.5, "apart_angle"_a = 0.35,
-          "threads"_a = 0, R"(Poses of many scans; the same with any number of threads.
-
-Parameters
-----------
-scans : sequence of (n, dim) array of float
-    End points, each in its sensor's frame [m].
-guesses : array of float
-    A pose for each.
-window, apart, apart_angle
-    As of `match`.
-threads : int
-    0: all cores.
-
-Returns
--------
-list of Match
-)");
+          "threads"_a = 0, doc::Matcher_match_all);
 
   auto map = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
   map.def("match", &match_map, "points"_a, "guess"_a, py::kw_only(), "window"_a, "cell_size"_a = py::none(),
-          "apart"_a = 0.5, "apart_angle"_a = 0.35,
-          R"(The pose of a scan in the map: the best of a window around a guess, refined.
-
-Parameters
-----------
-points : (n, dim) array of float
-    End points in the sensor's frame, dim 2 or 3 [m].
-guess : array of float
-    Of the sensor, as poses of `ScanHistory.insert`.
-window : (3,), (4,) or (6,) array of float
-    How far the pose may be from the guess: dx, dy, dyaw, or dx, dy, dz, dyaw, droll, dpitch [m, rad].
-cell_size : float, optional
-    Of the grid of poses [m]. Default: that of the smallest cells.
-apart, apart_angle : float
-    As far from the best [m] or turned as far [rad], a pose is another one.
-
-Returns
--------
-Match
-
-Raises
-------
-ValueError
-    A shape is wrong, or the window negative or too large.
-
-See Also
---------
-matcher : to match many scans with a map that does not change.
-)");
+          "apart"_a = 0.5, "apart_angle"_a = 0.35, doc::OccupancyMap_match);
   map.def("matcher", &matcher_of_map, "box"_a = py::none(), py::kw_only(), "cell_size"_a = py::none(),
           "sigma"_a = py::none(), "radius"_a = py::none(), "noise"_a = defaults.noise,
-          R"(A matcher of the map's occupied cells as they are now.
-
-Parameters
-----------
-box : (2, dim) array of float, optional
-    Only cells that share a point with it [m].
-cell_size : float, optional
-    Of the grid of poses [m]. Default: that of the smallest cells.
-sigma, radius, noise
-    As of `Matcher`.
-
-Returns
--------
-Matcher
-)");
+          doc::OccupancyMap_matcher);
 
   module.def("solve_pose_graph", &solve_graph, "poses"_a, "pairs"_a, "measured"_a, "information"_a,
-             "kernels"_a, py::kw_only(), "iterations"_a = 50,
-             R"(Poses in the plane that fit measurements between them best.
-
-Parameters
-----------
-poses : (n, 3) array of float
-    x, y and yaw to start from; the first stays.
-pairs : (m, 2) array
-    Numbers of poses; a measurement is the second as seen from the first.
-measured : (m, 3) array of float
-    x, y and yaw.
-information : (m, 3, 3) array of float
-    Inverse covariances, in the first's frame.
-kernels : (m,) array of float
-    Standard deviations from which on a measurement counts half and less; 0: it counts whatever it is.
-iterations : int
-    At most.
-
-Returns
--------
-poses : (n, 3) float64
-iterations : int
-before, after : float
-    Sums of squared errors in standard deviations.
-)");
+             "kernels"_a, py::kw_only(), "iterations"_a = 50, doc::solve_pose_graph);
 }
 
 }  // namespace ndtree::python

@@ -9,6 +9,7 @@
 #include <variant>
 #include <vector>
 
+#include "docstrings.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "python_map.hpp"
 
@@ -102,37 +103,7 @@ void moved_from(const MapInterface& map, const double* points, std::size_t n, fl
 
 void bind_moved(py::module_& module) {
   const MovedOptions defaults;
-  py::class_<AnyMovedEvidence>(module, "MovedEvidence",
-                               R"(Which points of a log returned from what moved.
-
-All scans are given twice: to add(), which collects where beams ended, and then to look(), which asks each scan
-whether it saw these places empty: whether the beams around a place pass it by a cell and by the noise of both
-ranges. Then probability() answers.
-
-Let v scans have seen through a cell, and h found a surface there. Of the scans that look at something that
-stands, a fraction of at most e = `error_rate` sees through it; of something that moved, a greater one. With both
-equally likely before, and the fraction uniform within each, the probability that it moved is m / (m + s), with
-m = (1 - I_e(v + 1, h + 1)) / (1 - e), s = I_e(v + 1, h + 1) / e and the incomplete beta function I: 0.5 where no
-scan says anything, below that where all found it.
-
-Parameters
-----------
-dim : int
-    2 or 3.
-cell_size : float
-    Points of one cell have one answer [m].
-range_sigma, range_sigma_quadratic : float
-    The standard deviation of a range r is range_sigma + range_sigma_quadratic * r**2 [m].
-noise_sigmas : float
-    Standard deviations that a point and a beam each may be wrong by.
-error_rate : float
-    Of the scans that look at what stands, at most this fraction sees through it.
-
-Raises
-------
-ValueError
-    If a value is out of its limits; it is named.
-)")
+  py::class_<AnyMovedEvidence>(module, "MovedEvidence", doc::MovedEvidence)
       .def(py::init([](int dim, double cell_size, double range_sigma, double range_sigma_quadratic,
                        double noise_sigmas, double error_rate) {
              MovedOptions options;
@@ -147,51 +118,17 @@ ValueError
            "range_sigma_quadratic"_a = defaults.range_sigma_quadratic,
            "noise_sigmas"_a = defaults.noise_sigmas, "error_rate"_a = defaults.error_rate)
       .def_property_readonly(
-          "dim", [](const AnyMovedEvidence& any) { return any.dim(); }, "Of the points.")
+          "dim", [](const AnyMovedEvidence& any) { return any.dim(); }, doc::MovedEvidence_dim)
       .def_property_readonly(
           "cell_size", [](const AnyMovedEvidence& any) { return any.options().cell_size; },
-          "Points of one cell have one answer [m].")
+          doc::MovedEvidence_cell_size)
       .def("add", &add, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
            "max_range"_a = std::numeric_limits<double>::infinity(), "range_sigma"_a = py::none(),
-           R"(The first pass: where a scan's beams ended.
-
-Parameters
-----------
-points, origin, returned, max_range, range_sigma
-    As of insert().
-
-Raises
-------
-ValueError
-    If shapes do not fit together; after look(); or for a beam that ends a million cells from the first.
-)")
+           doc::MovedEvidence_add)
       .def("look", &look, "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(),
            "max_range"_a = std::numeric_limits<double>::infinity(), "range_sigma"_a = py::none(),
-           "threads"_a = 0, R"(The second pass: what a scan sees of all places where beams ended.
-
-Parameters
-----------
-points, origin, returned, max_range, range_sigma, threads
-    As of insert(); the number of threads is that of the first call.
-
-Raises
-------
-ValueError
-    If shapes do not fit together.
-)")
-      .def("probability", &probability, "points"_a,
-           R"(That what returned at points was not part of what stands.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-
-Returns
--------
-(n,) float32
-    0.5 where no beam ended, or no scan can tell.
-)");
+           "threads"_a = 0, doc::MovedEvidence_look)
+      .def("probability", &probability, "points"_a, doc::MovedEvidence_probability);
 
   auto map_class = py::reinterpret_borrow<py::class_<PythonMap>>(module.attr("OccupancyMap"));
   map_class.def(
@@ -205,22 +142,7 @@ Returns
         map.read([&](const MapInterface& m) { moved_from(m, data, n, results); });
         return out;
       },
-      "points"_a,
-      R"(Probability that what returned at points is not part of what stands, by the map's evidence.
-
-A point in free space moved, or came there by an error, unless an occupied cell is as near as the noise of a
-range, or half a smallest cell. `MovedEvidence` asks the scans themselves, and is more often right.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-
-Returns
--------
-(n,) float32
-    0.5 where the map does not know, at most 0.5 where it is occupied.
-)");
+      "points"_a, doc::OccupancyMap_moved);
 }
 
 }  // namespace ndtree::python

@@ -5,6 +5,17 @@ namespace ndtree::python {
 
 std::string number_text(double value) { return py::repr(py::float_(value)).cast<std::string>(); }
 
+py::array_t<double> matrix_of(const std::vector<double>& numbers, int dim) {
+  py::array_t<double> matrix({dim + 1, dim + 1});
+  for (int row = 0; row < dim; ++row) {
+    for (int column = 0; column < dim; ++column)
+      matrix.mutable_at(row, column) = numbers[static_cast<std::size_t>(row * dim + column)];
+    matrix.mutable_at(row, dim) = numbers[static_cast<std::size_t>(dim * dim + row)];
+  }
+  for (int column = 0; column <= dim; ++column) matrix.mutable_at(dim, column) = column == dim ? 1.0 : 0.0;
+  return matrix;
+}
+
 std::string shape_text(const py::array& array) {
   std::string text = "(";
   for (py::ssize_t i = 0; i < array.ndim(); ++i) text += (i ? ", " : "") + std::to_string(array.shape(i));

@@ -66,6 +66,9 @@ struct BeamArrays {
   [[nodiscard]] BeamPointers pointers() const;
 };
 
+/// A pose as a homogeneous (dim + 1, dim + 1) matrix. @param numbers see pose_of().
+[[nodiscard]] py::array_t<double> matrix_of(const std::vector<double>& numbers, int dim);
+
 /// A one-dimensional array that takes over a vector's memory.
 template <class T>
 py::array_t<T> take(std::vector<T>&& values) {

@@ -7,6 +7,7 @@
 
 #include "octomap_baseline.hpp"  // Before the adapter, which finds OctoMap's queries only if they are declared.
 //
+#include "docstrings.hpp"
 #include "python_map.hpp"
 #include "query_adapter.hpp"
 
@@ -115,30 +116,7 @@ PythonOctoMap copy(const PythonOctoMap& map) {
 }  // namespace
 
 void bind_octomap(py::module_& module) {
-  py::class_<PythonOctoMap, PythonMap>(module, "OctoMap",
-                                       R"(OctoMap itself (liboctomap), with the calls of the other maps.
-
-save() writes OctoMap's own .ot file. `stats()` counts cells of `cell_size` as observed_leaves, before
-pruning, and those after as pruned_leaves. `leaves()` gives them as stored, without counts of hits.
-
-Parameters
-----------
-cell_size : float
-    Edge length of the smallest cell [m].
-dim : int
-    3; or 2: scans then lie in the plane z = 0.
-insertion : str
-    "ray": insertRay() for each beam. "scan": insertPointCloud(), which updates a cell once a scan; it takes
-    one origin a scan. "scan_lazy": the same with lazy evaluation. "scan_discretized": the same, and of the
-    beams that end in one cell, one counts.
-probability_min, probability_max, log_odds_min, log_odds_max : float
-    A miss and a hit add the log-odds of the first two, within the bounds of the last two.
-
-Raises
-------
-ValueError
-    A value is out of bounds; the message names it and the limit.
-)")
+  py::class_<PythonOctoMap, PythonMap>(module, "OctoMap", doc::OctoMap)
       .def(py::init([](int dim, const std::string& insertion, const py::kwargs& keywords) {
              const MapOptions options = options_from_keywords(keywords, kOctomap, "OctoMap");
              options.validate();

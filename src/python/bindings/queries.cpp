@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "arguments.hpp"
+#include "docstrings.hpp"
 #include "map_queries.hpp"
 #include "python_field.hpp"
 #include "python_map.hpp"
@@ -245,11 +246,9 @@ double reach_of(const PythonShape& shape) {
 }
 
 void bind_shapes(py::module_& module) {
-  py::class_<PythonShape>(module, "Shape",
-                          "A robot's body in its own frame: Sphere, Capsule, Box, or several by `a | b`.")
+  py::class_<PythonShape>(module, "Shape", doc::Shape)
       .def("__or__", &joined, "other"_a, "The union of two.")
-      .def_property_readonly("reach", &reach_of,
-                             "float: no point of the body is farther from its origin [m].")
+      .def_property_readonly("reach", &reach_of, doc::Shape_reach)
       .def("__repr__", [](const PythonShape& shape) { return shape.text; })
       .def(py::pickle(
           [](const PythonShape& shape) {
@@ -268,37 +267,10 @@ void bind_shapes(py::module_& module) {
             }
             return shape;
           }));
-  module.def("Sphere", &sphere, "radius"_a, "center"_a = py::none(),
-             R"(All points at most radius from a centre.
-
-Parameters
-----------
-radius : float
-    >= 0 [m].
-center : (dim,) array of float, optional
-    In the body's frame [m]. Default: its origin.
-)");
-  module.def("Capsule", &capsule, "a"_a, "b"_a, "radius"_a, R"(All points at most radius from a segment.
-
-Parameters
-----------
-a, b : (dim,) array of float
-    Its ends in the body's frame [m].
-radius : float
-    >= 0 [m].
-)");
+  module.def("Sphere", &sphere, "radius"_a, "center"_a = py::none(), doc::Sphere);
+  module.def("Capsule", &capsule, "a"_a, "b"_a, "radius"_a, doc::Capsule);
   module.def("Box", &box_shape, "size"_a, "center"_a = py::none(), py::kw_only(), "rotation"_a = py::none(),
-             R"(A box in the body's frame.
-
-Parameters
-----------
-size : (dim,) array of float
-    Edge lengths, >= 0 [m].
-center : (dim,) array of float, optional
-    [m]. Default: the frame's origin.
-rotation : (dim, dim) array of float, optional
-    Its columns are the box's axes. Default: the frame's axes.
-)");
+             doc::Box);
 }
 
 void bind_results(py::module_& module) {
@@ -323,13 +295,11 @@ void bind_results(py::module_& module) {
         return "Frontier(center=" + py::str(py::handle(f.center)).cast<std::string>() +
                ", area=" + number_text(f.area) + ", cells=" + std::to_string(f.size.shape(0)) + ")";
       });
-  py::class_<PythonField>(module, "DistanceField",
-                          "Signed distances to obstacles at the centres of equal cells that fill a box.")
-      .def_property_readonly("values", &values_of,
-                             "(nx, ny[, nz]) float32 [m]: positive outside obstacles, negative inside.")
-      .def_property_readonly("lower", &lower_of, "(dim,) float64: lower corner of the first cell [m].")
+  py::class_<PythonField>(module, "DistanceField", doc::DistanceField)
+      .def_property_readonly("values", &values_of, doc::DistanceField_values)
+      .def_property_readonly("lower", &lower_of, doc::DistanceField_lower)
       .def_property_readonly("cell_size", &cell_size_of, "[m]")
-      .def_property_readonly("max_distance", &max_distance_of, "Farther away, values are this [m].")
+      .def_property_readonly("max_distance", &max_distance_of, doc::DistanceField_max_distance)
       .def(
           "distance",
           [](const PythonField& field, const py::object& object) {
@@ -340,18 +310,7 @@ void bind_results(py::module_& module) {
                            [&](const auto& f, const auto& p, std::size_t i) { results[i] = f.distance(p); });
             return out;
           },
-          "points"_a, R"(Distance between the centres of cells, linear on each axis.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-
-Returns
--------
-(n,) float64
-    [m]; nan outside the field.
-)")
+          "points"_a, doc::DistanceField_distance)
       .def(
           "gradient",
           [](const PythonField& field, const py::object& object) {
@@ -365,18 +324,7 @@ Returns
             });
             return out;
           },
-          "points"_a, R"(Gradient of distance(): away from obstacles.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-
-Returns
--------
-(n, dim) float64
-    Of length 1, or nearly, but where several obstacles are as near; nan outside the field.
-)")
+          "points"_a, doc::DistanceField_gradient)
       .def(py::pickle(&state_of_field, &field_of_state));
 }
 
@@ -425,31 +373,9 @@ void bind_queries(py::module_& module) {
   bind_shapes(module);
   bind_results(module);
   py::class_<PythonMap> map_type = module.attr("OccupancyMap");
-  map_type
-      .def("bounds", &bounds, R"(The smallest box around all cells that were observed.
-
-Returns
--------
-(lower, upper) or None
-    Two (dim,) float64 [m]; None if nothing was observed.
-)")
+  map_type.def("bounds", &bounds, doc::OccupancyMap_bounds)
       .def("nearest_occupied", &nearest_occupied, "points"_a, py::kw_only(),
-           "max_distance"_a = std::numeric_limits<double>::infinity(),
-           R"(The nearest point of occupied space, for each point.
-
-Parameters
-----------
-points : (n, dim) array of float
-    Map frame [m].
-max_distance : float
-    How far to look, >= 0 [m].
-
-Returns
--------
-NearestOccupied
-    .distance (n,), inf where there is nothing, 0 in an occupied cell; .point (n, dim), nan where there is
-    nothing.
-)")
+           "max_distance"_a = std::numeric_limits<double>::infinity(), doc::OccupancyMap_nearest_occupied)
       .def(
           "distance_field",
           [](const PythonMap& map, const py::object& box, double cell_size, double max_distance,
@@ -461,30 +387,7 @@ NearestOccupied
             }));
           },
           "box"_a, "cell_size"_a, py::kw_only(), "max_distance"_a = 2.0, "unknown"_a = "free",
-          R"(Signed Euclidean distance to the nearest obstacle, on a grid; exact for cells of any size.
-
-Parameters
-----------
-box : (2, dim) array of float
-    Lower and upper corner of the grid [m]; rounded up to whole cells.
-cell_size : float
-    Of the grid, > 0 [m]; any.
-max_distance : float
-    That matters, > 0 [m]: farther away, values are this.
-unknown : str
-    What unknown space, outside the map too, is taken for: "free" or "occupied".
-
-Returns
--------
-DistanceField
-    .values (nx, ny[, nz]) float32, positive outside obstacles and negative inside; .distance(points) and
-    .gradient(points) between the centres.
-
-Raises
-------
-ValueError
-    A value or a shape is wrong; the message names it.
-)")
+          doc::OccupancyMap_distance_field)
       .def(
           "frontiers",
           [](const PythonMap& map, const py::object& box, double min_cells) {
@@ -493,21 +396,7 @@ ValueError
             return to_python(
                 map.read([&](const MapInterface& m) { return m.queries()->frontiers(region, min_cells); }));
           },
-          "box"_a = py::none(), py::kw_only(), "min_cells"_a = 8.0,
-          R"(Where free space ends and unknown space begins.
-
-Parameters
-----------
-box : (2, dim) array of float, optional
-    Lower and upper corner [m]: free cells that touch it count. Default: everywhere.
-min_cells : float
-    Frontiers with a border smaller than this many faces of smallest cells are left out.
-
-Returns
--------
-list of Frontier
-    The largest border first: .center, .direction, .area, .cells and .size of the free cells.
-)")
+          "box"_a = py::none(), py::kw_only(), "min_cells"_a = 8.0, doc::OccupancyMap_frontiers)
       .def(
           "collides",
           [](const PythonMap& map, const PythonShape& shape, const py::object& poses,
@@ -521,30 +410,7 @@ list of Frontier
             });
             return out;
           },
-          "shape"_a, "poses"_a, py::kw_only(), "unknown"_a = "free",
-          R"(Whether a body meets an obstacle, in each of many poses.
-
-Parameters
-----------
-shape : Shape
-    Sphere, Capsule, Box, or several by ``a | b``.
-poses : (n, dim + 1, dim + 1) array of float; or (n, 3) in 2-D, (n, 7) in 3-D
-    From the body's frame to the map's: homogeneous matrices; or x, y and yaw; or x, y, z and a quaternion qx, qy,
-    qz, qw [m, rad].
-unknown : str
-    What unknown space, outside the map too, is taken for: "free" or "occupied".
-
-Returns
--------
-(n,) bool
-    Exact for cells of any size; touching counts.
-
-Raises
-------
-ValueError
-    A pose is not finite, its rotation mirrors or is none, or the last row of its matrix is not 0, ..., 0, 1; it is
-    named.
-)")
+          "shape"_a, "poses"_a, py::kw_only(), "unknown"_a = "free", doc::OccupancyMap_collides)
       .def(
           "path_collides",
           [](const PythonMap& map, const PythonShape& shape, const py::object& poses,
@@ -555,40 +421,9 @@ ValueError
               return m.queries()->path_collides(shape.parts, placed.numbers.data(), placed.count, taken_for);
             });
           },
-          "shape"_a, "poses"_a, py::kw_only(), "unknown"_a = "free",
-          R"(The first pose of a path that a body cannot move to.
-
-Between two poses it moves straight and turns evenly, the shorter way; it is looked at in steps of at most half
-a smallest cell, so that what reaches less than a quarter of one into the way may be missed.
-
-Parameters
-----------
-shape, poses, unknown
-    As for collides().
-
-Returns
--------
-int
-    Index of the pose; -1 if the whole path is free.
-)")
-      .def("crop", forgets_box(&MapInterface::crop), "box"_a,
-           R"(Forget all cells but those that share a volume with a box.
-
-Parameters
-----------
-box : (2, dim) array of float
-    Lower and upper corner [m].
-)")
-      .def("clear", forgets_box(&MapInterface::clear), "box"_a,
-           R"(Forget what is in a box, which is unknown then.
-
-Larger cells on its border are divided; of smallest cells there, those go that share a volume with it.
-
-Parameters
-----------
-box : (2, dim) array of float
-    Lower and upper corner [m].
-)")
+          "shape"_a, "poses"_a, py::kw_only(), "unknown"_a = "free", doc::OccupancyMap_path_collides)
+      .def("crop", forgets_box(&MapInterface::crop), "box"_a, doc::OccupancyMap_crop)
+      .def("clear", forgets_box(&MapInterface::clear), "box"_a, doc::OccupancyMap_clear)
       .def(
           "keep_near",
           [](PythonMap& map, const py::object& center, double radius) {
@@ -599,18 +434,7 @@ box : (2, dim) array of float
                                     std::to_string(dim) + ",)");
             map.write([&, p = point.data()](MapInterface& m) { m.keep_near(p, radius); });
           },
-          "center"_a, "radius"_a, R"(Forget all cells that are farther than a radius from a point.
-
-A window that moves with a robot: in time proportional to what goes, and what lies on the border. The map goes
-on growing elsewhere.
-
-Parameters
-----------
-center : (dim,) array of float
-    [m]
-radius : float
-    > 0 [m]; inf keeps everything.
-)")
+          "center"_a, "radius"_a, doc::OccupancyMap_keep_near)
       .def(
           "__eq__",
           [](const PythonMap& a, const py::object& other) -> py::object {

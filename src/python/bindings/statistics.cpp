@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include <pybind11/numpy.h>
 
+#include "docstrings.hpp"
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/split_test.hpp"
 #include "ndtree/core/chi_square.hpp"
@@ -11,14 +12,11 @@ namespace ndtree::python {
 using namespace pybind11::literals;  // NOLINT(google-build-using-namespace): "name"_a
 
 void bind_statistics(py::module_& module) {
-  module.def("normal_quantile", py::vectorize(&normal_quantile), "p"_a,
-             "Inverse of the standard normal distribution function, elementwise.");
+  module.def("normal_quantile", py::vectorize(&normal_quantile), "p"_a, doc::normal_quantile);
   module.def("chi_square_quantile", py::vectorize(&chi_square_quantile), "significance"_a,
-             "Critical value of the chi-square test with one degree of freedom, elementwise.");
+             doc::chi_square_quantile);
   module.def("sensor_probability", py::vectorize(&BeamSensorModel::probability), "entry"_a, "exit"_a,
-             "range"_a, "sigma"_a,
-             "Inverse sensor model p(n|z) = F(exit) - F(entry) / 2 before clamping, elementwise; metres "
-             "(Sec. III).");
+             "range"_a, "sigma"_a, doc::sensor_probability);
   module.def(
       "splits",
       [](const py::array_t<std::uint32_t>& hits, const py::array_t<std::uint32_t>& misses,
@@ -32,7 +30,7 @@ void bind_statistics(py::module_& module) {
         return py::vectorize([&](std::uint32_t h, std::uint32_t m) { return test(h, m); })(hits, misses);
       },
       "hits"_a, "misses"_a, py::kw_only(), "miss_given_occupied"_a, "hit_given_free"_a, "significance"_a,
-      "Whether a cell with these counts is split, elementwise (Sec. III-A).");
+      doc::splits);
 }
 
 }  // namespace ndtree::python
