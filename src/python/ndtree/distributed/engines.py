@@ -212,7 +212,11 @@ class DaskEngine(Engine):
             self._client: Any = distributed.get_client()
             self._is_ours = False
         except ValueError:
-            with dask.config.set({"distributed.scheduler.allowed-failures": 1_000}):
+            settings = {"distributed.scheduler.allowed-failures": 1_000}
+            # Dask's own choice gives memory back at once: each scan's arrays would be paged in anew.
+            for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"):
+                settings[f"distributed.nanny.pre-spawn-environ.{name}"] = 1 << 25
+            with dask.config.set(settings):
                 self._client = distributed.Client(
                     n_workers=workers or os.cpu_count(), threads_per_worker=1, dashboard_address=None
                 )

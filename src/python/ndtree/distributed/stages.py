@@ -275,7 +275,7 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
     stored = StoredScans(storage, job.run, dict(job.moves))
     window = task.block.window(job.grid)
     inserted = 0.0
-    beams = written = waiting = 0
+    written = waiting = 0
     scans = storage.array(scans_name(job.run, task.number)).tolist()
     for log, *at, order in scans[first:]:
         scan = stored.get(task.logs[log], *at)
