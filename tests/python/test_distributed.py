@@ -3,12 +3,16 @@
 
 import functools
 import importlib.util
+import itertools
+import json
 import math
+import multiprocessing
 import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -17,8 +21,11 @@ import pytest
 
 import ndtree
 from ndtree import distributed
-from ndtree.distributed.engines import Engine, LocalEngine
-from ndtree.tiles import MANIFEST, in_order, open_tiles
+from ndtree.distributed import engines, plan
+from ndtree.distributed.blocks import FAR, Block, divided
+from ndtree.distributed.engines import Engine, LocalEngine, ProcessEngine
+from ndtree.distributed.scans import BatchWriter, StoredScans
+from ndtree.tiles import MANIFEST, in_order, open_tiles, storage_of
 
 SEEDS = {"ann": 1, "bob": 2, "eve": 3}
 
@@ -75,38 +82,45 @@ class Unreliable(Engine):
         pass
 
 
-OPTIONS = {"tile_size": 5.0, "block": 1, "batch_beams": 2_000, "range_beams": 3_000}
+OPTIONS = {"tile_size": 5.0, "block_beams": 2_000, "batch_beams": 2_000, "checkpoint_beams": 1_500}
 
 
 @pytest.mark.parametrize("no_return", ["free", "ignore"])
-@pytest.mark.parametrize(("workers", "block"), [(1, 1), (4, 1), (2, 3)])
-def test_the_map_is_the_serial_one(tmp_path, workers, block, no_return):
+@pytest.mark.parametrize(
+    ("engine", "workers", "block_beams"),
+    [("local", 1, 10**9), ("local", 1, 1), ("local", 4, 2_000), ("processes", 2, 2_000)],
+)
+def test_the_map_is_the_serial_one(tmp_path, engine, workers, block_beams, no_return):
     url = tmp_path / "a"
     report = distributed.map(
         fleet(),
         url,
-        engine="local",
+        engine=engine,
         workers=workers,
         like=make_map(),
         max_range=8.0,
         no_return=no_return,
-        **{**OPTIONS, "block": block},
+        **{**OPTIONS, "block_beams": block_beams},
     )
     whole = serial(fleet(), max_range=8.0, no_return=no_return)
     tiles = open_tiles(url)
     assert tiles.to_map().to_bytes() == whole.to_bytes()
-    assert report.scans == 72 and report.tiles > 10 and report.tasks > report.blocks
-    assert report.blocks >= report.tiles if block == 1 else report.blocks < report.tiles
-    assert report.task_beams > report.beams and report.bytes_read > report.scan_bytes
-    assert 0.0 <= report.idle < 1.0 and len(report.records) == report.tasks
+    assert report.scans == 72 and report.tiles > 10 and len(report.records) == report.blocks
+    assert report.blocks == 1 if block_beams == 10**9 else report.blocks > 6
+    assert report.blocks >= report.tiles or block_beams > 1
+    assert (report.block_beams > report.beams) == (report.blocks > 1)
+    assert sum(record.weight for record in report.records) == pytest.approx(report.beams)
+    assert report.written_bytes > report.scan_bytes > 16 * report.beams
+    assert 0.0 <= report.idle < 1.0 and report.engine_seconds >= 0.0 and report.peak_memory > 1 << 20
+    assert report.insert_seconds <= report.task_seconds and report.cpu_seconds > 0.0
     assert not (url / "run-000001" / "work").exists()
 
 
 def test_tasks_that_run_twice_and_in_any_order_change_nothing(tmp_path):
-    one = distributed.map(fleet(), tmp_path / "a", engine="local", like=make_map(), **OPTIONS)
-    engine = Unreliable(4)
+    one = distributed.map(fleet(), tmp_path / "a", engine="local", workers=3, like=make_map(), **OPTIONS)
+    engine = Unreliable(5)
     distributed.map(fleet(), tmp_path / "b", engine=engine, like=make_map(), **OPTIONS)
-    assert engine.twice > one.tasks / 4
+    assert engine.twice > 3 and one.blocks > 8
     for name in sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*.ndt")):
         assert (tmp_path / "b" / name).read_bytes() == (tmp_path / "a" / name).read_bytes()
     assert (tmp_path / "b" / MANIFEST).read_bytes() == (tmp_path / "a" / MANIFEST).read_bytes()
@@ -128,25 +142,151 @@ class Dying(LocalEngine):
 
 def test_a_run_that_was_stopped_goes_on(tmp_path):
     whole = serial(fleet(12))
-    for left in (0, 2, 3, 10, 30):
+    for left in (0, 2, 3, 6, 8):
         url = tmp_path / str(left)
+        engine = Dying(left)
         with pytest.raises(KeyboardInterrupt):
-            distributed.map(fleet(12), url, engine=Dying(left), like=make_map(), **OPTIONS)
+            distributed.map(fleet(12), url, engine=engine, like=make_map(), **OPTIONS)
+        engine.close()  # What runs is finished.
         assert not (url / MANIFEST).exists()
-        counting = Dying(10_000)
-        distributed.map(fleet(12), url, engine=counting, like=make_map(), **OPTIONS)
+        done = [json.loads(path.read_bytes()) for path in url.rglob("work/*.json") if path.stem != "plan"]
+        assert len(done) >= left - len(SEEDS)
+        # With another number of workers, too: the plan is there.
+        report = distributed.map(fleet(12), url, engine="local", workers=1, like=make_map(), **OPTIONS)
         assert open_tiles(url).to_map() == whole
-        if left == 30:  # What was done is not done again.
-            assert 10_000 - counting.left <= distributed_tasks(url) + len(SEEDS) - left + 10
+        seconds = {record.seconds for record in report.records}
+        assert {one["seconds"] for one in done} <= seconds  # What was done is not done again.
     # Another run at the same place begins anew.
     distributed.map(fleet(5), url, engine="local", like=make_map(), **OPTIONS)
     assert open_tiles(url).to_map() == serial(fleet(5))
     assert {path.name for path in url.iterdir()} == {MANIFEST, "tiles", "run-000002"}
 
 
-def distributed_tasks(url) -> int:
-    report = distributed.map(fleet(12), url.parent / "counted", engine="local", like=make_map(), **OPTIONS)
-    return report.tasks
+def test_workers_that_are_killed_begin_at_the_last_state(tmp_path):
+    random = np.random.default_rng(8)
+    print("seed 8")
+    url, engine, kills = tmp_path / "a", ProcessEngine(2), 0
+    over = threading.Event()
+
+    def kill() -> None:
+        nonlocal kills
+        while not over.wait(0.002) and kills < 10:
+            pids = engine.pids
+            if pids and list(url.rglob("work/*.ndt")):
+                os.kill(int(random.choice(pids)), signal.SIGKILL)
+                kills += 1
+                over.wait(random.uniform(0.0, 0.1))
+
+    thread = threading.Thread(target=kill)
+    thread.start()
+    try:
+        options = {**OPTIONS, "checkpoint_beams": 200}
+        report = distributed.map(fleet(), url, engine=engine, like=make_map(), **options)
+    finally:
+        over.set()
+        thread.join()
+        engine.close()
+    assert kills == 10
+    assert any(record.resumed for record in report.records)
+    assert open_tiles(url).to_map().to_bytes() == serial(fleet()).to_bytes()
+    assert not (url / "run-000001" / "work").exists()
+
+
+def test_a_task_that_always_kills_its_process_is_given_up(monkeypatch):
+    monkeypatch.setattr(engines, "_MOST_DEATHS", 3)
+    engine = ProcessEngine(2)
+    try:
+        dead, good, wrong = (
+            engine.submit(os._exit, 7),
+            engine.submit(math.sqrt, 4.0),
+            engine.submit(math.sqrt, -1.0),
+        )
+        left = {dead, good, wrong}
+        while left:
+            left -= engine.done_of(left)
+        assert engine.result(good) == 2.0
+        with pytest.raises(ValueError, match="math domain error"):
+            engine.result(wrong)
+        with pytest.raises(RuntimeError, match="a task's process ended 3 times, last with exit status 7"):
+            engine.result(dead)
+    finally:
+        engine.close()
+
+
+def test_processes_that_are_not_forked_need_functions_of_modules(tmp_path, monkeypatch):
+    spawned = multiprocessing.get_context("spawn")
+    monkeypatch.setattr(engines.multiprocessing, "get_context", lambda kind: spawned)
+    with pytest.raises(ValueError, match=r"engine = 'processes': .*must be a path, or a function"):
+        distributed.map({"a": lambda: robot(1, 2)}, tmp_path / "a", like=make_map(), **OPTIONS)
+    engine = ProcessEngine(1)
+    try:
+        handle = engine.submit(math.sqrt, 4.0)
+        assert engine.done_of({handle}) == {handle} and engine.result(handle) == 2.0
+    finally:
+        engine.close()
+
+
+def test_blocks_fill_space_and_weigh_about_the_same():
+    random = np.random.default_rng(3)
+    print("seed 3")
+    cases = 0
+    for dim in (2, 3):
+        for parts in (1, 2, 3, 7, 16):
+            tiles = np.unique(
+                random.normal(0.0, [30.0, *[5.0] * (dim - 1)], (2_000, dim)).astype(int), axis=0
+            )
+            weights = {tuple(tile): float(random.uniform(0.5, 1.5)) for tile in tiles.tolist()}
+            blocks = divided(Block.everywhere(dim), weights, parts)
+            assert len(blocks) == parts
+            homes = [[tile in block for block in blocks].index(True) for tile in weights]
+            assert all(sum(tile in block for block in blocks) == 1 for tile in weights)
+            load = np.bincount(homes, list(weights.values()))
+            assert load.max() < 1.5 * load.mean()
+            # Each corner of space is in one of them, too.
+            for corner in itertools.product((-FAR, FAR - 1), repeat=dim):
+                assert sum(corner in block for block in blocks) == 1
+                cases += 1
+    assert cases == 60
+    assert divided(Block.everywhere(2), {(3, 4): 1.0}, 5) == [Block.everywhere(2)]  # A tile stays whole.
+    assert len(divided(Block.everywhere(2), {(3, 4): 1.0, (3, 5): 1e-9}, 5)) == 2
+
+
+def test_blocks_have_no_more_tiles_than_fit_into_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "MOST_TILES", 20)
+    options = {**OPTIONS, "block_beams": 10**9}
+    report = distributed.map(fleet(12), tmp_path / "a", engine="local", workers=1, like=make_map(), **options)
+    assert report.blocks > 3 and all(len(record.entries) <= 20 for record in report.records)
+    assert open_tiles(tmp_path / "a").to_map().to_bytes() == serial(fleet(12)).to_bytes()
+
+
+def test_scans_come_back_as_they_were_stored(tmp_path):
+    """Of any types, with and without what is optional, with one origin or many."""
+    random = np.random.default_rng(2)
+    print("seed 2")
+    scans = []
+    for i in range(60):
+        n = int(random.integers(0, 50))
+        kind = [np.float32, np.float64][random.integers(2)]
+        origin = random.normal(size=(n, 2) if random.random() < 0.3 else 2).astype(kind)
+        returned = random.random(n) < 0.5 if random.random() < 0.5 else None
+        sigma = random.uniform(0.01, 0.1, n).astype(np.float32) if random.random() < 0.5 else None
+        scans += [ndtree.Scan(random.normal(size=(n, 2)).astype(kind), origin, returned, i, sigma)] * 2
+    storage, places = storage_of(tmp_path), []
+    writer = BatchWriter(storage, "run", "a/b", 80)
+    for scan in scans:
+        writer.add(scan)
+        places.append((writer.batch, writer.position, writer.row, len(scan)))
+    writer.store()
+    assert len({batch for batch, *_ in places}) > 30 and max(at for _, at, *_ in places) > 0
+    stored = StoredScans(storage, "run", {})
+    for i in random.permutation(len(scans)).tolist():
+        scan, found = scans[i], stored.get("a/b", i, *places[i])
+        for name in ("endpoints", "origin", "returned", "range_sigma"):
+            was, now = getattr(scan, name), getattr(found, name)
+            assert (was is None) == (now is None)
+            if was is not None:
+                assert was.dtype == now.dtype
+                np.testing.assert_array_equal(was, now)
 
 
 def turned(angle: float, x: float, y: float) -> np.ndarray:
@@ -176,7 +316,7 @@ def test_new_poses_map_what_they_touch_anew(tmp_path):
         assert 0 < report.tiles < first.tiles or "ann" in more
     kept = [tile for tile, entry in open_tiles(url).manifest.tiles.items() if untouched.get(tile) == entry]
     assert kept
-    assert distributed.remap(url, poses, engine="local").tasks == 0
+    assert distributed.remap(url, poses, engine="local").blocks == 0
     for wrong, said in (
         ({"joe": {}}, "log 'joe': must be one of ann, bob, eve"),
         ({"bob": {24: np.eye(3)}}, "log 'bob': scan 24: there are 24"),
@@ -218,9 +358,9 @@ def test_wrong_calls_are_refused_in_one_line(tmp_path):
         return str(error.value)
 
     assert refusal({}) == "no logs: must be at least one"
-    assert refusal(engine="spark") == "engine = 'spark': must be one of local, ray, dask"
+    assert refusal(engine="spark") == "engine = 'spark': must be one of processes, local, ray, dask"
     assert refusal(workers=0) == "workers = 0: must be >= 1"
-    assert refusal(range_beams=0) == "range_beams = 0: must be >= 1"
+    assert refusal(block_beams=0) == "block_beams = 0: must be >= 1"
     assert refusal(no_return="auto") == "no_return = 'auto': must be 'free' or 'ignore'"
     assert refusal(["x/a.log", "y/a.log"]).startswith("y/a.log: another log is called a.log")
     assert "no scans, expected at least one" in refusal({"a": lambda: iter(())}, like=make_map())
@@ -272,15 +412,16 @@ def test_engines_make_the_serial_map(tmp_path, engine):
         assert open_tiles(url).to_map() == serial(fleet())
 
 
-def test_a_process_killed_at_any_time_goes_on(tmp_path):
+@pytest.mark.parametrize("engine", ["processes", "local"])
+def test_a_run_killed_at_any_time_goes_on(tmp_path, engine):
     random = np.random.default_rng(6)
     print("seed 6")
     kills = 0
     while True:
-        child = run_child(tmp_path / "a", "local", 2)
+        child = run_child(tmp_path / "a", engine, 2)
         begun = time.monotonic()
         while kills < 3 and child.poll() is None:
-            work = list((tmp_path / "a").rglob("work/*.json"))
+            work = list((tmp_path / "a").rglob("work/*"))
             if len(work) > 8 * kills or time.monotonic() - begun > 60:
                 time.sleep(random.uniform(0.0, 0.05))
                 break

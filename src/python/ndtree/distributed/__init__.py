@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mapping on many machines, by an engine that is there already: Ray, Dask, or threads of this process."""
+"""Mapping by many processes: those of this machine, or of an engine that is there already: Ray or Dask."""
 
 from ndtree.distributed.engines import Engine
 from ndtree.distributed.fleet import FleetReport, map, remap

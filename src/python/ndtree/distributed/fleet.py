@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import os
@@ -19,10 +18,11 @@ from ndtree._native import _core
 from ndtree._native._core import OccupancyMap, pose_matrix
 from ndtree.base.progress import Progress
 from ndtree.distributed import plan
+from ndtree.distributed.blocks import Block
 from ndtree.distributed.engines import Engine, engine_of
-from ndtree.distributed.run import run_all, run_chains
+from ndtree.distributed.run import run_all
 from ndtree.distributed.scans import ScanIndex, StoredScans, index_name, moved, moves_name
-from ndtree.distributed.stages import BlockRecord, Job, block_of, entries_of, indexed, prepare
+from ndtree.distributed.stages import BlockRecord, Job, entries_of, indexed, integrate, prepare
 from ndtree.tiles.grid import Tile, TileGrid
 from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind, with_counters
@@ -30,9 +30,9 @@ from ndtree.tiles.manifest import TILES, Manifest, TileEntry, commit, open_manif
 from ndtree.tiles.order import Sources, named, opened
 from ndtree.tiles.storage import Storage, storage_of
 
-BLOCK = 4
+BLOCK_BEAMS = 50_000_000
 BATCH_BEAMS = 250_000
-RANGE_BEAMS = 4_000_000
+CHECKPOINT_BEAMS = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -42,28 +42,37 @@ class FleetReport:
     Attributes
     ----------
     scans, beams : int
-        Taken in; each once, however many tiles it crosses.
+        Taken in; each once, however many blocks it crosses.
     refused, ignored : int
         Scans that no map of the kind takes, and beams left out because they did not return.
     tiles, blocks : int
         That were mapped.
-    tasks : int
-        Of blocks.
-    task_beams : int
-        Beams over all tasks: one that crosses several blocks counts in each.
+    block_beams : int
+        Beams over all blocks: those of a scan that crosses several count in each.
     scan_bytes : int
         Of the stored scans.
-    bytes_read, state_bytes : int
-        Scans that tasks have read, and states and tiles that they have written.
+    bytes_read, written_bytes : int
+        Beams that tasks have looked at, and all that was written: scans, states and tiles.
     seconds : float
         From beginning to end [s].
+    start_seconds : float
+        Of these, until the engine was there [s].
     prepare_seconds, task_seconds, insert_seconds : float
         Sums over all tasks: of reading logs, of blocks, and of these, insertion itself [s].
-    longest_chain_seconds : float
-        Of the block whose tasks took longest [s]: no number of workers is faster.
+    state_seconds, store_seconds : float
+        Of the time of blocks, what their states took, and the tiles in the end [s].
+    engine_seconds : float
+        Sum over all tasks, from when the engine got them to when it gave their results, without what they
+        took themselves: its scheduling, its messages, and the start of its workers [s].
+    cpu_seconds : float
+        Processor time of all tasks, and of the thread that called [s]; without the engine's own processes.
+    peak_memory : int
+        Of the worker that took most, as the system counts it, mapped files included [bytes].
+    longest_block_seconds : float
+        Of the block that took longest [s]: no number of workers is faster.
     workers : int
     records : list of BlockRecord
-        Of each task.
+        Of each block.
     """
 
     scans: int
@@ -72,23 +81,29 @@ class FleetReport:
     ignored: int
     tiles: int
     blocks: int
-    tasks: int
-    task_beams: int
+    block_beams: int
     scan_bytes: int
     bytes_read: int
-    state_bytes: int
+    written_bytes: int
     seconds: float
+    start_seconds: float
     prepare_seconds: float
     task_seconds: float
     insert_seconds: float
-    longest_chain_seconds: float
+    state_seconds: float
+    store_seconds: float
+    engine_seconds: float
+    cpu_seconds: float
+    peak_memory: int
+    longest_block_seconds: float
     workers: int
     records: list[BlockRecord]
 
     @property
     def idle(self) -> float:
-        """Share of the workers' time in which they did nothing, engine and planning included."""
-        return max(0.0, 1.0 - (self.prepare_seconds + self.task_seconds) / (self.seconds * self.workers))
+        """Share of the workers' time, once there were any, in which they did nothing, planning included."""
+        there = (self.seconds - self.start_seconds) * self.workers
+        return max(0.0, 1.0 - (self.prepare_seconds + self.task_seconds) / there)
 
     def figures(self) -> dict[str, Any]:
         """All but the records, ready for JSON."""
@@ -102,15 +117,15 @@ def map(
     logs: Sources,
     url: str | os.PathLike[str],
     *,
-    engine: str | Engine = "ray",
+    engine: str | Engine = "processes",
     like: OccupancyMap | None = None,
     tile_size: float | None = None,
     max_range: float = math.inf,
     no_return: str = "free",
     workers: int | None = None,
-    block: int = BLOCK,
+    block_beams: int = BLOCK_BEAMS,
     batch_beams: int = BATCH_BEAMS,
-    range_beams: int = RANGE_BEAMS,
+    checkpoint_beams: int = CHECKPOINT_BEAMS,
     progress: Progress | None = None,
 ) -> FleetReport:
     """Map logs into tiles, on an engine.
@@ -128,8 +143,8 @@ def map(
     url : str or path
         Where the tiled map becomes, and what workers tell each other through: a folder that all of them
         see, or what fsspec knows.
-    engine : {"ray", "dask", "local"}, or Engine
-        "local": threads of this process.
+    engine : {"processes", "ray", "dask", "local"}, or Engine
+        "processes": of this machine; "local": threads of this process.
     like : OccupancyMap, optional
         A map with the options of the one to make. Left out: an adaptive one of the first log's dimension.
     tile_size : float, optional
@@ -140,11 +155,14 @@ def map(
         What a beam without return says: that the space up to its end is free, or nothing.
     workers : int, optional
         Tasks at a time. Left out: what the engine has.
-    block : int
-        Tiles along the edge of what a task works on. A scan that crosses k blocks is surveyed k times; of
-        fewer, larger ones, fewer can be worked on at a time.
-    batch_beams, range_beams : int
-        Beams in a file of scans, and in a task: a worker holds a block and some files.
+    block_beams : int
+        What a worker maps at a time, a block of tiles, is made of at most this many beams, if it is more than
+        one tile; the part of each scan that is in it counts. With several workers there are a few for each,
+        whose scans are surveyed in every one that they cross.
+    batch_beams : int
+        Beams in a file of scans.
+    checkpoint_beams : int
+        A block's state is written whenever it has taken this many in: what a killed worker has to do again.
     progress : callable, optional
         Called as ``progress(what, done, total)``.
 
@@ -161,13 +179,17 @@ def map(
     ImportError
         If the engine is not installed; it names the extra.
     """
-    begin = time.perf_counter()
+    begin, cpu_begin = time.perf_counter(), time.thread_time()
     sources = named(logs)
     if no_return not in ("free", "ignore"):
         raise ValueError(f"no_return = {no_return!r}: must be 'free' or 'ignore'")
     if not max_range > 0:
         raise ValueError(f"max_range = {max_range:g} m: must be > 0")
-    for name, value in (("block", block), ("batch_beams", batch_beams), ("range_beams", range_beams)):
+    for name, value in (
+        ("block_beams", block_beams),
+        ("batch_beams", batch_beams),
+        ("checkpoint_beams", checkpoint_beams),
+    ):
         if value < 1:
             raise ValueError(f"{name} = {value}: must be >= 1")
     if like is None:
@@ -183,33 +205,50 @@ def map(
         TileGrid.of(like, tile_size),
         max_range,
         no_return,
-        block,
         batch_beams,
+        checkpoint_beams,
     )
-    _begin(storage, job, {"logs": _sizes(sources), "range_beams": range_beams})
+    _begin(storage, job, {"logs": _sizes(sources), "block_beams": block_beams})
+    start = time.perf_counter()
     chosen = engine_of(engine, workers)
+    start = time.perf_counter() - start
     try:
-        prepared = run_all(
+        prepared, at_engine = run_all(
             chosen, "reading", [(prepare, job, log, source) for log, source in sources.items()], progress
         )
         indexes = [ScanIndex.from_bytes(storage.read(index_name(job.run, log))) for log in sources]
         if not any(index.scans for index in indexes):
             raise ValueError(f"{', '.join(sources)}: no scans, expected at least one")
         made_from = {"run": job.run, "max_range": max_range if math.isfinite(max_range) else None}
-        made_from.update(no_return=no_return, range_beams=range_beams, block=block, moves={})
+        made_from.update(
+            no_return=no_return, block_beams=block_beams, checkpoint_beams=checkpoint_beams, moves={}
+        )
         made_from["indexes"] = {log: index_name(job.run, log) for log in sources}
-        report = _mapped(chosen, job, storage, indexes, range_beams, None, before, made_from, progress)
+        report = _mapped(chosen, job, storage, indexes, block_beams, None, before, made_from, progress)
     finally:
         if not isinstance(engine, Engine):
             chosen.close()
-    return replace(report, seconds=time.perf_counter() - begin, prepare_seconds=sum(prepared))
+    seconds = sum(one.seconds for one in prepared)
+    return replace(
+        report,
+        seconds=time.perf_counter() - begin,
+        start_seconds=start,
+        prepare_seconds=seconds,
+        engine_seconds=report.engine_seconds + max(0.0, at_engine - seconds),
+        cpu_seconds=report.cpu_seconds
+        + sum(one.cpu_seconds for one in prepared)
+        + time.thread_time()
+        - cpu_begin,
+        peak_memory=max(report.peak_memory, *(one.peak_memory for one in prepared)),
+        written_bytes=report.written_bytes + report.scan_bytes,
+    )
 
 
 def remap(
     url: str | os.PathLike[str],
     poses: Mapping[str, Mapping[int, ArrayLike]],
     *,
-    engine: str | Engine = "ray",
+    engine: str | Engine = "processes",
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> FleetReport:
@@ -238,7 +277,7 @@ def remap(
     ValueError
         If the map holds no scans, or a log or a number is not known, or a motion is not rigid.
     """
-    begin = time.perf_counter()
+    begin, cpu_begin = time.perf_counter(), time.thread_time()
     storage = storage_of(url)
     manifest = open_manifest(storage)
     held = manifest.made_from
@@ -255,13 +294,14 @@ def remap(
         manifest.grid,
         limit,
         held["no_return"],
-        int(held["block"]),
         1,
+        int(held["checkpoint_beams"]),
     )
     names, moves = dict(held["indexes"]), dict(held["moves"])
     indexes = {log: ScanIndex.from_bytes(storage.read(name)) for log, name in names.items()}
     original = StoredScans(storage, job.run, {})
-    touched: set[Tile] = set()
+    blocks = [Block.from_json(one["block"]) for one in held["blocks"]]
+    touched: set[Block] = set()
     for log, of_log in poses.items():
         if log not in indexes:
             raise ValueError(f"log {log!r}: must be one of {', '.join(indexes)}")
@@ -275,27 +315,29 @@ def remap(
                 continue
             motions[number] = matrix
             before = index.scans[number]
-            scan = original.get(log, number, before.batch, before.position)
-            there = indexed(job, moved(scan, matrix), before.time, before.batch, before.position)
+            at = (before.batch, before.position, before.row)
+            scan = original.get(log, number, *at, before.beams)
+            there = indexed(job, moved(scan, matrix), before.time, at)
             index.scans[number] = there
-            touched |= {block_of(job, tile) for tile in (*before.tiles, *there.tiles)}
-        file = io.BytesIO()
-        np.save(file, motions)
+            tiles = {*before.tiles, *there.tiles}
+            touched.update(block for block in blocks if any(tile in block for tile in tiles))
         moves[log] = moves_name(job.run, log, job.revision)
-        storage.write(moves[log], file.getvalue())
+        storage.write_array(moves[log], motions)
         names[log] = index_name(job.run, log, job.revision)
         storage.write(names[log], index.as_bytes())
     job = replace(job, moves=tuple(moves.items()))
     storage.remove_folder(f"{job.run}/work")  # Of a call that was killed, perhaps with other poses.
+    start = time.perf_counter()
     chosen = engine_of(engine, workers)
+    start = time.perf_counter() - start
     try:
         report = _mapped(
             chosen,
             job,
             storage,
             list(indexes.values()),
-            int(held["range_beams"]),
-            touched,
+            int(held["block_beams"]),
+            sorted(touched, key=lambda block: block.lower),
             manifest,
             {**held, "moves": moves, "indexes": names},
             progress,
@@ -303,7 +345,12 @@ def remap(
     finally:
         if not isinstance(engine, Engine):
             chosen.close()
-    return replace(report, seconds=time.perf_counter() - begin)
+    return replace(
+        report,
+        seconds=time.perf_counter() - begin,
+        start_seconds=start,
+        cpu_seconds=report.cpu_seconds + time.thread_time() - cpu_begin,
+    )
 
 
 def _mapped(
@@ -311,32 +358,39 @@ def _mapped(
     job: Job,
     storage: Storage,
     indexes: list[ScanIndex],
-    range_beams: int,
-    touched: set[Tile] | None,
+    block_beams: int,
+    touched: list[Block] | None,
     before: Manifest | None,
     made_from: dict[str, Any],
     progress: Progress | None,
 ) -> FleetReport:
-    """Map blocks, all or some, and write the manifest of these and of what else there was."""
+    """Map blocks, all of space or some, and write the manifest of these and of what else there was."""
     scans = list(plan.in_order(indexes))
-    chains = plan.chains(job, scans, range_beams, touched)
-    records = run_chains(engine, job, storage, chains, progress)
+    tasks = plan.stored_tasks(storage, job)
+    if tasks is None:
+        within = [Block.everywhere(job.kind.dim)] if touched is None else touched
+        plan.store_plan(storage, job, plan.planned(scans, within, engine.workers, block_beams))
+        tasks = plan.stored_tasks(storage, job) or []
+    done, at_engine = run_all(engine, "mapping", [(integrate, job, task) for task in tasks], progress)
+    records: list[BlockRecord] = done
     tiles: dict[Tile, TileEntry] = {}
-    counters: dict[str, list[int]] = {}
+    blocks: list[dict[str, Any]] = []
     if touched is not None and before is not None:
-        tiles = {tile: entry for tile, entry in before.tiles.items() if block_of(job, tile) not in touched}
-        gone = {_key(block) for block in touched}
-        counters = {key: of for key, of in before.made_from["counters"].items() if key not in gone}
+        tiles = {
+            tile: entry for tile, entry in before.tiles.items() if not any(tile in block for block in touched)
+        }
+        blocks = [one for one in before.made_from["blocks"] if Block.from_json(one["block"]) not in touched]
     for record in records:
         tiles.update(entries_of(record))
-        counters[_key(record.block)] = record.counters  # Of the last of its tasks.
+        blocks.append({"block": record.block.as_json(), "counters": record.counters})
     growth = Growth(job.kind.new())
     stored = StoredScans(storage, job.run, dict(job.moves))
     for ref, scan in scans:
         box = None if scan.box is None else (np.array(scan.box[0]), np.array(scan.box[1]))
         if not growth.contains(box):
-            growth.include(stored.get(ref.log, ref.number, ref.batch, ref.position), job.max_range)
-    updates, splits, merges = (sum(of[i] for of in counters.values()) for i in range(3))
+            place = (ref.batch, ref.position, ref.row, ref.beams)
+            growth.include(stored.get(ref.log, ref.number, *place), job.max_range)
+    updates, splits, merges = (sum(one["counters"][i] for one in blocks) for i in range(3))
     frame = with_counters(growth.map.to_bytes(), updates, splits, merges, len(scans))
     manifest = Manifest(
         job.kind,
@@ -344,33 +398,39 @@ def _mapped(
         job.revision,
         store_bytes(storage, frame, f"{TILES}/frame"),
         tiles,
-        {**made_from, "counters": counters},
+        {**made_from, "blocks": sorted(blocks, key=lambda one: one["block"])},
     )
     commit(storage, manifest)
     tidy(storage, manifest)
     storage.remove_folder(f"{job.run}/work")
     if before is not None and before.made_from.get("run", job.run) != job.run:
         storage.remove_folder(before.made_from["run"])
-    seconds: dict[Tile, float] = {}  # Of blocks.
-    for record in records:
-        seconds[record.block] = seconds.get(record.block, 0.0) + record.seconds
+
+    def total(name: str) -> Any:
+        return sum(getattr(record, name) for record in records)
+
     return FleetReport(
         scans=len(scans),
         beams=sum(scan.beams for _, scan in scans),
         refused=sum(index.refused for index in indexes),
         ignored=sum(index.ignored for index in indexes),
         tiles=sum(len(record.entries) for record in records),
-        blocks=len(chains),
-        tasks=len(records),
-        task_beams=sum(record.beams for record in records),
-        scan_bytes=sum(sum(index.batch_bytes) for index in indexes),
-        bytes_read=sum(record.bytes_read for record in records),
-        state_bytes=sum(record.state_bytes for record in records),
+        blocks=len(records),
+        block_beams=total("beams"),
+        scan_bytes=sum(index.stored_bytes for index in indexes),
+        bytes_read=total("bytes_read"),
+        written_bytes=total("written_bytes"),
         seconds=0.0,
+        start_seconds=0.0,
         prepare_seconds=0.0,
-        task_seconds=sum(record.seconds for record in records),
-        insert_seconds=sum(record.insert_seconds for record in records),
-        longest_chain_seconds=max(seconds.values(), default=0.0),
+        task_seconds=total("seconds"),
+        insert_seconds=total("insert_seconds"),
+        state_seconds=total("state_seconds"),
+        store_seconds=total("store_seconds"),
+        engine_seconds=max(0.0, at_engine - total("seconds")),
+        cpu_seconds=total("cpu_seconds"),
+        peak_memory=max((record.peak_memory for record in records), default=0),
+        longest_block_seconds=max((record.seconds for record in records), default=0.0),
         workers=engine.workers,
         records=records,
     )
@@ -390,10 +450,6 @@ def _everywhere(url: str | os.PathLike[str]) -> str:
     """The URL as workers understand it, whatever their working directory is."""
     text = os.fspath(url)
     return text if "://" in text else os.path.abspath(text)
-
-
-def _key(block: Tile) -> str:
-    return "_".join([str(place) for place in block])
 
 
 def _sizes(sources: Mapping[str, Any]) -> dict[str, int]:
@@ -427,4 +483,4 @@ def _dim_of(source: Any) -> int:
 def _motions(storage: Storage, name: str | None, scans: int, dim: int) -> Any:
     if name is None:
         return np.broadcast_to(np.eye(dim + 1), (scans, dim + 1, dim + 1)).copy()
-    return np.load(io.BytesIO(storage.read(name)), allow_pickle=False)
+    return np.array(storage.array(name))

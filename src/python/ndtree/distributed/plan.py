@@ -3,35 +3,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import json
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from ndtree.distributed.blocks import Block, divided
 from ndtree.distributed.scans import IndexedScan, ScanIndex
-from ndtree.distributed.stages import Job, ScanRef, block_of
+from ndtree.distributed.stages import BlockTask, Job, ScanRef, scans_name
 from ndtree.tiles.grid import Tile
+from ndtree.tiles.storage import Storage
+
+MOST_TILES = 4096  # Of a block: about a gigabyte of cells.
 
 
 @dataclass(frozen=True)
-class Range:
-    """Scans of one task: some of those that cross a block of tiles, one after the other."""
+class PlannedBlock:
+    """A block with what it takes.
 
-    part: int
-    scans: tuple[ScanRef, ...]
-    beams: int
+    Attributes
+    ----------
+    block : Block
+    weight : float
+        How many beams' worth of work it has: those of each scan, as far as the scan is in it.
+    scans : list of ScanRef
+        That cross it, in their order.
+    tiles : tuple of Tile
+        Which these cross.
+    """
 
-
-@dataclass
-class Chain:
-    """All tasks of a block, one after the other, and the tiles that its scans cross."""
-
-    block: Tile
-    ranges: list[Range]
+    block: Block
+    weight: float
+    scans: list[ScanRef]
     tiles: tuple[Tile, ...]
-
-    @property
-    def beams(self) -> int:
-        """Of all its tasks."""
-        return sum(one.beams for one in self.ranges)
 
 
 def in_order(indexes: Iterable[ScanIndex]) -> Iterator[tuple[ScanRef, IndexedScan]]:
@@ -41,47 +46,104 @@ def in_order(indexes: Iterable[ScanIndex]) -> Iterator[tuple[ScanRef, IndexedSca
     ]
     every.sort(key=lambda one: one[0])
     for order, ((_, log, number), scan) in enumerate(every):
-        yield ScanRef(log, number, scan.batch, scan.position, order), scan
+        yield ScanRef(log, number, scan.batch, scan.position, scan.row, scan.beams, order), scan
 
 
-def chains(
-    job: Job, scans: Iterable[tuple[ScanRef, IndexedScan]], range_beams: int, only: set[Tile] | None = None
-) -> list[Chain]:
-    """Tasks of all blocks, or of some, those with the most beams first.
+def planned(
+    scans: Sequence[tuple[ScanRef, IndexedScan]], within: Sequence[Block], workers: int, block_beams: int
+) -> list[PlannedBlock]:
+    """Blocks with their scans, those with most to do first.
 
     Parameters
     ----------
-    scans : iterable
+    scans : sequence
         In their order.
-    range_beams : int
-        A block's task ends where it has this many beams.
-    only : set of Tile, optional
-        Blocks.
+    within : sequence of Block
+        What to map; each is divided as its weight needs it.
+    workers : int
+    block_beams : int
+        A block has no more beams' worth of work than this, if it is more than one tile.
     """
-    found: dict[Tile, list[list[ScanRef]]] = {}
-    beams: dict[Tile, list[int]] = {}
-    tiles: dict[Tile, set[Tile]] = {}
-    for ref, scan in scans:
-        crossed: dict[Tile, set[Tile]] = {}
-        for tile in scan.tiles:
-            crossed.setdefault(block_of(job, tile), set()).add(tile)
-        for block, of_block in crossed.items():
-            if only is not None and block not in only:
-                continue
-            parts = found.setdefault(block, [])
-            counts = beams.setdefault(block, [])
-            if not parts or counts[-1] >= range_beams:
-                parts.append([])
-                counts.append(0)
-            parts[-1].append(ref)
-            counts[-1] += scan.beams
-            tiles.setdefault(block, set()).update(of_block)
-    made = [
-        Chain(
-            block,
-            [Range(i, tuple(refs), beams[block][i]) for i, refs in enumerate(found[block])],
-            tuple(sorted(tiles[block])),
-        )
-        for block in sorted(found)
+    where: dict[Tile, int] = {}  # In which of `within`, or -1.
+    weights: list[dict[Tile, float]] = [{} for _ in within]
+    for _, scan in scans:
+        per_count = scan.beams / max(1, sum(scan.tiles.values()))
+        for tile, count in scan.tiles.items():
+            if tile not in where:
+                where[tile] = next((i for i, block in enumerate(within) if tile in block), -1)
+            if where[tile] >= 0:
+                of_block = weights[where[tile]]
+                of_block[tile] = of_block.get(tile, 0.0) + count * per_count
+    sums = [sum(of_block.values()) for of_block in weights]
+    largest = float(block_beams)
+    if workers > 1:
+        # More blocks would cost more than they save: in each that it crosses, a scan is surveyed.
+        largest = min(largest, max(1.0, sum(sums) / workers))
+    blocks = [
+        small
+        for block, of_block, total in zip(within, weights, sums)
+        for large in divided(block, of_block, round(total / largest + 0.4))
+        for small in _held_at_once(large, {tile: w for tile, w in of_block.items() if tile in large})
     ]
-    return sorted(made, key=lambda chain: (-chain.beams, chain.block))
+    home = {
+        tile: next(i for i, block in enumerate(blocks) if tile in block)
+        for tile, i in where.items()
+        if i >= 0
+    }
+    refs: list[list[ScanRef]] = [[] for _ in blocks]
+    for ref, scan in scans:
+        for i in {home[tile] for tile in scan.tiles if tile in home}:
+            refs[i].append(ref)
+    tiles: list[list[Tile]] = [[] for _ in blocks]
+    load = [0.0] * len(blocks)
+    for tile, i in home.items():
+        tiles[i].append(tile)
+        load[i] += weights[where[tile]][tile]
+    made = [PlannedBlock(block, load[i], refs[i], tuple(sorted(tiles[i]))) for i, block in enumerate(blocks)]
+    return sorted(made, key=lambda one: (-one.weight, one.block.lower))
+
+
+def _held_at_once(block: Block, weights: dict[Tile, float]) -> list[Block]:
+    """A block as smaller ones that have few enough tiles for a worker's memory."""
+    if len(weights) <= MOST_TILES:
+        return [block]
+    return [
+        small
+        for half in divided(block, weights, 2)
+        for small in _held_at_once(half, {tile: w for tile, w in weights.items() if tile in half})
+    ]
+
+
+def store_plan(storage: Storage, job: Job, blocks: list[PlannedBlock]) -> None:
+    """Write what tasks read; the plan itself comes last."""
+    logs = sorted({ref.log for one in blocks for ref in one.scans})
+    number = {log: i for i, log in enumerate(logs)}
+    for i, one in enumerate(blocks):
+        rows = [
+            (number[ref.log], ref.number, ref.batch, ref.position, ref.row, ref.beams, ref.order)
+            for ref in one.scans
+        ]
+        storage.write_array(scans_name(job.run, i), np.array(rows, dtype=np.int64).reshape(-1, 7))
+    content = {
+        "logs": logs,
+        "blocks": [
+            {"block": one.block.as_json(), "weight": one.weight, "tiles": one.tiles} for one in blocks
+        ],
+    }
+    storage.write(_plan_name(job.run), json.dumps(content, separators=(",", ":")).encode())
+
+
+def stored_tasks(storage: Storage, job: Job) -> list[BlockTask] | None:
+    """The tasks of a plan, those with most to do first; None if there is no plan."""
+    if not storage.has(_plan_name(job.run)):
+        return None
+    held = json.loads(storage.read(_plan_name(job.run)))
+    logs = tuple(held["logs"])
+    return [
+        BlockTask(i, Block.from_json(one["block"]), one["weight"], logs, tuple(map(tuple, one["tiles"])))
+        for i, one in enumerate(held["blocks"])
+    ]
+
+
+def _plan_name(run: str) -> str:
+    return f"{run}/work/plan.json"

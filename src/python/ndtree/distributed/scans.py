@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scans of logs in files of some megabytes each, from which maps are made, and made again."""
+"""Scans of logs in columns that are mapped into memory, from which maps are made, and made again."""
 
 from __future__ import annotations
 
 import functools
 import io
-import json
+import itertools
+import math
 from collections import OrderedDict
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,20 +32,22 @@ class IndexedScan:
     time : float
         By which it is ordered; see `Place`.
     batch, position : int
-        In which file of its log it is, and where in it.
-    beams : int
+        In which of its log's batches it is, and where in it.
+    row, beams : int
+        Its first beam there, and how many there are.
     box : pair of lists, or None
         What it reaches at most [m]; None without a valid beam.
-    tiles : tuple of Tile
-        Which it may change, sorted.
+    tiles : dict of Tile to int
+        Which it may change, and how much of it is there; see `TileGrid.shares_by`.
     """
 
     time: float
     batch: int
     position: int
+    row: int
     beams: int
     box: tuple[list[float], list[float]] | None
-    tiles: tuple[Tile, ...]
+    tiles: dict[Tile, int]
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,8 @@ class ScanIndex:
     ----------
     log : str
     scans : list of IndexedScan
-    batch_bytes : list of int
-        Of each file.
+    stored_bytes : int
+        Of all batches.
     refused : int
         Scans that no map of the kind can take.
     ignored : int
@@ -66,78 +68,131 @@ class ScanIndex:
 
     log: str
     scans: list[IndexedScan]
-    batch_bytes: list[int]
+    stored_bytes: int
     refused: int
     ignored: int
 
     def as_bytes(self) -> bytes:
-        """As a file."""
-        content = {
-            "log": self.log,
-            "batch_bytes": self.batch_bytes,
-            "refused": self.refused,
-            "ignored": self.ignored,
-            "scans": [[s.time, s.batch, s.position, s.beams, s.box, s.tiles] for s in self.scans],
-        }
-        return json.dumps(content, separators=(",", ":")).encode()
+        """As a file: columns."""
+        scans = self.scans
+        dim = next((len(scan.box[0]) for scan in scans if scan.box is not None), 1)
+        blank = ([math.nan] * dim, [math.nan] * dim)
+        tiles = [tile for scan in scans for tile in scan.tiles]
+        file = io.BytesIO()
+        np.savez(
+            file,
+            log=np.array(self.log),
+            sums=np.array([self.stored_bytes, self.refused, self.ignored]),
+            time=np.array([scan.time for scan in scans], dtype=np.float64),
+            places=np.array(
+                [(scan.batch, scan.position, scan.row, scan.beams, len(scan.tiles)) for scan in scans],
+                dtype=np.int64,
+            ).reshape(-1, 5),
+            boxes=np.array([scan.box or blank for scan in scans], dtype=np.float64).reshape(-1, 2, dim),
+            tiles=np.array(tiles, dtype=np.int64).reshape(len(tiles), -1 if tiles else dim),
+            counts=np.array([count for scan in scans for count in scan.tiles.values()], dtype=np.int64),
+        )
+        return file.getvalue()
 
     @classmethod
     def from_bytes(cls, content: bytes) -> ScanIndex:
         """Read what `as_bytes` wrote."""
-        held = json.loads(content)
-        scans = [
-            IndexedScan(time, batch, position, beams, box and (box[0], box[1]), tuple(map(tuple, tiles)))
-            for time, batch, position, beams, box, tiles in held["scans"]
-        ]
-        return cls(held["log"], scans, held["batch_bytes"], held["refused"], held["ignored"])
+        held = np.load(io.BytesIO(content), allow_pickle=False)
+        crossed = iter(zip(map(tuple, held["tiles"].tolist()), held["counts"].tolist()))
+        scans = []
+        for time, place, box in zip(held["time"].tolist(), held["places"].tolist(), held["boxes"].tolist()):
+            batch, position, row, beams, tiles = place
+            scans.append(
+                IndexedScan(
+                    time,
+                    batch,
+                    position,
+                    row,
+                    beams,
+                    None if math.isnan(box[0][0]) else (box[0], box[1]),
+                    dict(itertools.islice(crossed, tiles)),
+                )
+            )
+        stored_bytes, refused, ignored = held["sums"].tolist()
+        return cls(str(held["log"]), scans, stored_bytes, refused, ignored)
 
 
 def index_name(run: str, log: str, revision: int | None = None) -> str:
     """File of a log's index, written when all scans are there; of a later revision, if some were moved."""
-    return f"{run}/scans/{_file_of(log)}{'' if revision is None else f'/index-{revision:06d}'}.json"
+    return f"{run}/scans/{_file_of(log)}{'' if revision is None else f'/index-{revision:06d}'}.npz"
 
 
-def batch_name(run: str, log: str, batch: int) -> str:
-    """File of some of its scans."""
-    return f"{run}/scans/{_file_of(log)}/{batch:06d}.npz"
+def column_name(run: str, log: str, batch: int, column: str) -> str:
+    """File of one column of some of its scans."""
+    return f"{run}/scans/{_file_of(log)}/{batch:06d}-{column}.npy"
 
 
-def pack(scans: Iterable[Scan]) -> bytes:
-    """Scans as a file; to the last bit, and of their own types."""
-    content: dict[str, Any] = {}
-    for number, scan in enumerate(scans):
-        scan.require_sensor("maps by many machines")
-        content[f"{number}/endpoints"] = scan.endpoints
-        content[f"{number}/origin"] = scan.origin
-        content[f"{number}/stamp"] = np.float64(scan.stamp)
-        for name in ("returned", "range_sigma"):
-            if getattr(scan, name) is not None:
-                content[f"{number}/{name}"] = getattr(scan, name)
-    file = io.BytesIO()
-    np.savez(file, **content)
-    return file.getvalue()
+#: Columns with a value for each beam; an origin for all beams of a scan has a row for the scan.
+_OF_BEAMS = ("endpoints", "origins", "returned", "range_sigma")
+_OF_SCANS = "origin"
 
 
-class Batch:
-    """The scans of a file; each is unpacked when it is asked for."""
+def columns_of(scan: Scan) -> dict[str, NDArray[Any]]:
+    """What is stored of a scan, to the last bit and of its own types."""
+    scan.require_sensor("maps by many machines")
+    of_each = scan.origin.ndim > 1
+    held = {
+        "endpoints": scan.endpoints,
+        "origins": scan.origin if of_each else None,
+        _OF_SCANS: None if of_each else scan.origin[None],
+        "returned": scan.returned,
+        "range_sigma": scan.range_sigma,
+    }
+    return {name: values for name, values in held.items() if values is not None}
 
-    def __init__(self, content: bytes) -> None:
-        self._arrays = np.load(io.BytesIO(content), allow_pickle=False)
 
-    def __getitem__(self, position: int) -> Scan:
-        held = self._arrays
+class BatchWriter:
+    """Stores a log's scans in batches: those that follow each other, as long as they have the same columns.
 
-        def optional(name: str) -> Any:
-            key = f"{position}/{name}"
-            return held[key] if key in held else None
+    Parameters
+    ----------
+    storage : Storage
+    run, log : str
+    beams : int
+        A batch ends where it has this many.
 
-        return Scan(
-            held[f"{position}/endpoints"],
-            held[f"{position}/origin"],
-            optional("returned"),
-            float(held[f"{position}/stamp"]),
-            optional("range_sigma"),
-        )
+    Attributes
+    ----------
+    batch, position, row : int
+        Where the scan is that was added last.
+    stored_bytes : int
+    """
+
+    def __init__(self, storage: Storage, run: str, log: str, beams: int) -> None:
+        self._storage, self._run, self._log, self._most = storage, run, log, beams
+        self._waiting: list[dict[str, NDArray[Any]]] = []
+        self._kind: list[tuple[str, str]] = []
+        self._beams = 0
+        self.stored_bytes = self.batch = self.position = self.row = 0
+
+    def add(self, scan: Scan) -> None:
+        """The next scan."""
+        columns = columns_of(scan)
+        kind = [(name, values.dtype.str) for name, values in columns.items()]
+        if self._waiting and (kind != self._kind or self._beams >= self._most):
+            self.store()
+            self.batch += 1
+        self._kind = kind
+        self.position, self.row = len(self._waiting), self._beams
+        self._waiting.append(columns)
+        self._beams += len(scan)
+
+    def store(self) -> None:
+        """Write what waits."""
+        if not self._waiting:
+            return
+        for name in self._waiting[0]:
+            values = np.concatenate([columns[name] for columns in self._waiting])
+            self.stored_bytes += self._storage.write_array(
+                column_name(self._run, self._log, self.batch, name), values
+            )
+        self._waiting.clear()
+        self._beams = 0
 
 
 def moved(scan: Scan, pose: Any) -> Scan:
@@ -172,7 +227,7 @@ def moves_name(run: str, log: str, revision: int) -> str:
 
 
 class StoredScans:
-    """Scans of several logs, wherever they were stored; the files that were read last stay in memory.
+    """Scans of several logs, wherever they were stored; the batches that were used last stay open.
 
     Parameters
     ----------
@@ -186,28 +241,37 @@ class StoredScans:
     def __init__(self, storage: Storage, run: str, moves: dict[str, str]) -> None:
         self._storage = storage
         self._run = run
-        self._batches: OrderedDict[tuple[str, int], Batch] = OrderedDict()
-        self._motions = {
-            log: np.asarray(np.load(io.BytesIO(storage.read(name)), allow_pickle=False))
-            for log, name in moves.items()
-        }
+        self._batches: OrderedDict[tuple[str, int], dict[str, NDArray[Any]]] = OrderedDict()
+        self._columns: dict[str, set[str]] = {}
+        self._motions = {log: storage.array(name) for log, name in moves.items()}
         self.bytes_read = 0
 
-    def get(self, log: str, number: int, batch: int, position: int) -> Scan:
-        """The scan with this number in its log, at a position of a file."""
-        key = (log, batch)
-        if key not in self._batches:
-            content = self._storage.read(batch_name(self._run, log, batch))
-            self.bytes_read += len(content)
-            self._batches[key] = Batch(content)
-            if len(self._batches) > OPEN_FILES:
-                self._batches.popitem(last=False)
-        self._batches.move_to_end(key)
-        scan = self._batches[key][position]
+    def get(self, log: str, number: int, batch: int, position: int, row: int, beams: int) -> Scan:
+        """The scan with this number in its log, at a place of a batch."""
+        columns = self._batch(log, batch)
+        held = {name: columns[name][row : row + beams] for name in _OF_BEAMS if name in columns}
+        self.bytes_read += sum(values.nbytes for values in held.values())
+        origin = held["origins"] if "origins" in held else columns[_OF_SCANS][position]
+        scan = Scan(held["endpoints"], origin, held.get("returned"), 0.0, held.get("range_sigma"))
         motions = self._motions.get(log)
         if motions is None or np.array_equal(motions[number], np.eye(scan.dim + 1)):
             return scan
         return moved(scan, motions[number])
+
+    def _batch(self, log: str, batch: int) -> dict[str, NDArray[Any]]:
+        key = (log, batch)
+        if key not in self._batches:
+            if log not in self._columns:
+                folder = f"{self._run}/scans/{_file_of(log)}"
+                self._columns[log] = self._storage.names(folder)
+            names = {name: column_name(self._run, log, batch, name) for name in (*_OF_BEAMS, _OF_SCANS)}
+            self._batches[key] = {
+                name: self._storage.array(file) for name, file in names.items() if file in self._columns[log]
+            }
+            if len(self._batches) > OPEN_FILES:
+                self._batches.popitem(last=False)
+        self._batches.move_to_end(key)
+        return self._batches[key]
 
 
 def _file_of(log: str) -> str:

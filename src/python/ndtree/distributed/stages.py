@@ -4,19 +4,34 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
-from ndtree.distributed.scans import IndexedScan, ScanIndex, StoredScans, batch_name, index_name, pack
+from ndtree.distributed.blocks import Block
+from ndtree.distributed.scans import BatchWriter, IndexedScan, ScanIndex, StoredScans, index_name
 from ndtree.tiles.grid import Tile, TileGrid, beams_of, reach_of
 from ndtree.tiles.growth import Growth
 from ndtree.tiles.kind import MapKind
 from ndtree.tiles.manifest import TileEntry, store_tile
 from ndtree.tiles.order import Source, opened, placed
-from ndtree.tiles.storage import storage_of
+from ndtree.tiles.storage import Storage, storage_of
+
+try:
+    import resource
+except ImportError:  # Windows has none.
+    resource = None  # type: ignore[assignment]
+
+Floats = NDArray[np.float64]
+_NEAR = 1 << 18  # In smallest cells: beams of such a length, ...
+_FAR = 1 << 30  # ... and so far from the map's origin, are taken by every map.
 
 
 @dataclass(frozen=True)
@@ -36,10 +51,10 @@ class Job:
     max_range : float
         As for insert() [m].
     no_return : {"free", "ignore"}
-    block : int
-        Tiles along the edge of what a task works on: a block.
     batch_beams : int
         Beams in a file of scans.
+    checkpoint_beams : int
+        A block's state is written whenever it has taken this many in.
     moves : tuple of (log, file)
         Motions of scans.
     """
@@ -51,8 +66,8 @@ class Job:
     grid: TileGrid
     max_range: float
     no_return: str
-    block: int
     batch_beams: int
+    checkpoint_beams: int
     moves: tuple[tuple[str, str], ...] = ()
 
 
@@ -64,32 +79,32 @@ class ScanRef:
     number: int
     batch: int
     position: int
+    row: int
+    beams: int
     order: int
 
 
 @dataclass(frozen=True)
 class BlockTask:
-    """Scans to take into a block of tiles, which are the next ones after those of an earlier task.
+    """All scans of a run into a block of tiles.
 
     Attributes
     ----------
-    block : Tile
-        Its place on the grid of blocks.
-    part : int
-        Which of the block's tasks it is.
-    before : str or None
-        File of the block's state that it begins with.
-    scans : tuple of ScanRef
-    beams : int
+    number : int
+        Of the block.
+    block : Block
+    weight : float
+        How many beams' worth of work it is.
+    logs : tuple of str
+        By the numbers that its scans give them.
     tiles : tuple of Tile
-        Where there may be cells when the block is done; none as long as it is not.
+        Where there may be cells in the end.
     """
 
-    block: Tile
-    part: int
-    before: str | None
-    scans: tuple[ScanRef, ...]
-    beams: int
+    number: int
+    block: Block
+    weight: float
+    logs: tuple[str, ...]
     tiles: tuple[Tile, ...]
 
 
@@ -99,48 +114,75 @@ class BlockRecord:
 
     Attributes
     ----------
-    state : str or None
-        File of the block's state after it; None if it was the last.
+    block : Block
     entries : list of (tile, dict)
-        What the manifest says of the tiles, if it was the last.
+        What the manifest says of its tiles.
     counters : list of int
-        Updates, splits and merges that the block has taken so far.
+        Updates, splits and merges.
+    scans, beams : int
+        That cross it.
+    weight : float
+        Beams' worth of work, as it was planned.
+    resumed : int
+        Scans that a state had already, of a worker that was killed.
     seconds : float
-        That it took [s].
-    insert_seconds : float
-        Of these, spent on insertion itself [s].
-    bytes_read, state_bytes : int
-        Of scans, and of the state that it left.
+        From the last begin to the end [s].
+    insert_seconds, state_seconds, store_seconds : float
+        Of these, spent on insertion, on states of the block, and on its tiles [s].
+    cpu_seconds : float
+        Processor time [s].
+    peak_memory : int
+        Of the process, as the system counts it [bytes]; 0 where it does not.
+    bytes_read, written_bytes : int
+        Beams that were looked at, and states and tiles.
     """
 
-    block: Tile
-    part: int
-    state: str | None
+    block: Block
     entries: list[tuple[Tile, dict[str, Any]]]
     counters: list[int]
     scans: int
     beams: int
+    weight: float
+    resumed: int
     seconds: float
     insert_seconds: float
+    state_seconds: float
+    store_seconds: float
+    cpu_seconds: float
+    peak_memory: int
     bytes_read: int
-    state_bytes: int
+    written_bytes: int
 
 
-def record_name(run: str, block: Tile, part: int) -> str:
-    """File that says that a task is done."""
-    return f"{_task_name(run, block, part)}.json"
+@dataclass(frozen=True)
+class Prepared:
+    """What reading a log took: wall time and processor time [s], and the peak of memory [bytes]."""
+
+    seconds: float
+    cpu_seconds: float
+    peak_memory: int
 
 
-def _task_name(run: str, block: Tile, part: int) -> str:
-    """What the files of a task are called, without their ending."""
-    return f"{run}/work/{'_'.join(map(str, block))}-{part:06d}"
+def scans_name(run: str, number: int) -> str:
+    """File that says which scans a block takes."""
+    return f"{run}/work/{number:06d}-scans.npy"
 
 
-def record_from(content: bytes) -> BlockRecord:
+def _record_name(run: str, number: int) -> str:
+    """File that says that a block is done."""
+    return f"{run}/work/{number:06d}.json"
+
+
+def _state_name(run: str, number: int, done: int) -> str:
+    """File of a block's state after some of its scans."""
+    return f"{run}/work/{number:06d}-{done:09d}.ndt"
+
+
+def _record_from(content: bytes) -> BlockRecord:
     """Read what `integrate` wrote."""
     held = json.loads(content)
     entries = [(tuple(tile), entry) for tile, entry in held["entries"]]
-    return BlockRecord(**{**held, "block": tuple(held["block"]), "entries": entries})
+    return BlockRecord(**{**held, "block": Block.from_json(held["block"]), "entries": entries})
 
 
 def entries_of(record: BlockRecord) -> dict[Tile, TileEntry]:
@@ -152,42 +194,52 @@ def entries_of(record: BlockRecord) -> dict[Tile, TileEntry]:
     return found
 
 
-def block_of(job: Job, tile: Tile) -> Tile:
-    """The block that a tile is in."""
-    return tuple(place // job.block for place in tile)
+def peak_memory() -> int:
+    """Of this process so far [bytes]; 0 where the system does not say."""
+    if resource is None:
+        return 0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return int(peak) if sys.platform == "darwin" else int(peak) << 10
 
 
-def indexed(job: Job, scan: Scan, when: float, batch: int, position: int) -> IndexedScan:
-    """What a plan has to know of a scan."""
-    starts, ends = beams_of(scan, job.kind.options, job.max_range)
+def indexed(
+    job: Job, scan: Scan, when: float, at: tuple[int, int, int], beams: tuple[Floats, Floats] | None = None
+) -> IndexedScan:
+    """What a plan has to know of a scan. @param at batch, position and row. @param beams see `beams_of`."""
+    starts, ends = beams_of(scan, job.kind.options, job.max_range) if beams is None else beams
     box = reach_of(starts, ends)
     return IndexedScan(
         when,
-        batch,
-        position,
+        *at,
         len(scan),
         None if box is None else (box[0].tolist(), box[1].tolist()),
-        tuple(sorted(job.grid.crossed_by(starts, ends))),
+        dict(sorted(job.grid.shares_by(starts, ends).items())),
     )
 
 
-def prepare(job: Job, log: str, source: Source) -> float:
-    """Read a log, store its scans, and say of each where it belongs. @returns how long it took [s]."""
-    begin = time.perf_counter()
+def _is_taken(job: Job, scan: Scan, beams: tuple[Floats, Floats]) -> bool:
+    """Whether maps of the kind take a scan; they are asked only if it looks at all unusual."""
+    box = reach_of(*beams)
+    if box is not None and scan.range_sigma is None and len(beams[1]) == len(scan):
+        near, far = _NEAR * job.grid.unit, _FAR * job.grid.unit
+        if (box[1] - box[0] < near).all() and (np.abs(box) < far).all():
+            return True
+    try:
+        Growth(job.kind.new()).include(scan, job.max_range)
+    except ValueError:
+        return False
+    return True
+
+
+def prepare(job: Job, log: str, source: Source) -> Prepared:
+    """Read a log, store its scans, and say of each where it belongs."""
+    begin, cpu_begin = time.perf_counter(), time.thread_time()
     storage = storage_of(job.url)
     if storage.has(index_name(job.run, log)):
-        return 0.0
+        return Prepared(0.0, 0.0, 0)
     found: list[IndexedScan] = []
-    batch_bytes: list[int] = []
-    waiting: list[Scan] = []
-    beams = refused = ignored = 0
-
-    def store() -> None:
-        content = pack(waiting)
-        storage.write(batch_name(job.run, log, len(batch_bytes)), content)
-        batch_bytes.append(len(content))
-        waiting.clear()
-
+    refused = ignored = 0
+    batches = BatchWriter(storage, job.run, log, job.batch_beams)
     for place, scan in placed(log, opened(source)):
         if job.no_return == "ignore":
             before = len(scan)
@@ -197,33 +249,36 @@ def prepare(job: Job, log: str, source: Source) -> float:
             raise ValueError(
                 f"{log}: scan {place.number} is {scan.dim}-D, and the map {job.kind.dim}-D: must be the same"
             )
-        try:
-            Growth(job.kind.new()).include(scan, job.max_range)
-        except ValueError:
+        crossed = beams_of(scan, job.kind.options, job.max_range)
+        if not _is_taken(job, scan, crossed):
             refused += 1
             continue
-        found.append(indexed(job, scan, place.time, len(batch_bytes), len(waiting)))
-        waiting.append(scan)
-        beams += len(scan)
-        if beams >= job.batch_beams:
-            store()
-            beams = 0
-    if waiting:
-        store()
-    storage.write(index_name(job.run, log), ScanIndex(log, found, batch_bytes, refused, ignored).as_bytes())
-    return time.perf_counter() - begin
+        batches.add(scan)
+        at = batches.batch, batches.position, batches.row
+        found.append(indexed(job, scan, place.time, at, crossed))
+    batches.store()
+    index = ScanIndex(log, found, batches.stored_bytes, refused, ignored)
+    storage.write(index_name(job.run, log), index.as_bytes())
+    return Prepared(time.perf_counter() - begin, time.thread_time() - cpu_begin, peak_memory())
 
 
 def integrate(job: Job, task: BlockTask) -> BlockRecord:
-    """Take scans into a block; its state, or its tiles, are stored, and then a record of it."""
-    begin = time.perf_counter()
+    """Take scans into a block, whose state is stored now and then; then its tiles, and a record of it."""
+    begin, cpu_begin = time.perf_counter(), time.thread_time()
     storage = storage_of(job.url)
-    m = job.kind.new() if task.before is None else _core.from_bytes(storage.read(task.before))
+    resumed = _resumed(storage, job, task)
+    if isinstance(resumed, BlockRecord):
+        return resumed
+    m, done = resumed
+    held = "" if done == 0 else _state_name(job.run, task.number, done)
+    first, state_seconds = done, time.perf_counter() - begin
     stored = StoredScans(storage, job.run, dict(job.moves))
-    window = replace(job.grid, cubes=job.grid.cubes * job.block).box(task.block)
+    window = task.block.window(job.grid)
     inserted = 0.0
-    for ref in task.scans:
-        scan = stored.get(ref.log, ref.number, ref.batch, ref.position)
+    written = waiting = 0
+    scans = storage.array(scans_name(job.run, task.number)).tolist()
+    for log, *at, order in scans[first:]:
+        scan = stored.get(task.logs[log], *at)
         own = {} if scan.range_sigma is None else {"range_sigma": scan.range_sigma}
         report = m.insert(
             scan.endpoints,
@@ -232,36 +287,70 @@ def integrate(job: Job, task: BlockTask) -> BlockRecord:
             max_range=job.max_range,
             threads=1,
             window=window,
-            number=ref.order,
+            number=order,
             **own,
         )
         inserted += report.seconds
-    state, entries, size = None, [], 0
+        done += 1
+        waiting += len(scan)
+        if waiting >= job.checkpoint_beams and done < len(scans):
+            state_begin = time.perf_counter()
+            before, held = held, _state_name(job.run, task.number, done)
+            content = m.to_bytes()
+            storage.write(held, content)
+            if before:
+                storage.remove(before)
+            written += len(content)
+            waiting = 0
+            state_seconds += time.perf_counter() - state_begin
+    beams = sum(row[5] for row in scans)
+    store_begin = time.perf_counter()
+    entries = []
     for tile in task.tiles:
         cells = job.kind.new()  # With a root that depends on the cells alone.
         cells.adopt(m, job.grid.box(tile))
         if job.kind.is_worth_storing(cells):
             entry = store_tile(storage, cells, tile, job.revision)
             entries.append((tile, asdict(entry)))
-            size += entry.bytes
-    if not task.tiles:
-        content = m.to_bytes()
-        state = f"{_task_name(job.run, task.block, task.part)}.ndt"
-        storage.write(state, content)
-        size = len(content)
+            written += entry.bytes
     stats = m.stats()
+    end = time.perf_counter()
     record = BlockRecord(
         task.block,
-        task.part,
-        state,
         entries,
         [stats.updates, stats.splits, stats.merges],
-        len(task.scans),
-        task.beams,
-        time.perf_counter() - begin,
+        len(scans),
+        beams,
+        task.weight,
+        first,
+        end - begin,
         inserted,
+        state_seconds,
+        end - store_begin,
+        time.thread_time() - cpu_begin,
+        peak_memory(),
         stored.bytes_read,
-        size,
+        written,
     )
-    storage.write(record_name(job.run, task.block, task.part), json.dumps(asdict(record)).encode())
+    content = json.dumps({**asdict(record), "block": task.block.as_json()}).encode()
+    storage.write(_record_name(job.run, task.number), content)
+    if held:
+        storage.remove(held)
     return record
+
+
+def _resumed(storage: Storage, job: Job, task: BlockTask) -> BlockRecord | tuple[OccupancyMap, int]:
+    """What an earlier worker left of a block: all of it, or its last state, and how many scans that has."""
+    begin = f"{job.run}/work/{task.number:06d}-"
+    while True:
+        names = storage.names(f"{job.run}/work")
+        if _record_name(job.run, task.number) in names:
+            return _record_from(storage.read(_record_name(job.run, task.number)))
+        states = [name for name in names if name.startswith(begin) and name.endswith(".ndt")]
+        if not states:
+            return job.kind.new(), 0
+        last = max(states)
+        try:
+            return _core.from_bytes(storage.read(last)), int(last[len(begin) : -len(".ndt")])
+        except FileNotFoundError:
+            continue  # Another worker, which was thought to be lost, is further than that.

@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +24,7 @@ Floats = NDArray[np.float64]
 CUBES = 16
 _REACH_SIGMAS = 3.0  # Beams have evidence up to this many standard deviations behind their end points.
 _STEP = 0.25  # Of a tile: how far apart beams are looked at.
+_FEW_KEYS = 1 << 17  # Different rows are counted in an array, if there can be no more than these.
 _GRAIN = 0.125  # Of a tile: ends that are nearer than this are taken for one.
 
 
@@ -130,8 +132,15 @@ class TileGrid:
 
     def crossed_by(self, starts: Floats, ends: Floats) -> set[Tile]:
         """The tiles that segments cross: (n, dim) ends; starts alike, or (dim,) if all have the same."""
+        return set(self.shares_by(starts, ends))
+
+    def shares_by(self, starts: Floats, ends: Floats) -> dict[Tile, int]:
+        """What `crossed_by` returns, and how many of the points in each that beams were looked at in.
+
+        Beams that end near each other are one here: the number is a measure of the space that was seen.
+        """
         if len(ends) == 0:
-            return set()
+            return {}
         grain = _GRAIN * self.size
         if starts.ndim == 1:
             ends = _thinned(ends, grain)
@@ -150,12 +159,16 @@ class TileGrid:
         margin = (0.5 * _STEP + 0.5 * _GRAIN) * self.size * (1 + 1e-6) + self.unit
         corners = np.stack((points - margin, points + margin))
         if 2 * margin >= self.size:  # Tiles of hardly more than a cell: there may be some in between.
-            return set().union(*(self.tiles_in(a, b) for a, b in np.unique(corners, axis=1).swapaxes(0, 1)))
+            boxes, counts = np.unique(corners, axis=1, return_counts=True)
+            return _added(
+                (self.tiles_in(a, b), count) for (a, b), count in zip(boxes.swapaxes(0, 1), counts.tolist())
+            )
         first, last = np.floor(corners / self.size).astype(np.int64)
-        found: set[Tile] = set()
-        for row in _unique(2 * first + (last > first)).tolist():  # Two tiles on an axis, or one.
-            found.update(itertools.product(*((at >> 1, (at >> 1) + (at & 1)) for at in row)))
-        return found
+        rows, counts = _counted(2 * first + (last > first))  # Two tiles on an axis, or one.
+        return _added(
+            (set(itertools.product(*((at >> 1, (at >> 1) + (at & 1)) for at in row))), count)
+            for row, count in zip(rows.tolist(), counts.tolist())
+        )
 
 
 def beams_of(scan: Scan, options: dict[str, float], max_range: float) -> tuple[Floats, Floats]:
@@ -165,7 +178,7 @@ def beams_of(scan: Scan, options: dict[str, float], max_range: float) -> tuple[F
     endpoints = np.asarray(scan.endpoints, dtype=np.float64)
     way = endpoints - origin
     with np.errstate(all="ignore"):
-        length = np.linalg.norm(way, axis=1)
+        length = np.sqrt(np.einsum("ij,ij->i", way, way))
         good = np.isfinite(length) & (length > 0)
         used = np.minimum(length, max_range)
         sigma = scan.range_sigma
@@ -173,18 +186,20 @@ def beams_of(scan: Scan, options: dict[str, float], max_range: float) -> tuple[F
             sigma = options.get("range_sigma", 0.0) + options.get("range_sigma_quadratic", 0.0) * used**2
         reach = used + _REACH_SIGMAS * sigma + options["min_cell_size"]
         good &= np.isfinite(reach)
-        ends = origin + way * (reach / length)[:, None]
-    return (origin if origin.ndim == 1 else origin[good]), ends[good]
+        way *= (reach / length)[:, None]
+        way += origin
+    if good.all():
+        return origin, way
+    return (origin if origin.ndim == 1 else origin[good]), way[good]
 
 
 def reach_of(starts: Floats, ends: Floats) -> tuple[Floats, Floats] | None:
     """A box around segments; None if there are none."""
     if len(ends) == 0:
         return None
-    return (
-        np.minimum(starts.min(axis=0) if starts.ndim > 1 else starts, ends.min(axis=0)),
-        np.maximum(starts.max(axis=0) if starts.ndim > 1 else starts, ends.max(axis=0)),
-    )
+    first = _bounds(starts) if starts.ndim > 1 else (starts, starts)
+    last = _bounds(ends)
+    return np.minimum(first[0], last[0]), np.maximum(first[1], last[1])
 
 
 def nowhere(m: OccupancyMap) -> Floats:
@@ -198,17 +213,45 @@ def _thinned(points: Floats, grain: float) -> Floats:
     return (_unique(np.floor(points / grain).astype(np.int64)) + 0.5) * grain
 
 
+def _bounds(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Smallest and largest of each column: much faster one by one, as rows are short."""
+    columns = [rows[:, axis] for axis in range(rows.shape[1])]
+    return np.array([one.min() for one in columns]), np.array([one.max() for one in columns])
+
+
+def _added(crossed: Iterable[tuple[set[Tile], int]]) -> dict[Tile, int]:
+    """Sums of counts, for each tile."""
+    found: dict[Tile, int] = {}
+    for tiles, count in crossed:
+        for tile in tiles:
+            found[tile] = found.get(tile, 0) + count
+    return found
+
+
 def _unique(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Different rows. Where they fit into one number each, which is the rule, these are sorted instead."""
-    lower = rows.min(axis=0)
-    spans = [int(span) for span in rows.max(axis=0) - lower + 1]
+    """Different rows."""
+    return _counted(rows)[0]
+
+
+def _counted(rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Different rows, and how many of each there are.
+
+    Where they fit into one number each, which is the rule, these are counted or sorted instead.
+    """
+    lower, upper = _bounds(rows)
+    spans = [int(span) for span in upper - lower + 1]
     if math.prod(spans) >= 1 << 62:
-        return np.unique(rows, axis=0)
+        return np.unique(rows, axis=0, return_counts=True)
     keys = np.zeros(len(rows), dtype=np.int64)
     for axis, span in enumerate(spans):
         keys = keys * span + (rows[:, axis] - lower[axis])
-    keys = np.unique(keys)
+    if math.prod(spans) <= _FEW_KEYS:
+        every = np.bincount(keys)
+        keys = np.flatnonzero(every)
+        counts = every[keys]
+    else:
+        keys, counts = np.unique(keys, return_counts=True)
     found = np.empty((len(keys), len(spans)), dtype=np.int64)
     for axis in reversed(range(len(spans))):
         keys, found[:, axis] = np.divmod(keys, spans[axis])
-    return found + lower
+    return found + lower, counts

@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ndtree.base.files import replaced
 
@@ -36,6 +40,18 @@ class Storage(ABC):
     @abstractmethod
     def write(self, name: str, content: bytes) -> None:
         """Put a file in its place, at once; folders are made."""
+
+    def array(self, name: str) -> NDArray[Any]:
+        """The array of an npy file: mapped into memory where that is possible, else read."""
+        return np.asarray(np.load(io.BytesIO(self.read(name)), allow_pickle=False))
+
+    def write_array(self, name: str, values: NDArray[Any]) -> int:
+        """Put an array into an npy file. @returns its bytes."""
+        file = io.BytesIO()
+        np.save(file, values, allow_pickle=False)
+        content = file.getvalue()
+        self.write(name, content)
+        return len(content)
 
     @abstractmethod
     def names(self, folder: str) -> set[str]:
@@ -70,6 +86,12 @@ class LocalStorage(Storage):
         target.parent.mkdir(parents=True, exist_ok=True)
         with replaced(target) as part:
             part.write_bytes(content)
+
+    def array(self, name: str) -> NDArray[Any]:
+        try:
+            return np.load(self.folder / name, mmap_mode="r", allow_pickle=False).view(np.ndarray)
+        except ValueError:  # Nothing can be mapped of an array without elements.
+            return super().array(name)
 
     def names(self, folder: str) -> set[str]:
         return {

@@ -25,6 +25,7 @@ from ndtree.tiles.order import named, opened
 class EngineName(str, Enum):
     """What runs the tasks."""
 
+    processes = "processes"
     local = "local"
     ray = "ray"
     dask = "dask"
@@ -45,8 +46,8 @@ def fleet(
         str, typer.Option("--output", "-o", metavar="URL", help="Folder of the map, or a URL of fsspec.")
     ],
     engine: Annotated[
-        EngineName, typer.Option(help="Threads of this process, Ray or Dask.")
-    ] = EngineName.local,
+        EngineName, typer.Option(help="Processes, threads of this one, Ray or Dask.")
+    ] = EngineName.processes,
     workers: Annotated[
         Optional[int], typer.Option(min=1, help="Tasks at a time; else all cores.", show_default=False)
     ] = None,
@@ -93,8 +94,8 @@ def fleet(
         for line in settings.lines():
             print(indented(line))
         print(
-            f"  {report.tiles} tiles by {report.tasks} tasks; {report.seconds:.3f} s on {report.workers} "
-            f"workers, {report.idle:.0%} of their time idle"
+            f"  {report.tiles} tiles in {number_of(report.blocks, 'block')}; {report.seconds:.3f} s on "
+            f"{report.workers} workers, {report.idle:.0%} of their time idle"
         )
         print(f"wrote {output}; look at it: ndtree view {output} --open")
     write_json(report.figures(), json_file)

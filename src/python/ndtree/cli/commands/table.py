@@ -159,7 +159,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("resume", "MAP", "an empty map", "go on with a saved map"),
     ),
     "On which machines?": (
-        Row("engine", "local|ray|dask", "local", "several machines"),
+        Row("engine", "processes|local|ray|dask", "processes", "several machines"),
         Row("workers", "N", "all cores", "leave cores to others"),
         Row("processes", "N", "one a core", "1: times that are worth printing"),
     ),
