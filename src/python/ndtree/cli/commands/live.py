@@ -28,7 +28,7 @@ from ndtree.cli.commands.options import (
     World,
 )
 from ndtree.cli.commands.output import check_target, is_stdout, write_json
-from ndtree.live import Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Way, Window, play
+from ndtree.live import Fading, Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Way, Window, play
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 from ndtree.live.playing import messages_of, scans_of
@@ -81,6 +81,10 @@ def live(
         Optional[float],
         typer.Option(help="Forget what is farther from the sensor than this \\[m].", show_default=False),
     ] = None,
+    fade: Annotated[
+        Optional[float],
+        typer.Option(help="Forget what was not seen for this long \\[s].", show_default=False),
+    ] = None,
     save_every: Annotated[
         Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
     ] = None,
@@ -132,6 +136,7 @@ def live(
     made(lambda: new_map(dim or 2, fixed, options) if target is None else None)
     sinks: list[Any] = [made(lambda: Saver(output, save_every))] if save_every is not None else []
     follow = None if window is None else made(lambda: Window(window))
+    fading = None if fade is None else made(lambda: Fading(fade))
     with ExitStack() as stack:
         intake, items = _source(
             log, world, dim, reading, stack,
@@ -150,6 +155,7 @@ def live(
             queue=queue,
             patience=patience,
             window=follow,
+            fading=fading,
             sinks=sinks,
             prepare=_prepare(reading),
             way=way,

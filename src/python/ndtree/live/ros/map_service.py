@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.live.fading import Fading
 from ndtree.live.mapper import LiveMapper
 from ndtree.live.messages import MessagesIntake
 from ndtree.live.ros.messages import header, optional_class
@@ -107,6 +108,7 @@ class MapService:
             patience=value("patience"),
             threads=value("threads"),
             window=Window(value("window")) if value("window") > 0 else None,
+            fading=Fading(value("fade")) if value("fade") > 0 else None,
             sinks=sinks,
             prepare=prepare,
         )

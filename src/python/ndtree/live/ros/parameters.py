@@ -50,6 +50,7 @@ ROWS = (
     Row("threads", 1, "That insert; 0: as many as there are cores.", (0, 256)),
     Row("reliable", False, "Ask sensors for lost messages again: reliable, not best effort."),
     Row("window", 0.0, "What is farther from the sensor is forgotten [m]; 0: nothing.", (0.0, 1e6)),
+    Row("fade", 0.0, "What was not seen for this long is forgotten [s]; 0: nothing.", (0.0, 1e6)),
     Row("map_file", "", "Where the map is saved; its ending says as what."),
     Row("resume", False, "Go on with the map in map_file, if it is there."),
     Row("save_period", 0.0, "From one saving to the next [s]; 0: only at the end.", (0.0, 1e6)),
