@@ -275,14 +275,16 @@ def test_a_way_has_points_a_step_apart() -> None:
     assert (np.diff(points[:, 0]) > 0.099).all() and len(points) == 9 and (points[:, 2] == 0).all()
 
 
-def test_the_command_shows_a_recording_to_both(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["live", "map"])
+def test_the_command_shows_a_recording_to_both(command: str, tmp_path: Path) -> None:
     pytest.importorskip("foxglove", reason="no foxglove-sdk")
     pytest.importorskip("rerun", reason="no rerun-sdk")
     log = tmp_path / "office.npz"
     ndtree.simulate("office", scans=10).save(log)
-    words = ["live", log, "--rate", 0, "--foxglove", 0, "--rerun", tmp_path / "a.rrd"]
-    command = [sys.executable, "-m", "ndtree", *map(str, words)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    own = ["--rate", 0] if command == "live" else []
+    words = [command, log, "-o", tmp_path / "a.ndt", *own, "--foxglove", 0, "--rerun", tmp_path / "a.rrd"]
+    called = [sys.executable, "-m", "ndtree", *map(str, words)]
+    process = subprocess.Popen(called, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stderr is not None
         url = process.stderr.readline().split()[0]
@@ -298,7 +300,12 @@ def test_the_command_shows_a_recording_to_both(tmp_path: Path) -> None:
     finally:
         process.kill()
         process.wait()
-    assert len(rows_of(tmp_path / "a.rrd")) >= 3
+    rows = rows_of(tmp_path / "a.rrd")
+    assert len(rows) >= 3
+    image = rows["/grid"][-1][1]["SegmentationImage:buffer"][0]  # The last one is of the map as it became.
+    pixels, *_ = ndtree.load(tmp_path / "a.ndt").map_server_image()
+    for value, kind in ((0, 2), (254, 1)):
+        assert np.count_nonzero(np.array(image) == kind) == np.count_nonzero(pixels == value) > 100
 
 
 @pytest.mark.parametrize("name, extra", [("foxglove", "FoxgloveSink"), ("rerun", "RerunSink")])

@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ndtree.live.fading import Fading
     from ndtree.live.figures import LiveFigures
     from ndtree.live.frames import FramesIntake, Reading, Transform
     from ndtree.live.grid import GridFollower, GridPart
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 #: Where each public name is; its module loads when it is asked for.
 _MODULES = {
+    "Fading": "fading",
     "FoxgloveSink": "to_foxglove",
     "FramesIntake": "frames",
     "GridFollower": "grid",
@@ -51,6 +53,7 @@ _MODULES = {
 }
 
 __all__ = [
+    "Fading",
     "FoxgloveSink",
     "FramesIntake",
     "GridFollower",

@@ -23,6 +23,7 @@ from typing import Any, Protocol
 
 from ndtree._native._core import AdaptiveMap, OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.live.fading import Fading
 from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import Intake, Verdict
 from ndtree.live.queue import Entry, ScanQueue
@@ -79,6 +80,8 @@ class LiveMapper:
         That insert, as for `OccupancyMap.insert`.
     window : Window, optional
         What is kept of the map.
+    fading : Fading, optional
+        What is forgotten because it was not seen for long.
     sinks : sequence of Sink
     clock : callable, optional
         Says what time it is for the source [s]; left out, that is when the last item was received.
@@ -114,6 +117,7 @@ class LiveMapper:
         patience: float = PATIENCE,
         threads: int = 0,
         window: Window | None = None,
+        fading: Fading | None = None,
         sinks: Sequence[Sink] = (),
         clock: Callable[[], float] | None = None,
         prepare: Callable[[Scan], Scan] | None = None,
@@ -128,7 +132,8 @@ class LiveMapper:
         self.undecided = ""
         self.failures: dict[str, str] = {}
         self._intake, self._target, self._make = intake, target, make
-        self._patience, self._threads, self._window = patience, threads, window
+        self._patience, self._threads = patience, threads
+        self._window, self._fading = window, fading
         self._clock, self._prepare, self._way = clock, prepare, way
         self._changed = threading.Condition()
         self._queue = ScanQueue(queue)
@@ -402,6 +407,8 @@ class LiveMapper:
                 one = usable.insert_into(self._target, max_range=settings.max_range, threads=self._threads)
                 if self._window is not None:
                     self._window.moved(self._target, scan)
+                if self._fading is not None:
+                    self._fading.follow(self._target, usable, settings.max_range)
                 self._stamp = scan.stamp
                 self._revision += 1
         except ValueError:

@@ -5,9 +5,9 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Callable, Optional
+from typing import Annotated, Any, Callable, Optional
 
 import typer
 
@@ -28,16 +28,21 @@ from ndtree.cli.commands.options import (
     World,
 )
 from ndtree.cli.commands.output import check_target, is_stdout, write_json
-from ndtree.live import Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Way, Window, play
+from ndtree.cli.commands.shows import (
+    FoxgloveOption,
+    RerunOption,
+    check_rerun,
+    foxglove_sink,
+    rerun_sink,
+    wait_at,
+)
+from ndtree.live import Fading, Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Way, Window, play
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 from ndtree.live.playing import messages_of, scans_of
 from ndtree.logs import WrongOption, recognised
 from ndtree.logs.core.selection import Selection
 from ndtree.logs.ros.files.bag import open_bag
-
-if TYPE_CHECKING:
-    from ndtree.live import FoxgloveSink, RerunSink
 
 #: How often a page is drawn anew, and a line on a terminal [s].
 PAGE, LINE = 0.5, 0.5
@@ -81,6 +86,10 @@ def live(
         Optional[float],
         typer.Option(help="Forget what is farther from the sensor than this \\[m].", show_default=False),
     ] = None,
+    fade: Annotated[
+        Optional[float],
+        typer.Option(help="Forget what was not seen for this long \\[s].", show_default=False),
+    ] = None,
     save_every: Annotated[
         Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
     ] = None,
@@ -88,18 +97,8 @@ def live(
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
     port: Port = None,
-    foxglove: Annotated[
-        Optional[int],
-        typer.Option(
-            metavar="PORT", help="Serve it to Foxglove, on 8765 or a free port: 0.", show_default=False
-        ),
-    ] = None,
-    rerun: Annotated[
-        Optional[str],
-        typer.Option(
-            metavar="FILE", help="Write it for rerun: FILE.rrd, or rerun+http://...", show_default=False
-        ),
-    ] = None,
+    foxglove: FoxgloveOption = None,
+    rerun: RerunOption = None,
     dim: Dim = None,
     max_range: MaxRange = None,
     no_return: NoReturnOption = NoReturnKind.auto,
@@ -120,8 +119,7 @@ def live(
         raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
     for path in (output, json_file):
         check_target(path)
-    if rerun is not None and "://" not in rerun:
-        check_target(Path(rerun))
+    check_rerun(rerun)
     target = None
     if resume is not None:
         if options or fixed:
@@ -132,6 +130,7 @@ def live(
     made(lambda: new_map(dim or 2, fixed, options) if target is None else None)
     sinks: list[Any] = [made(lambda: Saver(output, save_every))] if save_every is not None else []
     follow = None if window is None else made(lambda: Window(window))
+    fading = None if fade is None else made(lambda: Fading(fade))
     with ExitStack() as stack:
         intake, items = _source(
             log, world, dim, reading, stack,
@@ -140,9 +139,11 @@ def live(
         page = _Page(port) if watch else None
         sinks += [page] if page is not None else []
         way = Way()
-        server = _foxglove(foxglove, intake, way, stack) if foxglove is not None else None
+        server = None
+        if foxglove is not None:
+            server = foxglove_sink(foxglove, lambda: _frame(intake), way, stack)
         sinks += [server] if server is not None else []
-        sinks += [_rerun(rerun, way, stack)] if rerun is not None else []
+        sinks += [rerun_sink(rerun, way, stack)] if rerun is not None else []
         mapper = LiveMapper(
             intake,
             target=target,
@@ -150,6 +151,7 @@ def live(
             queue=queue,
             patience=patience,
             window=follow,
+            fading=fading,
             sinks=sinks,
             prepare=_prepare(reading),
             way=way,
@@ -169,7 +171,7 @@ def live(
         if page is not None:
             page.stay()
         elif server is not None:
-            _stay(server.url)
+            wait_at(server.url)
 
 
 def _source(
@@ -221,34 +223,9 @@ def _prepare(reading: Reading) -> Optional[Callable[[Scan], Scan]]:
     return made(lambda: Selection(3, **chosen)).cut
 
 
-def _foxglove(port: int, intake: Intake, way: Way, stack: ExitStack) -> "FoxgloveSink":
-    """A server for Foxglove, that ends with the command."""
-    from ndtree.live import FoxgloveSink
-
-    def frame() -> str:
-        log = intake.log if isinstance(intake, MessagesIntake) else None
-        return "map" if log is None else log.fixed_frame
-
-    sink = made(lambda: FoxgloveSink(port, frame=frame, way=way))
-    stack.callback(sink.close)
-    print(f"{sink.url} shows the map to Foxglove as it grows", file=sys.stderr, flush=True)
-    return sink
-
-
-def _rerun(target: str, way: Way, stack: ExitStack) -> "RerunSink":
-    """What writes for rerun, until the command ends."""
-    from ndtree.live import RerunSink
-
-    sink = made(lambda: RerunSink(target, way=way))
-    stack.callback(sink.close)
-    return sink
-
-
-def _stay(url: str) -> None:
-    """Until the user interrupts."""
-    print(f"{url} until Ctrl-C", file=sys.stderr, flush=True)
-    with suppress(KeyboardInterrupt):
-        threading.Event().wait()
+def _frame(intake: Intake) -> str:
+    log = intake.log if isinstance(intake, MessagesIntake) else None
+    return "map" if log is None else log.fixed_frame
 
 
 class _Page:

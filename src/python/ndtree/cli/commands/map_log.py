@@ -3,6 +3,7 @@
 
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Optional
@@ -27,6 +28,7 @@ from ndtree.cli.commands.options import (
 )
 from ndtree.cli.commands.output import check_picture, check_target, is_stdout, write_json
 from ndtree.cli.commands.pictures import observers_of, plotting, stay
+from ndtree.cli.commands.shows import FoxgloveOption, RerunOption, check_rerun, showing, wait_at
 from ndtree.logs import JoinedLog, Log
 from ndtree.maps.open import is_map
 from ndtree.tuning.settings import Settings
@@ -79,6 +81,8 @@ def map_(
     style: StyleOption = None,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
     port: Port = None,
+    foxglove: FoxgloveOption = None,
+    rerun: RerunOption = None,
     record: Annotated[
         Optional[Path], typer.Option(metavar="FILE", help="Film how it grows: .mp4 or .gif.")
     ] = None,
@@ -120,6 +124,7 @@ def map_(
         raise WrongCall("--align: makes a frame for each log, expected no --merge")
     if len(logs) > 1 and not merge:
         alone = {"--picture": picture, "--record": record, "--watch": watch or None}
+        alone |= {"--foxglove": foxglove, "--rerun": rerun}
         for flag, value in alone.items():
             if value is not None:
                 raise WrongCall(f"{flag}: is for one map, expected one LOG, or --merge")
@@ -141,6 +146,8 @@ def map_(
         else {
             "--picture": picture,
             "--watch": watch or None,
+            "--foxglove": foxglove,
+            "--rerun": rerun,
             "--record": record,
             "--static": static or None,
         },
@@ -148,6 +155,7 @@ def map_(
     )
     for path in (None if tiled else output, json_file, record):
         check_target(path)
+    check_rerun(rerun)
     check_picture(plot, picture)
     if tiled:
         settings = wanted.settings(opened)
@@ -162,17 +170,23 @@ def map_(
         write_json(figures, json_file)
         warn_of_skipped(opened)
         return
-    with observers_of(watch, port, record, record_every) as observers:
-        done = wanted.map(opened, read_seconds, observers)
-    written(done, output, plot, picture, style)
-    figures = done.figures()
-    if not is_stdout(json_file):
-        done.print(output, picture, record)
-        print(f"look at it: ndtree view {output} --open")
-    write_json(figures, json_file)
-    warn_of_skipped(opened)
-    if watch:
-        stay(observers[0], done.target, json_file)
+    with ExitStack() as stack:
+        shown = showing(foxglove, rerun, stack)
+        with observers_of(watch, port, record, record_every) as observers:
+            done = wanted.map(opened, read_seconds, [*observers, *filter(None, [shown])])
+        if shown is not None:
+            shown.end(done.target)
+        written(done, output, plot, picture, style)
+        figures = done.figures()
+        if not is_stdout(json_file):
+            done.print(output, picture, record)
+            print(f"look at it: ndtree view {output} --open")
+        write_json(figures, json_file)
+        warn_of_skipped(opened)
+        if watch:
+            stay(observers[0], done.target, json_file)
+        elif shown is not None and shown.url:
+            wait_at(shown.url)
 
 
 @dataclass(frozen=True)

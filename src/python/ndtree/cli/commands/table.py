@@ -156,6 +156,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("patience", "S", "1 s", "poses come late"),
         Row("look_for", "S", "2 s", "more messages to decide by, and a later start"),
         Row("window", "M", "the whole map", "a robot that needs its surroundings alone"),
+        Row("fade", "S", "nothing fades", "things that move all day; walls that are not seen go, too"),
         Row("resume", "MAP", "an empty map", "go on with a saved map"),
     ),
     "On which machines?": (

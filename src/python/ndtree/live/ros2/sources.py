@@ -13,13 +13,11 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from ndtree.live.ros2.messages import class_of
-from ndtree.logs.poses.transforms import plain
-from ndtree.logs.ros.messages.beams import CAMERA_INFO, IMAGES, SENSORS
+from ndtree.live.ros.messages import class_of
+from ndtree.live.ros.topics import TRANSFORMS, Wanted, is_superfluous
+from ndtree.logs.ros.messages.beams import CAMERA_INFO, SENSORS
 from ndtree.logs.ros.storage import Connection, Raw
-from ndtree.logs.ros.survey import ODOMETRY, POSES, TF
 
-TRANSFORMS = {"/tf": TF[0], "/tf_static": TF[0]}
 #: Messages that may wait to be taken, of sensors and of transforms.
 SENSOR_DEPTH, POSE_DEPTH = 50, 1000
 
@@ -32,10 +30,8 @@ class Sources:
     node : Node
     put : callable
         Is given each Raw message.
-    topics : set of str
-        Of sensors, without the slash before them; none: all that there are.
-    poses : set of str
-        Of topics with poses, without the slash.
+    reading : dict
+        What a user said of sensors and frames, as for `ndtree.read`.
     reliable : bool
         Whether lost messages are asked for again.
     queue : int
@@ -53,19 +49,17 @@ class Sources:
         self,
         node: Node,
         put: Callable[[Raw], None],
-        topics: set[str],
-        poses: set[str],
+        reading: dict[str, Any],
         *,
         reliable: bool,
         queue: int,
     ) -> None:
-        self._node, self._put, self._topics, self._poses = node, put, topics, poses
+        self._node, self._put, self._wanted = node, put, Wanted(reading)
         self.reliable = reliable
         self.depth = max(SENSOR_DEPTH, queue) if reliable else SENSOR_DEPTH
         self._subscriptions: dict[str, Any] = {}
         self.lost = 0
         self.missing: dict[str, str] = {}
-        self._is_chosen = False
         for topic, type in TRANSFORMS.items():
             self._subscribe(topic, type)
 
@@ -74,24 +68,15 @@ class Sources:
         own = {posixpath.join("/", one.topic_name) for one in self._node.publishers}
         for topic, types in self._node.get_topic_names_and_types():
             if topic not in self._subscriptions and topic not in own and types:
-                if self._is_wanted(topic, types[0]):
+                others = [one.connection.type for one in self._subscriptions.values()]
+                if self._wanted.is_wanted(topic, types[0], others):
                     self._subscribe(topic, types[0])
-
-    def _is_wanted(self, topic: str, type: str) -> bool:
-        if type in TF or plain(topic) in self._poses:
-            return True
-        if type in SENSORS:
-            return plain(topic) in self._topics or not (self._topics or self._is_chosen)
-        if type == CAMERA_INFO:
-            return any(one.connection.type in IMAGES for one in self._subscriptions.values())
-        return type == ODOMETRY and not (self._poses or self._is_chosen)
 
     def choose(self, topics: set[str]) -> None:
         """From now on listen to these topics of sensors and poses, and to no others."""
-        self._is_chosen = True
+        self._wanted.choose()
         for topic, one in list(self._subscriptions.items()):
-            type = one.connection.type
-            if plain(topic) not in topics and (type in SENSORS or type in POSES):
+            if is_superfluous(topic, one.connection.type, topics):
                 self._node.destroy_subscription(one.subscription)
                 del self._subscriptions[topic]
 

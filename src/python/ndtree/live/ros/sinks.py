@@ -9,15 +9,13 @@ from typing import Any
 
 from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import OccupancyGrid
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from ndtree._native._core import OccupancyMap
 from ndtree.live.grid import GridFollower
 from ndtree.live.outputs import Frontiers, occupied_points
-from ndtree.live.ros2.messages import (
+from ndtree.live.ros.messages import (
     cloud_message,
     frontier_message,
     grid_message,
@@ -26,16 +24,9 @@ from ndtree.live.ros2.messages import (
     optional_class,
     update_message,
 )
-from ndtree.live.ros2.parameters import value
+from ndtree.live.ros.middleware import Middleware
 from ndtree.maps.writers.rosbag import octomap_nodes
 
-#: Subscribers that come later get the last one, as from map_server.
-LATCHED = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
 #: Updates that a subscriber may be behind.
 UPDATES = 100
 
@@ -45,7 +36,7 @@ class NodeSink:
 
     Parameters
     ----------
-    node : Node
+    node : Middleware
     frame : callable
         The frame of the map.
     """
@@ -53,13 +44,13 @@ class NodeSink:
     #: The parameter with its period.
     parameter = ""
 
-    def __init__(self, node: Node, frame: Callable[[], str]) -> None:
+    def __init__(self, node: Middleware, frame: Callable[[], str]) -> None:
         self._node, self._frame = node, frame
 
     @property
     def period(self) -> float:
         """As the node's parameter has it [s]."""
-        return float(value(self._node, self.parameter))
+        return float(self._node.value(self.parameter))
 
 
 class GridSink(NodeSink):
@@ -71,14 +62,12 @@ class GridSink(NodeSink):
 
     parameter = "grid_period"
 
-    def __init__(self, node: Node, frame: Callable[[], str]) -> None:
+    def __init__(self, node: Middleware, frame: Callable[[], str]) -> None:
         super().__init__(node, frame)
-        self._maps = node.create_publisher(OccupancyGrid, "map", LATCHED)
+        self._maps = node.publisher(OccupancyGrid, "map")
         self._update = optional_class("map_msgs/msg/OccupancyGridUpdate")
         self._updates = (
-            None
-            if self._update is None
-            else node.create_publisher(self._update, "map_updates", QoSProfile(depth=UPDATES))
+            None if self._update is None else node.publisher(self._update, "map_updates", depth=UPDATES)
         )
         self._height: tuple[float, float] | None = None
         self._grid: GridFollower | None = None
@@ -97,9 +86,9 @@ class GridSink(NodeSink):
             self._stamp = stamp
             height = None
             if m.dim == 3:
-                height = float(value(self._node, "grid_low")), float(value(self._node, "grid_high"))
+                height = float(self._node.value("grid_low")), float(self._node.value("grid_high"))
             if self._grid is None or height != self._height:
-                self._grid = GridFollower(value(self._node, "grid_cell_size") or None, height)
+                self._grid = GridFollower(self._node.value("grid_cell_size") or None, height)
                 self._height = height
             part = self._grid.follow(m)
             has_come = self._has_come()
@@ -115,9 +104,7 @@ class GridSink(NodeSink):
     def _has_come(self) -> bool:
         """Whether somebody listens who did not before: to updates, too, which lack what was before."""
         before = self._listeners
-        self._listeners = [
-            0 if one is None else one.get_subscription_count() for one in (self._maps, self._updates)
-        ]
+        self._listeners = [0 if one is None else one.listeners() for one in (self._maps, self._updates)]
         return any(now > then for now, then in zip(self._listeners, before))
 
     def _send_whole(self) -> None:
@@ -146,13 +133,13 @@ class CellsSink(NodeSink):
 
     parameter = "cells_period"
 
-    def __init__(self, node: Node, frame: Callable[[], str]) -> None:
+    def __init__(self, node: Middleware, frame: Callable[[], str]) -> None:
         super().__init__(node, frame)
-        self._clouds = node.create_publisher(PointCloud2, "~/occupied_cells", LATCHED)
-        self._markers = node.create_publisher(MarkerArray, "~/cell_markers", LATCHED)
+        self._clouds = node.publisher(PointCloud2, "~/occupied_cells")
+        self._markers = node.publisher(MarkerArray, "~/cell_markers")
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
-        to_clouds, to_markers = (one.get_subscription_count() for one in (self._clouds, self._markers))
+        to_clouds, to_markers = (one.listeners() for one in (self._clouds, self._markers))
         if not (to_clouds or to_markers):
             return
         points = occupied_points(m)
@@ -167,13 +154,13 @@ class FrontiersSink(NodeSink):
 
     parameter = "frontiers_period"
 
-    def __init__(self, node: Node, frame: Callable[[], str]) -> None:
+    def __init__(self, node: Middleware, frame: Callable[[], str]) -> None:
         super().__init__(node, frame)
-        self._poses = node.create_publisher(PoseArray, "~/frontiers", LATCHED)
-        self._frontiers = Frontiers(float(value(node, "frontier_cells")))
+        self._poses = node.publisher(PoseArray, "~/frontiers")
+        self._frontiers = Frontiers(float(node.value("frontier_cells")))
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
-        if self._poses.get_subscription_count():
+        if self._poses.listeners():
             self._poses.publish(frontier_message(self._frontiers.follow(m), self._frame(), stamp))
 
 
@@ -182,16 +169,16 @@ class OctomapSink(NodeSink):
 
     parameter = "octomap_period"
 
-    def __init__(self, node: Node, frame: Callable[[], str], kind: Any) -> None:
+    def __init__(self, node: Middleware, frame: Callable[[], str], kind: Any) -> None:
         super().__init__(node, frame)
         self._kind = kind
         self._publishers = {
-            binary: node.create_publisher(kind, f"~/octomap_{'binary' if binary else 'full'}", LATCHED)
+            binary: node.publisher(kind, f"~/octomap_{'binary' if binary else 'full'}")
             for binary in (False, True)
         }
 
     def update(self, m: OccupancyMap, stamp: float) -> None:
         for binary, publisher in self._publishers.items():
-            if m.dim == 3 and publisher.get_subscription_count():
+            if m.dim == 3 and publisher.listeners():
                 found = octomap_nodes(m, None, binary=binary)
                 publisher.publish(octomap_message(self._kind, *found, self._frame(), stamp, binary=binary))

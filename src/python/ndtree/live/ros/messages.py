@@ -1,15 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages of ROS 2 that show a map, made of arrays."""
+"""Messages of ROS 1 and ROS 2 that show a map, made of arrays. Classes have the same names in both."""
 
 from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
 from nav_msgs.msg import OccupancyGrid
 from numpy.typing import NDArray
@@ -20,6 +19,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from ndtree.live.grid import GridFollower, GridPart
 from ndtree.live.outputs import POINT, FrontierPose, by_size
 from ndtree.live.palette import color_of
+
+#: Messages of ROS 1 take bytes, and arrays of numbers by classes of their own; those of ROS 2 take arrays.
+IS_ROS1 = hasattr(Header, "_md5sum")
 
 
 def class_of(type: str) -> Any:
@@ -36,36 +38,62 @@ def optional_class(type: str) -> Any:
         return None
 
 
+def _of_numbers(kind: Any) -> Any:
+    """A class of messages with the field `data` of int8, which is given to it as `_numbers`."""
+    return import_module("rospy.numpy_msg").numpy_msg(kind) if IS_ROS1 else kind
+
+
+def _numbers(values: NDArray[np.int8]) -> Any:
+    return values.ravel().view(_Numbers) if IS_ROS1 else array("b", values.tobytes())
+
+
+class _Numbers(NDArray[np.int8] if TYPE_CHECKING else np.ndarray):  # type: ignore[misc]
+    """An array as rospy packs it: NumPy 2 has no such name any more."""
+
+    def tostring(self) -> bytes:
+        return self.tobytes()
+
+
+def _bytes(values: bytes) -> Any:
+    return values if IS_ROS1 else array("B", values)
+
+
 def header(frame: str, stamp: float) -> Header:
     """Of a frame at a time [s]."""
     nanoseconds = max(round(stamp * 1e9), 0)
-    time = Time(sec=nanoseconds // 10**9, nanosec=nanoseconds % 10**9)
-    return Header(stamp=time, frame_id=frame)
+    message = Header(frame_id=frame)
+    # Only the parts of a time have other names.
+    parts = ("secs", "nsecs") if hasattr(message.stamp, "secs") else ("sec", "nanosec")
+    for name, part in zip(parts, divmod(nanoseconds, 10**9)):
+        setattr(message.stamp, name, part)
+    return message
 
 
 def grid_message(grid: GridFollower, frame: str, stamp: float, z: float) -> OccupancyGrid:
     """All of a grid."""
     assert grid.values is not None
-    message = OccupancyGrid(header=header(frame, stamp))
+    message = _of_numbers(OccupancyGrid)(header=header(frame, stamp))
     message.info.map_load_time = message.header.stamp
     message.info.resolution = float(grid.cell_size)
     message.info.height, message.info.width = grid.values.shape
     x, y = grid.origin
-    message.info.origin = Pose(position=Point(x=x, y=y, z=z))
-    message.data = array("b", grid.values.tobytes())
+    message.info.origin = Pose(
+        position=Point(x=x, y=y, z=z), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    )
+    message.data = _numbers(grid.values.copy())
     return message
 
 
 def update_message(kind: Any, part: GridPart, frame: str, stamp: float) -> Any:
     """A part of a grid, as map_msgs/OccupancyGridUpdate."""
     height, width = part.values.shape
-    return kind(
+    return _of_numbers(kind)(
         header=header(frame, stamp),
         x=part.column,
         y=part.row,
         width=width,
         height=height,
-        data=array("b", np.ascontiguousarray(part.values).tobytes()),
+        data=_numbers(part.values),
     )
 
 
@@ -83,7 +111,7 @@ def cloud_message(points: NDArray[np.void], frame: str, stamp: float) -> PointCl
         is_bigendian=False,
         point_step=POINT.itemsize,
         row_step=POINT.itemsize * len(points),
-        data=array("B", points.tobytes()),
+        data=_bytes(points.tobytes()),
         is_dense=True,
     )
 
@@ -118,10 +146,10 @@ def octomap_message(
     kind: Any, name: str, resolution: float, nodes: bytes, frame: str, stamp: float, *, binary: bool
 ) -> Any:
     """An octomap_msgs/Octomap."""
-    return kind(
+    return _of_numbers(kind)(
         header=header(frame, stamp),
         binary=binary,
         id=name,
         resolution=resolution,
-        data=array("b", nodes),
+        data=_numbers(np.frombuffer(nodes, np.int8)),
     )

@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The map of a node: what its parameters make of it, and what its services do."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from enum import IntEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from ndtree._native import _core
+from ndtree._native._core import OccupancyMap
+from ndtree.base.scan import Scan
+from ndtree.live.fading import Fading
+from ndtree.live.mapper import LiveMapper
+from ndtree.live.messages import MessagesIntake
+from ndtree.live.ros.messages import header, optional_class
+from ndtree.live.ros.middleware import Level, Middleware
+from ndtree.live.ros.parameters import reading_options
+from ndtree.live.ros.sinks import CellsSink, FrontiersSink, GridSink, OctomapSink
+from ndtree.live.saver import Saver
+from ndtree.live.window import Window
+from ndtree.logs.core.selection import Selection
+from ndtree.logs.poses.transforms import plain
+from ndtree.logs.ros.storage import Raw
+from ndtree.maps.open import open_map
+from ndtree.maps.writers import write
+
+#: How often a node looks around for topics, and lets measurements give up [s].
+TICK = 0.1
+#: How often it is said why nothing is mapped [s].
+SAYS = 5.0
+
+
+class Loaded(IntEnum):
+    """What nav_msgs/LoadMap answers."""
+
+    success = 0
+    no_such_file = 1
+    no_map = 2
+
+
+class MapService:
+    """A live map as the parameters of a node have it, with sinks that publish it.
+
+    Parameters
+    ----------
+    node : Middleware
+
+    Raises
+    ------
+    ValueError, OSError, WrongOption
+        If no map can be made of the parameters.
+    """
+
+    def __init__(self, node: Middleware) -> None:
+        self._node = node
+        value = node.value
+        limit = value("max_range") or math.inf
+        target, options = None, node.map_options()
+        file = value("map_file")
+        if value("resume") and file and Path(file).exists():
+            target = _loaded(file)
+            options = dict(target.options)
+        if target is None:
+            self._new_map(value("dim") or 3, options)  # Refuses what no map can be made of.
+        self._intake = MessagesIntake(
+            node.name,
+            options=options,
+            reading=reading_options(value),
+            dim=value("dim") or None,
+            max_range=limit,
+            no_return=value("no_return"),
+            look=value("look"),
+        )
+        if value("no_return") not in ("auto", "free", "ignore"):
+            raise ValueError(f"no_return = {value('no_return')}: must be auto, free or ignore")
+        self._position: np.ndarray | None = None
+        self._is_announced = False
+        self._before = 0, 0.0
+        self._said = -math.inf
+        self._failed: dict[str, str] = {}
+        self._grid = GridSink(node, self._frame)
+        sinks: list[Any] = [self._grid, CellsSink(node, self._frame), FrontiersSink(node, self._frame)]
+        octomap = optional_class("octomap_msgs/msg/Octomap")
+        if octomap is not None:
+            sinks.append(OctomapSink(node, self._frame, octomap))
+        if file and value("save_period") > 0:
+            sinks.append(Saver(file, value("save_period")))
+        self._status = node.publisher(DiagnosticArray, "/diagnostics", depth=10)
+        selection = Selection(3, min_range=value("min_range"))
+
+        def prepare(scan: Scan) -> Scan:
+            origin = np.atleast_2d(scan.origin)
+            self._position = origin[-1] if len(origin) else self._position
+            return selection.cut(scan)
+
+        self.mapper = LiveMapper(
+            self._intake,
+            target=target,
+            make=self._new_map,
+            queue=value("queue"),
+            patience=value("patience"),
+            threads=value("threads"),
+            window=Window(value("window")) if value("window") > 0 else None,
+            fading=Fading(value("fade")) if value("fade") > 0 else None,
+            sinks=sinks,
+            prepare=prepare,
+        )
+
+    def _new_map(self, dim: int, options: dict[str, Any]) -> OccupancyMap:
+        if not self._node.value("fixed_cells"):
+            return _core.AdaptiveMap(dim=dim, **options)
+        named = {("cell_size" if name == "min_cell_size" else name): one for name, one in options.items()}
+        return _core.FixedMap(dim=dim, **named)
+
+    def _frame(self) -> str:
+        log = self._intake.log
+        return (self._node.value("fixed_frame") or "map") if log is None else log.fixed_frame
+
+    def put(self, raw: Raw) -> None:
+        """Take a message."""
+        self.mapper.put(raw, 1e-9 * raw.received)
+
+    def tick(self) -> set[str] | None:
+        """What is to be done every `TICK` seconds.
+
+        Returns
+        -------
+        set of str or None
+            Topics that are used, without the slash, when that was decided since the last time.
+        """
+        intake, mapper = self._intake, self.mapper
+        mapper.advance(self._node.now())
+        chosen = None
+        if intake.log is not None and not self._is_announced:
+            self._is_announced = True
+            for line in intake.said():
+                self._node.say(Level.info, line)
+            chosen = {plain(one) for one in (*intake.sensors, *intake.pose_topics)}
+        elif intake.log is None and mapper.undecided and time.monotonic() - self._said >= SAYS:
+            self._said = time.monotonic()
+            self._node.say(Level.warning, mapper.undecided)
+        self._say_failures()
+        self._grid.welcome()
+        return chosen
+
+    def _say_failures(self) -> None:
+        """Say what has gone wrong since the last time in a sink; the map goes on."""
+        failures = dict(self.mapper.failures)
+        for sink, error in failures.items():
+            if self._failed.get(sink) != error:
+                self._node.say(Level.error, f"{sink}: {error}")
+        self._failed = failures
+
+    def close(self, lost: int) -> None:
+        """Map what has arrived, publish and save it, and say what became of scans.
+
+        Parameters
+        ----------
+        lost : int
+            As for `diagnose`.
+        """
+        file = self._node.value("map_file")
+        try:
+            self.mapper.close()
+            if file and self.mapper.has_map:
+                write(self.mapper.snapshot(), Path(file))
+        except (ValueError, OSError) as error:
+            self._node.say(Level.error, str(error))
+        self._say_failures()
+        self.diagnose(lost)
+        self._node.say(Level.info, self.mapper.figures.summary())
+
+    def diagnose(self, lost: int) -> None:
+        """Publish how the map does.
+
+        Parameters
+        ----------
+        lost : int
+            Messages that the middleware says it has lost.
+        """
+        mapper, figures = self.mapper, self.mapper.figures
+        now = self._node.now()
+        mapped, since = self._before
+        rate = (figures.mapped - mapped) / (now - since) if now > since else 0.0
+        self._before = figures.mapped, now
+        values: dict[str, Any] = {
+            "rate [Hz]": f"{rate:.1f}",
+            "delay, median [ms]": f"{1e3 * figures.delay(0.5):.1f}",
+            "delay, 99 % [ms]": f"{1e3 * figures.delay(0.99):.1f}",
+            "received": figures.received,
+            "mapped": figures.mapped,
+            "dropped": figures.dropped,
+            "lost by the middleware": lost,
+            "late poses": figures.late_poses,
+            "waiting": figures.waiting,
+            **{f"left out, {kind}": count for kind, count in figures.left_out.items()},
+            **{f"{sink} failed": error for sink, error in mapper.failures.items()},
+        }
+        name = self._node.name.rpartition("/")[2]
+        status = DiagnosticStatus(name=f"{name}: map", hardware_id="", level=DiagnosticStatus.OK)
+        if mapper.has_map:
+            stats = mapper.snapshot().stats()
+            values["cells"] = stats.observed_leaves
+            values["memory [MiB]"] = f"{stats.memory_bytes / 2**20:.1f}"
+            status.message = f"{rate:.1f} scans/s"
+        else:
+            status.level = DiagnosticStatus.WARN
+            status.message = mapper.undecided or "nothing to map yet"
+        if mapper.has_map and (rate == 0 or mapper.failures):
+            status.level = DiagnosticStatus.WARN
+            status.message = next(iter(mapper.failures.values()), "no scans are mapped")
+        status.values = [KeyValue(key=key, value=str(one)) for key, one in values.items()]
+        self._status.publish(DiagnosticArray(header=header("", now), status=[status]))
+
+    def save(self) -> tuple[bool, str]:
+        """Write the map to its file; whether that was done, and the file or what went wrong."""
+        file = self._node.value("map_file")
+        try:
+            if not file:
+                raise ValueError("map_file is not set, expected the name of a file")
+            write(self.mapper.snapshot(), Path(file))
+        except (ValueError, OSError, RuntimeError, ImportError) as error:
+            return False, str(error)
+        return True, file
+
+    def load(self, url: str) -> Loaded:
+        """Go on with a map of a file."""
+        try:
+            self.mapper.replace(_loaded(url[len("file://") :] if url.startswith("file://") else url))
+        except FileNotFoundError:
+            return Loaded.no_such_file
+        except (ValueError, OSError, RuntimeError) as error:
+            self._node.say(Level.error, str(error))
+            return Loaded.no_map
+        return Loaded.success
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.mapper.replace(None)
+
+    def clear_around(self) -> tuple[bool, str]:
+        """Forget the box around the sensor; whether that was done, and where or what went wrong."""
+        radius = self._node.value("clear_radius")
+        try:
+            if self._position is None:
+                raise RuntimeError("nothing was mapped yet")
+            with self.mapper.locked() as m:
+                m.clear(np.stack([self._position - radius, self._position + radius]))
+        except (ValueError, RuntimeError) as error:
+            return False, str(error)
+        return True, f"within {radius:g} m of {self._position.tolist()}"
+
+    def clear_box(self, frame: str, points: Sequence[Any]) -> None:
+        """Forget the box around points in a frame: in 2-D of x and y alone."""
+        if frame not in ("", self._frame()):
+            self._node.say(Level.error, f"clear_box: is in {frame}, expected {self._frame()}")
+            return
+        corners = np.array([[one.x, one.y, one.z] for one in points])
+        try:
+            with self.mapper.locked() as m:
+                m.clear(np.stack([corners.min(axis=0), corners.max(axis=0)])[:, : m.dim])
+        except (ValueError, RuntimeError) as error:
+            self._node.say(Level.error, f"clear_box: {error}")
+
+    def grid(self) -> Any:
+        """The grid of the map as it is now; None if nothing is known."""
+        try:
+            self._grid.update(self.mapper.snapshot(), self.mapper.stamp)
+            return self._grid.whole()
+        except (ValueError, RuntimeError) as error:
+            self._node.say(Level.warning, f"get_map: {error}")
+            return None
+
+
+def _loaded(path: str) -> OccupancyMap:
+    placed = open_map(path)
+    return placed.resampled(placed.cell_size)

@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The parameters of the nodes, with their defaults, limits and descriptions: one table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ndtree.live.mapper import PATIENCE, QUEUE
+from ndtree.live.messages import LOOK
+
+
+@dataclass(frozen=True)
+class Row:
+    """A parameter; `changes` is whether it may be set while the node maps."""
+
+    name: str
+    default: Any
+    text: str
+    limits: tuple[float, float] | None = None
+    changes: bool = False
+
+
+ROWS = (
+    Row("autostart", True, "Configure and activate at once; else a lifecycle manager does."),
+    Row("topics", [""], "Topics of sensors, @SIGMA [m] may follow; none: of those that there are, the best."),
+    Row("fixed_frame", "", "Frame of the map; else map, odom, world or a root of /tf."),
+    Row("base_frame", "", "Frame of the mount, or that poses are of."),
+    Row("sensor_frame", "", "The sensor's frame, whatever its messages say."),
+    Row("mount", "", "Sensor on its base: X,Y,Z,ROLL,PITCH,YAW or X,Y,YAW."),
+    Row("odometry", "", "Topic with Odometry, for poses instead of /tf."),
+    Row("poses", "", "Topic with poses, instead of /tf."),
+    Row("still", False, "The sensor stands still."),
+    Row("time_offset", 0.0, "Added to the times of scans [s]."),
+    Row("deskew", True, "Each beam from the pose of its own time."),
+    Row("sweep", "", "When beams were measured: stamp, end, reversed, reversed-end or said."),
+    Row("camera", "", "Of depth images without CameraInfo: fx,fy,cx,cy."),
+    Row("pixel_stride", 1, "Of depth images, each n-th pixel of each n-th row.", (1, 64)),
+    Row("zero_is", "", "What ranges of 0 say: no-echo or invalid."),
+    Row("body", "", "The robot, no obstacle: box:LX,LY,LZ[,X,Y,Z], sphere:, capsule:, footprint:, @FRAME."),
+    Row("dim", 0, "2 or 3; 0: what the sensors say.", (0, 3)),
+    Row("fixed_cells", False, "All cells of one size."),
+    Row("max_range", 0.0, "Longer beams are free up to here [m]; 0: no limit.", (0.0, 1e6)),
+    Row("min_range", 0.0, "Shorter beams are left out [m].", (0.0, 1e6)),
+    Row("no_return", "auto", "What a beam without return says: free, ignore, or auto."),
+    Row("look", LOOK, "Messages that decide what is mapped and how [s].", (0.0, 1e3)),
+    Row("queue", QUEUE, "Scans that wait at most; of more, the oldest is dropped.", (1, 100000)),
+    Row("patience", PATIENCE, "A scan waits for its pose at most [s].", (0.0, 1e3)),
+    Row("threads", 1, "That insert; 0: as many as there are cores.", (0, 256)),
+    Row("reliable", False, "Ask sensors for lost messages again: reliable, not best effort."),
+    Row("window", 0.0, "What is farther from the sensor is forgotten [m]; 0: nothing.", (0.0, 1e6)),
+    Row("fade", 0.0, "What was not seen for this long is forgotten [s]; 0: nothing.", (0.0, 1e6)),
+    Row("map_file", "", "Where the map is saved; its ending says as what."),
+    Row("resume", False, "Go on with the map in map_file, if it is there."),
+    Row("save_period", 0.0, "From one saving to the next [s]; 0: only at the end.", (0.0, 1e6)),
+    Row("grid_cell_size", 0.0, "Of the grid [m]; 0: that of the smallest cells.", (0.0, 1e3)),
+    Row("grid_low", 0.1, "Of a 3-D map, the grid is of cells between this height", (-1e6, 1e6), True),
+    Row("grid_high", 1.8, "and this one [m].", (-1e6, 1e6), True),
+    Row("grid_period", 0.0, "From one grid or update to the next [s]; 0: after each scan.", (0.0, 1e3), True),
+    Row("cells_period", 1.0, "Of occupied cells, as points and markers [s].", (0.0, 1e3), True),
+    Row("frontiers_period", 2.0, "Of frontiers [s].", (0.0, 1e3), True),
+    Row("frontier_cells", 8.0, "Smaller frontiers are left out [faces of smallest cells].", (0.0, 1e6)),
+    Row("octomap_period", 2.0, "Of Octomaps [s].", (0.0, 1e3), True),
+    Row("diagnostics_period", 1.0, "Of diagnostics [s].", (0.01, 1e3)),
+    Row("clear_radius", 1.0, "What clear_around forgets around the sensor [m].", (0.0, 1e6), True),
+)  # fmt: skip
+#: Parameters that are options of reading, if they are not empty.
+READING = (
+    "fixed_frame", "base_frame", "sensor_frame", "mount", "odometry", "poses", "sweep", "camera", "zero_is",
+    "body",
+)  # fmt: skip
+CHANGING = {row.name for row in ROWS if row.changes}
+
+
+def reading_options(value: Callable[[str], Any]) -> dict[str, Any]:
+    """What a user said of sensors and frames, of a function that tells the value of a parameter."""
+    options = {name: value(name) for name in READING if value(name)}
+    topics = [topic for topic in value("topics") if topic]
+    if topics:
+        options["topic"] = topics
+    if value("still"):
+        options["still"] = True
+    if value("time_offset"):
+        options["time_offset"] = value("time_offset")
+    if value("pixel_stride") != 1:
+        options["pixel_stride"] = value("pixel_stride")
+    return {**options, "deskew": value("deskew")}

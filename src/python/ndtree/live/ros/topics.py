@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Which topics a node listens to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from ndtree.logs.poses.transforms import plain
+from ndtree.logs.ros.messages.beams import CAMERA_INFO, IMAGES, SENSORS
+from ndtree.logs.ros.survey import ODOMETRY, POSES, TF
+
+#: Always, whether somebody publishes them or not.
+TRANSFORMS = {"/tf": TF[0], "/tf_static": TF[0]}
+
+
+class Wanted:
+    """Topics that are wanted: all that may be of use, until it is decided which are.
+
+    Parameters
+    ----------
+    reading : dict
+        What a user said of sensors and frames, as for `ndtree.read`.
+    """
+
+    def __init__(self, reading: dict[str, Any]) -> None:
+        self._topics = {plain(one.partition("@")[0]) for one in reading.get("topic", ())}
+        self._poses = {plain(reading[name]) for name in ("odometry", "poses") if name in reading}
+        self._is_chosen = False
+
+    def is_wanted(self, topic: str, type: str, others: Iterable[str]) -> bool:
+        """Whether to listen to a topic of a type, beside topics of other types."""
+        if type in TF or plain(topic) in self._poses:
+            return True
+        if type in SENSORS:
+            return plain(topic) in self._topics or not (self._topics or self._is_chosen)
+        if type == CAMERA_INFO:
+            return any(one in IMAGES for one in others)
+        return type == ODOMETRY and not (self._poses or self._is_chosen)
+
+    def choose(self) -> None:
+        """From now on nothing new is wanted but transforms."""
+        self._is_chosen = True
+
+
+def is_superfluous(topic: str, type: str, chosen: set[str]) -> bool:
+    """Whether a topic is of no use once sensors and topics with poses were chosen."""
+    return plain(topic) not in chosen and (type in SENSORS or type in POSES)

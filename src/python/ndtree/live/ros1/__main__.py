@@ -1,0 +1,9 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``python -m ndtree.live.ros1 _PARAMETER:=VALUE ...`` runs the node ``ndtree_map``."""
+
+import sys
+
+from ndtree.live.ros1.run import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,288 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The node of ROS 1 with a real master: one process publishes, one maps, one receives.
+
+Debian has what it needs: ``apt-get install --no-install-recommends python3-rospy python3-rosmaster
+python3-nav-msgs python3-map-msgs python3-tf2-msgs python3-visualization-msgs python3-diagnostic-msgs``, for
+its own interpreter ($NDTREE_ROS1_PYTHON, else /usr/bin/python3), which must be of the version that ndtree is
+installed for.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import sysconfig
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+
+from bags import Messages, write_bag
+from drives import START
+
+import ndtree
+
+PYTHON = os.environ.get("NDTREE_ROS1_PYTHON", "/usr/bin/python3")
+PROCESSES = Path(__file__).with_name("ros1")
+PATIENCE = 180.0
+
+
+def environment() -> dict[str, str]:
+    """Packages of this interpreter first, then those of the system's, which have rospy."""
+    own = [
+        str(Path(ndtree.__file__).parents[1]),
+        sysconfig.get_path("purelib"),
+        sysconfig.get_path("platlib"),
+    ]
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "ROS_"))}
+    return {
+        **kept,
+        "PYTHONPATH": os.pathsep.join([*dict.fromkeys(own), "/usr/lib/python3/dist-packages"]),
+        "PYTHONUNBUFFERED": "1",
+        "ROS_IP": "127.0.0.1",
+    }
+
+
+def has_ros() -> bool:
+    if not shutil.which("rosmaster") or not os.path.exists(PYTHON):
+        return False
+    needed = "rospy, nav_msgs.msg, map_msgs.msg, tf2_msgs.msg, visualization_msgs.msg, diagnostic_msgs.msg"
+    code = f"import {needed}, std_srvs.srv, rosbags, ndtree._native"
+    return subprocess.run([PYTHON, "-c", code], capture_output=True, env=environment()).returncode == 0
+
+
+pytestmark = pytest.mark.skipif(
+    not has_ros(), reason="no ROS 1 for this version of Python: see the head of the file for what to install"
+)
+
+
+class Robot:
+    """A master, and processes that know it; their output is in files of their names."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self._port = probe.getsockname()[1]
+        self.environment = {
+            **environment(),
+            "ROS_MASTER_URI": f"http://127.0.0.1:{self._port}",
+            "ROS_HOME": str(folder),
+        }
+
+    @contextmanager
+    def master(self) -> Iterator[None]:
+        words = ["/usr/bin/rosmaster", "--core", "-p", self._port]
+        with self.running("master", *words, python="/usr/bin/python3") as process:
+            self.wait(lambda: self._answers(), process, "master")
+            yield
+
+    def _answers(self) -> bool:
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", self._port)) == 0
+
+    @contextmanager
+    def running(self, name: str, *words: object, python: str = PYTHON) -> Iterator[subprocess.Popen[bytes]]:
+        with open(self.folder / f"{name}.log", "wb") as log:
+            process = subprocess.Popen(
+                [python, *map(str, words)], env=self.environment, stdout=log, stderr=subprocess.STDOUT
+            )
+            try:
+                yield process
+            finally:
+                if process.poll() is None:
+                    process.send_signal(signal.SIGINT)
+                    try:
+                        process.wait(30)
+                    except subprocess.TimeoutExpired:
+                        process.kill()
+                        process.wait()
+
+    def node(self, name: str = "node", **parameters: object) -> Any:
+        words = [f"_{key}:={value}" for key, value in parameters.items()]
+        return self.running(name, "-m", "ndtree.live.ros1", *words)
+
+    def log(self, name: str) -> str:
+        return (self.folder / f"{name}.log").read_text(errors="replace")
+
+    def wait(self, happens: Callable[[], bool], process: subprocess.Popen[bytes], name: str) -> None:
+        """Until something happens, as long as a process runs."""
+        deadline = time.monotonic() + PATIENCE
+        while not happens():
+            assert process.poll() is None and time.monotonic() < deadline, self.log(name)
+            time.sleep(0.02)
+
+    def ended(self, process: subprocess.Popen[bytes], name: str, node: subprocess.Popen[bytes]) -> None:
+        """Wait for the good end of a process, as long as the node runs."""
+        self.wait(lambda: process.poll() is not None, node, "node")
+        assert process.returncode == 0, self.log(name) + self.log("node")
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Robot]:
+    robot = Robot(tmp_path)
+    with robot.master():
+        yield robot
+
+
+def office(n: int) -> tuple[Messages, list[tuple[str, float, Any]]]:
+    """The simulated office as a robot would publish it, at 10 Hz."""
+    make, content = Messages("ros1"), []
+    fixed = make.transform(START - 1, "base", "laser", [0, 0, 0.2], [0, 0, 0, 1])
+    content.append(("/tf_static", START - 1, make.tf(fixed)))
+    for i, scan in enumerate(ndtree.simulate("office", scans=n)):
+        stamp, way = START + 0.1 * i, scan.endpoints - scan.origin
+        angles = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
+        turn = float(angles[0])
+        ranges = np.hypot(*way.T)
+        if scan.returned is not None:
+            ranges[~scan.returned] = np.inf
+        quaternion = [0, 0, np.sin(turn / 2), np.cos(turn / 2)]
+        moved = make.transform(stamp, "map", "base", [*scan.origin, 0], quaternion)
+        step = float(angles[-1] - angles[0]) / (len(angles) - 1)
+        laser = make.laser(stamp, "laser", ranges, angle_min=0.0, angle_increment=step, range_max=30.0)
+        content += [("/scan", stamp + 0.001, laser), ("/tf", stamp + 0.01, make.tf(moved))]
+    return make, content
+
+
+def apartment(n: int) -> tuple[Messages, list[tuple[str, float, Any]]]:
+    """The simulated depth camera as clouds, from a body that flies through the apartment."""
+    make, content = Messages("ros1"), []
+    for i, scan in enumerate(ndtree.simulate("apartment", scans=n)):
+        stamp = START + 0.3 * i
+        points = (scan.endpoints - scan.origin)[scan.returned if scan.returned is not None else slice(None)]
+        moved = make.transform(stamp, "map", "camera", scan.origin, [0, 0, 0, 1])
+        content.append(("/tf", stamp, make.tf(moved)))
+        content.append(("/points", stamp + 0.001, make.cloud(stamp, "camera", points[::4])))
+    return make, content
+
+
+class Received:
+    """What a node made of a bag that another process published, and a third one received."""
+
+    def __init__(self, robot: Robot, bag: Path, rate: float, **parameters: object) -> None:
+        output, target = robot.folder / "out.npz", robot.folder / "node.ndt"
+        given = {**parameters, "queue": 5000, "patience": 120.0, "map_file": target}
+        given |= {"diagnostics_period": 0.1}
+        with ExitStack() as stack:
+            words = PROCESSES / "receiver.py", output
+            receiver = stack.enter_context(robot.running("receiver", *words))
+            node = stack.enter_context(robot.node(**given))
+            words = PROCESSES / "publisher.py", bag, rate
+            with robot.running("publisher", *words) as publisher:
+                robot.ended(publisher, "publisher", node)
+            node.send_signal(signal.SIGINT)
+            assert node.wait(PATIENCE) == 0, robot.log("node")
+            assert receiver.wait(PATIENCE) == 0, robot.log("receiver")
+        self.map, self.arrays, self.log = target.read_bytes(), np.load(output), robot.log("node")
+        self.text = json.loads(str(self.arrays["text"]))
+
+    def grid_like(self, m: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The grid that was received, and that of a map, in the same place."""
+        pixels, (x, y), cell_size = m.map_server_image(**options)
+        image = np.select([pixels[::-1] == 254, pixels[::-1] == 0], [0, 100], -1)
+        grid, (left, low, size) = self.arrays["grid"], self.arrays["origin"]
+        assert size == pytest.approx(cell_size, rel=1e-6)
+        column, row = round((x - left) / cell_size), round((y - low) / cell_size)
+        expected = np.full_like(grid, -1)
+        expected[row : row + image.shape[0], column : column + image.shape[1]] = image
+        return grid, expected
+
+
+def mapped(bag: Path, **options: Any) -> Any:
+    """The map of `ndtree map`."""
+    target = bag.parent / "offline.ndt"
+    words = [w for k, v in options.items() for w in (f"--{k.replace('_', '-')}", str(v))]
+    command = [sys.executable, "-m", "ndtree", "map", str(bag), "-o", str(target), *words]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return ndtree.load(target)
+
+
+def test_the_office_is_mapped_as_from_a_recording(robot: Robot, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "office", *office(120))
+    received = Received(robot, bag, 4.0, range_sigma=0.02, no_return="free")
+    m = mapped(bag, range_sigma=0.02, no_return="free")
+    assert "uses /scan (LaserScan in laser), poses in map from /tf" in received.log
+    assert "120 scans received: 120 mapped, 0 dropped" in received.log
+    assert received.map == m.to_bytes()
+    grid, expected = received.grid_like(m)
+    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 500
+    assert 0 < received.text["counts"]["map_updates"] and 0 < received.text["counts"]["map"]
+    occupied = m.leaves(states=["occupied"])
+    order = np.lexsort(occupied.center.T)
+    points = received.arrays["points"]
+    assert np.allclose(points[np.lexsort(points[:, :2].T), :2], occupied.center[order], atol=1e-5)
+    assert np.allclose(np.sort(points[:, 3]), np.sort(occupied.size))
+    boxes = received.arrays["boxes"]
+    assert len(boxes) == len(occupied) and np.allclose(np.sort(boxes[:, 3]), np.sort(occupied.size))
+    frontiers = np.array([one.center for one in m.frontiers()])
+    found = received.arrays["frontiers"]  # Of those of one size the order may be another one.
+    assert np.allclose(*(rows[np.lexsort(np.round(rows, 6).T)] for rows in (found, frontiers)), atol=1e-6)
+    assert received.text["diagnostics"]["mapped"] == "120" and received.text["frame"] == "map"
+
+
+def test_clouds_become_a_map_in_space_and_a_grid_of_a_band(robot: Robot, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "apartment", *apartment(10))
+    changes = {"range_sigma": 0.02, "min_cell_size": 0.1, "no_return": "free"}
+    received = Received(robot, bag, 0, grid_low=0.1, grid_high=1.5, **changes)
+    m = mapped(bag, **changes)
+    assert "10 scans received: 10 mapped, 0 dropped" in received.log
+    assert received.map == m.to_bytes()
+    grid, expected = received.grid_like(m, height=(0.1, 1.5))
+    assert np.array_equal(grid, expected) and np.count_nonzero(grid == 100) > 100
+
+
+def test_services_and_parameters_that_change(robot: Robot, tmp_path: Path) -> None:
+    file = tmp_path / "map.ndt"
+    given = {"map_file": file, "range_sigma": 0.02, "look": 0.5, "clear_radius": 0.5, "patience": 60.0}
+    with robot.node(**given, diagnostics_period=0.1) as node:
+        with robot.running("client", PROCESSES / "client.py", file) as client:
+            robot.ended(client, "client", node)
+    said = json.loads(robot.log("client").splitlines()[-1])
+    assert "no map yet" in said["early save"]
+    assert said["save"] == [True, str(file)] and said["cleared"]
+    assert 300 < said["known"] - said["known around"] < 500  # 1 m square of pixels of 5 cm.
+    assert said["known without a box"] < said["known around"]
+    assert said["known after reset"] == 0
+    assert said["load"] == [0, 1, 2]
+    assert said["known after load"] == said["known"]
+    assert said["changed"].startswith("within 0.75 m of ") and said["refused"] == said["changed"]
+    assert said["warning"] == "~clear_radius = -1.0: must be from 0 to 1e+06; 0.75 holds"
+
+
+@pytest.mark.parametrize(
+    "word, said",
+    [
+        ("_no_return:=maybe", "no_return = maybe: must be auto, free or ignore"),
+        ("_min_cell_size:=-1.0", "min_cell_size = -1"),
+        ("_queue:=0", "~queue = 0: must be from 1 to 100000"),
+        ("_queue:=many", "~queue = many: must be a whole number"),
+        ("_windows:=3", "~windows: there is no such parameter, expected one of autostart, "),
+    ],
+)
+def test_wrong_parameters_are_refused(robot: Robot, word: str, said: str) -> None:
+    with robot.running("wrong", "-m", "ndtree.live.ros1", word) as node:
+        assert node.wait(PATIENCE) == 1
+    assert said in robot.log("wrong")
+
+
+@pytest.mark.parametrize("version, expected", [("1", True), ("2", False)])
+def test_the_command_takes_the_ros_that_was_sourced(
+    version: str, expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from ndtree.live.ros.run import is_ros1
+
+    monkeypatch.setenv("ROS_VERSION", version)
+    assert is_ros1() is expected
