@@ -15,11 +15,10 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import sysconfig
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +27,13 @@ import pytest
 
 pytest.importorskip("rosbags")
 
-from bags import Messages, write_bag
-from drives import START
+from bags import write_bag
+from robots import PATIENCE, apartment, grid_like, in_background, mapped, office
 
 import ndtree
 
 PYTHON = os.environ.get("NDTREE_ROS1_PYTHON", "/usr/bin/python3")
 PROCESSES = Path(__file__).with_name("ros1")
-PATIENCE = 180.0
 
 
 def environment() -> dict[str, str]:
@@ -92,22 +90,11 @@ class Robot:
         with socket.socket() as probe:
             return probe.connect_ex(("127.0.0.1", self._port)) == 0
 
-    @contextmanager
-    def running(self, name: str, *words: object, python: str = PYTHON) -> Iterator[subprocess.Popen[bytes]]:
-        with open(self.folder / f"{name}.log", "wb") as log:
-            process = subprocess.Popen(
-                [python, *map(str, words)], env=self.environment, stdout=log, stderr=subprocess.STDOUT
-            )
-            try:
-                yield process
-            finally:
-                if process.poll() is None:
-                    process.send_signal(signal.SIGINT)
-                    try:
-                        process.wait(30)
-                    except subprocess.TimeoutExpired:
-                        process.kill()
-                        process.wait()
+    def running(
+        self, name: str, *words: object, python: str = PYTHON
+    ) -> AbstractContextManager[subprocess.Popen[bytes]]:
+        command = [python, *map(str, words)]
+        return in_background(command, self.environment, self.folder / f"{name}.log")
 
     def node(self, name: str = "node", **parameters: object) -> Any:
         words = [f"_{key}:={value}" for key, value in parameters.items()]
@@ -136,38 +123,6 @@ def robot(tmp_path: Path) -> Iterator[Robot]:
         yield robot
 
 
-def office(n: int) -> tuple[Messages, list[tuple[str, float, Any]]]:
-    """The simulated office as a robot would publish it, at 10 Hz."""
-    make, content = Messages("ros1"), []
-    fixed = make.transform(START - 1, "base", "laser", [0, 0, 0.2], [0, 0, 0, 1])
-    content.append(("/tf_static", START - 1, make.tf(fixed)))
-    for i, scan in enumerate(ndtree.simulate("office", scans=n)):
-        stamp, way = START + 0.1 * i, scan.endpoints - scan.origin
-        angles = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
-        turn = float(angles[0])
-        ranges = np.hypot(*way.T)
-        if scan.returned is not None:
-            ranges[~scan.returned] = np.inf
-        quaternion = [0, 0, np.sin(turn / 2), np.cos(turn / 2)]
-        moved = make.transform(stamp, "map", "base", [*scan.origin, 0], quaternion)
-        step = float(angles[-1] - angles[0]) / (len(angles) - 1)
-        laser = make.laser(stamp, "laser", ranges, angle_min=0.0, angle_increment=step, range_max=30.0)
-        content += [("/scan", stamp + 0.001, laser), ("/tf", stamp + 0.01, make.tf(moved))]
-    return make, content
-
-
-def apartment(n: int) -> tuple[Messages, list[tuple[str, float, Any]]]:
-    """The simulated depth camera as clouds, from a body that flies through the apartment."""
-    make, content = Messages("ros1"), []
-    for i, scan in enumerate(ndtree.simulate("apartment", scans=n)):
-        stamp = START + 0.3 * i
-        points = (scan.endpoints - scan.origin)[scan.returned if scan.returned is not None else slice(None)]
-        moved = make.transform(stamp, "map", "camera", scan.origin, [0, 0, 0, 1])
-        content.append(("/tf", stamp, make.tf(moved)))
-        content.append(("/points", stamp + 0.001, make.cloud(stamp, "camera", points[::4])))
-    return make, content
-
-
 class Received:
     """What a node made of a bag that another process published, and a third one received."""
 
@@ -189,29 +144,12 @@ class Received:
         self.text = json.loads(str(self.arrays["text"]))
 
     def grid_like(self, m: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
-        """The grid that was received, and that of a map, in the same place."""
-        pixels, (x, y), cell_size = m.map_server_image(**options)
-        image = np.select([pixels[::-1] == 254, pixels[::-1] == 0], [0, 100], -1)
-        grid, (left, low, size) = self.arrays["grid"], self.arrays["origin"]
-        assert size == pytest.approx(cell_size, rel=1e-6)
-        column, row = round((x - left) / cell_size), round((y - low) / cell_size)
-        expected = np.full_like(grid, -1)
-        expected[row : row + image.shape[0], column : column + image.shape[1]] = image
-        return grid, expected
-
-
-def mapped(bag: Path, **options: Any) -> Any:
-    """The map of `ndtree map`."""
-    target = bag.parent / "offline.ndt"
-    words = [w for k, v in options.items() for w in (f"--{k.replace('_', '-')}", str(v))]
-    command = [sys.executable, "-m", "ndtree", "map", str(bag), "-o", str(target), *words]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return ndtree.load(target)
+        """See `robots.grid_like`."""
+        return grid_like(self.arrays, m, **options)
 
 
 def test_the_office_is_mapped_as_from_a_recording(robot: Robot, tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "office", *office(120))
+    bag = write_bag(tmp_path / "office", *office("ros1", 120))
     received = Received(robot, bag, 4.0, range_sigma=0.02, no_return="free")
     m = mapped(bag, range_sigma=0.02, no_return="free")
     assert "uses /scan (LaserScan in laser), poses in map from /tf" in received.log
@@ -234,7 +172,7 @@ def test_the_office_is_mapped_as_from_a_recording(robot: Robot, tmp_path: Path) 
 
 
 def test_clouds_become_a_map_in_space_and_a_grid_of_a_band(robot: Robot, tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "apartment", *apartment(10))
+    bag = write_bag(tmp_path / "apartment", *apartment("ros1", 10))
     changes = {"range_sigma": 0.02, "min_cell_size": 0.1, "no_return": "free"}
     received = Received(robot, bag, 0, grid_low=0.1, grid_high=1.5, **changes)
     m = mapped(bag, **changes)

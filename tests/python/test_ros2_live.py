@@ -13,8 +13,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,9 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("scipy")
 
-from bags import Messages, write_bag
+from bags import write_bag
 from drives import START
+from robots import PATIENCE, apartment, grid_like, in_background, mapped, office
 
 import ndtree
 
@@ -35,7 +36,6 @@ PROCESSES = Path(__file__).with_name("ros2")
 #: No other node of this machine talks on it.
 #: Up to 101 its ports are none that the system gives to others.
 DOMAIN = str(1 + os.getpid() % 101)
-PATIENCE = 180.0
 
 
 def has_ros() -> bool:
@@ -48,8 +48,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-@contextmanager
-def running(folder: Path, name: str, *command: object) -> Iterator[subprocess.Popen[bytes]]:
+def running(folder: Path, name: str, *command: object) -> AbstractContextManager[subprocess.Popen[bytes]]:
     environment = {
         **os.environ,
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -57,19 +56,7 @@ def running(folder: Path, name: str, *command: object) -> Iterator[subprocess.Po
         "PYTHONUNBUFFERED": "1",
         "FASTDDS_DEFAULT_PROFILES_FILE": str(PROCESSES / "patient.xml"),
     }
-    with open(folder / f"{name}.log", "wb") as log:
-        words = [PYTHON, *map(str, command)]
-        process = subprocess.Popen(words, env=environment, stdout=log, stderr=subprocess.STDOUT)
-        try:
-            yield process
-        finally:
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-                try:
-                    process.wait(30)
-                except subprocess.TimeoutExpired:
-                    process.kill()
-                    process.wait()
+    return in_background([PYTHON, *map(str, command)], environment, folder / f"{name}.log")
 
 
 def ended(process: subprocess.Popen[bytes], node: subprocess.Popen[bytes], log: Callable[[], str]) -> None:
@@ -91,15 +78,8 @@ class Received:
     log: str
 
     def grid_like(self, m: Any, **options: Any) -> tuple[np.ndarray, np.ndarray]:
-        """The grid that was received, and that of a map, in the same place."""
-        pixels, (x, y), cell_size = m.map_server_image(**options)
-        image = np.select([pixels[::-1] == 254, pixels[::-1] == 0], [0, 100], -1)
-        grid, (left, low, size) = self.arrays["grid"], self.arrays["origin"]
-        assert size == pytest.approx(cell_size, rel=1e-6)
-        column, row = round((x - left) / cell_size), round((y - low) / cell_size)
-        expected = np.full_like(grid, -1)
-        expected[row : row + image.shape[0], column : column + image.shape[1]] = image
-        return grid, expected
+        """See `robots.grid_like`."""
+        return grid_like(self.arrays, m, **options)
 
 
 def published(bag: Path, folder: Path, rate: float, scans: int, **parameters: object) -> Received:
@@ -128,54 +108,10 @@ def published(bag: Path, folder: Path, rate: float, scans: int, **parameters: ob
     return Received(target.read_bytes(), arrays, json.loads(str(arrays["text"])), text)
 
 
-def mapped(bag: Path, **options: Any) -> Any:
-    """The map of `ndtree map`."""
-    target = bag.parent / "offline.ndt"
-    words = [w for k, v in options.items() for w in (f"--{k.replace('_', '-')}", str(v))]
-    done = subprocess.run(
-        [PYTHON, "-m", "ndtree", "map", str(bag), "-o", str(target), *words], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    return ndtree.load(target)
-
-
-def office(n: int) -> tuple[Messages, list[tuple[str, float, Any]]]:
-    """The simulated office as a robot would publish it, at 10 Hz."""
-    make, content = Messages("mcap"), []
-    fixed = make.transform(START - 1, "base", "laser", [0, 0, 0.2], [0, 0, 0, 1])
-    content.append(("/tf_static", START - 1, make.tf(fixed)))
-    for i, scan in enumerate(ndtree.simulate("office", scans=n)):
-        stamp, way = START + 0.1 * i, scan.endpoints - scan.origin
-        angles = np.unwrap(np.arctan2(way[:, 1], way[:, 0]))
-        turn = float(angles[0])
-        ranges = np.hypot(*way.T)
-        if scan.returned is not None:
-            ranges[~scan.returned] = np.inf
-        quaternion = [0, 0, np.sin(turn / 2), np.cos(turn / 2)]
-        moved = make.transform(stamp, "map", "base", [*scan.origin, 0], quaternion)
-        step = float(angles[-1] - angles[0]) / (len(angles) - 1)
-        laser = make.laser(stamp, "laser", ranges, angle_min=0.0, angle_increment=step, range_max=30.0)
-        content += [("/scan", stamp + 0.001, laser), ("/tf", stamp + 0.01, make.tf(moved))]
-    return make, content
-
-
-def apartment_bag(folder: Path, n: int) -> Path:
-    """The simulated depth camera as clouds, from a body that flies through the apartment."""
-    make, content = Messages("mcap"), []
-    for i, scan in enumerate(ndtree.simulate("apartment", scans=n)):
-        stamp = START + 0.3 * i
-        moved = make.transform(stamp, "map", "camera", scan.origin, [0, 0, 0, 1])
-        points = (scan.endpoints - scan.origin)[scan.returned if scan.returned is not None else slice(None)]
-        points = points[::4]
-        content.append(("/tf", stamp, make.tf(moved)))
-        content.append(("/points", stamp + 0.001, make.cloud(stamp, "camera", points)))
-    return write_bag(folder / "apartment", make, content)
-
-
 def test_the_office_is_mapped_as_from_a_recording(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "office", *office(120))
+    bag = write_bag(tmp_path / "office", *office("mcap", 120))
     received = published(bag, tmp_path, 2.0, 120, range_sigma=0.02, no_return="free")
-    m = mapped(bag, range_sigma=0.02, no_return="free")
+    m = mapped(bag, PYTHON, range_sigma=0.02, no_return="free")
     assert "120 mapped, 0 dropped" in received.log
     assert received.map == m.to_bytes()
     grid, expected = received.grid_like(m)
@@ -197,10 +133,10 @@ def test_the_office_is_mapped_as_from_a_recording(tmp_path: Path) -> None:
 
 
 def test_clouds_become_a_map_in_space_a_grid_of_a_band_and_octomaps(tmp_path: Path) -> None:
-    bag = apartment_bag(tmp_path, 10)
+    bag = write_bag(tmp_path / "apartment", *apartment("mcap", 10))
     changes = {"range_sigma": 0.02, "min_cell_size": 0.1, "no_return": "free"}
     received = published(bag, tmp_path, 1.0, 10, grid_low=0.1, grid_high=1.5, **changes)
-    m = mapped(bag, **changes)
+    m = mapped(bag, PYTHON, **changes)
     assert "10 mapped, 0 dropped" in received.log
     assert received.map == m.to_bytes()
     grid, expected = received.grid_like(m, height=(0.1, 1.5))
@@ -234,7 +170,7 @@ def test_real_bags_are_mapped_as_from_a_recording(name: str, recordings: Path, t
     received = published(bag, tmp_path, 2.0, scans, **options)
     link = tmp_path / f"bag{bag.suffix}"
     link.exists() or link.symlink_to(bag)
-    m = mapped(link, **options)
+    m = mapped(link, PYTHON, **options)
     assert " 0 dropped" in received.log
     grid, expected = received.grid_like(m)
     assert np.array_equal(grid, expected)
@@ -309,7 +245,7 @@ def wait_until(happens: Callable[[], bool], node: subprocess.Popen[bytes], log: 
 
 
 def test_a_subscriber_that_hangs_holds_up_neither_the_map_nor_others(tmp_path: Path) -> None:
-    bag = write_bag(tmp_path / "office", *office(120))
+    bag = write_bag(tmp_path / "office", *office("mcap", 120))
     file, stop, output = tmp_path / "map.ndt", tmp_path / "stop", tmp_path / "out.npz"
     given = {"range_sigma": 0.02, "no_return": "free", "reliable": "true", "queue": 5000, "patience": 120.0}
     given |= {"map_file": file, "save_period": 0.2}
@@ -335,7 +271,7 @@ def test_a_subscriber_that_hangs_holds_up_neither_the_map_nor_others(tmp_path: P
         stop.touch()
         assert receiver.wait(PATIENCE) == 0, (tmp_path / "receiver.log").read_text()
     assert "120 scans received: 120 mapped, 0 dropped" in log(), log()
-    m = mapped(bag, range_sigma=0.02, no_return="free")
+    m = mapped(bag, PYTHON, range_sigma=0.02, no_return="free")
     assert file.read_bytes() == m.to_bytes()
     received = Received(file.read_bytes(), np.load(output), {}, log())
     grid, expected = received.grid_like(m)
@@ -345,7 +281,7 @@ def test_a_subscriber_that_hangs_holds_up_neither_the_map_nor_others(tmp_path: P
 def test_a_node_that_is_killed_goes_on_from_its_last_saving(tmp_path: Path) -> None:
     """Killed while scans come, the file is whole: the map of the first scans. A second node goes on with it,
     and a listener that saw both has the grid of the second."""
-    make, content = office(120)
+    make, content = office("mcap", 120)
     edge = START + 0.1 * 60 - 0.05
     bags = [
         write_bag(tmp_path / f"part{part}", make, [row for row in content if row[1] < START or place(row[1])])
