@@ -11,10 +11,10 @@ import numpy as np
 from ndtree.alignment.planar import Floats, placed, seen_from
 from ndtree.alignment.sensor_scans import pose_in_log
 from ndtree.base.scan import Scan
-from ndtree.logs.core.log import Log
+from ndtree.logs.core.log import DerivedLog, Log
 
 
-class AlignedLog(Log):
+class AlignedLog(DerivedLog):
     """A log with other poses, one for each of its scans; it is read as lazily as the log.
 
     Raises
@@ -23,42 +23,13 @@ class AlignedLog(Log):
         When it is read, if the log has another number of scans than there are poses.
     """
 
-    may_be_padded = False
-
     def __init__(self, log: Log, poses: Floats) -> None:
-        super().__init__(log.path, log.dim)
-        self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
-        self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
-        self.is_depth_camera, self.is_raw = log.is_depth_camera, log.is_raw
-        self.has_sensor = log.has_sensor
-        self.skipped = log.skipped
-        self.zero_is, self.may_be_zero = log.zero_is, log.may_be_zero
+        super().__init__(log)
         self.no_return_range = log.no_return_range
-        self._log = log
         self._poses = poses
 
     def __len__(self) -> int:
         return len(self._poses)
-
-    @property
-    def name(self) -> str:
-        """How reports call the log: as itself."""
-        return self._log.name
-
-    @property
-    def cut_off(self) -> float | None:
-        """As of the log."""
-        return self._log.cut_off
-
-    @property
-    def spans(self) -> dict[str, tuple[float, float]]:
-        """As of the log."""
-        return self._log.spans
-
-    @property
-    def share_read(self) -> float | None:
-        """As of the log."""
-        return self._log.share_read
 
     def _scans(self) -> Iterator[Scan]:
         self._log.zero_is = self.zero_is

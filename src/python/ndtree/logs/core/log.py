@@ -366,12 +366,12 @@ class SizedLog(Log):
         return f"<{self.format} log {self.path or self.name!r}, {self.dim}-D, {number_of(len(self), 'scan')}>"
 
 
-class SelectedLog(Log):
-    """The part of a log that `Log.select` chose; it is read as lazily as the log."""
+class DerivedLog(Log):
+    """A log that is read from another one, as lazily as that is."""
 
     may_be_padded = False
 
-    def __init__(self, log: Log, selection: Selection) -> None:
+    def __init__(self, log: Log) -> None:
         super().__init__(log.path, log.dim)
         self.format, self.uses, self.keep_going = log.format, log.uses, log.keep_going
         self.strict, self.notes, self.knows_no_returns = log.strict, log.notes, log.knows_no_returns
@@ -380,27 +380,34 @@ class SelectedLog(Log):
         self.skipped = log.skipped
         self.zero_is, self.may_be_zero = log.zero_is, log.may_be_zero
         self._log = log
-        self._selection = selection
 
     @property
     def name(self) -> str:
-        """How reports call the log: as the whole one."""
+        """How reports call the log: as the other one."""
         return self._log.name
 
     @property
     def cut_off(self) -> float | None:
-        """As of the whole log."""
+        """As of the other log."""
         return self._log.cut_off
 
     @property
     def spans(self) -> dict[str, tuple[float, float]]:
-        """As of the whole log."""
+        """As of the other log."""
         return self._log.spans
 
     @property
     def share_read(self) -> float | None:
-        """As of the whole log."""
+        """As of the other log."""
         return self._log.share_read
+
+
+class SelectedLog(DerivedLog):
+    """The part of a log that `Log.select` chose."""
+
+    def __init__(self, log: Log, selection: Selection) -> None:
+        super().__init__(log)
+        self._selection = selection
 
     def _scans(self) -> Iterator[Scan]:
         self._log.zero_is = self.zero_is
