@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -72,13 +73,13 @@ class Alignment:
         """AlignedLog: the log with these poses, as any other."""
         return AlignedLog(self.source, self.poses)
 
-    @property
+    @cached_property
     def moved(self) -> Floats:
         """(n,) float64: how far each scan is from where the log has it [m]."""
         off = self.poses[:, :2] - self.odometry[:, :2]
         return np.hypot(off[:, 0], off[:, 1])
 
-    @property
+    @cached_property
     def cells(self) -> tuple[int, int]:
         """Cells of 0.05 m with end points, by the log's poses and by these: double walls take more."""
         return _cells_of(self._points(self.odometry)), _cells_of(self._points(self.poses))

@@ -23,34 +23,7 @@ def certify(
     confidence: float = 0.95,
     max_range: float = math.inf,
 ) -> Certificate:
-    """Bound the share of what a map calls free that is occupied, by scans that it was not made of.
-
-    Of the points along a scan's beams, every 0.1 m and at their ends, the map calls some free; the scan's
-    share is that of end points among these. Of n scans and one more, in an order that says nothing, the last
-    has a share of at most the k-th smallest of the others' with a probability of at least k / (n + 1): a
-    conformal bound, without any assumption about sensor, world or map, or how beams of one scan depend on
-    each other. It is for scans from where the held-out ones are from, so hold out scans from all along the
-    way, as every tenth. Of less than confidence / (1 - confidence) scans, which is 19 at 95 %, it is 1.
-
-    Parameters
-    ----------
-    target : AdaptiveMap, FixedMap, OctoMap or TiledMap
-    scans : iterable of Scan
-        Held out from the map.
-    confidence : float
-        In (0, 1).
-    max_range : float
-        Beams that are longer say nothing [m].
-
-    Returns
-    -------
-    Certificate
-
-    Raises
-    ------
-    ValueError
-        If confidence or max_range is out of its limits.
-    """
+    """What `OccupancyMap.certify` says, which describes it; of a folder of tiles, too."""
     if not 0.0 < confidence < 1.0:
         raise ValueError(f"confidence = {confidence}: must be in (0, 1)")
     if not max_range > 0.0:
