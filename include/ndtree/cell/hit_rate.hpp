@@ -3,8 +3,6 @@
 /// The fraction of the beams which reach a cell that end in it, and how well it is known.
 #pragma once
 
-#include <algorithm>
-#include <cmath>
 #include <cstdint>
 
 #include "ndtree/cell/evidence_cell.hpp"
@@ -39,11 +37,12 @@ class HitRate {
   [[nodiscard]] double quantile(double probability) const {
     const double a = hits_ / kBeamsOfOne + prior_hits_;
     const double b = misses_ / kBeamsOfOne + prior_misses_;
+    const double log_beta = ndtree::log_beta(a, b);
     double below = 0.0;
     double above = 1.0;
     while (above - below > 1e-9) {
       const double middle = 0.5 * (below + above);
-      (incomplete_beta(a, b, middle) < probability ? below : above) = middle;
+      (incomplete_beta(a, b, middle, log_beta) < probability ? below : above) = middle;
     }
     return kMostHits * 0.5 * (below + above);
   }
