@@ -25,7 +25,8 @@ struct SurfaceElements {
   Points<D> points;
   std::vector<Matrix> information;  ///< [1/m²].
 
-  /// @param cell_size of which a point is the mean [m]. @param radius of points that shape an element [m].
+  /// @param cell_size each point is the mean of a cell of this size [m]. @param radius of points that shape
+  /// an element [m].
   /// @param sigma least standard deviation across a surface [m].
   SurfaceElements(const Points<D>& all, double cell_size, double radius, double sigma) {
     average(all, cell_size);

@@ -132,7 +132,7 @@ class Reliability:
         """(k,) float64: mean probability that the beam ends in the cell, `probability(of="hit")`."""
     @property
     def ends(self) -> NDArray[np.uint64]:
-        """(k,) uint64: pairs of which the beam ended in the cell."""
+        """(k,) uint64: pairs whose beam ended in the cell."""
     def __iadd__(self, other: Reliability) -> Self: ...
 
 class MovedEvidence:
