@@ -11,7 +11,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <queue>
 #include <stdexcept>
 #include <string>
@@ -115,7 +114,7 @@ class Matcher {
  public:
   using Cell = typename LikelihoodPyramid<D>::Cell;
 
-  /// @param points of surfaces [m]; those that are not finite are left out.
+  /// @param points of surfaces [m]; points with NaN or infinity are left out.
   /// @throws std::invalid_argument if an option is out of bounds, or the surface too large for its cells.
   explicit Matcher(const Points<D>& points, const MatchOptions& options = {})
       : options_(validated(options)),

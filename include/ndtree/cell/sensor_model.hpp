@@ -3,7 +3,6 @@
 /// The analytic inverse sensor model: how likely a cell is occupied, given one range measurement (Sec. III).
 #pragma once
 
-#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <string>

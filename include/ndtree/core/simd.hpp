@@ -39,11 +39,7 @@
 #endif
 
 #include <algorithm>
-#include <array>
 #include <atomic>
-#include <cmath>
-#include <cstddef>
-#include <cstdint>
 
 #include "ndtree/core/inline.hpp"
 

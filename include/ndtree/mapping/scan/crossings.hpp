@@ -3,7 +3,6 @@
 /// Where beams cross a cell, or the children of a node.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
