@@ -14,6 +14,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -110,7 +111,7 @@ def _members(held: Any) -> list[str]:
         for name, member in vars(held).items()
         if not name.startswith("_")
         and name not in fields
-        and (callable(member) or isinstance(member, property))
+        and (callable(member) or isinstance(member, (property, cached_property)))
         and _summary(member)
     ]
 
