@@ -67,12 +67,13 @@ void surveys_as_one_by_one(std::uint64_t seed) {
       const Measurements<D, BeamSensorModel> measurements(scan.view(), 6.0, sensor);
       const ScanSurvey<D> exact = survey_exactly(geometry, measurements, measurements.all());
       for (const int at_a_time : {1, 8}) {
-        ScanPart<D, BeamSensorModel> part;
+        std::vector<ScanPart<D, BeamSensorModel>> parts(1);
+        ScanPart<D, BeamSensorModel>& part = parts.front();
         {
           const AtATime loops(at_a_time);
-          part.survey_beams(measurements, measurements.all(), sensor, geometry);
+          part.survey_beams(measurements, measurements.all());
         }
-        const ScanSurvey<D>& survey = part.survey();
+        const ScanSurvey<D> survey = join_surveys(geometry, sensor, measurements, parts);
         EXPECT_EQ(survey.outcomes, exact.outcomes);
         if (exact.num_valid() == 0) continue;
         EXPECT_TRUE((survey.reach.lower.array() <= exact.reach.lower.array()).all());
@@ -113,6 +114,49 @@ TEST(ScanSample, SurveysAsOneByOne) {
   surveys_as_one_by_one<4>(173);
 }
 
+/// However a scan is divided, and however many beams loops take at a time, its reach is the same, to the last
+/// bit: the tree grows by it. Noise grows with the range, or is the scan's own, so that parts have other
+/// margins.
+template <int D>
+void surveys_alike_in_any_parts(std::uint64_t seed) {
+  Random random(seed);
+  SCOPED_TRACE(random.trace());
+  const LatticeGeometry<2, D> geometry(0.05, 3);
+  SensorOptions options;
+  options.range_sigma_quadratic = 0.01;
+  const BeamSensorModel sensor(options);
+  for (int i = 0; i < 40; ++i) {
+    const int count = random.integer(1, 100);
+    Scan<D> scan = random_scan<D>(random, count, random.integer(0, 3));
+    const double max_range = random.chance(0.5) ? kUnlimitedRange : random.uniform(0.5, 8.0);
+    for (Eigen::Index k = 0; k < scan.endpoints.size(); ++k)  // Far ones have noise that can be mapped.
+      if (scan.endpoints.data()[k] > 1e3) scan.endpoints.data()[k] = random.chance(0.5) ? 900.0 : 1.0;
+    if (random.chance(0.3)) scan.range_sigma = (0.1 * Eigen::ArrayXd::Random(count)).abs() + 1e-3;
+    const Measurements<D, BeamSensorModel> measurements(scan.view(), max_range, sensor);
+    const auto surveyed = [&](std::size_t count_of_parts) {
+      std::vector<ScanPart<D, BeamSensorModel>> parts(count_of_parts);
+      for (std::size_t p = 0; p < parts.size(); ++p)
+        parts[p].survey_beams(measurements, measurements.part(p, parts.size()));
+      return join_surveys(geometry, sensor, measurements, parts);
+    };
+    const ScanSurvey<D> whole = surveyed(1);
+    for (const int at_a_time : {1, 8})
+      for (const std::size_t parts : {std::size_t{1}, std::size_t{2}, std::size_t{5}}) {
+        const AtATime loops(at_a_time);
+        const ScanSurvey<D> divided = surveyed(parts);
+        EXPECT_EQ(divided.outcomes, whole.outcomes);
+        EXPECT_EQ(divided.reach.lower, whole.reach.lower);
+        EXPECT_EQ(divided.reach.upper, whole.reach.upper);
+      }
+  }
+}
+
+TEST(ScanSample, SurveysAlikeInAnyParts) {
+  surveys_alike_in_any_parts<1>(174);
+  surveys_alike_in_any_parts<2>(175);
+  surveys_alike_in_any_parts<3>(176);
+}
+
 /// Parts write their beams where they belong: by face and bucket, within a bucket in the order of the scan.
 template <int D>
 void puts_beams_where_they_belong(std::uint64_t seed) {
@@ -133,7 +177,7 @@ void puts_beams_where_they_belong(std::uint64_t seed) {
         CubeMap<D> cube_map;
         std::vector<std::vector<std::uint32_t>> numbers;
         for (std::size_t p = 0; p < parts.size(); ++p) {
-          parts[p].survey_beams(measurements, measurements.part(p, parts.size()), sensor, geometry);
+          parts[p].survey_beams(measurements, measurements.part(p, parts.size()));
           numbers.push_back(cube_map.join(parts[p].cube_map()));
         }
         for (CubeFace<D>& face : cube_map.faces()) face.make_pixels();
@@ -196,7 +240,7 @@ void keeps_what_some_cell_samples(std::uint64_t seed) {
     }
     const Measurements<D, BeamSensorModel> measurements(scan.view(), kUnlimitedRange, sensor);
     ScanPart<D, BeamSensorModel> part;
-    part.survey_beams(measurements, measurements.all(), sensor, geometry);
+    part.survey_beams(measurements, measurements.all());
     CubeMap<D> cube_map;
     const auto numbers = cube_map.join(part.cube_map());
     for (CubeFace<D>& face : cube_map.faces()) face.make_pixels();

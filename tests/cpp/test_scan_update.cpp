@@ -460,6 +460,28 @@ TYPED_TEST(ScanUpdateOf, AnyNumberOfThreadsGivesTheSameMap) {
   EXPECT_EQ(map.stats().nodes, 1u);
 }
 
+/// Far beams are noisier: the part of a scan that has only near ones must not grow the tree less.
+TYPED_TEST(ScanUpdateOf, AnyNumberOfThreadsGrowsTheSameTree) {
+  NDTREE_SHAPE;
+  Random random(141);
+  SCOPED_TRACE(random.trace());
+  MapOptions options = spelled_out_options(0.1, 0.1 * N);
+  options.range_sigma_quadratic = 0.05;
+  for (int i = 0; i < 60; ++i) {
+    Scan<D> scan;
+    scan.origins = Points<D>::Constant(D, 1, random.uniform(-0.2, 0.2));
+    scan.endpoints =
+        Points<D>::Zero(D, 2000);  // Two parts: of near beams one way, of far beams the other way.
+    scan.endpoints.row(0).head(1000).setConstant(random.uniform(0.3, 6.5));
+    scan.endpoints.row(0).tail(1000).setConstant(-random.uniform(0.3, 6.5));
+    AdaptiveMap<N, D> alone(options);
+    AdaptiveMap<N, D> two(options);
+    alone.insert(scan, kUnlimitedRange, 1);
+    two.insert(scan, kUnlimitedRange, 2);
+    ASSERT_TRUE(to_bytes(two) == to_bytes(alone)) << i;
+  }
+}
+
 TYPED_TEST(ScanUpdateOf, ThreadsBringLargeScansInMorePartsThanTheyAre) {
   NDTREE_SHAPE;
   Random random(149);

@@ -77,10 +77,9 @@ class ScanUpdate {
     measurements_ = &measurements;
     parts_.resize(workers.count());
     workers.for_each_task(parts_.size(), [&](std::size_t, std::size_t p) {
-      parts_[p].survey_beams(measurements, measurements.part(p, parts_.size()), sensor_, tree_.geometry());
+      parts_[p].survey_beams(measurements, measurements.part(p, parts_.size()));
     });
-    ScanSurvey<D> whole;
-    for (const Part& part : parts_) whole.add(part.survey());
+    const ScanSurvey<D> whole = join_surveys(tree_.geometry(), sensor_, measurements, parts_);
     reach_ = whole.reach;
     return whole;
   }

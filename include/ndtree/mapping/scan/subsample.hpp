@@ -43,15 +43,15 @@ class alignas(kCacheLines) ScanPart {
   static constexpr std::size_t kAxes = D - 1;
 
  public:
-  /// Surveys the part's beams. @param measurements must live as long as this. @throws as survey_exactly().
-  template <class Geometry>
-  void survey_beams(const Measurements<D, Sensor>& measurements, const BeamRange& range, const Sensor& sensor,
-                    const Geometry& geometry) {
+  /// Surveys the part's beams. @param measurements must live as long as this.
+  void survey_beams(const Measurements<D, Sensor>& measurements, const BeamRange& range) {
     measurements_ = &measurements;
     first_ = range.first;
-    beams_ = ScanSurveyor<D, Sensor>(measurements, range)(sensor, geometry);
+    beams_ = ScanSurveyor<D, Sensor>(measurements, range)();
   }
-  [[nodiscard]] const ScanSurvey<D>& survey() const { return beams_.survey; }
+  [[nodiscard]] const SurveyedBeams<D>& surveyed() const { return beams_; }
+  /// @param reach_behind most that noise adds to a beam behind its end [m].
+  void set_reach_behind(float reach_behind) { beams_.reach_behind = reach_behind; }
   [[nodiscard]] CubeMap<D>& cube_map() { return beams_.cube_map; }
 
   /// Drops the beams that no cell can sample. Sampling fractions grow with depth, so it is enough to ask a
@@ -244,5 +244,39 @@ class alignas(kCacheLines) ScanPart {
   std::size_t num_kept_ = 0;
   std::vector<std::uint32_t> kept_of_faces_;
 };
+
+/// The survey of a whole scan, from those of its parts: with the largest noise as a margin behind the ends of
+/// beams, which parts need, too. Only if that is more than the map can address, or a beam is too long for
+/// float, survey_exactly() decides. The result is the same however the scan is divided, and contains the
+/// exact reach.
+/// @throws as survey_exactly().
+template <class Geometry, int D, class Sensor>
+[[nodiscard]] ScanSurvey<D> join_surveys(const Geometry& geometry, const Sensor& sensor,
+                                         const Measurements<D, Sensor>& measurements,
+                                         std::vector<ScanPart<D, Sensor>>& parts) {
+  ScanSurvey<D> whole;
+  float deepest = 0.0f;
+  double sigma = 0.0;
+  bool is_valid = true;
+  for (const ScanPart<D, Sensor>& part : parts) {
+    const SurveyedBeams<D>& beams = part.surveyed();
+    whole.add(beams.survey);
+    deepest = std::max(deepest, beams.deepest);
+    sigma = std::max(sigma, beams.sigma);
+    is_valid = is_valid && !beams.is_exact_needed;
+  }
+  if (whole.num_valid() == 0) return whole;
+  const double reached = std::min(measurements.max_range(), std::sqrt(D) * static_cast<double>(deepest));
+  if (measurements.scan().range_sigma == nullptr) sigma = std::max(sensor.sigma(0.0), sensor.sigma(reached));
+  is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
+  const double margin =
+      rounded(Sensor::kReachSigmas * sigma) + rounded(1e-6 * reached);  // Exceeds all rounding.
+  is_valid = is_valid && reached + margin <= kLongestBeam * geometry.unit();
+  whole.reach.lower.array() -= margin;
+  whole.reach.upper.array() += margin;
+  for (ScanPart<D, Sensor>& part : parts) part.set_reach_behind(static_cast<float>(margin));
+  if (is_valid && geometry.in_reach(whole.reach.lower) && geometry.in_reach(whole.reach.upper)) return whole;
+  return survey_exactly(geometry, measurements, measurements.all());
+}
 
 }  // namespace ndtree

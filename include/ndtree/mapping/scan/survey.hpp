@@ -53,10 +53,12 @@ template <int D>
 /// The survey's result for a part of a scan. Arrays are indexed by the beam's position in the part.
 template <int D>
 struct SurveyedBeams {
-  ScanSurvey<D> survey;
+  ScanSurvey<D> survey;  ///< Its reach is that of the end points, without the noise behind them.
   CubeMap<D> cube_map;
-  float deepest = 0.0f;       ///< The largest depth of a beam [m].
-  float reach_behind = 0.0f;  ///< Most that noise adds to a beam behind its end [m].
+  float deepest = 0.0f;          ///< The largest depth of a beam [m].
+  double sigma = 0.0;            ///< The largest standard deviation that the scan itself has [m].
+  bool is_exact_needed = false;  ///< A beam is too long for float, or its noise out of bounds.
+  float reach_behind = 0.0f;     ///< Most that noise adds to a beam behind its end [m]: see join_surveys().
   std::size_t size = 0;
   std::unique_ptr<std::uint32_t[]> face;  ///< Face numbers; CubeMap::kNoFace: invalid beam.
   std::unique_ptr<float[]> depth;         ///< Along the face's axis [m]; of valid beams.
@@ -70,10 +72,9 @@ struct SurveyedBeams {
 /// Surveys a part of a scan, in one thread.
 ///
 /// Strategy: each beam is read once. Its displacement as float gives face, depth, key and its position on the
-/// face; bounds of the reach are the extremes of all displacements, with the largest noise as margin. Only if
-/// these bounds exceed what the map can address, or a beam is too long for float, survey_exactly() decides.
-/// Invariants: the bounds contain the exact reach; outcomes are exact; faces, depths and keys have the same
-/// bits at every width.
+/// face; bounds of the reach are the extremes of all displacements.
+/// Invariants: the bounds contain the end points; outcomes are exact; bounds, faces, depths and keys have the
+/// same bits at every width.
 /// Cost: O(beams), about one read of their end points from memory.
 template <int D, class Sensor>
 class ScanSurveyor {
@@ -83,9 +84,8 @@ class ScanSurveyor {
   ScanSurveyor(const Measurements<D, Sensor>& measurements, const BeamRange& range)
       : measurements_(measurements), range_(range), beams_(static_cast<std::size_t>(range.size())) {}
 
-  /// Surveys the part; the surveyor is used up. @throws as survey_exactly().
-  template <class Geometry>
-  [[nodiscard]] SurveyedBeams<D> operator()(const Sensor& sensor, const Geometry& geometry) && {
+  /// Surveys the part; the surveyor is used up.
+  [[nodiscard]] SurveyedBeams<D> operator()() && {
     const ScanView<D>& scan = measurements_.scan();
     Eigen::Index i = range_.first;
     if (!scan.origin_per_beam && beams_.size > 0) beams_.cube_map.add_all_faces(scan.origin(0));
@@ -93,29 +93,12 @@ class ScanSurveyor {
     if (!scan.origin_per_beam && Simd::width() >= 8) i = survey_by_eights();
 #endif
     for (; i < range_.last; ++i) survey_one(i);
-    if (beams_.survey.num_valid() == 0) return std::move(beams_);
-
-    const double reached =
-        std::min(measurements_.max_range(), std::sqrt(D) * static_cast<double>(beams_.deepest));
-    double sigma = std::max(sensor.sigma(0.0), sensor.sigma(reached));
-    bool is_valid = !is_exact_needed_;
-    if (scan.range_sigma != nullptr) {
-      sigma = 0.0;
+    if (scan.range_sigma != nullptr && beams_.survey.num_valid() > 0) {
       for (Eigen::Index k = range_.first; k < range_.last; ++k) {
-        is_valid = is_valid && kRangeSigmaBounds.contain(scan.range_sigma[k]);
-        sigma = std::max(sigma, scan.range_sigma[k]);
+        if (!kRangeSigmaBounds.contain(scan.range_sigma[k])) beams_.is_exact_needed = true;
+        beams_.sigma = std::max(beams_.sigma, scan.range_sigma[k]);
       }
     }
-    is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
-    const double margin =
-        rounded(Sensor::kReachSigmas * sigma) + rounded(1e-6 * reached);  // Exceeds all rounding.
-    is_valid = is_valid && reached + margin <= kLongestBeam * geometry.unit();
-    beams_.survey.reach.lower.array() -= margin;
-    beams_.survey.reach.upper.array() += margin;
-    if (!is_valid || !geometry.in_reach(beams_.survey.reach.lower) ||
-        !geometry.in_reach(beams_.survey.reach.upper))
-      beams_.survey = survey_exactly(geometry, measurements_, range_);
-    beams_.reach_behind = static_cast<float>(margin);
     return std::move(beams_);
   }
 
@@ -139,7 +122,7 @@ class ScanSurveyor {
         return;
       }
       if (!(length <= static_cast<double>(kLongest))) {
-        is_exact_needed_ = true;
+        beams_.is_exact_needed = true;
         ray = beam.free_end() - origin;
         if (!(ray.cwiseAbs().maxCoeff() <= static_cast<double>(kLongest))) ray = Vector<D>::Unit(0);
       }
@@ -152,10 +135,10 @@ class ScanSurveyor {
     }
     const float depth = std::abs(d[axis]);
     ++beams_.survey.count(outcome_of(i, depth));
-    const double max_range = measurements_.max_range();
+    const float cut = this->cut();
     Vector<D> end = origin;
     for (std::size_t a = 0; a < D; ++a)
-      end[static_cast<int>(a)] += std::clamp(static_cast<double>(d[a]), -max_range, max_range);
+      end[static_cast<int>(a)] += static_cast<double>(std::clamp(d[a], -cut, cut));
     beams_.survey.include(end);
     beams_.survey.include(origin);
     const std::uint32_t number = beams_.cube_map.face_of(beams_.cube_map.cube_of(origin), origin,
@@ -173,6 +156,11 @@ class ScanSurveyor {
     beams_.deepest = std::max(beams_.deepest, depth);
   }
 
+  /// Where beams are cut [m]: max_range, if it is a normal float.
+  [[nodiscard]] double longest() const {
+    return std::min(measurements_.max_range(), 2.0 * static_cast<double>(kLongest));
+  }
+  [[nodiscard]] float cut() const { return static_cast<float>(longest()); }
   /// Outcome of a valid beam.
   /// @param depth of the beam [m]; but for rounding, its length is in [depth, sqrt(D) depth].
   [[nodiscard]] BeamOutcome outcome_of(Eigen::Index i, float depth) const {
@@ -194,9 +182,8 @@ class ScanSurveyor {
   NDTREE_BY_EIGHTS Eigen::Index survey_by_eights() {
     const ScanView<D>& scan = measurements_.scan();
     const Vector<D> origin = scan.origin(0);
-    const double max_range = measurements_.max_range();
-    const double longest = std::min(max_range, 2.0 * static_cast<double>(kLongest));
-    const EightFloats cut = static_cast<float>(longest);
+    const double longest = this->longest();
+    const EightFloats cut = this->cut();
     // A beam up to this depth is at most `longest` long, whatever the rounding.
     const auto in_reach = static_cast<float>(longest / (std::sqrt(D) * (1.0 + 1e-5)));
     constexpr float kInfinity = std::numeric_limits<float>::infinity();
@@ -254,7 +241,7 @@ class ScanSurveyor {
       side.store(beams_.face.get() + index);
       deepest = max_of(deepest, depth);
       for (std::size_t a = 0; a < D; ++a) {
-        reach[a].lower = min_of(reach[a].lower, max_of(d[a], -static_cast<float>(longest)));
+        reach[a].lower = min_of(reach[a].lower, max_of(d[a], -this->cut()));
         reach[a].upper = max_of(reach[a].upper, min_of(d[a], cut));
       }
       unsigned left = 0xff;
@@ -335,7 +322,6 @@ class ScanSurveyor {
   const Measurements<D, Sensor>& measurements_;
   const BeamRange range_;
   SurveyedBeams<D> beams_;
-  bool is_exact_needed_ = false;  // A beam is too long for float.
 };
 
 }  // namespace ndtree
