@@ -49,7 +49,8 @@ class EvidenceModel {
     return keeps_only_free_evidence(cell) ? update_free(cell, passed.free, passed.misses)
                                           : update_any(cell, ScanEvidence::of(passed));
   }
-  /// update() of a cell that was to split but is predicted to re-merge, see RemergePrediction.
+  /// update() of a cell that was to split but is predicted to re-merge, see RemergePrediction, or did
+  /// re-merge.
   /// @returns true if the cell changed.
   bool update_without_split(EvidenceCell& cell, const ScanEvidence& scan) const {
     return replace(cell, RemergePrediction::updated_without_split(cell, scan, children_, memory_, kept_));

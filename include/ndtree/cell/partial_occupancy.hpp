@@ -75,7 +75,8 @@ class PartialOccupancyModel {
   QuickIncompleteBeta above_;
 };
 
-/// Whether a cell splits: if partial occupancy is more probable than `split_probability`. Answers are
+/// Whether an occupied cell is one that splits: if partial occupancy is more probable than
+/// `split_probability`. Answers are
 /// remembered, because cells at a surface ask for the same counts again and again; maps of the same options
 /// remember them together.
 class PartialOccupancySplitTest {

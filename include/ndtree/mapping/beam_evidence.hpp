@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/inline.hpp"
@@ -13,9 +14,9 @@
 namespace ndtree {
 
 /// The evidence of one beam for the cells that it passes. Three kinds of cells:
-/// - the one that the end point of a returned beam lies in counts a hit; if the beam only touches that cell
-///   in a corner, the next one along the beam does;
-/// - those before it count a miss, and so does every cell that a beam without return passes as a whole;
+/// - the one right behind the end point of a returned beam counts a hit: the cell that the point lies in, or,
+///   if it lies on a border, the next one along the beam;
+/// - those before it count a miss, and so does every cell of a beam without return, up to where it is cut;
 /// - those behind it, up to range + 3 sigma, count neither, but get their part of the Bayes update.
 /// Invariant: what a cell gets depends on the beam and on its entry and exit alone.
 template <class Sensor>
@@ -33,9 +34,9 @@ class BeamEvidence {
     returned_ = beam.outcome == BeamOutcome::returned;
     sigma_ = sigma;
     t_known_ = -1.0;
-    t_clearly_free_ = returned_ ? sensor_->clearly_free_until(range_, sigma_) / range_ : beam.t_free;
+    t_clearly_free_ = returned_ ? sensor_->clearly_free_until(range_, sigma_) / range_ : kAlways;
     t_end_ = Sensor::t_end(beam, sigma);
-    t_hit_ = std::min(kBehindEnd, t_end_);
+    t_hit_ = std::min(kBehindEnd, t_end_);  // Some cell counts it, however small sigma is.
   }
   /// The t of the last point for which the beam has evidence.
   [[nodiscard]] double t_end() const { return t_end_; }
@@ -43,7 +44,7 @@ class BeamEvidence {
   /// Updates a cell that the beam passes from t_enter to t_exit.
   template <class Cell>
   NDTREE_ALWAYS_INLINE void update(Cell& cell, double t_enter, double t_exit) {
-    if (t_exit < t_clearly_free_ || !returned_) {  // Without return, every cell up to where the beam ends.
+    if (t_exit < t_clearly_free_) {
       cell.update(sensor_->log_odds_free(), log_odds_min_, log_odds_max_);
       cell.count_miss();
     } else {
@@ -55,6 +56,7 @@ class BeamEvidence {
   /// A cell that ends at the end point, within rounding, lies before the surface: the next one counts the
   /// hit.
   static constexpr double kBehindEnd = 1.0 + 1e-12;
+  static constexpr double kAlways = std::numeric_limits<double>::infinity();
 
   template <class Cell>
   void update_near_end(Cell& cell, double t_enter, double t_exit) {

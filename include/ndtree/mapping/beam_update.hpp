@@ -61,9 +61,7 @@ class BeamUpdate : public BeamVisitor {
   template <class Ref>
   bool passes_over(const Ref& parent) {
     if (is_outside(parent)) return true;
-    if (parent.node->note() == 0) return false;  // It was split by this scan, or has been here.
-    if (undo_ != nullptr) undo_->keep(tree_, *parent.node);
-    parent.node->set_note(0);  // Until the scan is done.
+    before_change_below(tree_, *parent.node, undo_);
     return false;
   }
 

@@ -28,11 +28,10 @@
 
 namespace ndtree {
 
-/// What one worker does of a scan: beams into a block of cells of the smallest size.
+/// What one worker does of a scan: the beams of a task into its cells of the smallest size.
 ///
-/// Strategy: a block is a node whose cells of the finest level a table of pointers finds at once, so that a
-/// step along a beam costs one division and no descent. Blocks are tasks: their cells stay in the cache while
-/// all beams pass.
+/// Strategy: a task is a node whose smallest cells a table of pointers finds at once, so that a step along a
+/// beam costs one division and no descent; they stay in the cache while all its beams pass.
 /// Invariants: a cell gets its beams in the order of the scan, so that the map is that of BeamUpdate, to the
 /// last bit, whatever the number of workers. Nodes are divided only on the way to a cell that is updated.
 template <class Tree, class Sensor>
@@ -43,16 +42,16 @@ class FixedWalk {
   using Ref = typename Tree::Ref;
 
  public:
-  /// @param block_level of nodes that are tasks. @param undo log of the nodes that this worker changes, or
+  /// @param task_level of nodes that are tasks. @param undo log of the nodes that this worker changes, or
   ///   null.
   FixedWalk(Tree& tree, typename Tree::Arena& arena, const Measurements<D, Sensor>& measurements,
-            const BeamEvidence<Sensor>& evidence, int block_level, UndoLog<Tree>* undo,
+            const BeamEvidence<Sensor>& evidence, int task_level, UndoLog<Tree>* undo,
             const ChangeWindow<D>& window)
       : tree_(tree),
         arena_(arena),
         measurements_(measurements),
         evidence_(evidence),
-        block_level_(block_level),
+        task_level_(task_level),
         undo_(undo),
         window_(window) {}
 
@@ -60,7 +59,7 @@ class FixedWalk {
   /// The beam of the scan that has number 0 in lists.
   void begin_at(Eigen::Index first) { first_ = first; }
 
-  /// Bins beams [first, last) by the blocks that they cross. The tree stays as it is.
+  /// Bins beams [first, last) by the tasks that they cross. The tree stays as it is.
   void bin(std::size_t first, std::size_t last, std::size_t part, TaskLists<D>& lists) {
     std::vector<std::uint32_t> beams;
     beams.reserve(last - first);
@@ -75,21 +74,19 @@ class FixedWalk {
       add(child, of_child, beams.part, lists);
     });
   }
-  /// Integrates a block's beams. @returns whether a cell changed.
-  bool integrate(const Ref& block, const TaskCell<D>& beams) {
-    const std::int64_t across =
-        tree_.geometry().edge(block.index.level) / N;  // Nodes with cells, on an axis.
+  /// Integrates a task's beams. @returns whether a cell changed.
+  bool integrate(const Ref& task, const TaskCell<D>& beams) {
+    const std::int64_t across = tree_.geometry().edge(task.index.level) / N;  // Nodes with cells, on an axis.
     std::size_t count = 1;
     for (int a = 0; a < D; ++a) count *= static_cast<std::size_t>(std::max<std::int64_t>(across, 1));
     siblings_.assign(count, nullptr);
     const std::uint64_t before = counters_.updates;
     for (const TaskList<D>* list = beams.first; list != beams.last; ++list)
       for (std::size_t i = 0; i < list->list.size; ++i)
-        for_each_cell(block.index, list->list.beam[i],
-                      [&](const Lattice<D>& cell, double enter, double exit) {
-                        evidence_.update(this->cell(block, across, cell), enter, exit);
-                        ++counters_.updates;
-                      });
+        for_each_cell(task.index, list->list.beam[i], [&](const Lattice<D>& cell, double enter, double exit) {
+          evidence_.update(this->cell(task, across, cell), enter, exit);
+          ++counters_.updates;
+        });
     return counters_.updates != before;
   }
   /// Finishes a subdivided node after its children.
@@ -106,7 +103,7 @@ class FixedWalk {
     return measurements_.sigma(first_ + static_cast<Eigen::Index>(number), range);
   }
   /// Calls `visit(lower, t_enter, t_exit)` for each smallest cell in a node that a beam passes and that may
-  /// change. @returns as traverse_beam() does.
+  /// change; evidence_ is then that of the beam.
   template <class Visit>
   void for_each_cell(const CellIndex<D>& node, std::size_t number, const Visit& visit) {
     const Beam<D> beam = this->beam(number);
@@ -125,28 +122,28 @@ class FixedWalk {
     pace_.spend(cells);
   }
 
-  /// A smallest cell of a block. @param across nodes with cells on an axis of the block.
-  [[nodiscard]] NDTREE_ALWAYS_INLINE auto& cell(const Ref& block, std::int64_t across,
+  /// A smallest cell of a task. @param across nodes with cells on an axis of the task's.
+  [[nodiscard]] NDTREE_ALWAYS_INLINE auto& cell(const Ref& task, std::int64_t across,
                                                 const Lattice<D>& lower) {
     std::size_t place = 0;
     std::size_t number = 0;
     for (std::size_t a = D; a-- > 0;) {
-      const auto offset = static_cast<std::uint64_t>(lower[a] - block.index.lower[a]);
+      const auto offset = static_cast<std::uint64_t>(lower[a] - task.index.lower[a]);
       place = place * static_cast<std::uint64_t>(across) + offset / N;
       number = number * N + offset % N;
     }
     NodeType*& siblings = siblings_[place];
-    if (siblings == nullptr) siblings = find_siblings(block, lower);
+    if (siblings == nullptr) siblings = find_siblings(task, lower);
     return siblings[number].cell();
   }
-  /// The first of the cells beside a cell of a block; nodes that are missing are added.
-  NDTREE_NEVER_INLINE NodeType* find_siblings(const Ref& block, const Lattice<D>& lower) {
-    Ref ref = block;
+  /// The first of the cells beside a cell of a task; nodes that are missing are added.
+  NDTREE_NEVER_INLINE NodeType* find_siblings(const Ref& task, const Lattice<D>& lower) {
+    Ref ref = task;
     while (ref.index.level > tree_.geometry().finest_level() + 1) {
       enter(*ref.node);
       ref = tree_.child_towards(ref, lower);
     }
-    if (ref.index.level == tree_.geometry().finest_level()) return ref.node;  // The block is one cell.
+    if (ref.index.level == tree_.geometry().finest_level()) return ref.node;  // The task is one cell.
     enter(*ref.node);
     return tree_.children(*ref.node);
   }
@@ -154,16 +151,15 @@ class FixedWalk {
   void enter(NodeType& node) {
     if (node.is_leaf()) {
       tree_.split_node(node, {}, arena_);
-    } else if (node.note() != 0) {  // Else it was split by this scan, or has been here.
-      if (undo_ != nullptr) undo_->keep(tree_, node);
-      node.set_note(0);  // Until the scan is done.
+    } else {
+      before_change_below(tree_, node, undo_);
     }
   }
 
   void bin(const CellIndex<D>& node, std::vector<std::uint32_t>& beams, std::size_t part,
            TaskLists<D>& lists) {
     if (beams.empty() || !window_.overlaps(node, tree_.geometry().edge(node.level))) return;
-    if (node.level <= block_level_) {
+    if (node.level <= task_level_) {
       add(node, beams, part, lists);
       return;
     }
@@ -171,7 +167,8 @@ class FixedWalk {
       bin(child, of_child, part, lists);
     });
   }
-  /// Adds a list of the beams that may change a cell of a node.
+  /// Adds a list of the beams that may change a cell of a node: with a window not all of them do, and the
+  /// tree must not be divided where nothing changes.
   void add(const CellIndex<D>& node, std::vector<std::uint32_t>& beams, std::size_t part,
            TaskLists<D>& lists) {
     if (window_.box != nullptr || window_.cubes != nullptr)
@@ -212,16 +209,16 @@ class FixedWalk {
   typename Tree::Arena& arena_;
   const Measurements<D, Sensor>& measurements_;
   BeamEvidence<Sensor> evidence_;
-  int block_level_;
+  int task_level_;
   Eigen::Index first_ = 0;
   UndoLog<Tree>* undo_;
   ChangeWindow<D> window_;
-  std::vector<NodeType*> siblings_;  // Of a block: the first of each N^D cells; null: not looked for yet.
+  std::vector<NodeType*> siblings_;  // Of a task: the first of each N^D cells; null: not looked for yet.
   UpdateCounters counters_;
   Pace pace_;
 };
 
-/// Integrates a scan into cells of one size, by tasks of blocks (see ScanTasks and FixedWalk): the map that
+/// Integrates a scan into cells of one size, by tasks (see ScanTasks and FixedWalk): the map that
 /// BeamUpdate makes beam by beam, to the last bit. For n beams of k cells: O(n k), parallel.
 template <class Tree, class Refinement, class Sensor>
 class FixedUpdate {
@@ -259,7 +256,7 @@ class FixedUpdate {
               const ChangeWindow<D>& window = {}) {
     if (undo != nullptr) undo->resize(1 + workers.count());
     const auto log = [&](std::size_t number) { return undo == nullptr ? nullptr : undo->data() + number; };
-    const int level = block_level();
+    const int level = task_level();
     Arenas<Tree> arenas(tree_, workers.count());
     std::vector<Walk> walks;
     walks.reserve(arenas.all().size());
@@ -275,8 +272,8 @@ class FixedUpdate {
   }
 
  private:
-  /// The largest nodes below the root whose table of siblings stays in the first cache.
-  [[nodiscard]] int block_level() const {
+  /// Of tasks: the largest nodes whose table of siblings stays in the first cache.
+  [[nodiscard]] int task_level() const {
     constexpr std::int64_t kMostSiblings = 1024;
     const auto fits = [&](int level) {
       std::int64_t siblings = 1;
@@ -288,7 +285,7 @@ class FixedUpdate {
     return level;
   }
   /// How many beams from the first one have lists that surely fit in memory, at least one. A beam crosses at
-  /// most one block more than planes between them.
+  /// most one task more than planes between them.
   [[nodiscard]] Eigen::Index end_of_piece(Eigen::Index first, int level) const {
     constexpr double kMost = 0x1p24;
     const double planes_per_metre = std::sqrt(D) / tree_.geometry().cell_size(level);

@@ -48,8 +48,9 @@ struct PaperRefinement {
   }
 };
 
-/// Cells start at max_cell_size; whole scans decide with all their beams. A cell splits where a beam ends
-/// after a free way through it, or where its hits and misses make it probable that it is partially occupied;
+/// Cells start at max_cell_size; whole scans decide with all their beams. A free cell splits where any
+/// resolvable beam ends in it, an unknown one where a beam ends after a free way through it, an occupied one
+/// where its hits and misses make it probable that it is partially occupied;
 /// children start with a part of their parent's evidence. Siblings join where next to no information is lost.
 struct EvidenceRefinement {
   static constexpr const char* kName = "evidence";
@@ -142,7 +143,8 @@ struct EvidenceRefinement {
   }
 };
 
-/// Every cell that a beam updates has min_cell_size: the fixed-resolution grid, by the same code.
+/// Every cell that a beam updates has min_cell_size: the fixed-resolution grid, in the same tree. Beams step
+/// from cell to cell (FixedUpdate); the other functions are what BeamUpdate asks, and tests compare with it.
 struct FixedRefinement {
   static constexpr const char* kName = "fixed";
   static constexpr bool kAdaptive = false;

@@ -146,9 +146,9 @@ class BeamStepper {
       lower[a] = first_on_axis(a, in, edge, t_enter);
       step[a] = d < 0.0 ? -edge : edge;
       plane[a] = static_cast<double>(d < 0.0 ? lower[a] : lower[a] + edge);
-      t_next[a] = d == 0.0 ? kNever : crossing_of(a, plane[a]);
+      t_next[a] = d == 0.0 ? kNever : crossing_at(a, plane[a]);
       plane[a] += static_cast<double>(step[a]);
-      t_after[a] = d == 0.0 ? kNever : crossing_of(a, plane[a]);
+      t_after[a] = d == 0.0 ? kNever : crossing_at(a, plane[a]);
     }
     for (double t = t_enter;;) {
       double t_leave = t_exit;
@@ -163,14 +163,14 @@ class BeamStepper {
         lower[a] += step[a];
         t_next[a] = t_after[a];
         plane[a] += static_cast<double>(step[a]);
-        t_after[a] = crossing_of(a, plane[a]);
+        t_after[a] = crossing_at(a, plane[a]);
       }
     }
   }
 
  private:
-  /// Where, on an axis, the cell begins that the beam is in behind t. @param in the larger cell that it lies
-  /// in.
+  /// Lower border, on this axis, of the cell that the beam is in just behind t. @param in the larger cell
+  /// that it lies in.
   [[nodiscard]] std::int64_t first_on_axis(std::size_t a, const CellIndex<D>& in, std::int64_t edge,
                                            double t) const {
     const double d = direction_[static_cast<int>(a)];
@@ -181,25 +181,24 @@ class BeamStepper {
     const std::int64_t cells = (last - first) / edge;
     std::int64_t lower =
         first + edge * static_cast<std::int64_t>(std::min(std::max(guess, 0.0), static_cast<double>(cells)));
-    // Planes at or before t are passed: they decide, not the guess.
+    // Planes at or before t are passed: they decide, not the guess. Upwards the cell's lower plane is passed
+    // and its upper one is not; downwards the other way round.
     const bool is_downwards = d < 0.0;
     while (lower > first && (crossing(a, lower) > t) != is_downwards) lower -= edge;
     while (lower < last && (crossing(a, lower + edge) > t) == is_downwards) lower += edge;
     return lower;
   }
-  /// crossing() of a plane whose coordinate is a whole number, for a beam that is not parallel to it.
-  [[nodiscard]] double crossing_of(std::size_t a, double coordinate) const {
-    return (rounded(coordinate * geometry_->unit()) - origin_[static_cast<int>(a)]) /
-           direction_[static_cast<int>(a)];
-  }
   /// Where the beam meets the lattice plane at `coordinate` on axis a. It depends on the plane alone, and
   /// never decreases from plane to plane along the beam: cells of all levels agree on their common faces. For
   /// a beam parallel to the plane: -inf if the beam lies on the plane or above it, +inf if below.
   [[nodiscard]] double crossing(std::size_t a, std::int64_t coordinate) const {
-    const double distance = geometry_->border(coordinate) - origin_[static_cast<int>(a)];
-    const double d = direction_[static_cast<int>(a)];
-    if (d == 0.0) return distance <= 0.0 ? -kNever : kNever;
-    return distance / d;
+    if (direction_[static_cast<int>(a)] != 0.0) return crossing_at(a, static_cast<double>(coordinate));
+    return geometry_->border(coordinate) <= origin_[static_cast<int>(a)] ? -kNever : kNever;
+  }
+  /// crossing() of a beam that is not parallel to the plane. @param coordinate a whole number.
+  [[nodiscard]] double crossing_at(std::size_t a, double coordinate) const {
+    return (rounded(coordinate * geometry_->unit()) - origin_[static_cast<int>(a)]) /
+           direction_[static_cast<int>(a)];
   }
 
   const LatticeGeometry<N, D>* geometry_;

@@ -101,4 +101,15 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
   std::vector<Kept> kept_;
 };
 
+/// Before something changes below an inner node in a scan: its children are kept, and its summary becomes
+/// stale until the scan is done. Once, as a note of 0 is that of a node that was here, or that the scan has
+/// split.
+/// @param undo null if nothing is kept.
+template <class Tree>
+void before_change_below(Tree& tree, typename Tree::NodeType& parent, UndoLog<Tree>* undo) {
+  if (parent.note() == 0) return;
+  if (undo != nullptr) undo->keep(tree, parent);
+  parent.set_note(0);
+}
+
 }  // namespace ndtree

@@ -20,10 +20,10 @@ namespace ndtree {
 
 /// Divides the walk of a scan into tasks, and executes them by all workers.
 ///
-/// Strategy: workers bin parts of the beams by level-0 cell (the coarsest level); each cell with beams is
-/// a task. A task with so large a part of all beams that other workers would wait for it is subdivided:
-/// workers partition its lists, part by part, and its children are tasks. Tasks run the largest first
-/// (TaskOrder). Subdivided nodes are finalized at last, children before parents, by one thread.
+/// Strategy: workers bin parts of the beams by cell of a level, which the walk chooses (for evidence level
+/// 0); each cell with beams is a task. A task with so large a part of all beams that other workers would wait
+/// for it is subdivided: workers partition its lists, part by part, and its children are tasks. Tasks run the
+/// largest first (TaskOrder). Subdivided nodes are finalized at last, children before parents, by one thread.
 /// Invariants: tasks are disjoint subtrees; above the coarsest level nothing is merged; a task's lists
 /// hold each of its beams once, in ascending order, so that the map does not depend on the number of
 /// workers or parts.
@@ -123,9 +123,8 @@ class ScanTasks {
     }
     if (ref.is_leaf())
       tree_.split_node(*ref.node, {}, arena_);
-    else if (undo_ != nullptr && ref.node->note() != 0)  // Else tasks of this scan have been here.
-      undo_->keep(tree_, *ref.node);
-    ref.node->set_note(0);  // No valid summary until the scan is done.
+    else
+      before_change_below(tree_, *ref.node, undo_);
     std::vector<Range> in_child = parts;
     for (Range& range : in_child) range.last = range.first;
     std::size_t left = 0;  // Lists of children that are still to come.

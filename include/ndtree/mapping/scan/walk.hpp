@@ -45,13 +45,16 @@ namespace ndtree {
 /// evidence of the beams that it samples and is updated, or splits and passes the same beams on. On the way
 /// back siblings merge, or their parent's summary is updated.
 ///
-/// Where to read: update_children() integrates beams into a node's children, whatever their source;
-/// update_leaf() decides about a leaf, by EvidenceRefinement::action(), whose split criterion is splits().
+/// Where to read: update_children() integrates beams into a node's children, whatever their source; for a
+/// leaf it calls update_leaf(), that evidence() of the source (beam_sources.hpp) and update_unless_split(),
+/// that EvidenceRefinement::action(), whose split criterion is splits(), and, for what it does not update,
+/// split_or_judge(), that split().
 ///
 /// What writes a cell:
 /// - EvidenceModel::update(), with a leaf's evidence: nearly always;
 /// - EvidenceModel::update_without_split(), where a split is predicted to re-merge, or its children did;
-/// - EvidenceModel::update_partly_seen(), where too little of a cell was seen; set_covered(), where all was;
+/// - EvidenceModel::update_partly_seen(), where too little of a cell was seen; set_covered(), which notes
+///   whether all was;
 /// - EvidenceRefinement::keep_partial(), if partial_probability is set;
 /// - ChildrenInitialiser, in split_and_descend(), and EvidenceMergeRule, in merge_children();
 /// - UndoLog, if a scan fails.
@@ -68,7 +71,11 @@ namespace ndtree {
 /// - A node drops only beams that no leaf below it samples. (test_scan_update: the flat oracle has all beams)
 /// - A leaf may split before all its beams have been added up, since more beams never revoke
 ///   EvidenceRefinement::splits_anyway(), nor make its split predicted to re-merge. (test_leaf_action)
+///   The early stop comes before EvidenceModel::limit(), which leaves scans with hits as they are.
 /// - A saturated subtree that all beams pass stays as it is, bit for bit. (test_scan_update, test_summary)
+/// - partition() that replaces a list uses up its memory: a list that is needed afterwards, as by a leaf that
+///   splits, is partitioned without. A sample refers to one member, which the next leaf overwrites.
+///   (test_scan_lists, test_scan_update)
 /// - A summary of 0 is stale: it is computed before it is used. (test_summary)
 /// - A node's block of children is kept in the undo log before one of them changes for the first time in a
 ///   scan. (test_limits, alone/test_scarce_memory)
@@ -296,8 +303,10 @@ class alignas(kCacheLines) ScanWalk {
   /// Integrates beams into a leaf:
   /// 1. Saturated? A saturated leaf that all beams pass stays as it is. If more beams end in it than the
   ///    sensor's errors explain, it samples as many beams as a leaf that is not well observed.
+  ///    (`samples_few` is false then.)
   /// 2. Sample all beams, or a fraction of them: those below a bucket of each cube-map face.
-  /// 3. Add up the evidence of the sampled beams, see LeafEvidence, and limit it, see EvidenceModel::limit().
+  /// 3. Add up the evidence of the sampled beams, see LeafEvidence, and limit it, see EvidenceModel::limit():
+  ///    evidence() of the source.
   /// 4. Split? EvidenceRefinement::action() decides whether the leaf is updated or splits.
   /// @param of_siblings sampling fractions of the children of the leaf's parent; null unless the leaf was
   ///   reached from there, by beams of one cube-map face of which not all are sampled.
