@@ -11,6 +11,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ndtree.live.corrections import Correction, Corrections
     from ndtree.live.fading import Fading
     from ndtree.live.figures import LiveFigures
     from ndtree.live.frames import FramesIntake, Reading, Transform
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from ndtree.live.obstacles import ObstacleDistance, ObstacleSink, obstacle_distance
     from ndtree.live.playing import play
     from ndtree.live.saver import Saver
+    from ndtree.live.serving import MapServer
     from ndtree.live.to_foxglove import FoxgloveSink
     from ndtree.live.to_rerun import RerunSink
     from ndtree.live.way import Way
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 
 #: Where each public name is; its module loads when it is asked for.
 _MODULES = {
+    "Correction": "corrections",
+    "Corrections": "corrections",
     "Fading": "fading",
     "FoxgloveSink": "to_foxglove",
     "FramesIntake": "frames",
@@ -36,6 +40,7 @@ _MODULES = {
     "Intake": "intake",
     "LiveFigures": "figures",
     "LiveMapper": "mapper",
+    "MapServer": "serving",
     "MessagesIntake": "messages",
     "ObstacleDistance": "obstacles",
     "ObstacleSink": "obstacles",
@@ -53,6 +58,8 @@ _MODULES = {
 }
 
 __all__ = [
+    "Correction",
+    "Corrections",
     "Fading",
     "FoxgloveSink",
     "FramesIntake",
@@ -61,6 +68,7 @@ __all__ = [
     "Intake",
     "LiveFigures",
     "LiveMapper",
+    "MapServer",
     "MessagesIntake",
     "ObstacleDistance",
     "ObstacleSink",

@@ -36,10 +36,23 @@ from ndtree.cli.commands.shows import (
     rerun_sink,
     wait_at,
 )
-from ndtree.live import Fading, Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Way, Window, play
+from ndtree.live import (
+    Corrections,
+    Fading,
+    Intake,
+    LiveMapper,
+    MessagesIntake,
+    Saver,
+    ScansIntake,
+    Way,
+    Window,
+    play,
+)
+from ndtree.live.corrections import MEMORY
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 from ndtree.live.playing import messages_of, scans_of
+from ndtree.live.serving import MapServer, address_of
 from ndtree.logs import WrongOption, recognised
 from ndtree.logs.core.selection import Selection
 from ndtree.logs.ros.files.bag import open_bag
@@ -56,6 +69,7 @@ PAGE, LINE = 0.5, 0.5
         "ndtree live drive.bag -o drive.ndt --rate 4 --queue 20 --window 30 --save-every 60",
         "ndtree live tuesday.bag --resume monday.ndt -o both.ndt --rate 0",
         "ndtree live --world office --rate 0",
+        "ndtree live drive.bag --serve 8090",
         "ndtree live drive.bag --foxglove 8765",
         "ndtree live drive.bag --rerun drive.rrd --rate 0",
     ),
@@ -90,6 +104,21 @@ def live(
         Optional[float],
         typer.Option(help="Forget what was not seen for this long \\[s].", show_default=False),
     ] = None,
+    follow: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="TOPIC|tf",
+            help="Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom.",
+            show_default=False,
+        ),
+    ] = None,
+    follow_frame: Annotated[
+        Optional[str],
+        typer.Option(help="The frame that the poses of the Path are of.", show_default=False),
+    ] = None,
+    follow_memory: Annotated[
+        float, typer.Option(help="Scans that can move \\[MiB]; of more, the oldest stay.")
+    ] = MEMORY / 2**20,
     save_every: Annotated[
         Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
     ] = None,
@@ -97,6 +126,14 @@ def live(
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
     port: Port = None,
+    serve: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="[HOST:]PORT",
+            help="Give it to ndtree view http://HOST:PORT; only of this computer, unless HOST says more.",
+            show_default=False,
+        ),
+    ] = None,
     foxglove: FoxgloveOption = None,
     rerun: RerunOption = None,
     dim: Dim = None,
@@ -115,6 +152,11 @@ def live(
         raise WrongCall("--save-every: expected -o MAP, too")
     if port is not None and not watch:
         raise WrongCall("--port: is for the page of --watch")
+    if follow is None and follow_frame is not None:
+        raise WrongCall("--follow-frame: expected --follow, too")
+    for flag, other in (("window", window), ("fade", fade), ("resume", resume), ("fixed", fixed or None)):
+        if follow is not None and other is not None:
+            raise WrongCall(f"--{flag}: not with --follow, whose map is of scans alone, with adaptive cells")
     if rate < 0:
         raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
     for path in (output, json_file):
@@ -129,13 +171,16 @@ def live(
         options = dict(target.options)
     made(lambda: new_map(dim or 2, fixed, options) if target is None else None)
     sinks: list[Any] = [made(lambda: Saver(output, save_every))] if save_every is not None else []
-    follow = None if window is None else made(lambda: Window(window))
+    kept = None if window is None else made(lambda: Window(window))
+    corrections = None if follow is None else made(lambda: Corrections(memory=int(follow_memory * 2**20)))
     fading = None if fade is None else made(lambda: Fading(fade))
     with ExitStack() as stack:
         intake, items = _source(
             log, world, dim, reading, stack,
             options=options, max_range=max_range, no_return=no_return.value, look=look_for,
+            follow=follow or "", body=follow_frame or "",
         )  # fmt: skip
+        sinks += [_served(serve, stack)] if serve is not None else []
         page = _Page(port) if watch else None
         sinks += [page] if page is not None else []
         way = Way()
@@ -150,11 +195,12 @@ def live(
             make=lambda dim, chosen: new_map(dim, fixed, chosen),
             queue=queue,
             patience=patience,
-            window=follow,
+            window=kept,
             fading=fading,
             sinks=sinks,
             prepare=_prepare(reading),
             way=way,
+            corrections=corrections,
         )
         begin = time.perf_counter()
         try:
@@ -185,6 +231,8 @@ def _source(
     max_range: Optional[float],
     no_return: str,
     look: float,
+    follow: str,
+    body: str,
 ) -> tuple[Intake, Iterator[tuple[Any, float]]]:
     """How a recording is judged, and what is in it."""
     limit = limit_of(max_range)
@@ -199,12 +247,25 @@ def _source(
                 max_range=limit,
                 no_return=no_return,
                 look=look,
+                follow=follow,
+                body=body,
             )
         )
         return intake, messages_of(bag)
+    if follow:
+        raise WrongCall("--follow: expected a ROS bag, which has the poses that a SLAM corrects")
     whole = open_log(path, world, dim, _whole(reading) if path is not None else reading, max_range=max_range)
     settings = settled(whole, options, limit, no_return, with_sigma=True)
     return ScansIntake(settings, whole.dim), scans_of(whole)
+
+
+def _served(serve: str, stack: ExitStack) -> MapServer:
+    """What gives the map to who asks, until the command ends."""
+    host, port = made(lambda: address_of(serve))
+    server = MapServer(port, host=host)
+    stack.callback(server.close)
+    print(f"ndtree view {server.url} shows the map as it grows", file=sys.stderr, flush=True)
+    return server
 
 
 def _whole(reading: Reading) -> Reading:

@@ -59,6 +59,7 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("faces", "", "points", "a mesh for Blender or MeshLab"),
         Row("mark", "", "what moved is left out", "a viewer shows the probability of each point"),
         Row("save_every", "S", "at the end alone", "a robot that may lose its power"),
+        Row("serve", "[HOST:]PORT", "off", "look at it from another computer: ndtree view http://HOST:PORT"),
         Row("foxglove", "PORT", "off", "look at it in Foxglove while it grows"),
         Row("rerun", "FILE|URL", "off", "look at it in rerun, then or later"),
         Row("quiet", "", "off", "scripts: errors alone are said"),
@@ -158,6 +159,11 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("window", "M", "the whole map", "a robot that needs its surroundings alone"),
         Row("fade", "S", "nothing fades", "things that move all day; walls that are not seen go, too"),
         Row("resume", "MAP", "an empty map", "go on with a saved map"),
+        Row(
+            "follow", "TOPIC|tf", "poses stay", "a SLAM that corrects poses: by its Path, or jumps of tf"
+        ),
+        Row("follow_frame", "FRAME", "the robot's base", "the Path is of another frame"),
+        Row("follow_memory", "MIB", "1024 MiB", "a long way, or less memory: the oldest scans stay then"),
     ),
     "On which machines?": (
         Row("engine", "processes|local|ray|dask", "processes", "several machines"),

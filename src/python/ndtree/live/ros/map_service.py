@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
 from ndtree.live.mapper import LiveMapper
 from ndtree.live.messages import MessagesIntake
@@ -24,6 +25,7 @@ from ndtree.live.ros.middleware import Level, Middleware
 from ndtree.live.ros.parameters import reading_options
 from ndtree.live.ros.sinks import CellsSink, FrontiersSink, GridSink, OctomapSink
 from ndtree.live.saver import Saver
+from ndtree.live.serving import MapServer, address_of
 from ndtree.live.window import Window
 from ndtree.logs.core.selection import Selection
 from ndtree.logs.poses.transforms import plain
@@ -77,6 +79,8 @@ class MapService:
             max_range=limit,
             no_return=value("no_return"),
             look=value("look"),
+            follow=value("follow"),
+            body=value("follow_frame"),
         )
         if value("no_return") not in ("auto", "free", "ignore"):
             raise ValueError(f"no_return = {value('no_return')}: must be auto, free or ignore")
@@ -92,6 +96,12 @@ class MapService:
             sinks.append(OctomapSink(node, self._frame, octomap))
         if file and value("save_period") > 0:
             sinks.append(Saver(file, value("save_period")))
+        self._server: MapServer | None = None
+        if value("serve"):
+            host, port = address_of(value("serve"))
+            self._server = MapServer(port, host=host)
+            sinks.append(self._server)
+            node.say(Level.info, f"ndtree view {self._server.url} shows the map as it grows")
         self._status = node.publisher(DiagnosticArray, "/diagnostics", depth=10)
         selection = Selection(3, min_range=value("min_range"))
 
@@ -109,6 +119,7 @@ class MapService:
             threads=value("threads"),
             window=Window(value("window")) if value("window") > 0 else None,
             fading=Fading(value("fade")) if value("fade") > 0 else None,
+            corrections=_corrections(value),
             sinks=sinks,
             prepare=prepare,
         )
@@ -173,6 +184,8 @@ class MapService:
                 write(self.mapper.snapshot(), Path(file))
         except (ValueError, OSError) as error:
             self._node.say(Level.error, str(error))
+        if self._server is not None:
+            self._server.close()
         self._say_failures()
         self.diagnose(lost)
         self._node.say(Level.info, self.mapper.figures.summary())
@@ -199,6 +212,7 @@ class MapService:
             "dropped": figures.dropped,
             "lost by the middleware": lost,
             "late poses": figures.late_poses,
+            "corrections": figures.corrections,
             "waiting": figures.waiting,
             **{f"left out, {kind}": count for kind, count in figures.left_out.items()},
             **{f"{sink} failed": error for sink, error in mapper.failures.items()},
@@ -277,6 +291,14 @@ class MapService:
         except (ValueError, RuntimeError) as error:
             self._node.say(Level.warning, f"get_map: {error}")
             return None
+
+
+def _corrections(value: Callable[[str], Any]) -> Corrections | None:
+    if not value("follow"):
+        return None
+    if value("fixed_cells"):
+        raise ValueError("fixed_cells: not with follow, whose map has adaptive cells")
+    return Corrections(memory=int(value("follow_memory") * 2**20), threads=value("threads"))
 
 
 def _loaded(path: str) -> OccupancyMap:
