@@ -151,7 +151,7 @@ TYPED_TEST(Marks, OfABodyAreTheCellsThatItTouches) {
     const Body<D> placed = moved(body, pose);
     const auto is_touched = [&](const Box<D>& cell) {
       return std::any_of(placed.begin(), placed.end(),
-                         [&](const BodyPart<D>& part) { return touch(part, cell); });
+                         [&](const BodyPart<D>& part) { return touch(part, cell.inflated(1e-6 * kUnit)); });
     };
     TypeParam map = before;
     map.clear(body, pose);

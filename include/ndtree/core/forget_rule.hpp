@@ -33,20 +33,21 @@ struct ClearRule {
   }
 };
 /// What clear() of a body keeps: cells that share no point with it, borders counted in, as collides() asks.
+/// Cells that are only kOnBorder of their edge away from it go, too, so that rounding keeps none that it
+/// meets.
 template <int D>
 struct ShapeRule {
   Body<D> body;  ///< In its pose.
 
   [[nodiscard]] Fate fate(const Box<D>& cell, bool /*is_leaf*/, bool can_divide) const {
-    // Smallest cells decide: a larger one may touch the body by rounding alone, or but for rounding.
-    const Box<D> region = can_divide ? cell.inflated(kOnBorder * (cell.upper[0] - cell.lower[0])) : cell;
-    bool is_near = false;
+    const Box<D> region = cell.inflated(kOnBorder * (cell.upper[0] - cell.lower[0]));
+    bool is_touched = false;
     for (const BodyPart<D>& part : body) {
       if (!touch(part, region)) continue;
       if (!can_divide || encloses(part, cell)) return Fate::forget;
-      is_near = true;
+      is_touched = true;
     }
-    return is_near ? Fate::divide : Fate::keep;
+    return is_touched ? Fate::divide : Fate::keep;
   }
 };
 /// What keep_near() keeps: what is not farther than the radius.

@@ -387,8 +387,9 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     LatticeBox<D> cells;
     for (int a = 0; a < D; ++a) {
       const auto axis = static_cast<std::size_t>(a);
-      cells.lower[axis] = geometry.coordinate(box.lower[a] - geometry.rounding_at(box.lower[a]));
-      cells.upper[axis] = geometry.coordinate(box.upper[a] + geometry.rounding_at(box.upper[a])) + 1;
+      const double beside = 2.0 * kOnBorder * geometry.unit();  // See ShapeRule.
+      cells.lower[axis] = geometry.coordinate(box.lower[a] - geometry.rounding_at(box.lower[a]) - beside);
+      cells.upper[axis] = geometry.coordinate(box.upper[a] + geometry.rounding_at(box.upper[a]) + beside) + 1;
     }
     return cells;
   }

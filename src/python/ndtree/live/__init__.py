@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ndtree.live.frames import FramesIntake, Reading, Transform
     from ndtree.live.grid import GridFollower, GridPart
     from ndtree.live.intake import Intake, ScansIntake, Verdict
+    from ndtree.live.localizing import Localization, Localizer
     from ndtree.live.mapper import LiveMapper, Sink
     from ndtree.live.messages import MessagesIntake
     from ndtree.live.obstacles import ObstacleDistance, ObstacleSink, obstacle_distance
@@ -40,6 +41,8 @@ _MODULES = {
     "Intake": "intake",
     "LiveFigures": "figures",
     "LiveMapper": "mapper",
+    "Localization": "localizing",
+    "Localizer": "localizing",
     "MapServer": "serving",
     "MessagesIntake": "messages",
     "ObstacleDistance": "obstacles",
@@ -68,6 +71,8 @@ __all__ = [
     "Intake",
     "LiveFigures",
     "LiveMapper",
+    "Localization",
+    "Localizer",
     "MapServer",
     "MessagesIntake",
     "ObstacleDistance",

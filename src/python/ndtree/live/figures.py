@@ -42,6 +42,8 @@ class LiveFigures:
     corrections, moved, frozen : int
         Of a mapper that follows corrections: how often scans were moved, how many, each time counted, and how
         many move no more because of the limit on memory.
+    lost : int
+        Of a mapper that finds scans in a map: those that came while it was lost; they count as mapped, too.
     correction_seconds : float
         Spent on that; scans wait meanwhile, and their delays tell it.
     """
@@ -59,6 +61,7 @@ class LiveFigures:
     corrections: int = 0
     moved: int = 0
     frozen: int = 0
+    lost: int = 0
     correction_seconds: float = 0.0
     mapped_delays: deque[float] = field(default_factory=lambda: deque(maxlen=DELAYS), repr=False)
     published_delays: deque[float] = field(default_factory=lambda: deque(maxlen=DELAYS), repr=False)
@@ -103,6 +106,7 @@ class LiveFigures:
                 "frozen": self.frozen,
                 "seconds": self.correction_seconds,
             },
+            "lost": self.lost,
             "delays": delays,
         }
 
@@ -114,4 +118,5 @@ class LiveFigures:
         counts = f"{self.mapped} mapped{unsure}, {self.dropped} dropped{left}{late}"
         moved = f", moved {self.moved} in {self.corrections} corrections" if self.corrections else ""
         frozen = f", {self.frozen} frozen" if self.frozen else ""
-        return f"{self.received} scans received: {counts}{moved}{frozen}"
+        lost = f", lost during {self.lost}" if self.lost else ""
+        return f"{self.received} scans received: {counts}{moved}{frozen}{lost}"

@@ -27,6 +27,7 @@ from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
 from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import Intake, Verdict
+from ndtree.live.localizing import Localization, Localizer, matrix_in_plane
 from ndtree.live.queue import Entry, ScanQueue
 from ndtree.live.way import Way
 from ndtree.live.window import Window
@@ -93,6 +94,10 @@ class LiveMapper:
     corrections : Corrections, optional
         Moves scans when their poses are corrected. The map is an `AdaptiveMap` then, made of scans alone: not
         with a target, a window or fading, nor changed by others.
+    localizer : Localizer, optional
+        Finds each scan in `target`, which is not changed then; the intake's map frame is that of odometry.
+    localized : callable, optional
+        Is told each `Localization`.
 
     Raises
     ------
@@ -127,6 +132,8 @@ class LiveMapper:
         prepare: Callable[[Scan], Scan] | None = None,
         way: Way | None = None,
         corrections: Corrections | None = None,
+        localizer: Localizer | None = None,
+        localized: Callable[[Localization], None] | None = None,
     ) -> None:
         if queue < 1:
             raise ValueError(f"queue = {queue}: must be >= 1")
@@ -138,7 +145,10 @@ class LiveMapper:
                 raise ValueError(
                     f"{name}: expected none, as a map that follows corrections is of scans alone"
                 )
+        if localizer is not None and (target is None or corrections or window or fading):
+            raise ValueError("localizer: expected a target, and nothing that changes it")
         self._corrections = corrections
+        self._localizer, self._localized = localizer, localized
         self.figures = LiveFigures()
         #: Why nothing is mapped yet, and by sink the last thing that went wrong.
         self.undecided = ""
@@ -457,6 +467,9 @@ class LiveMapper:
         assert settings is not None and self._target is not None
         scan = scan if self._prepare is None else self._prepare(scan)
         usable = settings.usable(scan)
+        if self._localizer is not None:
+            self._localize(usable, entry, self._localizer)
+            return
         try:
             with self._lock:
                 one = self._mapped(usable, settings.max_range)
@@ -488,6 +501,23 @@ class LiveMapper:
         figures.mapped += 1
         figures.mapped_delays.append(time.perf_counter() - entry.arrived)
         self._publisher.mapped(entry.arrived)
+
+    def _localize(self, scan: Scan, entry: Entry, localizer: Localizer) -> None:
+        """Find a scan in the map."""
+        motion, figures = self._intake.motion(), self.figures
+        if motion is None or scan.dim != 2:
+            figures.leave_out("scans without odometry" if motion is None else "scans that are not 2-D")
+            return
+        ends = scan.endpoints if scan.returned is None else scan.endpoints[scan.returned]
+        sensor, body = matrix_in_plane(motion.sensor), matrix_in_plane(motion.odometry)
+        ends = (ends - sensor[:2, 2]) @ sensor[:2, :2]
+        found = localizer.track(ends, sensor, motion.stamp, body=body)
+        self._stamp = scan.stamp
+        figures.mapped += 1
+        figures.lost += found.is_lost
+        figures.mapped_delays.append(time.perf_counter() - entry.arrived)
+        if self._localized is not None:
+            self._localized(found)
 
     def _mapped(self, scan: Scan, max_range: float) -> InsertReport:
         if self._corrections is None:

@@ -159,9 +159,9 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("window", "M", "the whole map", "a robot that needs its surroundings alone"),
         Row("fade", "S", "nothing fades", "things that move all day; walls that are not seen go, too"),
         Row("resume", "MAP", "an empty map", "go on with a saved map"),
-        Row(
-            "follow", "TOPIC|tf", "poses stay", "a SLAM that corrects poses: by its Path, or jumps of tf"
-        ),
+        Row("localize", "MAP", "it is mapped", "find the robot in a saved map instead"),
+        Row("guess", "X,Y,YAW", "anywhere", "where the sensor is in that map at first"),
+        Row("follow", "TOPIC|tf", "poses stay", "a SLAM that corrects poses: by its Path, or jumps of tf"),
         Row("follow_frame", "FRAME", "the robot's base", "the Path is of another frame"),
         Row("follow_memory", "MIB", "1024 MiB", "a long way, or less memory: the oldest scans stay then"),
     ),

@@ -12,15 +12,18 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from tf2_msgs.msg import TFMessage
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
 from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
+from ndtree.live.localizing import ODOMETRY, Localization, Localizer, place_of
 from ndtree.live.mapper import LiveMapper
 from ndtree.live.messages import MessagesIntake
-from ndtree.live.ros.messages import header, optional_class
+from ndtree.live.ros.messages import header, optional_class, pose_with_covariance, transform
 from ndtree.live.ros.middleware import Level, Middleware
 from ndtree.live.ros.parameters import reading_options
 from ndtree.live.ros.sinks import CellsSink, FrontiersSink, GridSink, OctomapSink
@@ -35,6 +38,9 @@ from ndtree.maps.writers import write
 
 #: How often a node looks around for topics, and lets measurements give up [s].
 TICK = 0.1
+#: The frame of a map that the robot is found in, and how far ahead its transform is dated, as others need it
+#: for times that are a little later [s].
+MAP, AHEAD = "map", 0.1
 #: How often it is said why nothing is mapped [s].
 SAYS = 5.0
 
@@ -69,13 +75,23 @@ class MapService:
         if value("resume") and file and Path(file).exists():
             target = _loaded(file)
             options = dict(target.options)
+        localizer = None
+        if value("localize"):
+            for name in ("resume", "window", "fade", "follow"):
+                if value(name):
+                    raise ValueError(f"{name}: not with localize, which makes no map")
+            target = _loaded(value("localize"))
+            options = dict(target.options)
+            place = place_of(value("initial_pose")) if value("initial_pose") else None
+            localizer = Localizer(target, place)
+        self._localizer = localizer
         if target is None:
             self._new_map(value("dim") or 3, options)  # Refuses what no map can be made of.
         self._intake = MessagesIntake(
             node.name,
             options=options,
             reading=reading_options(value),
-            dim=value("dim") or None,
+            dim=2 if localizer is not None else value("dim") or None,
             max_range=limit,
             no_return=value("no_return"),
             look=value("look"),
@@ -102,6 +118,9 @@ class MapService:
             self._server = MapServer(port, host=host)
             sinks.append(self._server)
             node.say(Level.info, f"ndtree view {self._server.url} shows the map as it grows")
+        if localizer is not None:
+            self._tf = node.publisher(TFMessage, "/tf", depth=100)
+            self._poses = node.publisher(PoseWithCovarianceStamped, "~/pose", depth=10)
         self._status = node.publisher(DiagnosticArray, "/diagnostics", depth=10)
         selection = Selection(3, min_range=value("min_range"))
 
@@ -120,6 +139,8 @@ class MapService:
             window=Window(value("window")) if value("window") > 0 else None,
             fading=Fading(value("fade")) if value("fade") > 0 else None,
             corrections=_corrections(value),
+            localizer=localizer,
+            localized=self._localized,
             sinks=sinks,
             prepare=prepare,
         )
@@ -130,7 +151,18 @@ class MapService:
         named = {("cell_size" if name == "min_cell_size" else name): one for name, one in options.items()}
         return _core.FixedMap(dim=dim, **named)
 
+    def _localized(self, found: Localization) -> None:
+        """Publish where the robot is, while it is known."""
+        if found.is_lost:
+            return
+        odometry = self._node.value("fixed_frame") or ODOMETRY
+        stamp = found.stamp + AHEAD
+        self._tf.publish(TFMessage(transforms=[transform(MAP, odometry, stamp, found.map_odometry)]))
+        self._poses.publish(pose_with_covariance(MAP, found.stamp, found.body, found.covariance))
+
     def _frame(self) -> str:
+        if self._localizer is not None:
+            return MAP
         log = self._intake.log
         return (self._node.value("fixed_frame") or "map") if log is None else log.fixed_frame
 
@@ -180,7 +212,7 @@ class MapService:
         file = self._node.value("map_file")
         try:
             self.mapper.close()
-            if file and self.mapper.has_map:
+            if file and self.mapper.has_map and self._localizer is None:
                 write(self.mapper.snapshot(), Path(file))
         except (ValueError, OSError) as error:
             self._node.say(Level.error, str(error))
@@ -217,6 +249,8 @@ class MapService:
             **{f"left out, {kind}": count for kind, count in figures.left_out.items()},
             **{f"{sink} failed": error for sink, error in mapper.failures.items()},
         }
+        if self._localizer is not None:
+            values |= {"lost now": self._localizer.is_lost, "times lost": self._localizer.times_lost}
         name = self._node.name.rpartition("/")[2]
         status = DiagnosticStatus(name=f"{name}: map", hardware_id="", level=DiagnosticStatus.OK)
         if mapper.has_map:
@@ -230,6 +264,8 @@ class MapService:
         if mapper.has_map and (rate == 0 or mapper.failures):
             status.level = DiagnosticStatus.WARN
             status.message = next(iter(mapper.failures.values()), "no scans are mapped")
+        if self._localizer is not None and self._localizer.is_lost:
+            status.level, status.message = DiagnosticStatus.WARN, "lost in the map"
         status.values = [KeyValue(key=key, value=str(one)) for key, one in values.items()]
         self._status.publish(DiagnosticArray(header=header("", now), status=[status]))
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ndtree.live.corrections import MEMORY
+from ndtree.live.localizing import ODOMETRY
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 
@@ -52,6 +53,8 @@ ROWS = (
     Row("reliable", False, "Ask sensors for lost messages again: reliable, not best effort."),
     Row("window", 0.0, "What is farther from the sensor is forgotten [m]; 0: nothing.", (0.0, 1e6)),
     Row("fade", 0.0, "What was not seen for this long is forgotten [s]; 0: nothing.", (0.0, 1e6)),
+    Row("localize", "", "A saved 2-D map to find the robot in, instead of mapping: publishes map to odom."),
+    Row("initial_pose", "", "Of the sensor in that map: X,Y,YAW; else it is looked for everywhere."),
     Row("follow", "", "Topic with a SLAM's nav_msgs/Path, or tf: scans move when their poses are corrected."),
     Row("follow_frame", "", "The frame that the poses of follow are of; else the robot's base."),
     Row("follow_memory", MEMORY / 2**20, "Of scans that can move [MiB]; then the oldest stay.", (1.0, 1e6)),
@@ -90,6 +93,8 @@ def reading_options(value: Callable[[str], Any]) -> dict[str, Any]:
         options["time_offset"] = value("time_offset")
     if value("pixel_stride") != 1:
         options["pixel_stride"] = value("pixel_stride")
+    if value("localize"):
+        options.setdefault("fixed_frame", ODOMETRY)
     return {**options, "deskew": value("deskew")}
 
 
