@@ -14,8 +14,8 @@ pytest.importorskip("rosbags")
 pytest.importorskip("typer")
 pytest.importorskip("scipy")
 
-from bags import Messages, write_bag
 from drives import START
+from slams import bag_of, drifted, office, path_message, yaw
 from typer.testing import CliRunner
 
 import ndtree
@@ -30,29 +30,6 @@ SETTINGS = Settings({"range_sigma": 0.02, "min_cell_size": 0.05, "max_cell_size"
 
 def cli(*arguments: object) -> Any:
     return CliRunner().invoke(app, [str(one) for one in arguments])
-
-
-def yaw(angle: float) -> list[float]:
-    return [0.0, 0.0, math.sin(angle / 2), math.cos(angle / 2)]
-
-
-def office(n: int = N) -> list[tuple[float, np.ndarray, float, np.ndarray, np.ndarray]]:
-    """Stamp, place and heading of a laser, and its beams in its own frame."""
-    rows = []
-    for i, scan in enumerate(ndtree.simulate("office", scans=n)):
-        way = scan.endpoints - scan.origin
-        turn = 0.07 * i
-        back = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
-        returned = np.ones(len(way), bool) if scan.returned is None else scan.returned
-        rows.append((START + 0.1 * i, np.array(scan.origin), turn, way @ back.T, returned))
-    return rows
-
-
-def drifted(i: int, place: np.ndarray, turn: float) -> tuple[np.ndarray, float]:
-    """What odometry makes of a pose, which drifts."""
-    angle = 0.004 * i
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([c * place[0] - s * place[1] + 0.01 * i, s * place[0] + c * place[1]]), turn + angle
 
 
 def cells_of(m: Any) -> tuple[np.ndarray, ...]:
@@ -92,7 +69,7 @@ def path(rows: Any, poses: Any, upto: int, step: int = 1) -> Correction:
 
 @pytest.mark.parametrize("late", [(N - 1,), (10, 11, 25, N - 1), tuple(range(N))])
 def test_a_path_that_comes_late_gives_the_map_of_its_poses(late: tuple[int, ...]) -> None:
-    rows = office()
+    rows = office(N)
     true = [(place, turn) for _, place, turn, _, _ in rows]
     wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
     right = lived(rows, true, [])
@@ -106,7 +83,7 @@ def test_a_path_that_comes_late_gives_the_map_of_its_poses(late: tuple[int, ...]
 
 
 def test_between_the_poses_of_a_path_odometry_tells_the_way() -> None:
-    rows = office()
+    rows = office(N)
     true = [(place, turn) for _, place, turn, _, _ in rows]
     wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
     followed = lived(rows, wrong, [(N - 1, path(rows, true, N - 1, step=13))])  # The last of 40 is the 40th.
@@ -125,7 +102,7 @@ def test_between_the_poses_of_a_path_odometry_tells_the_way() -> None:
 
 def test_what_a_jump_of_the_odometrys_frame_tells() -> None:
     """Odometry drifts, the SLAM notices halfway and in the end: what is between lies between."""
-    rows = office()
+    rows = office(N)
     keys = [0, 20, N - 1]
     drift = [drifted(i, place, turn) for i, (_, place, turn, _, _) in enumerate(rows)]
     jumps = []
@@ -160,46 +137,8 @@ def test_what_a_jump_of_the_odometrys_frame_tells() -> None:
     assert max(far) < 0.1 < 0.3 < uncorrected
 
 
-def bag_of(folder: Path, poses: Any, rows: Any, paths: dict[int, Any]) -> Path:
-    """A recording of a laser whose tf are some poses; `paths` are published after some scans."""
-    make: Messages = Messages("ros2")
-    content: list[tuple[str, float, Any]] = []
-    fixed = make.transform(START - 1, "base", "laser", [0.2, 0.1, 0.3], yaw(0.3))
-    content.append(("/tf_static", START - 1, make.tf(fixed)))
-    for i, ((stamp, _, _, beams, returned), (place, turn)) in enumerate(zip(rows, poses)):
-        moved = make.transform(stamp, "map", "base", [*place, 0.0], yaw(turn))
-        ranges = np.hypot(*beams.T)
-        ranges[~returned] = np.inf
-        angles = np.unwrap(np.arctan2(beams[:, 1], beams[:, 0]))
-        step = float(angles[-1] - angles[0]) / (len(angles) - 1)
-        laser = make.laser(
-            stamp, "laser", ranges, angle_min=float(angles[0]), angle_increment=step, range_max=30.0
-        )
-        content += [("/tf", stamp, make.tf(moved)), ("/scan", stamp + 0.001, laser)]
-        if i in paths:
-            content.append(("/slam/path", stamp + 0.002, paths[i](make)))
-    return write_bag(folder, make, content)
-
-
-def path_message(rows: Any, poses: Any, upto: int) -> Any:
-    def made(make: Messages) -> Any:
-        stamped = []
-        for i in range(upto + 1):
-            place = make.of(
-                "geometry_msgs/msg/Point", **dict(zip("xyz", (*(float(x) for x in poses[i][0]), 0.0)))
-            )
-            pose = make.of(
-                "geometry_msgs/msg/Pose", position=place, orientation=make.quaternion(yaw(poses[i][1]))
-            )
-            header = make.header(rows[i][0], "map")
-            stamped.append(make.of("geometry_msgs/msg/PoseStamped", header=header, pose=pose))
-        return make.of("nav_msgs/msg/Path", header=make.header(rows[upto][0], "map"), poses=stamped)
-
-    return made
-
-
 def test_a_recording_with_a_slams_path(tmp_path: Path) -> None:
-    rows = office()
+    rows = office(N)
     true = [(place, turn) for _, place, turn, _, _ in rows]
     wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
     late = {i: path_message(rows, true, i) for i in (12, 30, N - 1)}
@@ -227,7 +166,7 @@ def test_a_recording_with_a_slams_path(tmp_path: Path) -> None:
 
 
 def test_memory_is_bounded_by_scans_that_stay() -> None:
-    rows = office()
+    rows = office(N)
     true = [(place, turn) for _, place, turn, _, _ in rows]
     wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
     one = 1000 + 8 * len(rows[0][3])
@@ -245,7 +184,7 @@ def test_memory_is_bounded_by_scans_that_stay() -> None:
 
 
 def test_what_small_corrections_move_waits_for_the_end() -> None:
-    rows = office()
+    rows = office(N)
     true = [(place, turn) for _, place, turn, _, _ in rows]
     nearly = [(place + 0.004, turn + 1e-4) for place, turn in true]
     followed = lived(rows, nearly, [(20, path(rows, true, 20)), (N - 1, path(rows, true, N - 1))])

@@ -30,12 +30,13 @@ ODOMETRY = "odom"
 _LEAST_POINTS = 10
 
 #: Window around the predicted pose: least [m, rad], and a share of what odometry moved since the last match.
-LEAST, SHARE = (0.15, 0.06), 0.3
-#: Standard deviation of what odometry predicts [m, rad], and its share of what moved: along a corridor, where
-#: a scan tells little, odometry counts.
-SIGMA, SIGMA_SHARE = (0.02, 0.01), (0.1, 0.1)
-#: A window grows by so much after each scan that does not fit [factor], up to this before the robot is lost.
-GROWS, WIDEST = 1.5, (1.0, 0.5)
+LEAST, SHARE = (0.15, 0.06), 0.1
+#: Standard deviation of what odometry predicts [m, rad], beside that share: along a corridor, where a scan
+#: tells little, odometry counts.
+SIGMA = 0.02, 0.01
+#: If nothing fits there, a larger window is searched, which grows by this factor from scan to scan up to this
+#: [m, rad]. What is found in it counts if its score is larger by that factor.
+GROWS, WIDEST, BETTER = 1.5, (1.0, 0.5), 1.15
 #: Scans in a row that do not fit: then it is lost. And that fit: then it is found.
 LOSES, FINDS = 5, 4
 #: The first window of a lost robot [m], which doubles with each scan that is not found.
@@ -189,15 +190,14 @@ class Localizer:
         """A scan near where odometry has it."""
         moved = inverse(self._matched) @ at if self._matched is not None else np.eye(3)
         step, turn = float(np.hypot(*moved[:2, 2])), abs(math.atan2(moved[1, 0], moved[0, 0]))
-        grown = GROWS**self._failed
-        window = [
-            min(one * grown + SHARE * by, max(most, one + SHARE * by))
-            for one, by, most in zip(LEAST, (step, turn), WIDEST)
-        ]
-        sigmas = [one * grown + share * by for one, share, by in zip(SIGMA, SIGMA_SHARE, (step, turn))]
-        if self._matched is None:  # A guess is rough.
-            window, sigmas = list(WIDEST), []
-        match = self._match(ends, self._map_odometry @ at, window, sigmas)
+        near = [one + SHARE * by for one, by in zip(LEAST, (step, turn))]
+        sigmas = [one + SHARE * by for one, by in zip(SIGMA, (step, turn))]
+        match = self._match(ends, self._map_odometry @ at, near, sigmas)
+        is_guess = self._matched is None  # A guess is rough.
+        if match is not None and (is_guess or not self._fits(match)):
+            grown = [min(one * GROWS ** (self._failed + 1), most) for one, most in zip(near, WIDEST)]
+            wide = self._match(ends, self._map_odometry @ at, list(WIDEST) if is_guess else grown)
+            match = wide if wide.score > BETTER * match.score else match
         if match is None or not self._fits(match):
             self._fail()
             return match
