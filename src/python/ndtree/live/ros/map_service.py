@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from tf2_msgs.msg import TFMessage
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
@@ -119,7 +118,10 @@ class MapService:
             sinks.append(self._server)
             node.say(Level.info, f"ndtree view {self._server.url} shows the map as it grows")
         if localizer is not None:
-            self._tf = node.publisher(TFMessage, "/tf", depth=100)
+            self._transforms = optional_class("tf2_msgs/msg/TFMessage")
+            if self._transforms is None:
+                raise ValueError("localize: needs the package tf2_msgs, to publish where the robot is")
+            self._tf = node.publisher(self._transforms, "/tf", depth=100)
             self._poses = node.publisher(PoseWithCovarianceStamped, "~/pose", depth=10)
         self._status = node.publisher(DiagnosticArray, "/diagnostics", depth=10)
         selection = Selection(3, min_range=value("min_range"))
@@ -157,7 +159,8 @@ class MapService:
             return
         odometry = self._node.value("fixed_frame") or ODOMETRY
         stamp = found.stamp + AHEAD
-        self._tf.publish(TFMessage(transforms=[transform(MAP, odometry, stamp, found.map_odometry)]))
+        moved = transform(MAP, odometry, stamp, found.map_odometry)
+        self._tf.publish(self._transforms(transforms=[moved]))
         self._poses.publish(pose_with_covariance(MAP, found.stamp, found.body, found.covariance))
 
     def _frame(self) -> str:
