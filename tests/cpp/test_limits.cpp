@@ -257,6 +257,7 @@ TYPED_TEST(Limits, AWishToStopThatComesRightBeforeTheEndLeavesTheMapAsItWas) {
   elsewhere.insert(far);
   const Scan<D> scan = random_scan<D>(random, 400, 3.0);
   const Box<D> box{Vector<D>::Constant(-1.0), Vector<D>::Constant(1.5)};
+  const Body<D> body{Capsule<D>{Vector<D>::Zero(), Vector<D>::Ones(), 0.6}};
   std::vector<std::pair<std::string, std::function<void(Map&)>>> changes = {
       {"insert", [&](Map& m) { m.insert(scan, kUnlimitedRange, 2); }},
       {"insert in a window", [&](Map& m) { m.insert(scan, kUnlimitedRange, 1, box); }},
@@ -264,6 +265,9 @@ TYPED_TEST(Limits, AWishToStopThatComesRightBeforeTheEndLeavesTheMapAsItWas) {
       {"adopt", [&](Map& m) { m.adopt(elsewhere); }},
       {"crop", [&](Map& m) { m.crop(box); }},
       {"clear", [&](Map& m) { m.clear(box); }},
+      {"clear of a body", [&](Map& m) { m.clear(body); }},
+      {"mark", [&](Map& m) { m.mark(box, CellState::occupied); }},
+      {"mark of a body", [&](Map& m) { m.mark(body, {}, CellState::free); }},
       {"keep_near", [&](Map& m) { m.keep_near(Vector<D>::Zero(), 1.0); }},
   };
   if constexpr (std::is_same_v<typename Map::RefinementType, EvidenceRefinement>)

@@ -81,10 +81,16 @@ std::size_t play(std::uint64_t seed, int branching, int calls) {
   SCOPED_TRACE(random.trace());
   ScanHistory<Map> history(options_of(branching));
   std::vector<std::pair<std::int64_t, std::uint64_t>> present;  // Keys and numbers.
+  struct Frozen {
+    Scan<D> scan;
+    std::uint64_t number;
+    double max_range;
+  };
+  std::vector<Frozen> frozen;
   std::uint64_t number = 0;
   std::size_t replayed = 0;
   for (int call = 0; call < calls; ++call) {
-    const int what = random.integer(0, 9);
+    const int what = random.integer(0, 10);
     if (present.size() < 3 || what < 5) {
       const auto key = static_cast<std::int64_t>(1000 - 7 * number);
       (void)history.insert(key, random_scan<D>(random).view(), random_pose<D>(random, 8.0),
@@ -103,6 +109,15 @@ std::size_t play(std::uint64_t seed, int branching, int calls) {
       EXPECT_EQ(report.moved, poses.size());
       EXPECT_LE(report.cube_scans, report.all_cube_scans);
       replayed += report.replayed;
+    } else if (what == 10) {
+      const auto count = std::min<std::size_t>(2, present.size());
+      for (std::size_t i = 0; i < count; ++i) {
+        const auto [key, n] = present[i];
+        frozen.push_back({history.scan(key), n, history.max_range(key)});
+      }
+      history.freeze(count);
+      present.erase(present.begin(), present.begin() + static_cast<std::ptrdiff_t>(count));
+      EXPECT_EQ(history.num_frozen(), frozen.size());
     } else {
       const std::size_t i = static_cast<std::size_t>(random.integer(0, static_cast<int>(present.size()) - 1));
       (void)history.remove({present[i].first});
@@ -112,6 +127,11 @@ std::size_t play(std::uint64_t seed, int branching, int calls) {
     EXPECT_EQ(history.size(), present.size());
   }
   Map expected(options_of(branching));
+  for (const auto& [scan, n, max_range] : frozen) {
+    ScanView<D> view = scan.view();
+    view.number = n;
+    (void)expected.insert(view, max_range);
+  }
   for (const auto& [key, n] : present) {
     const Scan<D> scan = history.scan(key);
     ScanView<D> view = scan.view();
@@ -137,6 +157,20 @@ TYPED_TEST(ScanHistoryOf, TheMapIsThatOfTheScansWhereTheyAre) {
 #endif
   }
   EXPECT_GT(replayed, 20u);
+}
+
+TEST(ScanHistory, WhatIsFrozenTakesNoMemoryOfItsBeams) {
+  Random random(41);
+  ScanHistory<AdaptiveMap<2, 2>> history(options_of(2));
+  const Scan<2> scan = random_scan<2>(random);
+  for (int i = 0; i < 3000; ++i) (void)history.insert(i, scan.view(), Pose<2>{});
+  const std::size_t before = history.memory_bytes();
+  history.freeze(2999);
+  EXPECT_LT(history.memory_bytes() + 2000 * 8 * static_cast<std::size_t>(scan.size()), before);
+  EXPECT_EQ(history.size(), 1u);
+  EXPECT_FALSE(history.contains(0));
+  EXPECT_THROW(history.freeze(2), std::invalid_argument);
+  EXPECT_EQ(history.num_frozen(), 2999u);
 }
 
 TEST(ScanHistory, ABeamIsKeptToAThousandthOfACell) {

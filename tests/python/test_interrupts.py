@@ -52,6 +52,7 @@ CHANGES: dict[str, Callable[[Map], Any]] = {
     "compress": lambda m: m.compress(max_loss=1e4),
     "crop": lambda m: m.crop([[-2, -2], [2, 3]]),
     "clear": lambda m: m.clear([[-2, -2], [2, 3]]),
+    "mark": lambda m: m.mark(ndtree.Sphere(3.0), "free"),
 }
 mapped_twice = mapped(2000, 6.0, 3)
 

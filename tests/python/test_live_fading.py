@@ -178,3 +178,23 @@ def test_the_command_fades_as_the_class_does(tmp_path: Path) -> None:
     assert target.read_bytes() == made(ndtree.AdaptiveMap, 2, Fading(10.0)).to_bytes()
     refused = CliRunner().invoke(app, [str(one) for one in [*words[:-1], 0]])
     assert refused.exit_code == 2 and "fade = 0 s: must be > 0 and finite" in refused.stderr
+
+
+@pytest.mark.parametrize("seconds", [4.0, 10.0])
+def test_what_fades_does_so_after_its_time_and_at_most_a_tenth_more(seconds: float) -> None:
+    step, looks = 0.1, 0.1 * seconds
+    m, fading = ndtree.AdaptiveMap(dim=2), Fading(seconds)
+    points = np.random.default_rng(3).uniform([47, -3], [53, 3], size=(400, 2))
+    known = None
+    gone = []
+    for i in range(round(2 * seconds / step)):
+        scan = fan(2, 100.0 + step * i, 50.0 if i == 0 else 0.0, i)
+        scan.insert_into(m)
+        fading.follow(m, scan)
+        now = m.state(points) >= 0
+        known = now if known is None else known
+        if (now != known).any():
+            gone.append((scan.stamp - 100.0, bool(now.any())))
+            known = now
+    assert gone and not gone[-1][1]
+    assert seconds < gone[0][0] and gone[-1][0] <= seconds + looks + step + 1e-6

@@ -10,17 +10,20 @@ installed for.
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import signal
 import socket
 import subprocess
+import sys
 import sysconfig
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
+from xmlrpc.client import ServerProxy
 
 import numpy as np
 import pytest
@@ -29,6 +32,8 @@ pytest.importorskip("rosbags")
 
 from bags import write_bag
 from robots import PATIENCE, apartment, grid_like, in_background, mapped, office
+from slams import bag_of, drifted, path_message
+from slams import office as driven
 
 import ndtree
 
@@ -95,6 +100,19 @@ class Robot:
     ) -> AbstractContextManager[subprocess.Popen[bytes]]:
         command = [python, *map(str, words)]
         return in_background(command, self.environment, self.folder / f"{name}.log")
+
+    def parameter(self, name: str) -> Any:
+        """Of the master's parameters."""
+        return self._asked("getParam", name)
+
+    def topic(self, name: str) -> list[str]:
+        """The nodes that publish a topic."""
+        published = self._asked("getSystemState")[0]
+        return next((nodes for topic, nodes in published if topic == name), [])
+
+    def _asked(self, call: str, *words: str) -> Any:
+        master = ServerProxy(self.environment["ROS_MASTER_URI"])
+        return getattr(master, call)("/test", *words)[2]
 
     def node(self, name: str = "node", **parameters: object) -> Any:
         words = [f"_{key}:={value}" for key, value in parameters.items()]
@@ -198,6 +216,73 @@ def test_services_and_parameters_that_change(robot: Robot, tmp_path: Path) -> No
     assert said["known after load"] == said["known"]
     assert said["changed"].startswith("within 0.75 m of ") and said["refused"] == said["changed"]
     assert said["warning"] == "~clear_radius = -1.0: must be from 0 to 1e+06; 0.75 holds"
+
+
+def test_a_slams_path_moves_what_was_mapped(robot: Robot, tmp_path: Path) -> None:
+    rows = driven(30)
+    true = [(place, turn) for _, place, turn, _, _ in rows]
+    wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
+    late = {i: path_message(rows, true, i) for i in (15, 29)}
+    bag = bag_of(tmp_path / "late.bag", wrong, rows, late, "ros1")
+    given = {"range_sigma": 0.02, "no_return": "free", "look": 0.5, "topics": "[/scan]"}
+    received = Received(robot, bag, 0, follow="/slam/path", **given)
+    words = ["--range-sigma", "0.02", "--no-return", "free", "--look", "0.5", "--follow", "/slam/path"]
+    command = ["live", bag, "--rate", "0", "-o", tmp_path / "offline.ndt", *words]
+    done = subprocess.run(
+        [sys.executable, "-m", "ndtree", *map(str, command)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    one, other = ndtree.load(robot.folder / "node.ndt"), ndtree.load(tmp_path / "offline.ndt")
+    for name in ("lower", "size", "log_odds", "hits", "misses"):
+        np.testing.assert_array_equal(getattr(one.leaves(), name), getattr(other.leaves(), name))
+    assert "corrections" in received.log
+
+
+def test_a_robot_is_found_in_a_saved_map(robot: Robot, tmp_path: Path) -> None:
+    rows = driven(160)[:40]
+    true = [(place, turn) for _, place, turn, _, _ in rows]
+    mapped_bag = bag_of(tmp_path / "map.bag", true, rows, {}, "ros1", mount=(0, 0, 0))
+    mapped(mapped_bag, range_sigma=0.02, no_return="free").save(tmp_path / "office.ndt")
+    wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
+    bag = bag_of(tmp_path / "drive.bag", wrong, rows, {}, "ros1", fixed_frame="odom", mount=(0, 0, 0))
+    x, y = true[0][0]
+    place = f"{x + 0.1},{y},0.1"
+    output = tmp_path / "places.json"
+    given = {"localize": tmp_path / "office.ndt", "initial_pose": place, "look": 0.5, "queue": 1000}
+    with ExitStack() as stack:
+        receiver = stack.enter_context(robot.running("places", PROCESSES / "places.py", output))
+        node = stack.enter_context(robot.node(**given, diagnostics_period=0.1, patience=60.0))
+        with robot.running("publisher", PROCESSES / "publisher.py", bag, 5.0) as publisher:
+            robot.ended(publisher, "publisher", node)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE) == 0, robot.log("node")
+        assert receiver.wait(PATIENCE) == 0, robot.log("places")
+    said = json.loads(output.read_text())
+    assert len(said["poses"]) == len(said["odometry"]) == 40, robot.log("node")
+    for (_, px, py, frame), (place_i, _) in zip(said["poses"], true):
+        assert frame == "map" and math.hypot(px - place_i[0], py - place_i[1]) < 0.1
+    assert {one[0] for one in said["odometry"]} == {"odom"}
+    assert np.count_nonzero(np.array(said["grid"]) == 100) > 100  # The map is published.
+
+
+@pytest.mark.skipif(not shutil.which("roslaunch"), reason="no roslaunch")
+def test_the_launch_file_starts_the_node(robot: Robot, tmp_path: Path) -> None:
+    examples = Path(__file__).parents[2] / "examples" / "ros1"
+    program = tmp_path / "ndtree_map"
+    program.write_text(f'#!/bin/sh\nexec {PYTHON} -m ndtree.live.ros1 "$@"\n')
+    program.chmod(0o755)
+    parameters = tmp_path / "own.yaml"
+    parameters.write_text("clear_radius: 0.625\n")
+    robot.environment |= {
+        "NDTREE_MAP": str(program),
+        "ROS_PACKAGE_PATH": f"{examples}:/usr/share",
+        "ROS_ROOT": "/usr/share/ros",
+    }
+    words = ["ndtree_map", "ndtree_map.launch", f"params:={parameters}", "map:=projected_map"]
+    with robot.running("launch", "/usr/bin/roslaunch", *words, python="/usr/bin/python3") as process:
+        robot.wait(lambda: "/ndtree_map" in robot.topic("/projected_map"), process, "launch")
+        assert robot.parameter("/ndtree_map/clear_radius") == 0.625
+        assert robot.parameter("/ndtree_map/grid_high") == 1.8  # The node's own, which it says.
 
 
 @pytest.mark.parametrize(

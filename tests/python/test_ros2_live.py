@@ -28,6 +28,8 @@ pytest.importorskip("scipy")
 from bags import write_bag
 from drives import START
 from robots import PATIENCE, apartment, grid_like, in_background, mapped, office
+from slams import bag_of, drifted, path_message
+from slams import office as driven
 
 import ndtree
 
@@ -175,6 +177,63 @@ def test_real_bags_are_mapped_as_from_a_recording(name: str, recordings: Path, t
     grid, expected = received.grid_like(m)
     assert np.array_equal(grid, expected)
     assert received.map == m.to_bytes()
+
+
+def test_a_slams_path_moves_what_was_mapped(tmp_path: Path) -> None:
+    rows = driven(30)
+    true = [(place, turn) for _, place, turn, _, _ in rows]
+    wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
+    late = {i: path_message(rows, true, i) for i in (15, 29)}
+    bag = bag_of(tmp_path / "late", wrong, rows, late, "mcap")
+    given = {"range_sigma": 0.02, "no_return": "free", "look": 0.5}
+    received = published(bag, tmp_path, 1.0, 30, follow="/slam/path", **given)
+    words = [word for name, value in given.items() for word in (f"--{name.replace('_', '-')}", str(value))]
+    command = ["live", str(bag), "--rate", "0", "-o", str(tmp_path / "offline.ndt"), *words]
+    done = subprocess.run(
+        [PYTHON, "-m", "ndtree", *command, "--follow", "/slam/path"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "node.ndt").write_bytes(received.map)
+    one, other = (ndtree.load(tmp_path / name).leaves() for name in ("node.ndt", "offline.ndt"))
+    for name in ("lower", "size", "log_odds", "hits", "misses"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    assert "corrections" in received.log
+
+
+def test_a_robot_is_found_in_a_saved_map(tmp_path: Path) -> None:
+    rows = driven(160)[:40]
+    true = [(place, turn) for _, place, turn, _, _ in rows]
+    here = {"mount": (0.0, 0.0, 0.0)}
+    whole = bag_of(tmp_path / "map", true, rows, {}, "mcap", **here)
+    mapped(whole, PYTHON, range_sigma=0.02, no_return="free").save(tmp_path / "office.ndt")
+    wrong = [drifted(i, *pose) for i, pose in enumerate(true)]
+    bag = bag_of(tmp_path / "drive", wrong, rows, {}, "mcap", fixed_frame="odom", **here)
+    x, y = true[0][0]
+    given = {
+        "localize": tmp_path / "office.ndt", "initial_pose": f"'{x + 0.1},{y},0.1'", "look": 0.5,
+        "reliable": "true", "queue": 1000, "patience": 60.0,
+    }  # fmt: skip
+    words = [word for name, value in given.items() for word in ("-p", f"{name}:={value}")]
+    stop, output = tmp_path / "stop", tmp_path / "places.json"
+
+    def log() -> str:
+        return (tmp_path / "node.log").read_text(errors="replace")
+
+    with ExitStack() as stack:
+        places = stack.enter_context(running(tmp_path, "places", PROCESSES / "places.py", output, stop))
+        node = stack.enter_context(running(tmp_path, "node", "-m", "ndtree.live.ros2", "--ros-args", *words))
+        with running(tmp_path, "publisher", PROCESSES / "publisher.py", bag, 2.0, 1) as publisher:
+            ended(publisher, node, log)
+        assert publisher.returncode == 0, (tmp_path / "publisher.log").read_text()
+        node.send_signal(signal.SIGINT)
+        assert node.wait(PATIENCE) == 0, log()
+        stop.touch()
+        assert places.wait(PATIENCE) == 0, (tmp_path / "places.log").read_text()
+    said = json.loads(output.read_text())
+    assert len(said["poses"]) > 30 and set(said["odometry"]) == {"odom"}, log()
+    for stamp, px, py, frame in said["poses"]:
+        place = true[round((stamp - rows[0][0]) / 0.1)][0]
+        assert frame == "map" and np.hypot(px - place[0], py - place[1]) < 0.1
 
 
 def test_services_and_parameters(tmp_path: Path) -> None:

@@ -48,6 +48,8 @@ class EvidenceMemory {
   /// Evidence for occupied space from a beam that certainly ended in the cell.
   [[nodiscard]] std::int64_t hit() const { return units(hit_); }
   [[nodiscard]] double prior() const { return prior_; }
+  /// Evidence that a cell remembers at most.
+  [[nodiscard]] std::int64_t memory() const { return memory_; }
   /// Evidence for free space that a cell remembers at most while it has no other.
   [[nodiscard]] std::int64_t free_memory() const { return free_memory_; }
   /// The misses that are worth free_memory(), at most EvidenceCell::kMaxCount.

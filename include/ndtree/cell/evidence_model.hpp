@@ -161,6 +161,25 @@ class EvidenceModel {
     both.set_covered((one.observed() && one.is_covered()) || (other.observed() && other.is_covered()));
     return both;
   }
+  /// A cell whose state was given: as if n beams had certainly ended in it, or passed it, and no others, as
+  /// far as a cell remembers them. All of it counts as seen.
+  /// @param state free or occupied. @param beams n > 0.
+  [[nodiscard]] EvidenceCell marked(CellState state, double beams) const {
+    const bool is_occupied = state == CellState::occupied;
+    const double of_beam = static_cast<double>(is_occupied ? memory_.hit() : memory_.miss());
+    const auto evidence = static_cast<std::int64_t>(
+        std::clamp(beams * of_beam, 1.0, static_cast<double>(EvidenceCell::kMaxEvidence)));
+    const auto count =
+        static_cast<std::uint32_t>(std::clamp(beams, 1.0, static_cast<double>(EvidenceCell::kMaxCount)));
+    EvidenceCell cell;
+    memory_.assign(cell, is_occupied ? evidence : 0, is_occupied ? 0 : evidence);
+    memory_.set_counts(cell, is_occupied ? count : 0, is_occupied ? 0 : count);
+    return cell;
+  }
+  /// Whether a cell remembers the evidence of this many beams that ended in it.
+  [[nodiscard]] bool remembers_hits(double beams) const {
+    return beams * static_cast<double>(memory_.hit()) <= static_cast<double>(memory_.memory());
+  }
   /// A cell of a model with other options, limited to what this one remembers. With equal options it is the
   /// same cell.
   [[nodiscard]] EvidenceCell adopted(EvidenceCell cell) const {

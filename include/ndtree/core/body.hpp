@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// What a robot is made of, for questions of collision: spheres, capsules and boxes in any pose.
+/// What a robot is made of, for questions of collision and for changes by hand: spheres, capsules and boxes
+/// in any pose.
 #pragma once
 
 #include <Eigen/Core>
@@ -47,12 +48,22 @@ struct Pose {
   [[nodiscard]] Vector<D> operator*(const Vector<D>& point) const { return rotation * point + translation; }
 };
 
+/// A shape in a pose.
 template <int D>
 [[nodiscard]] BodyPart<D> moved(const BodyPart<D>& part, const Pose<D>& pose) {
   if (const auto* const capsule = std::get_if<Capsule<D>>(&part))
     return Capsule<D>{pose * capsule->a, pose * capsule->b, capsule->radius};
   const auto& box = std::get<OrientedBox<D>>(part);
   return OrientedBox<D>{pose * box.center, box.half_size, pose.rotation * box.axes};
+}
+
+/// All shapes of a body in a pose.
+template <int D>
+[[nodiscard]] Body<D> moved(const Body<D>& body, const Pose<D>& pose) {
+  Body<D> result;
+  result.reserve(body.size());
+  for (const BodyPart<D>& part : body) result.push_back(moved(part, pose));
+  return result;
 }
 
 /// The smallest box with sides along the axes of the map around a shape.
@@ -140,6 +151,24 @@ template <int D>
 template <int D>
 [[nodiscard]] bool touch(const BodyPart<D>& part, const Box<D>& box) {
   return std::visit([&](const auto& one) { return touch(one, box); }, part);
+}
+
+/// Whether a shape contains all of a closed box: shapes are convex, so its corners decide.
+template <int D>
+[[nodiscard]] bool encloses(const BodyPart<D>& part, const Box<D>& box) {
+  const auto contains = [&](const Vector<D>& point) {
+    if (const auto* const capsule = std::get_if<Capsule<D>>(&part))
+      return squared_distance<D>(capsule->a, capsule->b, {point, point}) <= capsule->radius * capsule->radius;
+    const auto& oriented = std::get<OrientedBox<D>>(part);
+    const Vector<D> place = oriented.axes.transpose() * (point - oriented.center);
+    return (place.cwiseAbs().array() <= oriented.half_size.array()).all();
+  };
+  for (int corner = 0; corner < 1 << D; ++corner) {
+    Vector<D> point;
+    for (int k = 0; k < D; ++k) point[k] = (corner >> k & 1) != 0 ? box.upper[k] : box.lower[k];
+    if (!contains(point)) return false;
+  }
+  return true;
 }
 
 }  // namespace ndtree

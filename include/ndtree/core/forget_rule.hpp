@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Which parts of space a map forgets.
+/// Which parts of space a map forgets, or is told about.
 #pragma once
 
+#include "ndtree/core/body.hpp"
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
@@ -31,6 +32,24 @@ struct ClearRule {
     return !can_divide || box.encloses(cell) ? Fate::forget : Fate::divide;
   }
 };
+/// What clear() of a body keeps: cells that share no point with it, borders counted in, as collides() asks.
+/// Cells that are only kOnBorder of their edge away from it go, too, so that rounding keeps none that it
+/// meets.
+template <int D>
+struct ShapeRule {
+  Body<D> body;  ///< In its pose.
+
+  [[nodiscard]] Fate fate(const Box<D>& cell, bool /*is_leaf*/, bool can_divide) const {
+    const Box<D> region = cell.inflated(kOnBorder * (cell.upper[0] - cell.lower[0]));
+    bool is_touched = false;
+    for (const BodyPart<D>& part : body) {
+      if (!touch(part, region)) continue;
+      if (!can_divide || encloses(part, cell)) return Fate::forget;
+      is_touched = true;
+    }
+    return is_touched ? Fate::divide : Fate::keep;
+  }
+};
 /// What keep_near() keeps: what is not farther than the radius.
 template <int D>
 struct NearRule {
@@ -44,6 +63,10 @@ struct NearRule {
     return is_leaf || farthest <= radius * radius ? Fate::keep : Fate::divide;
   }
 };
+
+/// Beams that the state which mark() gives a smallest cell is worth unless it is said, and at most.
+inline constexpr int kMarkBeams = 16;
+inline constexpr int kMostMarkBeams = 511;
 
 /// Whether a rule may take something from a region, of whatever cells.
 template <class Rule, int D>

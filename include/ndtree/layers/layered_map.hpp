@@ -14,7 +14,9 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/body.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/forget_rule.hpp"
 #include "ndtree/core/memory.hpp"
@@ -154,6 +156,16 @@ class LayeredMap {
   void clear(const Box<kDim>& box) {
     forget(ClearRule<kDim>{map_.tree().geometry().on_borders(box)}, [&](Map& map) { map.clear(box); });
   }
+  void clear(const Body<kDim>& body, const Pose<kDim>& pose = {}) {
+    forget(ShapeRule<kDim>{moved(body, pose)}, [&](Map& map) { map.clear(body, pose); });
+  }
+  /// Values stay as they are, whatever state their cells get.
+  void mark(const Box<kDim>& box, CellState state, int beams = kMarkBeams) {
+    mark([&](Map& map) { map.mark(box, state, beams); });
+  }
+  void mark(const Body<kDim>& body, const Pose<kDim>& pose, CellState state, int beams = kMarkBeams) {
+    mark([&](Map& map) { map.mark(body, pose, state, beams); });
+  }
   void keep_near(const Vector<kDim>& center, double radius) {
     forget(NearRule<kDim>{center, radius}, [&](Map& map) { map.keep_near(center, radius); });
   }
@@ -209,6 +221,15 @@ class LayeredMap {
       forget(map.map_);
       const auto may_differ = [&](const Box<kDim>& region) { return takes_from(rule, region); };
       std::apply([&](auto&... layer) { (layer.keep_known(map.map_.tree(), may_differ), ...); }, map.layers_);
+      return 0;
+    });
+  }
+  template <class Mark>
+  void mark(const Mark& mark) {
+    change([&](LayeredMap& map) {
+      mark(map.map_);
+      const std::size_t limit = map.map_.options().memory_limit();
+      if (map.memory_bytes() > limit) throw MemoryLimitReached(limit);
       return 0;
     });
   }

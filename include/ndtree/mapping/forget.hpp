@@ -20,6 +20,13 @@ template <class Cell>
   return !cell.observed() && !cell.is_partly_seen();
 }
 
+/// What a child keeps of a parent that is divided to change a part of it: all of it if it was observed,
+/// nothing if it was partly seen.
+template <class Cell>
+[[nodiscard]] Cell without_parts(const Cell& cell) {
+  return cell.observed() ? cell : Cell{};
+}
+
 /// Forgets what a rule says of a tree, and keeps its summaries up to date.
 template <class Tree, class IsSaturated, class Rule>
 class Forgetting {
@@ -48,27 +55,25 @@ class Forgetting {
         break;
     }
     const bool was_leaf = ref.is_leaf();
-    if (was_leaf) tree_.split_node(*ref.node, without_parts(ref.cell()));
-    bool changed = was_leaf;
+    const typename Tree::Cell before = was_leaf ? ref.cell() : typename Tree::Cell{};
+    if (was_leaf) tree_.split_node(*ref.node, without_parts(before));
+    bool changed = was_leaf && !before.observed();  // A partly seen cell loses its parts.
     bool all_blank = true;
     for (int j = 0; j < Tree::kNumChildren; ++j) {
       const Ref child = tree_.child(ref, j);
       changed = descend(child) || changed;
       all_blank = all_blank && child.is_leaf() && is_blank(child.cell());
     }
-    if (!changed) return false;
+    if (!changed) {  // The rule takes nothing of it after all.
+      if (was_leaf) tree_.cut(*ref.node, before);
+      return false;
+    }
     if (all_blank)
       tree_.cut(*ref.node);
     else
       summarise(tree_, *ref.node, is_saturated_);
     return true;
   }
-  /// What a child keeps of its parent: all of it if it was observed, nothing if it was partly seen.
-  template <class Cell>
-  [[nodiscard]] static Cell without_parts(const Cell& cell) {
-    return cell.observed() ? cell : Cell{};
-  }
-
   Tree& tree_;
   const IsSaturated& is_saturated_;
   const Rule& rule_;

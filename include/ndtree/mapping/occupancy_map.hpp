@@ -19,6 +19,7 @@
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/beam.hpp"
+#include "ndtree/core/body.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
@@ -30,10 +31,13 @@
 #include "ndtree/mapping/join.hpp"
 #include "ndtree/mapping/map_cells.hpp"
 #include "ndtree/mapping/map_options.hpp"
+#include "ndtree/mapping/mark.hpp"
 #include "ndtree/mapping/refinement.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/cube_set.hpp"
+#include "ndtree/tree/grow_around.hpp"
+#include "ndtree/tree/lattice.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 #include "ndtree/tree/undo_log.hpp"
 #include "ndtree/tree/visit.hpp"
@@ -176,6 +180,39 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     check(box);
     forget(ClearRule<D>{tree_.geometry().on_borders(box)});
   }
+  /// Forgets the space that a body takes in a pose: all cells that share a point with it, borders counted in,
+  /// so that it collides() with nothing afterwards. Larger cells on its border are divided. In 2-D and 3-D.
+  /// O(what goes, and what lies on its border). @throws std::invalid_argument if it is not finite, and as
+  /// crop().
+  void clear(const Body<D>& body, const Pose<D>& pose = {}) {
+    ShapeRule<D> rule{moved(body, pose)};
+    check(rule.body);
+    forget(rule);
+  }
+  /// Gives the cells that clear() would forget a state, whatever was known of them: as if `beams` beams, 1 to
+  /// 511, had ended in each smallest cell, or passed it, and no others. So later beams may change it. Cells
+  /// are as large as that evidence allows, see detail::Marking. Counters stay. O(what was there, and what
+  /// lies on the border). @throws std::invalid_argument if the state is unknown, the beams are out of bounds,
+  /// or a part lies out of reach, MemoryLimitReached, and as clear(); the map is then unchanged.
+  void mark(const Box<D>& box, CellState state, int beams = kMarkBeams) {
+    check(box);
+    require_in_reach(box);
+    const auto& geometry = tree_.geometry();
+    mark_cells(ClearRule<D>{geometry.on_borders(box)}, geometry.cells_in(box, geometry.finest_level()), state,
+               beams);
+  }
+  void mark(const Body<D>& body, const Pose<D>& pose, CellState state, int beams = kMarkBeams) {
+    ShapeRule<D> rule{moved(body, pose)};
+    check(rule.body);
+    if (rule.body.empty()) return detail::check_mark(state, beams);
+    Box<D> around = bounds_of(rule.body.front());
+    for (const BodyPart<D>& part : rule.body) {
+      const Box<D> bounds = bounds_of(part);
+      around = {around.lower.cwiseMin(bounds.lower), around.upper.cwiseMax(bounds.upper)};
+    }
+    require_in_reach(around);
+    mark_cells(rule, cells_touched_by(around), state, beams);
+  }
   /// Forgets all cells that are farther than `radius` > 0 [m] from a point: a window that moves with a robot;
   /// infinity keeps everything. O(what goes, and what lies on its border). @throws std::invalid_argument if
   /// the centre is not finite, and as crop().
@@ -234,6 +271,13 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   void adopt_outside(const CubeSet<D>& cubes, const OccupancyMap& other) {
     adopt_wanted(other, 0, [&](const CellIndex<D>& cell, std::int64_t edge) {
       return cell.level > 0 || !cubes.overlaps(cell, edge);
+    });
+  }
+
+  /// adopt() of the cubes of max_cell_size in a set. Counters stay this map's.
+  void adopt_inside(const CubeSet<D>& cubes, const OccupancyMap& other) {
+    adopt_wanted(other, 0, [&](const CellIndex<D>& cell, std::int64_t edge) {
+      return cell.level > 0 || cubes.overlaps(cell, edge);
     });
   }
 
@@ -330,6 +374,49 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     changed.shrink_if_half_empty();
     last_checkpoint();
     tree_ = std::move(changed);
+  }
+  void require_in_reach(const Box<D>& box) const {
+    const auto& geometry = tree_.geometry();
+    if (!geometry.in_reach(box.lower) || !geometry.in_reach(box.upper))
+      throw std::invalid_argument("marked space from " + describe(box.lower) + " to " + describe(box.upper) +
+                                  " m: must be within " + describe_number(geometry.reach()) + " m of 0");
+  }
+  /// All smallest cells that share a point with a closed box, and those that do but for rounding.
+  [[nodiscard]] LatticeBox<D> cells_touched_by(const Box<D>& box) const {
+    const auto& geometry = tree_.geometry();
+    LatticeBox<D> cells;
+    for (int a = 0; a < D; ++a) {
+      const auto axis = static_cast<std::size_t>(a);
+      const double beside = 2.0 * kOnBorder * geometry.unit();  // See ShapeRule.
+      cells.lower[axis] = geometry.coordinate(box.lower[a] - geometry.rounding_at(box.lower[a]) - beside);
+      cells.upper[axis] = geometry.coordinate(box.upper[a] + geometry.rounding_at(box.upper[a]) + beside) + 1;
+    }
+    return cells;
+  }
+  /// @param cells all that the rule would forget.
+  template <class Rule>
+  void mark_cells(const Rule& rule, const LatticeBox<D>& cells, CellState state, int beams) {
+    detail::check_mark(state, beams);
+    const auto is_saturated = saturated();
+    Tree changed = tree_;
+    changed.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
+    detail::grow_around(changed, cells);
+    detail::Marking<Tree, Refinement, decltype(is_saturated), Rule>(changed, options_, refinement_,
+                                                                    is_saturated, rule, state, beams)
+        .run();
+    changed.limit_memory(kUnlimitedMemory);
+    summarise_stale(changed, *changed.root().node, is_saturated);
+    changed.shrink_if_half_empty();
+    last_checkpoint();
+    tree_ = std::move(changed);
+  }
+  static void check(const Body<D>& body) {
+    for (const BodyPart<D>& part : body) {
+      const Box<D> bounds = bounds_of(part);
+      if (!bounds.lower.allFinite() || !bounds.upper.allFinite())
+        throw std::invalid_argument("body from " + describe(bounds.lower) + " to " + describe(bounds.upper) +
+                                    " m: must be finite");
+    }
   }
   static void check(const Box<D>& box) {
     if (!box.lower.allFinite() || !box.upper.allFinite() || !(box.lower.array() < box.upper.array()).all())

@@ -53,7 +53,7 @@ class ScanHistory {
   using Key = std::int64_t;
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
-  explicit ScanHistory(const MapOptions& options = {}) : map_(options) {}
+  explicit ScanHistory(const MapOptions& options = {}) : map_(options), frozen_(options) {}
 
   [[nodiscard]] const Map& map() const { return map_; }
   [[nodiscard]] std::size_t size() const { return entries_.size(); }
@@ -74,9 +74,9 @@ class ScanHistory {
     const Entry& entry = entries_[place_of(key)];
     return entry.beams->at(entry.pose);
   }
-  /// Of the map and the packed scans.
+  /// Of the map and the packed scans, and of what frozen scans made.
   [[nodiscard]] std::size_t memory_bytes() const {
-    std::size_t bytes = map_.memory_bytes();
+    std::size_t bytes = map_.memory_bytes() + (num_frozen_ > 0 ? frozen_.memory_bytes() : 0);
     for (const Entry& entry : entries_)
       bytes += sizeof(Entry) + entry.beams->memory_bytes() + sizeof(CubeSet<D>) + entry.cubes->memory_bytes();
     return bytes;
@@ -157,6 +157,33 @@ class ScanHistory {
     return report;
   }
 
+  /// From now on the first scans stay where they are: the map keeps what they made of it, their beams and
+  /// keys are forgotten. So memory is bounded on a long way. The invariant holds with them as the first of
+  /// the present scans. Costs mapping them once more, and the memory of a map of the frozen scans.
+  /// @param count of scans. @throws std::invalid_argument if there are fewer, and as OccupancyMap::insert().
+  void freeze(std::size_t count, int threads = 0) {
+    if (count > entries_.size())
+      throw std::invalid_argument("count = " + std::to_string(count) + ": must be at most " +
+                                  std::to_string(entries_.size()) + ", the number of scans");
+    Map frozen = frozen_;
+    std::vector<Box<D>> growth = growth_of_frozen_;
+    for (std::size_t i = 0; i < count; ++i) {
+      const Entry& entry = entries_[i];
+      const int level = frozen.tree().root().index.level;
+      const Scan<D> scan = entry.beams->at(entry.pose);
+      (void)frozen.insert(numbered(scan, entry.number), entry.max_range, threads);
+      if (frozen.tree().root().index.level != level) growth.push_back(entry.reach);
+    }
+    std::vector<Entry> entries(entries_.begin() + static_cast<std::ptrdiff_t>(count), entries_.end());
+    for (std::size_t i = 0; i < count; ++i) numbers_.erase(entries_[i].key);
+    entries_ = std::move(entries);
+    frozen_ = std::move(frozen);
+    growth_of_frozen_ = std::move(growth);
+    num_frozen_ += count;
+  }
+  /// Scans that freeze() was called for.
+  [[nodiscard]] std::size_t num_frozen() const { return num_frozen_; }
+
  private:
   struct Entry {
     Key key;
@@ -214,6 +241,8 @@ class ScanHistory {
     const MapOptions& options = map_.options();
     Map map(options, typename Map::Tree(options.min_cell_size, options.num_levels(Map::kBranching)),
             map_.counters());
+    for (const Box<D>& reach : growth_of_frozen_) map.grow_to(reach);
+    if (num_frozen_ > 0) map.adopt_inside(touched, frozen_);
     for (Entry& entry : entries) {
       report.all_cube_scans += entry.cubes->size();
       if (!entry.cubes->overlaps(touched)) {
@@ -237,6 +266,9 @@ class ScanHistory {
   }
 
   Map map_;
+  Map frozen_;                            // Of scans whose beams are forgotten.
+  std::vector<Box<D>> growth_of_frozen_;  // Reaches for which its root grew, in their order.
+  std::size_t num_frozen_ = 0;
   std::vector<Entry> entries_;  // By their numbers.
   std::unordered_map<Key, std::uint64_t> numbers_;
   std::uint64_t next_number_ = 0;

@@ -171,6 +171,22 @@ void bind_history(py::module_& module) {
           },
           "keys"_a, py::kw_only(), "threads"_a = 0, doc::ScanHistory_remove)
       .def(
+          "freeze",
+          [](PythonHistory& h, std::int64_t count, int threads) {
+            if (count < 0) throw py::value_error("count = " + std::to_string(count) + ": must be >= 0");
+            h.with([&](HistoryInterface& history) {
+              history.freeze(static_cast<std::size_t>(count), threads);
+              return 0;
+            });
+          },
+          "count"_a, py::kw_only(), "threads"_a = 0, doc::ScanHistory_freeze)
+      .def_property_readonly(
+          "num_frozen",
+          [](const PythonHistory& h) {
+            return h.with([](const HistoryInterface& history) { return history.num_frozen(); });
+          },
+          doc::ScanHistory_num_frozen)
+      .def(
           "keys",
           [](const PythonHistory& h) {
             return h.with([](const HistoryInterface& history) { return history.keys(); });

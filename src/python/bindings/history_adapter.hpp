@@ -64,6 +64,8 @@ class HistoryAdapter final : public HistoryInterface {
   HistoryReport remove(const std::vector<Key>& keys, int threads) override {
     return history_.remove(keys, threads);
   }
+  void freeze(std::size_t count, int threads) override { history_.freeze(count, threads); }
+  [[nodiscard]] std::size_t num_frozen() const override { return history_.num_frozen(); }
 
  private:
   ScanHistory<Map> history_;

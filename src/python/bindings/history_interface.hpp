@@ -3,6 +3,7 @@
 /// Maps that follow their scans' poses, whatever their dimension.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <utility>
@@ -46,6 +47,8 @@ class HistoryInterface {
   /// @param poses one after the other, as pose() gives them.
   virtual HistoryReport move(const std::vector<Key>& keys, const double* poses, int threads) = 0;
   virtual HistoryReport remove(const std::vector<Key>& keys, int threads) = 0;
+  virtual void freeze(std::size_t count, int threads) = 0;
+  [[nodiscard]] virtual std::size_t num_frozen() const = 0;
 };
 
 /// Of adaptive maps; compiled beside the maps of this shape.

@@ -281,9 +281,28 @@ class MapAdapter final : public CellsAdapter<typename Map::Cells> {
     const Box<D> region = map_.tree().geometry().on_borders(box(lower, upper));
     forget(CropRule<D>{region}, [&](Map& map) { map.crop(region); });
   }
-  void clear(const double* lower, const double* upper) override {
-    const Box<D> region = map_.tree().geometry().on_borders(box(lower, upper));
-    forget(ClearRule<D>{region}, [&](Map& map) { map.clear(region); });
+  void clear(const AnyPlace& place) override {
+    if (const auto* const corners = std::get_if<AnyBox>(&place)) {
+      const Box<D> region = map_.tree().geometry().on_borders(box(corners->lower, corners->upper));
+      forget(ClearRule<D>{region}, [&](Map& map) { map.clear(region); });
+    } else if constexpr (D <= 3) {
+      const auto [body, pose] = placed(std::get<PlacedShape>(place));
+      forget(ShapeRule<D>{moved(body, pose)},
+             [&body = body, &pose = pose](Map& map) { map.clear(body, pose); });
+    } else {
+      throw_no_shapes();
+    }
+  }
+  void mark(const AnyPlace& place, CellState state, int beams) override {
+    if (const auto* const corners = std::get_if<AnyBox>(&place)) {
+      const Box<D> region = box(corners->lower, corners->upper);
+      mark_by([&](Map& map) { map.mark(region, state, beams); });
+    } else if constexpr (D <= 3) {
+      const auto [body, pose] = placed(std::get<PlacedShape>(place));
+      mark_by([&, &body = body, &pose = pose](Map& map) { map.mark(body, pose, state, beams); });
+    } else {
+      throw_no_shapes();
+    }
   }
   void keep_near(const double* center, double radius) override {
     const Vector<D> middle = Eigen::Map<const Vector<D>>(center);
@@ -331,6 +350,18 @@ class MapAdapter final : public CellsAdapter<typename Map::Cells> {
                         [&](const Box<D>& region) { return takes_from(rule, region); });
       return 0;
     });
+  }
+  template <class Mark>
+  void mark_by(const Mark& mark) {
+    change([&](Map& map, Layers& layers) {
+      mark(map);
+      const std::size_t limit = map.options().memory_limit();
+      if (map.memory_bytes() + layers.memory_bytes() > limit) throw MemoryLimitReached(limit);
+      return 0;
+    });
+  }
+  [[nodiscard]] static std::pair<Body<D>, Pose<D>> placed(const PlacedShape& shape) {
+    return {body_of<D>(shape.parts), pose_of<D>(shape.pose)};
   }
 
   Map map_;

@@ -130,8 +130,10 @@ class MapInterface {
   }
   /// Forgets cells. @throws std::invalid_argument as the map's own, or for maps that are not ours.
   virtual void crop(const double* /*lower*/, const double* /*upper*/) { (void)queries(); }
-  virtual void clear(const double* /*lower*/, const double* /*upper*/) { (void)queries(); }
+  virtual void clear(const AnyPlace& /*place*/) { (void)queries(); }
   virtual void keep_near(const double* /*center*/, double /*radius*/) { (void)queries(); }
+  /// Gives cells a state. @throws as clear(), MemoryLimitReached.
+  virtual void mark(const AnyPlace& /*place*/, CellState /*state*/, int /*beams*/) { (void)queries(); }
   /// What is different from another map. @throws std::invalid_argument if that is of another kind, or has
   /// other cells, or for maps that are not ours.
   [[nodiscard]] virtual ChangeArrays changes(const MapInterface& /*before*/, ChangeOf /*what*/) const {

@@ -53,6 +53,45 @@ struct AnyBox {
   const double* lower;
   const double* upper;
 };
+/// A body in a pose: a rotation, row by row, and a translation.
+struct PlacedShape {
+  const std::vector<AnyShapePart>& parts;
+  const double* pose;
+};
+/// What is forgotten or marked.
+using AnyPlace = std::variant<AnyBox, PlacedShape>;
+
+[[noreturn]] inline void throw_no_shapes() {
+  throw std::invalid_argument("a map with dim = 4: shapes are of maps with dim = 2 or 3");
+}
+/// @throws std::invalid_argument if a part is of another dimension.
+template <int D>
+[[nodiscard]] Body<D> body_of(const std::vector<AnyShapePart>& parts) {
+  const auto vector_of = [](const std::vector<double>& values) -> Vector<D> {
+    if (values.empty()) return Vector<D>::Zero();
+    if (values.size() != D)
+      throw std::invalid_argument("shape: a point with " + std::to_string(values.size()) +
+                                  " coordinates in a map with dim = " + std::to_string(D));
+    return Eigen::Map<const Vector<D>>(values.data());
+  };
+  Body<D> body;
+  for (const AnyShapePart& part : parts) {
+    if (!part.is_box) {
+      const Vector<D> a = vector_of(part.a);
+      body.push_back(Capsule<D>{a, part.b.empty() ? a : vector_of(part.b), part.radius});
+      continue;
+    }
+    OrientedBox<D> box{vector_of(part.a), vector_of(part.b), Eigen::Matrix<double, D, D>::Identity()};
+    if (!part.axes.empty()) {
+      if (part.axes.size() != D * D)
+        throw std::invalid_argument("shape: a rotation of another dimension in a map with dim = " +
+                                    std::to_string(D));
+      box.axes = Eigen::Map<const Eigen::Matrix<double, D, D>>(part.axes.data());
+    }
+    body.push_back(box);
+  }
+  return body;
+}
 
 /// What rays end at: `cell_lower` and `cell_size` are NaN where there is no cell.
 struct RayEndArrays {
@@ -151,7 +190,7 @@ class MapQueriesOf final : public MapQueries {
   void collides(const std::vector<AnyShapePart>& body, const double* poses, std::size_t n,
                 UnknownSpace unknown, bool* out) const override {
     if constexpr (D <= 3) {
-      const Body<D> shape = shape_of(body);
+      const Body<D> shape = body_of<D>(body);
       for_each_paced(n, kStepsOfQuery, [&](std::size_t i) {
         out[i] = ndtree::collides(map_, shape, pose_at(poses, i), unknown);
       });
@@ -162,7 +201,7 @@ class MapQueriesOf final : public MapQueries {
   [[nodiscard]] std::int64_t path_collides(const std::vector<AnyShapePart>& body, const double* poses,
                                            std::size_t n, UnknownSpace unknown) const override {
     if constexpr (D <= 3) {
-      const Body<D> shape = shape_of(body);
+      const Body<D> shape = body_of<D>(body);
       Pace pace;
       for (std::size_t i = 0; i < n; ++i) {
         pace.spend(kStepsOfQuery);
@@ -199,37 +238,8 @@ class MapQueriesOf final : public MapQueries {
     FrontierSearch<Map> search_;
     std::string refinement_;
   };
-  [[noreturn]] static void throw_no_shapes() {
-    throw std::invalid_argument("a map with dim = 4: shapes are of maps with dim = 2 or 3");
-  }
   [[nodiscard]] static Pose<D> pose_at(const double* poses, std::size_t i) {
     return pose_of<D>(poses + i * (D * D + D));
-  }
-  [[nodiscard]] static Vector<D> vector_of(const std::vector<double>& values) {
-    if (values.empty()) return Vector<D>::Zero();
-    if (values.size() != D)
-      throw std::invalid_argument("shape: a point with " + std::to_string(values.size()) +
-                                  " coordinates in a map with dim = " + std::to_string(D));
-    return Point(values.data());
-  }
-  [[nodiscard]] static Body<D> shape_of(const std::vector<AnyShapePart>& body) {
-    Body<D> shape;
-    for (const AnyShapePart& part : body) {
-      if (!part.is_box) {
-        const Vector<D> a = vector_of(part.a);
-        shape.push_back(Capsule<D>{a, part.b.empty() ? a : vector_of(part.b), part.radius});
-        continue;
-      }
-      OrientedBox<D> box{vector_of(part.a), vector_of(part.b), Eigen::Matrix<double, D, D>::Identity()};
-      if (!part.axes.empty()) {
-        if (part.axes.size() != D * D)
-          throw std::invalid_argument("shape: a rotation of another dimension in a map with dim = " +
-                                      std::to_string(D));
-        box.axes = Eigen::Map<const Eigen::Matrix<double, D, D>>(part.axes.data());
-      }
-      shape.push_back(box);
-    }
-    return shape;
   }
 
   const Map& map_;

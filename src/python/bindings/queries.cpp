@@ -46,13 +46,34 @@ UnknownSpace unknown_from(const std::string& name) {
   throw py::value_error("unknown = '" + name + "': must be 'free' or 'occupied'");
 }
 
-/// A method that takes a box and hands it to that of the map.
-auto forgets_box(void (MapInterface::*forget)(const double*, const double*)) {
-  return [forget](PythonMap& map, const py::object& box) {
-    const BoxArgument argument(box, map.constant().dim());
-    const AnyBox region = argument;
-    map.write([&](MapInterface& m) { (m.*forget)(region.lower, region.upper); });
-  };
+/// Calls `change(map, place)` with a Shape in a pose, or a box.
+template <class Change>
+void change_in(PythonMap& map, const py::object& where, const py::object& pose, const Change& change) {
+  const int dim = map.constant().dim();
+  if (!py::isinstance<PythonShape>(where)) {
+    if (!pose.is_none())
+      throw py::value_error(
+          "pose: is that of a Shape, and a box of two corners has none; ndtree.Box is a Shape");
+    const BoxArgument box(where, dim, "where");
+    map.write([&](MapInterface& m) { change(m, AnyPlace(AnyBox(box))); });
+    return;
+  }
+  const PythonShape shape = where.cast<PythonShape>();
+  Poses placed{{}, 1};
+  if (pose.is_none()) {
+    for (int row = 0; row < dim; ++row)
+      for (int column = 0; column < dim; ++column) placed.numbers.push_back(row == column ? 1.0 : 0.0);
+    placed.numbers.resize(static_cast<std::size_t>(dim * dim + dim), 0.0);
+  } else {
+    placed = pose_from(pose, dim, "pose");
+  }
+  map.write([&](MapInterface& m) { change(m, AnyPlace(PlacedShape{shape.parts, placed.numbers.data()})); });
+}
+
+CellState marked_state(const std::string& name) {
+  if (name == "free") return CellState::free;
+  if (name == "occupied") return CellState::occupied;
+  throw py::value_error("state = '" + name + "': must be 'free' or 'occupied'; clear() makes cells unknown");
 }
 
 NearestArrays nearest_occupied(const PythonMap& map, const py::object& object, double max_distance) {
@@ -422,8 +443,30 @@ void bind_queries(py::module_& module) {
             });
           },
           "shape"_a, "poses"_a, py::kw_only(), "unknown"_a = "free", doc::OccupancyMap_path_collides)
-      .def("crop", forgets_box(&MapInterface::crop), "box"_a, doc::OccupancyMap_crop)
-      .def("clear", forgets_box(&MapInterface::clear), "box"_a, doc::OccupancyMap_clear)
+      .def(
+          "crop",
+          [](PythonMap& map, const py::object& box) {
+            const BoxArgument argument(box, map.constant().dim());
+            const AnyBox region = argument;
+            map.write([&](MapInterface& m) { m.crop(region.lower, region.upper); });
+          },
+          "box"_a, doc::OccupancyMap_crop)
+      .def(
+          "clear",
+          [](PythonMap& map, const py::object& where, const py::object& pose) {
+            change_in(map, where, pose, [](MapInterface& m, const AnyPlace& place) { m.clear(place); });
+          },
+          "where"_a, "pose"_a = py::none(), doc::OccupancyMap_clear)
+      .def(
+          "mark",
+          [](PythonMap& map, const py::object& where, const std::string& state, const py::object& pose,
+             int beams) {
+            const CellState given = marked_state(state);
+            change_in(map, where, pose,
+                      [&](MapInterface& m, const AnyPlace& place) { m.mark(place, given, beams); });
+          },
+          "where"_a, "state"_a, "pose"_a = py::none(), py::kw_only(), "beams"_a = kMarkBeams,
+          doc::OccupancyMap_mark)
       .def(
           "keep_near",
           [](PythonMap& map, const py::object& center, double radius) {

@@ -456,6 +456,27 @@ class ScanHistory:
         ValueError
             A key is given twice; nothing has changed.
         """
+    def freeze(self, count: int, *, threads: int = 0) -> None:
+        """Let the first scans stay where they are from now on: their beams and keys are forgotten.
+
+        The map keeps what they made of it, so that memory is bounded on a long way. It costs mapping them once more, and
+        the memory of a map of them.
+
+        Parameters
+        ----------
+        count : int
+            Of scans, in the order in which they came.
+        threads : int
+            As of `OccupancyMap.insert`.
+
+        Raises
+        ------
+        ValueError
+            There are fewer; nothing has changed.
+        """
+    @property
+    def num_frozen(self) -> int:
+        """Scans that `freeze` was called for."""
     def keys(self) -> list[int]:
         """Keys of all scans, in the order in which they came.
 
@@ -1554,15 +1575,54 @@ class OccupancyMap:
         box : (2, dim) array of float
             Lower and upper corner [m].
         """
-    def clear(self, box: ArrayLike) -> None:
-        """Forget what is in a box, which is unknown then.
+    def clear(self, where: Shape | ArrayLike, pose: ArrayLike | None = None) -> None:
+        """Forget what is in a box, or where a body is: it is unknown then.
 
-        Larger cells on its border are divided; of smallest cells there, those go that share a volume with it.
+        Larger cells on the border are divided; of smallest cells there, those go that share a volume with the box, or a
+        point with the body. So the body `collides` with nothing afterwards.
 
         Parameters
         ----------
-        box : (2, dim) array of float
-            Lower and upper corner [m].
+        where : (2, dim) array of float, or Shape
+            Lower and upper corner [m]; or Sphere, Capsule, Box, or several by ``a | b``, in 2-D and 3-D.
+        pose : array of float, optional
+            Of the Shape in the map, as one of `collides`; left out, the Shape is in the map's frame.
+
+        Raises
+        ------
+        ValueError
+            The box has no volume, or the pose is none; for OctoMap.
+        """
+    def mark(
+        self,
+        where: Shape | ArrayLike,
+        state: Literal["free", "occupied"],
+        pose: ArrayLike | None = None,
+        *,
+        beams: int = 16,
+    ) -> None:
+        """Say that space is free, or occupied, because somebody knows better.
+
+        The cells are those that `clear` forgets with the same arguments; what was known of them is replaced. Each
+        smallest cell gets the evidence of ``beams`` beams that ended in it, or passed it, and larger cells what their
+        smallest ones have together, as far as cells remember (`evidence_memory`, `free_memory`; in maps with equal cells
+        and the paper's, the bounds of log-odds). So later beams may change it.
+
+        Parameters
+        ----------
+        where, pose
+            As for `clear`.
+        state : str
+            "free" or "occupied".
+        beams : int
+            From 1 to 511.
+
+        Raises
+        ------
+        ValueError
+            As `clear`, or the space is out of the map's reach.
+        MemoryError
+            The map would hold more than its `max_memory`; it is as before then.
         """
     def keep_near(self, center: ArrayLike, radius: float) -> None:
         """Forget all cells that are farther than a radius from a point.

@@ -11,16 +11,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ndtree.live.corrections import Correction, Corrections
     from ndtree.live.fading import Fading
     from ndtree.live.figures import LiveFigures
     from ndtree.live.frames import FramesIntake, Reading, Transform
     from ndtree.live.grid import GridFollower, GridPart
     from ndtree.live.intake import Intake, ScansIntake, Verdict
+    from ndtree.live.localizing import Localization, Localizer
     from ndtree.live.mapper import LiveMapper, Sink
     from ndtree.live.messages import MessagesIntake
     from ndtree.live.obstacles import ObstacleDistance, ObstacleSink, obstacle_distance
     from ndtree.live.playing import play
     from ndtree.live.saver import Saver
+    from ndtree.live.serving import MapServer
     from ndtree.live.to_foxglove import FoxgloveSink
     from ndtree.live.to_rerun import RerunSink
     from ndtree.live.way import Way
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
 
 #: Where each public name is; its module loads when it is asked for.
 _MODULES = {
+    "Correction": "corrections",
+    "Corrections": "corrections",
     "Fading": "fading",
     "FoxgloveSink": "to_foxglove",
     "FramesIntake": "frames",
@@ -36,6 +41,9 @@ _MODULES = {
     "Intake": "intake",
     "LiveFigures": "figures",
     "LiveMapper": "mapper",
+    "Localization": "localizing",
+    "Localizer": "localizing",
+    "MapServer": "serving",
     "MessagesIntake": "messages",
     "ObstacleDistance": "obstacles",
     "ObstacleSink": "obstacles",
@@ -53,6 +61,8 @@ _MODULES = {
 }
 
 __all__ = [
+    "Correction",
+    "Corrections",
     "Fading",
     "FoxgloveSink",
     "FramesIntake",
@@ -61,6 +71,9 @@ __all__ = [
     "Intake",
     "LiveFigures",
     "LiveMapper",
+    "Localization",
+    "Localizer",
+    "MapServer",
     "MessagesIntake",
     "ObstacleDistance",
     "ObstacleSink",

@@ -39,6 +39,13 @@ class LiveFigures:
         As the maps count them.
     insert_seconds : float
         Spent in the map.
+    corrections, moved, frozen : int
+        Of a mapper that follows corrections: how often scans were moved, how many, each time counted, and how
+        many move no more because of the limit on memory.
+    lost : int
+        Of a mapper that finds scans in a map: those that came while it was lost; they count as mapped, too.
+    correction_seconds : float
+        Spent on that; scans wait meanwhile, and their delays tell it.
     """
 
     received: int = 0
@@ -51,6 +58,11 @@ class LiveFigures:
     unsure: int = 0
     beams: dict[str, int] = field(default_factory=dict)
     insert_seconds: float = 0.0
+    corrections: int = 0
+    moved: int = 0
+    frozen: int = 0
+    lost: int = 0
+    correction_seconds: float = 0.0
     mapped_delays: deque[float] = field(default_factory=lambda: deque(maxlen=DELAYS), repr=False)
     published_delays: deque[float] = field(default_factory=lambda: deque(maxlen=DELAYS), repr=False)
 
@@ -88,6 +100,13 @@ class LiveFigures:
             "unsure": self.unsure,
             "beams": dict(self.beams),
             "insert_seconds": self.insert_seconds,
+            "corrections": {
+                "applied": self.corrections,
+                "moved": self.moved,
+                "frozen": self.frozen,
+                "seconds": self.correction_seconds,
+            },
+            "lost": self.lost,
             "delays": delays,
         }
 
@@ -97,4 +116,7 @@ class LiveFigures:
         unsure = f", {self.unsure} by an older pose" if self.unsure else ""
         late = f", {self.late_poses} poses came too late" if self.late_poses else ""
         counts = f"{self.mapped} mapped{unsure}, {self.dropped} dropped{left}{late}"
-        return f"{self.received} scans received: {counts}"
+        moved = f", moved {self.moved} in {self.corrections} corrections" if self.corrections else ""
+        frozen = f", {self.frozen} frozen" if self.frozen else ""
+        lost = f", lost during {self.lost}" if self.lost else ""
+        return f"{self.received} scans received: {counts}{moved}{frozen}{lost}"

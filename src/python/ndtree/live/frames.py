@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ndtree.base.scan import Scan
+from ndtree.live.corrections import Correction, Motion
 from ndtree.live.figures import LiveFigures
-from ndtree.live.intake import PosedIntake, Verdict
+from ndtree.live.intake import PosedIntake, Verdict, motion_in
 from ndtree.live.queue import Entry
 from ndtree.logs.poses.following import FollowedTree
 from ndtree.logs.poses.pose import Pose
@@ -99,7 +100,7 @@ class Reading:
 
 
 class FramesIntake(PosedIntake):
-    """Takes `Reading` and `Transform`.
+    """Takes `Reading` and `Transform`, and of a mapper that follows corrections `Correction`.
 
     Parameters
     ----------
@@ -116,17 +117,30 @@ class FramesIntake(PosedIntake):
         self._tree = FollowedTree(TransformTree())
         self._entry: Entry | None = None
         self._beams: Beams | None = None
+        self._corrections: list[Correction] = []
 
     def is_pose(self, item: Any) -> bool:
-        return isinstance(item, Transform)
+        return isinstance(item, (Transform, Correction))
 
     def pose(self, item: Any, figures: LiveFigures) -> None:
+        if isinstance(item, Correction):
+            self._corrections.append(item)
+            return
         if item.stamp is None:
             pose = Pose.from_quaternion(item.position, item.quaternion)
             self._tree.tree.add_fixed(item.parent, item.child, pose)
             return
         self._tree.add(item.parent, item.child, item.stamp, item.position, item.quaternion)
         figures.late_poses = self._tree.late
+
+    def corrections(self) -> list[Correction]:
+        taken, self._corrections = self._corrections, []
+        return taken
+
+    def motion(self) -> Motion | None:
+        assert self._entry is not None
+        reading = self._entry.item
+        return motion_in(self._tree.tree, self._fixed_frame, reading.frame, reading.stamp)
 
     def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
         reading = entry.item

@@ -10,10 +10,12 @@ from enum import Enum
 from typing import Any
 
 from ndtree.base.scan import Scan
+from ndtree.live.corrections import Correction, Motion
 from ndtree.live.figures import LiveFigures
 from ndtree.live.queue import Entry
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.poses.following import FALL
+from ndtree.logs.poses.transforms import TransformTree
 from ndtree.tuning.settings import Settings
 
 
@@ -80,6 +82,14 @@ class Intake(ABC):
         """
         raise ValueError(f"{type(self).__name__}: expected its settings to be given")
 
+    def motion(self) -> Motion | None:
+        """Where the sensor of the last scan was; None where nothing moves, or poses are of the map alone."""
+        return None
+
+    def corrections(self) -> list[Correction]:
+        """What was learned of earlier poses since the last call."""
+        return []
+
     @abstractmethod
     def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
         """A scan of a measurement.
@@ -112,6 +122,31 @@ class ScansIntake(Intake):
         if not isinstance(scan, Scan):
             raise TypeError(f"found {type(scan).__name__}, expected Scan")
         return scan
+
+
+def motion_in(tree: TransformTree, fixed: str, sensor: str, stamp: float, body: str = "") -> Motion | None:
+    """Where a sensor was at a time [s].
+
+    Parameters
+    ----------
+    tree : TransformTree
+    fixed, sensor : str
+        Frames of the map and of the sensor.
+    stamp : float
+    body : str
+        The robot's frame; else the one that moves and is next to the sensor.
+    """
+    found = tree.body_of(fixed, body or sensor)
+    if found is None:
+        return None
+    odometry, moving = found
+    body = body or moving
+    return Motion(
+        stamp,
+        tree.pose_at(fixed, sensor, stamp),
+        tree.pose_at(odometry, body, stamp),
+        tree.pose_at(body, sensor, stamp),
+    )
 
 
 #: What scans without a pose are called, by where their time is.

@@ -21,11 +21,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol
 
-from ndtree._native._core import AdaptiveMap, OccupancyMap
+from ndtree._native._core import AdaptiveMap, InsertReport, OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
 from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import Intake, Verdict
+from ndtree.live.localizing import Localization, Localizer, matrix_in_plane
 from ndtree.live.queue import Entry, ScanQueue
 from ndtree.live.way import Way
 from ndtree.live.window import Window
@@ -89,6 +91,13 @@ class LiveMapper:
         What is made of each scan before it is mapped, as to leave out beams.
     way : Way, optional
         Is told where the sensor is.
+    corrections : Corrections, optional
+        Moves scans when their poses are corrected. The map is an `AdaptiveMap` then, made of scans alone: not
+        with a target, a window or fading, nor changed by others.
+    localizer : Localizer, optional
+        Finds each scan in `target`, which is not changed then; the intake's map frame is that of odometry.
+    localized : callable, optional
+        Is told each `Localization`.
 
     Raises
     ------
@@ -122,11 +131,24 @@ class LiveMapper:
         clock: Callable[[], float] | None = None,
         prepare: Callable[[Scan], Scan] | None = None,
         way: Way | None = None,
+        corrections: Corrections | None = None,
+        localizer: Localizer | None = None,
+        localized: Callable[[Localization], None] | None = None,
     ) -> None:
         if queue < 1:
             raise ValueError(f"queue = {queue}: must be >= 1")
         if not patience >= 0:
             raise ValueError(f"patience = {patience:g} s: must be >= 0")
+        others = {"target": target, "window": window, "fading": fading}
+        for name, other in others.items():
+            if corrections is not None and other is not None:
+                raise ValueError(
+                    f"{name}: expected none, as a map that follows corrections is of scans alone"
+                )
+        if localizer is not None and (target is None or corrections or window or fading):
+            raise ValueError("localizer: expected a target, and nothing that changes it")
+        self._corrections = corrections
+        self._localizer, self._localized = localizer, localized
         self.figures = LiveFigures()
         #: Why nothing is mapped yet, and by sink the last thing that went wrong.
         self.undecided = ""
@@ -264,6 +286,8 @@ class LiveMapper:
         with self._lock:
             if self._target is None:
                 raise RuntimeError(f"there is no map yet: {self.undecided or 'nothing was mapped'}")
+            if self._corrections is not None:
+                raise RuntimeError("the map follows corrections: what is changed in it would be lost")
             yield self._target
             self._revision += 1
         self._publisher.wake()
@@ -273,21 +297,32 @@ class LiveMapper:
         with self._lock:
             if self._target is None:
                 raise RuntimeError(f"there is no map yet: {self.undecided or 'nothing was mapped'}")
-            return self._target.snapshot()
+            return self._target.snapshot() if self._corrections is None else self._corrections.map
 
     def replace(self, m: OccupancyMap | None) -> None:
         """Go on with another map, or with an empty one of the same options."""
         with self._lock:
-            if m is None and self._target is not None:
+            if self._corrections is not None and m is not None:
+                raise ValueError("the map follows corrections: expected no other to go on with")
+            if self._corrections is not None and self._target is not None:
+                self._begin_corrected()
+            elif m is None and self._target is not None:
                 assert self._intake.settings is not None
                 m = self._make(self._target.dim, self._intake.settings.options)
-            if m is None:
+            if m is None and self._corrections is None:
                 return
-            if self._target is not None and m.dim != self._target.dim:
+            if m is not None and self._target is not None and m.dim != self._target.dim:
                 raise ValueError(f"the map is {m.dim}-D, expected {self._target.dim}-D as its sensors")
-            self._target = m
+            self._target = self._target if m is None else m
             self._revision += 1
         self._publisher.wake()
+
+    def _begin_corrected(self) -> None:
+        """Begin with an empty map, which scans will make."""
+        assert self._intake.settings is not None and self._corrections is not None
+        with self._lock:
+            self._corrections.begin(self._intake.dim, self._intake.settings.options)
+            self._target = self._corrections.map
 
     def _check(self) -> None:
         if self._error is not None:
@@ -299,6 +334,7 @@ class LiveMapper:
         try:
             while self._step():
                 pass
+            self._settle()
         except BaseException as error:  # It is raised by put() and close().
             self._error = error
         with self._changed:
@@ -316,6 +352,8 @@ class LiveMapper:
             self._take_poses(math.inf)
             if not self._decided(now, closing):
                 return not closing
+        if self._target is None and self._corrections is not None:
+            self._begin_corrected()
         if self._target is None:
             settings = self._intake.settings
             assert settings is not None
@@ -328,7 +366,33 @@ class LiveMapper:
         while self._poses and self._poses[0][1] <= until and not (one and taken):
             self._intake.pose(self._poses.popleft()[0], self.figures)
             taken = True
+            self._correct()
         return taken
+
+    def _correct(self) -> None:
+        """Move scans by what was learned of their poses."""
+        learned = [] if self._corrections is None or self._target is None else self._intake.corrections()
+        if not learned:
+            return
+        assert self._corrections is not None
+        with self._lock:
+            for one in learned:
+                self._corrections.correct(one)
+            self._corrected()
+
+    def _settle(self) -> None:
+        if self._corrections is None or self._target is None:
+            return
+        with self._lock:
+            self._corrections.settle()
+            self._corrected()
+
+    def _corrected(self) -> None:
+        assert self._corrections is not None
+        figures, done = self.figures, self._corrections
+        figures.corrections, figures.moved, figures.frozen = done.applied, done.moved, done.frozen
+        figures.correction_seconds = done.seconds
+        self._revision += 1
 
     def _now(self) -> float:
         return self._latest if self._clock is None else max(self._latest, self._clock())
@@ -361,6 +425,7 @@ class LiveMapper:
         Poses are taken as far as a measurement needs them, so that the map does not depend on how far the
         threads are.
         """
+        self._correct()  # By what was learned before mapping began.
         while True:
             with self._changed:
                 if len(self._intake.sensors) > 1 and not self._ordered:
@@ -402,9 +467,12 @@ class LiveMapper:
         assert settings is not None and self._target is not None
         scan = scan if self._prepare is None else self._prepare(scan)
         usable = settings.usable(scan)
+        if self._localizer is not None:
+            self._localize(usable, entry, self._localizer)
+            return
         try:
             with self._lock:
-                one = usable.insert_into(self._target, max_range=settings.max_range, threads=self._threads)
+                one = self._mapped(usable, settings.max_range)
                 if self._window is not None:
                     self._window.moved(self._target, scan)
                 if self._fading is not None:
@@ -433,6 +501,32 @@ class LiveMapper:
         figures.mapped += 1
         figures.mapped_delays.append(time.perf_counter() - entry.arrived)
         self._publisher.mapped(entry.arrived)
+
+    def _localize(self, scan: Scan, entry: Entry, localizer: Localizer) -> None:
+        """Find a scan in the map."""
+        motion, figures = self._intake.motion(), self.figures
+        if motion is None or scan.dim != 2:
+            figures.leave_out("scans without odometry" if motion is None else "scans that are not 2-D")
+            return
+        ends = scan.endpoints if scan.returned is None else scan.endpoints[scan.returned]
+        sensor, body = matrix_in_plane(motion.sensor), matrix_in_plane(motion.odometry)
+        ends = (ends - sensor[:2, 2]) @ sensor[:2, :2]
+        found = localizer.track(ends, sensor, motion.stamp, body=body)
+        self._stamp = scan.stamp
+        figures.mapped += 1
+        figures.lost += found.is_lost
+        figures.mapped_delays.append(time.perf_counter() - entry.arrived)
+        if self._localized is not None:
+            self._localized(found)
+
+    def _mapped(self, scan: Scan, max_range: float) -> InsertReport:
+        if self._corrections is None:
+            assert self._target is not None
+            return scan.insert_into(self._target, max_range=max_range, threads=self._threads)
+        motion = self._intake.motion()
+        if motion is None:
+            raise ValueError("nothing moves between the map and the sensor: there are no poses to follow")
+        return self._corrections.insert(scan, motion, max_range)
 
 
 class _Publisher:

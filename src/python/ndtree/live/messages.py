@@ -14,8 +14,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from ndtree.base.scan import Scan
+from ndtree.live.corrections import Correction, Jumps, Motion
 from ndtree.live.figures import LiveFigures
-from ndtree.live.intake import PosedIntake, Verdict
+from ndtree.live.intake import PosedIntake, Verdict, motion_in
 from ndtree.live.queue import Entry
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.clock import Clock
@@ -28,7 +29,7 @@ from ndtree.logs.ros.placement.placement import STILL, TRANSFORMS
 from ndtree.logs.ros.reading import Measured, MessageReader, OtherFrame
 from ndtree.logs.ros.rosbag import RosbagLog
 from ndtree.logs.ros.storage import Raw
-from ndtree.logs.ros.survey import TF, is_static
+from ndtree.logs.ros.survey import POSES_STREAM, TF, is_static, poses_in
 from ndtree.tuning.settings import settle
 
 #: What is decided is decided of the first messages of so long [s].
@@ -56,6 +57,11 @@ class MessagesIntake(PosedIntake):
         Longer beams are free up to there [m].
     no_return : {"auto", "free", "ignore"}
         What beams without return say.
+    follow : str
+        A topic with a SLAM's ``nav_msgs/Path``, whose poses correct earlier ones, or "tf" for what changes
+        of the map's transform to the odometry's frame tell of them; "" for neither.
+    body : str
+        The frame that the poses of the Path are of; else the one that moves and is next to the sensor.
     look : float
         Nothing is mapped until measurements of so long have come [s].
 
@@ -76,6 +82,8 @@ class MessagesIntake(PosedIntake):
         dim: int | None = None,
         max_range: float = math.inf,
         no_return: str = "auto",
+        follow: str = "",
+        body: str = "",
         look: float = LOOK,
     ) -> None:
         super().__init__()
@@ -87,6 +95,11 @@ class MessagesIntake(PosedIntake):
         topics = self._reading.get("topic") or []
         names = [topics] if isinstance(topics, str) else topics
         self._topics = {plain(one.partition("@")[0]) for one in names}
+        self._follow, self._body = plain(follow), plain(body)
+        self._path: Raw | None = None
+        self._bag: Bag | None = None
+        self._jumps = Jumps() if self._follow == "tf" else None
+        self._corrections: list[Correction] = []
         self._fixed: list[Raw] = []
         self._early: deque[Raw] = deque(maxlen=MOST_EARLY)
         self._until: float | None = None
@@ -105,13 +118,57 @@ class MessagesIntake(PosedIntake):
         )
 
     def pose(self, item: Any, figures: LiveFigures) -> None:
-        if self._follower is not None:
+        if self._follow and plain(item.connection.topic) == self._follow:
+            self._path = item
+            self._correct()
+        elif self._follower is not None:
             self._follower.add(item)
             figures.late_poses = self._follower.late
+            if self._jumps is not None and item.connection.type in TF:
+                self._look_for_jumps()
         elif item.connection.type in TF and is_static(item.connection.topic):
             self._fixed.append(item)
         else:
             self._early.append(item)
+
+    def _correct(self) -> None:
+        """Take the newest Path, once it is decided what is mapped."""
+        if self._path is None or self._clock is None or self._bag is None:
+            return
+        raw, self._path = self._path, None
+        try:
+            rows = poses_in(self._bag.decoded(raw))
+        except ValueError:  # A damaged one: the next says the same.
+            return
+        if rows:
+            self._corrections.append(
+                Correction(
+                    [self._clock.time(POSES_STREAM, 1e-9 * raw.received, row.stamp) for row in rows],
+                    [row.position for row in rows],
+                    [row.quaternion for row in rows],
+                )
+            )
+
+    def _look_for_jumps(self) -> None:
+        assert self.log is not None and self._jumps is not None
+        place = self.log.places[self.sensors[0]]
+        found = place.tree.body_of(place.fixed_frame, place.observer or place.frame)
+        if found is None or found[0] == place.fixed_frame:
+            return
+        assert self._follower is not None
+        until = self._follower.until(self.sensors[0], found[0])
+        if math.isfinite(until):
+            correction = self._jumps.add(until, place.tree.pose_at(place.fixed_frame, found[0], until))
+            self._corrections += [] if correction is None else [correction]
+
+    def corrections(self) -> list[Correction]:
+        taken, self._corrections = self._corrections, []
+        return taken
+
+    def motion(self) -> Motion | None:
+        assert self._reader is not None and self._measured is not None
+        place, frame, stamp = self._reader.frames_of(self._measured)
+        return motion_in(place.tree, place.fixed_frame, frame, stamp, self._body)
 
     def key(self, item: Any) -> tuple[str, float]:
         assert self._clock is not None
@@ -152,7 +209,7 @@ class MessagesIntake(PosedIntake):
         self.notes = [f"uses {log.uses}", *settings.lines(), *log.notes]
 
     def _take(self, log: RosbagLog, bag: Bag, until: float) -> None:
-        self.log, self._clock = log, log.clock
+        self.log, self._clock, self._bag = log, log.clock, bag
         self._reader = log.reader(bag)
         self._follower = Follower(log.places, log.clock, bag.decoded)
         self.sensors = [sensor.topic.name for sensor in log.sensors]
@@ -162,6 +219,7 @@ class MessagesIntake(PosedIntake):
                 self._follower.add(raw)
         self._fixed.clear()
         self._early.clear()
+        self._correct()
 
     def scan(self, entry: Entry, give_up: bool, figures: LiveFigures) -> Scan | Verdict:
         reader, follower, log = self._reader, self._follower, self.log
@@ -199,7 +257,10 @@ class MessagesIntake(PosedIntake):
     def pose_topics(self) -> list[str]:
         if self.log is None:
             return []
-        return [place.origin for place in self.log.places.values() if place.origin not in (TRANSFORMS, STILL)]
+        path = [self._follow] if self._follow and self._jumps is None else []
+        return path + [
+            place.origin for place in self.log.places.values() if place.origin not in (TRANSFORMS, STILL)
+        ]
 
     def said(self) -> list[str]:
         return [*self.notes, *(self._reader.notes() if self._reader is not None else [])]

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Callable, Optional
 import typer
 
 from ndtree.base.exit_status import WrongCall
+from ndtree.base.files import replaced
 from ndtree.base.scan import Scan
 from ndtree.cli.commands.app import command, examples, reports_errors
 from ndtree.cli.commands.figures import map_figures, print_map
@@ -36,10 +37,26 @@ from ndtree.cli.commands.shows import (
     rerun_sink,
     wait_at,
 )
-from ndtree.live import Fading, Intake, LiveMapper, MessagesIntake, Saver, ScansIntake, Way, Window, play
+from ndtree.live import (
+    Corrections,
+    Fading,
+    Intake,
+    LiveMapper,
+    Localization,
+    Localizer,
+    MessagesIntake,
+    Saver,
+    ScansIntake,
+    Way,
+    Window,
+    play,
+)
+from ndtree.live.corrections import MEMORY
+from ndtree.live.localizing import ODOMETRY, place_of, quaternion_of
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 from ndtree.live.playing import messages_of, scans_of
+from ndtree.live.serving import MapServer, address_of
 from ndtree.logs import WrongOption, recognised
 from ndtree.logs.core.selection import Selection
 from ndtree.logs.ros.files.bag import open_bag
@@ -56,6 +73,7 @@ PAGE, LINE = 0.5, 0.5
         "ndtree live drive.bag -o drive.ndt --rate 4 --queue 20 --window 30 --save-every 60",
         "ndtree live tuesday.bag --resume monday.ndt -o both.ndt --rate 0",
         "ndtree live --world office --rate 0",
+        "ndtree live drive.bag --serve 8090",
         "ndtree live drive.bag --foxglove 8765",
         "ndtree live drive.bag --rerun drive.rrd --rate 0",
     ),
@@ -90,6 +108,35 @@ def live(
         Optional[float],
         typer.Option(help="Forget what was not seen for this long \\[s].", show_default=False),
     ] = None,
+    follow: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="TOPIC|tf",
+            help="Move scans when a SLAM corrects poses: its nav_msgs/Path, or jumps of map to odom.",
+            show_default=False,
+        ),
+    ] = None,
+    follow_frame: Annotated[
+        Optional[str],
+        typer.Option(help="The frame that the poses of the Path are of.", show_default=False),
+    ] = None,
+    follow_memory: Annotated[
+        float, typer.Option(help="Scans that can move \\[MiB]; of more, the oldest stay.")
+    ] = MEMORY / 2**20,
+    localize: Annotated[
+        Optional[Path],
+        typer.Option(
+            metavar="MAP",
+            help="Find scans in this 2-D map by their odometry instead of mapping; -o gets poses (TUM).",
+            show_default=False,
+        ),
+    ] = None,
+    guess: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="X,Y,YAW", help="Where the sensor is in the MAP at first \\[m, rad].", show_default=False
+        ),
+    ] = None,
     save_every: Annotated[
         Optional[float], typer.Option(help="Write MAP so often, too \\[s].", show_default=False)
     ] = None,
@@ -97,6 +144,14 @@ def live(
     fixed: Annotated[bool, typer.Option("--fixed", help="All cells of one size.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Show it on a page while it grows.")] = False,
     port: Port = None,
+    serve: Annotated[
+        Optional[str],
+        typer.Option(
+            metavar="[HOST:]PORT",
+            help="Give it to ndtree view http://HOST:PORT; only of this computer, unless HOST says more.",
+            show_default=False,
+        ),
+    ] = None,
     foxglove: FoxgloveOption = None,
     rerun: RerunOption = None,
     dim: Dim = None,
@@ -115,6 +170,17 @@ def live(
         raise WrongCall("--save-every: expected -o MAP, too")
     if port is not None and not watch:
         raise WrongCall("--port: is for the page of --watch")
+    if follow is None and follow_frame is not None:
+        raise WrongCall("--follow-frame: expected --follow, too")
+    for flag, other in (("window", window), ("fade", fade), ("resume", resume), ("fixed", fixed or None)):
+        if follow is not None and other is not None:
+            raise WrongCall(f"--{flag}: not with --follow, whose map is of scans alone, with adaptive cells")
+    if guess is not None and localize is None:
+        raise WrongCall("--guess: expected --localize, too")
+    others = {"window": window, "fade": fade, "resume": resume, "follow": follow, "save-every": save_every}
+    for flag, other in (*others.items(), ("fixed", fixed or None), *((name, name) for name in options)):
+        if localize is not None and other is not None:
+            raise WrongCall(f"--{flag.replace('_', '-')}: not with --localize, which makes no map")
     if rate < 0:
         raise WrongCall(f"--rate {rate:g}: must be >= 0; 0 is as fast as it goes")
     for path in (output, json_file):
@@ -127,15 +193,25 @@ def live(
             raise WrongCall(f"--{flag}: the map of --resume has its own options")
         target = load_map(resume)
         options = dict(target.options)
+    localizer = None
+    if localize is not None:
+        target = load_map(localize)
+        place = None if guess is None else made(lambda: place_of(guess))
+        localizer = made(lambda: Localizer(target, place))
+        dim = 2
+    found: list[Localization] = []
     made(lambda: new_map(dim or 2, fixed, options) if target is None else None)
     sinks: list[Any] = [made(lambda: Saver(output, save_every))] if save_every is not None else []
-    follow = None if window is None else made(lambda: Window(window))
+    kept = None if window is None else made(lambda: Window(window))
+    corrections = None if follow is None else made(lambda: Corrections(memory=int(follow_memory * 2**20)))
     fading = None if fade is None else made(lambda: Fading(fade))
     with ExitStack() as stack:
         intake, items = _source(
             log, world, dim, reading, stack,
             options=options, max_range=max_range, no_return=no_return.value, look=look_for,
+            follow=follow or "", body=follow_frame or "", localizes=localize is not None,
         )  # fmt: skip
+        sinks += [_served(serve, stack)] if serve is not None else []
         page = _Page(port) if watch else None
         sinks += [page] if page is not None else []
         way = Way()
@@ -150,11 +226,14 @@ def live(
             make=lambda dim, chosen: new_map(dim, fixed, chosen),
             queue=queue,
             patience=patience,
-            window=follow,
+            window=kept,
             fading=fading,
             sinks=sinks,
             prepare=_prepare(reading),
             way=way,
+            corrections=corrections,
+            localizer=localizer,
+            localized=found.append,
         )
         begin = time.perf_counter()
         try:
@@ -167,7 +246,10 @@ def live(
         except ValueError as error:
             raise ValueError(in_flags(str(error))) from error
         seconds = time.perf_counter() - begin
-        _report(mapper, seconds, output, json_file, str(log or f"world {world and world.value}"))
+        if localizer is not None:
+            _report_places(mapper, localizer, found, output, json_file, str(log))
+        else:
+            _report(mapper, seconds, output, json_file, str(log or f"world {world and world.value}"))
         if page is not None:
             page.stay()
         elif server is not None:
@@ -185,26 +267,45 @@ def _source(
     max_range: Optional[float],
     no_return: str,
     look: float,
+    follow: str,
+    body: str,
+    localizes: bool,
 ) -> tuple[Intake, Iterator[tuple[Any, float]]]:
     """How a recording is judged, and what is in it."""
     limit = limit_of(max_range)
     if path is not None and recognised(path, format=reading.format) == "rosbag":
         bag = stack.enter_context(open_bag(str(path.parent if path.name == "metadata.yaml" else path)))
+        frames = {"fixed_frame": ODOMETRY} if localizes else {}
         intake = made(
             lambda: MessagesIntake(
                 str(path),
                 options=options,
-                reading=reading.options,
+                reading={**frames, **reading.options},
                 dim=dim,
                 max_range=limit,
                 no_return=no_return,
                 look=look,
+                follow=follow,
+                body=body,
             )
         )
         return intake, messages_of(bag)
+    if localizes:
+        raise WrongCall("--localize: expected a ROS bag, whose transforms have the odometry")
+    if follow:
+        raise WrongCall("--follow: expected a ROS bag, which has the poses that a SLAM corrects")
     whole = open_log(path, world, dim, _whole(reading) if path is not None else reading, max_range=max_range)
     settings = settled(whole, options, limit, no_return, with_sigma=True)
     return ScansIntake(settings, whole.dim), scans_of(whole)
+
+
+def _served(serve: str, stack: ExitStack) -> MapServer:
+    """What gives the map to who asks, until the command ends."""
+    host, port = made(lambda: address_of(serve))
+    server = MapServer(port, host=host)
+    stack.callback(server.close)
+    print(f"ndtree view {server.url} shows the map as it grows", file=sys.stderr, flush=True)
+    return server
 
 
 def _whole(reading: Reading) -> Reading:
@@ -271,6 +372,45 @@ def _line(mapper: LiveMapper) -> Iterator[None]:
         ended.set()
         thread.join()
         print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+
+
+def _report_places(
+    mapper: LiveMapper,
+    localizer: Localizer,
+    found: list[Localization],
+    output: Optional[Path],
+    json_file: Optional[Path],
+    name: str,
+) -> None:
+    """What was found, as a trajectory and in a line."""
+    figures = mapper.figures
+    if not found:
+        raise ValueError(f"{name}: no scan could be looked for: {figures.summary()}")
+    known = [one for one in found if not one.is_lost]
+    if output is not None:
+        with replaced(output) as written, open(written, "w", encoding="ascii") as file:
+            for one in known:
+                numbers = (one.body[0, 2], one.body[1, 2], 0.0, *quaternion_of(one.body))
+                file.write(f"{one.stamp:.9f} {' '.join(f'{x:.9g}' for x in numbers)}\n")
+    if not is_stdout(json_file):
+        print(f"{name}: {figures.summary()}")
+        for line in mapper.intake.said():
+            print(f"  {line}")
+        print(
+            f"{len(known)} of {len(found)} scans found, lost {localizer.times_lost} times; from arrival to "
+            f"pose {1e3 * figures.delay(0.5):.1f} ms, and 99 % within {1e3 * figures.delay(0.99):.1f} ms"
+            + (f"; wrote {output}" if output else "")
+        )
+    write_json(
+        {
+            "log": name,
+            "live": figures.as_dict(),
+            "found": len(known),
+            "times_lost": localizer.times_lost,
+            "is_lost": localizer.is_lost,
+        },
+        json_file,
+    )
 
 
 def _report(

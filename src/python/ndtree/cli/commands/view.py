@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """``ndtree view``: a map on a page, or in a picture."""
 
+import sys
+import time
 import webbrowser
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +18,10 @@ from ndtree.cli.commands.options import CellColor, Port, StyleOption
 from ndtree.cli.commands.output import check_picture
 from ndtree.cli.commands.pictures import draw, parsed_slice, plotting, suited
 from ndtree.cli.commands.progress import progress
+from ndtree.maps.running import RunningMap, is_address
+
+#: How often a live mapper is asked for its map [s], and its rest, in times of what that took.
+ASKS, RESTS = 0.5, 4.0
 
 
 @command(
@@ -24,13 +30,15 @@ from ndtree.cli.commands.progress import progress
         "ndtree view intel.ndt --open",
         "ndtree view room.ndt --color size --slice z=1.2 --log room.npz",
         "ndtree view room.ndt --png room.png --color probability",
+        "ndtree view http://robot:8090",
     ),
 )
 @reports_errors
 @reading_options
 def view(
-    map_file: Annotated[
-        Path, typer.Argument(metavar="MAP", help="A map: .ndt, .bt, .ot, or map_server's .yaml.")
+    map_name: Annotated[
+        str,
+        typer.Argument(metavar="MAP", help="A map: .ndt, .bt, .ot, .yaml of map_server; http://ROBOT:PORT."),
     ],
     color: Annotated[
         Optional[CellColor],
@@ -71,7 +79,7 @@ def view(
             raise WrongCall("--open: is for the page, not for --png")
         plot = plotting()
         check_picture(plot, png, "--png")
-        m = suited(load_map(map_file), color, axis)
+        m = suited(_loaded(map_name), color, axis)
         draw(plot, m, png, color, axis, at, style=style)
         print(f"wrote {png}")
         return
@@ -79,11 +87,11 @@ def view(
         raise WrongCall("--style: is for --png")
     from ndtree.viewer import PORT, Look, Viewer
 
-    m = suited(load_map(map_file), color, axis)
+    m = suited(_loaded(map_name), color, axis)
     shown = {"color": color and color.value, "free": free, "unknown": unknown}
     look = Look.below_ceiling(m, **shown, axis=axis, slice_at=at)
     opened = reading.open(log, None) if log is not None else None
-    with Viewer(m, port=PORT if port is None else port, look=look, name=map_file.name) as page:
+    with Viewer(m, port=PORT if port is None else port, look=look, name=_title(map_name)) as page:
         if opened is not None:
             with progress() as advance:
                 for done, scan in enumerate(opened, start=1):
@@ -91,7 +99,44 @@ def view(
                     advance("reading", done, length_of(opened))
             page.refresh()
         with suppress(KeyboardInterrupt):
-            print(f"{map_file}: {page.url} until Ctrl-C", flush=True)
+            print(f"{map_name}: {page.url} until Ctrl-C", flush=True)
             if open_:
                 webbrowser.open(page.url)
-            page.wait()
+            if is_address(map_name):
+                _follow(map_name, page)
+            else:
+                page.wait()
+
+
+def _loaded(name: str) -> Any:
+    """A map of a file, or of a live mapper, once there is one."""
+    if not is_address(name):
+        return load_map(Path(name))
+    running = RunningMap(name)
+    m = running.newest()
+    while m is None or not m.stats().observed_leaves:
+        time.sleep(ASKS)
+        m = running.newest()
+    return m
+
+
+def _title(name: str) -> str:
+    return name if is_address(name) else Path(name).name
+
+
+def _follow(name: str, page: Any) -> None:
+    """Show what becomes of a map that grows elsewhere; without an answer the last one stays."""
+    running, is_gone = RunningMap(name), False
+    while True:
+        begin = time.perf_counter()
+        try:
+            m = running.newest()
+        except OSError as error:
+            if not is_gone:
+                print(f"ndtree: {error}", file=sys.stderr, flush=True)
+            m, is_gone = None, True
+        else:
+            is_gone = False
+        if m is not None and m.stats().observed_leaves:
+            page.show(m)
+        time.sleep(max(ASKS, RESTS * (time.perf_counter() - begin)))

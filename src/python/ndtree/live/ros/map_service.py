@@ -5,25 +5,29 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from ndtree._native import _core
 from ndtree._native._core import OccupancyMap
 from ndtree.base.scan import Scan
+from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
+from ndtree.live.localizing import ODOMETRY, Localization, Localizer, place_of
 from ndtree.live.mapper import LiveMapper
 from ndtree.live.messages import MessagesIntake
-from ndtree.live.ros.messages import header, optional_class
+from ndtree.live.ros.messages import header, optional_class, pose_with_covariance, transform
 from ndtree.live.ros.middleware import Level, Middleware
 from ndtree.live.ros.parameters import reading_options
 from ndtree.live.ros.sinks import CellsSink, FrontiersSink, GridSink, OctomapSink
 from ndtree.live.saver import Saver
+from ndtree.live.serving import MapServer, address_of
 from ndtree.live.window import Window
 from ndtree.logs.core.selection import Selection
 from ndtree.logs.poses.transforms import plain
@@ -33,6 +37,9 @@ from ndtree.maps.writers import write
 
 #: How often a node looks around for topics, and lets measurements give up [s].
 TICK = 0.1
+#: The frame of a map that the robot is found in, and how far ahead its transform is dated, as others need it
+#: for times that are a little later [s].
+MAP, AHEAD = "map", 0.1
 #: How often it is said why nothing is mapped [s].
 SAYS = 5.0
 
@@ -67,16 +74,28 @@ class MapService:
         if value("resume") and file and Path(file).exists():
             target = _loaded(file)
             options = dict(target.options)
+        localizer = None
+        if value("localize"):
+            for name in ("resume", "window", "fade", "follow"):
+                if value(name):
+                    raise ValueError(f"{name}: not with localize, which makes no map")
+            target = _loaded(value("localize"))
+            options = dict(target.options)
+            place = place_of(value("initial_pose")) if value("initial_pose") else None
+            localizer = Localizer(target, place)
+        self._localizer = localizer
         if target is None:
             self._new_map(value("dim") or 3, options)  # Refuses what no map can be made of.
         self._intake = MessagesIntake(
             node.name,
             options=options,
             reading=reading_options(value),
-            dim=value("dim") or None,
+            dim=2 if localizer is not None else value("dim") or None,
             max_range=limit,
             no_return=value("no_return"),
             look=value("look"),
+            follow=value("follow"),
+            body=value("follow_frame"),
         )
         if value("no_return") not in ("auto", "free", "ignore"):
             raise ValueError(f"no_return = {value('no_return')}: must be auto, free or ignore")
@@ -92,6 +111,18 @@ class MapService:
             sinks.append(OctomapSink(node, self._frame, octomap))
         if file and value("save_period") > 0:
             sinks.append(Saver(file, value("save_period")))
+        self._server: MapServer | None = None
+        if value("serve"):
+            host, port = address_of(value("serve"))
+            self._server = MapServer(port, host=host)
+            sinks.append(self._server)
+            node.say(Level.info, f"ndtree view {self._server.url} shows the map as it grows")
+        if localizer is not None:
+            self._transforms = optional_class("tf2_msgs/msg/TFMessage")
+            if self._transforms is None:
+                raise ValueError("localize: needs the package tf2_msgs, to publish where the robot is")
+            self._tf = node.publisher(self._transforms, "/tf", depth=100)
+            self._poses = node.publisher(PoseWithCovarianceStamped, "~/pose", depth=10)
         self._status = node.publisher(DiagnosticArray, "/diagnostics", depth=10)
         selection = Selection(3, min_range=value("min_range"))
 
@@ -109,6 +140,9 @@ class MapService:
             threads=value("threads"),
             window=Window(value("window")) if value("window") > 0 else None,
             fading=Fading(value("fade")) if value("fade") > 0 else None,
+            corrections=_corrections(value),
+            localizer=localizer,
+            localized=self._localized,
             sinks=sinks,
             prepare=prepare,
         )
@@ -119,7 +153,19 @@ class MapService:
         named = {("cell_size" if name == "min_cell_size" else name): one for name, one in options.items()}
         return _core.FixedMap(dim=dim, **named)
 
+    def _localized(self, found: Localization) -> None:
+        """Publish where the robot is, while it is known."""
+        if found.is_lost:
+            return
+        odometry = self._node.value("fixed_frame") or ODOMETRY
+        stamp = found.stamp + AHEAD
+        moved = transform(MAP, odometry, stamp, found.map_odometry)
+        self._tf.publish(self._transforms(transforms=[moved]))
+        self._poses.publish(pose_with_covariance(MAP, found.stamp, found.body, found.covariance))
+
     def _frame(self) -> str:
+        if self._localizer is not None:
+            return MAP
         log = self._intake.log
         return (self._node.value("fixed_frame") or "map") if log is None else log.fixed_frame
 
@@ -169,10 +215,12 @@ class MapService:
         file = self._node.value("map_file")
         try:
             self.mapper.close()
-            if file and self.mapper.has_map:
+            if file and self.mapper.has_map and self._localizer is None:
                 write(self.mapper.snapshot(), Path(file))
         except (ValueError, OSError) as error:
             self._node.say(Level.error, str(error))
+        if self._server is not None:
+            self._server.close()
         self._say_failures()
         self.diagnose(lost)
         self._node.say(Level.info, self.mapper.figures.summary())
@@ -199,10 +247,13 @@ class MapService:
             "dropped": figures.dropped,
             "lost by the middleware": lost,
             "late poses": figures.late_poses,
+            "corrections": figures.corrections,
             "waiting": figures.waiting,
             **{f"left out, {kind}": count for kind, count in figures.left_out.items()},
             **{f"{sink} failed": error for sink, error in mapper.failures.items()},
         }
+        if self._localizer is not None:
+            values |= {"lost now": self._localizer.is_lost, "times lost": self._localizer.times_lost}
         name = self._node.name.rpartition("/")[2]
         status = DiagnosticStatus(name=f"{name}: map", hardware_id="", level=DiagnosticStatus.OK)
         if mapper.has_map:
@@ -216,6 +267,8 @@ class MapService:
         if mapper.has_map and (rate == 0 or mapper.failures):
             status.level = DiagnosticStatus.WARN
             status.message = next(iter(mapper.failures.values()), "no scans are mapped")
+        if self._localizer is not None and self._localizer.is_lost:
+            status.level, status.message = DiagnosticStatus.WARN, "lost in the map"
         status.values = [KeyValue(key=key, value=str(one)) for key, one in values.items()]
         self._status.publish(DiagnosticArray(header=header("", now), status=[status]))
 
@@ -277,6 +330,14 @@ class MapService:
         except (ValueError, RuntimeError) as error:
             self._node.say(Level.warning, f"get_map: {error}")
             return None
+
+
+def _corrections(value: Callable[[str], Any]) -> Corrections | None:
+    if not value("follow"):
+        return None
+    if value("fixed_cells"):
+        raise ValueError("fixed_cells: not with follow, whose map has adaptive cells")
+    return Corrections(memory=int(value("follow_memory") * 2**20), threads=value("threads"))
 
 
 def _loaded(path: str) -> OccupancyMap:

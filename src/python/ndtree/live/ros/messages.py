@@ -9,7 +9,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, PoseArray, Quaternion
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseArray,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    TransformStamped,
+)
 from nav_msgs.msg import OccupancyGrid
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
@@ -17,6 +24,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from ndtree.live.grid import GridFollower, GridPart
+from ndtree.live.localizing import quaternion_of
 from ndtree.live.outputs import POINT, FrontierPose, by_size
 from ndtree.live.palette import color_of
 
@@ -66,6 +74,30 @@ def header(frame: str, stamp: float) -> Header:
     parts = ("secs", "nsecs") if hasattr(message.stamp, "secs") else ("sec", "nanosec")
     for name, part in zip(parts, divmod(nanoseconds, 10**9)):
         setattr(message.stamp, name, part)
+    return message
+
+
+def transform(parent: str, child: str, stamp: float, pose: NDArray[np.float64]) -> TransformStamped:
+    """Of a (3, 3) pose in the plane at a time [s]."""
+    message = TransformStamped(header=header(parent, stamp), child_frame_id=child)
+    message.transform.translation.x, message.transform.translation.y = float(pose[0, 2]), float(pose[1, 2])
+    x, y, z, w = quaternion_of(pose)
+    message.transform.rotation = Quaternion(x=x, y=y, z=z, w=w)
+    return message
+
+
+def pose_with_covariance(
+    frame: str, stamp: float, pose: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> PoseWithCovarianceStamped:
+    """Of a (3, 3) pose in the plane, and the covariance (3, 3) of x, y and yaw."""
+    message = PoseWithCovarianceStamped(header=header(frame, stamp))
+    place = message.pose.pose
+    place.position.x, place.position.y = float(pose[0, 2]), float(pose[1, 2])
+    x, y, z, w = quaternion_of(pose)
+    place.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    whole = np.zeros((6, 6))
+    whole[np.ix_((0, 1, 5), (0, 1, 5))] = covariance
+    message.pose.covariance = whole.ravel().tolist()
     return message
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ndtree.live.corrections import MEMORY
+from ndtree.live.localizing import ODOMETRY
 from ndtree.live.mapper import PATIENCE, QUEUE
 from ndtree.live.messages import LOOK
 
@@ -51,9 +53,15 @@ ROWS = (
     Row("reliable", False, "Ask sensors for lost messages again: reliable, not best effort."),
     Row("window", 0.0, "What is farther from the sensor is forgotten [m]; 0: nothing.", (0.0, 1e6)),
     Row("fade", 0.0, "What was not seen for this long is forgotten [s]; 0: nothing.", (0.0, 1e6)),
+    Row("localize", "", "A saved 2-D map to find the robot in, instead of mapping: publishes map to odom."),
+    Row("initial_pose", "", "Of the sensor in that map: X,Y,YAW; else it is looked for everywhere."),
+    Row("follow", "", "Topic with a SLAM's nav_msgs/Path, or tf: scans move when their poses are corrected."),
+    Row("follow_frame", "", "The frame that the poses of follow are of; else the robot's base."),
+    Row("follow_memory", MEMORY / 2**20, "Of scans that can move [MiB]; then the oldest stay.", (1.0, 1e6)),
     Row("map_file", "", "Where the map is saved; its ending says as what."),
     Row("resume", False, "Go on with the map in map_file, if it is there."),
     Row("save_period", 0.0, "From one saving to the next [s]; 0: only at the end.", (0.0, 1e6)),
+    Row("serve", "", "[HOST:]PORT for ndtree view http://HOST:PORT; 0.0.0.0 as the HOST: all that reach it."),
     Row("grid_cell_size", 0.0, "Of the grid [m]; 0: that of the smallest cells.", (0.0, 1e3)),
     Row("grid_low", 0.1, "Of a 3-D map, the grid is of cells between this height", (-1e6, 1e6), True),
     Row("grid_high", 1.8, "and this one [m].", (-1e6, 1e6), True),
@@ -85,4 +93,11 @@ def reading_options(value: Callable[[str], Any]) -> dict[str, Any]:
         options["time_offset"] = value("time_offset")
     if value("pixel_stride") != 1:
         options["pixel_stride"] = value("pixel_stride")
+    if value("localize"):
+        options.setdefault("fixed_frame", ODOMETRY)
     return {**options, "deskew": value("deskew")}
+
+
+def followed(follow: str) -> dict[str, Any]:
+    """The topic with a Path that a node listens to beside sensors and transforms, if any."""
+    return {"follow": follow} if follow not in ("", "tf") else {}

@@ -20,12 +20,12 @@ class Wanted:
     Parameters
     ----------
     reading : dict
-        What a user said of sensors and frames, as for `ndtree.read`.
+        What a user said of sensors and frames, as for `ndtree.read`; and as ``follow`` the topic of a Path.
     """
 
     def __init__(self, reading: dict[str, Any]) -> None:
         self._topics = {plain(one.partition("@")[0]) for one in reading.get("topic", ())}
-        self._poses = {plain(reading[name]) for name in ("odometry", "poses") if name in reading}
+        self._poses = {plain(reading[name]) for name in ("odometry", "poses", "follow") if name in reading}
         self._is_chosen = False
 
     def is_wanted(self, topic: str, type: str, others: Iterable[str]) -> bool:

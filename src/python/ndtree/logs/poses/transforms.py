@@ -62,6 +62,19 @@ class TransformTree:
         """The transforms between connected frames that change over time: parents and children."""
         return [edge for edge in self._way(target, source) if edge not in self._fixed]
 
+    def body_of(self, target: str, source: str) -> tuple[str, str] | None:
+        """Of the moving transform that is next to `source`: the frame it moves in, and the one that moves.
+
+        None if nothing moves between connected frames.
+        """
+        at = plain(source)
+        for edge in self._way(target, source):
+            other = edge[0] if edge[1] == at else edge[1]
+            if edge not in self._fixed:
+                return other, at
+            at = other
+        return None
+
     def told(self) -> list[tuple[str, str]]:
         """Transforms that were told one time after the other, by `add`."""
         return list(self._rows)

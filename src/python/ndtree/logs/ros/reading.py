@@ -173,6 +173,11 @@ class MessageReader:
             return stamp, stamp
         return stamp + float(times.min()), stamp + float(times.max())
 
+    def frames_of(self, one: Measured) -> tuple[Placement, str, float]:
+        """How the pose of a message's sensor is found: its frame, and the time [s]."""
+        place = self._places[one.topic]
+        return place, place.observer or one.frame, one.stamp + self._time_offset
+
     def scan(self, one: Measured) -> Scan:
         """A message's beams in the map; raises `NoPose` where the pose at its time is not known."""
         place, beams, own = self._places[one.topic], one.beams, 0

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A robot in a saved map: it is tracked while odometry drifts, knows when it is lost, and is found again."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+pytest.importorskip("typer")
+pytest.importorskip("scipy")
+
+from bags import Messages, write_bag
+from drives import START
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree.cli.commands import app
+from ndtree.live import FramesIntake, LiveMapper, Localizer, Reading, Transform, Window
+from ndtree.live.localizing import FINDS, LOSES, inverse, matrix_of, place_of, quaternion_of
+from ndtree.tuning.settings import Settings
+
+N = 160
+Floats = np.ndarray
+
+
+class World:
+    """The office, a map of every second scan, and what a robot with drifting odometry sees there."""
+
+    def __init__(self) -> None:
+        generator = np.random.default_rng(3)
+        scans = list(ndtree.simulate("office", scans=N))
+        self.map = ndtree.AdaptiveMap(dim=2)
+        for scan in scans[::2]:
+            scan.insert_into(self.map)
+        self.poses, self.beams, self.returned = [], [], []
+        for i, scan in enumerate(scans):
+            pose = matrix_of(np.array([*scan.origin, 0.03 * i]))
+            beams = (scan.endpoints - scan.origin) @ pose[:2, :2]
+            returned = np.ones(len(beams), bool) if scan.returned is None else scan.returned
+            self.poses.append(pose)
+            self.beams.append(beams + generator.normal(0, 0.01, beams.shape))
+            self.returned.append(returned)
+        self.odometry = [self.poses[0]]
+        for before, after in zip(self.poses[:-1], self.poses[1:]):
+            step = inverse(before) @ after
+            yaw = math.atan2(step[1, 0], step[0, 0]) + generator.normal(0.004, 0.003)
+            x, y = 1.05 * step[:2, 2] + generator.normal(0, 0.01, 2)
+            self.odometry.append(self.odometry[-1] @ matrix_of(np.array([x, y, yaw])))
+
+    def points(self, i: int) -> Floats:
+        return self.beams[i][self.returned[i]]
+
+    def far(self, i: int, pose: Floats) -> float:
+        return float(np.hypot(*(pose - self.poses[i])[:2, 2]))
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World()
+
+
+def test_it_is_tracked_while_odometry_drifts(world: World) -> None:
+    first = world.poses[0]
+    localizer = Localizer(world.map, [*(first[:2, 2] + [0.3, -0.2]), 0.2])
+    far, turned = [], []
+    for i in range(N):
+        found = localizer.track(world.points(i), world.odometry[i], float(i))
+        assert not found.is_lost and found.stamp == i
+        far.append(world.far(i, found.pose))
+        turn = inverse(world.poses[i]) @ found.pose
+        turned.append(abs(math.atan2(turn[1, 0], turn[0, 0])))
+        np.testing.assert_allclose(found.map_odometry @ world.odometry[i], found.pose, atol=1e-12)
+        np.testing.assert_array_equal(found.body, found.pose)
+        assert np.linalg.eigvalsh(found.covariance).min() > 0
+    assert max(far) < 0.1 and np.median(far) < 0.04 and max(turned) < 0.02
+    assert world.far(N - 1, world.odometry[-1]) > 1.0
+    assert localizer.fitting == localizer.scans == N and localizer.times_lost == 0
+
+
+def kidnapped(world: World, localizer: Localizer, order: list[int]) -> list[Any]:
+    """What it says of scans in an order in which odometry notices no jumps."""
+    at, told = world.odometry[order[0]], []
+    for k, i in enumerate(order):
+        if k and i == order[k - 1] + 1:
+            at = at @ inverse(world.odometry[i - 1]) @ world.odometry[i]
+        told.append((i, localizer.track(world.points(i), at, float(k))))
+    return told
+
+
+def test_a_kidnapped_one_says_so_and_finds_itself(world: World) -> None:
+    localizer = Localizer(world.map, [*world.poses[0][:2, 2], 0.0])
+    order = [*range(40), *range(110, N)]
+    told = kidnapped(world, localizer, order)
+    assert all(not found.is_lost and world.far(i, found.pose) < 0.1 for i, found in told[:40])
+    lost = [k for k, (_, found) in enumerate(told) if found.is_lost]
+    assert lost and 40 < lost[0] <= 40 + LOSES and localizer.times_lost == 1
+    assert lost == list(range(lost[0], lost[-1] + 1)) and len(lost) >= FINDS
+    assert lost[-1] < 75 and not localizer.is_lost
+    assert all(world.far(i, found.pose) < 0.1 for i, found in told[lost[-1] + 1 :])
+    wrong = [k for k, (i, found) in enumerate(told) if not found.is_lost and world.far(i, found.pose) > 0.1]
+    assert set(wrong) <= set(range(40, 40 + LOSES))  # Before it can know.
+
+
+def test_without_a_guess_it_is_looked_for_everywhere(world: World) -> None:
+    localizer = Localizer(world.map)
+    assert localizer.is_lost
+    told = kidnapped(world, localizer, list(range(20, 45)))
+    first = next(k for k, (_, found) in enumerate(told) if not found.is_lost)
+    assert FINDS <= first < 15
+    assert all(world.far(i, found.pose) < 0.1 for i, found in told[first:])
+    assert localizer.times_lost == 0
+
+
+def test_elsewhere_it_stays_lost(world: World) -> None:
+    generator = np.random.default_rng(1)
+    localizer = Localizer(world.map, [*world.poses[0][:2, 2], 0.0])
+    for i in range(12):
+        ways = generator.uniform(-math.pi, math.pi, 200)
+        points = generator.uniform(1, 8, (200, 1)) * np.stack([np.cos(ways), np.sin(ways)], axis=1)
+        found = localizer.track(points, np.zeros(3), float(i))
+        assert found.is_lost == (i >= LOSES - 1)
+    for nothing in (np.zeros((0, 2)), np.full((50, 2), np.nan)):
+        assert localizer.track(nothing, np.zeros(3)).score == 0.0
+    assert localizer.is_lost
+
+
+def test_the_same_scans_give_the_same_poses(world: World) -> None:
+    poses = []
+    for _ in range(2):
+        localizer = Localizer(world.map, [*world.poses[0][:2, 2], 0.0])
+        told = kidnapped(world, localizer, [*range(12), *range(100, 112)])
+        poses.append(np.stack([found.pose for _, found in told]))
+    np.testing.assert_array_equal(*poses)
+
+
+def test_a_mapper_finds_readings_in_a_map(world: World) -> None:
+    told: list[Any] = []
+    before = world.map.to_bytes()
+    mount = matrix_of(np.array([0.2, 0.1, 0.3]))
+    localizer = Localizer(world.map, [*world.poses[0][:2, 2], 0.0])
+    intake = FramesIntake(Settings({}, 30.0, "free"), 2, "odom")
+    with LiveMapper(
+        intake, target=world.map, localizer=localizer, localized=told.append, patience=60.0, queue=1000
+    ) as mapper:
+        mapper.put(Transform("base", "laser", (0.2, 0.1, 0.3), quaternion_of(mount)), START)
+        for i in range(30):
+            stamp, base = START + 0.1 * i, world.odometry[i] @ inverse(mount)
+            mapper.put(
+                Transform("odom", "base", (*base[:2, 2], 0.0), quaternion_of(base), stamp=stamp), stamp
+            )
+            mapper.put(Reading(world.beams[i], stamp, "laser", world.returned[i]), stamp, wait=True)
+    assert mapper.figures.mapped == len(told) == 30 and mapper.figures.lost == 0
+    for i, found in enumerate(told):
+        assert world.far(i, found.pose) < 0.1 and found.stamp == pytest.approx(START + 0.1 * i)
+        np.testing.assert_allclose(found.body, found.pose @ inverse(mount), atol=1e-9)
+    assert world.map.to_bytes() == before
+
+
+def bag_of(folder: Path, world: World, order: list[int]) -> Path:
+    make: Messages = Messages("ros2")
+    content: list[tuple[str, float, Any]] = []
+    fixed = make.transform(START - 1, "base", "laser", [0.0, 0.0, 0.3], [0.0, 0.0, 0.0, 1.0])
+    content.append(("/tf_static", START - 1, make.tf(fixed)))
+    for k, i in enumerate(order):
+        stamp, base = START + 0.1 * k, world.odometry[i]
+        moved = make.transform(stamp, "odom", "base", [*base[:2, 2], 0.0], quaternion_of(base))
+        beams = world.beams[i]
+        ranges = np.hypot(*beams.T)
+        ranges[~world.returned[i]] = np.inf
+        angles = np.unwrap(np.arctan2(beams[:, 1], beams[:, 0]))
+        step = float(angles[-1] - angles[0]) / (len(angles) - 1)
+        laser = make.laser(
+            stamp, "laser", ranges, angle_min=float(angles[0]), angle_increment=step, range_max=30.0
+        )
+        content += [("/tf", stamp, make.tf(moved)), ("/scan", stamp + 0.001, laser)]
+    return write_bag(folder / "drive", make, content)
+
+
+def test_the_command_writes_where_it_was(world: World, tmp_path: Path) -> None:
+    bag = bag_of(tmp_path, world, list(range(40)))
+    world.map.save(tmp_path / "office.ndt")
+    x, y = world.poses[0][:2, 2]
+    words = [
+        "live", bag, "--localize", tmp_path / "office.ndt", "--guess", f"{x},{y},0", "--rate", 0,
+        "-o", tmp_path / "poses.txt", "--json", tmp_path / "said.json",
+    ]  # fmt: skip
+    done = CliRunner().invoke(app, [str(one) for one in words])
+    assert done.exit_code == 0, done.stderr
+    assert "40 of 40 scans found, lost 0 times" in done.stdout
+    rows = np.loadtxt(tmp_path / "poses.txt")
+    assert rows.shape == (40, 8)
+    for i, row in enumerate(rows):
+        assert np.hypot(*(row[1:3] - world.poses[i][:2, 2])) < 0.1
+        assert row[0] == pytest.approx(START + 0.1 * i, abs=1e-6)
+    said = json.loads((tmp_path / "said.json").read_text())
+    assert said["found"] == 40 and said["live"]["lost"] == 0 and not said["is_lost"]
+
+
+def test_wrong_calls_are_said(world: World, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="dim = 3: must be 2"):
+        Localizer(ndtree.AdaptiveMap(dim=3))
+    with pytest.raises(ValueError, match="without occupied cells"):
+        Localizer(ndtree.AdaptiveMap(dim=2))
+    with pytest.raises(ValueError, match=r"score = 2: must be from 0 to 1"):
+        Localizer(world.map, score=2.0)
+    with pytest.raises(ValueError, match=r"shape \(2,\)"):
+        Localizer(world.map, [0.0, 0.0])
+    for text in ("", "1,2", "1,2,x", "1,2,nan"):
+        with pytest.raises(ValueError, match="must be X,Y,YAW"):
+            place_of(text)
+    intake = FramesIntake(Settings({}, 30.0, "free"), 2, "odom")
+    for options in ({}, {"target": world.map, "window": Window(3.0)}):
+        with pytest.raises(ValueError, match="expected a target, and nothing that changes it"):
+            LiveMapper(intake, localizer=Localizer(world.map), **options)
+    world.map.save(tmp_path / "m.ndt")
+    for words, said in (
+        (["--guess", "0,0,0"], "--localize, too"),
+        (["--localize", tmp_path / "m.ndt", "--window", "3"], "--window: not with --localize"),
+        (["--localize", tmp_path / "m.ndt", "--min-cell-size", "0.1"], "--min-cell-size: not with"),
+        (["--localize", tmp_path / "m.ndt"], "expected a ROS bag"),
+    ):
+        done = CliRunner().invoke(app, [str(one) for one in ["live", "--world", "office", *words]])
+        assert done.exit_code == 2 and said in done.stderr, done.stderr

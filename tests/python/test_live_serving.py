@@ -1,0 +1,181 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A running map is seen from another process, or another computer."""
+
+from __future__ import annotations
+
+import math
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("typer")
+
+from typer.testing import CliRunner
+
+import ndtree
+from ndtree.cli.commands import app
+from ndtree.live import LiveMapper, MapServer, ScansIntake
+from ndtree.live.serving import address_of
+from ndtree.maps.running import RunningMap
+from ndtree.tuning.settings import Settings
+
+SETTINGS = Settings({}, math.inf, "free")
+
+
+def cli(*arguments: object) -> Any:
+    return CliRunner().invoke(app, [str(one) for one in arguments])
+
+
+def test_a_map_that_grows_is_fetched_as_often_as_it_changes() -> None:
+    server = MapServer()
+    server.period = 0.0
+    running = RunningMap(server.url)
+    scans = list(ndtree.simulate("office", scans=20))
+    fetched = 0
+    try:
+        assert running.newest() is None  # There is none yet.
+        with LiveMapper(ScansIntake(SETTINGS, 2), sinks=[server]) as mapper:
+            for scan in scans:
+                mapper.put(scan)
+                fetched += running.newest() is not None
+        newest = running.newest() or fetched
+        assert newest and running.newest() is None
+        again = RunningMap(server.url + "/").newest()
+        assert again is not None and again.to_bytes() == mapper.snapshot().to_bytes()
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"{server.url}/other", timeout=10)
+    finally:
+        server.close()
+    with pytest.raises(OSError, match=r"expected a live map of ndtree to answer$"):
+        running.newest()
+
+
+def test_a_file_is_made_only_for_who_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Counted:
+        made = 0
+
+        def to_bytes(self) -> bytes:
+            Counted.made += 1
+            return ndtree.AdaptiveMap(dim=2).to_bytes()
+
+    server = MapServer()
+    try:
+        for _ in range(5):
+            server.update(Counted(), 0.0)  # type: ignore[arg-type]
+        assert Counted.made == 0
+        for _ in range(3):
+            assert RunningMap(server.url).newest() is not None
+        assert Counted.made == 1
+    finally:
+        server.close()
+
+
+def test_view_draws_a_running_map(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    server = MapServer()
+    try:
+        m = ndtree.AdaptiveMap(dim=2)
+        for scan in ndtree.simulate("office", scans=5):
+            scan.insert_into(m)
+        server.update(m.snapshot(), 0.0)
+        done = cli("view", server.url, "--png", tmp_path / "m.png")
+        assert done.exit_code == 0 and (tmp_path / "m.png").stat().st_size > 5000, done.stderr
+    finally:
+        server.close()
+    done = cli("view", server.url)
+    assert done.exit_code == 1 and server.url in done.stderr and "Traceback" not in done.stderr
+
+
+def test_a_page_follows_a_running_map(tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    m = ndtree.AdaptiveMap(dim=2)
+    scans = list(ndtree.simulate("office", scans=5))
+    scans[0].insert_into(m)
+    asked = []
+
+    class Server(MapServer):
+        def file(self) -> Any:
+            asked.append(self.number)
+            return super().file()
+
+    server = Server()
+    server.update(m.snapshot(), 0.0)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "ndtree", "view", server.url, "--port", str(port)]
+    page = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert page.stdout is not None
+        assert f"{server.url}: http://" in page.stdout.readline()
+        scans[1].insert_into(m)
+        server.update(m.snapshot(), 1.0)
+        deadline = time.monotonic() + 60
+        while 2 not in asked and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert 2 in asked and page.poll() is None
+        server.close()
+        assert page.stderr is not None and "expected a live map" in page.stderr.readline()
+        assert page.poll() is None  # The last map stays.
+    finally:
+        page.kill()
+        page.communicate()
+
+
+class Other(BaseHTTPRequestHandler):
+    def do_GET(self) -> None:
+        self.send_response(200 if self.path.startswith("/web") else 500)
+        self.end_headers()
+        self.wfile.write(b"<html></html>")
+
+    def log_message(self, format: str, *_: Any) -> None:
+        pass
+
+
+def test_what_is_no_live_map_is_said(tmp_path: Path) -> None:
+    other = HTTPServer(("127.0.0.1", 0), Other)
+    Thread(target=other.serve_forever, daemon=True).start()
+    url = f"http://127.0.0.1:{other.server_address[1]}"
+    try:
+        with pytest.raises(OSError, match="answers 500, expected a live map"):
+            RunningMap(url).newest()
+        with pytest.raises(OSError, match=r"not an ndtree map.*expected a live map"):
+            RunningMap(url + "/web").newest()
+    finally:
+        other.shutdown()
+        other.server_close()
+    with pytest.raises(ValueError, match="expected an address"):
+        RunningMap("http://")
+    for text in ("", "here", "1:2:x", "70000", "-1"):
+        with pytest.raises(ValueError, match="serve = "):
+            address_of(text)
+    assert address_of("0.0.0.0:80") == ("0.0.0.0", 80) and address_of("8090") == ("127.0.0.1", 8090)
+    done = cli("live", "--world", "office", "--rate", 0, "--serve", "x")
+    assert done.exit_code == 2 and "serve = x" in done.stderr
+
+
+def test_the_command_serves_what_it_maps() -> None:
+    command = [sys.executable, "-m", "ndtree", "live", "--world", "office", "--rate", "2", "--serve", "0"]
+    live = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert live.stderr is not None
+        said = live.stderr.readline()
+        url = said.split()[2]
+        running, deadline, m = RunningMap(url), time.monotonic() + 60, None
+        while m is None and time.monotonic() < deadline:
+            m = running.newest()
+            time.sleep(0.05)
+        assert m is not None and np.isfinite(m.leaves().log_odds).all() and m.stats().observed_leaves
+    finally:
+        live.kill()
+        live.communicate()
