@@ -20,10 +20,12 @@
 
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/scan.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/evaluation/cell_numbers.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"
@@ -101,9 +103,10 @@ class MovedEvidence {
         out[i] = 0.5F;
         return;
       }
-      const Cell& cell = cells_[number];
-      out[i] = cell.through < kKnown && cell.hits < kKnown ? known_[cell.through * kKnown + cell.hits]
-                                                           : probability(cell.through, cell.hits);
+      const std::uint32_t through = workers_ ? through_[number] : 0;
+      const std::uint32_t hits = workers_ ? hits_[number] : 0;
+      out[i] =
+          through < kKnown && hits < kKnown ? known_[through * kKnown + hits] : probability(through, hits);
     });
   }
   /// Of a cell that `through` scans saw through, and in which `hits` found a surface.
@@ -116,7 +119,7 @@ class MovedEvidence {
   }
 
   [[nodiscard]] const MovedOptions& options() const { return options_; }
-  [[nodiscard]] std::size_t num_cells() const { return cells_.size(); }
+  [[nodiscard]] std::size_t num_cells() const { return numbers_ ? numbers_->size() : 0; }
 
  private:
   using Point = Eigen::Matrix<float, D, 1>;
@@ -127,8 +130,6 @@ class MovedEvidence {
     Point mean = Point::Zero();  // Of the points in it, relative to base_ [m].
     float sigma = 0.0F;          // Of their ranges, on average [m].
     std::uint32_t points = 0;
-    std::uint32_t hits = 0;     // Scans that found a surface there.
-    std::uint32_t through = 0;  // Scans that saw through it.
   };
   /// A ball around cells [begin, end), by the order of the tree.
   struct Ball {
@@ -156,14 +157,24 @@ class MovedEvidence {
   void plant(std::size_t threads);
   void look_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
   void visit(std::size_t level, std::size_t number);
+#ifdef NDTREE_HAS_EIGHTS
+  /// What visit() does for the cells of a ball of level 0.
+  NDTREE_BY_EIGHTS void ask_by_eights(const Ball& ball, float in_view);
+  bool by_eights_ = Simd::width() >= 8;
+#endif
 
   MovedOptions options_;
   QuickIncompleteBeta below_;              // Of error_rate.
   std::vector<float> known_;               // Probabilities of numbers of scans below kKnown.
   Vector<D> base_ = Vector<D>::Zero();     // Near the first end point, so that floats are exact enough.
   std::optional<CellNumbers<D>> numbers_;  // From the first end point on.
-  std::vector<Cell> cells_;                // After plant() in the order of the tree.
-  std::vector<std::vector<Ball>> balls_;   // Level 0 holds cells, each other one balls of the level below.
+  std::vector<Cell> cells_;                // By number; none after plant().
+  // After plant(), of cells in the order of the tree, and a few behind the last:
+  std::array<std::vector<float>, std::size_t{D}> means_;  // Of their points, relative to base_ [m].
+  std::vector<float> margins_;                            // By how much a beam must pass them [m].
+  std::vector<std::uint32_t> hits_;                       // Scans that found a surface there.
+  std::vector<std::uint32_t> through_;                    // Scans that saw through them.
+  std::vector<std::vector<Ball>> balls_;  // Level 0 holds cells, each other one balls of the level below.
   std::size_t task_level_ = 0;
   RangePyramid<D> pyramid_;
   Point origin_ = Point::Zero();
@@ -242,6 +253,16 @@ void MovedEvidence<D>::plant(std::size_t threads) {
     }
     if (level.size() <= kFanOut) break;
   }
+  const std::size_t padded = (n + kFanOut - 1) / kFanOut * kFanOut;
+  for (std::size_t k = 0; k < D; ++k) {
+    means_[k].assign(padded, 0.0F);
+    for (std::size_t i = 0; i < n; ++i) means_[k][i] = cells_[i].mean[static_cast<int>(k)];
+  }
+  margins_.assign(padded, 0.0F);
+  for (std::size_t i = 0; i < n; ++i) margins_[i] = margin_of(cells_[i]);
+  hits_.assign(padded, 0);
+  through_.assign(padded, 0);
+  cells_ = {};
   workers_ = std::make_unique<Workers>(threads);
   constexpr std::size_t kTasksPerThread = 8;
   task_level_ = balls_.empty() ? 0 : balls_.size() - 1;
@@ -251,7 +272,7 @@ void MovedEvidence<D>::plant(std::size_t threads) {
 template <int D>
 void MovedEvidence<D>::look(const ScanView<D>& scan, double max_range, std::size_t threads) {
   if (!workers_) plant(threads);
-  if (cells_.empty()) return;
+  if (balls_.empty()) return;
   if (!scan.origin_per_beam) {
     look_from(scan, 0, scan.size, max_range);
     return;
@@ -303,20 +324,49 @@ void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
       visit(level - 1, i);
     return;
   }
+#ifdef NDTREE_HAS_EIGHTS
+  if (by_eights_) {
+    ask_by_eights(ball, in_view);
+    return;
+  }
+#endif
   for (std::uint32_t i = ball.begin; i < ball.end; ++i) {
-    Cell& cell = cells_[i];
-    const Point way = cell.mean - origin_;
+    Point mean;
+    for (std::size_t k = 0; k < D; ++k) mean[static_cast<int>(k)] = means_[k][i];
+    const Point to_mean = mean - origin_;
     float sum = 0.0F;
-    for (int k = 0; k < D; ++k) sum = rounded(way[k] * way[k]) + sum;
-    const float distance = std::sqrt(sum);
-    const float margin = margin_of(cell);
-    const float passed =
-        pyramid_.surely_passed(cell.mean, distance, in_view, std::max(distance - margin, 0.0F));
-    if (passed > distance + margin)
-      ++cell.through;
+    for (int k = 0; k < D; ++k) sum = rounded(to_mean[k] * to_mean[k]) + sum;
+    const float way = std::sqrt(sum);
+    const float margin = margins_[i];
+    const float passed = pyramid_.surely_passed(mean, way, in_view, std::max(way - margin, 0.0F));
+    if (passed > way + margin)
+      ++through_[i];
     else if (passed >= 0.0F)
-      ++cell.hits;
+      ++hits_[i];
   }
 }
+
+#ifdef NDTREE_HAS_EIGHTS
+template <int D>
+NDTREE_BY_EIGHTS void MovedEvidence<D>::ask_by_eights(const Ball& ball, float in_view) {
+  static_assert(kFanOut == EightFloats::kWidth, "a ball of eight cells");
+  const std::size_t i = ball.begin;
+  std::array<EightFloats, std::size_t{D}> mean;
+  EightFloats sum = 0.0F;
+  for (std::size_t k = 0; k < D; ++k) {
+    mean[k] = EightFloats::load(means_[k].data() + i);
+    const EightFloats way = mean[k] - origin_[static_cast<int>(k)];
+    sum = rounded(way * way) + sum;
+  }
+  const EightFloats distance = sqrt_of(sum);
+  const EightFloats margin = EightFloats::load(margins_.data() + i);
+  const EightFloats passed = pyramid_.surely_passed(mean, distance, in_view, max_of(distance - margin, 0.0F),
+                                                    EightMask::first(ball.end - ball.begin));
+  const EightMask is_beyond = passed > distance + margin;
+  const EightMask found = (passed >= 0.0F) & EightMask::all().without(is_beyond);
+  (EightInts::load(through_.data() + i) - EightInts::minus_one_where(is_beyond)).store(through_.data() + i);
+  (EightInts::load(hits_.data() + i) - EightInts::minus_one_where(found)).store(hits_.data() + i);
+}
+#endif
 
 }  // namespace ndtree
