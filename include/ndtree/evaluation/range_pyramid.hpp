@@ -67,6 +67,10 @@ class RangePyramid {
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats
   surely_passed(const std::array<EightFloats, std::size_t{D}>& points, const EightFloats& distance,
                 float radius, const EightFloats& least, const EightMask& wanted) const;
+  /// hides() of eight balls.
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightMask
+  hides(const std::array<EightFloats, std::size_t{D}>& centers, const EightFloats& radius,
+        const EightFloats& distance) const;
 #endif
 
   /// Whether no beam near a ball surely passed farther than `distance` from the origin: nothing can be said
@@ -128,6 +132,16 @@ class RangePyramid {
   void coarsen(const Level& fine, const Level& coarse);
   void look_around(const Level& level);
 #ifdef NDTREE_HAS_EIGHTS
+  static constexpr int kMostOnSide =
+      7;  // Pixels that hides() looks at, along a side: 2 reach + 2, and a part.
+  struct EightDirections {
+    EightFloats depth;  // Along the main axis.
+    std::array<EightFloats, kSides> place;
+    EightInts face;
+    EightMask has_beams;
+  };
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightDirections
+  directions_of(const std::array<EightFloats, std::size_t{D}>& points) const;
   NDTREE_BY_EIGHTS static void look_around_eight(const float* pixels, int side, float* out);
   bool by_eights_ = Simd::width() >= 8;
 #endif
@@ -363,39 +377,96 @@ float RangePyramid<D>::surely_passed(const Point& point, float distance, float r
 
 #ifdef NDTREE_HAS_EIGHTS
 template <int D>
-NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats RangePyramid<D>::surely_passed(
-    const std::array<EightFloats, std::size_t{D}>& points, const EightFloats& distance, float radius,
-    const EightFloats& least, const EightMask& wanted) const {
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE typename RangePyramid<D>::EightDirections
+RangePyramid<D>::directions_of(const std::array<EightFloats, std::size_t{D}>& points) const {
   // As face_of().
   std::array<EightFloats, std::size_t{D}> way;
   for (std::size_t k = 0; k < D; ++k) way[k] = points[k] - origin_[static_cast<int>(k)];
+  EightDirections to;
   EightInts axis = 0;
-  EightFloats depth = abs_of(way[0]);
+  to.depth = abs_of(way[0]);
   EightFloats along = way[0];
   for (std::size_t k = 1; k < D; ++k) {
     const EightFloats size = abs_of(way[k]);
-    const EightMask is_larger = size > depth;
+    const EightMask is_larger = size > to.depth;
     axis = select(is_larger, static_cast<std::int32_t>(k), axis);
-    depth = select(is_larger, size, depth);
+    to.depth = select(is_larger, size, to.depth);
     along = select(is_larger, way[k], along);
   }
-  const EightFloats scale = 0.5F / depth;
-  std::array<EightFloats, kSides> place;
+  const EightFloats scale = 0.5F / to.depth;
   for (std::size_t k = 0; k < kSides; ++k)  // The axes before the main one, and then those behind it.
-    place[k] = rounded(select(axis > static_cast<std::int32_t>(k), way[k], way[k + 1]) * scale) + 0.5F;
-  const EightInts face = shifted_left(axis, 1) - EightInts::minus_one_where(along < 0.0F);
+    to.place[k] = rounded(select(axis > static_cast<std::int32_t>(k), way[k], way[k + 1]) * scale) + 0.5F;
+  to.face = shifted_left(axis, 1) - EightInts::minus_one_where(along < 0.0F);
   std::array<float, 8> has_beams{};
   for (std::size_t f = 0; f < kFaces; ++f) has_beams[f] = has_beams_[f] ? 1.0F : 0.0F;
+  to.has_beams = one_of_eight(has_beams.data(), to.face) > 0.0F;
+  return to;
+}
 
-  EightMask open = wanted & (distance > radius) & (one_of_eight(has_beams.data(), face) > 0.0F);
+template <int D>
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightMask
+RangePyramid<D>::hides(const std::array<EightFloats, std::size_t{D}>& centers, const EightFloats& radius,
+                       const EightFloats& distance) const {
+  const EightDirections to = directions_of(centers);
+  EightMask hidden = distance > farthest_;
+  EightMask open = (to.depth > 2.0F * radius).without(hidden);
+  const EightFloats reach = 0.75F * radius / (to.depth - radius);
+  for (const Level& level : levels_) {
+    const auto side = static_cast<float>(level.side);
+    EightMask here = open;
+    if (&level != &levels_.back()) here = here & (reach * side <= 1.0F);
+    if (here.set() == 0) continue;
+    open = open.without(here);
+    here = here & (reach * side <= 2.0F);
+    std::array<EightInts, kSides> first;
+    std::array<EightInts, kSides> last;
+    for (std::size_t k = 0; k < kSides; ++k) {
+      const EightFloats lower = (to.place[k] - reach) * side - 1.0F;
+      const EightFloats upper = (to.place[k] + reach) * side + 1.0F;
+      here = here & (lower >= 0.0F) & (upper < side);
+      first[k] = truncated(lower);
+      last[k] = truncated(upper);
+    }
+    hidden = hidden | here.without(to.has_beams);
+    here = here & to.has_beams;
+    const float* const most = most_.data() + level.first;
+    EightMask passed = EightMask::none();
+    for (int i = 0; i < kMostOnSide; ++i) {
+      const EightInts row = first[0] + i;
+      EightMask in_row = here.without(passed).without(row > last[0]);
+      if (in_row.set() == 0) break;
+      if constexpr (D == 2) {
+        passed = passed | (in_row & (gathered(most, to.face * level.side + row, in_row) > distance));
+      } else {
+        const EightInts begin = (to.face * level.side + row) * level.side;
+        for (int j = 0; j < kMostOnSide; ++j) {
+          const EightInts column = first[1] + j;
+          in_row = in_row.without(column > last[1]);
+          if (in_row.set() == 0) break;
+          passed = passed | (in_row & (gathered(most, begin + column, in_row) > distance));
+        }
+      }
+    }
+    hidden = hidden | here.without(passed);
+  }
+  return hidden;
+}
+
+template <int D>
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats RangePyramid<D>::surely_passed(
+    const std::array<EightFloats, std::size_t{D}>& points, const EightFloats& distance, float radius,
+    const EightFloats& least, const EightMask& wanted) const {
+  const EightDirections to = directions_of(points);
+  const EightInts& face = to.face;
+  EightMask open = wanted & (distance > radius) & to.has_beams;
   EightFloats passed = -1.0F;
-  const EightFloats most_pixels = 2.0F * depth / radius;
+  const EightFloats most_pixels = 2.0F * to.depth / radius;
   for (const Level& level : levels_) {
     const EightMask here = open & (EightFloats(static_cast<float>(level.side)) <= most_pixels);
     if (here.set() == 0) continue;
     EightInts pixel = face;
     for (std::size_t k = 0; k < kSides; ++k) {
-      const EightInts at = truncated(place[k] * static_cast<float>(level.side));
+      const EightInts at = truncated(to.place[k] * static_cast<float>(level.side));
       pixel = pixel * level.side + select(at > level.side - 1, level.side - 1, max_of(at, 0));
     }
     const EightFloats found = gathered(around_.data() + level.first, pixel, here);
