@@ -471,9 +471,9 @@ def test_a_million_cells_are_ready_in_seconds() -> None:
     points[:, 2] = 0.3 * np.sin(points[:, 0]) + generator.normal(0, 0.02, len(points)) - 2
     m.insert(points, np.zeros(3))
     assert m.stats().observed_leaves > 1_000_000
-    begin = time.perf_counter()
+    begin = time.process_time()
     seen = Snapshot(m)
     layer = seen.layer("occupied", Look())
     chosen = layer.chosen(np.zeros(3), 20_000).values()
     assert 5_000 < sum(len(numbers) for _, numbers in chosen) <= 20_000
-    assert time.perf_counter() - begin < 20
+    assert time.process_time() - begin < 20

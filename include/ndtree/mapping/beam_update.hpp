@@ -8,7 +8,7 @@
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/mapping/beam_evidence.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
@@ -18,11 +18,8 @@
 
 namespace ndtree {
 
-/// Visitor that integrates one beam (Sec. III). Three kinds of leaves:
-/// - the one that the end point of a returned beam lies in counts a hit; if the beam only touches that cell
-///   in a corner, the next one along the beam does;
-/// - those before it count a miss, and so does every leaf that a beam without return passes as a whole;
-/// - those behind it, up to range + 3 sigma, count neither, but get their part of the Bayes update.
+/// Visitor that integrates one beam: each leaf on its way is updated (see BeamEvidence), and may split or
+/// merge.
 template <class Tree, class Refinement, class Sensor>
 class BeamUpdate : public BeamVisitor {
   static constexpr int D = Tree::kDim;
@@ -32,9 +29,7 @@ class BeamUpdate : public BeamVisitor {
              UpdateCounters& counters)
       : tree_(tree),
         refinement_(refinement),
-        sensor_(sensor),
-        log_odds_min_(static_cast<float>(options.log_odds_min)),
-        log_odds_max_(static_cast<float>(options.log_odds_max)),
+        evidence_(sensor, options),
         finest_level_(tree.geometry().finest_level()),
         coarsest_level_(Refinement::coarsest_level(finest_level_)),
         counters_(counters) {}
@@ -65,7 +60,7 @@ class BeamUpdate : public BeamVisitor {
 
   template <class Ref>
   bool passes_over(const Ref& parent) {
-    if (is_outside(parent)) return false;        // Its leaves may yet hold the end of the beam.
+    if (is_outside(parent)) return true;
     if (parent.node->note() == 0) return false;  // It was split by this scan, or has been here.
     if (undo_ != nullptr) undo_->keep(tree_, *parent.node);
     parent.node->set_note(0);  // Until the scan is done.
@@ -80,27 +75,9 @@ class BeamUpdate : public BeamVisitor {
   template <class Ref>
   bool leaf(const Ref& leaf, double t_enter, double t_exit) {
     pace_.spend();
-    if (is_outside(leaf)) return pass_outside(t_exit);
+    if (is_outside(leaf)) return true;
     auto& cell = leaf.cell();
-    if (t_exit < t_clearly_free_) {
-      cell.update(sensor_.log_odds_free(), log_odds_min_, log_odds_max_);
-      cell.count_miss();
-    } else if (returned_) {
-      const double cdf_entry =
-          t_enter == t_known_ ? cdf_known_ : Sensor::cdf(rounded(t_enter * range_), range_, sigma_);
-      t_known_ = t_exit;
-      cdf_known_ = Sensor::cdf(rounded(t_exit * range_), range_, sigma_);
-      cell.update(sensor_.log_odds(cdf_entry, cdf_known_), log_odds_min_, log_odds_max_);
-      if (!hit_counted_ && t_exit >= t_hit_) {
-        cell.count_hit();
-        hit_counted_ = true;
-      } else if (!hit_counted_) {
-        cell.count_miss();
-      }
-    } else {  // A beam without return passes every leaf up to where it ends.
-      cell.update(sensor_.log_odds_free(), log_odds_min_, log_odds_max_);
-      cell.count_miss();
-    }
+    evidence_.update(cell, t_enter, t_exit);
     ++counters_.updates;
     if (leaf.index.level > finest_level_ && refinement_.splits(cell)) {
       tree_.split(leaf);
@@ -124,22 +101,11 @@ class BeamUpdate : public BeamVisitor {
   }
 
  private:
-  /// A leaf that ends at the end point, within rounding, lies before the surface: the next one counts the
-  /// hit.
-  static constexpr double kBehindEnd = 1.0 + 1e-12;
-
   /// @param sigma of the range [m]. @pre the beam is valid, and the tree contains it up to t_end().
   void add(const Beam<D>& beam, double sigma) {
-    range_ = beam.range;
-    returned_ = beam.outcome == BeamOutcome::returned;
-    hit_counted_ = false;
     try_merge_ = false;
-    t_known_ = -1.0;
-    sigma_ = sigma;
-    t_clearly_free_ = returned_ ? sensor_.clearly_free_until(range_, sigma_) / range_ : beam.t_free;
-    const double t_end = Sensor::t_end(beam, sigma);
-    t_hit_ = std::min(kBehindEnd, t_end);
-    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, t_end, *this);
+    evidence_.begin(beam, sigma);
+    traverse_beam(tree_, beam.origin, beam.displacement, 0.0, evidence_.t_end(), *this);
   }
 
   /// Whether nothing of a node is to change.
@@ -147,32 +113,15 @@ class BeamUpdate : public BeamVisitor {
   [[nodiscard]] bool is_outside(const Ref& ref) const {
     return !window_.overlaps(ref.index, tree_.geometry().edge(ref.index.level));
   }
-  /// A leaf that only may take the hit, which others then do not.
-  bool pass_outside(double t_exit) {
-    if (t_exit < t_clearly_free_) return true;
-    if (returned_) hit_counted_ = hit_counted_ || t_exit >= t_hit_;
-    return true;
-  }
 
   Tree& tree_;
   const Refinement& refinement_;
-  const Sensor& sensor_;
-  const float log_odds_min_;
-  const float log_odds_max_;
+  BeamEvidence<Sensor> evidence_;
   const int finest_level_;
   const int coarsest_level_;
   UpdateCounters& counters_;
   const Measurements<D, Sensor>* measurements_ = nullptr;
 
-  // Of the beam being integrated:
-  double range_ = 0.0;
-  double sigma_ = 0.0;
-  double t_clearly_free_ = 0.0;
-  double t_hit_ = 0.0;     // The first leaf that ends there, or behind, counts the hit.
-  double t_known_ = -1.0;  // The last leaf's exit, where cdf_known_ holds.
-  double cdf_known_ = 0.0;
-  bool returned_ = false;
-  bool hit_counted_ = false;
   bool try_merge_ = false;  // A child of the node being left could take part in a merge.
 
   UndoLog<Tree>* undo_ = nullptr;

@@ -107,11 +107,11 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   OccupancyMap& operator=(OccupancyMap&&) = default;
   ~OccupancyMap() = default;
 
-  /// Integrates a scan, as the refinement has it: beam by beam in their order, with merging after each
-  /// (paper, fixed; Sec. III), or all beams at once.
+  /// Integrates a scan, as the refinement has it: each beam in its order (fixed), with merging after each
+  /// (paper; Sec. III), or all beams at once.
   /// @param max_range [m] beams that are longer say only that the space up to there is free.
   /// @param threads that may work on a large scan; 0: as many as the machine has cores. The map is the same,
-  ///   bit for bit, for every number. Beam by beam there is only one.
+  ///   bit for bit, for every number. The paper's has only one.
   /// @param window if given, only cells in it change, and become, bit for bit, what they would without it.
   ///   In it are all cells of max_cell_size (of a fixed map: all cells) that share a volume with the box.
   /// @param tells_moved whether the report has the probability that each beam returned from what moves: that

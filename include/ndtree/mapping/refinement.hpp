@@ -16,6 +16,7 @@
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/beam_update.hpp"
 #include "ndtree/mapping/coverage.hpp"
+#include "ndtree/mapping/fixed_update.hpp"
 #include "ndtree/mapping/leaf_action.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/scan_update.hpp"
@@ -147,7 +148,7 @@ struct FixedRefinement {
   static constexpr bool kAdaptive = false;
   using Cell = OccupancyCell;
   template <class Tree, class Sensor>
-  using Update = BeamUpdate<Tree, FixedRefinement, Sensor>;
+  using Update = FixedUpdate<Tree, FixedRefinement, Sensor>;
 
   explicit FixedRefinement(const MapOptions&) {}
 

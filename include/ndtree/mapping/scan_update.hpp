@@ -14,10 +14,10 @@
 #include <utility>
 #include <vector>
 
-#include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
+#include "ndtree/mapping/scan/arenas.hpp"
 #include "ndtree/mapping/scan/counting_sort.hpp"
 #include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
@@ -255,28 +255,6 @@ class ScanUpdate {
                                [](double sum, const BeamRay<D>& ray) { return sum + ray.t_max; }));
   }
 
-  /// Arenas of nodes, one for each worker; the tree takes them back when this ends, also by an exception.
-  class Arenas {
-   public:
-    struct alignas(kCacheLines) Lent {
-      typename Tree::Arena arena;
-    };
-
-    Arenas(Tree& tree, std::size_t count) : tree_(tree), arenas_(count) {
-      for (Lent& lent : arenas_) tree_.lend(lent.arena);
-    }
-    Arenas(const Arenas&) = delete;
-    Arenas& operator=(const Arenas&) = delete;
-    ~Arenas() {
-      for (Lent& lent : arenas_) tree_.absorb(lent.arena);
-    }
-    [[nodiscard]] std::vector<Lent>& all() { return arenas_; }
-
-   private:
-    Tree& tree_;
-    std::vector<Lent> arenas_;
-  };
-
   /// The level of cells that are tasks, above which nothing is merged.
   [[nodiscard]] int coarsest_level() const {
     return Refinement::coarsest_level(tree_.geometry().finest_level());
@@ -284,10 +262,10 @@ class ScanUpdate {
 
   /// Walks with all workers.
   void run_tasks(Workers& workers) {
-    Arenas arenas(tree_, workers.count());
+    Arenas<Tree> arenas(tree_, workers.count());
     std::vector<Walk> walks;
     walks.reserve(arenas.all().size());
-    for (typename Arenas::Lent& lent : arenas.all())
+    for (typename Arenas<Tree>::Lent& lent : arenas.all())
       walks.emplace_back(tree_, lent.arena, refinement_, sensor_, beams_, log(1 + walks.size()), window_);
     ScanTasks<Tree, Walk>(tree_, arenas.all().front().arena, coarsest_level(), workers, walks, log(0))
         .run(beams_.size());

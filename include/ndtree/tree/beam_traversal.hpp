@@ -5,11 +5,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <type_traits>
 #include <utility>
 
+#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
@@ -127,7 +129,69 @@ class BeamStepper {
     }
   }
 
+  /// Calls `visit(lower, t_enter, t_exit)` for each cell of one level in a larger cell that the beam passes
+  /// through over more than a point, in order: those that for_each_child() reaches from level to level, with
+  /// the same entries and exits.
+  /// @param t_enter, t_exit of the larger cell. @param edge of the cells, in smallest ones.
+  template <class Visit>
+  void for_each_cell(const CellIndex<D>& in, std::int64_t edge, double t_enter, double t_exit,
+                     Visit&& visit) const {
+    Lattice<D> lower;                            // Of the current cell.
+    Lattice<D> step;                             // To the next one on each axis.
+    std::array<double, std::size_t{D}> t_next;   // Where the beam leaves it on each axis, and where
+    std::array<double, std::size_t{D}> t_after;  // the next one: known before it is needed.
+    std::array<double, std::size_t{D}> plane;    // Of t_after, in smallest cells.
+    for (std::size_t a = 0; a < D; ++a) {
+      const double d = direction_[static_cast<int>(a)];
+      lower[a] = first_on_axis(a, in, edge, t_enter);
+      step[a] = d < 0.0 ? -edge : edge;
+      plane[a] = static_cast<double>(d < 0.0 ? lower[a] : lower[a] + edge);
+      t_next[a] = d == 0.0 ? kNever : crossing_of(a, plane[a]);
+      plane[a] += static_cast<double>(step[a]);
+      t_after[a] = d == 0.0 ? kNever : crossing_of(a, plane[a]);
+    }
+    for (double t = t_enter;;) {
+      double t_leave = t_exit;
+      for (std::size_t a = 0; a < D; ++a) t_leave = std::min(t_leave, t_next[a]);
+      if (t_leave > t) {
+        visit(static_cast<const Lattice<D>&>(lower), t, t_leave);
+        t = t_leave;
+      }
+      if (t_leave >= t_exit) return;
+      for (std::size_t a = 0; a < D; ++a) {  // Through an edge or a corner: all its axes step at once.
+        if (t_next[a] > t_leave) continue;
+        lower[a] += step[a];
+        t_next[a] = t_after[a];
+        plane[a] += static_cast<double>(step[a]);
+        t_after[a] = crossing_of(a, plane[a]);
+      }
+    }
+  }
+
  private:
+  /// Where, on an axis, the cell begins that the beam is in behind t. @param in the larger cell that it lies
+  /// in.
+  [[nodiscard]] std::int64_t first_on_axis(std::size_t a, const CellIndex<D>& in, std::int64_t edge,
+                                           double t) const {
+    const double d = direction_[static_cast<int>(a)];
+    const std::int64_t first = in.lower[a];
+    const std::int64_t last = first + geometry_->edge(in.level) - edge;
+    const double way = origin_[static_cast<int>(a)] + t * d - geometry_->border(first);
+    const double guess = std::floor(way / (static_cast<double>(edge) * geometry_->unit()));
+    const std::int64_t cells = (last - first) / edge;
+    std::int64_t lower =
+        first + edge * static_cast<std::int64_t>(std::min(std::max(guess, 0.0), static_cast<double>(cells)));
+    // Planes at or before t are passed: they decide, not the guess.
+    const bool is_downwards = d < 0.0;
+    while (lower > first && (crossing(a, lower) > t) != is_downwards) lower -= edge;
+    while (lower < last && (crossing(a, lower + edge) > t) == is_downwards) lower += edge;
+    return lower;
+  }
+  /// crossing() of a plane whose coordinate is a whole number, for a beam that is not parallel to it.
+  [[nodiscard]] double crossing_of(std::size_t a, double coordinate) const {
+    return (rounded(coordinate * geometry_->unit()) - origin_[static_cast<int>(a)]) /
+           direction_[static_cast<int>(a)];
+  }
   /// Where the beam meets the lattice plane at `coordinate` on axis a. It depends on the plane alone, and
   /// never decreases from plane to plane along the beam: cells of all levels agree on their common faces. For
   /// a beam parallel to the plane: -inf if the beam lies on the plane or above it, +inf if below.

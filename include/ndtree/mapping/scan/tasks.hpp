@@ -123,7 +123,7 @@ class ScanTasks {
     }
     if (ref.is_leaf())
       tree_.split_node(*ref.node, {}, arena_);
-    else if (undo_ != nullptr)
+    else if (undo_ != nullptr && ref.node->note() != 0)  // Else tasks of this scan have been here.
       undo_->keep(tree_, *ref.node);
     ref.node->set_note(0);  // No valid summary until the scan is done.
     std::vector<Range> in_child = parts;
@@ -209,7 +209,7 @@ class ScanTasks {
         tasks.push_back(task);
         continue;
       }
-      if (undo_ != nullptr) undo_->keep(tree_, *task.ref.node);
+      if (undo_ != nullptr && task.ref.node->note() != 0) undo_->keep(tree_, *task.ref.node);
       for (int c = 0; c < Tree::kNumChildren; ++c) {
         const Ref child = tree_.child(task.ref, c);
         const auto cell =

@@ -750,7 +750,7 @@ class OccupancyMap:
             Longer beams are free up to there and have no end point [m].
         threads : int
             That may work on a large scan; 0: as many as the machine has cores. The map is the same, bit for bit, for
-            every number. Beam by beam there is only one.
+            every number. Of a map refined as the paper has it there is only one.
         window : (2, dim) array of float, optional
             Lower and upper corner [m]: only cells in this box change, and become, bit for bit, what they would
             without it. In it are all cells of `max_cell_size` (of a fixed map: all cells) that share a volume with it.

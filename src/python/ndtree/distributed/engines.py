@@ -179,6 +179,8 @@ class RayEngine(Engine):
             )
         self.workers = workers or int(ray.cluster_resources().get("CPU", 1))
         self._remote = ray.remote(num_cpus=1, max_retries=-1)(_call)
+        if self._is_ours:  # A worker's process begins with its first task.
+            ray.get([self._remote.remote(_import_tasks, ()) for _ in range(self.workers)])
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
         return self._remote.remote(function, arguments)
@@ -273,6 +275,11 @@ def _end_with_parent() -> None:
 
 def _call(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     return function(*arguments)
+
+
+def _import_tasks() -> None:
+    """Load what tasks need."""
+    import ndtree.distributed.stages  # noqa: F401
 
 
 def engine_of(engine: str | Engine, workers: int | None) -> Engine:
