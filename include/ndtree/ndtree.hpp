@@ -25,6 +25,7 @@
 #include "ndtree/query/cells_on_beam.hpp"
 #include "ndtree/query/changes.hpp"
 #include "ndtree/query/collision.hpp"
+#include "ndtree/query/disputed.hpp"
 #include "ndtree/query/distance_field.hpp"
 #include "ndtree/query/distance_transform.hpp"
 #include "ndtree/query/field_grid.hpp"

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "ndtree/core/random.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/evaluation/cell_numbers.hpp"
 #include "ndtree/evaluation/moved.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"
@@ -247,6 +248,27 @@ TEST(Moved, ThreadsChangeNothing) {
     ASSERT_EQ(one.size(), many.size());
     EXPECT_EQ(std::memcmp(one.data(), many.data(), one.size() * sizeof(float)), 0);
   }
+}
+
+TEST(Moved, NumbersAtATimeChangeNothing) {
+  SimulationOptions simulation;
+  simulation.people = 3;
+  MovedOptions options;
+  options.range_sigma = 0.02;
+  const auto compare = [&](const auto& log) {
+    Simd::limit(1);
+    const std::vector<float> one = shares_of(log, options, 1).all;
+    Simd::limit(Simd::kWidest);
+    const std::vector<float> many = shares_of(log, options, 1).all;
+    ASSERT_EQ(one.size(), many.size());
+    EXPECT_GT(one.size(), 10'000U);
+    EXPECT_EQ(std::memcmp(one.data(), many.data(), one.size() * sizeof(float)), 0);
+  };
+  simulation.scans = 100;
+  compare(simulate_office(simulation));
+  simulation.scans = 8;
+  compare(simulate_apartment(simulation));
+  compare(simulate_street(simulation, {32, 256}));
 }
 
 TEST(Moved, ScansWithoutBeamsAndWrongCalls) {

@@ -28,7 +28,7 @@ def run(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, *arguments: st
 
 
 def test_examples_are_short_and_shown() -> None:
-    assert EXAMPLES == ["explore", "follow", "localise", "plan"]
+    assert EXAMPLES == ["explore", "follow", "localise", "plan", "timetable"]
     page = (ROOT / "docs" / "examples.md").read_text()
     for name in EXAMPLES:
         assert len((ROOT / "examples" / f"{name}.py").read_text().splitlines()) < 80, name
@@ -105,3 +105,14 @@ def test_the_window_keeps_its_size(tmp_path, monkeypatch) -> None:
     kept = np.linalg.norm(leaves.center - here, axis=1) < 5.0
     assert kept.sum() > 1000
     assert (left["whole"].state(leaves.center[kept]) == leaves.state[kept]).mean() > 0.97
+
+
+def test_a_map_by_time_of_day_knows_the_next_day(tmp_path, monkeypatch) -> None:
+    left = run("timetable", tmp_path, monkeypatch)
+    (one, one_changing), (hourly, hourly_changing), (timed, timed_changing) = left["accuracy"]
+    assert timed > hourly - 0.002 > one + 0.04
+    assert timed_changing > hourly_changing - 0.005 > one_changing + 0.1
+    page = (ROOT / "docs" / "examples.md").read_text()
+    for right, count in zip(left["accuracy"], left["cells"]):
+        row = f"| {100 * right[0]:.1f} % | {100 * right[1]:.1f} % | {count:,} |"
+        assert row in page, "the table of the page"

@@ -115,6 +115,63 @@ def test_a_map_alone_knows_too(office):
     assert scores.dynamic_accuracy > 0.5
 
 
+def test_insert_tells_what_moved_by_the_map_before(office):
+    options = {"dim": 2, "range_sigma": 0.02}
+    m, plain, one_thread = (ndtree.AdaptiveMap(**options) for _ in range(3))
+    said, truth = [], []
+    for i, scan in enumerate(office):
+        inside = np.linalg.norm(scan.endpoints - scan.origin, axis=1) <= 8.0
+        counts = scan.returned & inside
+        expected = np.where(counts, m.moved(scan.endpoints), np.float32(0.5))
+        report = scan.insert_into(m, max_range=8.0, moved=True)
+        assert report.moved.dtype == np.float32
+        np.testing.assert_array_equal(report.moved, expected)
+        again = scan.insert_into(one_thread, max_range=8.0, moved=True, threads=1)
+        np.testing.assert_array_equal(again.moved, expected)
+        assert scan.insert_into(plain, max_range=8.0).moved is None
+        said.append(report.moved[counts] > 0.5)
+        truth.append(office.moved(i)[counts])
+    assert m == plain == one_thread
+    scores = moved_scores(np.concatenate(said), np.concatenate(truth))
+    assert scores.static_accuracy > 0.93
+    assert scores.dynamic_accuracy > 0.6  # Without the future: where it was seen free before.
+    for kind in (ndtree.FixedMap(dim=2), *([ndtree.OctoMap(dim=2)] if ndtree.has_octomap else [])):
+        scan.insert_into(kind)
+        expected = kind.moved(scan.endpoints.reshape(1, -1, 2))
+        told = kind.insert(scan.endpoints.reshape(1, -1, 2), scan.origin, moved=True).moved
+        assert told.shape == (1, len(scan))  # As the points.
+        np.testing.assert_array_equal(told, expected)
+
+
+def test_what_is_disputed_is_where_something_moved(office, tmp_path):
+    still = ndtree.simulate("office", seed=7, scans=150)
+    fractions = []
+    for log in (still, office):
+        m = ndtree.AdaptiveMap(dim=2, range_sigma=0.02)
+        for scan in log:
+            scan.insert_into(m)
+        leaves = m.leaves()
+        area = leaves.size**2
+        assert not leaves.disputed[~leaves.observed].any()
+        assert m.disputed == area[leaves.disputed].sum() / area[leaves.observed].sum()
+        assert m.disputed == leaves.disputed_fraction == ndtree.AdaptiveMap.disputed.fget(m)
+        fractions.append(m.disputed)
+    assert fractions[0] < 0.005
+    assert fractions[1] > max(0.005, 3 * fractions[0])
+    m.save(tmp_path / "m.ndt")
+    result = run("info", tmp_path / "m.ndt", "--json", tmp_path / "f.json")
+    assert result.exit_code == 0
+    assert f"disputed: {100 * m.disputed:.2g} % of the observed area" in result.output
+    assert json.loads((tmp_path / "f.json").read_text())["disputed"] == m.disputed
+    empty, fixed = ndtree.AdaptiveMap(dim=3), ndtree.FixedMap(dim=2)
+    scan.insert_into(fixed)
+    assert np.isnan(empty.disputed) and np.isnan(fixed.disputed)
+    fixed.save(tmp_path / "f.ndt")
+    result = run("info", tmp_path / "f.ndt", "--json", tmp_path / "f.json")
+    assert "disputed:" not in result.output
+    assert json.loads((tmp_path / "f.json").read_text())["disputed"] is None
+
+
 def test_scans_without_what_moved_say_nothing_of_its_place(office):
     points = MovedPoints(office, {"range_sigma": 0.02}, np.inf, "free").look()
     changed = 0

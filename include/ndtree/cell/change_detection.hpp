@@ -28,6 +28,13 @@ class ChangeDetection {
     return cell.streak() >= kLeastScans &&
            cell.state() == (cell.streak_is_of_hits() ? CellState::free : CellState::occupied);
   }
+  /// True if at least kLeastBeams beams contradict a streak of at least kLeastScans: they ended in the cell
+  /// before, and all later scans passed it, or the other way round. Whether that is enough for a change is
+  /// another question.
+  [[nodiscard]] static bool is_disputed(const EvidenceCell& cell) {
+    return cell.streak() >= kLeastScans &&
+           (cell.streak_is_of_hits() ? cell.misses() : cell.hits()) >= kLeastBeams;
+  }
   /// True if the streak is so unlikely under the cell's evidence that the world must have changed there.
   [[nodiscard]] bool has_changed(const EvidenceCell& cell, const EvidenceMemory& memory) const {
     if (!has_contradiction(cell) || probability_ == 0.0) return false;
@@ -47,6 +54,7 @@ class ChangeDetection {
 
  private:
   static constexpr std::uint32_t kLeastScans = 12;
+  static constexpr std::uint32_t kLeastBeams = 2;  // One alone may be an error.
 
   static void forget_all_but_streak(EvidenceCell& cell, const EvidenceMemory& memory) {
     const bool hit = cell.streak_is_of_hits();

@@ -243,6 +243,11 @@ struct EightFloats {
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats float_of(const EightInts& bits) {
   return EightFloats::from(_mm256_castsi256_ps(bits.v));
 }
+/// Numbers of a table in memory where a condition holds, else 0; others are not read.
+[[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats gathered(const float* table, const EightInts& at,
+                                                           const EightMask& where) {
+  return EightFloats::from(_mm256_mask_i32gather_ps(_mm256_setzero_ps(), table, at.v, where.v, 4));
+}
 /// One permutation of a register; no gather.
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats one_of_eight(const float* table, const EightInts& at) {
   return EightFloats::from(_mm256_permutevar8x32_ps(_mm256_loadu_ps(table), at.v));

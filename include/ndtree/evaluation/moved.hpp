@@ -20,10 +20,12 @@
 
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/cancel.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/scan.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/evaluation/cell_numbers.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"
@@ -101,9 +103,10 @@ class MovedEvidence {
         out[i] = 0.5F;
         return;
       }
-      const Cell& cell = cells_[number];
-      out[i] = cell.through < kKnown && cell.hits < kKnown ? known_[cell.through * kKnown + cell.hits]
-                                                           : probability(cell.through, cell.hits);
+      const std::uint32_t through = workers_ ? through_[number] : 0;
+      const std::uint32_t hits = workers_ ? hits_[number] : 0;
+      out[i] =
+          through < kKnown && hits < kKnown ? known_[through * kKnown + hits] : probability(through, hits);
     });
   }
   /// Of a cell that `through` scans saw through, and in which `hits` found a surface.
@@ -116,7 +119,7 @@ class MovedEvidence {
   }
 
   [[nodiscard]] const MovedOptions& options() const { return options_; }
-  [[nodiscard]] std::size_t num_cells() const { return cells_.size(); }
+  [[nodiscard]] std::size_t num_cells() const { return numbers_ ? numbers_->size() : 0; }
 
  private:
   using Point = Eigen::Matrix<float, D, 1>;
@@ -127,16 +130,13 @@ class MovedEvidence {
     Point mean = Point::Zero();  // Of the points in it, relative to base_ [m].
     float sigma = 0.0F;          // Of their ranges, on average [m].
     std::uint32_t points = 0;
-    std::uint32_t hits = 0;     // Scans that found a surface there.
-    std::uint32_t through = 0;  // Scans that saw through it.
   };
-  /// A ball around cells [begin, end), by the order of the tree.
-  struct Ball {
-    Point center;
-    float radius;
-    float margin;  // The largest of its cells.
-    std::uint32_t begin;
-    std::uint32_t end;
+  /// Balls around kFanOut cells or balls each, by the order of the tree; a few behind the last are empty.
+  struct Balls {
+    std::array<std::vector<float>, std::size_t{D}> centers;
+    std::vector<float> radius;
+    std::vector<float> margin;  // The largest of their cells.
+    std::size_t size = 0;
   };
 
   static const MovedOptions& validated(const MovedOptions& options) {
@@ -155,18 +155,34 @@ class MovedEvidence {
   }
   void plant(std::size_t threads);
   void look_from(const ScanView<D>& scan, Eigen::Index first, Eigen::Index last, double max_range);
+  /// Whether a scan cannot say anything of a ball's cells.
+  [[nodiscard]] bool is_hidden(const Balls& balls, std::size_t number) const;
+  /// Asks the scan about the cells of a ball that is not hidden.
   void visit(std::size_t level, std::size_t number);
+#ifdef NDTREE_HAS_EIGHTS
+  /// is_hidden() of eight balls, a bit each.
+  NDTREE_BY_EIGHTS [[nodiscard]] unsigned hidden_by_eights(const Balls& balls, std::size_t first) const;
+  /// What visit() does for the cells [i, end) of a ball of level 0.
+  NDTREE_BY_EIGHTS void ask_by_eights(std::size_t i, std::size_t end);
+  bool by_eights_ = Simd::width() >= 8;
+#endif
 
   MovedOptions options_;
   QuickIncompleteBeta below_;              // Of error_rate.
   std::vector<float> known_;               // Probabilities of numbers of scans below kKnown.
   Vector<D> base_ = Vector<D>::Zero();     // Near the first end point, so that floats are exact enough.
   std::optional<CellNumbers<D>> numbers_;  // From the first end point on.
-  std::vector<Cell> cells_;                // After plant() in the order of the tree.
-  std::vector<std::vector<Ball>> balls_;   // Level 0 holds cells, each other one balls of the level below.
+  std::vector<Cell> cells_;                // By number; none after plant().
+  // After plant(), of cells in the order of the tree, and a few behind the last:
+  std::array<std::vector<float>, std::size_t{D}> means_;  // Of their points, relative to base_ [m].
+  std::vector<float> margins_;                            // By how much a beam must pass them [m].
+  std::vector<std::uint32_t> hits_;                       // Scans that found a surface there.
+  std::vector<std::uint32_t> through_;                    // Scans that saw through them.
+  std::vector<Balls> balls_;  // Level 0 holds cells, each other one balls of the level below.
   std::size_t task_level_ = 0;
   RangePyramid<D> pyramid_;
   Point origin_ = Point::Zero();
+  float in_view_ = 0.0F;  // The radius that beams around a cell must surround [m].
   std::unique_ptr<Workers> workers_;
 };
 
@@ -226,7 +242,7 @@ void MovedEvidence<D>::plant(std::size_t threads) {
   cells_ = std::move(sorted);
   if (numbers_) numbers_->renumber(now);
   for (std::size_t width = kFanOut; n > 0; width *= kFanOut) {
-    std::vector<Ball>& level = balls_.emplace_back();
+    Balls& level = balls_.emplace_back();
     for (std::size_t begin = 0; begin < n; begin += width) {
       const std::size_t end = std::min(n, begin + width);
       Point lower = cells_[begin].mean;
@@ -237,21 +253,38 @@ void MovedEvidence<D>::plant(std::size_t threads) {
         upper = upper.cwiseMax(cells_[i].mean);
         margin = std::max(margin, margin_of(cells_[i]));
       }
-      level.push_back({0.5F * (lower + upper), 0.5F * (upper - lower).norm(), margin,
-                       static_cast<std::uint32_t>(begin), static_cast<std::uint32_t>(end)});
+      const Point center = 0.5F * (lower + upper);
+      for (std::size_t k = 0; k < D; ++k) level.centers[k].push_back(center[static_cast<int>(k)]);
+      level.radius.push_back(0.5F * (upper - lower).norm());
+      level.margin.push_back(margin);
     }
-    if (level.size() <= kFanOut) break;
+    level.size = level.radius.size();
+    const std::size_t padded = (level.size + kFanOut - 1) / kFanOut * kFanOut;
+    for (std::vector<float>& center : level.centers) center.resize(padded, 0.0F);
+    level.radius.resize(padded, 0.0F);
+    level.margin.resize(padded, 0.0F);
+    if (level.size <= kFanOut) break;
   }
+  const std::size_t padded = (n + kFanOut - 1) / kFanOut * kFanOut;
+  for (std::size_t k = 0; k < D; ++k) {
+    means_[k].assign(padded, 0.0F);
+    for (std::size_t i = 0; i < n; ++i) means_[k][i] = cells_[i].mean[static_cast<int>(k)];
+  }
+  margins_.assign(padded, 0.0F);
+  for (std::size_t i = 0; i < n; ++i) margins_[i] = margin_of(cells_[i]);
+  hits_.assign(padded, 0);
+  through_.assign(padded, 0);
+  cells_ = {};
   workers_ = std::make_unique<Workers>(threads);
   constexpr std::size_t kTasksPerThread = 8;
   task_level_ = balls_.empty() ? 0 : balls_.size() - 1;
-  while (task_level_ > 0 && balls_[task_level_].size() < kTasksPerThread * workers_->count()) --task_level_;
+  while (task_level_ > 0 && balls_[task_level_].size < kTasksPerThread * workers_->count()) --task_level_;
 }
 
 template <int D>
 void MovedEvidence<D>::look(const ScanView<D>& scan, double max_range, std::size_t threads) {
   if (!workers_) plant(threads);
-  if (cells_.empty()) return;
+  if (balls_.empty()) return;
   if (!scan.origin_per_beam) {
     look_from(scan, 0, scan.size, max_range);
     return;
@@ -283,40 +316,99 @@ void MovedEvidence<D>::look_from(const ScanView<D>& scan, Eigen::Index first, Ei
     pyramid_.add((way / range).template cast<float>(), static_cast<float>(std::max(sure, 0.0)));
   }
   pyramid_.build();
-  workers_->for_each_task(balls_[task_level_].size(),
-                          [this](std::size_t, std::size_t task) { visit(task_level_, task); });
+  in_view_ = static_cast<float>(0.25 * options_.cell_size + options_.noise_sigmas * options_.range_sigma);
+  workers_->for_each_task(balls_[task_level_].size, [this](std::size_t, std::size_t task) {
+    if (!is_hidden(balls_[task_level_], task)) visit(task_level_, task);
+  });
+}
+
+template <int D>
+bool MovedEvidence<D>::is_hidden(const Balls& balls, std::size_t number) const {
+  Point center;
+  for (std::size_t k = 0; k < D; ++k) center[static_cast<int>(k)] = balls.centers[k][number];
+  const Point way = center - origin_;
+  float square = 0.0F;
+  for (int k = 0; k < D; ++k) square = rounded(way[k] * way[k]) + square;
+  const float radius = balls.radius[number];
+  const float nearest = std::sqrt(square) - radius - balls.margin[number];
+  return nearest > 0.0F && pyramid_.hides(center, radius + in_view_, nearest);
 }
 
 template <int D>
 void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
-  const Ball& ball = balls_[level][number];
-  const Point to_center = ball.center - origin_;
-  float square = 0.0F;
-  for (int k = 0; k < D; ++k) square = rounded(to_center[k] * to_center[k]) + square;
-  const auto in_view =
-      static_cast<float>(0.25 * options_.cell_size + options_.noise_sigmas * options_.range_sigma);
-  const float nearest = std::sqrt(square) - ball.radius - ball.margin;
-  if (nearest > 0.0F && pyramid_.hides(ball.center, ball.radius + in_view, nearest)) return;
+  const std::size_t first = kFanOut * number;
   if (level > 0) {
-    const std::vector<Ball>& inner = balls_[level - 1];
-    for (std::size_t i = kFanOut * number; i < std::min(kFanOut * (number + 1), inner.size()); ++i)
-      visit(level - 1, i);
+    const Balls& inner = balls_[level - 1];
+    const std::size_t count = std::min(kFanOut, inner.size - first);
+#ifdef NDTREE_HAS_EIGHTS
+    if (by_eights_) {
+      const unsigned hidden = hidden_by_eights(inner, first);
+      for (std::size_t i = 0; i < count; ++i)
+        if ((hidden >> i & 1U) == 0) visit(level - 1, first + i);
+      return;
+    }
+#endif
+    for (std::size_t i = first; i < first + count; ++i)
+      if (!is_hidden(inner, i)) visit(level - 1, i);
     return;
   }
-  for (std::uint32_t i = ball.begin; i < ball.end; ++i) {
-    Cell& cell = cells_[i];
-    const Point way = cell.mean - origin_;
+  const std::size_t end = std::min(first + kFanOut, num_cells());
+#ifdef NDTREE_HAS_EIGHTS
+  if (by_eights_) {
+    ask_by_eights(first, end);
+    return;
+  }
+#endif
+  for (std::size_t i = first; i < end; ++i) {
+    Point mean;
+    for (std::size_t k = 0; k < D; ++k) mean[static_cast<int>(k)] = means_[k][i];
+    const Point way = mean - origin_;
     float sum = 0.0F;
     for (int k = 0; k < D; ++k) sum = rounded(way[k] * way[k]) + sum;
     const float distance = std::sqrt(sum);
-    const float margin = margin_of(cell);
-    const float passed =
-        pyramid_.surely_passed(cell.mean, distance, in_view, std::max(distance - margin, 0.0F));
+    const float margin = margins_[i];
+    const float passed = pyramid_.surely_passed(mean, distance, in_view_, std::max(distance - margin, 0.0F));
     if (passed > distance + margin)
-      ++cell.through;
+      ++through_[i];
     else if (passed >= 0.0F)
-      ++cell.hits;
+      ++hits_[i];
   }
 }
+
+#ifdef NDTREE_HAS_EIGHTS
+template <int D>
+NDTREE_BY_EIGHTS unsigned MovedEvidence<D>::hidden_by_eights(const Balls& balls, std::size_t first) const {
+  std::array<EightFloats, std::size_t{D}> center;
+  EightFloats square = 0.0F;
+  for (std::size_t k = 0; k < D; ++k) {
+    center[k] = EightFloats::load(balls.centers[k].data() + first);
+    const EightFloats way = center[k] - origin_[static_cast<int>(k)];
+    square = rounded(way * way) + square;
+  }
+  const EightFloats radius = EightFloats::load(balls.radius.data() + first);
+  const EightFloats nearest = sqrt_of(square) - radius - EightFloats::load(balls.margin.data() + first);
+  return (pyramid_.hides(center, radius + in_view_, nearest) & (nearest > 0.0F)).set();
+}
+
+template <int D>
+NDTREE_BY_EIGHTS void MovedEvidence<D>::ask_by_eights(std::size_t i, std::size_t end) {
+  static_assert(kFanOut == EightFloats::kWidth, "a ball of eight cells");
+  std::array<EightFloats, std::size_t{D}> mean;
+  EightFloats sum = 0.0F;
+  for (std::size_t k = 0; k < D; ++k) {
+    mean[k] = EightFloats::load(means_[k].data() + i);
+    const EightFloats way = mean[k] - origin_[static_cast<int>(k)];
+    sum = rounded(way * way) + sum;
+  }
+  const EightFloats distance = sqrt_of(sum);
+  const EightFloats margin = EightFloats::load(margins_.data() + i);
+  const EightFloats passed = pyramid_.surely_passed(mean, distance, in_view_, max_of(distance - margin, 0.0F),
+                                                    EightMask::first(end - i));
+  const EightMask is_beyond = passed > distance + margin;
+  const EightMask found = (passed >= 0.0F) & EightMask::all().without(is_beyond);
+  (EightInts::load(through_.data() + i) - EightInts::minus_one_where(is_beyond)).store(through_.data() + i);
+  (EightInts::load(hits_.data() + i) - EightInts::minus_one_where(found)).store(hits_.data() + i);
+}
+#endif
 
 }  // namespace ndtree

@@ -12,7 +12,9 @@
 #include <limits>
 #include <vector>
 
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
+#include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
 
 namespace ndtree {
@@ -58,6 +60,19 @@ class RangePyramid {
   /// @param distance of the point from the origin [m]. @param radius of what must be in view around it [m].
   [[nodiscard]] float surely_passed(const Point& point, float distance, float radius, float least) const;
 
+#ifdef NDTREE_HAS_EIGHTS
+  /// surely_passed() of eight points, with the same bits.
+  /// @param points coordinate by coordinate. @param wanted which are asked about: others get negative
+  /// numbers.
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats
+  surely_passed(const std::array<EightFloats, std::size_t{D}>& points, const EightFloats& distance,
+                float radius, const EightFloats& least, const EightMask& wanted) const;
+  /// hides() of eight balls.
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightMask
+  hides(const std::array<EightFloats, std::size_t{D}>& centers, const EightFloats& radius,
+        const EightFloats& distance) const;
+#endif
+
   /// Whether no beam near a ball surely passed farther than `distance` from the origin: nothing can be said
   /// of what is in it. May be false although it is so.
   [[nodiscard]] bool hides(const Point& center, float radius, float distance) const;
@@ -81,9 +96,8 @@ class RangePyramid {
     float sure = 0.0F;
   };
   struct Level {
-    int side = 0;              // Pixels along a side of a face.
-    std::vector<float> least;  // kHole where there is none.
-    std::vector<float> most;   // 0 where there is none.
+    int side = 0;           // Pixels along a side of a face.
+    std::size_t first = 0;  // Of its pixels among those of all levels.
   };
 
   [[nodiscard]] static int face_of(const Point& direction, Place& place) {
@@ -115,17 +129,35 @@ class RangePyramid {
     return index;
   }
   [[nodiscard]] int finest_side() const;
-  void coarsen(const Level& fine, Level& coarse) const;
-  [[nodiscard]] float around(const Level& level, int face, const Place& place, float wanted,
-                             bool& seen) const;
+  void coarsen(const Level& fine, const Level& coarse);
+  void look_around(const Level& level);
+#ifdef NDTREE_HAS_EIGHTS
+  static constexpr int kMostOnSide =
+      7;  // Pixels that hides() looks at, along a side: 2 reach + 2, and a part.
+  struct EightDirections {
+    EightFloats depth;  // Along the main axis.
+    std::array<EightFloats, kSides> place;
+    EightInts face;
+    EightMask has_beams;
+  };
+  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightDirections
+  directions_of(const std::array<EightFloats, std::size_t{D}>& points) const;
+  NDTREE_BY_EIGHTS static void look_around_eight(const float* pixels, int side, float* out);
+  bool by_eights_ = Simd::width() >= 8;
+#endif
+  [[nodiscard]] float around(const Level& level, int face, const Pixel& at) const;
   [[nodiscard]] float least_at(const Level& level, int face, const Pixel& at) const;
 
   Point origin_ = Point::Zero();
   std::vector<Beam> beams_;
   float farthest_ = 0.0F;
   std::array<bool, kFaces> has_beams_{};
-  std::vector<Level> levels_;  // From the finest on; the first num_levels_ are in use.
-  std::size_t num_levels_ = 0;
+  std::vector<Level> levels_;  // From the finest on.
+  // Of all levels' pixels, up to where beams surely passed:
+  std::vector<float> least_;  // kHole where there is none.
+  std::vector<float> most_;   // 0 where there is none.
+  // The least of a pixel and all around it, negative (also 0) where they do not surround a direction:
+  std::vector<float> around_;
 };
 
 template <int D>
@@ -153,35 +185,35 @@ template <int D>
 void RangePyramid<D>::build() {
   has_beams_.fill(false);
   for (const Beam& beam : beams_) has_beams_[static_cast<std::size_t>(beam.face)] = true;
-  num_levels_ = 0;
+  levels_.clear();
+  std::size_t pixels = 0;
   for (int side = finest_side(); side >= kCoarsest; side /= 2) {
-    if (levels_.size() == num_levels_) levels_.emplace_back();
-    Level& level = levels_[num_levels_++];
-    level.side = side;
-    const std::size_t face = per_face(side);
-    level.least.resize(kFaces * face);
-    level.most.resize(kFaces * face);
-    if (num_levels_ > 1) {
-      coarsen(levels_[num_levels_ - 2], level);
-      continue;
-    }
-    for (std::size_t f = 0; f < kFaces; ++f) {
-      if (!has_beams_[f]) continue;
-      std::fill_n(level.least.begin() + static_cast<std::ptrdiff_t>(f * face), face, kHole);
-      std::fill_n(level.most.begin() + static_cast<std::ptrdiff_t>(f * face), face, 0.0F);
-    }
-    for (const Beam& beam : beams_) {
-      Pixel at;
-      for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(beam.place[k], side);
-      const std::size_t i = pixel(beam.face, at, side);
-      level.least[i] = std::min(level.least[i], beam.sure);
-      level.most[i] = std::max(level.most[i], beam.sure);
-    }
+    levels_.push_back({side, pixels});
+    pixels += kFaces * per_face(side);
   }
+  least_.resize(pixels);
+  most_.resize(pixels);
+  around_.resize(pixels);
+  const int side = levels_.front().side;
+  const std::size_t face = per_face(side);
+  for (std::size_t f = 0; f < kFaces; ++f) {
+    if (!has_beams_[f]) continue;
+    std::fill_n(least_.begin() + static_cast<std::ptrdiff_t>(f * face), face, kHole);
+    std::fill_n(most_.begin() + static_cast<std::ptrdiff_t>(f * face), face, 0.0F);
+  }
+  for (const Beam& beam : beams_) {
+    Pixel at;
+    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(beam.place[k], side);
+    const std::size_t i = pixel(beam.face, at, side);
+    least_[i] = std::min(least_[i], beam.sure);
+    most_[i] = std::max(most_[i], beam.sure);
+  }
+  for (std::size_t i = 1; i < levels_.size(); ++i) coarsen(levels_[i - 1], levels_[i]);
+  for (const Level& one : levels_) look_around(one);
 }
 
 template <int D>
-void RangePyramid<D>::coarsen(const Level& fine, Level& coarse) const {
+void RangePyramid<D>::coarsen(const Level& fine, const Level& coarse) {
   constexpr int kParts = 1 << (D - 1);
   const bool keeps_holes = coarse.side < kWidestGap;
   Pixel at{};
@@ -201,14 +233,14 @@ void RangePyramid<D>::coarsen(const Level& fine, Level& coarse) const {
       for (int part = 0; part < kParts; ++part) {
         Pixel inner;
         for (std::size_t k = 0; k < kSides; ++k) inner[k] = 2 * at[k] + ((part >> k) & 1);
-        const std::size_t j = pixel(face, inner, fine.side);
-        has_hole = has_hole || fine.least[j] == kHole;
-        least = std::min(least, fine.least[j]);
-        most = std::max(most, fine.most[j]);
+        const std::size_t j = fine.first + pixel(face, inner, fine.side);
+        has_hole = has_hole || least_[j] == kHole;
+        least = std::min(least, least_[j]);
+        most = std::max(most, most_[j]);
       }
-      const std::size_t j = static_cast<std::size_t>(face) * count + i;
-      coarse.least[j] = keeps_holes && has_hole ? kHole : least;
-      coarse.most[j] = most;
+      const std::size_t j = coarse.first + number * count + i;
+      least_[j] = keeps_holes && has_hole ? kHole : least;
+      most_[j] = most;
     }
   }
 }
@@ -217,7 +249,7 @@ template <int D>
 float RangePyramid<D>::least_at(const Level& level, int face, const Pixel& at) const {
   bool inside = true;
   for (std::size_t k = 0; k < kSides; ++k) inside = inside && at[k] >= 0 && at[k] < level.side;
-  if (inside) return level.least[pixel(face, at, level.side)];
+  if (inside) return least_[level.first + pixel(face, at, level.side)];
   // The neighbour is on another face: where the direction of its centre leads.
   Point direction;
   const int axis = face / 2;
@@ -233,53 +265,94 @@ float RangePyramid<D>::least_at(const Level& level, int face, const Pixel& at) c
   if (!has_beams_[static_cast<std::size_t>(other)]) return kHole;
   Pixel there;
   for (std::size_t k = 0; k < kSides; ++k) there[k] = pixel_on_side(place[k], level.side);
-  return level.least[pixel(other, there, level.side)];
+  return least_[level.first + pixel(other, there, level.side)];
 }
 
 template <int D>
-float RangePyramid<D>::around(const Level& level, int face, const Place& place, float wanted,
-                              bool& seen) const {
-  Pixel at;
-  bool inside = true;
-  for (std::size_t k = 0; k < kSides; ++k) {
-    at[k] = pixel_on_side(place[k], level.side);
-    inside = inside && at[k] > 0 && at[k] + 1 < level.side;
-  }
-  const float middle = level.least[pixel(face, at, level.side)];
-  if (middle < wanted) return middle;  // Most are hidden: one look is enough.
-  std::array<float, kAround> found;
-  if constexpr (D == 3) {
-    for (int i = 0; i < 3; ++i) {
-      if (inside) {
-        const float* const row = &level.least[pixel(face, {at[0] + i - 1, at[1] - 1}, level.side)];
-        for (int j = 0; j < 3; ++j) found[static_cast<std::size_t>(3 * i + j)] = row[j];
-        continue;
-      }
-      for (int j = 0; j < 3; ++j)
-        found[static_cast<std::size_t>(3 * i + j)] = least_at(level, face, {at[0] + i - 1, at[1] + j - 1});
-    }
-  } else {
-    for (int i = 0; i < 3; ++i) found[i] = least_at(level, face, {at[0] + i - 1});
-  }
+float RangePyramid<D>::around(const Level& level, int face, const Pixel& at) const {
   float least = kHole;
   unsigned filled = 0;
   int count = 0;
+  bool is_inside = true;
+  for (std::size_t k = 0; k < kSides; ++k) is_inside = is_inside && at[k] > 0 && at[k] + 1 < level.side;
+  const float* const middle = least_.data() + level.first + pixel(face, at, level.side);
   for (std::size_t i = 0; i < kAround; ++i) {
-    const float here = found[i];
+    const int row = D == 3 ? static_cast<int>(i / 3) - 1 : 0;
+    const int column = static_cast<int>(D == 3 ? i % 3 : i) - 1;
+    float here = kHole;
+    if (is_inside) {
+      here = middle[row * level.side + column];
+    } else {
+      Pixel there = at;
+      there[0] += row;
+      there[kSides - 1] += column;
+      here = least_at(level, face, there);
+    }
     least = std::min(least, here);
     if (here == kHole) continue;
     filled |= 1U << i;
     ++count;
   }
+  bool is_seen = count >= kLeastInView;
   if constexpr (D == 3) {
-    constexpr unsigned kUpper = 0007, kLower = 0700, kLeft = 0111, kRight = 0444;
-    seen = (filled & kUpper) != 0 && (filled & kLower) != 0 && (filled & kLeft) != 0 &&
-           (filled & kRight) != 0 && count >= kLeastInView;
+    for (const unsigned side : {0007U, 0700U, 0111U, 0444U}) is_seen = is_seen && (filled & side) != 0;
   } else {
-    seen = (filled & 1U) != 0 && (filled & 4U) != 0 && count >= kLeastInView;
+    is_seen = is_seen && (filled & 1U) != 0 && (filled & 4U) != 0;
   }
-  return least;
+  return is_seen ? least : -least;
 }
+
+template <int D>
+void RangePyramid<D>::look_around(const Level& level) {
+  const int side = level.side;
+  const std::size_t rows = per_face(side) / static_cast<std::size_t>(side);
+  for (std::size_t number = 0; number < kFaces; ++number) {
+    if (!has_beams_[number]) continue;
+    const int face = static_cast<int>(number);
+    for (std::size_t row = 0; row < rows; ++row) {
+      Pixel at{};
+      if constexpr (D == 3) at[0] = static_cast<int>(row);
+      int& column = at[kSides - 1];
+      float* const out = around_.data() + level.first + pixel(face, at, side);
+#ifdef NDTREE_HAS_EIGHTS
+      const bool is_inner = D == 2 || (row > 0 && row + 1 < rows);
+      if (by_eights_ && is_inner && side >= 16) {
+        out[0] = around(level, face, at);
+        column = 1;
+        for (; column + 8 < side; column += 8)
+          look_around_eight(least_.data() + level.first + pixel(face, at, side), side, out + column);
+      }
+#endif
+      for (; column < side; ++column) out[column] = around(level, face, at);
+    }
+  }
+}
+
+#ifdef NDTREE_HAS_EIGHTS
+template <int D>
+NDTREE_BY_EIGHTS void RangePyramid<D>::look_around_eight(const float* pixels, int side, float* out) {
+  EightFloats least = kHole;
+  EightInts count = 0;
+  EightMask lower = EightMask::none();
+  EightMask upper = EightMask::none();
+  EightMask left = EightMask::none();
+  EightMask right = EightMask::none();
+  for (int i = D == 3 ? -1 : 0; i <= (D == 3 ? 1 : 0); ++i)
+    for (int j = -1; j <= 1; ++j) {
+      const EightFloats one = EightFloats::load(pixels + i * side + j);
+      const EightMask has = one < kHole;
+      least = min_of(least, one);
+      count = count - EightInts::minus_one_where(has);
+      if (i < 0) lower = lower | has;
+      if (i > 0) upper = upper | has;
+      if (j < 0) left = left | has;
+      if (j > 0) right = right | has;
+    }
+  EightMask is_seen = left & right & (count > kLeastInView - 1);
+  if constexpr (D == 3) is_seen = is_seen & lower & upper;
+  select(is_seen, least, float_of(bits_of(least) | bits_of(EightFloats(-0.0F)))).store(out);
+}
+#endif
 
 template <int D>
 float RangePyramid<D>::surely_passed(const Point& point, float distance, float radius, float least) const {
@@ -290,17 +363,122 @@ float RangePyramid<D>::surely_passed(const Point& point, float distance, float r
   if (!has_beams_[static_cast<std::size_t>(face)]) return -1.0F;
   // Along a side: then a pixel is as wide as the radius, at the point's depth.
   const float most_pixels = 2.0F * std::abs(way[face / 2]) / radius;
-  for (std::size_t i = 0; i < num_levels_; ++i) {
-    const Level& level = levels_[i];
+  for (const Level& level : levels_) {
     if (static_cast<float>(level.side) > most_pixels) continue;
-    bool seen = false;
-    const float passed = around(level, face, place, least, seen);
-    if (passed < least) return -1.0F;  // Coarser levels see no farther.
-    if (seen) return passed;
+    Pixel at;
+    for (std::size_t k = 0; k < kSides; ++k) at[k] = pixel_on_side(place[k], level.side);
+    const float found = around_[level.first + pixel(face, at, level.side)];
+    if (std::abs(found) < least) return -1.0F;  // Coarser levels see no farther.
+    if (!std::signbit(found)) return found;
     if (level.side <= kWidestGap) return -1.0F;
   }
   return -1.0F;
 }
+
+#ifdef NDTREE_HAS_EIGHTS
+template <int D>
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE typename RangePyramid<D>::EightDirections
+RangePyramid<D>::directions_of(const std::array<EightFloats, std::size_t{D}>& points) const {
+  // As face_of().
+  std::array<EightFloats, std::size_t{D}> way;
+  for (std::size_t k = 0; k < D; ++k) way[k] = points[k] - origin_[static_cast<int>(k)];
+  EightDirections to;
+  EightInts axis = 0;
+  to.depth = abs_of(way[0]);
+  EightFloats along = way[0];
+  for (std::size_t k = 1; k < D; ++k) {
+    const EightFloats size = abs_of(way[k]);
+    const EightMask is_larger = size > to.depth;
+    axis = select(is_larger, static_cast<std::int32_t>(k), axis);
+    to.depth = select(is_larger, size, to.depth);
+    along = select(is_larger, way[k], along);
+  }
+  const EightFloats scale = 0.5F / to.depth;
+  for (std::size_t k = 0; k < kSides; ++k)  // The axes before the main one, and then those behind it.
+    to.place[k] = rounded(select(axis > static_cast<std::int32_t>(k), way[k], way[k + 1]) * scale) + 0.5F;
+  to.face = shifted_left(axis, 1) - EightInts::minus_one_where(along < 0.0F);
+  std::array<float, 8> has_beams{};
+  for (std::size_t f = 0; f < kFaces; ++f) has_beams[f] = has_beams_[f] ? 1.0F : 0.0F;
+  to.has_beams = one_of_eight(has_beams.data(), to.face) > 0.0F;
+  return to;
+}
+
+template <int D>
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightMask
+RangePyramid<D>::hides(const std::array<EightFloats, std::size_t{D}>& centers, const EightFloats& radius,
+                       const EightFloats& distance) const {
+  const EightDirections to = directions_of(centers);
+  EightMask hidden = distance > farthest_;
+  EightMask open = (to.depth > 2.0F * radius).without(hidden);
+  const EightFloats reach = 0.75F * radius / (to.depth - radius);
+  for (const Level& level : levels_) {
+    const auto side = static_cast<float>(level.side);
+    EightMask here = open;
+    if (&level != &levels_.back()) here = here & (reach * side <= 1.0F);
+    if (here.set() == 0) continue;
+    open = open.without(here);
+    here = here & (reach * side <= 2.0F);
+    std::array<EightInts, kSides> first;
+    std::array<EightInts, kSides> last;
+    for (std::size_t k = 0; k < kSides; ++k) {
+      const EightFloats lower = (to.place[k] - reach) * side - 1.0F;
+      const EightFloats upper = (to.place[k] + reach) * side + 1.0F;
+      here = here & (lower >= 0.0F) & (upper < side);
+      first[k] = truncated(lower);
+      last[k] = truncated(upper);
+    }
+    hidden = hidden | here.without(to.has_beams);
+    here = here & to.has_beams;
+    const float* const most = most_.data() + level.first;
+    EightMask passed = EightMask::none();
+    for (int i = 0; i < kMostOnSide; ++i) {
+      const EightInts row = first[0] + i;
+      EightMask in_row = here.without(passed).without(row > last[0]);
+      if (in_row.set() == 0) break;
+      if constexpr (D == 2) {
+        passed = passed | (in_row & (gathered(most, to.face * level.side + row, in_row) > distance));
+      } else {
+        const EightInts begin = (to.face * level.side + row) * level.side;
+        for (int j = 0; j < kMostOnSide; ++j) {
+          const EightInts column = first[1] + j;
+          in_row = in_row.without(column > last[1]);
+          if (in_row.set() == 0) break;
+          passed = passed | (in_row & (gathered(most, begin + column, in_row) > distance));
+        }
+      }
+    }
+    hidden = hidden | here.without(passed);
+  }
+  return hidden;
+}
+
+template <int D>
+NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightFloats RangePyramid<D>::surely_passed(
+    const std::array<EightFloats, std::size_t{D}>& points, const EightFloats& distance, float radius,
+    const EightFloats& least, const EightMask& wanted) const {
+  const EightDirections to = directions_of(points);
+  const EightInts& face = to.face;
+  EightMask open = wanted & (distance > radius) & to.has_beams;
+  EightFloats passed = -1.0F;
+  const EightFloats most_pixels = 2.0F * to.depth / radius;
+  for (const Level& level : levels_) {
+    const EightMask here = open & (EightFloats(static_cast<float>(level.side)) <= most_pixels);
+    if (here.set() == 0) continue;
+    EightInts pixel = face;
+    for (std::size_t k = 0; k < kSides; ++k) {
+      const EightInts at = truncated(to.place[k] * static_cast<float>(level.side));
+      pixel = pixel * level.side + select(at > level.side - 1, level.side - 1, max_of(at, 0));
+    }
+    const EightFloats found = gathered(around_.data() + level.first, pixel, here);
+    const EightMask is_beyond = here & (abs_of(found) >= least);
+    const EightMask is_seen = bits_of(found) > -1;
+    passed = select(is_beyond & is_seen, found, passed);
+    open = level.side <= kWidestGap ? open.without(here)
+                                    : open.without(here.without(is_beyond.without(is_seen)));
+  }
+  return passed;
+}
+#endif
 
 template <int D>
 bool RangePyramid<D>::hides(const Point& center, float radius, float distance) const {
@@ -313,7 +491,7 @@ bool RangePyramid<D>::hides(const Point& center, float radius, float distance) c
   // On the face, of half its side: generous, as the ball is nearer there than its centre is.
   const float reach = 0.75F * radius / (depth - radius);
   std::size_t i = 0;
-  while (i + 1 < num_levels_ && reach * static_cast<float>(levels_[i].side) > 1.0F) ++i;
+  while (i + 1 < levels_.size() && reach * static_cast<float>(levels_[i].side) > 1.0F) ++i;
   const Level& level = levels_[i];
   const auto side = static_cast<float>(level.side);
   if (reach * side > 2.0F) return false;
@@ -330,7 +508,7 @@ bool RangePyramid<D>::hides(const Point& center, float radius, float distance) c
   if (!has_beams_[static_cast<std::size_t>(face)]) return true;
   Pixel at = first;
   for (;;) {
-    if (level.most[pixel(face, at, level.side)] > distance) return false;
+    if (most_[level.first + pixel(face, at, level.side)] > distance) return false;
     std::size_t k = 0;
     while (k < kSides && at[k] == last[k]) {
       at[k] = first[k];

@@ -16,6 +16,7 @@
 #include <utility>
 #include <vector>
 
+#include "ndtree/cell/moved_points.hpp"
 #include "ndtree/cell/sensor_model.hpp"
 #include "ndtree/cell/summary.hpp"
 #include "ndtree/core/beam.hpp"
@@ -54,7 +55,10 @@ struct InsertReport {
   std::uint64_t updates = 0;           ///< (beam, leaf) pairs whose occupancy was updated.
   std::uint64_t splits = 0;            ///< Leaves that were split.
   std::uint64_t merges = 0;            ///< Parents that took the place of their children.
-  double seconds = 0.0;                ///< Wall time of the call [s].
+  double seconds = 0.0;                ///< Wall time, without that for `moved` [s].
+  /// If it was asked for: of each beam the probability that what it returned from moves, by what the map was
+  /// before the call, see OccupancyMap::insert().
+  std::optional<std::vector<float>> moved;
 
   /// The count that beams of this outcome add to.
   [[nodiscard]] std::uint64_t& count(BeamOutcome outcome) {
@@ -114,6 +118,9 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   ///   bit for bit, for every number. The paper's has only one.
   /// @param window if given, only cells in it change, and become, bit for bit, what they would without it.
   ///   In it are all cells of max_cell_size (of a fixed map: all cells) that share a volume with the box.
+  /// @param tells_moved whether the report has the probability that each beam returned from what moves: that
+  ///   of probability_moved() for its end point in the map before the call, which only knows space that was
+  ///   seen free earlier; 0.5 where the map is unknown, or the beam did not return within max_range.
   /// @throws std::invalid_argument if max_range is not > 0, threads is negative, the window has no volume,
   ///   the scan's one origin is not finite, a range_sigma is outside kRangeSigmaBounds, or a beam leaves what
   ///   the lattice can address or is longer than kLongestBeam of the smallest cells.
@@ -122,13 +129,17 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   ///   that still shares cells, the map is then as it was before the call; else it is valid, but some cells
   ///   may have taken the scan in, and others not.
   InsertReport insert(const ScanView<D>& scan, double max_range = kUnlimitedRange, int threads = 0,
-                      const std::optional<Box<D>>& window = std::nullopt) {
+                      const std::optional<Box<D>>& window = std::nullopt, bool tells_moved = false) {
     if (window) check(*window);
-    return integrate(scan, max_range, threads, window, nullptr, nullptr);
+    if (!tells_moved) return integrate(scan, max_range, threads, window, nullptr, nullptr);
+    std::vector<float> moved = moved_before(scan, max_range);
+    InsertReport report = integrate(scan, max_range, threads, window, nullptr, nullptr);
+    report.moved = std::move(moved);
+    return report;
   }
   InsertReport insert(const Scan<D>& scan, double max_range = kUnlimitedRange, int threads = 0,
-                      const std::optional<Box<D>>& window = std::nullopt) {
-    return insert(scan.view(), max_range, threads, window);
+                      const std::optional<Box<D>>& window = std::nullopt, bool tells_moved = false) {
+    return insert(scan.view(), max_range, threads, window, tells_moved);
   }
 
   /// insert() of which only cells in some cubes of max_cell_size change.
@@ -347,6 +358,17 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
                                   " to " + describe_number(other.options_.max_cell_size) + " m cannot be " +
                                   how + " one with cells from " + describe_number(options_.min_cell_size) +
                                   " to " + describe_number(options_.max_cell_size) + " m");
+  }
+
+  /// Of each beam the probability that it returns from what moves, by the map as it is.
+  [[nodiscard]] std::vector<float> moved_before(const ScanView<D>& scan, double max_range) const {
+    const auto probability_at = [&](const double* points, std::size_t n, float* out) {
+      for (std::size_t i = 0; i < n; ++i) {
+        const auto leaf = tree_.find_leaf(Vector<D>(Eigen::Map<const Vector<D>>(points + i * D)));
+        out[i] = leaf ? static_cast<float>(leaf->cell().probability()) : 0.5F;
+      }
+    };
+    return probability_moved(scan, max_range, reach_of_moved(options_), probability_at);
   }
 
   InsertReport integrate(const ScanView<D>& scan, double max_range, int threads,

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "ndtree/cell/hit_rate.hpp"
+#include "ndtree/cell/moved_points.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/types.hpp"
@@ -171,6 +172,22 @@ void for_each_cell_at(const Map& map, const double* points, std::size_t n, Visit
     for (std::size_t i = 0; i < count; ++i)
       visit(first + i, nodes[i] == nullptr ? unobserved : nodes[i]->cell());
   }
+}
+
+/// That what returned at points is not part of what stands, by the map's cells: see the function of this name
+/// for any source of probabilities. 0.5 where unknown.
+template <class Map>
+[[nodiscard]] std::vector<float> probability_moved(const Map& map, const Points<Map::kDim>& points) {
+  constexpr int D = Map::kDim;
+  const auto probability_at = [&map](const double* some, std::size_t n, float* out) {
+    for_each_cell_at(map, some, n, [out](std::size_t i, const auto& cell) {
+      out[i] = static_cast<float>(cell.probability());
+    });
+  };
+  std::vector<float> moved(static_cast<std::size_t>(points.cols()));
+  probability_moved<D>(points.data(), moved.size(), reach_of_moved(map.options()), probability_at,
+                       moved.data());
+  return moved;
 }
 
 }  // namespace ndtree

@@ -25,6 +25,7 @@
 #include "ndtree/core/memory.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/query/changes.hpp"
+#include "ndtree/query/disputed.hpp"
 #include "ndtree/query/nearest.hpp"
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
@@ -130,6 +131,7 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     arrays.hits.reserve(n);
     arrays.misses.reserve(n);
     arrays.observed.reserve(n);
+    arrays.disputed.reserve(n);
     for_each_leaf(cells().tree(), [&](const auto& leaf) { add(leaf, arrays); });
     return arrays;
   }
@@ -188,6 +190,7 @@ class CellsAdapter : public QueryAdapter<Cells, Cells::kDim> {
     arrays.hits.push_back(leaf.cell().hits());
     arrays.misses.push_back(leaf.cell().misses());
     arrays.observed.push_back(leaf.cell().observed());
+    arrays.disputed.push_back(is_disputed(leaf.cell()));
   }
 };
 

@@ -35,6 +35,7 @@ struct LeafArrays {
   std::vector<std::uint32_t> hits;
   std::vector<std::uint32_t> misses;
   std::vector<std::uint8_t> observed;
+  std::vector<std::uint8_t> disputed;
 };
 
 /// Regions whose state is another one.

@@ -9,6 +9,8 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "arguments.hpp"
 #include "docstrings.hpp"
@@ -24,7 +26,7 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 struct Leaves {
-  py::array lower, size, log_odds, probability, hits, misses, observed, state;
+  py::array lower, size, log_odds, probability, hits, misses, observed, state, disputed;
 };
 
 Leaves to_python(LeafArrays&& arrays, int dim) {
@@ -44,6 +46,7 @@ Leaves to_python(LeafArrays&& arrays, int dim) {
   leaves.misses = take(std::move(arrays.misses));
   leaves.observed = take(std::move(arrays.observed)).view("bool");
   leaves.state = take(std::move(states));
+  leaves.disputed = take(std::move(arrays.disputed)).view("bool");
   return leaves;
 }
 
@@ -298,6 +301,13 @@ void bind_maps(py::module_& module) {
       .def_readonly("splits", &InsertReport::splits, "Leaves that were split.")
       .def_readonly("merges", &InsertReport::merges, "Parents that took the place of their children.")
       .def_readonly("seconds", &InsertReport::seconds, "Wall time of the insertion itself [s].")
+      .def_property_readonly(
+          "moved",
+          [](const InsertReport& r) -> py::object {
+            if (!r.moved) return py::none();
+            return py::array_t<float>(static_cast<py::ssize_t>(r.moved->size()), r.moved->data());
+          },
+          "(n,) float32, if it was asked for; else None.")
       .def("__repr__", [](const InsertReport& r) {
         return "InsertReport(beams=" + std::to_string(r.beams) + ", returned=" + std::to_string(r.returned) +
                ", not_returned=" + std::to_string(r.not_returned) +
@@ -353,6 +363,7 @@ void bind_maps(py::module_& module) {
       .def_readonly("misses", &Leaves::misses, "(n,) uint32: beams that passed through it, likewise.")
       .def_readonly("observed", &Leaves::observed, "(n,) bool: at least one beam updated it.")
       .def_readonly("state", &Leaves::state, "(n,) int8: -1 unknown, 0 free, 1 occupied.")
+      .def_readonly("disputed", &Leaves::disputed, "(n,) bool: scans in a row contradict what was before.")
       .def("__len__", [](const Leaves& leaves) { return leaves.size.size(); });
 
   py::class_<HeldOutTruth>(module, "HeldOutTruth", doc::HeldOutTruth)
@@ -434,7 +445,7 @@ void bind_maps(py::module_& module) {
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
              const py::object& range_sigma, double max_range, int threads, const py::object& window,
-             const py::object& layers, const std::optional<std::int64_t>& number) {
+             const py::object& layers, const std::optional<std::int64_t>& number, bool moved) {
             BeamArrays beams(points, origin, returned, map.constant().dim(), range_sigma);
             if (number && *number < 0)
               throw py::value_error("number = " + std::to_string(*number) + ": must be at least 0");
@@ -445,12 +456,16 @@ void bind_maps(py::module_& module) {
             warn_of_scale(beams, map.constant().dim(), map.constant().options().min_cell_size, max_range);
             return map.write([&, pointers = beams.pointers(),
                               region = box ? std::optional<AnyBox>(*box) : std::nullopt](MapInterface& m) {
-              return m.insert(pointers, max_range, threads, region, of_layers.all());
+              std::optional<std::vector<float>> before;
+              if (moved) before = moved_before(m, pointers, max_range);
+              InsertReport report = m.insert(pointers, max_range, threads, region, of_layers.all());
+              report.moved = std::move(before);
+              return report;
             });
           },
           "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "range_sigma"_a = py::none(),
           "max_range"_a = kInfinity, "threads"_a = 0, "window"_a = py::none(), "layers"_a = py::none(),
-          "number"_a = py::none(), doc::OccupancyMap_insert)
+          "number"_a = py::none(), "moved"_a = false, doc::OccupancyMap_insert)
       .def(
           "compress",
           [](PythonMap& map, std::optional<double> max_loss, std::optional<std::size_t> max_leaves,

@@ -1,15 +1,16 @@
 // SPDX-License-Identifier: BSD-3-Clause
 #include "ndtree/evaluation/moved.hpp"
 
-#include <algorithm>
 #include <cstddef>
 #include <limits>
 #include <mutex>
 #include <string>
+#include <type_traits>
 #include <variant>
 #include <vector>
 
 #include "docstrings.hpp"
+#include "ndtree/cell/moved_points.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "python_map.hpp"
 
@@ -73,33 +74,28 @@ py::array_t<float> probability(AnyMovedEvidence& any, const py::object& object) 
   return out;
 }
 
-/// That what returned at points is not part of what stands, by the map alone: its cell is free, and so
-/// are those as near as the noise of a range, or half a smallest cell.
-void moved_from(const MapInterface& map, const double* points, std::size_t n, float* out) {
-  constexpr std::size_t kAtOnce = 4096;
-  const auto dim = static_cast<std::size_t>(map.dim());
-  const double reach = std::max(0.5 * map.options().min_cell_size, map.options().range_sigma);
-  std::vector<double> shifted(kAtOnce * dim);
-  std::vector<float> beside(kAtOnce);
-  for (std::size_t first = 0; first < n; first += kAtOnce) {
-    checkpoint();
-    const std::size_t count = std::min(kAtOnce, n - first);
-    const double* const here = points + first * dim;
-    map.probability(here, count, out + first);
-    for (std::size_t k = 0; k < dim; ++k)
-      for (const double step : {-reach, reach}) {
-        std::copy_n(here, count * dim, shifted.begin());
-        for (std::size_t i = 0; i < count; ++i) shifted[i * dim + k] += step;
-        map.probability(shifted.data(), count, beside.data());
-        // Of what is unknown here nothing can be said, whatever is beside it.
-        for (std::size_t i = 0; i < count; ++i)
-          if (out[first + i] < 0.5F) out[first + i] = std::max(out[first + i], beside[i]);
-      }
-  }
-  for (std::size_t i = 0; i < n; ++i) out[i] = 1.0F - out[i];
+/// Calls `use(std::integral_constant<int, D>())` with the map's dimension.
+template <class Use>
+void with_dim(const MapInterface& map, const Use& use) {
+  if (map.dim() == 2)
+    use(std::integral_constant<int, 2>());
+  else if (map.dim() == 3)
+    use(std::integral_constant<int, 3>());
+  else
+    use(std::integral_constant<int, 4>());
 }
 
 }  // namespace
+
+std::vector<float> moved_before(const MapInterface& map, const BeamPointers& beams, double max_range) {
+  std::vector<float> moved;
+  with_dim(map, [&](auto dim) {
+    moved = probability_moved(
+        beams.view<dim>(), max_range, reach_of_moved(map.options()),
+        [&map](const double* points, std::size_t n, float* out) { map.probability(points, n, out); });
+  });
+  return moved;
+}
 
 void bind_moved(py::module_& module) {
   const MovedOptions defaults;
@@ -139,7 +135,16 @@ void bind_moved(py::module_& module) {
         float* const results = out.mutable_data();
         const double* const data = points.data();
         const auto n = static_cast<std::size_t>(points.shape(0));
-        map.read([&](const MapInterface& m) { moved_from(m, data, n, results); });
+        map.read([&](const MapInterface& m) {
+          with_dim(m, [&](auto dim) {
+            probability_moved<dim>(
+                data, n, reach_of_moved(m.options()),
+                [&m](const double* some, std::size_t count, float* probabilities) {
+                  m.probability(some, count, probabilities);
+                },
+                results);
+          });
+        });
         return out;
       },
       "points"_a, doc::OccupancyMap_moved);

@@ -75,6 +75,7 @@ class OctomapAdapter final : public QueryAdapter<OctomapBaseline, D> {
     arrays.hits.assign(n, 0);
     arrays.misses.assign(n, 0);
     arrays.observed.assign(n, 1);
+    arrays.disputed.assign(n, 0);
     return arrays;
   }
   [[nodiscard]] std::string to_bytes() const override {

@@ -11,6 +11,7 @@
 #include <string>
 #include <string_view>
 #include <utility>
+#include <vector>
 
 #include "binders.hpp"
 #include "map_interface.hpp"
@@ -125,6 +126,9 @@ pybind11::object to_python(std::unique_ptr<MapInterface> map);
 /// What rays end at: a RayEnds. @param origins, directions checked.
 pybind11::object trace_rays(const PythonMap& map, const DoubleArray& origins, const DoubleArray& directions,
                             double max_range, bool stops_at_unknown, RayAim aim);
+/// Of each beam the probability that it returns from what moves, by the map as it is; without the
+/// interpreter's lock. See OccupancyMap::insert().
+std::vector<float> moved_before(const MapInterface& map, const BeamPointers& beams, double max_range);
 /// A list of Frontier.
 pybind11::object to_python(AnyFrontiers&& frontiers);
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ndtree._native.results import Answers
+from ndtree._native.results import Answers, InsertReport
 
 #: Of each argument, how many axes belong to one entry: a vector has one, a number none. The first argument
 #: says how many entries there are; the others have as many, or are one for all.
@@ -131,6 +131,8 @@ def shaped(result: Any, leading: tuple[int, ...]) -> Any:
         return tuple(shaped(one, leading) for one in result)
     if isinstance(result, Answers):
         return replace(result, **{f.name: shaped(getattr(result, f.name), leading) for f in fields(result)})
+    if isinstance(result, InsertReport) and result.moved is not None:
+        return replace(result, moved=result.moved.reshape(leading))
     return result
 
 

@@ -720,6 +720,15 @@ class OccupancyMap:
     def min_cell_size(self) -> float:
         """float: edge of the smallest cells [m]; of all cells of a fixed map."""
     @property
+    def disputed(self) -> float:
+        """float: the fraction of the observed volume where the evidence contradicts itself in time.
+
+        There at least two beams ended in a cell before at least twelve scans in a row all passed it, or the other
+        way round, as where people walk, doors move or poses are wrong. ``leaves().disputed`` says where. Cells
+        that have changed forget what was before: they are not disputed any more. nan where nothing was observed,
+        and of maps whose cells count no such scans: fixed ones, OctoMap, and those of the paper's rules.
+        """
+    @property
     def max_cell_size(self) -> float:
         """float: edge of the largest cells that are updated [m].
 
@@ -740,6 +749,7 @@ class OccupancyMap:
         window: ArrayLike | None = None,
         layers: Mapping[str, ArrayLike] | None = None,
         number: int | None = None,
+        moved: bool = False,
     ) -> InsertReport:
         """Integrate a scan.
 
@@ -771,6 +781,10 @@ class OccupancyMap:
         number : int, optional
             The scan's number among all scans, from 0: each number samples other beams of a dense scan. For maps that
             take only some of the scans, as the parts of a distributed one do. Default: ``stats().scans``.
+        moved : bool
+            Whether the report says in ``moved`` how probable it is that each point returned from what moves: what
+            `moved` of the map said of it just before the call; 0.5 for beams that did not return within `max_range`.
+            Only space that was seen free earlier can tell, so the first scans of a place say nothing.
 
         Returns
         -------

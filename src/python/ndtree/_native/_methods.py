@@ -144,6 +144,17 @@ def _max_cell_size(self: _core.OccupancyMap) -> float:
     return size * times
 
 
+def _disputed(self: _core.OccupancyMap) -> float:
+    """float: the fraction of the observed volume where the evidence contradicts itself in time.
+
+    There at least two beams ended in a cell before at least twelve scans in a row all passed it, or the other
+    way round, as where people walk, doors move or poses are wrong. ``leaves().disputed`` says where. Cells
+    that have changed forget what was before: they are not disputed any more. nan where nothing was observed,
+    and of maps whose cells count no such scans: fixed ones, OctoMap, and those of the paper's rules.
+    """
+    return self.leaves().disputed_fraction if self.refinement == "evidence" else math.nan
+
+
 _adaptive_text = _core.AdaptiveMap.__repr__
 
 
@@ -168,6 +179,7 @@ def _given(type_: type, name: str, function: Any) -> None:
 _given(_core.OccupancyMap, "save", save)
 _core.OccupancyMap.min_cell_size = property(_min_cell_size)  # type: ignore[assignment, method-assign]
 _core.OccupancyMap.max_cell_size = property(_max_cell_size)  # type: ignore[assignment, method-assign]
+_core.OccupancyMap.disputed = property(_disputed)  # type: ignore[assignment, method-assign]
 _given(_core.AdaptiveMap, "__repr__", _map_text)
 _given(_core.OccupancyMap, "certify", certify)
 _given(_core.OccupancyMap, "_repr_html_", _html)

@@ -177,7 +177,7 @@ class Scan:
         return start[use], way[use] / length[use, None], length[use]
 
     def insert_into(
-        self, target: OccupancyMap, *, max_range: float = math.inf, threads: int = 0
+        self, target: OccupancyMap, *, max_range: float = math.inf, threads: int = 0, moved: bool = False
     ) -> InsertReport | VoxelReport:
         """Integrate the scan into a map; the same as the map's own ``insert``.
 
@@ -189,6 +189,8 @@ class Scan:
             Longer beams are free up to there and have no end point [m].
         threads : int
             As for ``insert``; 0: all cores.
+        moved : bool
+            As for ``insert``.
 
         Returns
         -------
@@ -197,7 +199,9 @@ class Scan:
         """
         if self.points_only:
             return voxelise(self.endpoints, target)
-        own = {} if self.range_sigma is None else {"range_sigma": self.range_sigma}
+        own: dict[str, Any] = {} if self.range_sigma is None else {"range_sigma": self.range_sigma}
+        if moved:
+            own["moved"] = True
         return target.insert(
             self.endpoints, self.origin, returned=self.returned, max_range=max_range, threads=threads, **own
         )

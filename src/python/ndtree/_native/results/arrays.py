@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -73,6 +74,9 @@ class Leaves(Answers):
         At least one beam updated it.
     state : (n,) int8
         -1 unknown, 0 free, 1 occupied.
+    disputed : (n,) bool
+        At least two beams ended in it before at least twelve scans in a row all passed it, or the other way
+        round; see `OccupancyMap.disputed`.
     """
 
     _number = "size"
@@ -85,11 +89,19 @@ class Leaves(Answers):
     misses: NDArray[np.uint32]
     observed: NDArray[np.bool_]
     state: NDArray[np.int8]
+    disputed: NDArray[np.bool_]
 
     @property
     def center(self) -> NDArray[np.float64]:
         """(n, dim) float64 [m]."""
         return self.lower + 0.5 * np.asarray(self.size)[..., None]
+
+    @property
+    def disputed_fraction(self) -> float:
+        """float: of the volume of those that were observed; nan if there is none."""
+        volume = np.atleast_1d(self.size).astype(np.float64) ** self.lower.shape[-1]
+        observed = float(volume[np.atleast_1d(self.observed)].sum())
+        return float(volume[np.atleast_1d(self.disputed)].sum()) / observed if observed else math.nan
 
     def __repr__(self) -> str:
         if not self.shape:

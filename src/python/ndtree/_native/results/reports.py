@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,9 @@ class InsertReport:
         Parents that took the place of their children.
     seconds : float
         Wall time of the insertion itself [s].
+    moved : (n,) float32, or None
+        Where ``insert(moved=True)`` asked for it: of each point the probability that it returned from what
+        moves, by the map as it was before the call; in the shape of the points.
     """
 
     beams: int
@@ -74,6 +80,7 @@ class InsertReport:
     splits: int
     merges: int
     seconds: float
+    moved: NDArray[np.float32] | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)

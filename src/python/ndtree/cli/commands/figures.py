@@ -37,6 +37,7 @@ def map_figures(m: OccupancyMap) -> dict[str, Any]:
         "options": m.options,
         "stats": {key: int(getattr(stats, key)) for key in counts},
         "cells": states,
+        "disputed": leaves.disputed_fraction if m.refinement == "evidence" and seen.any() else None,
         "cell_sizes": [{"size": float(s), "observed": int(n)} for s, n in zip(sizes, count)],
         "observed_bounds": bounds,
     }
@@ -55,9 +56,13 @@ def print_map(m: OccupancyMap) -> None:
             f"  observed from {point(figures['observed_bounds']['lower'])} "
             f"to {point(figures['observed_bounds']['upper'])} m"
         )
+    if figures["disputed"] is not None:
+        print(f"  disputed: {100 * figures['disputed']:.2g} % of the observed {_SPACES[m.dim]}")
     for row in figures["cell_sizes"]:
         print(f"  cells of {row['size']:g} m: {row['observed']}")
 
+
+_SPACES = {2: "area", 3: "volume", 4: "volume"}
 
 #: Frames of a bag that are printed.
 FRAME_LINES = 60

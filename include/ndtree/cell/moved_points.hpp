@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: BSD-3-Clause
+/// @file
+/// How probable it is that points returned from what moves, by the cells of a map alone.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+#include "ndtree/core/beam.hpp"
+#include "ndtree/core/cancel.hpp"
+#include "ndtree/core/scan.hpp"
+#include "ndtree/core/types.hpp"
+
+namespace ndtree {
+
+/// That what returned at points is not part of what stands: one minus the probability that the point's cell
+/// is occupied, or a cell beside it, where that is more. Beside it are the cells at a distance of `reach`
+/// along each axis, both ways. Of what is unknown nothing can be said, whatever is beside it: 0.5. O(n).
+/// @param points D numbers each [m]. @param reach the noise of a range, or half a smallest cell [m].
+/// @param probability_at called as (points, n, out): writes the probability that each is occupied.
+template <int D, class ProbabilityAt>
+void probability_moved(const double* points, std::size_t n, double reach, const ProbabilityAt& probability_at,
+                       float* out) {
+  constexpr std::size_t kAtOnce = 4096;
+  constexpr std::size_t kDim = D;
+  std::vector<double> beside;
+  std::vector<std::size_t> free;
+  std::vector<float> there;
+  for (std::size_t first = 0; first < n; first += kAtOnce) {
+    checkpoint();
+    const std::size_t count = std::min(kAtOnce, n - first);
+    const double* const here = points + first * kDim;
+    float* const results = out + first;
+    probability_at(here, count, results);
+    free.clear();
+    for (std::size_t i = 0; i < count; ++i)
+      if (results[i] < 0.5F) free.push_back(i);
+    beside.resize(free.size() * kDim);
+    there.resize(free.size());
+    for (std::size_t axis = 0; axis < kDim; ++axis)
+      for (const double step : {-reach, reach}) {
+        for (std::size_t i = 0; i < free.size(); ++i) {
+          std::copy_n(here + free[i] * kDim, kDim, beside.data() + i * kDim);
+          beside[i * kDim + axis] += step;
+        }
+        probability_at(beside.data(), free.size(), there.data());
+        for (std::size_t i = 0; i < free.size(); ++i) results[free[i]] = std::max(results[free[i]], there[i]);
+      }
+    for (std::size_t i = 0; i < count; ++i) results[i] = 1.0F - results[i];
+  }
+}
+
+/// Probability that the end point of each beam of a scan moved; 0.5 for beams that do not return within
+/// `max_range`.
+template <int D, class ProbabilityAt>
+std::vector<float> probability_moved(const ScanView<D>& scan, double max_range, double reach,
+                                     const ProbabilityAt& probability_at) {
+  std::vector<double> points;
+  std::vector<std::size_t> beams;
+  for (Eigen::Index i = 0; i < scan.size; ++i) {
+    const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
+    if (beam.outcome != BeamOutcome::returned) continue;
+    beams.push_back(static_cast<std::size_t>(i));
+    points.insert(points.end(), beam.endpoint.data(), beam.endpoint.data() + D);
+  }
+  std::vector<float> of_returned(beams.size());
+  probability_moved<D>(points.data(), beams.size(), reach, probability_at, of_returned.data());
+  std::vector<float> moved(static_cast<std::size_t>(scan.size), 0.5F);
+  for (std::size_t i = 0; i < beams.size(); ++i) moved[beams[i]] = of_returned[i];
+  return moved;
+}
+
+/// See probability_moved(). @param options with `min_cell_size` and `range_sigma` [m].
+template <class Options>
+[[nodiscard]] double reach_of_moved(const Options& options) {
+  return std::max(0.5 * options.min_cell_size, options.range_sigma);
+}
+
+}  // namespace ndtree

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// How probable it is that a scan's points moved, told while it is inserted: against a slow rule, point by
+// point.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "ndtree/io/map_file.hpp"
+#include "ndtree/logs/simulator.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/query/point.hpp"
+
+namespace ndtree::test::test_moved_points {
+namespace {
+
+/// The rule as it is said: one minus the largest probability of the cell and those beside it.
+template <class Map>
+float expected(const Map& map, const Vector<Map::kDim>& point) {
+  const MapOptions& options = map.options();
+  const double reach = std::max(0.5 * options.min_cell_size, options.range_sigma);
+  auto most = static_cast<float>(probability(map, point));
+  if (most >= 0.5F) return 1.0F - most;
+  for (int axis = 0; axis < Map::kDim; ++axis)
+    for (const double side : {-1.0, 1.0}) {
+      Vector<Map::kDim> there = point;
+      there[axis] += side * reach;
+      most = std::max(most, static_cast<float>(probability(map, there)));
+    }
+  return 1.0F - most;
+}
+
+template <class Map>
+class MovedPointsTest : public ::testing::Test {};
+using Maps = ::testing::Types<AdaptiveMap<2, 2>, AdaptiveMap<3, 2>, FixedMap<2, 2>, AdaptiveMap<2, 3>>;
+TYPED_TEST_SUITE(MovedPointsTest, Maps);
+
+auto log_of(std::integral_constant<int, 2> /*dim*/, const SimulationOptions& options) {
+  return simulate_office(options);
+}
+auto log_of(std::integral_constant<int, 3> /*dim*/, const SimulationOptions& options) {
+  return simulate_apartment(options);
+}
+
+TYPED_TEST(MovedPointsTest, AReportHasWhatTheMapSaidBefore) {
+  constexpr int D = TypeParam::kDim;
+  constexpr double kMaxRange = 6.0;
+  SimulationOptions simulation;
+  simulation.seed = 811;
+  simulation.scans = D == 2 ? 120 : 14;
+  simulation.people = 4;
+  const auto log = log_of(std::integral_constant<int, D>(), simulation);
+  MapOptions options;
+  options.range_sigma = 0.02;
+  TypeParam map(options);
+  TypeParam with_threads(options);
+  TypeParam plain(options);
+  std::size_t returned = 0;
+  std::size_t above = 0;
+  std::size_t others = 0;
+  for (std::size_t i = 0; i < log.size(); ++i) {
+    const Scan<D> scan = log.scan(i);
+    const TypeParam before = map.snapshot();
+    const InsertReport report = map.insert(scan, kMaxRange, 1, std::nullopt, true);
+    ASSERT_TRUE(report.moved);
+    ASSERT_EQ(report.moved->size(), static_cast<std::size_t>(scan.size()));
+    EXPECT_EQ(with_threads.insert(scan, kMaxRange, 3, std::nullopt, true).moved, report.moved);
+    EXPECT_FALSE(plain.insert(scan, kMaxRange, 1).moved) << "nobody asked";
+    const std::vector<float> of_points = probability_moved(before, scan.endpoints);
+    for (Eigen::Index k = 0; k < scan.size(); ++k) {
+      const float told = (*report.moved)[static_cast<std::size_t>(k)];
+      const double range = (scan.endpoints.col(k) - scan.origins.col(0)).norm();
+      if (!scan.returned[k] || !(range <= kMaxRange)) {
+        ++others;
+        EXPECT_EQ(told, 0.5F);
+        continue;
+      }
+      ++returned;
+      above += told > 0.5F ? 1 : 0;
+      EXPECT_EQ(told, expected(before, scan.endpoints.col(k)));
+      EXPECT_EQ(told, of_points[static_cast<std::size_t>(k)]);
+    }
+  }
+  EXPECT_EQ(to_bytes(map), to_bytes(plain)) << "asking changes nothing";
+  EXPECT_EQ(to_bytes(map), to_bytes(with_threads));
+  EXPECT_GT(returned, 10'000U);
+  EXPECT_GT(others, 100U);
+  EXPECT_GT(above, returned / 100) << "some walked through space that was free";
+  EXPECT_LT(above, returned / 5);
+}
+
+TEST(MovedPoints, WhatIsUnknownSaysNothingAndWrongCallsChangeNothing) {
+  AdaptiveMap<2, 2> map;
+  Scan<2> scan;
+  scan.origins = Vector<2>(0.0, 0.0);
+  scan.endpoints.resize(2, 3);
+  scan.endpoints << 1.0, std::nan(""), 0.0, 1.0, 0.0, 0.0;
+  const auto first = map.insert(scan, kUnlimitedRange, 1, std::nullopt, true);
+  EXPECT_EQ(*first.moved, std::vector<float>(3, 0.5F));
+  const std::string before = to_bytes(map);
+  EXPECT_THROW((void)map.insert(scan, -1.0, 1, std::nullopt, true), std::invalid_argument);
+  EXPECT_THROW((void)map.insert(scan, std::nan(""), 1, std::nullopt, true), std::invalid_argument);
+  EXPECT_THROW((void)map.insert(scan, kUnlimitedRange, -1, std::nullopt, true), std::invalid_argument);
+  EXPECT_EQ(to_bytes(map), before);
+  scan.endpoints.resize(2, 0);
+  const auto empty = map.insert(scan, kUnlimitedRange, 1, std::nullopt, true);
+  ASSERT_TRUE(empty.moved);
+  EXPECT_TRUE(empty.moved->empty());
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_moved_points
