@@ -19,6 +19,7 @@ from ndtree.evaluation.sampling import skipping_unmappable, spread
 from ndtree.logs.core.log import Log, require_log
 from ndtree.tuning.agreement import Disagreement, disagreement
 from ndtree.tuning.calibration import range_noise
+from ndtree.tuning.revisits import Drift, drift
 
 #: Of structured light and stereo, where the log has too little to measure it: at the sensor [m], and growing
 #: with the squared range [1/m].
@@ -56,6 +57,8 @@ class FirstLook:
         The log's largest range, where readings are taken for beams without return [m].
     disagreement : Disagreement or None
         From when on the poses of a 2-D log do not fit its scans.
+    drift : Drift or None
+        How far its surfaces lie apart where the robot comes back, if they do.
     """
 
     dim: int
@@ -71,6 +74,7 @@ class FirstLook:
     sample: list[Scan] = field(repr=False, compare=False)
     cut_off: float | None = None
     disagreement: Disagreement | None = None
+    drift: Drift | None = None
 
     @property
     def options(self) -> MapOptions:
@@ -91,6 +95,7 @@ class FirstLook:
             "no_return_crossing": self.no_returns.crossing,
             "no_return_expected": self.no_returns.expected,
             "max_range": self.max_range if math.isfinite(self.max_range) else None,
+            "drift": None if self.drift is None else self.drift.error,
         }
 
     def cost(self) -> tuple[float, float]:
@@ -164,6 +169,7 @@ def first_look(log: Log, *, progress: Progress | None = None) -> FirstLook:
         sample=sample,
         cut_off=log.cut_off,
         disagreement=disagreement(runs) if log.dim == 2 else None,
+        drift=drift(runs) if log.dim == 2 else None,
     )
 
 

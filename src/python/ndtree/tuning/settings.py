@@ -69,6 +69,8 @@ class Settings:
             )
         if self.look.disagreement is not None:
             lines.append(str(self.look.disagreement))
+        elif self.look.drift is not None:
+            lines.append(str(self.look.drift))
         return lines
 
 

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses that drift are told of where a planar laser sees places again; good ones are not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ndtree
+from ndtree.base.scan import Scan
+from ndtree.evaluation.sampling import spread
+from ndtree.tuning.first_look import first_look
+from ndtree.tuning.revisits import drift
+
+
+@pytest.fixture(scope="module")
+def office() -> list[Scan]:
+    return list(ndtree.simulate("office", scans=240))
+
+
+def moved(scan: Scan, shift: tuple[float, float], angle: float = 0.0) -> Scan:
+    c, s = math.cos(angle), math.sin(angle)
+    turn = np.array([[c, s], [-s, c]])
+    heading = None if scan.heading is None else scan.heading + angle
+    return replace(
+        scan, endpoints=scan.endpoints @ turn + shift, origin=scan.origin @ turn + shift, heading=heading
+    )
+
+
+@pytest.mark.parametrize("shift", [(0.2, 0.1), (-0.3, 0.0), (0.0, 0.5)])
+def test_a_second_lap_beside_the_first_is_told_of_with_how_far(
+    shift: tuple[float, float], office: list[Scan]
+) -> None:
+    laps = [*office, *(moved(scan, shift) for scan in office)]
+    found = drift(spread(laps)[0])
+    assert found is not None and found.places >= 10
+    assert found.error == pytest.approx(math.hypot(*shift), abs=0.03)
+    assert f"drift by about {found.error:.1g} m" in str(found) and "--align" in str(found)
+
+
+def test_a_heading_that_drifts_is_told_of(office: list[Scan]) -> None:
+    found = drift(spread([moved(scan, (0.0, 0.0), 0.0008 * i) for i, scan in enumerate(office)])[0])
+    assert found is not None and 0.12 < found.error < 1.0
+
+
+def test_good_poses_are_not_told_of(office: list[Scan]) -> None:
+    for scans in (office, [*office, *office], ndtree.simulate("office", seed=5, position_sigma=0.01)):
+        assert drift(spread(scans)[0]) is None
+
+
+def test_what_shows_no_place_twice_says_nothing(office: list[Scan]) -> None:
+    assert drift([]) is None
+    assert drift([[]] * 5) is None
+    assert drift([[scan] for scan in office[:30]]) is None
+    empty = Scan(np.empty((0, 2)), np.zeros(2))
+    far = Scan(np.empty((0, 2)), np.array([20.0, 0.0]))
+    assert drift([[empty], [far], [empty]] * 5) is None
+    lost = Scan(np.full((90, 2), np.nan), np.zeros(2))
+    assert drift([[lost], [far], [lost]] * 5) is None
+    assert drift(spread(ndtree.simulate("apartment", scans=8))[0]) is None
+
+
+@pytest.mark.parametrize("name", ["intel", "freiburg_079", "mrpt_sena", "orebro", "belgioioso"])
+def test_recordings_with_good_poses_are_not_told_of(name: str, recordings: Path) -> None:
+    path = recordings / f"laser2d_{name}" / f"laser2d_{name}.npz"
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    assert drift(spread(ndtree.read(path))[0]) is None
+
+
+def test_the_first_look_at_odometry_tells_of_it(recordings: Path) -> None:
+    path = recordings / "laser2d_raw_fr079" / "fr079.clf.bz2"
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    look = first_look(ndtree.read(path))
+    assert look.drift is not None and look.drift.error > 0.5
+    assert look.figures()["drift"] == look.drift.error
