@@ -467,7 +467,7 @@ TYPED_TEST(ScanUpdateOf, AnyNumberOfThreadsGrowsTheSameTree) {
   SCOPED_TRACE(random.trace());
   MapOptions options = spelled_out_options(0.1, 0.1 * N);
   options.range_sigma_quadratic = 0.05;
-  for (int i = 0; i < 60; ++i) {
+  for (int i = 0; i < 25; ++i) {
     Scan<D> scan;
     scan.origins = Points<D>::Constant(D, 1, random.uniform(-0.2, 0.2));
     scan.endpoints =
