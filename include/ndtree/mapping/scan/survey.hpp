@@ -183,7 +183,8 @@ class ScanSurveyor {
     const ScanView<D>& scan = measurements_.scan();
     const Vector<D> origin = scan.origin(0);
     const double longest = this->longest();
-    const EightFloats cut = this->cut();
+    const float most = this->cut();
+    const EightFloats cut = most;
     // A beam up to this depth is at most `longest` long, whatever the rounding.
     const auto in_reach = static_cast<float>(longest / (std::sqrt(D) * (1.0 + 1e-5)));
     constexpr float kInfinity = std::numeric_limits<float>::infinity();
@@ -241,7 +242,7 @@ class ScanSurveyor {
       side.store(beams_.face.get() + index);
       deepest = max_of(deepest, depth);
       for (std::size_t a = 0; a < D; ++a) {
-        reach[a].lower = min_of(reach[a].lower, max_of(d[a], -this->cut()));
+        reach[a].lower = min_of(reach[a].lower, max_of(d[a], -most));
         reach[a].upper = max_of(reach[a].upper, min_of(d[a], cut));
       }
       unsigned left = 0xff;
