@@ -166,6 +166,20 @@ class Received:
         return grid_like(self.arrays, m, **options)
 
 
+@pytest.mark.parametrize("waits", [True, False])
+def test_a_slow_subscriber_gets_what_was_published_before_the_end(
+    waits: bool, robot: Robot, tmp_path: Path
+) -> None:
+    count, output = 25, tmp_path / "received"
+    with robot.running("slow", PROCESSES / "slow.py", output) as slow:
+        with robot.running("sender", PROCESSES / "sender.py", count, *["deliver"] * waits) as sender:
+            robot.wait(lambda: sender.poll() is not None, slow, "slow")
+            assert sender.returncode == 0, robot.log("sender")
+        assert slow.wait(PATIENCE) == 0, robot.log("slow")
+    received = int(output.read_text())
+    assert received == count if waits else received < count, "what waits is lost where nobody waits for it"
+
+
 def test_the_office_is_mapped_as_from_a_recording(robot: Robot, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "office", *office("ros1", 120))
     received = Received(robot, bag, 4.0, range_sigma=0.02, no_return="free")
