@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Equal cells block by block are those of one beam after the other.
+// Equal cells task by task are those of one beam after the other.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -11,13 +11,11 @@
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/map.hpp"
 #include "ndtree/mapping/fixed_update.hpp"
-#include "support/random.hpp"
-#include "support/shapes.hpp"
+#include "random.hpp"
+#include "shapes.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_fixed_update {
 namespace {
-
-using test::Random;
 
 /// The oracle: beam by beam, and down the whole tree for each cell.
 struct BeamByBeam : FixedRefinement {
@@ -71,7 +69,7 @@ Scan<D> random_scan(Random& random, double size) {
 
 template <class Shape>
 class FixedUpdateTest : public ::testing::Test {};
-TYPED_TEST_SUITE(FixedUpdateTest, test::Shapes, test::ShapeNames);
+TYPED_TEST_SUITE(FixedUpdateTest, Shapes, ShapeNames);
 
 TYPED_TEST(FixedUpdateTest, IsBeamByBeam) {
   NDTREE_SHAPE;
@@ -154,4 +152,4 @@ TYPED_TEST(FixedUpdateTest, WithoutMemoryChangesNothing) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_fixed_update
