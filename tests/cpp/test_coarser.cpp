@@ -17,10 +17,8 @@
 #include "ndtree/query/point.hpp"
 #include "support/random.hpp"
 
-namespace ndtree {
+namespace ndtree::test::test_coarser {
 namespace {
-
-using test::Random;
 
 // Lengths are whole numbers of sixtieths of the map's cells, so that what overlaps is decided exactly.
 constexpr std::int64_t kUnit = 60;
@@ -229,4 +227,4 @@ TEST(Coarser, SmallerCellsAreRefused) {
 }
 
 }  // namespace
-}  // namespace ndtree
+}  // namespace ndtree::test::test_coarser
