@@ -11,6 +11,8 @@
 #include <functional>
 #include <utility>
 
+#include "ndtree/core/inline.hpp"
+
 namespace ndtree {
 
 /// What a call throws that was stopped.
@@ -126,13 +128,13 @@ inline void last_checkpoint() {
 class Pace {
  public:
   /// @param work done since the last call, in steps of some ten nanoseconds.
-  void spend(std::size_t work = 1) {
+  NDTREE_ALWAYS_INLINE void spend(std::size_t work = 1) {
     if ((left_ -= static_cast<std::int64_t>(work)) < 0) stop_here();
   }
 
  private:
   static constexpr std::int64_t kSteps = std::int64_t{1} << 15;
-  void stop_here() {
+  NDTREE_NEVER_INLINE void stop_here() {
     left_ = kSteps;
     checkpoint();
   }
