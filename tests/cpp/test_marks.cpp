@@ -27,6 +27,7 @@
 #include "ndtree/query/collision.hpp"
 #include "ndtree/query/point.hpp"
 #include "random.hpp"
+#include "random_maps.hpp"
 
 namespace ndtree::test::test_marks {
 namespace {
@@ -45,19 +46,7 @@ MapOptions options_of() {
 
 template <class Map>
 Map random_map(Random& random) {
-  constexpr int D = Map::kDim;
-  Map map(options_of<Map::kBranching>());
-  for (int scans = 0; scans < 2; ++scans) {
-    Scan<D> scan;
-    scan.origins.resize(D, 1);
-    for (int a = 0; a < D; ++a) scan.origins(a, 0) = random.uniform(-1.0, 1.0);
-    scan.endpoints.resize(D, 60);
-    for (Eigen::Index i = 0; i < 60; ++i)
-      for (int a = 0; a < D; ++a) scan.endpoints(a, i) = random.uniform(-2.0, 2.0);
-    map.insert(scan);
-    map.insert(scan);
-  }
-  return map;
+  return test::random_map<Map>(random, options_of<Map::kBranching>(), 2);
 }
 
 template <int D>

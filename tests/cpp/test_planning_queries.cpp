@@ -22,6 +22,7 @@
 #include "ndtree/query/point.hpp"
 #include "ndtree/query/ray.hpp"
 #include "random.hpp"
+#include "random_maps.hpp"
 
 namespace ndtree::test::test_planning_queries {
 namespace {
@@ -35,18 +36,7 @@ Map random_map(Random& random) {
   options.min_cell_size = 0.25;
   options.max_cell_size = 0.25 * Map::kBranching * (D == 2 ? Map::kBranching : 1);
   options.range_sigma = 0.05;
-  Map map(options);
-  for (int scans = 0; scans < 3; ++scans) {
-    Scan<D> scan;
-    scan.origins.resize(D, 1);
-    for (int a = 0; a < D; ++a) scan.origins(a, 0) = random.uniform(-1.0, 1.0);
-    scan.endpoints.resize(D, 60);
-    for (Eigen::Index i = 0; i < 60; ++i)
-      for (int a = 0; a < D; ++a) scan.endpoints(a, i) = random.uniform(-2.0, 2.0);
-    map.insert(scan);
-    map.insert(scan);
-  }
-  return map;
+  return test::random_map<Map>(random, options, 3);
 }
 
 template <int D>
