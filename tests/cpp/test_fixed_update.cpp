@@ -23,6 +23,18 @@ struct BeamByBeam : FixedRefinement {
   template <class Tree, class Sensor>
   using Update = BeamUpdate<Tree, BeamByBeam, Sensor>;
 };
+/// Takes a scan in pieces, as one whose lists would be too long.
+struct InPieces : FixedRefinement {
+  using FixedRefinement::FixedRefinement;
+  template <class Tree, class Sensor>
+  struct Update : FixedUpdate<Tree, InPieces, Sensor> {
+    Update(Tree& tree, const InPieces& refinement, const Sensor& sensor, const MapOptions& options,
+           UpdateCounters& counters)
+        : FixedUpdate<Tree, InPieces, Sensor>(tree, refinement, sensor, options, counters, 200.0) {}
+  };
+};
+template <int N, int D>
+using MapInPieces = OccupancyMap<N, D, InPieces, BeamSensorModel>;
 template <int N, int D>
 using Oracle = OccupancyMap<N, D, BeamByBeam, BeamSensorModel>;
 
@@ -118,18 +130,23 @@ TYPED_TEST(FixedUpdateTest, ManyBeamsDoNotDependOnThreads) {
     }
     map.check_invariants();
     ASSERT_EQ(to_bytes(map), to_bytes(oracle)) << threads << " threads";
+    MapInPieces<N, D> in_pieces(options);
+    in_pieces.insert(scan, kUnlimitedRange, threads);
+    in_pieces.insert(scan, kUnlimitedRange, threads);
+    ASSERT_EQ(to_bytes(in_pieces), to_bytes(oracle)) << threads << " threads, in pieces";
   }
 }
 
-TYPED_TEST(FixedUpdateTest, WithoutMemoryChangesNothing) {
-  NDTREE_SHAPE;
-  if (D < 2) GTEST_SKIP() << "few cells take little memory";
-  Random random(8);
+/// Scans of ever more cells, until a map is full: it is then as before.
+template <class Map>
+void is_full_at_last(std::uint64_t seed) {
+  constexpr int D = Map::kDim;
+  Random random(seed);
   MapOptions options;
   options.min_cell_size = 0.1;
-  options.max_cell_size = 0.1 * N * N;
+  options.max_cell_size = 0.1 * Map::kBranching * Map::kBranching;
   options.max_memory = 60'000.0;
-  FixedMap<N, D> map(options);
+  Map map(options);
   Scan<D> scan;
   scan.origins = Points<D>::Zero(D, 1);
   scan.endpoints.resize(D, 500);
@@ -149,6 +166,13 @@ TYPED_TEST(FixedUpdateTest, WithoutMemoryChangesNothing) {
     }
     EXPECT_TRUE(failed);
   }
+}
+
+TYPED_TEST(FixedUpdateTest, WithoutMemoryChangesNothing) {
+  NDTREE_SHAPE;
+  if (D < 2) GTEST_SKIP() << "few cells take little memory";
+  is_full_at_last<FixedMap<N, D>>(8);
+  is_full_at_last<MapInPieces<N, D>>(8);
 }
 
 }  // namespace

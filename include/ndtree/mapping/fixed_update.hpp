@@ -4,11 +4,8 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <utility>
 #include <vector>
 
 #include "ndtree/core/beam.hpp"
@@ -23,6 +20,7 @@
 #include "ndtree/mapping/scan/tasks.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/beam_traversal.hpp"
+#include "ndtree/tree/child_index.hpp"
 #include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
@@ -77,9 +75,7 @@ class FixedWalk {
   /// Integrates a task's beams. @returns whether a cell changed.
   bool integrate(const Ref& task, const TaskCell<D>& beams) {
     const std::int64_t across = tree_.geometry().edge(task.index.level) / N;  // Nodes with cells, on an axis.
-    std::size_t count = 1;
-    for (int a = 0; a < D; ++a) count *= static_cast<std::size_t>(std::max<std::int64_t>(across, 1));
-    siblings_.assign(count, nullptr);
+    siblings_.assign(static_cast<std::size_t>(integer_power(std::max<std::int64_t>(across, 1), D)), nullptr);
     const std::uint64_t before = counters_.updates;
     for (const TaskList<D>* list = beams.first; list != beams.last; ++list)
       for (std::size_t i = 0; i < list->list.size; ++i)
@@ -227,9 +223,10 @@ class FixedUpdate {
   using Walk = FixedWalk<Tree, Sensor>;
 
  public:
+  /// @param most_crossings of beams and tasks that lists may hold at a time, 4 bytes each.
   FixedUpdate(Tree& tree, const Refinement&, const Sensor& sensor, const MapOptions& options,
-              UpdateCounters& counters)
-      : tree_(tree), evidence_(sensor, options), counters_(counters) {}
+              UpdateCounters& counters, double most_crossings = 0x1p24)
+      : tree_(tree), evidence_(sensor, options), counters_(counters), most_crossings_(most_crossings) {}
 
   /// Number of workers that a scan of this many beams is worth.
   [[nodiscard]] static std::size_t most_workers(Eigen::Index beams) {
@@ -246,6 +243,7 @@ class FixedUpdate {
       parts[p] = survey_exactly(tree_.geometry(), measurements, measurements.part(p, parts.size()));
     });
     for (std::size_t p = 1; p < parts.size(); ++p) parts.front().add(parts[p]);
+    longest_ = (parts.front().reach.upper - parts.front().reach.lower).norm();
     return parts.front();
   }
 
@@ -276,26 +274,29 @@ class FixedUpdate {
   [[nodiscard]] int task_level() const {
     constexpr std::int64_t kMostSiblings = 1024;
     const auto fits = [&](int level) {
-      std::int64_t siblings = 1;
-      for (int a = 0; a < D; ++a) siblings *= tree_.geometry().edge(level) / N;
-      return siblings <= kMostSiblings;
+      return integer_power(tree_.geometry().edge(level) / N, D) <= kMostSiblings;
     };
     int level = tree_.geometry().finest_level();
     while (level < tree_.root().index.level && fits(level + 1)) ++level;
     return level;
   }
-  /// How many beams from the first one have lists that surely fit in memory, at least one. A beam crosses at
-  /// most one task more than planes between them.
+  /// Up to where beams from the first one on have lists that surely fit in memory, at least one.
   [[nodiscard]] Eigen::Index end_of_piece(Eigen::Index first, int level) const {
-    constexpr double kMost = 0x1p24;
-    const double planes_per_metre = std::sqrt(D) / tree_.geometry().cell_size(level);
-    double crossings = 0.0;
+    const double cell_size = tree_.geometry().cell_size(level);
+    const auto fit = [&](double beams, double metres) {
+      return most_crossings<D>(beams, metres, cell_size) < most_crossings_;
+    };
+    const Eigen::Index size = measurements_->scan().size;
+    const auto left = static_cast<double>(size - first);
+    if (fit(left, left * longest_)) return size;
+    double beams = 0.0;
+    double metres = 0.0;
     Eigen::Index last = first;
-    for (; last < measurements_->scan().size && crossings < kMost; ++last) {
+    for (; last < size && fit(beams, metres); ++last) {
       const Beam<D> beam = measurements_->beam(last);
       if (beam.outcome == BeamOutcome::invalid) continue;
-      const double t_end = Sensor::t_end(beam, measurements_->sigma(last, beam.range));
-      crossings += 1.0 + D + t_end * beam.range * planes_per_metre;
+      beams += 1.0;
+      metres += Sensor::t_end(beam, measurements_->sigma(last, beam.range)) * beam.range;
     }
     return last;
   }
@@ -304,6 +305,8 @@ class FixedUpdate {
   BeamEvidence<Sensor> evidence_;
   UpdateCounters& counters_;
   const Measurements<D, Sensor>* measurements_ = nullptr;
+  double most_crossings_;
+  double longest_ = 0.0;  // No beam is longer, to the end of its noise [m].
 };
 
 }  // namespace ndtree

@@ -403,7 +403,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
       throw std::invalid_argument("marked space from " + describe(box.lower) + " to " + describe(box.upper) +
                                   " m: must be within " + describe_number(geometry.reach()) + " m of 0");
   }
-  /// All smallest cells that share a point with a closed box, and those that do but for rounding.
+  /// All smallest cells that share a point with a closed box, or would without rounding.
   [[nodiscard]] LatticeBox<D> cells_touched_by(const Box<D>& box) const {
     const auto& geometry = tree_.geometry();
     LatticeBox<D> cells;

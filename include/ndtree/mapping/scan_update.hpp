@@ -23,6 +23,7 @@
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/scan/packed_beams.hpp"
 #include "ndtree/mapping/scan/subsample.hpp"
+#include "ndtree/mapping/scan/task_lists.hpp"
 #include "ndtree/mapping/scan/tasks.hpp"
 #include "ndtree/mapping/scan/walk.hpp"
 #include "ndtree/mapping/update_counters.hpp"
@@ -242,13 +243,12 @@ class ScanUpdate {
     return faces;
   }
 
-  /// True if the lists of all tasks, which exist at the same time, surely take less than a gigabyte. A beam
-  /// crosses at most one cell of the coarsest level more than planes between such cells.
+  /// True if the lists of all tasks, which exist at the same time, surely take less than a gigabyte.
   [[nodiscard]] bool lists_fit_in_memory() const {
     constexpr double kMost = 0x1p26;
-    const double planes_per_metre = std::sqrt(D) / tree_.geometry().cell_size(coarsest_level());
+    const double cell_size = tree_.geometry().cell_size(coarsest_level());
     const auto n = static_cast<double>(beams_.size());
-    const auto fit = [&](double ray) { return n * (1.0 + D) + ray * planes_per_metre < kMost; };
+    const auto fit = [&](double metres) { return most_crossings<D>(n, metres, cell_size) < kMost; };
     if (fit(n * (reach_.upper - reach_.lower).norm())) return true;
     return fit(std::accumulate(beams_.rays(), beams_.rays() + beams_.size(), 0.0,
                                [](double sum, const BeamRay<D>& ray) { return sum + ray.t_max; }));

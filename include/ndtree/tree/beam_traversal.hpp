@@ -130,8 +130,8 @@ class BeamStepper {
   }
 
   /// Calls `visit(lower, t_enter, t_exit)` for each cell of one level in a larger cell that the beam passes
-  /// through over more than a point, in order: those that for_each_child() reaches from level to level, with
-  /// the same entries and exits.
+  /// through over more than a point, in order: the same cells, entries and exits that for_each_child()
+  /// reaches level by level.
   /// @param t_enter, t_exit of the larger cell. @param edge of the cells, in smallest ones.
   template <class Visit>
   void for_each_cell(const CellIndex<D>& in, std::int64_t edge, double t_enter, double t_exit,

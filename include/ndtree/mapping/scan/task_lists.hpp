@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <tuple>
@@ -70,6 +71,13 @@ template <int D>
     cells.back().size += list.list.size;
   }
   return cells;
+}
+
+/// Most crossings of beams and cells: a beam crosses at most one cell more than planes between cells.
+/// @param metres that all beams have together. @param cell_size of the cells [m].
+template <int D>
+[[nodiscard]] double most_crossings(double beams, double metres, double cell_size) {
+  return beams * (1.0 + D) + metres * (std::sqrt(D) / cell_size);
 }
 
 }  // namespace ndtree
