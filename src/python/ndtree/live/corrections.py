@@ -42,7 +42,7 @@ TOLERANCE = 0.01, math.radians(0.1)
 MEMORY = 1 << 30
 #: The share of the oldest scans that are frozen where there are too many bytes.
 _FREEZES = 0.1
-#: The next correction is taken after new scans for this share of those that the last one mapped anew.
+#: The next correction waits for new scans: as many as this share of the scans that the last one mapped anew.
 _REST = 0.2
 #: Bytes of a beam, of its own origin or standard deviation beside it, and of a scan.
 _BEAM, _SIGMA, _SCAN = 8, 4, 1000
@@ -207,14 +207,14 @@ class Corrections:
         """Map a scan, and keep it."""
         history = self._made()
         planar = history.dim == 2
-        pose = level(motion.sensor) if planar else motion.sensor
+        pose = motion.sensor.level() if planar else motion.sensor
         back = pose.inverse()
         ends, origins = (_in_frame(back, part) for part in (scan.endpoints, scan.origin))
         origin = origins[0] if np.ndim(scan.origin) == 1 else origins
         report = history.insert(
             self._next,
             ends[:, : history.dim],
-            matrix(pose, history.dim),
+            pose.matrix(history.dim),
             origin=origin[..., : history.dim],
             returned=scan.returned,
             range_sigma=scan.range_sigma,
@@ -262,7 +262,7 @@ class Corrections:
             poses = {int(at[k]): Pose(rotations[k], positions[k]) for k in moves}
             report = history.move(
                 {
-                    first + i: matrix(level(pose) if history.dim == 2 else pose, history.dim)
+                    first + i: (pose.level() if history.dim == 2 else pose).matrix(history.dim)
                     for i, pose in poses.items()
                 },
                 threads=self._threads,
@@ -334,22 +334,6 @@ class Corrections:
         moved = (1 - share)[:, None] * positions[before] + share[:, None] * positions[after]
         back = np.swapaxes(turned, -1, -2)
         return (keys >= stamps[0]) & (keys <= stamps[-1]), (back, -rotated(back, moved))
-
-
-def level(pose: Pose) -> Pose:
-    """The pose in the plane that is below another: its x, y and yaw."""
-    yaw = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return Pose(rotation, np.array([pose.position[0], pose.position[1], 0.0]))
-
-
-def matrix(pose: Pose, dim: int) -> Floats:
-    """(dim + 1, dim + 1), as maps take poses."""
-    whole = np.eye(dim + 1)
-    whole[:dim, :dim] = pose.rotation[:dim, :dim]
-    whole[:dim, dim] = pose.position[:dim]
-    return whole
 
 
 def _differ(

@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ndtree._native._core import Matcher, OccupancyMap
-from ndtree.logs.poses.pose import Pose
+from ndtree._native._core import Matcher, OccupancyMap, pose_matrix
 
 Floats = NDArray[np.float64]
 #: The frame of odometry, unless another is said: scans are placed in it, and found in the map.
@@ -134,7 +133,7 @@ class Localizer:
         self.is_lost = guess is None
         self.scans = self.fitting = self.times_lost = 0
         self._map_odometry: Floats = np.eye(3)
-        self._guess = None if guess is None else matrix_of(np.asarray(guess, dtype=np.float64))
+        self._guess = None if guess is None else matrix_of(guess)
         self._matched: Floats | None = None  # The odometry at the last match.
         self._failed = 0
         self._found = 0
@@ -163,7 +162,7 @@ class Localizer:
         """
         ends = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         ends = ends[np.isfinite(ends).all(axis=1)]
-        at = matrix_of(np.asarray(odometry, dtype=np.float64))
+        at = matrix_of(odometry)
         if self._guess is not None:
             self._map_odometry, self._guess = self._guess @ inverse(at), None
         self.scans += 1
@@ -176,7 +175,7 @@ class Localizer:
             stamp,
             self.is_lost,
             self._map_odometry @ at,
-            self._map_odometry @ (at if body is None else matrix_of(np.asarray(body, dtype=np.float64))),
+            self._map_odometry @ (at if body is None else matrix_of(body)),
             self._map_odometry.copy(),
             self._covariance.copy(),
             score,
@@ -259,15 +258,9 @@ class Localizer:
             self.times_lost += 1
 
 
-def matrix_of(pose: Floats) -> Floats:
-    """(3, 3) of x, y and yaw, or of what is a matrix already."""
-    if pose.shape == (3, 3):
-        return pose
-    if pose.shape != (3,):
-        raise ValueError(f"a pose has shape {pose.shape}: must be (3,) of x, y and yaw, or (3, 3)")
-    x, y, yaw = (float(one) for one in pose)
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return np.array([[cos, -sin, x], [sin, cos, y], [0.0, 0.0, 1.0]])
+def matrix_of(pose: ArrayLike) -> Floats:
+    """(3, 3) of x, y and yaw, or of a matrix; ValueError if it is no pose."""
+    return pose_matrix(pose, dim=2)
 
 
 def place_of(text: str) -> Floats:
@@ -279,12 +272,6 @@ def place_of(text: str) -> Floats:
     if place.shape != (3,) or not np.isfinite(place).all():
         raise ValueError(f"guess = {text}: must be X,Y,YAW in m and rad")
     return place
-
-
-def matrix_in_plane(pose: Pose) -> Floats:
-    """(3, 3): x, y and yaw of a pose in space."""
-    yaw = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
-    return matrix_of(np.array([pose.position[0], pose.position[1], yaw]))
 
 
 def quaternion_of(pose: Floats) -> tuple[float, float, float, float]:

@@ -27,7 +27,7 @@ from ndtree.live.corrections import Corrections
 from ndtree.live.fading import Fading
 from ndtree.live.figures import LiveFigures
 from ndtree.live.intake import Intake, Verdict
-from ndtree.live.localizing import Localization, Localizer, matrix_in_plane
+from ndtree.live.localizing import Localization, Localizer
 from ndtree.live.queue import Entry, ScanQueue
 from ndtree.live.way import Way
 from ndtree.live.window import Window
@@ -509,7 +509,7 @@ class LiveMapper:
             figures.leave_out("scans without odometry" if motion is None else "scans that are not 2-D")
             return
         ends = scan.endpoints if scan.returned is None else scan.endpoints[scan.returned]
-        sensor, body = matrix_in_plane(motion.sensor), matrix_in_plane(motion.odometry)
+        sensor, body = (pose.level().matrix(2) for pose in (motion.sensor, motion.odometry))
         ends = (ends - sensor[:2, 2]) @ sensor[:2, :2]
         found = localizer.track(ends, sensor, motion.stamp, body=body)
         self._stamp = scan.stamp

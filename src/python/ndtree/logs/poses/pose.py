@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,6 +75,20 @@ class Pose:
     def inverse(self) -> Pose:
         """The transform back."""
         return Pose(self.rotation.T, -rotated(self.rotation.T, self.position))
+
+    def level(self) -> Pose:
+        """The pose in the plane below: x, y and yaw of this one."""
+        yaw = math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        return Pose(rotation, np.array([self.position[0], self.position[1], 0.0]))
+
+    def matrix(self, dim: int) -> Floats:
+        """(dim + 1, dim + 1), as maps take poses; in 2-D of a level pose."""
+        whole = np.eye(dim + 1)
+        whole[:dim, :dim] = self.rotation[:dim, :dim]
+        whole[:dim, dim] = self.position[:dim]
+        return whole
 
     def __matmul__(self, other: Pose) -> Pose:
         """First `other`, then this one: ``T_map_body @ T_body_sensor``."""
