@@ -1617,7 +1617,7 @@ class OccupancyMap:
     ) -> None:
         """Say that space is free, or occupied, because somebody knows better.
 
-        The cells are those that `clear` forgets with the same arguments; what was known of them is replaced. Each
+        The cells are the same that `clear` forgets with the same arguments; what was known of them is replaced. Each
         smallest cell gets the evidence of ``beams`` beams that ended in it, or passed it, and larger cells what their
         smallest ones have together, as far as cells remember (`evidence_memory`, `free_memory`; in maps with equal cells
         and the paper's, the bounds of log-odds). So later beams may change it.

@@ -98,7 +98,7 @@ class Leaves(Answers):
 
     @property
     def disputed_fraction(self) -> float:
-        """float: of the volume of those that were observed; nan if there is none."""
+        """float: disputed part of the observed volume; nan where nothing was observed."""
         volume = np.atleast_1d(self.size).astype(np.float64) ** self.lower.shape[-1]
         observed = float(volume[np.atleast_1d(self.observed)].sum())
         return float(volume[np.atleast_1d(self.disputed)].sum()) / observed if observed else math.nan
