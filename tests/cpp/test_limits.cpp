@@ -62,21 +62,21 @@ TYPED_TEST(Limits, AScanThatWouldTakeTooMuchMemoryLeavesTheMapAsItWas) {
   for (const int threads : {1, 3}) {
     Random random(7);
     MapOptions options = spelled_out_options(0.05, 0.8);
-    options.max_memory = 600e3;
+    options.max_memory = 300e3;
     options.split_probability = 0.5;
     TypeParam map(options);
     for (int i = 0; i < 25; ++i) {
       SCOPED_TRACE(i);
-      const Scan<D> scan = random_scan<D>(random, 3000, D == 2 ? 2.0 * (1 + i) : 0.6 * (1 + i), 0.1 * i);
+      const Scan<D> scan = random_scan<D>(random, 1200, D == 2 ? 2.0 * (1 + i) : 0.6 * (1 + i), 0.1 * i);
       const std::string before = to_bytes(map);
       bool was_refused = false;
       try {
         map.insert(scan, kUnlimitedRange, threads);
       } catch (const MemoryLimitReached& error) {
         was_refused = true;
-        EXPECT_NE(std::string(error.what()).find("max_memory = 600000"), std::string::npos) << error.what();
+        EXPECT_NE(std::string(error.what()).find("max_memory = 300000"), std::string::npos) << error.what();
       }
-      ASSERT_LE(map.memory_bytes(), 600000u);
+      ASSERT_LE(map.memory_bytes(), 300000u);
       ASSERT_NO_THROW(map.check_invariants());
       refused += was_refused;
       ASSERT_TRUE(!was_refused || to_bytes(map) == before);

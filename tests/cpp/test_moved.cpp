@@ -237,7 +237,7 @@ TEST(Moved, OneScanAloneSaysNothing) {
 
 TEST(Moved, ThreadsChangeNothing) {
   SimulationOptions simulation;
-  simulation.scans = 12;
+  simulation.scans = 4;
   simulation.people = 3;
   MovedOptions options;
   options.range_sigma = 0.02;
@@ -264,9 +264,9 @@ TEST(Moved, NumbersAtATimeChangeNothing) {
     EXPECT_GT(one.size(), 10'000U);
     EXPECT_EQ(std::memcmp(one.data(), many.data(), one.size() * sizeof(float)), 0);
   };
-  simulation.scans = 100;
+  simulation.scans = 60;
   compare(simulate_office(simulation));
-  simulation.scans = 8;
+  simulation.scans = 3;
   compare(simulate_apartment(simulation));
   compare(simulate_street(simulation, {32, 256}));
 }

@@ -47,7 +47,7 @@ Map room(double min_cell_size = 0.1) {
     scan.returned.resize(1500);
     for (Eigen::Index i = 0; i < scan.endpoints.cols(); ++i) {
       Vector<3> way(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1));
-      scan.endpoints.col(i) = scan.origins.col(0) + way * (2.3 / way.cwiseAbs().maxCoeff());
+      scan.endpoints.col(i) = scan.origins.col(0) + way * (1.3 / way.cwiseAbs().maxCoeff());
       scan.returned[i] = i % 9 != 0;
     }
     map.insert(scan);
@@ -62,7 +62,7 @@ TYPED_TEST_SUITE(OctomapFile, Maps, );
 
 /// Centres of the cells of an OctoMap of this resolution in and around the room.
 std::vector<Vector<3>> centres(double cell_size) {
-  const int n = static_cast<int>(std::ceil(3.5 / cell_size));
+  const int n = static_cast<int>(std::ceil(2.0 / cell_size));
   std::vector<Vector<3>> result;
   for (int x = -n; x < n; ++x)
     for (int y = -n; y < n; ++y)
@@ -85,7 +85,7 @@ TYPED_TEST(OctomapFile, ReadBackEveryCellIsWhatTheMapSays) {
       ASSERT_EQ(state(binary, point), cell.state()) << point.transpose();
       known += cell.state() != CellState::unknown;
     }
-    EXPECT_GT(known, 20000u);
+    EXPECT_GT(known, 4000u);
   }
 }
 
@@ -224,7 +224,7 @@ TEST(OctomapFile, ColoursComeBackWithTheirCells) {
     colors.join(leaf.index, 0.5 * (box.lower + box.upper), value);
     ++colored;
   });
-  ASSERT_GT(colored, 500u);
+  ASSERT_GT(colored, 200u);
   const std::string bytes = octomap_bytes(map, OctomapFormat::full, {}, &colors);
   EXPECT_NE(bytes.substr(0, 200).find("\nid ColorOcTree\n"), std::string::npos);
   std::optional<OctomapColors<PaperMap<2, 3>>> again;
@@ -398,7 +398,7 @@ TYPED_TEST(OctomapFile, OctomapItselfReadsIt) {
       ASSERT_EQ(binary.log_odds(point).has_value(), cell.state() != CellState::unknown);
       known += cell.state() != CellState::unknown;
     }
-    EXPECT_GT(known, 20000u);
+    EXPECT_GT(known, 4000u);
     EXPECT_EQ(full.stats().leaves, full.stats().leaves_pruned) << "nothing is left to prune";
     std::ostringstream again;
     full.write_ot(again);
