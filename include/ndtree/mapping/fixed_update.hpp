@@ -95,15 +95,15 @@ class FixedWalk {
   [[nodiscard]] Beam<D> beam(std::size_t number) const {
     return measurements_.beam(first_ + static_cast<Eigen::Index>(number));
   }
-  [[nodiscard]] double sigma(std::size_t number, double range) const {
-    return measurements_.sigma(first_ + static_cast<Eigen::Index>(number), range);
+  [[nodiscard]] double sigma(std::size_t number, const Beam<D>& beam) const {
+    return measurements_.sigma(first_ + static_cast<Eigen::Index>(number), beam);
   }
   /// Calls `visit(lower, t_enter, t_exit)` for each smallest cell in a node that a beam passes and that may
   /// change; evidence_ is then that of the beam.
   template <class Visit>
   void for_each_cell(const CellIndex<D>& node, std::size_t number, const Visit& visit) {
     const Beam<D> beam = this->beam(number);
-    evidence_.begin(beam, sigma(number, beam.range));
+    evidence_.begin(beam, sigma(number, beam));
     const BeamStepper<N, D> stepper(tree_.geometry(), beam.origin, beam.displacement);
     double t_enter = 0.0;
     double t_exit = evidence_.t_end();
@@ -187,7 +187,7 @@ class FixedWalk {
       const Beam<D> beam = this->beam(number);
       const BeamStepper<N, D> stepper(tree_.geometry(), beam.origin, beam.displacement);
       double t_enter = 0.0;
-      double t_exit = Sensor::t_end(beam, sigma(number, beam.range));
+      double t_exit = Sensor::t_end(beam, sigma(number, beam));
       if (!stepper.clip(node, t_enter, t_exit)) continue;
       stepper.for_each_child(node, t_enter, t_exit, [&](int child, const CellIndex<D>&, double, double) {
         of_children[static_cast<std::size_t>(child)].push_back(number);
@@ -296,7 +296,7 @@ class FixedUpdate {
       const Beam<D> beam = measurements_->beam(last);
       if (beam.outcome == BeamOutcome::invalid) continue;
       beams += 1.0;
-      metres += Sensor::t_end(beam, measurements_->sigma(last, beam.range)) * beam.range;
+      metres += Sensor::t_end(beam, measurements_->sigma(last, beam)) * beam.range;
     }
     return last;
   }

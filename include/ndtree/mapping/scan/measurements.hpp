@@ -60,6 +60,10 @@ class Measurements {
   [[nodiscard]] double sigma(Eigen::Index i, double range) const {
     return scan_.range_sigma == nullptr ? sensor_->sigma(range) : scan_.range_sigma[i];
   }
+  /// As sigma() of a range, of the i-th beam, which is as long as it is after the cut.
+  [[nodiscard]] double sigma(Eigen::Index i, const Beam<D>& beam) const {
+    return sigma(i, beam.t_free * beam.range);
+  }
 
  private:
   ScanView<D> scan_;
@@ -107,7 +111,7 @@ ScanSurvey<D> survey_exactly(const Geometry& geometry, const Measurements<D, Sen
     const Beam<D> beam = measurements.beam(i);
     ++survey.count(beam.outcome);
     if (beam.outcome == BeamOutcome::invalid) continue;
-    const double sigma = measurements.sigma(i, beam.range);
+    const double sigma = measurements.sigma(i, beam);
     require_within(("range_sigma of beam " + std::to_string(i)).c_str(), sigma, kRangeSigmaBounds);
     const double t_end = Sensor::t_end(beam, sigma);
     for (const Vector<D>& point : {beam.origin, beam.point(t_end), beam.free_end()}) {

@@ -123,7 +123,8 @@ class ScanBeams {
       const float inverse = std::min(length / std::abs(ray[a]), kSteepest);
       rays_[number].inverse[a] = ray[a] < 0.0f ? -inverse : inverse;
     }
-    const double sigma = measurements.sigma(i, static_cast<double>(range));
+    // A beam that is cut, of any length, has no more noise than others may have.
+    const double sigma = std::min(measurements.sigma(i, static_cast<double>(range)), kRangeSigmaBounds.most);
     const float end = beam.t_free < 1.0 ? static_cast<float>(beam.t_free * beam.range) : range;
     set_range(
         number, returned, end, depth / length, static_cast<float>(sigma),
