@@ -207,6 +207,8 @@ struct EightFloats {
   }
 };
 
+NDTREE_BY_EIGHTS inline void load_from(EightFloats& x, const float* from) { x = EightFloats::load(from); }
+NDTREE_BY_EIGHTS inline void store_to(const EightFloats& x, float* to) { x.store(to); }
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats min_of(const EightFloats& a, const EightFloats& b) {
   return EightFloats::from(_mm256_min_ps(a.v, b.v));
 }

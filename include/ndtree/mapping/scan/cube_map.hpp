@@ -12,6 +12,8 @@
 #include <map>
 #include <vector>
 
+#include "ndtree/core/inline.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/rounded.hpp"
 #include "ndtree/core/types.hpp"
 
@@ -120,9 +122,14 @@ struct CubeFace {
   /// the face has a single beam, so that every cell samples it.
   [[nodiscard]] float expected_beams(float depth, float size) const {
     if (is_single()) return 0.0f;
-    const float row = size * density / depth;
-    float expected = 1.0f;
-    for (const float n : pixels) expected *= std::min(row, n);
+    return expected_beams(size * density / depth, pixels.data());
+  }
+  /// expected_beams() of one cube or several. @param row pixels side by side in the cube.
+  /// @param pixels on each axis of the face.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats expected_beams(const Floats& row, const Floats* pixels) {
+    Floats expected = 1.0f;
+    for (std::size_t k = 0; k < kAxes; ++k) expected = expected * min_of(row, pixels[k]);
     return expected;
   }
   /// Depth of a cell's centre, or half the cell's edge if that is more [m].

@@ -85,6 +85,7 @@ class LeafCoverage {
       if (std::abs(ray.inverse[a]) < std::abs(ray.inverse[main])) main = a;
     return main;
   }
+  /// Beam by beam where the partition goes beam by beam, whose crossings it takes.
   void add(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
            Sum& sum) const {
 #ifdef NDTREE_HAS_EIGHTS

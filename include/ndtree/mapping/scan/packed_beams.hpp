@@ -90,7 +90,8 @@ class ScanBeams {
     base_ = base;
   }
 
-  /// Writes the rows of a beam.
+  /// Writes the rows of a beam of any kind: also one that is cut, did not return, ends on a border, or has an
+  /// origin or noise of its own, for which set_eight() has no steps.
   /// @param i index of the beam in the scan; a valid beam. @param noise to which the beam's is added.
   template <int N, class Sensor>
   void set(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
@@ -123,8 +124,7 @@ class ScanBeams {
       const float inverse = std::min(length / std::abs(ray[a]), kSteepest);
       rays_[number].inverse[a] = ray[a] < 0.0f ? -inverse : inverse;
     }
-    // A beam that is cut, of any length, has no more noise than others may have.
-    const double sigma = std::min(measurements.sigma(i, static_cast<double>(range)), kRangeSigmaBounds.most);
+    const double sigma = measurements.sigma(i, static_cast<double>(range));
     const float end = beam.t_free < 1.0 ? static_cast<float>(beam.t_free * beam.range) : range;
     set_range(
         number, returned, end, depth / length, static_cast<float>(sigma),

@@ -84,7 +84,8 @@ class ChildPartition {
     if (width_ >= 8) children.pad();  // Loops of width 1 read no padding.
   }
 
-  /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses.
+  /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses. Beam by beam, along the
+  /// few of many children that it crosses, and from an origin of its own; vectors clip against all children.
   template <class Visit>
   void for_each_crossing(const CellIndex<D>& node, const BeamList& list, const Visit& visit) const {
     if (beams_.has_own_origins()) {

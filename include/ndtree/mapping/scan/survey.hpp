@@ -107,6 +107,7 @@ class ScanSurveyor {
   static constexpr float kShortest = 2e-18f;
   static constexpr float kLongest = 1e18f;
 
+  /// Any beam: of an origin of its own, invalid, or too long for float, for which eight have no steps.
   void survey_one(Eigen::Index i) {
     const ScanView<D>& scan = measurements_.scan();
     const Vector<D> origin = scan.origin(i);
