@@ -115,14 +115,11 @@ ScanSurvey<D> survey_exactly(const Geometry& geometry, const Measurements<D, Sen
     require_within(("range_sigma of beam " + std::to_string(i)).c_str(), sigma, kRangeSigmaBounds);
     const double t_end = Sensor::t_end(beam, sigma);
     for (const Vector<D>& point : {beam.origin, beam.point(t_end), beam.free_end()}) {
-      if (!geometry.in_reach(point)) {
-        std::string text;
-        for (int a = 0; a < D; ++a) text += (a ? ", " : "") + describe_number(point[a]);
-        throw std::invalid_argument("beam " + std::to_string(i) + " reaches (" + text +
-                                    ") m: with cells of " + describe_number(geometry.unit()) +
+      if (!geometry.in_reach(point))
+        throw std::invalid_argument("beam " + std::to_string(i) + " reaches " + describe_point(point) +
+                                    " m: with cells of " + describe_number(geometry.unit()) +
                                     " m every component must be within " + describe_number(geometry.reach()) +
                                     " m of 0");
-      }
       survey.include(point);
     }
     if (!(t_end * beam.range <= kLongestBeam * geometry.unit()))
