@@ -58,7 +58,7 @@ def ends_to_match(scan: Scan, ranges: Floats, max_range: float) -> NDArray[np.bo
 
 
 def spread_evenly(points: Floats, most: int) -> Floats:
-    """Every second, third, ... of points, so that they are at most so many."""
+    """Every second, third, ... of points, at most `most`."""
     return points[:: max(1, math.ceil(len(points) / most))]
 
 
