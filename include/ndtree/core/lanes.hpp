@@ -6,7 +6,7 @@
 /// and `Doubles` a double or FourDoubles:
 /// @code
 /// template <class Floats>
-/// NDTREE_ALWAYS_INLINE Floats plane_at(const Floats& inverse) const { return rounded(p_ * inverse); }
+/// NDTREE_ALWAYS_INLINE Floats plane_at(const Floats& inverse) const { return unfused(p_ * inverse); }
 /// @endcode
 /// A loop over vectors is a function with NDTREE_BY_EIGHTS (AVX2) or NDTREE_BY_SIXTEENS (AVX-512), which a
 /// caller chooses by Simd::width(). Processors' instructions stand in lanes_avx2.hpp and lanes_avx512.hpp
@@ -14,7 +14,7 @@
 /// members.
 ///
 /// Invariants. The same expression gives the same bits for each number, whatever the width: products are
-/// rounded before they are added (rounded(); in vectors they always are), the functions here are defined by a
+/// rounded before they are added (unfused(); in vectors they always are), the functions here are defined by a
 /// comparison where the standard library's would differ for 0 and -0. Rules take vectors by reference, and
 /// all that takes or returns them is inlined: then callers and callees need not be compiled for the same
 /// processor.

@@ -9,7 +9,7 @@
 
 #include "ndtree/core/inline.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -64,7 +64,7 @@ class BeamNoise {
   static constexpr float kAboveRounding = 1.0f + 0x1p-21f;
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Floats margin_of(const Floats& reach, const Floats& pass) const {
-    return rounded(reach * kAboveRounding) - pass - rounded(rounded(growth_ * reach) * reach);
+    return unfused(reach * kAboveRounding) - pass - unfused(unfused(growth_ * reach) * reach);
   }
   float growth_;
   // Element k is of every eighth beam; width 1 uses element 0 alone.

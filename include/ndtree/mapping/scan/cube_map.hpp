@@ -14,8 +14,8 @@
 
 #include "ndtree/core/inline.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -136,7 +136,7 @@ struct CubeFace {
   /// @param near_border, far_border of the cell on the axis of the face [m].
   [[nodiscard]] float depth_of(double near_border, double far_border) const {
     const double half = 0.5 * (far_border - near_border);
-    const double centre = rounded(0.5 * (near_border + far_border)) - origin[axis];
+    const double centre = unfused(0.5 * (near_border + far_border)) - origin[axis];
     return static_cast<float>(std::max(half, std::abs(centre)));
   }
   /// Edge of the square that a beam stands for at depth 1: that of a pixel, at most 0.1. 0 for a single beam,

@@ -14,8 +14,8 @@
 
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/scan/counting_sort.hpp"
 #include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
@@ -121,7 +121,7 @@ class alignas(kCacheLines) ScanPart {
 
   /// How far behind a beam's end a cell's centre can lie that the beam crosses [m].
   [[nodiscard]] float behind(const SubsampleLimits& sampling) const {
-    return beams_.reach_behind + rounded(0.5f * static_cast<float>(sampling.largest_cell));
+    return beams_.reach_behind + unfused(0.5f * static_cast<float>(sampling.largest_cell));
   }
   /// The length at which beams are cut, max_range as float [m].
   [[nodiscard]] float farthest() const {
@@ -133,7 +133,7 @@ class alignas(kCacheLines) ScanPart {
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats last_depth(const Floats& depth, float farthest,
                                                               float behind) {
-    return rounded(min_of(depth, farthest) * kSlack) + behind;
+    return unfused(min_of(depth, farthest) * kSlack) + behind;
   }
 
   /// True if a smallest cell at this depth can sample a beam with this key. By the face itself, of any
@@ -272,7 +272,7 @@ template <class Geometry, int D, class Sensor>
   if (measurements.scan().range_sigma == nullptr) sigma = std::max(sensor.sigma(0.0), sensor.sigma(reached));
   is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
   const double margin =
-      rounded(Sensor::kReachSigmas * sigma) + rounded(1e-6 * reached);  // Exceeds all rounding.
+      unfused(Sensor::kReachSigmas * sigma) + unfused(1e-6 * reached);  // Exceeds all rounding.
   is_valid = is_valid && reached + margin <= kLongestBeam * geometry.unit();
   whole.reach.lower.array() -= margin;
   whole.reach.upper.array() += margin;
