@@ -15,7 +15,7 @@ class LinearNoise : public ndtree::BeamSensorModel {
   /// at every width alike.
   template <class Doubles>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma(const Doubles& range) const {
-    return at_sensor_ + ndtree::rounded(per_metre_ * range);
+    return at_sensor_ + ndtree::unfused(per_metre_ * range);
   }
 
  private:

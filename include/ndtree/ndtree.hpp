@@ -6,8 +6,11 @@
 
 #include "ndtree/evaluation/calibration.hpp"
 #include "ndtree/evaluation/claims.hpp"
+#include "ndtree/evaluation/held_out.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
+#include "ndtree/evaluation/log_sample.hpp"
 #include "ndtree/evaluation/moved.hpp"
+#include "ndtree/evaluation/no_returns.hpp"
 #include "ndtree/fwd.hpp"
 #include "ndtree/io/coarser.hpp"
 #include "ndtree/io/dense_grid.hpp"

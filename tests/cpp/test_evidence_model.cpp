@@ -116,7 +116,7 @@ TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
     std::int64_t free = 0;
     for (int i = -200; i <= 200; ++i, ++cases) {
       const auto log_odds = static_cast<float>(0.01 * i);
-      BeamWeight::add(sum, log_odds, BeamWeight::probability_inside_table()(sigmas));
+      BeamWeight::add(sum, BeamWeight::units_of(log_odds, BeamWeight::probability_inside_table()(sigmas)));
       const double weight = BeamWeight::probability_inside(1.0 / static_cast<double>(sigmas));
       if (i > 0) occupied += std::lrint(256.0 * weight * static_cast<double>(log_odds));
       if (i < 0) free += std::lrint(-256.0 * static_cast<double>(log_odds));
@@ -128,7 +128,7 @@ TEST(EvidenceModel, BeamsWeighWhatTheSensorModelSays) {
   EXPECT_EQ(cases, 3 * 401);
   // A beam that passed, and a beam near its end that says the same.
   ScanEvidence near;
-  BeamWeight::add(near, static_cast<float>(std::log(0.4 / 0.6)), 0.3f);
+  BeamWeight::add(near, BeamWeight::units_of(static_cast<float>(std::log(0.4 / 0.6)), 0.3f));
   EXPECT_EQ(near.free, model.miss_evidence());
 }
 
@@ -562,7 +562,7 @@ TEST(EvidenceModel, EffectiveBeamsAreThoseThatWereAdded) {
   for (int hits = 0; hits <= 30; ++hits)
     for (int misses = 0; misses <= 60; misses += 3, ++cases) {
       ScanEvidence scan;
-      for (int i = 0; i < hits; ++i) BeamWeight::add(scan, hit, kInside);
+      for (int i = 0; i < hits; ++i) BeamWeight::add(scan, BeamWeight::units_of(hit, kInside));
       scan.free = misses * model.miss_evidence();
       EvidenceCell cell;
       model.update(cell, scan);

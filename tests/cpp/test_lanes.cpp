@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "support/random.hpp"
 
 namespace ndtree::test::test_lanes {
@@ -37,7 +37,7 @@ using EightWords = std::array<std::uint32_t, 8>;
 /// A rule that uses most of what there is.
 template <class Floats>
 NDTREE_ALWAYS_INLINE Floats rule(const Floats& a, const Floats& b) {
-  const Floats product = rounded(a * b) + 0.5f;
+  const Floats product = unfused(a * b) + 0.5f;
   const Floats nearer = min_of(a, b) - max_of(b, a);
   const Floats chosen = select(a < b, Floats(product / b), Floats(nearer * 3.0f));
   return select((chosen >= product) | (a == b), with_sign(abs_of(chosen), a), chosen);

@@ -18,6 +18,7 @@
 #include "ndtree/core/memory.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/io/map_file.hpp"
+#include "ndtree/mapping/crossed_cubes.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "options.hpp"
 #include "random.hpp"
@@ -194,6 +195,50 @@ TEST(Limits, BeamsTooLongForFloatsAreCutLikeOthers) {
                 static_cast<double>(other.stats().observed_leaves), 2.0)
         << length;
   }
+}
+
+TYPED_TEST(Limits, BeamsOfAnyLengthAreCutBeforeTheirNoiseIsAsked) {
+  constexpr int D = TypeParam::kDim;
+  MapOptions options = spelled_out_options(0.05, 0.8);
+  options.range_sigma_quadratic = 1e-3;
+  // Powers of two: cut at 4 m, beams of all lengths end at the same point.
+  const auto scan_with = [](int exponent, bool own_origins, bool returned) {
+    Scan<D> scan;
+    scan.origins = Points<D>::Constant(D, own_origins ? 3 : 1, 0.0);
+    scan.endpoints = Points<D>::Ones(D, 3);
+    scan.endpoints(D - 1, 2) = 0.3;
+    scan.endpoints.col(1) = std::ldexp(1.0, exponent) * Vector<D>::Unit(0);
+    scan.returned.setConstant(3, true);
+    scan.returned[1] = returned;
+    return scan;
+  };
+  for (const bool own_origins : {false, true})
+    for (const bool returned : {false, true}) {
+      TypeParam expected(options);
+      expected.insert(scan_with(6, own_origins, returned), 4.0);
+      // A beam that is too long for float is sampled by its cut displacement instead of its whole one.
+      TypeParam of_cut(options);
+      of_cut.insert(scan_with(62, own_origins, returned), 4.0);
+      EXPECT_NEAR(static_cast<double>(of_cut.stats().observed_leaves),
+                  static_cast<double>(expected.stats().observed_leaves), 2.0);
+      for (const int exponent : {33, 56, 62, 64, 128, 512, 664, 1022}) {
+        TypeParam map(options);
+        const InsertReport report = map.insert(scan_with(exponent, own_origins, returned), 4.0);
+        EXPECT_EQ(report.beyond_max_range, returned ? 1u : 0u);
+        const bool is_like_short = exponent < 60 || !std::is_same_v<typename TypeParam::Cell, EvidenceCell>;
+        EXPECT_TRUE(to_bytes(map) == to_bytes(is_like_short ? expected : of_cut)) << "2^" << exponent << " m";
+        const auto& geometry = map.tree().geometry();
+        const auto crossed = [&](int of) {
+          const Scan<D> scan = scan_with(of, own_origins, returned);
+          const BeamSensorModel sensor(options);
+          return cubes_crossed(geometry, Measurements<D, BeamSensorModel>(scan.view(), 4.0, sensor)).size();
+        };
+        EXPECT_EQ(crossed(exponent), crossed(6));
+        const std::string error =
+            thrown_by<std::invalid_argument>([&] { map.insert(scan_with(exponent, own_origins, returned)); });
+        EXPECT_NE(error.find("beam 1"), std::string::npos) << "without a cut: " << error;
+      }
+    }
 }
 
 TEST(Limits, NumbersInErrorsAreShort) {

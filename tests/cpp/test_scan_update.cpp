@@ -267,14 +267,14 @@ class LinearNoise : public BeamSensorModel {
   using BeamSensorModel::BeamSensorModel;
   template <class Doubles>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma(const Doubles& range) const {
-    return 0.01 + rounded(0.005 * range);
+    return 0.01 + unfused(0.005 * range);
   }
 };
 /// The same, whose beams are packed one by one.
 class PlainLinearNoise : public BeamSensorModel {
  public:
   using BeamSensorModel::BeamSensorModel;
-  [[nodiscard]] double sigma(double range) const { return 0.01 + rounded(0.005 * range); }
+  [[nodiscard]] double sigma(double range) const { return 0.01 + unfused(0.005 * range); }
 };
 #ifdef NDTREE_HAS_EIGHTS
 static_assert(kPacksByEights<BeamSensorModel> && kPacksByEights<LinearNoise> &&

@@ -103,6 +103,54 @@ def test_scans_with_an_origin_of_each_beam_are_judged_alike() -> None:
     assert found.beams == expected.beams > 100 and found.expected == expected.expected
 
 
+def plain_count(scans: list[Scan]) -> tuple[int, float, float]:
+    """The rule beam by beam: beams without return that tell something, how many cross, and would rightly."""
+    cell = {2: 0.1, 3: 0.2}[scans[0].dim]
+    surfaces = ndtree.FixedMap(dim=scans[0].dim, cell_size=cell, range_sigma=cell / 4)
+    hits: dict[tuple[int, ...], list[int]] = {}
+    for number, scan in enumerate(scans[::2]):
+        only = scan.returned_only()
+        surfaces.insert(only.endpoints, only.origin)
+        for point in only.endpoints:
+            hits.setdefault(tuple(np.floor(point / cell).astype(int)), []).append(number)
+    counts = {True: [0, 0, 0.0], False: [0, 0, 0.0]}
+    for number, scan in enumerate(scans[1::2]):
+        length = np.linalg.norm(scan.endpoints - scan.origin, axis=1)
+        ways = (scan.endpoints - scan.origin) / length[:, None]
+        casts = surfaces.cast_rays(np.broadcast_to(scan.origin, ways.shape), ways)
+        for way, end, cast, returned in zip(ways, length - 3 * cell, casts, scan.returned):
+            count = counts[bool(returned)]
+            if not cast < end:
+                count[0] += 1
+                count[2] += max(end, 0.0)
+                continue
+            where = tuple(np.floor((scan.origin + (cast + 0.001 * cell) * way) / cell).astype(int))
+            seen = hits.get(where, [])
+            if any(one <= number for one in seen) and any(one > number for one in seen):
+                count[0] += 1
+                count[1] += 1
+                count[2] += cast
+    (beams, crossing, metres), (_, wrong, clear) = counts[False], counts[True]
+    return beams, crossing / beams, 1 - np.exp(-wrong / clear * metres / beams)
+
+
+@pytest.mark.parametrize("silent, gate", [(0.1, False), (0.01, True), (0.3, True)])
+@pytest.mark.parametrize("shift", [0.0, 0.3])
+def test_beams_are_counted_as_one_by_one(silent: float, gate: bool, shift: float) -> None:
+    generator = np.random.default_rng(8)
+    scans = []
+    for scan in room(silent, gate=gate, scans=40):
+        by = generator.normal(0, shift, 2)
+        scan = scan.only(np.isfinite(scan.endpoints).all(axis=1))
+        scans.append(Scan(scan.endpoints + by, scan.origin + by, scan.returned))
+    beams, crossing, expected = plain_count(scans)
+    found = judge(scans)
+    assert found.beams == beams > 10 and found.crossing == crossing
+    assert found.expected == pytest.approx(expected, rel=1e-9)
+    assert found.wrong == pytest.approx(max(0.0, (crossing - expected) / (1 - expected)), rel=1e-9)
+    assert found.choice == ("ignore" if beams >= 30 and found.wrong >= 0.2 else "free")
+
+
 def test_few_beams_tell_nothing() -> None:
     assert judge(room(0.003, scans=20)).choice == "free"
 
@@ -117,6 +165,27 @@ def test_samples_are_runs_from_all_over() -> None:
         assert starts[0] == 0 and (n - starts[-1]) <= 2 * max(np.diff(starts), default=n)
         for run in runs[:-1]:
             assert [scan.stamp - run[0].stamp for scan in run] == [0, 1, 2, 3]
+
+
+def test_only_some_beams_of_a_large_scan_are_sampled() -> None:
+    points = np.random.default_rng(3).normal(size=(9000, 3)).astype(np.float32)
+    points[3, 1], points[6, 0], points[7] = -2e9, np.nan, np.inf
+    returned = np.arange(9000) % 5 > 0
+    scan = Scan(points, np.zeros(3), returned, range_sigma=np.full(9000, 0.1))
+    [[one]], _, beams = spread([scan])
+    kept = [i for i in range(0, 9000, 3) if i != 3]
+    assert beams == 9000 and len(one) == len(kept) == 2999
+    assert one.endpoints.dtype == np.float32
+    np.testing.assert_array_equal(one.endpoints, points[kept])
+    np.testing.assert_array_equal(one.returned, returned[kept])
+    assert len(one.range_sigma) == 2999
+
+
+def test_logs_of_nothing_and_of_four_dimensions_are_believed() -> None:
+    assert judge([]).choice == "free"
+    points = np.random.default_rng(3).normal(size=(50, 4))
+    found = judge([Scan(points, np.zeros(4), np.arange(50) % 2 > 0)] * 3)
+    assert (found.choice, found.beams, found.share) == ("free", 0, 0.5) and not found.are_judged
 
 
 def written(scans: list[Scan], path: Path) -> Path:

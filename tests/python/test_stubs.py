@@ -26,6 +26,9 @@ TAKEN_OVER = {
     if isinstance(node, ast.ImportFrom) and node.module == "ndtree._native.results"
     for name in node.names
 }
+CONSTANTS = {
+    node.target.id for node in STUB.body if isinstance(node, ast.AnnAssign) and node.target.id[0] != "_"
+}
 OPTIONAL = set() if _core.has_octomap else {"OctoMap"}
 USES = Path(__file__).parent / "typed" / "uses.py"
 
@@ -43,7 +46,7 @@ def test_the_package_is_marked_as_typed():
 
 
 def test_names_are_those_of_the_module():
-    assert public(CLASSES) | set(FUNCTIONS) | TAKEN_OVER | {"has_octomap"} == public(dir(_core)) | OPTIONAL
+    assert public(CLASSES) | set(FUNCTIONS) | TAKEN_OVER | CONSTANTS == public(dir(_core)) | OPTIONAL
 
 
 @pytest.mark.parametrize("name", sorted(public(CLASSES) - OPTIONAL))

@@ -9,6 +9,8 @@
 #include <utility>
 #include <variant>
 
+#include "ndtree/evaluation/held_out.hpp"
+#include "ndtree/evaluation/log_sample.hpp"
 #include "ndtree/tree/visit.hpp"
 #include "resident_memory.hpp"
 #ifdef NDTREE_HAVE_OCTOMAP
@@ -26,9 +28,7 @@ struct Job {
   const ComparisonOptions& options;
   const SimulatedLog<D>* simulation;  ///< Null: the log is not simulated, or not in D dimensions.
 
-  [[nodiscard]] bool is_held_out(std::size_t i) const {
-    return options.held_out != 0 && i % options.held_out == options.held_out - 1;
-  }
+  [[nodiscard]] bool holds_out(std::size_t i) const { return is_held_out(i, options.held_out); }
 };
 
 /// What the mapped scans saw; in a simulated world, what its sensor could see from their origins.
@@ -37,7 +37,7 @@ SeenSpace<D> seen_space(const Job<D>& job) {
   const ComparisonOptions& options = job.options;
   std::vector<ScanView<D>> scans;
   for (std::size_t i = 0; i < job.scans.size(); ++i)
-    if (!job.is_held_out(i)) scans.push_back(job.scans[i].view());
+    if (!job.holds_out(i)) scans.push_back(job.scans[i].view());
   if (job.simulation == nullptr) return SeenSpace<D>(scans, options.max_range, options.claims);
   const double max_range = std::min(options.max_range, job.simulation->range.max_range);
   return SeenSpace<D>(scans, max_range, options.claims, job.simulation->world);
@@ -66,7 +66,7 @@ template <class Map, int D>
 InsertReport map_all(Map& map, const Job<D>& job) {
   InsertReport sum;
   for (std::size_t i = 0; i < job.scans.size(); ++i) {
-    if (job.is_held_out(i)) continue;
+    if (job.holds_out(i)) continue;
     InsertReport report;
     try {
       report = insert_alone(map, job.scans[i], job.options.max_range);
@@ -176,7 +176,7 @@ Candidate<D> candidate(const std::string& name, const Job<D>& job, Make make) {
     const InsertReport report = map_all(map, job);
     describe(map, into);
     for (std::size_t i = 0; i < job.scans.size(); ++i)
-      if (job.is_held_out(i))
+      if (job.holds_out(i))
         evaluate(asked(map), job.scans[i].view(), job.options.max_range, into.truth, job.options.truth);
     into.claims = claims(asked(map), space);
     return report;
@@ -243,7 +243,15 @@ void run(const Job<D>& job, const Progress& progress, Comparison& comparison) {
     }
 
   comparison.scans = job.scans.size();
-  for (std::size_t i = 0; i < job.scans.size(); ++i) comparison.scans_mapped += !job.is_held_out(i);
+  for (std::size_t i = 0; i < job.scans.size(); ++i) comparison.scans_mapped += !job.holds_out(i);
+}
+
+template <int D>
+NoReturns judge(const std::vector<Scan<D>>& scans) {
+  const std::vector<Scan<D>> sample = sample_of(scans);
+  std::vector<ScanView<D>> views;
+  for (const Scan<D>& scan : sample) views.push_back(scan.view());
+  return judge_no_returns<FixedMap<2, D>>(views);
 }
 
 }  // namespace
@@ -270,6 +278,10 @@ void ComparisonOptions::validate() const {
         maps.begin() + static_cast<std::ptrdiff_t>(i))
       throw std::invalid_argument("maps: '" + maps[i] + "' must not be named twice");
   }
+}
+
+NoReturns judge_no_returns(const Log& log) {
+  return std::visit([](const auto& scans) { return judge(scans); }, log.scans);
 }
 
 Comparison compare(const Log& log, const ComparisonOptions& options, const Progress& progress) {

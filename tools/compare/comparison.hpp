@@ -15,6 +15,7 @@
 #include "ndtree/core/beam.hpp"
 #include "ndtree/evaluation/claims.hpp"
 #include "ndtree/evaluation/held_out_truth.hpp"
+#include "ndtree/evaluation/no_returns.hpp"
 #include "ndtree/mapping/map_options.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 
@@ -78,6 +79,9 @@ struct Comparison {
   InsertReport beams;  ///< Beams of the mapped scans by outcome.
   std::vector<MapResult> maps;
 };
+
+/// What beams without return say, by a sample of the log.
+[[nodiscard]] NoReturns judge_no_returns(const Log& log);
 
 /// Told what is going on, and which share of the whole is done.
 using Progress = std::function<void(const std::string& what, double done)>;

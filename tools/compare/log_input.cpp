@@ -128,16 +128,19 @@ void check_arrays(const std::map<std::string, NpyArray>& arrays) {
   const NpyArray& points = find("points", "the end points of all scans");
   const NpyArray& offsets = find("offsets", "where each scan begins in points, and the end");
   const std::size_t d = origins.columns();
-  require(origins.shape.size() == 2 && (d == 2 || d == 3), "origins", origins,
-          "shape (scans, 2) or (scans, 3)");
-  require(points.shape.size() == 2 && points.columns() == d, "points", points,
-          "shape (beams, " + std::to_string(d) + ") as in origins");
-  require(offsets.shape.size() == 1 && offsets.rows() == origins.rows() + 1 && offsets.kind != 'f', "offsets",
-          offsets, std::to_string(origins.rows() + 1) + " whole numbers, one more than origins");
+  require(origins.shape.size() == 2 && (d == 2 || d == 3) && origins.kind == 'f', "origins", origins,
+          "floats of shape (scans, 2) or (scans, 3)");
+  require(points.shape.size() == 2 && points.columns() == d && points.kind == 'f', "points", points,
+          "floats of shape (beams, " + std::to_string(d) + ") as in origins");
+  require(offsets.shape.size() == 1 && offsets.rows() == origins.rows() + 1 &&
+              (offsets.kind == 'i' || offsets.kind == 'u'),
+          "offsets", offsets, std::to_string(origins.rows() + 1) + " whole numbers, one more than origins");
   const auto no_return = arrays.find("no_return");
   if (no_return != arrays.end())
-    require(no_return->second.shape.size() == 1 && no_return->second.rows() == points.rows(), "no_return",
-            no_return->second, "shape (" + std::to_string(points.rows()) + ",), one flag a point");
+    require(no_return->second.shape.size() == 1 && no_return->second.rows() == points.rows() &&
+                no_return->second.kind == 'b',
+            "no_return", no_return->second,
+            "bools of shape (" + std::to_string(points.rows()) + ",), one flag a point");
   for (std::size_t i = 0; i < offsets.rows(); ++i) {
     const double least = i == 0 ? 0.0 : offsets.at(i - 1);
     const auto end = static_cast<double>(points.rows());
@@ -149,17 +152,16 @@ void check_arrays(const std::map<std::string, NpyArray>& arrays) {
   }
 }
 
-/// Whether all z that are finite are the same number, as floats; a 2-D array has none.
-bool is_planar(const NpyArray& origins, const NpyArray& points) {
-  if (origins.columns() == 2) return true;
-  std::optional<float> height;
-  for (const NpyArray* array : {&origins, &points})
-    for (std::size_t i = 0; i < array->rows(); ++i) {
-      const auto z = static_cast<float>(array->at(i, 2));
-      if (!std::isfinite(z)) continue;
-      if (height.value_or(z) != z) return false;
-      height = z;
-    }
+/// Whether all z of an array, but for those that are not a number, are the same; a 2-D array has none.
+bool is_planar(const NpyArray& array) {
+  if (array.columns() == 2) return true;
+  std::optional<double> height;
+  for (std::size_t i = 0; i < array.rows(); ++i) {
+    const double z = array.at(i, 2);
+    if (std::isnan(z)) continue;
+    if (height.value_or(z) != z) return false;
+    height = z;
+  }
   return true;
 }
 
@@ -195,7 +197,7 @@ Scans npz_scans(std::string_view bytes, std::size_t limit) {
       read_npz(bytes, {"origins", "points", "offsets", "no_return"});
   check_arrays(arrays);
   if (arrays.at("origins").rows() == 0) throw std::runtime_error("origins: no scans");
-  if (is_planar(arrays.at("origins"), arrays.at("points"))) return npz_scans<2>(arrays, limit);
+  if (is_planar(arrays.at("origins")) && is_planar(arrays.at("points"))) return npz_scans<2>(arrays, limit);
   return npz_scans<3>(arrays, limit);
 }
 

@@ -34,7 +34,7 @@ struct Log {
 /// Reads a CARMEN log or plain text (logs/carmen.hpp, logs/xyz.hpp), each as it is or gzipped, or an .npz
 /// with the arrays `origins` (S, 2 or 3), `points` (P, the same), `offsets` (S + 1,), scan i being
 /// points[offsets[i]:offsets[i + 1]], and `no_return` (P,), without which every beam returned. An .npz in
-/// which all z are equal is a 2-D log.
+/// which all z of points are equal, and those of origins, is a 2-D log.
 /// @param dim 2 or 3; none: the log's own. A 2-D log lies at z = 0 in 3-D, a 3-D one is 2-D if all z are
 /// equal.
 /// @param limit the log ends after this many scans.

@@ -20,7 +20,6 @@
 #include "comparison.hpp"
 #include "log_input.hpp"
 #include "ndtree/version.hpp"
-#include "no_returns.hpp"
 #include "report.hpp"
 
 namespace {
@@ -99,7 +98,7 @@ void declare(CLI::App& app, Call& call) {
                  "longer beams say only that the space up to there is free [m]; by default unlimited");
   app.add_option("--no-return", call.no_return,
                  "what a beam without return says: free, up to its end point; or ignore, nothing; auto: the "
-                 "log decides, as in Python")
+                 "log decides")
       ->check(CLI::IsMember({"auto", "free", "ignore"}))
       ->capture_default_str();
   app.add_option("--held-out", call.options.held_out,
@@ -162,7 +161,7 @@ void run(const Call& call) {
   std::string no_return = call.no_return, why;
   if (no_return == "auto") {
     const ndtree::NoReturns found = ndtree::judge_no_returns(log);
-    no_return = found.are_free ? "free" : "ignore";
+    no_return = found.choice();
     if (found.share != 0.0) why = found.to_text() + "\n";
   }
   if (no_return == "ignore") ndtree::keep_returned(log);

@@ -154,8 +154,10 @@ std::uint64_t checksum(std::string_view bytes) {
 std::string unpacked(std::string_view zip, const Member& member) {
   if ((member.flags & 1) != 0) fail("encrypted: expected a file without password");
   expect(zip, member.offset, kLocalHeader, "a file");
-  const std::uint64_t begin =
-      member.offset + 30 + number(zip, member.offset + 26, 2) + number(zip, member.offset + 28, 2);
+  const std::uint64_t name_size = number(zip, member.offset + 26, 2);
+  if (part(zip, member.offset + 30, name_size) != member.name)
+    fail("the zip is damaged: expected the same name at byte " + std::to_string(member.offset + 30));
+  const std::uint64_t begin = member.offset + 30 + name_size + number(zip, member.offset + 28, 2);
   const std::string_view packed = part(zip, begin, member.packed_size);
   std::string bytes;
   if (member.method == 8)

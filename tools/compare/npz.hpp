@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
 /// Arrays of a NumPy .npz file: a zip of .npy files, each stored or deflated.
+///
+/// The package reads recordings of this format by NumPy (ndtree/logs/formats/npz.py), which is kept by many;
+/// ndtree-compare and the benchmarks, whose recordings are .npz, have to read them without Python. So there
+/// are two readers. tests/python/test_compare_tool.py tests that they take the same layouts of arrays, read
+/// the same from each file that both read, and refuse every damage of an array.
 #pragma once
 
 #include <cstddef>

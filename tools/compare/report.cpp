@@ -11,6 +11,7 @@
 #include <set>
 #include <stdexcept>
 #include <thread>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -73,31 +74,17 @@ Json parameters(const ComparisonOptions& options) {
   return json;
 }
 
-Json truth(const HeldOutTruth& truth) {
-  return {{"free", truth.free},
-          {"occupied", truth.occupied},
-          {"unknown", truth.unknown},
-          {"samples", truth.samples()},
-          {"endpoints_near", truth.endpoints_near},
-          {"endpoints", truth.endpoints},
-          {"casts_within", truth.casts_within},
-          {"casts", truth.casts()},
-          {"balanced_accuracy", nullable(truth.balanced_accuracy())},
-          {"log_score", nullable(truth.log_score())},
-          {"median_error", nullable(truth.median_cast_error().value_or(HUGE_VAL))},
-          {"surfaces_within", truth.surfaces_within},
-          {"surface_error", nullable(truth.median_surface_error().value_or(HUGE_VAL))}};
-}
-
-Json claims(const Claims& claims) {
-  return {{"points", claims.points},
-          {"seen", claims.seen},
-          {"free", claims.free},
-          {"free_and_unseen", claims.free_and_unseen},
-          {"unknown_and_seen", claims.unknown_and_seen},
-          {"free_unseen", nullable(claims.free_unseen())},
-          {"seen_unknown", nullable(claims.seen_unknown())},
-          {"wrong_volume", nullable(claims.wrong_volume())}};
+/// What for_each_figure() visits; null for what is none or infinite.
+template <class Figures>
+Json figures(const Figures& of) {
+  Json json;
+  for_each_figure(of, [&](const char* name, const auto& value) {
+    if constexpr (std::is_integral_v<std::decay_t<decltype(value)>>)
+      json[name] = value;
+    else
+      json[name] = nullable(value.value_or(HUGE_VAL));
+  });
+  return json;
 }
 
 Json map_entry(const MapResult& map, std::uint64_t beams) {
@@ -121,8 +108,8 @@ Json map_entry(const MapResult& map, std::uint64_t beams) {
       {"memory_bytes", map.memory_bytes},
       {"bytes_per_node", nullable(static_cast<double>(map.memory_bytes) / static_cast<double>(map.nodes))},
       {"resident_bytes", nullable(map.resident_bytes)},
-      {"truth", truth(map.truth)},
-      {"claims", claims(map.claims)}};
+      {"truth", figures(map.truth)},
+      {"claims", figures(map.claims)}};
   if (!map.cells_pruned) json.erase("cells_pruned");
   json["cell_sizes"] = Json::array();
   for (const CellSizeCount& count : map.cell_sizes)

@@ -45,8 +45,7 @@ struct BeamWeight {
     return nearest_integer(Floats(weight * nats * kUnitsPerNat));
   }
   /// Adds those of one beam.
-  static void add(ScanEvidence& sum, float nats, float inside) {
-    const std::int64_t units = units_of(nats, inside);
+  static void add(ScanEvidence& sum, std::int64_t units) {
     sum.occupied += std::max<std::int64_t>(units, 0);
     sum.free -= std::min<std::int64_t>(units, 0);
   }

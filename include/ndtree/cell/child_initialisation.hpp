@@ -10,7 +10,7 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_memory.hpp"
 #include "ndtree/cell/evidence_options.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -71,8 +71,8 @@ class ChildInitialisation {
   /// @param mean fraction over all parts. @param passed number of this scan's `beams` that passed the part.
   [[nodiscard]] double path_fraction(double mean, double passed, double beams) const {
     constexpr double kFromElsewhere = 0.05;
-    const double fraction_now = (passed + rounded(even_beams_ * mean)) / (beams + even_beams_);
-    return rounded(kFromElsewhere * mean) + rounded((1.0 - kFromElsewhere) * fraction_now);
+    const double fraction_now = (passed + unfused(even_beams_ * mean)) / (beams + even_beams_);
+    return unfused(kFromElsewhere * mean) + unfused((1.0 - kFromElsewhere) * fraction_now);
   }
 
   /// A child of a cell about whose inside nothing is known, as where another map's smaller cells are joined

@@ -12,9 +12,9 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/quick_log.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/shared_table.hpp"
 #include "ndtree/core/simd.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -57,7 +57,7 @@ class EvidenceLogs {
     const auto step = static_cast<std::size_t>((evidence - kInTable) / kStep);
     const float below = of_many_[step];
     return below +
-           rounded(static_cast<float>(evidence % kStep) * (1.0f / kStep) * (of_many_[step + 1] - below));
+           unfused(static_cast<float>(evidence % kStep) * (1.0f / kStep) * (of_many_[step + 1] - below));
   }
 
   std::array<float, std::size_t{kInTable}> logs_;

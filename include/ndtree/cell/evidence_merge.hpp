@@ -17,7 +17,7 @@
 #include "ndtree/core/beta.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/quick_log.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -162,7 +162,7 @@ class EvidenceMergeRule {
     for (int j = 0; j < count; ++j) {
       const EvidenceCell& cell = siblings[j].cell();
       const double odds = model_.odds_of(cell);
-      sum += rounded(odds / (1.0 + odds) *
+      sum += unfused(odds / (1.0 + odds) *
                      (static_cast<double>(cell.log_odds()) - static_cast<double>(parent.log_odds())));
       ratio *= of_parent / (1.0 + odds);
       if (ratio > kLarge || ratio < 1.0 / kLarge) {

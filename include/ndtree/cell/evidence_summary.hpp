@@ -38,6 +38,7 @@ class EvidenceSummary {
 #ifdef NDTREE_HAS_EIGHTS
     if (width_ >= 8) return call_by_eights(siblings);
 #endif
+    // Cells of any kind, by what they say of themselves; vectors read the words of evidence cells.
     return summary_of_siblings(siblings, kCount,
                                [this](const EvidenceCell& cell) { return model_.is_saturated(cell); });
   }

@@ -8,7 +8,7 @@
 #include "ndtree/cell/child_initialisation.hpp"
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/evidence_memory.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -37,8 +37,8 @@ struct RemergePrediction {
       case CellState::free: {
         const double of_child = children.path_fraction(mean, 0.0, scan.beams);
         const double fraction = levels > 1 ? of_child * of_child : of_child;
-        return fraction * (rounded(kFreeOdds * free) - occupied) >=
-               static_cast<double>(scan.occupied) + rounded((1.0 - kFreeOdds) * memory.prior());
+        return fraction * (unfused(kFreeOdds * free) - occupied) >=
+               static_cast<double>(scan.occupied) + unfused((1.0 - kFreeOdds) * memory.prior());
       }
       case CellState::unknown:
         return false;
@@ -46,7 +46,7 @@ struct RemergePrediction {
         break;
     }
     const double passes =
-        rounded(children.path_fraction(mean, scan.misses, scan.beams) * free) + rounded(miss * scan.misses);
+        unfused(children.path_fraction(mean, scan.misses, scan.beams) * free) + unfused(miss * scan.misses);
     return free <= kFewMisses * miss && mean * occupied > kManyTimes * passes;
   }
 
@@ -60,7 +60,7 @@ struct RemergePrediction {
                                                           const ChildInitialisation& children,
                                                           const EvidenceMemory& memory, double kept) {
     constexpr double kNotReached = 0.75;  // Of a cell, by a beam that ends in it.
-    const double reached = scan.beams - rounded(kNotReached * scan.hits);
+    const double reached = scan.beams - unfused(kNotReached * scan.hits);
     const double kept_free = kept * children.path_fraction(1.0, reached, scan.beams);
     const double kept_hits = cell.state() == CellState::free ? kept_free : kept;
     EvidenceCell now;

@@ -15,7 +15,7 @@
 #include "ndtree/core/log_odds.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/quick_log.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -85,7 +85,7 @@ class BeamSensorModel {
   /// Standard deviation of a measured range [m].
   template <class Doubles>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles sigma(const Doubles& range) const {
-    return options_.range_sigma + rounded(options_.range_sigma_quadratic * range * range);
+    return options_.range_sigma + unfused(options_.range_sigma_quadratic * range * range);
   }
   /// Whether beams are cones: see cone_width().
   [[nodiscard]] bool has_cone() const { return cone_per_range_ > 0.0f; }
@@ -98,13 +98,13 @@ class BeamSensorModel {
   template <class Doubles>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles clearly_free_until(const Doubles& range,
                                                                 const Doubles& sigma) const {
-    return range + rounded(z_min_ * sigma);
+    return range + unfused(z_min_ * sigma);
   }
   /// log_odds() from a probability within 5e-5, for a cell whose entry and exit are these distances behind
   /// the end point, in standard deviations.
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Floats quick_log_odds(const Floats& entry, const Floats& exit) const {
-    const Floats p = 0.25f + (upper_cdf(exit) - rounded(0.5f * upper_cdf(entry)));
+    const Floats p = 0.25f + (upper_cdf(exit) - unfused(0.5f * upper_cdf(entry)));
     const Floats clamped = min_of(max_of(p, probability_min_), probability_max_);
     return rough_log(Floats(clamped / (1.0f - clamped)));
   }
@@ -119,7 +119,7 @@ class BeamSensorModel {
 
   /// The model as derived, not clamped; entry and exit in metres from the sensor.
   [[nodiscard]] static double probability(double entry, double exit, double range, double sigma) {
-    return cdf(exit, range, sigma) - rounded(0.5 * cdf(entry, range, sigma));
+    return cdf(exit, range, sigma) - unfused(0.5 * cdf(entry, range, sigma));
   }
 
   /// F(distance; range, sigma²). Neighbours along a beam share it: one's exit is the other's entry.
@@ -129,7 +129,7 @@ class BeamSensorModel {
 
   /// Log-odds of probability(), clamped to [probability_min, probability_max], from cdf() of entry and exit.
   [[nodiscard]] float log_odds(double cdf_entry, double cdf_exit) const {
-    const double p = cdf_exit - rounded(0.5 * cdf_entry);
+    const double p = cdf_exit - unfused(0.5 * cdf_entry);
     if (p <= options_.probability_min) return log_odds_free_;
     if (p >= options_.probability_max) return log_odds_occupied_;
     return static_cast<float>(ndtree::log_odds(p));

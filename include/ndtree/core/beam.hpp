@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -26,7 +26,7 @@ inline constexpr double kUnlimitedRange = std::numeric_limits<double>::infinity(
 template <int D>
 [[nodiscard]] double length_of(const Vector<D>& v) {
   Vector<D> squares = v.cwiseAbs2();
-  for (int a = 0; a < D; ++a) squares[a] = rounded(squares[a]);
+  for (int a = 0; a < D; ++a) squares[a] = unfused(squares[a]);
   return std::sqrt(squares.sum());
 }
 
@@ -55,7 +55,7 @@ struct Beam {
 
   [[nodiscard]] Vector<D> point(double t) const {
     Vector<D> result;
-    for (int a = 0; a < D; ++a) result[a] = origin[a] + rounded(t * displacement[a]);
+    for (int a = 0; a < D; ++a) result[a] = origin[a] + unfused(t * displacement[a]);
     return result;
   }
   /// Where the free part ends: the end point itself if all of the beam is in range.

@@ -12,8 +12,8 @@
 
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/quick_log.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -51,17 +51,17 @@ struct GammaFactors {
 
   NDTREE_ALWAYS_INLINE explicit GammaFactors(const Doubles& of_x) {
     const auto is_small = of_x < 8.0;
-    const Doubles y = rounded(of_x * (of_x + 7.0));
+    const Doubles y = unfused(of_x * (of_x + 7.0));
     product = select(is_small, Doubles(y * (y + 6.0) * (y + 10.0) * (y + 12.0)), Doubles(1.0));
     const Doubles x = select(is_small, Doubles(of_x + 8.0), of_x);
     const Doubles inverse = 1.0 / x;
     const Doubles square = inverse * inverse;
     const Doubles series =
         (1.0 / 12.0 -
-         rounded(square *
-                 (1.0 / 360.0 - rounded(square * (1.0 / 1260.0 - rounded(square * (1.0 / 1680.0))))))) *
+         unfused(square *
+                 (1.0 / 360.0 - unfused(square * (1.0 / 1260.0 - unfused(square * (1.0 / 1680.0))))))) *
         inverse;
-    stirling = rounded((x - 0.5) * quick_log(x)) - x + rounded(series);
+    stirling = unfused((x - 0.5) * quick_log(x)) - x + unfused(series);
   }
 };
 
@@ -90,13 +90,13 @@ namespace detail {
   for (int n = 1; n < 10000; ++n) {
     const double m = n / 2;  // NOLINT(bugprone-integer-division): d_2m and d_2m+1 share their m.
     const double d =
-        n % 2 == 0 ? m * (b - m) * x / ((a + rounded(2.0 * m) - 1.0) * (a + rounded(2.0 * m)))
-                   : -(a + m) * (a + b + m) * x / ((a + rounded(2.0 * m)) * (a + rounded(2.0 * m) + 1.0));
-    const double next_numerator = numerator + rounded(d * numerator_before);
-    const double next_denominator = denominator + rounded(d * denominator_before);
+        n % 2 == 0 ? m * (b - m) * x / ((a + unfused(2.0 * m) - 1.0) * (a + unfused(2.0 * m)))
+                   : -(a + m) * (a + b + m) * x / ((a + unfused(2.0 * m)) * (a + unfused(2.0 * m) + 1.0));
+    const double next_numerator = numerator + unfused(d * numerator_before);
+    const double next_denominator = denominator + unfused(d * denominator_before);
     const double value = next_numerator / next_denominator;
     const bool converged =
-        std::abs(rounded(value * denominator) - numerator) <= tolerance * std::abs(numerator);
+        std::abs(unfused(value * denominator) - numerator) <= tolerance * std::abs(numerator);
     numerator_before = numerator / next_denominator;
     denominator_before = denominator / next_denominator;
     numerator = value;
@@ -136,10 +136,10 @@ class QuickIncompleteBeta {
   [[nodiscard]] double operator()(double a, double b) const { return (*this)(a, b, quick_log_beta(a, b)); }
   /// @param log_beta that of a and b, or of b and a.
   [[nodiscard]] double operator()(double a, double b, double log_beta) const {
-    const double power = std::exp(rounded(a * log_x_) + rounded(b * log_rest_) - log_beta);
+    const double power = std::exp(unfused(a * log_x_) + unfused(b * log_rest_) - log_beta);
     constexpr double kTolerance = 1e-9;
     if (x_ > (a + 1.0) / (a + b + 2.0))
-      return 1.0 - rounded(power / b * detail::incomplete_beta_fraction(b, a, 1.0 - x_, kTolerance));
+      return 1.0 - unfused(power / b * detail::incomplete_beta_fraction(b, a, 1.0 - x_, kTolerance));
     return power / a * detail::incomplete_beta_fraction(a, b, x_, kTolerance);
   }
 

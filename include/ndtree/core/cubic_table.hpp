@@ -7,7 +7,7 @@
 #include <cstddef>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -29,24 +29,24 @@ class CubicTable {
       const double last = at(4.0) - first;
       // With t = 1/4, 3/4 and 1 in their equations.
       factors_[0][part] = static_cast<float>(first);
-      factors_[1][part] = static_cast<float>(rounded(8.0 * low) - rounded(8.0 / 3.0 * high) + last);
-      factors_[2][part] = static_cast<float>(rounded(40.0 / 3.0 * high) - rounded(56.0 / 3.0 * low) -
-                                             rounded(16.0 / 3.0 * last));
-      factors_[3][part] = static_cast<float>(rounded(32.0 / 3.0 * low) - rounded(32.0 / 3.0 * high) +
-                                             rounded(16.0 / 3.0 * last));
+      factors_[1][part] = static_cast<float>(unfused(8.0 * low) - unfused(8.0 / 3.0 * high) + last);
+      factors_[2][part] = static_cast<float>(unfused(40.0 / 3.0 * high) - unfused(56.0 / 3.0 * low) -
+                                             unfused(16.0 / 3.0 * last));
+      factors_[3][part] = static_cast<float>(unfused(32.0 / 3.0 * low) - unfused(32.0 / 3.0 * high) +
+                                             unfused(16.0 / 3.0 * last));
     }
   }
 
   /// @param x >= 0; one number, or eight: see lanes.hpp.
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Floats operator()(const Floats& x) const {
-    const Floats place = min_of(rounded(x * parts_per_unit_), kEnd);  // Of NaN, the end.
+    const Floats place = min_of(unfused(x * parts_per_unit_), kEnd);  // Of NaN, the end.
     const auto part = truncated(place);
     const Floats t = place - to_floats(part);
     Floats value = one_of_eight(factors_[3].data(), part);
 #pragma GCC unroll 4
     for (std::size_t left = 3; left > 0; --left)
-      value = rounded(value * t) + one_of_eight(factors_[left - 1].data(), part);
+      value = unfused(value * t) + one_of_eight(factors_[left - 1].data(), part);
     return value;
   }
 

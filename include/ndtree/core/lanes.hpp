@@ -6,7 +6,7 @@
 /// and `Doubles` a double or FourDoubles:
 /// @code
 /// template <class Floats>
-/// NDTREE_ALWAYS_INLINE Floats plane_at(const Floats& inverse) const { return rounded(p_ * inverse); }
+/// NDTREE_ALWAYS_INLINE Floats plane_at(const Floats& inverse) const { return unfused(p_ * inverse); }
 /// @endcode
 /// A loop over vectors is a function with NDTREE_BY_EIGHTS (AVX2) or NDTREE_BY_SIXTEENS (AVX-512), which a
 /// caller chooses by Simd::width(). Processors' instructions stand in lanes_avx2.hpp and lanes_avx512.hpp
@@ -14,7 +14,7 @@
 /// members.
 ///
 /// Invariants. The same expression gives the same bits for each number, whatever the width: products are
-/// rounded before they are added (rounded(); in vectors they always are), the functions here are defined by a
+/// rounded before they are added (unfused(); in vectors they always are), the functions here are defined by a
 /// comparison where the standard library's would differ for 0 and -0. Rules take vectors by reference, and
 /// all that takes or returns them is inlined: then callers and callees need not be compiled for the same
 /// processor.
@@ -36,6 +36,9 @@ namespace ndtree {
 [[nodiscard]] NDTREE_ALWAYS_INLINE float max_of(float a, float b) { return a > b ? a : b; }
 [[nodiscard]] NDTREE_ALWAYS_INLINE double min_of(double a, double b) { return a < b ? a : b; }
 [[nodiscard]] NDTREE_ALWAYS_INLINE double max_of(double a, double b) { return a > b ? a : b; }
+[[nodiscard]] NDTREE_ALWAYS_INLINE std::int32_t max_of(std::int32_t a, std::int32_t b) {
+  return a < b ? b : a;
+}
 [[nodiscard]] NDTREE_ALWAYS_INLINE float abs_of(float x) { return std::abs(x); }
 [[nodiscard]] NDTREE_ALWAYS_INLINE double abs_of(double x) { return std::abs(x); }
 /// x >= 0 with the sign of another number.
@@ -74,6 +77,9 @@ namespace ndtree {
 [[nodiscard]] NDTREE_ALWAYS_INLINE std::uint32_t unsigned_shifted_right(std::uint32_t x, int by) {
   return x >> by;
 }
+/// As many numbers as the first argument has, from memory and to it.
+NDTREE_ALWAYS_INLINE void load_from(float& x, const float* from) { x = *from; }
+NDTREE_ALWAYS_INLINE void store_to(float x, float* to) { *to = x; }
 /// One of eight numbers in memory.
 [[nodiscard]] NDTREE_ALWAYS_INLINE float one_of_eight(const float* table, std::int32_t at) {
   return table[at];

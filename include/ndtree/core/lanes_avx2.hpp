@@ -207,6 +207,8 @@ struct EightFloats {
   }
 };
 
+NDTREE_BY_EIGHTS inline void load_from(EightFloats& x, const float* from) { x = EightFloats::load(from); }
+NDTREE_BY_EIGHTS inline void store_to(const EightFloats& x, float* to) { x.store(to); }
 [[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats min_of(const EightFloats& a, const EightFloats& b) {
   return EightFloats::from(_mm256_min_ps(a.v, b.v));
 }
@@ -253,7 +255,7 @@ struct EightFloats {
   return EightFloats::from(_mm256_permutevar8x32_ps(_mm256_loadu_ps(table), at.v));
 }
 /// Products of vectors are rounded in any case.
-[[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats rounded(const EightFloats& x) { return x; }
+[[nodiscard]] NDTREE_BY_EIGHTS inline EightFloats unfused(const EightFloats& x) { return x; }
 
 /// Conditions of four doubles.
 struct FourMask {
@@ -327,7 +329,7 @@ struct FourDoubles {
                                                          const FourDoubles& no) {
   return FourDoubles::from(_mm256_blendv_pd(no.v, yes.v, condition.v));
 }
-[[nodiscard]] NDTREE_BY_EIGHTS inline FourDoubles rounded(const FourDoubles& x) { return x; }
+[[nodiscard]] NDTREE_BY_EIGHTS inline FourDoubles unfused(const FourDoubles& x) { return x; }
 
 /// Eight doubles, as two times four.
 struct EightDoubles {

@@ -63,7 +63,7 @@ NDTREE_BY_SIXTEENS [[nodiscard]] inline SixteenFloats min_of(const SixteenFloats
 NDTREE_BY_SIXTEENS [[nodiscard]] inline SixteenFloats max_of(const SixteenFloats& a, const SixteenFloats& b) {
   return SixteenFloats::from(_mm512_maskz_max_ps(SixteenFloats::kAll, a.v, b.v));
 }
-[[nodiscard]] NDTREE_BY_SIXTEENS inline SixteenFloats rounded(const SixteenFloats& x) { return x; }
+[[nodiscard]] NDTREE_BY_SIXTEENS inline SixteenFloats unfused(const SixteenFloats& x) { return x; }
 /// store_packed() of sixteen. In registers: straight to memory takes some processors a hundred cycles.
 NDTREE_BY_SIXTEENS inline std::size_t store_packed(const SixteenInts& x, SixteenMask mask,
                                                    std::uint32_t* to) {

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -19,7 +19,7 @@ namespace ndtree {
 
 /// F(x; 0, 1): the standard normal distribution function, with full relative precision in the lower tail.
 [[nodiscard]] inline double normal_cdf(double x) {
-  return rounded(0.5 * std::erfc(-x * 0.70710678118654752440));
+  return unfused(0.5 * std::erfc(-x * 0.70710678118654752440));
 }
 
 /// Inverse of normal_cdf() for p in (0, 1), by Newton's method on the monotone function; to about 1e-15.

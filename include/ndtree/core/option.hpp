@@ -28,6 +28,15 @@ struct OptionBounds {
   return text.find_first_not_of("-0123456789") == std::string::npos ? text + ".0" : text;
 }
 
+/// A point as messages show it: "(1.0, 2.5)".
+template <class Point>
+[[nodiscard]] std::string describe_point(const Point& point) {
+  std::string text = "(";
+  for (int a = 0; a < static_cast<int>(point.size()); ++a)
+    text += (a > 0 ? ", " : "") + describe_number(point[a]);
+  return text + ")";
+}
+
 /// Text of a file as messages show it: in quotes, 40 characters of it at most, on one line.
 [[nodiscard]] inline std::string describe_text(std::string_view text) {
   constexpr std::size_t kMost = 40;

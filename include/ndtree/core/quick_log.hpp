@@ -10,7 +10,7 @@
 #include <cstring>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -83,11 +83,11 @@ NDTREE_BY_EIGHTS [[nodiscard]] inline LogTerms<FourDoubles> log_terms(const Four
 template <class Doubles>
 [[nodiscard]] NDTREE_ALWAYS_INLINE Doubles quick_log(const Doubles& x) {
   const auto terms = detail::log_terms(x);
-  const Doubles r = rounded(terms.m * terms.inverse) - 1.0;
-  const Doubles r2 = rounded(r * r);
-  const Doubles low = r - rounded(r2 * (1.0 / 2.0));
-  const Doubles high = rounded(rounded(r2 * r) * (1.0 / 3.0 - rounded(r * (1.0 / 4.0))));
-  return (rounded(terms.exponent * detail::kLog2) + terms.log) + (low + high);
+  const Doubles r = unfused(terms.m * terms.inverse) - 1.0;
+  const Doubles r2 = unfused(r * r);
+  const Doubles low = r - unfused(r2 * (1.0 / 2.0));
+  const Doubles high = unfused(unfused(r2 * r) * (1.0 / 3.0 - unfused(r * (1.0 / 4.0))));
+  return (unfused(terms.exponent * detail::kLog2) + terms.log) + (low + high);
 }
 
 namespace detail {
@@ -105,11 +105,11 @@ template <class Floats>
   const auto exponent = shifted_right(bits - detail::kSqrtHalf, detail::kMantissaBitsOfFloat);
   const Floats m = float_of(bits - shifted_left(exponent, detail::kMantissaBitsOfFloat));
   const Floats r = m - 1.0f;
-  const Floats r2 = rounded(r * r);
-  const Floats low = c[0] + rounded(c[1] * r);
-  const Floats high = (c[2] + rounded(c[3] * r)) + rounded(c[4] * r2);
-  return (rounded(to_floats(exponent) * static_cast<float>(detail::kLog2)) + rounded(low * r)) +
-         rounded(high * rounded(r2 * r));
+  const Floats r2 = unfused(r * r);
+  const Floats low = c[0] + unfused(c[1] * r);
+  const Floats high = (c[2] + unfused(c[3] * r)) + unfused(c[4] * r2);
+  return (unfused(to_floats(exponent) * static_cast<float>(detail::kLog2)) + unfused(low * r)) +
+         unfused(high * unfused(r2 * r));
 }
 
 }  // namespace ndtree

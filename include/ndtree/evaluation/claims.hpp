@@ -231,6 +231,20 @@ struct Claims {
   }
 };
 
+/// Calls `visit(name, value)` for each figure of a report, in its order: counts, and then fractions that are
+/// none where nothing was counted.
+template <class Visit>
+void for_each_figure(const Claims& claims, Visit&& visit) {
+  visit("points", claims.points);
+  visit("seen", claims.seen);
+  visit("free", claims.free);
+  visit("free_and_unseen", claims.free_and_unseen);
+  visit("unknown_and_seen", claims.unknown_and_seen);
+  visit("free_unseen", claims.free_unseen());
+  visit("seen_unknown", claims.seen_unknown());
+  visit("wrong_volume", claims.wrong_volume());
+}
+
 /// Asks the map about every point of the space.
 /// @param map any type for which `state(map, point)` is found, in ndtree or in the map's own namespace.
 template <class Map, int D>

@@ -125,6 +125,25 @@ struct HeldOutTruth {
   }
 };
 
+/// Calls `visit(name, value)` for each figure of a report, in its order: counts, and then numbers that are
+/// none where nothing was counted.
+template <class Visit>
+void for_each_figure(const HeldOutTruth& truth, Visit&& visit) {
+  visit("free", truth.free);
+  visit("occupied", truth.occupied);
+  visit("unknown", truth.unknown);
+  visit("samples", truth.samples());
+  visit("endpoints_near", truth.endpoints_near);
+  visit("endpoints", truth.endpoints);
+  visit("casts_within", truth.casts_within);
+  visit("surfaces_within", truth.surfaces_within);
+  visit("casts", truth.casts());
+  visit("balanced_accuracy", truth.balanced_accuracy());
+  visit("log_score", truth.log_score());
+  visit("median_error", truth.median_cast_error());
+  visit("surface_error", truth.median_surface_error());
+}
+
 /// Asks the map about each beam of a scan that was not mapped, and adds what it says to `truth`.
 /// @param map any type for which `probability(map, point)`, `state(map, point)`,
 ///   `occupied_within(map, point, radius)` and `cast_ray(map, origin, direction, max_range, aim)` are found,

@@ -23,10 +23,10 @@
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/parallel.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/evaluation/cell_numbers.hpp"
 #include "ndtree/evaluation/range_pyramid.hpp"
 
@@ -144,7 +144,7 @@ class MovedEvidence {
     return options;
   }
   [[nodiscard]] double sigma_at(double range) const {
-    return options_.range_sigma + rounded(options_.range_sigma_quadratic * range) * range;
+    return options_.range_sigma + unfused(options_.range_sigma_quadratic * range) * range;
   }
   [[nodiscard]] Point relative(const Vector<D>& point) const {
     return (point - base_).template cast<float>();
@@ -210,10 +210,10 @@ void MovedEvidence<D>::add(const ScanView<D>& scan, double max_range) {
     ++cell.points;
     const float part = 1.0F / static_cast<float>(cell.points);
     const Point point = relative(end);
-    for (int k = 0; k < D; ++k) cell.mean[k] = rounded((point[k] - cell.mean[k]) * part) + cell.mean[k];
+    for (int k = 0; k < D; ++k) cell.mean[k] = unfused((point[k] - cell.mean[k]) * part) + cell.mean[k];
     const auto sigma =
         static_cast<float>(scan.range_sigma != nullptr ? scan.range_sigma[i] : sigma_at(range));
-    cell.sigma = rounded((sigma - cell.sigma) * part) + cell.sigma;
+    cell.sigma = unfused((sigma - cell.sigma) * part) + cell.sigma;
   }
 }
 
@@ -328,7 +328,7 @@ bool MovedEvidence<D>::is_hidden(const Balls& balls, std::size_t number) const {
   for (std::size_t k = 0; k < D; ++k) center[static_cast<int>(k)] = balls.centers[k][number];
   const Point way = center - origin_;
   float square = 0.0F;
-  for (int k = 0; k < D; ++k) square = rounded(way[k] * way[k]) + square;
+  for (int k = 0; k < D; ++k) square = unfused(way[k] * way[k]) + square;
   const float radius = balls.radius[number];
   const float nearest = std::sqrt(square) - radius - balls.margin[number];
   return nearest > 0.0F && pyramid_.hides(center, radius + in_view_, nearest);
@@ -364,7 +364,7 @@ void MovedEvidence<D>::visit(std::size_t level, std::size_t number) {
     for (std::size_t k = 0; k < D; ++k) mean[static_cast<int>(k)] = means_[k][i];
     const Point way = mean - origin_;
     float sum = 0.0F;
-    for (int k = 0; k < D; ++k) sum = rounded(way[k] * way[k]) + sum;
+    for (int k = 0; k < D; ++k) sum = unfused(way[k] * way[k]) + sum;
     const float distance = std::sqrt(sum);
     const float margin = margins_[i];
     const float passed = pyramid_.surely_passed(mean, distance, in_view_, std::max(distance - margin, 0.0F));
@@ -383,7 +383,7 @@ NDTREE_BY_EIGHTS unsigned MovedEvidence<D>::hidden_by_eights(const Balls& balls,
   for (std::size_t k = 0; k < D; ++k) {
     center[k] = EightFloats::load(balls.centers[k].data() + first);
     const EightFloats way = center[k] - origin_[static_cast<int>(k)];
-    square = rounded(way * way) + square;
+    square = unfused(way * way) + square;
   }
   const EightFloats radius = EightFloats::load(balls.radius.data() + first);
   const EightFloats nearest = sqrt_of(square) - radius - EightFloats::load(balls.margin.data() + first);
@@ -398,7 +398,7 @@ NDTREE_BY_EIGHTS void MovedEvidence<D>::ask_by_eights(std::size_t i, std::size_t
   for (std::size_t k = 0; k < D; ++k) {
     mean[k] = EightFloats::load(means_[k].data() + i);
     const EightFloats way = mean[k] - origin_[static_cast<int>(k)];
-    sum = rounded(way * way) + sum;
+    sum = unfused(way * way) + sum;
   }
   const EightFloats distance = sqrt_of(sum);
   const EightFloats margin = EightFloats::load(margins_.data() + i);

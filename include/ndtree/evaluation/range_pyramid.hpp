@@ -13,9 +13,9 @@
 #include <vector>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -111,7 +111,7 @@ class RangePyramid {
     const float scale = 0.5F / depth;
     std::size_t i = 0;
     for (int k = 0; k < D; ++k)
-      if (k != axis) place[i++] = rounded(direction[k] * scale) + 0.5F;
+      if (k != axis) place[i++] = unfused(direction[k] * scale) + 0.5F;
     return 2 * axis + (direction[axis] < 0.0F ? 1 : 0);
   }
   [[nodiscard]] static int pixel_on_side(float place, int side) {
@@ -395,7 +395,7 @@ RangePyramid<D>::directions_of(const std::array<EightFloats, std::size_t{D}>& po
   }
   const EightFloats scale = 0.5F / to.depth;
   for (std::size_t k = 0; k < kSides; ++k)  // The axes before the main one, and then those behind it.
-    to.place[k] = rounded(select(axis > static_cast<std::int32_t>(k), way[k], way[k + 1]) * scale) + 0.5F;
+    to.place[k] = unfused(select(axis > static_cast<std::int32_t>(k), way[k], way[k + 1]) * scale) + 0.5F;
   to.face = shifted_left(axis, 1) - EightInts::minus_one_where(along < 0.0F);
   std::array<float, 8> has_beams{};
   for (std::size_t f = 0; f < kFaces; ++f) has_beams[f] = has_beams_[f] ? 1.0F : 0.0F;

@@ -8,7 +8,7 @@
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/inline.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/map_options.hpp"
 
 namespace ndtree {
@@ -61,9 +61,9 @@ class BeamEvidence {
   template <class Cell>
   void update_near_end(Cell& cell, double t_enter, double t_exit) {
     const double cdf_entry =
-        t_enter == t_known_ ? cdf_known_ : Sensor::cdf(rounded(t_enter * range_), range_, sigma_);
+        t_enter == t_known_ ? cdf_known_ : Sensor::cdf(unfused(t_enter * range_), range_, sigma_);
     t_known_ = t_exit;
-    cdf_known_ = Sensor::cdf(rounded(t_exit * range_), range_, sigma_);
+    cdf_known_ = Sensor::cdf(unfused(t_exit * range_), range_, sigma_);
     cell.update(sensor_->log_odds(cdf_entry, cdf_known_), log_odds_min_, log_odds_max_);
     if (t_exit < t_hit_) {
       cell.count_miss();

@@ -54,7 +54,7 @@ class BeamUpdate : public BeamVisitor {
     undo_ = undo == nullptr ? nullptr : undo->data();
     for (Eigen::Index i = 0; i < measurements_->scan().size; ++i) {
       const Beam<D> beam = measurements_->beam(i);
-      if (beam.outcome != BeamOutcome::invalid) add(beam, measurements_->sigma(i, beam.range));
+      if (beam.outcome != BeamOutcome::invalid) add(beam, measurements_->sigma(i, beam));
     }
   }
 

@@ -107,7 +107,7 @@ template <int N, int D, class Sensor>
   for (Eigen::Index i = 0; i < measurements.scan().size; ++i) {
     const Beam<D> beam = measurements.beam(i);
     if (beam.outcome == BeamOutcome::invalid) continue;
-    const double sigma = measurements.sigma(i, beam.range);
+    const double sigma = measurements.sigma(i, beam);
     const double t_end = std::max(beam.t_free, Sensor::t_end(beam, sigma));
     survey.include(beam.origin);
     survey.include(beam.point(t_end));

@@ -13,7 +13,6 @@
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/mapping/beam_evidence.hpp"
 #include "ndtree/mapping/map_options.hpp"
-#include "ndtree/mapping/scan/arenas.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/scan/task_lists.hpp"
@@ -95,15 +94,15 @@ class FixedWalk {
   [[nodiscard]] Beam<D> beam(std::size_t number) const {
     return measurements_.beam(first_ + static_cast<Eigen::Index>(number));
   }
-  [[nodiscard]] double sigma(std::size_t number, double range) const {
-    return measurements_.sigma(first_ + static_cast<Eigen::Index>(number), range);
+  [[nodiscard]] double sigma(std::size_t number, const Beam<D>& beam) const {
+    return measurements_.sigma(first_ + static_cast<Eigen::Index>(number), beam);
   }
   /// Calls `visit(lower, t_enter, t_exit)` for each smallest cell in a node that a beam passes and that may
   /// change; evidence_ is then that of the beam.
   template <class Visit>
   void for_each_cell(const CellIndex<D>& node, std::size_t number, const Visit& visit) {
     const Beam<D> beam = this->beam(number);
-    evidence_.begin(beam, sigma(number, beam.range));
+    evidence_.begin(beam, sigma(number, beam));
     const BeamStepper<N, D> stepper(tree_.geometry(), beam.origin, beam.displacement);
     double t_enter = 0.0;
     double t_exit = evidence_.t_end();
@@ -187,7 +186,7 @@ class FixedWalk {
       const Beam<D> beam = this->beam(number);
       const BeamStepper<N, D> stepper(tree_.geometry(), beam.origin, beam.displacement);
       double t_enter = 0.0;
-      double t_exit = Sensor::t_end(beam, sigma(number, beam.range));
+      double t_exit = Sensor::t_end(beam, sigma(number, beam));
       if (!stepper.clip(node, t_enter, t_exit)) continue;
       stepper.for_each_child(node, t_enter, t_exit, [&](int child, const CellIndex<D>&, double, double) {
         of_children[static_cast<std::size_t>(child)].push_back(number);
@@ -248,25 +247,20 @@ class FixedUpdate {
   }
 
   /// Integrates all beams. @pre the tree contains what the survey reaches.
-  /// @param undo is resized to 1 + workers.count() logs of changed nodes; null: nothing is logged.
+  /// @param undo gets logs of changed nodes, see ScanWalks; null: nothing is logged.
   /// @param window outside which no cell changes.
   void finish(Workers& workers, std::vector<UndoLog<Tree>>* undo = nullptr,
               const ChangeWindow<D>& window = {}) {
-    if (undo != nullptr) undo->resize(1 + workers.count());
-    const auto log = [&](std::size_t number) { return undo == nullptr ? nullptr : undo->data() + number; };
     const int level = task_level();
-    Arenas<Tree> arenas(tree_, workers.count());
-    std::vector<Walk> walks;
-    walks.reserve(arenas.all().size());
-    for (auto& lent : arenas.all())
-      walks.emplace_back(tree_, lent.arena, *measurements_, evidence_, level, log(1 + walks.size()), window);
+    ScanWalks<Tree, Walk> walks(tree_, workers, undo, [&](auto& all, auto& arena, UndoLog<Tree>* log) {
+      all.emplace_back(tree_, arena, *measurements_, evidence_, level, log, window);
+    });
     for (Eigen::Index first = 0, last; first < measurements_->scan().size; first = last) {
       last = end_of_piece(first, level);
-      for (Walk& walk : walks) walk.begin_at(first);
-      ScanTasks<Tree, Walk>(tree_, arenas.all().front().arena, level, workers, walks, log(0))
-          .run(static_cast<std::size_t>(last - first));
+      for (Walk& walk : walks.all()) walk.begin_at(first);
+      walks.run(level, static_cast<std::size_t>(last - first));
     }
-    for (const Walk& walk : walks) counters_.updates += walk.counters().updates;
+    walks.add_to(counters_);
   }
 
  private:
@@ -296,7 +290,7 @@ class FixedUpdate {
       const Beam<D> beam = measurements_->beam(last);
       if (beam.outcome == BeamOutcome::invalid) continue;
       beams += 1.0;
-      metres += Sensor::t_end(beam, measurements_->sigma(last, beam.range)) * beam.range;
+      metres += Sensor::t_end(beam, measurements_->sigma(last, beam)) * beam.range;
     }
     return last;
   }

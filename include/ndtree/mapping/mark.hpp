@@ -15,11 +15,16 @@
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/cell/occupancy_cell.hpp"
 #include "ndtree/cell/summary.hpp"
+#include "ndtree/core/body.hpp"
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/forget_rule.hpp"
 #include "ndtree/core/log_odds.hpp"
+#include "ndtree/core/memory.hpp"
+#include "ndtree/core/option.hpp"
 #include "ndtree/mapping/forget.hpp"
 #include "ndtree/mapping/map_options.hpp"
+#include "ndtree/tree/grow_around.hpp"
+#include "ndtree/tree/lattice.hpp"
 
 namespace ndtree::detail {
 
@@ -139,5 +144,68 @@ class Marking {
   std::vector<Cell> marks_;  // By level, from the finest.
   Pace pace_;
 };
+
+/// Space to be marked: the cells that a rule would forget, and a box of smallest cells that has them all.
+template <int D, class Rule>
+struct MarkedSpace {
+  Rule rule;
+  LatticeBox<D> cells;
+};
+
+/// @throws std::invalid_argument if a part of a box lies where no cell can be.
+template <int N, int D>
+void require_markable(const LatticeGeometry<N, D>& geometry, const Box<D>& box) {
+  if (!geometry.in_reach(box.lower) || !geometry.in_reach(box.upper))
+    throw std::invalid_argument("marked space from " + describe_point(box.lower) + " to " +
+                                describe_point(box.upper) + " m: must be within " +
+                                describe_number(geometry.reach()) + " m of 0");
+}
+/// The space in a box. @throws as require_markable().
+template <int N, int D>
+[[nodiscard]] MarkedSpace<D, ClearRule<D>> marked_space(const LatticeGeometry<N, D>& geometry,
+                                                        const Box<D>& box) {
+  require_markable(geometry, box);
+  return {ClearRule<D>{geometry.on_borders(box)}, geometry.cells_in(box, geometry.finest_level())};
+}
+/// The space that a body takes. @pre it has parts, all finite. @throws as require_markable().
+template <int N, int D>
+[[nodiscard]] MarkedSpace<D, ShapeRule<D>> marked_space(const LatticeGeometry<N, D>& geometry,
+                                                        const ShapeRule<D>& rule) {
+  Box<D> around = bounds_of(rule.body.front());
+  for (const BodyPart<D>& part : rule.body) {
+    const Box<D> bounds = bounds_of(part);
+    around = {around.lower.cwiseMin(bounds.lower), around.upper.cwiseMax(bounds.upper)};
+  }
+  require_markable(geometry, around);
+  LatticeBox<D> cells;  // All that share a point with the box, or would without rounding.
+  for (int a = 0; a < D; ++a) {
+    const auto axis = static_cast<std::size_t>(a);
+    const double beside = 2.0 * kOnBorder * geometry.unit();  // See ShapeRule.
+    const double lower = around.lower[a], upper = around.upper[a];
+    cells.lower[axis] = geometry.coordinate(lower - geometry.rounding_at(lower) - beside);
+    cells.upper[axis] = geometry.coordinate(upper + geometry.rounding_at(upper) + beside) + 1;
+  }
+  return {rule, cells};
+}
+
+/// A tree as Marking leaves it, grown around the space, with its summaries.
+/// @param bytes_beside that the map holds beside its tree, and that count for its max_memory.
+/// @throws as check_mark(), and MemoryLimitReached, std::bad_alloc, Cancelled.
+template <class Tree, class Rule, class Refinement, class IsSaturated>
+[[nodiscard]] Tree marked(const Tree& tree, const MarkedSpace<Tree::kDim, Rule>& space, CellState state,
+                          int beams, const MapOptions& options, const Refinement& refinement,
+                          const IsSaturated& is_saturated, std::size_t bytes_beside) {
+  check_mark(state, beams);
+  Tree changed = tree;
+  changed.limit_memory(options.memory_limit(), bytes_beside);
+  grow_around(changed, space.cells);
+  Marking<Tree, Refinement, IsSaturated, Rule>(changed, options, refinement, is_saturated, space.rule, state,
+                                               beams)
+      .run();
+  changed.limit_memory(kUnlimitedMemory);
+  summarise_stale(changed, *changed.root().node, is_saturated);
+  changed.shrink_if_half_empty();
+  return changed;
+}
 
 }  // namespace ndtree::detail

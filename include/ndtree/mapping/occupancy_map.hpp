@@ -37,7 +37,6 @@
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/cube_set.hpp"
-#include "ndtree/tree/grow_around.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 #include "ndtree/tree/undo_log.hpp"
@@ -207,28 +206,20 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   /// or a part lies out of reach, MemoryLimitReached, and as clear(); the map is then unchanged.
   void mark(const Box<D>& box, CellState state, int beams = kMarkBeams) {
     check(box);
-    require_in_reach(box);
-    const auto& geometry = tree_.geometry();
-    mark_cells(ClearRule<D>{geometry.on_borders(box)}, geometry.cells_in(box, geometry.finest_level()), state,
-               beams);
+    mark(detail::marked_space(tree_.geometry(), box), state, beams);
   }
   void mark(const Body<D>& body, const Pose<D>& pose, CellState state, int beams = kMarkBeams) {
     ShapeRule<D> rule{moved(body, pose)};
     check(rule.body);
     if (rule.body.empty()) return detail::check_mark(state, beams);
-    Box<D> around = bounds_of(rule.body.front());
-    for (const BodyPart<D>& part : rule.body) {
-      const Box<D> bounds = bounds_of(part);
-      around = {around.lower.cwiseMin(bounds.lower), around.upper.cwiseMax(bounds.upper)};
-    }
-    require_in_reach(around);
-    mark_cells(rule, cells_touched_by(around), state, beams);
+    mark(detail::marked_space(tree_.geometry(), rule), state, beams);
   }
   /// Forgets all cells that are farther than `radius` > 0 [m] from a point: a window that moves with a robot;
   /// infinity keeps everything. O(what goes, and what lies on its border). @throws std::invalid_argument if
   /// the centre is not finite, and as crop().
   void keep_near(const Vector<D>& center, double radius) {
-    if (!center.allFinite()) throw std::invalid_argument("center = " + describe(center) + ": must be finite");
+    if (!center.allFinite())
+      throw std::invalid_argument("center = " + describe_point(center) + ": must be finite");
     if (!(radius > 0.0))
       throw std::invalid_argument("radius = " + describe_number(radius) + " m: must be > 0");
     forget(NearRule<D>{center, radius});
@@ -397,38 +388,10 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     last_checkpoint();
     tree_ = std::move(changed);
   }
-  void require_in_reach(const Box<D>& box) const {
-    const auto& geometry = tree_.geometry();
-    if (!geometry.in_reach(box.lower) || !geometry.in_reach(box.upper))
-      throw std::invalid_argument("marked space from " + describe(box.lower) + " to " + describe(box.upper) +
-                                  " m: must be within " + describe_number(geometry.reach()) + " m of 0");
-  }
-  /// All smallest cells that share a point with a closed box, or would without rounding.
-  [[nodiscard]] LatticeBox<D> cells_touched_by(const Box<D>& box) const {
-    const auto& geometry = tree_.geometry();
-    LatticeBox<D> cells;
-    for (int a = 0; a < D; ++a) {
-      const auto axis = static_cast<std::size_t>(a);
-      const double beside = 2.0 * kOnBorder * geometry.unit();  // See ShapeRule.
-      cells.lower[axis] = geometry.coordinate(box.lower[a] - geometry.rounding_at(box.lower[a]) - beside);
-      cells.upper[axis] = geometry.coordinate(box.upper[a] + geometry.rounding_at(box.upper[a]) + beside) + 1;
-    }
-    return cells;
-  }
-  /// @param cells all that the rule would forget.
   template <class Rule>
-  void mark_cells(const Rule& rule, const LatticeBox<D>& cells, CellState state, int beams) {
-    detail::check_mark(state, beams);
-    const auto is_saturated = saturated();
-    Tree changed = tree_;
-    changed.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
-    detail::grow_around(changed, cells);
-    detail::Marking<Tree, Refinement, decltype(is_saturated), Rule>(changed, options_, refinement_,
-                                                                    is_saturated, rule, state, beams)
-        .run();
-    changed.limit_memory(kUnlimitedMemory);
-    summarise_stale(changed, *changed.root().node, is_saturated);
-    changed.shrink_if_half_empty();
+  void mark(const detail::MarkedSpace<D, Rule>& space, CellState state, int beams) {
+    Tree changed = detail::marked(tree_, space, state, beams, options_, refinement_, saturated(),
+                                  sizeof(*this) - sizeof(tree_));
     last_checkpoint();
     tree_ = std::move(changed);
   }
@@ -436,14 +399,14 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     for (const BodyPart<D>& part : body) {
       const Box<D> bounds = bounds_of(part);
       if (!bounds.lower.allFinite() || !bounds.upper.allFinite())
-        throw std::invalid_argument("body from " + describe(bounds.lower) + " to " + describe(bounds.upper) +
-                                    " m: must be finite");
+        throw std::invalid_argument("body from " + describe_point(bounds.lower) + " to " +
+                                    describe_point(bounds.upper) + " m: must be finite");
     }
   }
   static void check(const Box<D>& box) {
     if (!box.lower.allFinite() || !box.upper.allFinite() || !(box.lower.array() < box.upper.array()).all())
-      throw std::invalid_argument("box from " + describe(box.lower) + " to " + describe(box.upper) +
-                                  ": must be finite, and have a volume");
+      throw std::invalid_argument("box from " + describe_point(box.lower) + " to " +
+                                  describe_point(box.upper) + ": must be finite, and have a volume");
   }
 
   void check_summary(const typename Tree::ConstRef& parent) const {
@@ -458,14 +421,8 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     if (!(max_range > 0.0))
       throw std::invalid_argument("max_range = " + describe_number(max_range) + " m: must be > 0");
     if (!scan.origin_per_beam && scan.size > 0 && !scan.origin(0).allFinite())
-      throw std::invalid_argument("origin = " + describe(scan.origin(0)) +
+      throw std::invalid_argument("origin = " + describe_point(scan.origin(0)) +
                                   " m: every component must be finite");
-  }
-
-  static std::string describe(const Vector<D>& point) {
-    std::string text = "(";
-    for (int a = 0; a < D; ++a) text += (a ? ", " : "") + describe_number(point[a]);
-    return text + ")";
   }
 
   using Cells::counters_;

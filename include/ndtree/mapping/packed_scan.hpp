@@ -14,9 +14,9 @@
 
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/option.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -119,11 +119,11 @@ class PackedScan {
     }
     return result;
   }
-  /// Products are rounded one by one, see rounded().
+  /// Products are rounded one by one, see unfused().
   [[nodiscard]] static Vector<D> moved(const Vector<D>& point, const Pose<D>& pose) {
     Vector<D> result = pose.translation;
     for (int a = 0; a < D; ++a)
-      for (int b = 0; b < D; ++b) result[a] += rounded(pose.rotation(a, b) * point[b]);
+      for (int b = 0; b < D; ++b) result[a] += unfused(pose.rotation(a, b) * point[b]);
     return result;
   }
 

@@ -17,7 +17,6 @@
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/mapping/map_options.hpp"
-#include "ndtree/mapping/scan/arenas.hpp"
 #include "ndtree/mapping/scan/counting_sort.hpp"
 #include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
@@ -87,23 +86,26 @@ class ScanUpdate {
 
   /// Integrates the surveyed scan. The result is the same for every number of workers.
   /// @pre the tree contains the survey's reach.
-  /// @param undo is resized to 1 + workers.count() logs of changed nodes; null: nothing is logged.
+  /// @param undo gets logs of changed nodes, see ScanWalks; null: nothing is logged.
   /// @param window outside which no cell of the coarsest level changes.
   void finish(Workers& workers, std::vector<UndoLog<Tree>>* undo = nullptr,
               const ChangeWindow<D>& window = {}) {
     prepare(workers);
     if (beams_.size() == 0) return;
     checkpoint();
-    window_ = window;
-    undo_ = undo;
-    if (undo_ != nullptr) undo_->resize(1 + workers.count());
     if (workers.count() <= 1 || !lists_fit_in_memory()) {
-      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, beams_, log(0), window_);
+      if (undo != nullptr) undo->resize(1);
+      Walk walk(tree_, tree_.main_arena(), refinement_, sensor_, beams_,
+                undo == nullptr ? nullptr : undo->data(), window);
       walk.run();
-      add(walk.counters());
-    } else {
-      run_tasks(workers);
+      counters_.add(walk.counters());
+      return;
     }
+    ScanWalks<Tree, Walk> walks(tree_, workers, undo, [&](auto& all, auto& arena, UndoLog<Tree>* log) {
+      all.emplace_back(tree_, arena, refinement_, sensor_, beams_, log, window);
+    });
+    walks.run(coarsest_level(), beams_.size());
+    walks.add_to(counters_);
   }
 
  private:
@@ -259,29 +261,6 @@ class ScanUpdate {
     return Refinement::coarsest_level(tree_.geometry().finest_level());
   }
 
-  /// Walks with all workers.
-  void run_tasks(Workers& workers) {
-    Arenas<Tree> arenas(tree_, workers.count());
-    std::vector<Walk> walks;
-    walks.reserve(arenas.all().size());
-    for (typename Arenas<Tree>::Lent& lent : arenas.all())
-      walks.emplace_back(tree_, lent.arena, refinement_, sensor_, beams_, log(1 + walks.size()), window_);
-    ScanTasks<Tree, Walk>(tree_, arenas.all().front().arena, coarsest_level(), workers, walks, log(0))
-        .run(beams_.size());
-    for (const Walk& walk : walks) add(walk.counters());
-  }
-
-  /// Undo log 0 is of this thread alone, log 1 + w of worker w; null if nothing is logged.
-  [[nodiscard]] UndoLog<Tree>* log(std::size_t number) const {
-    return undo_ == nullptr ? nullptr : undo_->data() + number;
-  }
-
-  void add(const UpdateCounters& counters) {
-    counters_.updates += counters.updates;
-    counters_.splits += counters.splits;
-    counters_.merges += counters.merges;
-  }
-
   Tree& tree_;
   const Refinement& refinement_;
   const Sensor& sensor_;
@@ -291,8 +270,6 @@ class ScanUpdate {
   Box<D> reach_;
   CubeMap<D> cube_map_;
   ScanBeams<D> beams_;
-  std::vector<UndoLog<Tree>>* undo_ = nullptr;
-  ChangeWindow<D> window_;
 };
 
 }  // namespace ndtree

@@ -13,6 +13,13 @@ struct UpdateCounters {
   std::uint64_t splits = 0;   ///< Leaves split because the refinement asked for it.
   std::uint64_t merges = 0;   ///< Parents that took the place of their children.
   std::uint64_t scans = 0;    ///< Scans inserted; the number that the next one has, see ScanView::number.
+
+  /// Adds what others changed in the same scans.
+  void add(const UpdateCounters& others) {
+    updates += others.updates;
+    splits += others.splits;
+    merges += others.merges;
+  }
 };
 
 }  // namespace ndtree

@@ -11,8 +11,8 @@
 #include <type_traits>
 #include <utility>
 
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
 namespace ndtree {
@@ -197,7 +197,7 @@ class BeamStepper {
   }
   /// crossing() of a beam that is not parallel to the plane. @param coordinate a whole number.
   [[nodiscard]] double crossing_at(std::size_t a, double coordinate) const {
-    return (rounded(coordinate * geometry_->unit()) - origin_[static_cast<int>(a)]) /
+    return (unfused(coordinate * geometry_->unit()) - origin_[static_cast<int>(a)]) /
            direction_[static_cast<int>(a)];
   }
 

@@ -13,9 +13,9 @@
 
 #include "ndtree/core/lanes.hpp"
 #include "ndtree/core/option.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/tree/child_index.hpp"
 
 namespace ndtree {
@@ -89,10 +89,10 @@ class LatticeGeometry {
   }
   /// Edge of a cell [m].
   [[nodiscard]] double cell_size(int level) const {
-    return rounded(static_cast<double>(edge(level)) * unit_);
+    return unfused(static_cast<double>(edge(level)) * unit_);
   }
   [[nodiscard]] double border(std::int64_t coordinate) const {
-    return rounded(static_cast<double>(coordinate) * unit_);
+    return unfused(static_cast<double>(coordinate) * unit_);
   }
 
   /// Points with every |component| at or below this [m] have a place on the lattice.
@@ -109,7 +109,7 @@ class LatticeGeometry {
   /// How far a coordinate that was meant to lie on a border may lie beside it: some units in its last place,
   /// and in that of an origin some hundred metres away [m].
   [[nodiscard]] double rounding_at(double x) const {
-    return rounded(kRounding * std::abs(x)) + rounded(kRoundingOfUnit * unit_);
+    return unfused(kRounding * std::abs(x)) + unfused(kRoundingOfUnit * unit_);
   }
 #ifdef NDTREE_HAS_EIGHTS
   /// The coordinates of four numbers, as floating point. @param is_on_border whether x lies on a border of
@@ -187,7 +187,7 @@ class LatticeGeometry {
   [[nodiscard]] double on_border(double x) const {
     if (!in_reach(x)) return x;
     const double nearest = border(static_cast<std::int64_t>(std::nearbyint(x * per_metre_)));
-    return std::abs(x - nearest) <= rounded(kOnBorder * unit_) + rounding_at(x) ? nearest : x;
+    return std::abs(x - nearest) <= unfused(kOnBorder * unit_) + rounding_at(x) ? nearest : x;
   }
 
   // Lattice units within reach; N² times the whole of it, 2 kReach, still fits a std::int64_t for N < 4096,

@@ -11,6 +11,7 @@
 
 #include "docstrings.hpp"
 #include "python_map.hpp"
+#include "scan_arrays.hpp"
 #include "seen_space.hpp"
 #include "simulated_log.hpp"
 
@@ -31,36 +32,22 @@ AnySeenSpace make_seen_space(const py::iterable& scans, double max_range, const 
   options.middle = middle;
   options.seed = seed;
   options.validate();
-  std::vector<BeamArrays> beams;
-  int dim = 0;
-  for (const py::handle scan : scans) {
-    if (beams.empty()) dim = scan.attr("dim").cast<int>();
-    try {
-      beams.emplace_back(scan.attr("endpoints"), scan.attr("origin"), scan.attr("returned"), dim);
-    } catch (const py::value_error& error) {
-      throw py::value_error("scan " + std::to_string(beams.size()) + ": " + error.what());
-    }
-  }
-  if (beams.empty()) throw py::value_error("scans: none, expected at least one");
-  std::vector<BeamPointers> pointers;
-  pointers.reserve(beams.size());
-  for (const BeamArrays& scan : beams) pointers.push_back(scan.pointers());
-  if (dim == 2) {
+  const ScanArrays arrays(scans);
+  if (arrays.beams.empty()) throw py::value_error("scans: none, expected at least one");
+  const std::vector<BeamPointers> pointers = arrays.pointers();
+  if (arrays.dim == 2) {
     const SimulatedLog<2>* const log = simulated_log<2>(simulation);
     const Released released;
     return seen_space(pointers, log, max_range, options);
   }
-  if (dim == 3) {
+  if (arrays.dim == 3) {
     const SimulatedLog<3>* const log = simulated_log<3>(simulation);
     const Released released;
     return seen_space(pointers, log, max_range, options);
   }
-  if (dim == 4) {
-    if (!simulation.is_none()) throw py::value_error("simulation: must be None for scans with dim = 4");
-    const Released released;
-    return seen_space(pointers, max_range, options);
-  }
-  throw py::value_error("scan 0: dim = " + std::to_string(dim) + ": must be 2, 3 or 4");
+  if (!simulation.is_none()) throw py::value_error("simulation: must be None for scans with dim = 4");
+  const Released released;
+  return seen_space(pointers, max_range, options);
 }
 
 py::array_t<double> points_of(const AnySeenSpace& any) {

@@ -403,6 +403,14 @@ void bind_maps(py::module_& module) {
       .def_property_readonly(
           "surface_error", [](const HeldOutTruth& t) { return or_nan(t.median_surface_error()); },
           doc::HeldOutTruth_surface_error)
+      .def(
+          "figures",
+          [](const HeldOutTruth& t) {
+            py::dict figures;
+            for_each_figure(t, [&](const char* name, const auto& value) { figures[name] = value; });
+            return figures;
+          },
+          doc::HeldOutTruth_figures)
       .def("__iadd__",
            [](HeldOutTruth& a, const HeldOutTruth& b) -> HeldOutTruth& {
              a.add(b);

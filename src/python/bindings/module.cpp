@@ -42,6 +42,7 @@ PYBIND11_MODULE(_core, module) {
   ndtree::python::bind_history(module);
   ndtree::python::bind_match(module);
   ndtree::python::bind_logs(module);
+  ndtree::python::bind_log_sample(module);
   ndtree::python::bind_statistics(module);
 #ifdef NDTREE_HAVE_OCTOMAP
   module.attr("has_octomap") = true;

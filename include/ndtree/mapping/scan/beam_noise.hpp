@@ -7,8 +7,9 @@
 #include <array>
 #include <limits>
 
+#include "ndtree/core/inline.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -32,22 +33,18 @@ class BeamNoise {
     largest_.fill(0.0f);
     margin_.fill(0.0f);
   }
-  /// Adds a beam. @param sigma standard deviation of the range. @param reach t_max of the beam.
+  /// Adds one beam, or eight. @param sigma standard deviation of the range. @param reach t_max of the beam.
   /// @param pass t_free: the beam has passed every cell that it leaves before this distance. All in [m].
-  void add(float sigma, float reach, float pass) {
-    smallest_[0] = std::min(smallest_[0], sigma);
-    largest_[0] = std::max(largest_[0], sigma);
-    margin_[0] = std::max(margin_[0], margin_of(reach, pass));
+  template <class Floats>
+  NDTREE_ALWAYS_INLINE void add(const Floats& sigma, const Floats& reach, const Floats& pass) {
+    Floats smallest, largest, margin;
+    load_from(smallest, smallest_.data());
+    load_from(largest, largest_.data());
+    load_from(margin, margin_.data());
+    store_to(min_of(smallest, sigma), smallest_.data());
+    store_to(max_of(largest, sigma), largest_.data());
+    store_to(max_of(margin, margin_of(reach, pass)), margin_.data());
   }
-#ifdef NDTREE_HAS_EIGHTS
-  /// Adds eight beams.
-  NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE void add(const EightFloats& sigma, const EightFloats& reach,
-                                                 const EightFloats& pass) {
-    min_of(EightFloats::load(smallest_.data()), sigma).store(smallest_.data());
-    max_of(EightFloats::load(largest_.data()), sigma).store(largest_.data());
-    max_of(EightFloats::load(margin_.data()), margin_of(reach, pass)).store(margin_.data());
-  }
-#endif
   /// Adds the beams of another set. @pre both have the same growth.
   void add(const BeamNoise& other) {
     smallest_[0] = std::min(smallest_[0], other.smallest());
@@ -67,7 +64,7 @@ class BeamNoise {
   static constexpr float kAboveRounding = 1.0f + 0x1p-21f;
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Floats margin_of(const Floats& reach, const Floats& pass) const {
-    return rounded(reach * kAboveRounding) - pass - rounded(rounded(growth_ * reach) * reach);
+    return unfused(reach * kAboveRounding) - pass - unfused(unfused(growth_ * reach) * reach);
   }
   float growth_;
   // Element k is of every eighth beam; width 1 uses element 0 alone.

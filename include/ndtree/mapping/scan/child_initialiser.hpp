@@ -98,7 +98,7 @@ class ChildrenInitialiser {
       return beams_.are_alike() ? count_passed_by_eights<true>(crossings, list)
                                 : count_passed_by_eights<false>(crossings, list);
 #endif
-    std::size_t n = 0;
+    std::size_t n = 0;  // Rows of eight beams are read by functions that are compiled for the processor.
     for (std::size_t i = 0; i < list.size; ++i) {
       const BeamEnd<D>& end = beams_.end(list.beam[i]);
       n += static_cast<std::size_t>(has_passed(crossings.of(list.beam[i]).exit, end.clear, end.surface));

@@ -8,8 +8,8 @@
 #include <cstdint>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/scan/packed_beams.hpp"
 #include "ndtree/tree/lattice.hpp"
 
@@ -60,8 +60,8 @@ class CellCrossings {
   template <class Floats>
   NDTREE_ALWAYS_INLINE static void clip(float lower, float upper, const Floats& inverse, Floats& enter,
                                         Floats& exit) {
-    const Floats at_lower = rounded(lower * inverse);
-    const Floats at_upper = rounded(upper * inverse);
+    const Floats at_lower = unfused(lower * inverse);
+    const Floats at_upper = unfused(upper * inverse);
     enter = max_of(enter, min_of(at_lower, at_upper));
     exit = min_of(exit, max_of(at_lower, at_upper));
   }

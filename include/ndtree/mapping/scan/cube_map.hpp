@@ -12,8 +12,10 @@
 #include <map>
 #include <vector>
 
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/inline.hpp"
+#include "ndtree/core/lanes.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 
 namespace ndtree {
 
@@ -120,16 +122,21 @@ struct CubeFace {
   /// the face has a single beam, so that every cell samples it.
   [[nodiscard]] float expected_beams(float depth, float size) const {
     if (is_single()) return 0.0f;
-    const float row = size * density / depth;
-    float expected = 1.0f;
-    for (const float n : pixels) expected *= std::min(row, n);
+    return expected_beams(size * density / depth, pixels.data());
+  }
+  /// expected_beams() of one cube or several. @param row pixels side by side in the cube.
+  /// @param pixels on each axis of the face.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats expected_beams(const Floats& row, const Floats* pixels) {
+    Floats expected = 1.0f;
+    for (std::size_t k = 0; k < kAxes; ++k) expected = expected * min_of(row, pixels[k]);
     return expected;
   }
   /// Depth of a cell's centre, or half the cell's edge if that is more [m].
   /// @param near_border, far_border of the cell on the axis of the face [m].
   [[nodiscard]] float depth_of(double near_border, double far_border) const {
     const double half = 0.5 * (far_border - near_border);
-    const double centre = rounded(0.5 * (near_border + far_border)) - origin[axis];
+    const double centre = unfused(0.5 * (near_border + far_border)) - origin[axis];
     return static_cast<float>(std::max(half, std::abs(centre)));
   }
   /// Edge of the square that a beam stands for at depth 1: that of a pixel, at most 0.1. 0 for a single beam,

@@ -12,7 +12,7 @@
 
 #include "ndtree/cell/evidence_cell.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/coverage.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
@@ -85,6 +85,7 @@ class LeafCoverage {
       if (std::abs(ray.inverse[a]) < std::abs(ray.inverse[main])) main = a;
     return main;
   }
+  /// Beam by beam where the partition goes beam by beam, whose crossings it takes.
   void add(const CellIndex<D>& leaf, const BeamList& list, float per_child, const BeamWidths& widths,
            Sum& sum) const {
 #ifdef NDTREE_HAS_EIGHTS
@@ -118,7 +119,7 @@ class LeafCoverage {
           for (std::size_t a = 0; a < D; ++a) {
             if (a == main) continue;
             const float border = partition_.plane_of(leaf, a, Partition::kOffsets[child][a], beam);
-            const float along = rounded(middle * (1.0f / beams_.ray(beam).inverse[a] * per_child));
+            const float along = unfused(middle * (1.0f / beams_.ray(beam).inverse[a] * per_child));
             area *= Sum::overlap(std::abs(along - middle_of(border, per_child)), width_at(middle));
           }
           sum.add(static_cast<int>(child), nearest_integer((exit - enter) * units_per_metre * area));
@@ -126,7 +127,7 @@ class LeafCoverage {
   }
   /// The middle of a child, in its edges. @param border its lower one.
   [[nodiscard]] static float middle_of(float border, float per_child) {
-    return rounded(border * per_child) + 0.5f;
+    return unfused(border * per_child) + 0.5f;
   }
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS void add_by_eights(const typename Partition::Planes& planes, const BeamList& list,

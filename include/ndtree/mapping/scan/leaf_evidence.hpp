@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <type_traits>
 #include <vector>
 
 #include "ndtree/cell/evidence_cell.hpp"
@@ -92,6 +93,7 @@ class LeafEvidence {
       return beams_.are_alike() ? all_pass_by_eights<true>(crossings, list)
                                 : all_pass_by_eights<false>(crossings, list);
 #endif
+    // Rows of eight beams are read by functions that are compiled for the processor.
     for (std::size_t i = 0; i < list.size; ++i)
       if (!(crossings.of(list.beam[i]).exit < beams_.t_free_of(list.beam[i]))) return false;
     return true;
@@ -112,7 +114,8 @@ class LeafEvidence {
     return of_any(leaf, crossings, list.part(0, list.find(end)));
   }
 
-  /// The evidence of one beam for leaves of one level, 0 or below: the scalar twin of the vector loops.
+  /// The evidence of one beam for leaves of one level, 0 or below, by the same rules as of vectors. It goes
+  /// on its own, as it returns early, and where cells or sums do not fit 32 bits.
   class OfBeam {
    public:
     NDTREE_ALWAYS_INLINE OfBeam(const LeafEvidence& all, int level, std::uint32_t beam)
@@ -129,24 +132,18 @@ class LeafEvidence {
       const float enter = crossing.enter;
       // A surface is as thick as the noise: evidence for smaller cells does not depend on their size.
       const BeamEnd<D>& beam = all_.beams_.end(number_);
-      const bool is_small = size_.small <= kSmallCell * beam.sigma;
+      const bool is_small = LeafEvidence::is_small(size_, beam.sigma);
       const float end = is_small ? std::max(crossing.exit, enter + beam.surface) : crossing.exit;
       if (end < beam.clear || !beam.is_returned()) return sum.add(passed(crossing));
       const bool holds_end = all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
       const bool is_behind = !holds_end && enter >= beam.range;
       if (is_behind && !is_small) return;
-      const float per_sigma = 1.0f / beam.sigma;
-      const float before_end = (enter - beam.range) * per_sigma;
-      const float behind_end = (end - beam.range) * per_sigma;
-      BeamWeight::add(sum,
-                      all_.sensor_.quick_log_odds(
-                          before_end, holds_end ? std::max(behind_end, kLeastBehindHit) : behind_end),
-                      all_.inside(size_, beam.sigma, beam.range));
+      float before_end = 0.0f;
+      BeamWeight::add(sum, all_.near_end(size_, beam.range, beam.sigma, enter, end, holds_end, before_end));
       if (holds_end) {
         ++sum.hits;
         sum.resolvable_hits += is_resolvable();
-        sum.deep_hits +=
-            is_resolvable() && (before_end < -kNoiseReach || size_.cell > kNoiseReach * beam.sigma);
+        sum.deep_hits += is_resolvable() && is_deep(size_, beam.sigma, before_end);
       } else {
         sum.misses += !is_behind;
       }
@@ -222,8 +219,52 @@ class LeafEvidence {
   [[nodiscard]] const Size& size_of(int level) const {
     return sizes_[static_cast<std::size_t>(level - geometry_.finest_level())];
   }
-  [[nodiscard]] static std::int32_t units_of_length(float way, const Size& size) {
-    return std::max(1, nearest_integer(way * size.units_per_metre));
+
+  // Of one beam, or of eight:
+
+  /// The evidence for free space of a way through a cell [m].
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto units_of_length(const Floats& way, const Size& size) {
+    const auto units = nearest_integer(Floats(way * size.units_per_metre));
+    return max_of(std::decay_t<decltype(units)>(1), units);
+  }
+  /// Whether a cell is small beside a beam's noise.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto is_small(const Size& size, const Floats& sigma) {
+    return size.small <= kSmallCell * sigma;
+  }
+  /// The weight of a hit in a cell, along and across the beam.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats inside(const Size& size, const Floats& sigma,
+                                                   const Floats& range) const {
+    if (size.is_inside_alike) return size.inside;
+    const Floats along = inside_table_(min_of(sigma * size.per_cell, kWidestSigma));
+    return has_cone_ ? Floats(along * BeamWeight::covered_part<D>(size.cell, sensor_.cone_width(range)))
+                     : along;
+  }
+  /// Whether the noise of a beam is small enough for the leaf's children.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE auto is_resolvable(const Size& size, const Floats& sigma) const {
+    return size.child >= noise_sigmas_ * sigma;
+  }
+  /// The evidence, see BeamWeight, for a cell that a beam neither clearly passes nor ends before.
+  /// @param end where it leaves the cell, or what counts as that [m]. @param holds_end whether the cell holds
+  ///   its end point. @param before_end gets how far behind its end it enters [standard deviations].
+  template <class Floats, class Condition>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE auto near_end(const Size& size, const Floats& range, const Floats& sigma,
+                                                   const Floats& enter, const Floats& end,
+                                                   const Condition& holds_end, Floats& before_end) const {
+    const Floats per_sigma = 1.0f / sigma;
+    before_end = (enter - range) * per_sigma;
+    const Floats behind_end = (end - range) * per_sigma;
+    const Floats behind = select(holds_end, max_of(behind_end, Floats(kLeastBehindHit)), behind_end);
+    return BeamWeight::units_of(sensor_.quick_log_odds(before_end, behind), inside(size, sigma, range));
+  }
+  /// Whether a hit surely lies behind the noise at the cell's border.
+  template <class Floats>
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto is_deep(const Size& size, const Floats& sigma,
+                                                         const Floats& before_end) {
+    return (before_end < -kNoiseReach) | (size.cell > kNoiseReach * sigma);
   }
 
   /// of() for any list, leaf and beams.
@@ -245,21 +286,6 @@ class LeafEvidence {
     for (std::size_t i = 0; i < list.size; ++i)
       OfBeam(*this, leaf.level, list.beam[i]).add(leaf, crossings.of(list.beam[i]), sum);
     return sum;
-  }
-
-  /// The weight of a hit in a cell, along and across the beam; for one beam, or eight.
-  template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats inside(const Size& size, const Floats& sigma,
-                                                   const Floats& range) const {
-    if (size.is_inside_alike) return size.inside;
-    const Floats along = inside_table_(min_of(sigma * size.per_cell, kWidestSigma));
-    return has_cone_ ? Floats(along * BeamWeight::covered_part<D>(size.cell, sensor_.cone_width(range)))
-                     : along;
-  }
-  /// Whether the noise of a beam is small enough for the leaf's children; of one beam, or eight.
-  template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE auto is_resolvable(const Size& size, const Floats& sigma) const {
-    return size.child >= noise_sigmas_ * sigma;
   }
 
 #ifdef NDTREE_HAS_EIGHTS
@@ -346,7 +372,7 @@ class LeafEvidence {
                                                                const EightFloats& exit,
                                                                const EightMask& misses, const Size& size,
                                                                EightSums& sums) {
-    sums.free += units_of_length(exit - enter, size) & misses;
+    sums.free += units_of_length(EightFloats(exit - enter), size) & misses;
     sums.passed += EightInts::minus_one_where(misses);
   }
   /// Adds the evidence of eight beams that do not all clearly pass a leaf, but for misses.
@@ -359,7 +385,7 @@ class LeafEvidence {
                                                                const EightMask& live, EightSums& sums,
                                                                ScanEvidence& sum) const {
     const EightMask others = live.without(misses);
-    const EightMask is_small = size.small <= kSmallCell * beams.sigma;
+    const EightMask is_small = LeafEvidence::is_small(size, beams.sigma);
     const EightFloats end = max_of(exit, enter + (beams.surface & is_small));
     const EightMask is_clear = end < beams.clear;
     const EightMask passes = is_clear | (beams.surface == 0.0f);  // Or did not return.
@@ -368,13 +394,9 @@ class LeafEvidence {
     const EightMask is_behind = (enter >= beams.range).without(holds_end);
     const EightMask has_evidence = others.without(passes | is_behind.without(is_small));
     if (has_evidence.set() == 0) return misses;
-    const EightFloats per_sigma = 1.0f / beams.sigma;
-    const EightFloats before_end = (enter - beams.range) * per_sigma;
-    const EightFloats behind_end = (end - beams.range) * per_sigma;
-    const EightFloats behind = select(holds_end, max_of(behind_end, kLeastBehindHit), behind_end);
-    const EightFloats weight = inside(size, beams.sigma, beams.range);
+    EightFloats before_end;
     const EightInts evidence =
-        BeamWeight::units_of(sensor_.quick_log_odds(before_end, behind), weight) & has_evidence;
+        near_end(size, beams.range, beams.sigma, enter, end, holds_end, before_end) & has_evidence;
     const EightInts occupied = max_of(evidence, 0);
     sums.occupied += occupied;
     sums.free += occupied - evidence;
@@ -383,14 +405,10 @@ class LeafEvidence {
     const EightMask hits = holds_end & has_evidence;
     if (hits.set() == 0) return misses;
     const EightMask resolved = hits & is_resolvable(size, beams.sigma);
-    const EightMask is_deep = (before_end < -kNoiseReach) | (size.cell > kNoiseReach * beams.sigma);
     sum.hits += hits.count();
     sum.resolvable_hits += resolved.count();
-    sum.deep_hits += (resolved & is_deep).count();
+    sum.deep_hits += (resolved & is_deep(size, beams.sigma, before_end)).count();
     return misses;
-  }
-  NDTREE_BY_EIGHTS [[nodiscard]] static EightInts units_of_length(const EightFloats& way, const Size& size) {
-    return max_of(EightInts(1), nearest_integer(way * size.units_per_metre));
   }
   /// Adds up the misses of a packet's rays for each child that they cross.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void weigh_passes(const Size& size, Packet& packet) const {
@@ -411,7 +429,7 @@ class LeafEvidence {
                                                                                     std::size_t child) {
     const EightFloats enter = EightFloats::load(packet.enter[child].data());
     const EightFloats exit = EightFloats::load(packet.exit[child].data());
-    return units_of_length(exit - enter, size) & (exit > enter);
+    return units_of_length(EightFloats(exit - enter), size) & (exit > enter);
   }
 #endif
 

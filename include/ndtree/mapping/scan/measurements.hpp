@@ -60,6 +60,10 @@ class Measurements {
   [[nodiscard]] double sigma(Eigen::Index i, double range) const {
     return scan_.range_sigma == nullptr ? sensor_->sigma(range) : scan_.range_sigma[i];
   }
+  /// As sigma() of a range, of the i-th beam, which is as long as it is after the cut.
+  [[nodiscard]] double sigma(Eigen::Index i, const Beam<D>& beam) const {
+    return sigma(i, beam.t_free * beam.range);
+  }
 
  private:
   ScanView<D> scan_;
@@ -107,18 +111,15 @@ ScanSurvey<D> survey_exactly(const Geometry& geometry, const Measurements<D, Sen
     const Beam<D> beam = measurements.beam(i);
     ++survey.count(beam.outcome);
     if (beam.outcome == BeamOutcome::invalid) continue;
-    const double sigma = measurements.sigma(i, beam.range);
+    const double sigma = measurements.sigma(i, beam);
     require_within(("range_sigma of beam " + std::to_string(i)).c_str(), sigma, kRangeSigmaBounds);
     const double t_end = Sensor::t_end(beam, sigma);
     for (const Vector<D>& point : {beam.origin, beam.point(t_end), beam.free_end()}) {
-      if (!geometry.in_reach(point)) {
-        std::string text;
-        for (int a = 0; a < D; ++a) text += (a ? ", " : "") + describe_number(point[a]);
-        throw std::invalid_argument("beam " + std::to_string(i) + " reaches (" + text +
-                                    ") m: with cells of " + describe_number(geometry.unit()) +
+      if (!geometry.in_reach(point))
+        throw std::invalid_argument("beam " + std::to_string(i) + " reaches " + describe_point(point) +
+                                    " m: with cells of " + describe_number(geometry.unit()) +
                                     " m every component must be within " + describe_number(geometry.reach()) +
                                     " m of 0");
-      }
       survey.include(point);
     }
     if (!(t_end * beam.range <= kLongestBeam * geometry.unit()))

@@ -15,9 +15,9 @@
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/scan/beam_noise.hpp"
 #include "ndtree/mapping/scan/beam_rows.hpp"
 #include "ndtree/mapping/scan/cube_map.hpp"
@@ -90,7 +90,8 @@ class ScanBeams {
     base_ = base;
   }
 
-  /// Writes the rows of a beam.
+  /// Writes the rows of a beam of any kind: also one that is cut, did not return, ends on a border, or has an
+  /// origin or noise of its own, for which set_eight() has no steps.
   /// @param i index of the beam in the scan; a valid beam. @param noise to which the beam's is added.
   template <int N, class Sensor>
   void set(std::size_t number, const LatticeGeometry<N, D>& geometry, const Sensor& sensor,
@@ -102,7 +103,7 @@ class ScanBeams {
     std::array<float, std::size_t{D}> ray;
     for (std::size_t a = 0; a < D; ++a) {
       ray[a] = static_cast<float>(beam.displacement[static_cast<int>(a)]);
-      square += rounded(ray[a] * ray[a]);
+      square += unfused(ray[a] * ray[a]);
       depth = std::max(depth, std::abs(ray[a]));
     }
     // The square exceeds floats for a beam over 3e18 m: it is cut, or made up.
@@ -128,7 +129,7 @@ class ScanBeams {
     set_range(
         number, returned, end, depth / length, static_cast<float>(sigma),
         returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
-        returned ? static_cast<float>(static_cast<double>(end) + rounded(Sensor::kReachSigmas * sigma)) : end,
+        returned ? static_cast<float>(static_cast<double>(end) + unfused(Sensor::kReachSigmas * sigma)) : end,
         noise);
     const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
     if (!ends_nearby_) cells_[number] = cell;
@@ -297,7 +298,7 @@ class ScanBeams {
   /// number for each. @pre no beam has noise of its own.
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE Floats t_free_at(const Floats& reach) const {
-    return reach - (margin_.fixed + rounded(rounded(margin_.growth * reach) * reach));
+    return reach - (margin_.fixed + unfused(unfused(margin_.growth * reach) * reach));
   }
 
   /// Prefetches the rows of a list's beams, all at once, since another core may have written them.
@@ -321,7 +322,7 @@ class ScanBeams {
   /// Writes a beam's distances and noise. @param reach its t_max [m].
   void set_range(std::size_t number, bool returned, float end, float slant, float sigma, float clear,
                  float reach, BeamNoise& noise) {
-    const float surface = returned ? rounded(static_cast<float>(kThinnestSurface) * sigma) : 0.0f;
+    const float surface = returned ? unfused(static_cast<float>(kThinnestSurface) * sigma) : 0.0f;
     noise.add(sigma, reach, clear - surface);
     if (t_free_ != nullptr) t_free_[number] = clear - surface;
     rays_[number].t_max = reach;

@@ -10,7 +10,7 @@
 #include <limits>
 
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/scan/beam_lists.hpp"
 #include "ndtree/mapping/scan/crossings.hpp"
 #include "ndtree/mapping/scan/packed_beams.hpp"
@@ -84,7 +84,8 @@ class ChildPartition {
     if (width_ >= 8) children.pad();  // Loops of width 1 read no padding.
   }
 
-  /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses.
+  /// Calls `visit(child, beam, enter, exit)` for each child that each beam crosses. Beam by beam, along the
+  /// few of many children that it crosses, and from an origin of its own; vectors clip against all children.
   template <class Visit>
   void for_each_crossing(const CellIndex<D>& node, const BeamList& list, const Visit& visit) const {
     if (beams_.has_own_origins()) {
@@ -175,7 +176,7 @@ class ChildPartition {
     for (std::size_t a = 0; a < D; ++a, made *= N) {
       Floats at[kPlanes];
 #pragma GCC unroll 8
-      for (std::size_t i = 0; i < kPlanes; ++i) at[i] = rounded(plane[a][i] * inverse[a]);
+      for (std::size_t i = 0; i < kPlanes; ++i) at[i] = unfused(plane[a][i] * inverse[a]);
 #pragma GCC unroll 8
       for (std::size_t m = 0; m < N; ++m) {  // From the last slab: the first takes the place of its source.
         const std::size_t s = N - 1 - m;
@@ -230,7 +231,7 @@ class ChildPartition {
         float leave = left.exit;
         if (s < N - 1)
           leave = std::min(left.exit,
-                           rounded(plane_of(Axis, static_cast<std::size_t>(up ? slab + 1 : slab)) * inverse));
+                           unfused(plane_of(Axis, static_cast<std::size_t>(up ? slab + 1 : slab)) * inverse));
         if (!(leave > left.enter)) continue;
         clip_among_children<Axis - 1>(beam, {left.enter, leave}, child * N + slab, visit, plane_of);
         left.enter = leave;

@@ -14,8 +14,8 @@
 
 #include "ndtree/core/cache_lines.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/scan/counting_sort.hpp"
 #include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
@@ -121,7 +121,7 @@ class alignas(kCacheLines) ScanPart {
 
   /// How far behind a beam's end a cell's centre can lie that the beam crosses [m].
   [[nodiscard]] float behind(const SubsampleLimits& sampling) const {
-    return beams_.reach_behind + rounded(0.5f * static_cast<float>(sampling.largest_cell));
+    return beams_.reach_behind + unfused(0.5f * static_cast<float>(sampling.largest_cell));
   }
   /// The length at which beams are cut, max_range as float [m].
   [[nodiscard]] float farthest() const {
@@ -133,10 +133,11 @@ class alignas(kCacheLines) ScanPart {
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static Floats last_depth(const Floats& depth, float farthest,
                                                               float behind) {
-    return rounded(min_of(depth, farthest) * kSlack) + behind;
+    return unfused(min_of(depth, farthest) * kSlack) + behind;
   }
 
-  /// True if a smallest cell at this depth can sample a beam with this key.
+  /// True if a smallest cell at this depth can sample a beam with this key. By the face itself, of any
+  /// number; eight beams look up the few numbers of their faces in registers.
   [[nodiscard]] static bool may_be_sampled(const CubeFace<D>& face, std::uint32_t key, float depth,
                                            float smallest, float beams) {
     return face.fraction_below(face.bucket_of(key)) * face.expected_beams(depth, smallest) < beams;
@@ -169,16 +170,16 @@ class alignas(kCacheLines) ScanPart {
                                               float beams, float farthest, float behind) {
     OfFaces row;
     OfFaces key_masks;  // Bits of a key that its bucket keeps.
-    std::array<OfFaces, kAxes> pixels;
+    std::array<OfFaces, kAxes> pixels_of_faces;
     row.fill(0.0f);
     key_masks.fill(0.0f);
-    for (auto& of_axis : pixels) of_axis.fill(0.0f);
+    for (auto& of_axis : pixels_of_faces) of_axis.fill(0.0f);
     for (std::size_t f = 0; f < numbers.size(); ++f) {
       const CubeFace<D>& face = cube_map.face(numbers[f]);
       row[f] = face.is_single() ? 0.0f : smallest * face.density;
       const std::uint32_t bits = ~std::uint32_t{0} << face.key_shift;
       std::memcpy(&key_masks[f], &bits, sizeof bits);
-      for (std::size_t k = 0; k < kAxes; ++k) pixels[k][f] = face.pixels[k];
+      for (std::size_t k = 0; k < kAxes; ++k) pixels_of_faces[k][f] = face.pixels[k];
     }
     std::array<std::uint32_t, kNone + 1> kept_of_faces{};  // The last: of invalid beams.
     std::size_t i = 0;
@@ -186,9 +187,10 @@ class alignas(kCacheLines) ScanPart {
       const EightInts face =
           unsigned_min_of(EightInts::load(beams_.face.get() + i), static_cast<std::uint32_t>(kNone));
       const EightFloats depth = last_depth(EightFloats::load(beams_.depth.get() + i), farthest, behind);
-      const EightFloats in_row = of_face(row, face) / depth;
-      EightFloats expected = 1.0f;
-      for (std::size_t k = 0; k < kAxes; ++k) expected = expected * min_of(in_row, of_face(pixels[k], face));
+      EightFloats pixels[std::max<std::size_t>(kAxes, 1)];
+      for (std::size_t k = 0; k < kAxes; ++k) pixels[k] = of_face(pixels_of_faces[k], face);
+      const EightFloats expected =
+          CubeFace<D>::expected_beams(EightFloats(of_face(row, face) / depth), pixels);
       const EightInts number = EightInts::load(beams_.key.get() + i);
       const EightInts bucket = number & bits_of(of_face(key_masks, face));
       const EightMask is_kept = (to_floats(bucket) * kKeyUnit * expected < beams) &
@@ -270,7 +272,7 @@ template <class Geometry, int D, class Sensor>
   if (measurements.scan().range_sigma == nullptr) sigma = std::max(sensor.sigma(0.0), sensor.sigma(reached));
   is_valid = is_valid && kRangeSigmaBounds.contain(sigma);
   const double margin =
-      rounded(Sensor::kReachSigmas * sigma) + rounded(1e-6 * reached);  // Exceeds all rounding.
+      unfused(Sensor::kReachSigmas * sigma) + unfused(1e-6 * reached);  // Exceeds all rounding.
   is_valid = is_valid && reached + margin <= kLongestBeam * geometry.unit();
   whole.reach.lower.array() -= margin;
   whole.reach.upper.array() += margin;

@@ -14,9 +14,9 @@
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/lanes.hpp"
-#include "ndtree/core/rounded.hpp"
 #include "ndtree/core/simd.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/core/unfused.hpp"
 #include "ndtree/mapping/scan/cube_map.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 
@@ -107,6 +107,7 @@ class ScanSurveyor {
   static constexpr float kShortest = 2e-18f;
   static constexpr float kLongest = 1e18f;
 
+  /// Any beam: of an origin of its own, invalid, or too long for float, for which eight have no steps.
   void survey_one(Eigen::Index i) {
     const ScanView<D>& scan = measurements_.scan();
     const Vector<D> origin = scan.origin(i);

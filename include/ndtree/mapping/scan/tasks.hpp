@@ -12,8 +12,10 @@
 #include <vector>
 
 #include "ndtree/core/parallel.hpp"
+#include "ndtree/mapping/scan/arenas.hpp"
 #include "ndtree/mapping/scan/task_lists.hpp"
 #include "ndtree/mapping/scan/task_order.hpp"
+#include "ndtree/mapping/update_counters.hpp"
 #include "ndtree/tree/undo_log.hpp"
 
 namespace ndtree {
@@ -233,6 +235,40 @@ class ScanTasks {
   std::vector<Subdivided> subdivided_;           // A node comes before those below it.
   std::vector<TaskLists<D>> lists_;              // Memory of the tasks' lists, one for each worker.
   std::deque<std::vector<TaskList<D>>> joined_;  // Lists sorted by cell, to which tasks point.
+};
+
+/// A walk for each worker, with an arena and an undo log of its own, and the tasks that they execute.
+template <class Tree, class Walk>
+class ScanWalks {
+ public:
+  /// @param undo is resized to 1 + workers.count() logs of changed nodes: of this thread alone, and of each
+  ///   worker; null: nothing is logged.
+  /// @param make `(walks, arena, log)` appends a walk; `log` is null if nothing is logged.
+  template <class Make>
+  ScanWalks(Tree& tree, Workers& workers, std::vector<UndoLog<Tree>>* undo, const Make& make)
+      : tree_(tree), workers_(workers), arenas_(tree, workers.count()) {
+    if (undo != nullptr) undo->resize(1 + workers.count());
+    const auto log = [&](std::size_t number) { return undo == nullptr ? nullptr : undo->data() + number; };
+    undo_ = log(0);
+    walks_.reserve(arenas_.all().size());  // They stay where they are made.
+    for (auto& lent : arenas_.all()) make(walks_, lent.arena, log(1 + walks_.size()));
+  }
+  [[nodiscard]] std::vector<Walk>& all() { return walks_; }
+  /// Updates the tree by beams [0, beams) of the walks. @param level of cells that are tasks.
+  void run(int level, std::size_t beams) {
+    ScanTasks<Tree, Walk>(tree_, arenas_.all().front().arena, level, workers_, walks_, undo_).run(beams);
+  }
+  /// Adds what all walks did.
+  void add_to(UpdateCounters& counters) const {
+    for (const Walk& walk : walks_) counters.add(walk.counters());
+  }
+
+ private:
+  Tree& tree_;
+  Workers& workers_;
+  Arenas<Tree> arenas_;
+  UndoLog<Tree>* undo_ = nullptr;
+  std::vector<Walk> walks_;
 };
 
 }  // namespace ndtree

@@ -303,7 +303,7 @@ class alignas(kCacheLines) ScanWalk {
   /// Integrates beams into a leaf:
   /// 1. Saturated? A saturated leaf that all beams pass stays as it is. If more beams end in it than the
   ///    sensor's errors explain, it samples as many beams as a leaf that is not well observed.
-  ///    (`samples_few` is false then.)
+  ///    (`uses_small_sample` is false then.)
   /// 2. Sample all beams, or a fraction of them: those below a bucket of each cube-map face.
   /// 3. Add up the evidence of the sampled beams, see LeafEvidence, and limit it, see EvidenceModel::limit():
   ///    evidence() of the source.
@@ -315,18 +315,18 @@ class alignas(kCacheLines) ScanWalk {
   NDTREE_ALWAYS_INLINE bool update_leaf(EvidenceCell& cell, int level, const Beams& beams,
                                         const Sampling& sampling, const ChildFractions* of_siblings) {
     const EvidenceModel& model = refinement_.model;
-    bool samples_few = model.is_well_observed(cell);
-    if (samples_few && model.is_saturated(cell)) {
+    bool uses_small_sample = model.is_well_observed(cell);
+    if (uses_small_sample && model.is_saturated(cell)) {
       if (beams.all_pass()) return false;
-      samples_few = explains_ends(beams);
+      uses_small_sample = explains_ends(beams);
     }
     FaceSample<D> sample{nullptr, BeamList::kAll, 1.0f};  // All beams.
     if (of_siblings != nullptr) {
-      sample = of_siblings->of(static_cast<std::size_t>(beams.child), samples_few);
+      sample = of_siblings->of(static_cast<std::size_t>(beams.child), uses_small_sample);
     } else if (!sampling.samples_all) {
       const CubeFace<D>* const face = sampling_.only_face_of(beams, sampling);
-      if (face == nullptr) return update_by_faces(beams, samples_few);
-      sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, samples_few));
+      if (face == nullptr) return update_by_faces(beams, uses_small_sample);
+      sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, uses_small_sample));
     }
     const auto split_or_wait = [&](const ScanEvidence& scan, LeafAction action) {
       return split_or_judge(beams, sample, scan, action, sampling);

@@ -29,6 +29,7 @@ RESULTS: dict[type, type] = {
 INTERNAL = frozenset(
     (
         "CarmenParser",
+        "NoReturns",
         "ReplacedFile",
         "SimulatedLog2",
         "SimulatedLog3",
@@ -36,8 +37,15 @@ INTERNAL = frozenset(
         "XyzParser3",
         "chi_square_quantile",
         "commit_together",
+        "is_held_out",
+        "judge_no_returns",
+        "may_be_sampled",
         "normal_quantile",
         "pose_matrix",
+        "sample_run",
+        "sample_runs",
+        "sample_step",
+        "sample_stride",
         "sensor_probability",
         "simulate",
         "solve_pose_graph",

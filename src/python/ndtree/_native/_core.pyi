@@ -17,6 +17,7 @@ from ndtree._native.results import Leaves as Leaves
 from ndtree._native.results import MapStats as MapStats
 from ndtree._native.results import Match as Match
 from ndtree._native.results import NearestOccupied as NearestOccupied
+from ndtree._native.results import NoReturns as NoReturns
 from ndtree._native.results import RayEnds as RayEnds
 from ndtree.base.certificate import Certificate
 from ndtree.base.scan import Scan
@@ -33,6 +34,8 @@ from ndtree.base.typing import (
 
 __version__: Final[str]
 has_octomap: Final[bool]
+sample_run: Final[int]
+sample_runs: Final[int]
 
 class ReplacedFile:
     """A file that is written under a hidden name, and takes its place when it is whole."""
@@ -96,6 +99,8 @@ class HeldOutTruth:
     @property
     def surface_error(self) -> float:
         """As `median_error`, of casts that end at the likely surface."""
+    def figures(self) -> dict[str, int | float | None]:
+        """Counts and means by name, as reports have them; None for what nothing was counted of."""
     def __iadd__(self, other: HeldOutTruth) -> Self: ...
 
 class Reliability:
@@ -2475,6 +2480,25 @@ def from_bytes(bytes: bytes) -> AdaptiveMap | FixedMap:
 
 def default_options() -> MapOptions:
     """dict of float: what maps use where nothing is said."""
+
+def is_held_out(i: int, held_out: int) -> bool:
+    """Whether scan i, counted from 0, is held out: the last of every `held_out`; none if 0."""
+
+def sample_step(scans: int) -> int:
+    """Of the runs of `sample_run` scans that a log of this length has, each step-th is sampled.
+
+    A power of two, so that the runs sampled of a longer log are among those of a shorter one. There are
+    `sample_runs` of them to twice as many; fewer only in a short log.
+    """
+
+def sample_stride(beams: int) -> int:
+    """Of a scan with this many beams, each stride-th is sampled."""
+
+def may_be_sampled(scan: Scan) -> NDArray[np.bool_]:
+    """(n,) bool: False for beams that begin or end absurdly far from the map's origin."""
+
+def judge_no_returns(scans: Iterable[Scan]) -> NoReturns:
+    """Decide from a sample of a log what its beams without return say."""
 
 def normal_quantile(p: ArrayLike) -> Any:
     """Inverse of the standard normal distribution function, elementwise."""

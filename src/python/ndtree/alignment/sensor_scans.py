@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ndtree.alignment.planar import Floats, seen_from
 from ndtree.base.scan import Scan
@@ -49,6 +51,17 @@ def pose_in_log(scan: Scan) -> Floats:
     return np.array([float(origin[0]), float(origin[1]), heading])
 
 
+def ends_to_match(scan: Scan, ranges: Floats, max_range: float) -> NDArray[np.bool_]:
+    """Whether each end point of a scan is a surface to match: not the robot's own, nor farther."""
+    hits: NDArray[np.bool_] = np.isfinite(ranges) & (ranges > _LEAST_RANGE) & (ranges <= max_range)
+    return hits if scan.returned is None else hits & scan.returned
+
+
+def spread_evenly(points: Floats, most: int) -> Floats:
+    """Every second, third, ... of points, at most `most`."""
+    return points[:: max(1, math.ceil(len(points) / most))]
+
+
 def sensor_scans(log: Log, max_range: float) -> Iterator[SensorScan]:
     """All scans of a log in 2-D; farther end points are left out."""
     for scan in log:
@@ -57,9 +70,5 @@ def sensor_scans(log: Log, max_range: float) -> Iterator[SensorScan]:
         local = seen_from(pose, scan.endpoints.astype(np.float64))
         ranges = np.hypot(local[:, 0], local[:, 1])
         free = np.isfinite(ranges) & (ranges > _LEAST_RANGE)
-        hits = free & (ranges <= max_range)
-        if scan.returned is not None:
-            hits &= scan.returned
-        points = local[hits]
-        step = -(-len(points) // MOST_BEAMS) if len(points) else 1
-        yield SensorScan(points[::step], local[free], pose, scan.stamp, scan.heading is not None)
+        points = spread_evenly(local[ends_to_match(scan, ranges, max_range)], MOST_BEAMS)
+        yield SensorScan(points, local[free], pose, scan.stamp, scan.heading is not None)

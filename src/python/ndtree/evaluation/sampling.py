@@ -6,16 +6,11 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable
 
-import numpy as np
-
+from ndtree._native import _core
 from ndtree.base.scan import Scan
 
 #: Scans in a row, so that some of them see the same, and at least RUNS of these runs.
-RUN, RUNS = 4, 40
-#: Beams kept of a scan.
-MOST_BEAMS = 4000
-#: Coordinates [m] with which one can reckon.
-FARTHEST = 1e9
+RUN, RUNS = _core.sample_run, _core.sample_runs
 
 
 def skipping_unmappable() -> contextlib.AbstractContextManager[None]:
@@ -32,7 +27,8 @@ def spread(
     """Runs of scans, evenly over a log.
 
     Of each run the scans follow each other. Where there are twice as many runs as wanted, every second is
-    dropped, and from then on half as many are taken: the result depends on nothing but the log.
+    dropped, and from then on half as many are taken: the result depends on nothing but the log. The rule
+    stands in ``evaluation/log_sample.hpp``.
 
     Returns
     -------
@@ -43,7 +39,7 @@ def spread(
         How many the log has.
     """
     runs: list[list[Scan]] = []
-    step = 1  # Of the runs that the log could be cut into, every so manieth is kept.
+    step = 1
     number = beams = 0
     for scan in scans:
         beams += len(scan)
@@ -51,23 +47,19 @@ def spread(
         number += 1
         if progress is not None:
             progress(number)
+        if place == 0 and (wider := _core.sample_step(number)) != step:
+            runs, step = runs[:: wider // step], wider
         if run % step:
             continue
         if place == 0:
-            if len(runs) == 2 * RUNS:
-                runs, step = runs[::2], 2 * step
-                if run % step:
-                    continue
             runs.append([])
-        if len(runs) * step > run:  # Else the run began before it was dropped.
-            runs[-1].append(_some(scan))
+        runs[-1].append(_some(scan))
     return runs, number, beams
 
 
 def _some(scan: Scan) -> Scan:
-    stride = -(-len(scan) // MOST_BEAMS)
+    stride = _core.sample_stride(len(scan))
     if stride > 1:
         scan = scan.only(slice(None, None, stride))
-    too_far = (np.abs(scan.endpoints) > FARTHEST).any(axis=1)
-    too_far |= (np.abs(np.broadcast_to(scan.origin, scan.endpoints.shape)) > FARTHEST).any(axis=1)
-    return scan.only(~too_far) if too_far.any() else scan
+    near = _core.may_be_sampled(scan)
+    return scan if near.all() else scan.only(near)

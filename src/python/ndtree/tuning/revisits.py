@@ -9,7 +9,6 @@ centimetres.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +16,7 @@ import numpy as np
 
 from ndtree._native._core import Matcher
 from ndtree.alignment.planar import Floats, pose_of, seen_from, wrapped
-from ndtree.alignment.sensor_scans import pose_in_log
+from ndtree.alignment.sensor_scans import ends_to_match, pose_in_log, spread_evenly
 from ndtree.base.scan import Scan
 
 #: A drift [m] from which surfaces are double, and of how many places that were found again.
@@ -27,8 +26,8 @@ _MOST_PLACES = 40  # That are looked at.
 #: distance.
 _NEAR, _WAY, _TIMES = 3.0, 10.0, 4.0
 _TURNED = 1.0  # Visits in other directions show other surfaces [rad].
-#: Nearer and farther end points are left out [m].
-_LEAST_RANGE, _MOST_RANGE = 0.1, 15.0
+#: Farther end points are left out [m].
+_MOST_RANGE = 15.0
 _POINTS, _FEWEST = 200, 40  # Of a scan that is matched.
 _CELL = 0.1  # Of the grid of poses [m].
 _WINDOW = (1.0, 1.0, 0.2)  # [m, m, rad]; farther ones are not found.
@@ -110,17 +109,15 @@ def _is_of_one_place(run: Sequence[Scan]) -> bool:
 
 def _ends(scan: Scan) -> Floats:
     """End points [m]."""
-    ends = scan.returned_only().endpoints.astype(np.float64)
-    ranges = np.linalg.norm(ends - scan.origin, axis=1)
-    result: Floats = ends[(ranges > _LEAST_RANGE) & (ranges < _MOST_RANGE)]
+    ends = scan.endpoints.astype(np.float64)
+    result: Floats = ends[ends_to_match(scan, np.linalg.norm(ends - scan.origin, axis=1), _MOST_RANGE)]
     return result
 
 
 def _moved(surfaces: Floats, scan: Scan) -> float | None:
     """How far a scan has to be moved to fit surfaces [m]; None if that cannot be told."""
     pose = pose_in_log(scan)
-    points = seen_from(pose, _ends(scan))
-    points = points[:: max(1, math.ceil(len(points) / _POINTS))]
+    points = spread_evenly(seen_from(pose, _ends(scan)), _POINTS)
     if min(len(points), len(surfaces)) < _FEWEST:
         return None
     match = Matcher(surfaces, cell_size=_CELL).match(points, pose, window=_WINDOW)

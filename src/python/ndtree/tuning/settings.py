@@ -9,7 +9,7 @@ from typing import Any
 
 from ndtree.base.progress import Progress
 from ndtree.base.scan import Scan
-from ndtree.evaluation.no_returns import AUTO, LEAST_BEAMS
+from ndtree.evaluation.no_returns import AUTO
 from ndtree.logs import Log
 from ndtree.logs.core.zeros import INVALID, NO_ECHO
 from ndtree.tuning.first_look import FirstLook, first_look
@@ -115,7 +115,7 @@ def settle(
         log.zero_is = NO_ECHO
     look = first_look(log, progress=progress)
     zeros = min(1.0, log.zeros / look.beams) if look.beams else 0.0
-    if decides and (look.no_returns.choice == "ignore" or look.no_returns.beams < LEAST_BEAMS or not zeros):
+    if decides and (look.no_returns.choice == "ignore" or not look.no_returns.are_judged or not zeros):
         log.zero_is = INVALID
     flags = [f"--dim {look.dim}"]
     if choose_sigma:

@@ -4,7 +4,14 @@
 from ndtree._native.results.arrays import Answers as Answers
 from ndtree._native.results.arrays import Changes, Frontier, Leaves, NearestOccupied, RayEnds
 from ndtree._native.results.match import Match
-from ndtree._native.results.reports import Claims, CompressReport, HistoryReport, InsertReport, MapStats
+from ndtree._native.results.reports import (
+    Claims,
+    CompressReport,
+    HistoryReport,
+    InsertReport,
+    MapStats,
+    NoReturns,
+)
 
 __all__ = [
     "Changes",
@@ -17,5 +24,6 @@ __all__ = [
     "MapStats",
     "Match",
     "NearestOccupied",
+    "NoReturns",
     "RayEnds",
 ]

@@ -167,3 +167,42 @@ class Claims:
     free_unseen: float
     seen_unknown: float
     wrong_volume: float
+
+
+@dataclass(frozen=True)
+class NoReturns:
+    """What beams without return say in a log.
+
+    Attributes
+    ----------
+    choice : {"free", "ignore"}
+        Free space, or nothing.
+    beams : int
+        Beams without return that tell whether they are right.
+    crossing : float
+        The share of them that crosses surfaces which other scans found.
+    expected : float
+        The share that would if they were right: beams that returned cross surfaces as well, by errors of
+        poses and by what moves.
+    share : float
+        Of beams without return among all.
+    wrong : float
+        At least this share of them is wrong, 0 to 1.
+    are_judged : bool
+        Whether enough of them could be checked.
+    text : str
+        What was chosen and why, in one line.
+    """
+
+    choice: str
+    beams: int
+    crossing: float
+    expected: float
+    share: float
+    wrong: float
+    are_judged: bool
+    text: str
+
+    def __str__(self) -> str:
+        """What was chosen and why, in one line."""
+        return self.text

@@ -43,8 +43,8 @@ def map_figures(m: OccupancyMap) -> dict[str, Any]:
     }
 
 
-def print_map(m: OccupancyMap) -> None:
-    figures = map_figures(m)
+def print_map(figures: dict[str, Any]) -> None:
+    """What `map_figures` found."""
     stats, states = figures["stats"], figures["cells"]
     print(
         f"  {stats['observed_leaves']} observed leaves of {stats['leaves']}: {states['occupied']} occupied, "
@@ -57,7 +57,7 @@ def print_map(m: OccupancyMap) -> None:
             f"to {point(figures['observed_bounds']['upper'])} m"
         )
     if figures["disputed"] is not None:
-        print(f"  disputed: {100 * figures['disputed']:.2g} % of the observed {_SPACES[m.dim]}")
+        print(f"  disputed: {100 * figures['disputed']:.2g} % of the observed {_SPACES[figures['dim']]}")
     for row in figures["cell_sizes"]:
         print(f"  cells of {row['size']:g} m: {row['observed']}")
 

@@ -60,7 +60,7 @@ def info(
             low, high = loaded.min_cell_size, loaded.max_cell_size
             sizes = f"{low:g} m" if low == high else f"{low:g} to {high:g} m"
             print(f"{path}: {type(loaded).__name__}, {loaded.dim}-D, cells of {sizes}")
-            print_map(loaded)
+            print_map(figures)
         write_json(figures, json_file)
         return
     says = not is_stdout(json_file)

@@ -422,11 +422,12 @@ def _report(
     m = mapper.snapshot()
     if output is not None:
         m.save(output)
+    of_map = map_figures(m)
     if not is_stdout(json_file):
         print(f"{name}: {figures.summary()}")
         for line in mapper.intake.said():
             print(f"  {line}")
-        print_map(m)
+        print_map(of_map)
         median, late = (1e3 * figures.delay(q) for q in (0.5, 0.99))
         print(
             f"{seconds:.3f} s, {figures.insert_seconds:.3f} s of them in the map; from arrival to map "
@@ -434,4 +435,4 @@ def _report(
         )
     for sink, error in mapper.failures.items():
         print(f"ndtree: {sink}: {error}", file=sys.stderr)
-    write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **map_figures(m)}, json_file)
+    write_json({"log": name, "seconds": seconds, "live": figures.as_dict(), **of_map}, json_file)

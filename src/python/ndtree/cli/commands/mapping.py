@@ -4,6 +4,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Optional
 
@@ -81,8 +82,13 @@ class Mapped:
             "read_seconds": self.read_seconds,
             "skipped": skipped(self.log),
             **({} if self.standing is None else {"moved": self.standing.figures()}),
-            **map_figures(self.target),
+            **self._of_map,
         }
+
+    @cached_property
+    def _of_map(self) -> dict[str, Any]:
+        """Takes a pass over the leaves: of a map that is done, once."""
+        return map_figures(self.target)
 
     def print(self, *written: Optional[Path]) -> None:
         """What was mapped, and which files were written: the map first."""
@@ -93,7 +99,7 @@ class Mapped:
             print(indented(line))
         if self.standing is not None:
             print(indented(str(self.standing)))
-        print_map(self.target)
+        print_map(self._of_map)
         files = " and ".join(str(path) for path in written if path)
         print(f"read in {self.read_seconds:.3f} s, inserted in {self.seconds:.3f} s; wrote {files}")
 

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._native import _core
-from ndtree._native._core import OccupancyMap
-from ndtree.base.held_out import is_held_out
+from ndtree._native._core import OccupancyMap, is_held_out
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.evaluation.certificate import certify as make_certificate

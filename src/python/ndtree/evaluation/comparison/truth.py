@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,6 @@ from ndtree.logs.core.log import Log
 from ndtree.logs.formats.simulated import SimulatedLog
 
 PROBABILITY_CLIP = 0.02  # As of the log score.
-CLAIMED = ("points", "seen", "free", "free_and_unseen", "unknown_and_seen")
-SHARES_OF_VOLUME = ("free_unseen", "seen_unknown", "wrong_volume")
 
 
 def held_out_truth(
@@ -32,17 +31,7 @@ def held_out_truth(
     for done, scan in enumerate(scans, start=1):
         truth += scan.evaluate_on(target, max_range=max_range)
         progress(done, len(scans))
-    result: dict[str, Any] = {}
-    for total, shares in (
-        ("samples", ("free", "occupied", "unknown")),
-        ("endpoints", ("endpoints_near",)),
-        ("casts", ("casts_within", "surfaces_within")),
-    ):
-        n = getattr(truth, total)
-        result.update({key: round(getattr(truth, key) * n) if n else 0 for key in shares})
-        result[total] = n
-    for key in ("balanced_accuracy", "log_score", "median_error", "surface_error"):
-        result[key] = finite_or_none(getattr(truth, key))
+    result = {key: finite_or_none(value) for key, value in truth.figures().items()}
     result["hit_log_score"] = finite_or_none(hit_log_score(target, scans, max_range))
     return result
 
@@ -87,10 +76,7 @@ def seen_space(
 
 
 def claims_of(target: OccupancyMap, space: _core.SeenSpace) -> dict[str, Any]:
-    claims = target.claims(space)
-    result: dict[str, Any] = {key: getattr(claims, key) for key in CLAIMED}
-    result.update({key: finite_or_none(getattr(claims, key)) for key in SHARES_OF_VOLUME})
-    return result
+    return {key: finite_or_none(value) for key, value in asdict(target.claims(space)).items()}
 
 
 def truth_by_size(

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""NumPy archives of whole recordings: every end point in one array, cut into scans by offsets."""
+"""NumPy archives of whole recordings: every end point in one array, cut into scans by offsets.
+
+Programs without Python read them by ``tools/compare/npz.hpp``, which says why.
+"""
 
 from __future__ import annotations
 

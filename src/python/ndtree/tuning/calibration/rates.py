@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ndtree._native import _core
-from ndtree.base.held_out import is_held_out
+from ndtree._native._core import is_held_out
 from ndtree.tuning.calibration.beams import Beams, Source
 from ndtree.tuning.calibration.figures import RESAMPLES, Estimate, Floats, estimated
 

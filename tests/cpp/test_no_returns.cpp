@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: BSD-3-Clause
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstddef>
+#include <string>
+#include <vector>
+
+#include "ndtree/evaluation/no_returns.hpp"
+#include "ndtree/mapping/occupancy_map.hpp"
+
+namespace ndtree::test::test_no_returns {
+namespace {
+
+/// A beam of a scan: up to `range` along +x, and whether it returned.
+struct Ray {
+  double range;
+  bool returned;
+};
+
+/// A sensor that looks along +x from heights that are in the middles of cells, one a ray.
+template <int D>
+Scan<D> scan_of(const std::vector<Ray>& rays) {
+  constexpr double kCell = D == 2 ? 0.1 : 0.2;
+  const auto n = static_cast<Eigen::Index>(rays.size());
+  Scan<D> scan;
+  scan.origins = Points<D>::Constant(D, n, 0.5 * kCell);
+  scan.returned.resize(n);
+  for (Eigen::Index i = 0; i < n; ++i) scan.origins(1, i) = (static_cast<double>(i) + 0.5) * kCell;
+  scan.endpoints = scan.origins;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    scan.endpoints(0, i) += rays[static_cast<std::size_t>(i)].range;
+    scan.returned[i] = rays[static_cast<std::size_t>(i)].returned;
+  }
+  return scan;
+}
+
+template <int D>
+NoReturns judged(const std::vector<Scan<D>>& scans) {
+  std::vector<ScanView<D>> views;
+  for (const Scan<D>& scan : scans) views.push_back(scan.view());
+  return judge_no_returns<FixedMap<2, D>>(views);
+}
+
+const std::vector<Ray> kWall(100, Ray{4.0, true});
+const std::vector<Ray> kNothing(100, Ray{9.0, false});
+
+/// `count` of a hundred rays get lost, the others hit the wall.
+std::vector<Ray> with_lost(std::size_t count) {
+  std::vector<Ray> rays = kWall;
+  for (std::size_t i = 0; i < count; ++i) rays[i] = {9.0, false};
+  return rays;
+}
+
+template <class Dimension>
+class NoReturnsIn : public testing::Test {};
+using Dimensions = testing::Types<std::integral_constant<int, 2>, std::integral_constant<int, 3>>;
+TYPED_TEST_SUITE(NoReturnsIn, Dimensions);
+
+TYPED_TEST(NoReturnsIn, AreWrongWhereTheyCrossAWallThatIsThereBeforeAndAfter) {
+  constexpr int D = TypeParam::value;
+  for (const std::size_t lost : {std::size_t{0}, std::size_t{29}, std::size_t{30}, std::size_t{100}}) {
+    const NoReturns found = judged<D>({scan_of<D>(kWall), scan_of<D>(with_lost(lost)), scan_of<D>(kWall)});
+    EXPECT_EQ(found.beams, lost);
+    EXPECT_DOUBLE_EQ(found.share, static_cast<double>(lost) / 300.0);
+    EXPECT_EQ(found.crossing, lost == 0 ? 0.0 : 1.0);
+    EXPECT_EQ(found.expected, 0.0);
+    EXPECT_EQ(std::string(found.choice()), lost < 30 ? "free" : "ignore");
+    EXPECT_EQ(found.to_text().find("are left out") != std::string::npos, lost >= 30);
+  }
+}
+
+TYPED_TEST(NoReturnsIn, AreNotJudgedWhereTheWallCameLaterOrHadLeft) {
+  constexpr int D = TypeParam::value;
+  const Scan<D> wall = scan_of<D>(kWall), nothing = scan_of<D>(kNothing);
+  EXPECT_EQ(judged<D>({nothing, nothing, wall, wall}).beams, 0u);           // Came later.
+  EXPECT_EQ(judged<D>({wall, wall, nothing, nothing, nothing}).beams, 0u);  // Had left.
+  EXPECT_EQ(judged<D>({wall, nothing}).beams, 0u);                          // Not looked at again.
+  EXPECT_EQ(judged<D>({wall, nothing, wall}).beams, 100u);
+}
+
+TYPED_TEST(NoReturnsIn, MayComeUpToThreeCellsShortOfASurface) {
+  constexpr int D = TypeParam::value;
+  constexpr double kCell = D == 2 ? 0.1 : 0.2;
+  // The wall's cell begins at 3.95 m (in 3-D 3.9 m) from the sensor.
+  const double wall = 4.0 - 0.5 * kCell;
+  for (const double beyond : {2.9, 3.1}) {
+    const std::vector<Ray> rays(100, Ray{wall + beyond * kCell, false});
+    const NoReturns found = judged<D>({scan_of<D>(kWall), scan_of<D>(rays), scan_of<D>(kWall)});
+    EXPECT_EQ(found.beams, 100u);
+    EXPECT_EQ(found.crossing, beyond > 3.0 ? 1.0 : 0.0);
+  }
+}
+
+TYPED_TEST(NoReturnsIn, AreExcusedByAsManyReturnsThatCrossSurfaces) {
+  constexpr int D = TypeParam::value;
+  constexpr double kCell = D == 2 ? 0.1 : 0.2;
+  // Of 100 rays 50 are lost, of which 20 cross the wall, and the others end before it; of the 50 that return,
+  // `through` go through the wall to 8 m, and the others end at it.
+  for (const std::size_t through : {std::size_t{0}, std::size_t{10}, std::size_t{25}}) {
+    std::vector<Ray> rays = kWall;
+    for (std::size_t i = 0; i < 20; ++i) rays[i] = {9.0, false};
+    for (std::size_t i = 20; i < 50; ++i) rays[i] = {3.0, false};
+    for (std::size_t i = 50; i < 50 + through; ++i) rays[i] = {8.0, true};
+    const NoReturns found = judged<D>({scan_of<D>(kWall), scan_of<D>(rays), scan_of<D>(kWall)});
+    const double wall = 4.0 - 0.5 * kCell, margin = 3.0 * kCell;
+    const double k = static_cast<double>(through);
+    const double metres = k * wall + (50.0 - k) * (4.0 - margin);
+    const double silent = 20.0 * wall + 30.0 * (3.0 - margin);
+    EXPECT_EQ(found.beams, 50u);
+    EXPECT_DOUBLE_EQ(found.crossing, 0.4);
+    EXPECT_NEAR(found.expected, 1.0 - std::exp(-k / metres * silent / 50.0), 1e-9);
+    EXPECT_EQ(found.are_free(), (0.4 - found.expected) / (1.0 - found.expected) < 0.2);
+    EXPECT_EQ(found.are_free(), through == 25);
+  }
+}
+
+TEST(NoReturns, LeaveOutScansThatNoMapTakes) {
+  Scan<2> broken = scan_of<2>(kWall);
+  broken.endpoints(0, 7) = 1e300;
+  const Scan<2> wall = scan_of<2>(kWall), nothing = scan_of<2>(kNothing);
+  EXPECT_EQ(judged<2>({broken, nothing, wall}).beams, 0u);
+  EXPECT_EQ(judged<2>({wall, nothing, broken, nothing, wall}).beams, 200u);
+}
+
+TEST(NoReturns, OfNothingAreFree) {
+  EXPECT_TRUE(judged<2>({}).are_free());
+  EXPECT_TRUE(judged<2>({scan_of<2>(kNothing)}).are_free());
+  EXPECT_EQ(judged<2>({scan_of<2>(kWall)}).to_text(), "every beam returned");
+  EXPECT_EQ(judged<2>({scan_of<2>(kNothing)}).to_text(),
+            "beams without return (100.0 %) mean free space: only 0 of them could be checked");
+}
+
+TEST(NoReturns, InFourDimensionsAreNotJudged) {
+  const Scan<4> wall = scan_of<4>(kWall), nothing = scan_of<4>(kNothing);
+  const NoReturns found = judged<4>({wall, nothing, wall});
+  EXPECT_EQ(found.beams, 0u);
+  EXPECT_DOUBLE_EQ(found.share, 1.0 / 3.0);
+  EXPECT_TRUE(found.are_free());
+}
+
+}  // namespace
+}  // namespace ndtree::test::test_no_returns
