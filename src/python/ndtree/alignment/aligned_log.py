@@ -59,4 +59,5 @@ def moved(scan: Scan, pose: Floats) -> Scan:
         endpoints=there(scan.endpoints),
         origin=origin[0] if scan.origin.ndim == 1 else origin,
         heading=None if scan.heading is None else float(pose[2]),
+        pose_covariance=None,  # That of the log's pose.
     )
