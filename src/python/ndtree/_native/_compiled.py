@@ -38,7 +38,7 @@ INTERNAL = frozenset(
         "commit_together",
         "normal_quantile",
         "pose_matrix",
-    "pose_range_sigma",
+        "pose_range_sigma",
         "sensor_probability",
         "simulate",
         "solve_pose_graph",

@@ -31,13 +31,16 @@ class AlignedLog(DerivedLog):
     def __len__(self) -> int:
         return len(self._poses)
 
+    def _moved(self, scan: Scan, pose: Floats) -> Scan:
+        return moved(scan, pose)
+
     def _scans(self) -> Iterator[Scan]:
         self._log.zero_is = self.zero_is
         count = 0
         for scan in self._log:
             if count == len(self._poses):
                 break
-            yield moved(scan, self._poses[count])
+            yield self._moved(scan, self._poses[count])
             count += 1
         else:
             if count == len(self._poses):

@@ -217,7 +217,7 @@ DEFAULTS = {
     ("simulate", "output"): "the world's name with .npz, here",
     ("study", "output"): "as CONFIG says",
     ("align", "output"): "none: must be given",
-    ("align", "max_range"): "40 m",
+    ("align", "max_range"): "40 m, by kiss-icp 100 m",
     ("clean", "output"): "none: must be given",
     ("live", "output"): "none",
     ("fleet", "output"): "none: must be given",
