@@ -151,17 +151,19 @@ def test_a_history_keeps_what_the_covariance_said_when_scans_move(dim: int) -> N
 def test_tiles_and_archives_have_what_a_map_has(tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
     every = [
-        Scan(points, origin, pose_covariance=covariance(rng, 2) if i else np.zeros((3, 3)))
+        Scan(points, origin, pose_covariance=covariance(rng, 2, 0.4) if i else np.zeros((3, 3)))
         for i, (points, origin) in enumerate(scans(2, 4))
     ]
     m = ndtree.AdaptiveMap(dim=2)
     for scan in every:
         scan.insert_into(m)
-    mapper = TileMapper(storage_of(str(tmp_path / "map.tiles")), ndtree.AdaptiveMap(dim=2))
+    # Small tiles: beams reach other ones by what the covariance adds.
+    storage = storage_of(str(tmp_path / "map.tiles"))
+    mapper = TileMapper(storage, ndtree.AdaptiveMap(dim=2), tile_size=1.6)
     for scan in every:
         mapper.insert(scan)
     mapper.write(complete=True)
-    points = rng.normal(size=(2000, 2)) * 4
+    points = rng.normal(size=(20_000, 2)) * 6
     tiled = ndtree.open_tiles(tmp_path / "map.tiles")
     np.testing.assert_array_equal(tiled.probability(points), m.probability(points))
 
