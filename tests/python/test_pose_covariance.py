@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 
 import ndtree
 from ndtree.base.scan import Scan
+from ndtree.evaluation.moved import MovedPoints
+from ndtree.logs.core.log import DerivedLog
 from ndtree.logs.poses.covariances import PoseCovariances
 from ndtree.tiles.mapper import TileMapper
 from ndtree.tiles.storage import storage_of
@@ -173,6 +176,32 @@ def test_tiles_and_archives_have_what_a_map_has(tmp_path: Path) -> None:
         scan.insert_into(again)
     assert again.to_bytes() == m.to_bytes()
     assert every[1].only(slice(0, 5)).pose_covariance is every[1].pose_covariance
+
+
+class Changed(DerivedLog):
+    """A log whose scans are changed."""
+
+    def __init__(self, log: Any, change: Any) -> None:
+        super().__init__(log)
+        self._change = change
+
+    def _scans(self) -> Any:
+        return (self._change(scan) for scan in self._log)
+
+
+def test_what_moved_is_judged_with_what_poses_are_worth() -> None:
+    office = ndtree.simulate("office", seed=7, scans=40, people=6)
+    c, noise = np.diag([0.2**2, 0.2**2, 0.02**2]), {"range_sigma": 0.02}
+    unsure = Changed(office, lambda scan: replace(scan, pose_covariance=c))
+    widened = Changed(office, lambda scan: replace(scan, pose_covariance=c).with_sigma(noise))
+    found = [MovedPoints(log, noise, math.inf, "free").look() for log in (unsure, widened, office)]
+    differ = 0
+    for scan, same, plain in zip(unsure, widened, office):
+        probability = found[0].probability(scan)
+        np.testing.assert_array_equal(probability, found[1].probability(same))
+        np.testing.assert_array_equal(found[0].without(scan).endpoints, found[1].without(same).endpoints)
+        differ += np.count_nonzero(probability != found[2].probability(plain))
+    assert differ > 100
 
 
 def rows(*diagonals: Any, use: str = "auto", dim: int = 2) -> PoseCovariances:
