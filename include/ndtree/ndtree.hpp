@@ -23,6 +23,7 @@
 #include "ndtree/layers/layered_map.hpp"
 #include "ndtree/layers/values.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
+#include "ndtree/mapping/pose_covariance.hpp"
 #include "ndtree/mapping/scan_history.hpp"
 #include "ndtree/query/cells.hpp"
 #include "ndtree/query/cells_on_beam.hpp"

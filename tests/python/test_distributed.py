@@ -85,6 +85,27 @@ class Unreliable(Engine):
 OPTIONS = {"tile_size": 5.0, "block_beams": 2_000, "batch_beams": 2_000, "checkpoint_beams": 1_500}
 
 
+def unsure(seed: int) -> list[ndtree.Scan]:
+    """A robot whose poses have covariances, by which beams reach other blocks."""
+    rng = np.random.default_rng(seed)
+    return [
+        ndtree.Scan(
+            scan.endpoints, scan.origin, scan.returned, scan.stamp,
+            pose_covariance=np.diag(rng.uniform(0, 0.3, 3) ** 2 * (1, 1, 0.01)),
+        )
+        for scan in robot(seed, 8)
+    ]  # fmt: skip
+
+
+def test_poses_that_are_not_sure_make_the_serial_map_too(tmp_path):
+    logs = {name: functools.partial(unsure, seed) for name, seed in SEEDS.items()}
+    distributed.map(logs, tmp_path / "a", workers=1, like=make_map(), max_range=8.0, **OPTIONS)
+    whole = serial(logs, max_range=8.0)
+    assert open_tiles(tmp_path / "a").to_map().to_bytes() == whole.to_bytes()
+    sure = {name: functools.partial(robot, seed, 8) for name, seed in SEEDS.items()}
+    assert whole.to_bytes() != serial(sure, max_range=8.0).to_bytes()
+
+
 @pytest.mark.parametrize("no_return", ["free", "ignore"])
 @pytest.mark.parametrize(
     ("engine", "workers", "block_beams"),

@@ -17,6 +17,7 @@
 #include "docstrings.hpp"
 #include "history_interface.hpp"
 #include "numpy.hpp"
+#include "pose_sigma.hpp"
 #include "python_map.hpp"
 #include "released.hpp"
 
@@ -65,14 +66,16 @@ auto finding_key(const Use& use) {
 
 InsertReport insert(PythonHistory& h, Key key, const py::object& points, const py::object& pose,
                     const py::object& origin, const py::object& returned, const py::object& range_sigma,
-                    double max_range, int threads) {
+                    double max_range, int threads, const py::object& pose_covariance) {
   const int dim = h.history->dim();
   const py::object from =
       origin.is_none()
           ? py::object(py::tuple(py::cast(std::vector<double>(static_cast<std::size_t>(dim), 0.0))))
           : origin;
-  const BeamArrays beams(points, from, returned, dim, range_sigma);
+  BeamArrays beams(points, from, returned, dim, range_sigma);
   const Poses one = pose_from(pose, dim);
+  beams.range_sigma =
+      with_pose_covariance(beams, pose_covariance, dim, h.history->options(), one.numbers.data());
   return h.with([&, pointers = beams.pointers()](HistoryInterface& history) {
     return history.insert(key, pointers, one.numbers.data(), max_range, threads);
   });
@@ -160,7 +163,7 @@ void bind_history(py::module_& module) {
           doc::ScanHistory_memory_bytes)
       .def("insert", &insert, "key"_a, "points"_a, "pose"_a, py::kw_only(), "origin"_a = py::none(),
            "returned"_a = py::none(), "range_sigma"_a = py::none(), "max_range"_a = kInfinity,
-           "threads"_a = 0, doc::ScanHistory_insert)
+           "threads"_a = 0, "pose_covariance"_a = py::none(), doc::ScanHistory_insert)
       .def("move", &move, "poses"_a, py::kw_only(), "threads"_a = 0, doc::ScanHistory_move)
       .def(
           "remove",

@@ -15,6 +15,7 @@
 #include "arguments.hpp"
 #include "docstrings.hpp"
 #include "ndtree/io/byte_stream.hpp"
+#include "pose_sigma.hpp"
 #include "python_map.hpp"
 
 namespace ndtree::python {
@@ -453,15 +454,18 @@ void bind_maps(py::module_& module) {
           "insert",
           [](PythonMap& map, const py::object& points, const py::object& origin, const py::object& returned,
              const py::object& range_sigma, double max_range, int threads, const py::object& window,
-             const py::object& layers, const std::optional<std::int64_t>& number, bool moved) {
-            BeamArrays beams(points, origin, returned, map.constant().dim(), range_sigma);
+             const py::object& layers, const std::optional<std::int64_t>& number, bool moved,
+             const py::object& pose_covariance) {
+            const int dim = map.constant().dim();
+            BeamArrays beams(points, origin, returned, dim, range_sigma);
+            beams.range_sigma = with_pose_covariance(beams, pose_covariance, dim, map.constant().options());
             if (number && *number < 0)
               throw py::value_error("number = " + std::to_string(*number) + ": must be at least 0");
             if (number) beams.number = static_cast<std::uint64_t>(*number);
             const LayerArguments of_layers(layers, beams.endpoints.shape(0));
             std::optional<BoxArgument> box;
-            if (!window.is_none()) box.emplace(window, map.constant().dim(), "window");
-            warn_of_scale(beams, map.constant().dim(), map.constant().options().min_cell_size, max_range);
+            if (!window.is_none()) box.emplace(window, dim, "window");
+            warn_of_scale(beams, dim, map.constant().options().min_cell_size, max_range);
             return map.write([&, pointers = beams.pointers(),
                               region = box ? std::optional<AnyBox>(*box) : std::nullopt](MapInterface& m) {
               std::optional<std::vector<float>> before;
@@ -473,7 +477,8 @@ void bind_maps(py::module_& module) {
           },
           "points"_a, "origin"_a, py::kw_only(), "returned"_a = py::none(), "range_sigma"_a = py::none(),
           "max_range"_a = kInfinity, "threads"_a = 0, "window"_a = py::none(), "layers"_a = py::none(),
-          "number"_a = py::none(), "moved"_a = false, doc::OccupancyMap_insert)
+          "number"_a = py::none(), "moved"_a = false, "pose_covariance"_a = py::none(),
+          doc::OccupancyMap_insert)
       .def(
           "compress",
           [](PythonMap& map, std::optional<double> max_loss, std::optional<std::size_t> max_leaves,

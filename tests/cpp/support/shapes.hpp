@@ -15,7 +15,8 @@ struct Shape {
   static constexpr int kDim = D;
 };
 
-#ifdef NDTREE_SANITIZED  // Where compiling takes longest: two whose maps are compiled already; the other builds run all.
+#ifdef NDTREE_SANITIZED  // Compiling takes longest there: two whose maps are compiled already; other builds
+                         // run all.
 using Shapes = ::testing::Types<Shape<3, 2>, Shape<2, 3>>;
 #else
 using Shapes = ::testing::Types<Shape<2, 1>, Shape<2, 2>, Shape<3, 2>, Shape<5, 2>, Shape<2, 3>, Shape<3, 3>,

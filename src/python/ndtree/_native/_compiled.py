@@ -42,6 +42,7 @@ INTERNAL = frozenset(
         "may_be_sampled",
         "normal_quantile",
         "pose_matrix",
+        "pose_range_sigma",
         "sample_run",
         "sample_runs",
         "sample_step",

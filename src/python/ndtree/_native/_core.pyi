@@ -393,6 +393,7 @@ class ScanHistory:
         range_sigma: ArrayLike | None = None,
         max_range: float = ...,
         threads: int = 0,
+        pose_covariance: ArrayLike | None = None,
     ) -> InsertReport:
         """Map a scan, and keep it.
 
@@ -409,6 +410,9 @@ class ScanHistory:
             Where beams start in the sensor's frame [m]. Default: at 0.
         returned, range_sigma, max_range, threads
             As of `OccupancyMap.insert`.
+        pose_covariance : (3, 3) or (6, 6) array of float, optional
+            As of `OccupancyMap.insert`, about the place of `pose`. What it makes of the beams stays theirs when the scan
+            is moved.
 
         Returns
         -------
@@ -755,6 +759,7 @@ class OccupancyMap:
         layers: Mapping[str, ArrayLike] | None = None,
         number: int | None = None,
         moved: bool = False,
+        pose_covariance: ArrayLike | None = None,
     ) -> InsertReport:
         """Integrate a scan.
 
@@ -790,6 +795,12 @@ class OccupancyMap:
             Whether the report says in ``moved`` how probable it is that each point returned from what moves: what
             `moved` of the map said of it just before the call; 0.5 for beams that did not return within `max_range`.
             Only space that was seen free earlier can tell, so the first scans of a place say nothing.
+        pose_covariance : (3, 3) or (6, 6) array of float, optional
+            How sure the sensor's pose is: covariance of x, y and yaw in 2-D; of x, y, z and rotations about x, y, z in
+            3-D, as ROS' PoseWithCovariance has them, and in 2-D, too, of which x, y and yaw count. Along the axes of the
+            map and about `origin`. Each beam's standard deviation becomes sqrt(sigma² + along² + across² / 4), where
+            sigma is `range_sigma` or the options', and the others are those of its end point. All zero: nothing changes.
+            Maps of every refinement use it, fixed ones, too; OctoMap has no use for it.
 
         Returns
         -------
@@ -2253,6 +2264,37 @@ def pose_matrix(pose: ArrayLike, *, dim: int, name: str = "pose") -> NDArray[np.
     ------
     ValueError
         As of `OccupancyMap.transformed`.
+    """
+
+def pose_range_sigma(
+    points: ArrayLike,
+    origin: ArrayLike,
+    pose_covariance: ArrayLike,
+    *,
+    own: ArrayLike | None = None,
+    range_sigma: float = ...,
+    range_sigma_quadratic: float = ...,
+) -> NDArray[np.float64] | None:
+    """Standard deviations of a scan's beams whose pose is unsure.
+
+    Parameters
+    ----------
+    points, origin, pose_covariance
+        As of `OccupancyMap.insert`.
+    own : (n,) array of float, optional
+        `range_sigma` of the beams without the pose's part.
+    range_sigma, range_sigma_quadratic : float
+        Of all beams, where `own` is left out; as the options of maps.
+
+    Returns
+    -------
+    (n,) float64, or None
+        What a map takes as `range_sigma`; `own` where the covariance is all zero.
+
+    Raises
+    ------
+    ValueError
+        A shape is wrong, or the covariance is not finite, symmetric and without negative eigenvalues.
     """
 
 def solve_pose_graph(

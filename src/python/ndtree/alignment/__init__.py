@@ -3,5 +3,13 @@
 
 from ndtree.alignment.aligning import MAX_RANGE, align
 from ndtree.alignment.result import Alignment
+from ndtree.alignment.spatial import MAX_RANGE_IN_SPACE, SpatialAlignment, align_by_kiss_icp
 
-__all__ = ["MAX_RANGE", "Alignment", "align"]
+__all__ = [
+    "MAX_RANGE",
+    "MAX_RANGE_IN_SPACE",
+    "Alignment",
+    "SpatialAlignment",
+    "align",
+    "align_by_kiss_icp",
+]

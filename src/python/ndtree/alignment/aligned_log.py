@@ -31,13 +31,16 @@ class AlignedLog(DerivedLog):
     def __len__(self) -> int:
         return len(self._poses)
 
+    def _moved(self, scan: Scan, pose: Floats) -> Scan:
+        return moved(scan, pose)
+
     def _scans(self) -> Iterator[Scan]:
         self._log.zero_is = self.zero_is
         count = 0
         for scan in self._log:
             if count == len(self._poses):
                 break
-            yield moved(scan, self._poses[count])
+            yield self._moved(scan, self._poses[count])
             count += 1
         else:
             if count == len(self._poses):
@@ -59,4 +62,5 @@ def moved(scan: Scan, pose: Floats) -> Scan:
         endpoints=there(scan.endpoints),
         origin=origin[0] if scan.origin.ndim == 1 else origin,
         heading=None if scan.heading is None else float(pose[2]),
+        pose_covariance=None,  # That of the log's pose.
     )

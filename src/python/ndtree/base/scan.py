@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -38,11 +39,14 @@ class Scan:
         and `origin` is not looked at.
     heading : float, optional
         Direction of the sensor in the plane, its yaw [rad], where a 2-D log says it; maps do not need it.
+    pose_covariance : array_like, (3, 3) or (6, 6), optional
+        How sure the sensor's pose is, as of ``insert`` of a map.
 
     Raises
     ------
     ValueError
-        If the shapes do not fit together, both are named; or if a `range_sigma` is not above 0 and finite.
+        If the shapes do not fit together, both are named; or if a `range_sigma` is not above 0 and finite, or
+        the `pose_covariance` is none.
     """
 
     endpoints: NDArray[np.floating[Any]]
@@ -52,6 +56,7 @@ class Scan:
     range_sigma: NDArray[np.floating[Any]] | None = None
     points_only: bool = False
     heading: float | None = None
+    pose_covariance: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         refuse_masked("Scan", {f.name: getattr(self, f.name) for f in fields(self)})
@@ -81,6 +86,12 @@ class Scan:
                 raise ValueError(
                     f"range_sigma = {range_sigma[wrong[0]]:g} m of beam {wrong[0]}: must be > 0 and finite"
                 )
+        if self.pose_covariance is not None:
+            from ndtree._native import _core
+
+            covariance = np.asarray(self.pose_covariance, dtype=np.float64)
+            _core.pose_range_sigma(np.empty((0, dim)), np.zeros(dim), covariance)
+            object.__setattr__(self, "pose_covariance", covariance)
 
     def _set_of_each_beam(self, name: str, values: NDArray[Any]) -> None:
         n, dim = self.endpoints.shape
@@ -146,7 +157,31 @@ class Scan:
             part(self.range_sigma),
             self.points_only,
             self.heading,
+            self.pose_covariance,
         )
+
+    def with_sigma(self, options: Mapping[str, float]) -> Scan:
+        """The same scan for a map of these options, with `range_sigma` instead of a `pose_covariance`.
+
+        Parameters
+        ----------
+        options : mapping of str to float
+            Of the map, of which ``range_sigma`` and ``range_sigma_quadratic`` count.
+
+        Returns
+        -------
+        Scan
+            Itself, if it has no covariance.
+        """
+        if self.pose_covariance is None:
+            return self
+        from ndtree._native import _core
+
+        noise = {name: options[name] for name in ("range_sigma", "range_sigma_quadratic") if name in options}
+        sigma = _core.pose_range_sigma(
+            self.endpoints, self.origin, self.pose_covariance, own=self.range_sigma, **noise
+        )
+        return replace(self, range_sigma=sigma, pose_covariance=None)
 
     def returned_beams(
         self, max_range: float = math.inf
@@ -200,6 +235,8 @@ class Scan:
         if self.points_only:
             return voxelise(self.endpoints, target)
         own: dict[str, Any] = {} if self.range_sigma is None else {"range_sigma": self.range_sigma}
+        if self.pose_covariance is not None:
+            own["pose_covariance"] = self.pose_covariance
         if moved:
             own["moved"] = True
         return target.insert(

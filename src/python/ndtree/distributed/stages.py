@@ -249,6 +249,7 @@ def prepare(job: Job, log: str, source: Source) -> Prepared:
             raise ValueError(
                 f"{log}: scan {place.number} is {scan.dim}-D, and the map {job.kind.dim}-D: must be the same"
             )
+        scan = scan.with_sigma(job.kind.options)
         crossed = beams_of(scan, job.kind.options, job.max_range)
         if not _is_taken(job, scan, crossed):
             refused += 1

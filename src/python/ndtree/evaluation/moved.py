@@ -76,6 +76,7 @@ class MovedPoints:
     def _give(self, scan: Scan, number: int, use: Callable[..., None]) -> None:
         if self.no_return == "ignore":
             scan = scan.returned_only()
+        scan = self._with_sigma(scan)
         try:
             use(
                 scan.endpoints,
@@ -88,6 +89,9 @@ class MovedPoints:
             self.log._skip(
                 "scans that cannot be used", ValueError(f"{self.log.name}: scan {number}: {error}")
             )
+
+    def _with_sigma(self, scan: Scan) -> Scan:
+        return scan.with_sigma(dict(zip(("range_sigma", "range_sigma_quadratic"), self._sigma)))
 
     def probability(self, scan: Scan) -> NDArray[np.float32]:
         """That each point of a scan moved; 0.5 for beams that returned from nowhere."""
@@ -121,8 +125,9 @@ class MovedPoints:
                 return scan
             origin, way, length = origin[did_return], way[did_return], length[did_return]
         sigma = self._sigma[0] + self._sigma[1] * length**2
-        if scan.range_sigma is not None:
-            sigma = scan.range_sigma[moved].astype(np.float64)
+        own = self._with_sigma(scan).range_sigma
+        if own is not None:
+            sigma = own[moved].astype(np.float64)
         kept = 1 - (self._margin + 2 * sigma) / length
         ends = scan.endpoints.copy()
         ends[moved] = np.where((kept > 0)[:, None], origin + kept[:, None] * way, np.nan)

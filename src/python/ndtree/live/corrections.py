@@ -220,9 +220,10 @@ class Corrections:
             range_sigma=scan.range_sigma,
             max_range=max_range,
             threads=self._threads,
+            pose_covariance=scan.pose_covariance,
         )
         of_beam = _BEAM + (_BEAM if np.ndim(scan.origin) > 1 else 0)
-        of_beam += 0 if scan.range_sigma is None else _SIGMA
+        of_beam += 0 if scan.range_sigma is None and scan.pose_covariance is None else _SIGMA
         self._scan_bytes.append(_SCAN + of_beam * len(ends))
         self._next += 1
         self._stamps.append(motion.stamp)

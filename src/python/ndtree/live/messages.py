@@ -211,7 +211,7 @@ class MessagesIntake(PosedIntake):
     def _take(self, log: RosbagLog, bag: Bag, until: float) -> None:
         self.log, self._clock, self._bag = log, log.clock, bag
         self._reader = log.reader(bag)
-        self._follower = Follower(log.places, log.clock, bag.decoded)
+        self._follower = Follower(log.places, log.clock, bag.decoded, log.covariances)
         self.sensors = [sensor.topic.name for sensor in log.sensors]
         self._topics = {plain(sensor.topic.name) for sensor in log.sensors}
         for raw in (*self._fixed, *self._early):

@@ -135,6 +135,7 @@ class TileMapper:
         ValueError
             As ``insert``; or, at the last of the scans that are known, if they were others.
         """
+        scan = scan.with_sigma(self._kind.options)
         self._look_at(scan, max_range)
         if self._seen <= self.done:
             if self._seen == self.done and self._digest.hexdigest() != self._expected:

@@ -1,12 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``ndtree align``: poses of a 2-D log from what its scans saw."""
+"""``ndtree align``: poses of a log from what its scans saw."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any, Optional, Union
 
 import typer
 
-from ndtree.alignment import MAX_RANGE, Alignment, align
+from ndtree.alignment import (
+    MAX_RANGE,
+    MAX_RANGE_IN_SPACE,
+    Alignment,
+    SpatialAlignment,
+    align,
+    align_by_kiss_icp,
+)
 from ndtree.base.exit_status import WrongCall
 from ndtree.base.words import number_of
 from ndtree.cli.commands.app import command, examples, reports_errors
@@ -19,12 +27,15 @@ from ndtree.cli.commands.pictures import plotting
 from ndtree.cli.commands.progress import progress
 from ndtree.logs import Log
 
+KISS_ICP = "kiss-icp"
+
 
 @command(
     "align",
     epilog=examples(
         "ndtree align drive.log -o poses.txt",
         "ndtree align drive.log -o poses.txt --map drive.ndt --picture before-after.png",
+        "ndtree align lidar.bag --still --odometry kiss-icp -o poses.txt --map lidar.ndt",
         "ndtree map drive.log --align -o drive.ndt",
     ),
 )
@@ -45,8 +56,8 @@ def align_(
         Optional[Path], typer.Option(metavar="FILE", help="Draw what was seen, before and after.")
     ] = None,
     max_range: Annotated[
-        float, typer.Option(help="Farther end points are not matched \\[m].", show_default=False)
-    ] = MAX_RANGE,
+        Optional[float], typer.Option(help="Farther end points are not matched \\[m].", show_default=False)
+    ] = None,
     loops: Annotated[
         bool, typer.Option("--loops/--no-loops", help="Look for places that were seen before.")
     ] = True,
@@ -56,14 +67,22 @@ def align_(
     """Find the poses of a 2-D laser's log, where its own drift or it has none.
 
     Each scan is matched with those before it. Places seen before are found, and all poses made to fit.
+    Of a 3-D lidar: --odometry kiss-icp, which finds no places again.
     """
+    by_kiss_icp = reading.options.get("odometry") == KISS_ICP
+    if by_kiss_icp:
+        others = {name: value for name, value in reading.options.items() if name != "odometry"}
+        reading = replace(reading, options=others)
+    if max_range is None:
+        max_range = MAX_RANGE_IN_SPACE if by_kiss_icp else MAX_RANGE
     limit_of(max_range)
     opened = reading.open(log, None)
     for path in (output, map_file, json_file):
         check_target(path)
     if picture is not None:
         check_picture(plotting(), picture)
-    found = aligned(opened, max_range, loops)
+    found: Union[Alignment, SpatialAlignment]
+    found = by_odometry(opened, max_range) if by_kiss_icp else aligned(opened, max_range, loops)
     found.save(output)
     if picture is not None:
         found.draw(picture)
@@ -81,12 +100,22 @@ def align_(
 def aligned(log: Log, max_range: float = MAX_RANGE, loops: bool = True) -> Alignment:
     """The alignment of a log, with its progress shown."""
     if log.dim != 2:
-        raise WrongCall(f"{log.name}: is {log.dim}-D, expected a 2-D log")
+        raise WrongCall(
+            f"{log.name}: is {log.dim}-D, expected a 2-D log, or ndtree align --odometry {KISS_ICP}"
+        )
     with progress() as advance:
         return align(log, max_range=max_range, close_loops=loops, progress=advance)
 
 
-def print_alignment(log: Log, found: Alignment) -> None:
+def by_odometry(log: Log, max_range: float) -> SpatialAlignment:
+    """The alignment of a 3-D log by kiss-icp, with its progress shown."""
+    if log.dim != 3:
+        raise WrongCall(f"{log.name}: is {log.dim}-D, and --odometry {KISS_ICP} expects a 3-D log")
+    with progress() as advance:
+        return align_by_kiss_icp(log, max_range=max_range, progress=advance)
+
+
+def print_alignment(log: Log, found: Union[Alignment, SpatialAlignment]) -> None:
     """How far poses moved, and whether to trust them."""
     print(f"{log.name}: {number_of(len(found.poses), 'scan')} aligned")
     print(f"  {found}")

@@ -92,6 +92,12 @@ QUESTIONS: dict[str, tuple[Row, ...]] = {
         Row("pixel_sigma", "PX", "1 px", "structure from motion of another quality"),
         Row("body", "SHAPE", "none", "the robot sees itself: a box, spheres or capsules"),
         Row("sweep", "NAME", "as the log says", "when a sensor's beams were measured, if nothing says so"),
+        Row(
+            "pose_covariance",
+            "auto|ignore|use",
+            "auto",
+            "poses tell how sure they are, and are believed or not",
+        ),
         Row("find_mount", "", "off", "a bag without the place of its sensor"),
     ),
     "Which part of the log?": (
@@ -211,7 +217,7 @@ DEFAULTS = {
     ("simulate", "output"): "the world's name with .npz, here",
     ("study", "output"): "as CONFIG says",
     ("align", "output"): "none: must be given",
-    ("align", "max_range"): "40 m",
+    ("align", "max_range"): "40 m, by kiss-icp 100 m",
     ("clean", "output"): "none: must be given",
     ("live", "output"): "none",
     ("fleet", "output"): "none: must be given",

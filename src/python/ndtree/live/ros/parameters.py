@@ -41,6 +41,7 @@ ROWS = (
     Row("pixel_stride", 1, "Of depth images, each n-th pixel of each n-th row.", (1, 64)),
     Row("zero_is", "", "What ranges of 0 say: no-echo or invalid."),
     Row("body", "", "The robot, no obstacle: box:LX,LY,LZ[,X,Y,Z], sphere:, capsule:, footprint:, @FRAME."),
+    Row("pose_covariance", "", "Covariances of poses widen beams: auto, ignore or use."),
     Row("dim", 0, "2 or 3; 0: what the sensors say.", (0, 3)),
     Row("fixed_cells", False, "All cells of one size."),
     Row("max_range", 0.0, "Longer beams are free up to here [m]; 0: no limit.", (0.0, 1e6)),
@@ -76,7 +77,7 @@ ROWS = (
 #: Parameters that are options of reading, if they are not empty.
 READING = (
     "fixed_frame", "base_frame", "sensor_frame", "mount", "odometry", "poses", "sweep", "camera", "zero_is",
-    "body",
+    "body", "pose_covariance",
 )  # fmt: skip
 CHANGING = {row.name for row in ROWS if row.changes}
 

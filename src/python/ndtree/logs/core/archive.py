@@ -30,6 +30,7 @@ def save_archive(
     origins: list[NDArray[Any]] = []
     returned: list[NDArray[np.bool_]] = []
     stamps: list[float] = []
+    covariances: list[NDArray[np.float64] | None] = []
     more: dict[str, list[NDArray[Any]]] = {}
     for i, scan in enumerate(scans):
         scan.require_sensor(f"archives as of {name}")
@@ -37,6 +38,7 @@ def save_archive(
             raise ValueError(f"{name}: scan {i} has an origin for each beam, expected one: .npz has no more")
         if scan.range_sigma is not None:
             raise ValueError(f"{name}: scan {i} has a range_sigma for each beam, of which .npz has none")
+        covariances.append(scan.pose_covariance)
         points.append(scan.endpoints)
         origins.append(scan.origin)
         returned.append(np.ones(len(scan), dtype=bool) if scan.returned is None else scan.returned)
@@ -55,6 +57,12 @@ def save_archive(
     no_return = ~np.concatenate(returned)
     if no_return.any():
         arrays["no_return"] = no_return
+    known = [one for one in covariances if one is not None]
+    if known:
+        if len({one.shape for one in known}) > 1:
+            raise ValueError(f"{name}: pose_covariance is (3, 3) of some scans, and (6, 6) of others")
+        none = np.zeros_like(known[0])
+        arrays["pose_covariances"] = np.stack([none if one is None else one for one in covariances])
     with replaced(path) as part:
         np.savez_compressed(part, **arrays)
     return len(points)

@@ -33,6 +33,7 @@ class NpzLog(SizedLog):
     - ``offsets`` (S + 1,) integer: scan i is ``points[offsets[i]:offsets[i + 1]]``
     - ``no_return`` (P,) bool: true where nothing was hit up to the point
     - ``stamps`` (S,): times [s]
+    - ``pose_covariances`` (S, 3, 3) or (S, 6, 6): how sure poses are, as ``pose_covariance`` of `Scan`
 
     A log of 3-D points is 2-D if all have one z, and all origins too; ``dim=3`` keeps it as it is.
     """
@@ -49,6 +50,7 @@ class NpzLog(SizedLog):
         no_return = arrays.get("no_return")
         self._returned = None if no_return is None else ~no_return
         self._stamps = arrays.get("stamps")
+        self._covariances = arrays.get("pose_covariances")
         stored = self._points.shape[1]
         if stored == 3 and dim != 3:
             flat = _is_one_value(self._points[:, 2]) and _is_one_value(self._origins[:, 2])
@@ -72,6 +74,7 @@ class NpzLog(SizedLog):
                 self._origins[i],
                 None if self._returned is None else self._returned[part],
                 0.0 if self._stamps is None else float(self._stamps[i]),
+                pose_covariance=None if self._covariances is None else self._covariances[i],
             )
 
 
@@ -84,7 +87,9 @@ def _load(path: str) -> dict[str, NDArray[Any]]:
     try:
         with np.load(path, allow_pickle=False) as archive:
             found = archive.files
-            wanted = [name for name in (*REQUIRED, "no_return", "stamps") if name in found]
+            wanted = [
+                name for name in (*REQUIRED, "no_return", "stamps", "pose_covariances") if name in found
+            ]
             size = sum(
                 member.file_size for member in archive.zip.infolist() if member.filename[:-4] in wanted
             )
@@ -153,6 +158,14 @@ def _check(path: str, arrays: dict[str, NDArray[Any]]) -> None:
             "stamps",
             stamps.shape == (len(origins),) and stamps.dtype.kind in "fiu",
             f"({len(origins)},) numbers",
+        )
+    if "pose_covariances" in arrays:
+        covariances = arrays["pose_covariances"]
+        shapes = [(len(origins), 6, 6)] + [(len(origins), 3, 3)] * (dim == 2 or _is_one_value(points[:, 2]))
+        require(
+            "pose_covariances",
+            covariances.shape in shapes and covariances.dtype.kind == "f",
+            f"({len(origins)}, 6, 6) floats",
         )
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from ndtree.logs.poses.covariances import PoseCovariances
 from ndtree.logs.poses.following import Edge, FollowedTree
 from ndtree.logs.poses.pose import Pose
 from ndtree.logs.poses.transforms import plain
@@ -25,6 +26,8 @@ class Follower:
     clock : Clock
     decoded : callable
         Makes a message of a Raw; raises ValueError.
+    covariances : PoseCovariances, optional
+        Takes what comes with the poses of its topic.
 
     Attributes
     ----------
@@ -32,8 +35,15 @@ class Follower:
         Messages that could not be read.
     """
 
-    def __init__(self, places: Mapping[str, Placement], clock: Clock, decoded: Callable[[Raw], Any]) -> None:
+    def __init__(
+        self,
+        places: Mapping[str, Placement],
+        clock: Clock,
+        decoded: Callable[[Raw], Any],
+        covariances: PoseCovariances | None = None,
+    ) -> None:
         self._places, self._clock, self._decoded = places, clock, decoded
+        self._covariances = covariances
         self.damaged = 0
         self._trees = {id(one.tree): FollowedTree(one.tree) for one in places.values()}
         self._by_tf: dict[int, FollowedTree] = {}
@@ -71,6 +81,8 @@ class Follower:
                 stamp = self._clock.time(POSES_STREAM, received, row.stamp)
                 for tree, edge in self._by_topic[topic]:
                     tree.add(*edge, stamp, row.position, row.quaternion)
+                if self._covariances is not None and self._covariances.topic == topic:
+                    self._covariances.add(stamp, row.covariance)
             return
         space = space_of(topic)
         trees = [one for one in self._by_tf.values() if one.tree.spaces is None or space in one.tree.spaces]

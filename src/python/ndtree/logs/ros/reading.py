@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from ndtree.base.scan import Scan
 from ndtree.logs.core.failures import NoPose
 from ndtree.logs.core.zeros import NO_ECHO
+from ndtree.logs.poses.covariances import PoseCovariances
 from ndtree.logs.poses.transforms import plain
 from ndtree.logs.ros.clock import Clock
 from ndtree.logs.ros.files.bag import Bag
-from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, Beams, stamp_of
+from ndtree.logs.ros.messages.beams import SENSOR_NAMES, SENSORS, Beams, Floats, stamp_of
 from ndtree.logs.ros.messages.sweep import Sweep
 from ndtree.logs.ros.placement.body import Body
 from ndtree.logs.ros.placement.placement import Placement
@@ -99,6 +100,8 @@ class MessageReader:
         The robot's: beams that end in it are left out.
     bodies : mapping of str to str, optional
         By topic, the frame that it is in.
+    covariances : PoseCovariances, optional
+        Of poses, for sensors whose poses are of its topic.
 
     Attributes
     ----------
@@ -121,6 +124,7 @@ class MessageReader:
         zero_is: str | None,
         body: Body | None = None,
         bodies: Mapping[str, str] | None = None,
+        covariances: PoseCovariances | None = None,
     ) -> None:
         self._bag, self._places, self._sweeps, self._elsewhere = bag, places, sweeps, elsewhere
         self._sensors = {sensor.topic.name: sensor for sensor in sensors}
@@ -128,7 +132,7 @@ class MessageReader:
         self._no_return_range, self._zero_is = no_return_range, zero_is
         self._numbers = dict.fromkeys(self._sensors, -1)
         self._endless = self.zeros = self._own = 0
-        self._body, self._bodies = body, bodies or {}
+        self._body, self._bodies, self._covariances = body, bodies or {}, covariances
         self._told: dict[tuple[str, str], tuple[int, str]] = {}
         self._watched = {
             sensor.topic.name: Standing(sensor.is_planar)
@@ -204,7 +208,26 @@ class MessageReader:
         sigmas = None if sigma is None else np.full(len(ends), sigma)
         dim = self._dim
         heading = heading_of(beams.points, ends, origins) if dim == 2 and place.observer is None else None
-        return Scan(ends[:, :dim], origins[..., :dim], beams.returned, one.stamp, sigmas, heading=heading)
+        return Scan(
+            ends[:, :dim],
+            origins[..., :dim],
+            beams.returned,
+            one.stamp,
+            sigmas,
+            heading=heading,
+            pose_covariance=self._covariance(place, one, origins),
+        )
+
+    def _covariance(self, place: Placement, one: Measured, origins: Floats) -> Floats | None:
+        """How sure the pose of a message's sensor is, where poses tell."""
+        if self._covariances is None or place.origin != self._covariances.topic or not len(origins):
+            return None
+        stamp = one.stamp + self._time_offset
+        moving = place.tree.moving(place.fixed_frame, place.observer or one.frame)
+        if not moving:
+            return None
+        body = place.tree.pose_at(place.fixed_frame, moving[-1][1], stamp).position
+        return self._covariances.at(stamp, np.atleast_2d(origins).mean(axis=0) - body)
 
     def _tell(self, one: Measured, what: str, said: str) -> None:
         """Count messages of a topic in which something is wrong that they are mapped in spite of."""
@@ -225,6 +248,8 @@ class MessageReader:
             lines.append(
                 f"{name}: in {count} of {self._numbers[name] + 1} messages {what}; the first: {first}"
             )
+        said = self._covariances.note() if self._covariances is not None else None
+        lines += [said] if said else []
         for name, standing in self._watched.items():
             warning = standing.warning(name, self._places[name])
             if warning is not None:

@@ -14,6 +14,7 @@ from ndtree.logs.core.log import SizedLog
 from ndtree.logs.core.source import WrongOption
 from ndtree.logs.core.zeros import checked
 from ndtree.logs.folders.depth_image import check_stride
+from ndtree.logs.poses.covariances import AUTO, REMEMBERED, USE, USES, PoseCovariances
 from ndtree.logs.ros.choice import in_order as in_order_of_sight
 from ndtree.logs.ros.choice import poor, sights
 from ndtree.logs.ros.files.bag import Bag, open_bag
@@ -53,6 +54,8 @@ class RosbagLog(SizedLog):
     time_offset : float
         Added to the stamps of scans [s].
     clock : Clock
+    covariances : PoseCovariances
+        Of the topic of the first sensor's poses.
     """
 
     format = "rosbag"
@@ -80,6 +83,7 @@ class RosbagLog(SizedLog):
         pixel_stride: int = 1,
         zero_is: str | None = None,
         body: str | None = None,
+        pose_covariance: str | None = None,
         bag: Bag | None = None,
     ) -> None:
         ways = {
@@ -95,6 +99,10 @@ class RosbagLog(SizedLog):
             raise WrongOption(f"{path}: sweep = {sweep}: expected one of {', '.join(BY_WORD)}")
         if sweep is not None and not deskew:
             raise WrongOption(f"{path}: sweep = {sweep}: is for beams that are deskewed")
+        if pose_covariance is not None and pose_covariance not in USES:
+            raise WrongOption(
+                f"{path}: pose_covariance = {pose_covariance}: expected one of {', '.join(USES)}"
+            )
         check_stride(pixel_stride)
         checked(path, zero_is)
         try:
@@ -166,6 +174,7 @@ class RosbagLog(SizedLog):
         self.may_be_zero = any(sensor.is_planar for sensor in self.sensors)
         self.is_depth_camera = all(sensor.topic.type in IMAGES for sensor in self.sensors)
         self.knows_no_returns = any(sensor.is_planar for sensor in self.sensors)
+        self.covariances = self._covariances_of(survey, pose_covariance or AUTO)
         self._elsewhere = {one.topic.name: self._unplaced(one, asked) for one in self.sensors}
         units = [sensor.note for sensor in self.sensors if sensor.note]
         self.notes = [*notes, *units, *first.notes, *self._damage, *said]
@@ -197,6 +206,19 @@ class RosbagLog(SizedLog):
         known = place.tree.connected(place.fixed_frame) if place.is_own else []
         return sorted(others - set(known))
 
+    def _covariances_of(self, survey: Survey, use: str) -> PoseCovariances:
+        """Those of the topic that the poses of the first sensor are of."""
+        most = None if self._in_memory is None else REMEMBERED
+        covariances = PoseCovariances(self.place.origin, use, self.dim, most)
+        for row in survey.poses:
+            covariances.add(row.stamp, row.covariance)
+        if use == USE and not covariances.are_used and self._in_memory is None:
+            raise WrongOption(
+                f"{self.path}: pose_covariance = {use}: the poses of {self.place.origin} have no covariance, "
+                "expected --odometry or --poses with a topic whose poses have some"
+            )
+        return covariances
+
     def _opened(self) -> AbstractContextManager[Bag]:
         """The bag, open for as long as it is read."""
         return open_bag(self.path) if self._in_memory is None else nullcontext(self._in_memory)
@@ -216,6 +238,7 @@ class RosbagLog(SizedLog):
             zero_is=self.zero_is,
             body=self._body,
             bodies=self._bodies,
+            covariances=self.covariances,
         )
 
     def _scans(self) -> Iterator[Scan]:

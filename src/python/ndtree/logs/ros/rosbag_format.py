@@ -10,6 +10,7 @@ from ndtree.logs.core.source import TIME_OFFSET, Format, ReaderOption, Source
 from ndtree.logs.core.zeros import ZERO_IS
 from ndtree.logs.folders.depth_image import CAMERA, PIXEL_STRIDE
 from ndtree.logs.formats.velodyne import STILL
+from ndtree.logs.poses.covariances import USES
 from ndtree.logs.poses.trajectory_files import TRAJECTORY
 from ndtree.logs.ros.files.bag import ENDINGS, MAGICS, METADATA, METADATA_BEGINS, ZSTD_MAGIC, open_bag
 from ndtree.logs.ros.messages.sweep import BY_WORD
@@ -46,6 +47,12 @@ BODY = ReaderOption(
     "Of a ROS bag: the robot itself, box:LX,LY,LZ[,X,Y,Z], sphere:, capsule: or footprint:, + more, @FRAME.",
 )
 
+POSE_COVARIANCE = ReaderOption(
+    "pose_covariance",
+    str,
+    f"Of a ROS bag: covariances of poses widen beams: {', '.join(USES)}; auto unless a driver's default.",
+)
+
 
 def _recognises(source: Source) -> bool:
     if source.is_folder:
@@ -76,7 +83,7 @@ ROSBAG = Format(
     _open,
     options=(
         TOPIC, FIXED_FRAME, ODOMETRY, POSE_TOPIC, TRAJECTORY, STILL, MOUNT, SENSOR_FRAME, BASE_FRAME,
-        TIME_OFFSET, DESKEW, SWEEP, CAMERA, PIXEL_STRIDE, ZERO_IS, BODY,
+        TIME_OFFSET, DESKEW, SWEEP, CAMERA, PIXEL_STRIDE, ZERO_IS, BODY, POSE_COVARIANCE,
     ),
     stored_as="either",
     contents=_contents,

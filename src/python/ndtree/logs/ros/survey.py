@@ -91,13 +91,17 @@ class Seen:
 
 @dataclass(frozen=True)
 class PoseRow:
-    """A pose of a topic: ``T_parent_child`` at a time [s]; `child` is "" where the message does not say."""
+    """A pose of a topic: ``T_parent_child`` at a time [s]; `child` is "" where the message does not say.
+
+    `covariance` has 36 numbers, or is None.
+    """
 
     parent: str
     child: str
     stamp: float
     position: list[float]
     quaternion: list[float]
+    covariance: NDArray[np.float64] | None = None
 
 
 class Survey:
@@ -250,6 +254,7 @@ def poses_in(message: Any) -> list[PoseRow]:
     """The poses that a message of one of the types `POSES` holds."""
     if message.__msgtype__ == PATH:
         return [row for one in message.poses for row in poses_in(one)]
+    covariance = getattr(getattr(message, "pose", None), "covariance", None)
     if hasattr(message, "transform"):
         position, quaternion = _numbers(message.transform.translation, message.transform.rotation)
     else:
@@ -258,7 +263,9 @@ def poses_in(message: Any) -> list[PoseRow]:
     if not is_transform(position, quaternion):
         return []
     child = plain(getattr(message, "child_frame_id", ""))
-    return [PoseRow(plain(message.header.frame_id), child, stamp_of(message), position, quaternion)]
+    row = PoseRow(plain(message.header.frame_id), child, stamp_of(message), position, quaternion)
+    has_covariance = covariance is not None and len(covariance) == 36
+    return [replace(row, covariance=np.array(covariance, dtype=np.float64)) if has_covariance else row]
 
 
 def space_of(topic: str) -> str:

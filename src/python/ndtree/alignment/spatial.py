@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Poses of a 3-D log by kiss-icp: odometry from what a spinning or solid-state lidar saw.
+
+Each scan is matched by kiss-icp with those before it, in the frame of its sensor as far as the log tells:
+points from the sensor, along the log's axes. So where the log has no poses, the frame is the sensor's, and
+where it has poor ones, rotations that are found are how these are wrong. Nothing is closed into loops: poses
+drift slowly.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ndtree.alignment.aligned_log import AlignedLog
+from ndtree.alignment.planar import Floats
+from ndtree.base.files import replaced
+from ndtree.base.progress import Progress, no_progress
+from ndtree.base.scan import Scan
+from ndtree.base.words import number_of
+from ndtree.logs.core.log import Log, SizedLog, require_log
+from ndtree.logs.poses.pose import quaternions_of
+
+#: Farther end points are left out [m].
+MAX_RANGE_IN_SPACE = 100.0
+INSTALL = "install it with:\n  pip install 'ndtree-mapping[kiss-icp]'"
+_LEAST_RANGE = 0.5  # Nearer end points are the robot's own [m].
+_FEWEST = 50  # Points of a scan that says something.
+_CELL = 0.2  # Of the grid on which surfaces are counted [m].
+_KEPT = 2000  # Points of a scan that are drawn and counted.
+_REMEMBERED = 30  # Scans before one, that it should see some of.
+_LOST = 0.3  # Less of a scan in space that was occupied before is no match.
+_MOST_LOST = (3, 0.01)  # Scans that may have none, a few or this fraction.
+_JUMP = 5.0  # Of how much a scan's motion differs from that before in the median: more is a jump,
+_MOST_JUMPS = (1, 0.005)  # of which there may be one, or this fraction.
+
+
+@dataclass(frozen=True, repr=False)
+class SpatialAlignment:
+    """Poses of a 3-D log's scans by kiss-icp.
+
+    Attributes
+    ----------
+    source : Log
+        The log.
+    poses : (n, 4, 4) float64
+        Of each scan's sensor; turned as against the log's axes, so the first is not turned.
+    origins : (n, 3) float64
+        Where the log has the sensors [m].
+    stamps : (n,) float64
+        Of the scans [s].
+    lost : int
+        Scans of which too little lies where those before them saw something.
+    seconds : float
+        What it took.
+    """
+
+    source: Log
+    poses: Floats
+    origins: Floats
+    stamps: Floats
+    lost: int
+    seconds: float
+    _voxel: float
+    _points: list[Floats]
+
+    @property
+    def log(self) -> SpatiallyAlignedLog:
+        """SpatiallyAlignedLog: the log with these poses, as any other."""
+        return SpatiallyAlignedLog(self.source, self.poses)
+
+    @cached_property
+    def moved(self) -> Floats:
+        """(n,) float64: how far each scan is from where the log has it [m]."""
+        return np.asarray(np.linalg.norm(self.poses[:, :3, 3] - self.origins, axis=1))
+
+    @cached_property
+    def cells(self) -> tuple[int, int]:
+        """Cells of 0.2 m with end points, by the log's poses and by these: double walls take more."""
+        return _cells_of(self._seen(False)), _cells_of(self._seen(True))
+
+    @cached_property
+    def jumps(self) -> int:
+        """Motions from scan to scan that are all at once unlike the one before: a wrong match, mostly."""
+        if len(self.poses) < 3:
+            return 0
+        moves = np.linalg.inv(self.poses[:-1]) @ self.poses[1:]
+        change = np.linalg.inv(moves[:-1]) @ moves[1:]
+        size = np.linalg.norm(change[:, :3, 3], axis=1)
+        return int(np.count_nonzero(size > max(_JUMP * float(np.median(size)), self._voxel)))
+
+    @property
+    def doubts(self) -> list[str]:
+        """Why not to trust the poses; empty if nothing speaks against them."""
+        doubts = []
+        if self.lost > max(_MOST_LOST[0], _MOST_LOST[1] * len(self.poses)):
+            doubts.append(f"{number_of(self.lost, 'scan')} matched nothing")
+        if self.jumps > max(_MOST_JUMPS[0], _MOST_JUMPS[1] * len(self.poses)):
+            doubts.append(f"the sensor jumps {self.jumps} times")
+        before, after = self.cells
+        if self._has_poses and after > 1.02 * before:
+            doubts.append(f"surfaces take more cells than before, {after} instead of {before}")
+        return doubts
+
+    @property
+    def _has_poses(self) -> bool:
+        """Whether the log says that the sensor moved."""
+        return bool(np.abs(self.origins - self.origins[0]).max() > 1e-3)
+
+    def __str__(self) -> str:
+        before, after = self.cells
+        trust = "; ".join(self.doubts)
+        way = float(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1).sum())
+        more = 100 * (after / max(before, 1) - 1)
+        return (
+            f"poses moved by {np.median(self.moved):.2f} m, at most {self.moved.max():.2f} m; a way of "
+            f"{way:.1f} m, no loops are closed; end points take {more:+.0f} % cells: "
+            + (f"doubtful: {trust}" if trust else "nothing speaks against them")
+        )
+
+    __repr__ = __str__
+
+    def figures(self) -> dict[str, Any]:
+        """For a script."""
+        before, after = self.cells
+        return {
+            "scans": len(self.poses),
+            "moved": {"median": float(np.median(self.moved)), "most": float(self.moved.max())},
+            "lost": self.lost,
+            "jumps": self.jumps,
+            "has_odometry": self._has_poses,
+            "cells": {"before": before, "after": after},
+            "doubts": self.doubts,
+            "seconds": self.seconds,
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the trajectory as TUM's: a time, a place and a quaternion a line.
+
+        Parameters
+        ----------
+        path : str or path
+            It appears whole or not at all.
+        """
+        rows = np.column_stack((self.stamps, self.poses[:, :3, 3], quaternions_of(self.poses[:, :3, :3])))
+        with replaced(path) as part:
+            np.savetxt(part, rows, fmt=["%.6f"] + ["%.9g"] * 7)
+
+    def draw(self, path: str | os.PathLike[str]) -> None:
+        """Draw from above what scans saw, with the log's poses and with these.
+
+        Parameters
+        ----------
+        path : str or path
+            Its ending says the kind of picture.
+        """
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(14, 7), layout="constrained")
+        ways = (("before", self.origins, False), ("after", self.poses[:, :3, 3], True))
+        for axes, (name, places, is_found) in zip(figure.subplots(1, 2), ways):
+            points = self._seen(is_found)
+            axes.plot(points[:, 0], points[:, 1], ",", color="black")
+            axes.plot(places[:, 0], places[:, 1], "-", color="tab:red", linewidth=0.6)
+            axes.set(title=name, aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        with replaced(path) as part:
+            figure.savefig(part, dpi=110, format=Path(path).suffix.lower().lstrip(".") or "png")
+
+    def _seen(self, is_found: bool) -> Floats:
+        """Some points of the scans where the log or these poses put them."""
+        if is_found:
+            placed = [p @ pose[:3, :3].T + pose[:3, 3] for pose, p in zip(self.poses, self._points)]
+        else:
+            placed = [p + origin for origin, p in zip(self.origins, self._points)]
+        return np.concatenate(placed) if placed else np.zeros((0, 3))
+
+
+class SpatiallyAlignedLog(AlignedLog):
+    """A 3-D log with other poses, one for each of its scans."""
+
+    def _moved(self, scan: Scan, pose: Floats) -> Scan:
+        turn, place, before = pose[:3, :3], pose[:3, 3], _origin_of(scan)
+
+        def there(points: Any) -> Floats:
+            result: Floats = (points.astype(np.float64) - before) @ turn.T + place
+            return result
+
+        return replace(scan, endpoints=there(scan.endpoints), origin=there(scan.origin), pose_covariance=None)
+
+
+def align_by_kiss_icp(
+    log: Log, *, max_range: float = MAX_RANGE_IN_SPACE, progress: Progress = no_progress
+) -> SpatialAlignment:
+    """Find the poses of a 3-D lidar's log: each scan matched with those before by kiss-icp, without loops.
+
+    The result is the same each time: kiss-icp works with one thread.
+
+    Parameters
+    ----------
+    log : Log
+        In 3-D, its scans in the order in which they were taken.
+    max_range : float
+        Farther end points are left out [m]; kiss-icp's voxels are a hundredth of it.
+    progress : callable
+        Called as ``progress(what, done, total)``.
+
+    Returns
+    -------
+    SpatialAlignment
+
+    Raises
+    ------
+    ImportError
+        kiss-icp is not installed; it says what to install.
+    ValueError
+        The log is not 3-D, has no scans, or an argument is out of bounds.
+    """
+    require_log(log)
+    if log.dim != 3:
+        raise ValueError(f"{log.name}: is {log.dim}-D, expected a 3-D log")
+    if not 0 < max_range < np.inf:
+        raise ValueError(f"max_range = {max_range:g} m: must be > 0 and finite")
+    odometry = _kiss_icp(max_range)
+    begin = time.perf_counter()
+    first: Floats | None = None
+    poses, origins, stamps, kept = [], [], [], []
+    known: deque[Any] = deque(maxlen=_REMEMBERED)
+    voxel, lost = odometry.config.mapping.voxel_size, 0
+    total = len(log) if isinstance(log, SizedLog) else 0
+    for scan in log:
+        scan.require_sensor("poses")
+        origin = _origin_of(scan)
+        first = origin if first is None else first
+        points = _points_of(scan, origin, max_range)
+        if len(points) >= _FEWEST:
+            odometry.register_frame(points, np.zeros(0))
+            pose = np.array(odometry.last_pose)
+            at = _keys_of(points @ pose[:3, :3].T + pose[:3, 3], voxel)
+            lost += bool(known) and float(np.isin(at, np.concatenate(known)).mean()) < _LOST
+            known.append(at)
+        else:
+            pose = np.array(odometry.last_pose)
+            lost += 1
+        pose[:3, 3] += first
+        poses.append(pose)
+        origins.append(origin)
+        stamps.append(scan.stamp)
+        kept.append(points[:: max(1, -(-len(points) // _KEPT))])
+        progress("matching scans", len(poses), total)
+    if not poses:
+        raise ValueError(f"{log.name}: no scans, expected at least one")
+    return SpatialAlignment(
+        source=log,
+        poses=np.array(poses),
+        origins=np.array(origins),
+        stamps=np.array(stamps),
+        lost=lost,
+        seconds=time.perf_counter() - begin,
+        _voxel=voxel,
+        _points=kept,
+    )
+
+
+def _kiss_icp(max_range: float) -> Any:
+    try:
+        from kiss_icp.config import KISSConfig
+        from kiss_icp.kiss_icp import KissICP
+    except ImportError as error:
+        raise ImportError(f"--odometry kiss-icp needs kiss-icp ({error}); {INSTALL}") from None
+    config = KISSConfig()
+    config.data.max_range, config.data.min_range, config.data.deskew = max_range, _LEAST_RANGE, False
+    config.mapping.voxel_size = max_range / 100
+    config.registration.max_num_threads = 1
+    return KissICP(config)
+
+
+def _origin_of(scan: Scan) -> Floats:
+    origin = scan.origin if scan.origin.ndim == 1 else scan.origin.mean(axis=0)
+    return origin.astype(np.float64)
+
+
+def _points_of(scan: Scan, origin: Floats, max_range: float) -> Floats:
+    """End points of beams that returned, as seen from the sensor along the log's axes."""
+    points = scan.returned_only().endpoints.astype(np.float64) - origin
+    far = np.linalg.norm(points, axis=1)
+    result: Floats = np.ascontiguousarray(points[(far > _LEAST_RANGE) & (far <= max_range)])
+    return result
+
+
+def _keys_of(points: Floats, size: float) -> Any:
+    """Numbers of the cells that hold points, each once."""
+    cells = np.floor(points / size).astype(np.int64) & 0x1FFFFF
+    return np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
+
+
+def _cells_of(points: Floats) -> int:
+    return len(_keys_of(points, _CELL))

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Covariances that come with poses: whether they say anything, and how sure a sensor's pose is at a time."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+#: What is done with covariances: taken if they are no driver's default, never, always.
+USES = AUTO, IGNORE, USE = ("auto", "ignore", "use")
+#: A larger variance is a driver's word for an axis that it does not measure [m², rad²].
+NOT_MEASURED = 1e3
+#: Covariances that are remembered of a robot that drives.
+REMEMBERED = 4096
+_ROUNDING = 1e-6  # Of the largest entry, that is forgiven.
+_PLANAR = np.array([0, 1, 5])  # x, y and yaw.
+
+
+class PoseCovariances:
+    """Covariances of a topic's poses over time.
+
+    Drivers that know none write zeros, -1, or the same numbers at all times; and those that only add up how
+    far wheels turned write what grows for ever, which tells how unsure the way since the beginning is, not
+    the map around the robot. "auto" takes covariances that change, and fall at least once, from then on.
+
+    Parameters
+    ----------
+    topic : str
+        For reports.
+    use : {"auto", "ignore", "use"}
+    dim : int
+        Of the log: in the plane x, y and yaw count.
+    most : int, optional
+        As many of the last are remembered. Left out: all.
+
+    Attributes
+    ----------
+    told : int
+        Poses with a covariance.
+    wrong : int
+        Of these, how many had none that is one: not finite, not symmetric, or with negative eigenvalues.
+    """
+
+    def __init__(self, topic: str, use: str = AUTO, dim: int = 3, most: int | None = None) -> None:
+        self.topic, self.use = topic, use
+        self._axes = _PLANAR if dim == 2 else np.arange(6)
+        self._stamps: deque[float] = deque(maxlen=most)
+        self._rows: deque[Floats] = deque(maxlen=most)
+        self.told = self.wrong = 0
+        self._first: Floats | None = None
+        self._last = 0.0
+        self._changes = self._falls = False
+
+    def add(self, stamp: float, covariance: ArrayLike | None) -> None:
+        """What came with the pose of a time [s], 36 numbers or None; in any order."""
+        if covariance is None or self.use == IGNORE:
+            return
+        self.told += 1
+        row = np.array(covariance, dtype=np.float64).reshape(6, 6)
+        unknown = np.abs(np.diag(row)) >= NOT_MEASURED
+        row[unknown] = 0.0
+        row[:, unknown] = 0.0
+        part = row[np.ix_(self._axes, self._axes)]
+        if not _is_covariance(part):
+            self.wrong += 1
+            return
+        size = float(np.trace(part))
+        if self._first is None:
+            self._first = part
+        else:
+            self._changes |= not np.array_equal(part, self._first)
+            self._falls |= size < (1 - 1e-9) * self._last
+        self._last = size
+        whole = np.zeros((6, 6))
+        whole[np.ix_(self._axes, self._axes)] = part
+        at = len(self._stamps)
+        if at and stamp < self._stamps[-1]:
+            at = bisect.bisect_right(self._stamps, stamp)
+        if self._stamps.maxlen is not None and len(self._stamps) == self._stamps.maxlen:
+            self._stamps.popleft()
+            self._rows.popleft()
+            at = max(at - 1, 0)
+        self._stamps.insert(at, stamp)
+        self._rows.insert(at, whole)
+
+    @property
+    def are_used(self) -> bool:
+        """Whether scans get them, by what came so far."""
+        if self.use == AUTO:
+            return self._changes and self._falls
+        return self.use == USE and self._first is not None
+
+    @property
+    def only_grow(self) -> bool:
+        """Whether they change, but never fall."""
+        return self._changes and not self._falls
+
+    def at(self, stamp: float, lever: ArrayLike) -> Floats | None:
+        """Covariance of the pose of a sensor at a time; None where they are not used.
+
+        Parameters
+        ----------
+        stamp : float
+            Between those of poses, covariances are interpolated; outside, the nearest holds [s].
+        lever : (3,)
+            The sensor's place as seen from the body's, along the axes of the map [m].
+        """
+        if not self.are_used:
+            return None
+        after = bisect.bisect_left(self._stamps, stamp)
+        before = max(after - 1, 0)
+        after = min(after, len(self._stamps) - 1)
+        span = self._stamps[after] - self._stamps[before]
+        share = min(max((stamp - self._stamps[before]) / span, 0.0), 1.0) if span > 0 else 0.0
+        body = (1 - share) * self._rows[before] + share * self._rows[after]
+        x, y, z = np.asarray(lever, dtype=np.float64)
+        there = np.eye(6)
+        there[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+        result: Floats = there @ body @ there.T
+        return result
+
+    def note(self) -> str | None:
+        """What a user should know, in a line; None if there is nothing."""
+        wrong = f"; {self.wrong} of {self.told} are none" if self.wrong else ""
+        if self.are_used:
+            rows = np.array(self._rows)
+            place = float(np.median(np.sqrt(np.trace(rows[:, :3, :3], axis1=1, axis2=2))))
+            turn = math.degrees(float(np.median(np.sqrt(np.trace(rows[:, 3:, 3:], axis1=1, axis2=2)))))
+            return (
+                f"the covariances of {self.topic} widen beams: standard deviations of {place:.3g} m and "
+                f"{turn:.2g} degrees in the median{wrong}; --pose-covariance ignore leaves them"
+            )
+        if self.use == AUTO and self.only_grow:
+            return (
+                f"the covariances of {self.topic} only grow, as those of odometry do, and are left out; "
+                f"--pose-covariance use takes them{wrong}"
+            )
+        return None
+
+
+def _is_covariance(matrix: Any) -> bool:
+    if not np.isfinite(matrix).all():
+        return False
+    rounding = _ROUNDING * float(np.abs(matrix).max())
+    if not (np.abs(matrix - matrix.T) <= rounding).all():
+        return False
+    return bool(np.linalg.eigvalsh(matrix)[0] >= -rounding)
