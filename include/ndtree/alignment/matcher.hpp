@@ -3,7 +3,6 @@
 /// The pose of a scan among surfaces: the best of a window, found surely, and then refined.
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <Eigen/LU>
 #include <algorithm>
@@ -242,14 +241,14 @@ class Matcher {
         if (square < 2.0 * kKernel * kKernel) ++inliers;
       }
       match.inliers = points.cols() == 0 ? 0.0 : inliers / static_cast<double>(points.cols());
-      const Motion<D> change = -hessian.ldlt().solve(gradient);
+      const Motion<D> change = -Decomposition(hessian).solve(gradient);
       if (!change.allFinite()) break;
       match.pose = moved(match.pose, change);
       if (change.cwiseAbs().maxCoeff() < kStill) break;
     }
     // Points that lie closer than their model says are no reason to be surer than it is.
     const double spread = weights > 0.0 ? std::max(squares / weights, 0.1) : 1.0;
-    match.covariance = spread * hessian.inverse();
+    match.covariance = spread * Decomposition(hessian).inverse();
   }
 
   /// The best pose of a window, refined.
@@ -290,6 +289,11 @@ class Matcher {
   static constexpr int kAngles = kFreedoms<D> - D;
   static constexpr int kTop = 6;  // Highest level: blocks of 64 steps.
   static constexpr double kMostSteps = 1e6;
+
+  /// Of a MotionMatrix. Its size is not the compiler's to know: where it is, Eigen unrolls every step, which
+  /// took half of the time and memory of compiling a matcher.
+  using Decomposition = Eigen::PartialPivLU<
+      Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor, kFreedoms<3>, kFreedoms<3>>>;
 
   /// Poses of one rotation whose translations are up to 2^level steps from `pose`, which has their bound.
   struct Block {
