@@ -31,6 +31,7 @@ void bind_moved(pybind11::module_& module);
 void bind_history(pybind11::module_& module);
 /// @pre as bind_exports().
 void bind_match(pybind11::module_& module);
+void bind_pose_graph(pybind11::module_& module);
 void bind_pose_sigma(pybind11::module_& module);
 void bind_logs(pybind11::module_& module);
 void bind_log_sample(pybind11::module_& module);

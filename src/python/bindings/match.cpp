@@ -23,7 +23,6 @@
 #include "binders.hpp"
 #include "docstrings.hpp"
 #include "ndtree/alignment/matcher.hpp"
-#include "ndtree/alignment/pose_graph.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "numpy.hpp"
 #include "pose_numbers.hpp"
@@ -237,42 +236,6 @@ PythonMatch match_map(const PythonMap& map, const py::object& points, const py::
                                    : match_in_map<3>(map, points, guess, window, options, apart, apart_angle);
 }
 
-py::tuple solve_graph(const py::object& poses, const py::object& pairs, const py::object& measured,
-                      const py::object& information, const py::object& kernels, int iterations) {
-  const DoubleArray start = as_points(poses, "poses", 3);
-  const DoubleArray relative = as_points(measured, "measured", 3);
-  const py::ssize_t count = relative.shape(0);
-  const DoubleArray numbers = as_points(pairs, "pairs", 2);
-  const DoubleArray matrices = as_doubles(information, "information");
-  const DoubleArray scales = as_doubles(kernels, "kernels");
-  if (numbers.shape(0) != count || matrices.ndim() != 3 || matrices.shape(0) != count ||
-      matrices.shape(1) != 3 || matrices.shape(2) != 3 || scales.ndim() != 1 || scales.shape(0) != count)
-    throw py::value_error("pairs " + shape_text(numbers) + ", information " + shape_text(matrices) +
-                          " and kernels " + shape_text(scales) + ": must have one for each of measured " +
-                          shape_text(relative));
-  std::vector<XyYaw> at(static_cast<std::size_t>(start.shape(0)));
-  for (std::size_t i = 0; i < at.size(); ++i) at[i] = Eigen::Map<const XyYaw>(start.data() + 3 * i);
-  std::vector<PoseRelation> relations(static_cast<std::size_t>(count));
-  for (std::size_t i = 0; i < relations.size(); ++i) {
-    const double* const pair = numbers.data() + 2 * i;
-    if (!(pair[0] >= 0.0) || !(pair[1] >= 0.0)) throw py::value_error("pairs: must be >= 0");
-    relations[i].from = static_cast<std::size_t>(pair[0]);
-    relations[i].to = static_cast<std::size_t>(pair[1]);
-    relations[i].measured = Eigen::Map<const XyYaw>(relative.data() + 3 * i);
-    relations[i].information = Eigen::Map<const Eigen::Matrix3d>(matrices.data() + 9 * i);
-    relations[i].kernel = scales.data()[i];
-  }
-  PoseGraphReport report;
-  {
-    const Released released;
-    report = solve(at, relations, iterations);
-  }
-  std::vector<double> moved;
-  moved.reserve(3 * at.size());
-  for (const XyYaw& pose : at) moved.insert(moved.end(), pose.data(), pose.data() + 3);
-  return py::make_tuple(take(std::move(moved), 3), report.iterations, report.before, report.after);
-}
-
 }  // namespace
 
 void bind_match(py::module_& module) {
@@ -322,9 +285,6 @@ void bind_match(py::module_& module) {
   map.def("matcher", &matcher_of_map, "box"_a = py::none(), py::kw_only(), "cell_size"_a = py::none(),
           "sigma"_a = py::none(), "radius"_a = py::none(), "noise"_a = defaults.noise,
           doc::OccupancyMap_matcher);
-
-  module.def("solve_pose_graph", &solve_graph, "poses"_a, "pairs"_a, "measured"_a, "information"_a,
-             "kernels"_a, py::kw_only(), "iterations"_a = 50, doc::solve_pose_graph);
 }
 
 }  // namespace ndtree::python

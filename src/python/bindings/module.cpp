@@ -41,6 +41,7 @@ PYBIND11_MODULE(_core, module) {
   ndtree::python::bind_moved(module);
   ndtree::python::bind_history(module);
   ndtree::python::bind_match(module);
+  ndtree::python::bind_pose_graph(module);
   ndtree::python::bind_pose_sigma(module);
   ndtree::python::bind_logs(module);
   ndtree::python::bind_log_sample(module);
