@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.loops import Loop
 from ndtree.alignment.planar import Floats, between, composed, placed
 from ndtree.alignment.sensor_scans import SensorScan
-from ndtree.base.files import replaced
+from ndtree.alignment.writing import draw_before_and_after, verdict, write_trajectory
 from ndtree.base.words import number_of
 from ndtree.logs.core.log import Log
 
@@ -104,12 +103,10 @@ class Alignment:
     def __str__(self) -> str:
         before, after = self.cells
         moved = self.moved
-        trust = "; ".join(self.doubts)
         return (
             f"poses moved by {np.median(moved):.2f} m, at most {moved.max():.2f} m; "
             f"{number_of(len(self.loops), 'loop')} closed of {self.tested} looked at; "
-            f"end points take {100 * (after / max(before, 1) - 1):+.0f} % cells: "
-            + (f"doubtful: {trust}" if trust else "nothing speaks against them")
+            f"end points take {100 * (after / max(before, 1) - 1):+.0f} % cells: {verdict(self.doubts)}"
         )
 
     __repr__ = __str__
@@ -141,9 +138,9 @@ class Alignment:
         """
         half = self.poses[:, 2] / 2
         zero = np.zeros(len(half))
-        rows = np.column_stack((self.stamps, self.poses[:, :2], zero, zero, zero, np.sin(half), np.cos(half)))
-        with replaced(path) as part:
-            np.savetxt(part, rows, fmt=["%.6f"] + ["%.9g"] * 7)
+        places = np.column_stack((self.poses[:, :2], zero))
+        turns = np.column_stack((zero, zero, np.sin(half), np.cos(half)))
+        write_trajectory(path, self.stamps, places, turns)
 
     def draw(self, path: str | os.PathLike[str]) -> None:
         """Draw what the key scans saw, with the log's poses and with these.
@@ -153,16 +150,8 @@ class Alignment:
         path : str or path
             Its ending says the kind of picture.
         """
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(14, 7), layout="constrained")
-        for axes, name, poses in zip(figure.subplots(1, 2), ("before", "after"), (self.odometry, self.poses)):
-            points = self._points(poses)
-            axes.plot(points[:, 0], points[:, 1], ",", color="black")
-            axes.plot(poses[:, 0], poses[:, 1], "-", color="tab:red", linewidth=0.6)
-            axes.set(title=name, aspect="equal", xlabel="x [m]", ylabel="y [m]")
-        with replaced(path) as part:
-            figure.savefig(part, dpi=110, format=Path(path).suffix.lower().lstrip(".") or "png")
+        before, after = ((self._points(poses), poses) for poses in (self.odometry, self.poses))
+        draw_before_and_after(path, before, after)
 
     def _points(self, poses: Floats) -> Floats:
         """Near end points of the key scans where some poses put them."""

@@ -14,14 +14,14 @@ import time
 from collections import deque
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ndtree.alignment.aligned_log import AlignedLog
 from ndtree.alignment.planar import Floats
-from ndtree.base.files import replaced
+from ndtree.alignment.sensor_scans import spread_evenly
+from ndtree.alignment.writing import draw_before_and_after, verdict, write_trajectory
 from ndtree.base.progress import Progress, no_progress
 from ndtree.base.scan import Scan
 from ndtree.base.words import number_of
@@ -38,8 +38,8 @@ _KEPT = 2000  # Points of a scan that are drawn and counted.
 _REMEMBERED = 30  # Scans before one, that it should see some of.
 _LOST = 0.3  # Less of a scan in space that was occupied before is no match.
 _MOST_LOST = (3, 0.01)  # Scans that may have none, a few or this fraction.
-_JUMP = 5.0  # Of how much a scan's motion differs from that before in the median: more is a jump,
-_MOST_JUMPS = (1, 0.005)  # of which there may be one, or this fraction.
+_JUMP = 5.0  # Median differences of two motions in a row; two that differ by more are a jump.
+_MOST_JUMPS = (1, 0.005)  # Jumps that there may be, one or this fraction.
 
 
 @dataclass(frozen=True, repr=False)
@@ -57,7 +57,7 @@ class SpatialAlignment:
     stamps : (n,) float64
         Of the scans [s].
     lost : int
-        Scans of which too little lies where those before them saw something.
+        Scans that saw too little of what the scans before them saw.
     seconds : float
         What it took.
     """
@@ -116,13 +116,11 @@ class SpatialAlignment:
 
     def __str__(self) -> str:
         before, after = self.cells
-        trust = "; ".join(self.doubts)
         way = float(np.linalg.norm(np.diff(self.poses[:, :3, 3], axis=0), axis=1).sum())
         more = 100 * (after / max(before, 1) - 1)
         return (
             f"poses moved by {np.median(self.moved):.2f} m, at most {self.moved.max():.2f} m; a way of "
-            f"{way:.1f} m, no loops are closed; end points take {more:+.0f} % cells: "
-            + (f"doubtful: {trust}" if trust else "nothing speaks against them")
+            f"{way:.1f} m, no loops are closed; end points take {more:+.0f} % cells: {verdict(self.doubts)}"
         )
 
     __repr__ = __str__
@@ -149,9 +147,7 @@ class SpatialAlignment:
         path : str or path
             It appears whole or not at all.
         """
-        rows = np.column_stack((self.stamps, self.poses[:, :3, 3], quaternions_of(self.poses[:, :3, :3])))
-        with replaced(path) as part:
-            np.savetxt(part, rows, fmt=["%.6f"] + ["%.9g"] * 7)
+        write_trajectory(path, self.stamps, self.poses[:, :3, 3], quaternions_of(self.poses[:, :3, :3]))
 
     def draw(self, path: str | os.PathLike[str]) -> None:
         """Draw from above what scans saw, with the log's poses and with these.
@@ -161,17 +157,8 @@ class SpatialAlignment:
         path : str or path
             Its ending says the kind of picture.
         """
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(14, 7), layout="constrained")
-        ways = (("before", self.origins, False), ("after", self.poses[:, :3, 3], True))
-        for axes, (name, places, is_found) in zip(figure.subplots(1, 2), ways):
-            points = self._seen(is_found)
-            axes.plot(points[:, 0], points[:, 1], ",", color="black")
-            axes.plot(places[:, 0], places[:, 1], "-", color="tab:red", linewidth=0.6)
-            axes.set(title=name, aspect="equal", xlabel="x [m]", ylabel="y [m]")
-        with replaced(path) as part:
-            figure.savefig(part, dpi=110, format=Path(path).suffix.lower().lstrip(".") or "png")
+        before, after = (self._seen(False), self.origins), (self._seen(True), self.poses[:, :3, 3])
+        draw_before_and_after(path, before, after)
 
     def _seen(self, is_found: bool) -> Floats:
         """Some points of the scans where the log or these poses put them."""
@@ -252,7 +239,7 @@ def align_by_kiss_icp(
         poses.append(pose)
         origins.append(origin)
         stamps.append(scan.stamp)
-        kept.append(points[:: max(1, -(-len(points) // _KEPT))])
+        kept.append(spread_evenly(points, _KEPT))
         progress("matching scans", len(poses), total)
     if not poses:
         raise ValueError(f"{log.name}: no scans, expected at least one")
