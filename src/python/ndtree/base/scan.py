@@ -87,10 +87,8 @@ class Scan:
                     f"range_sigma = {range_sigma[wrong[0]]:g} m of beam {wrong[0]}: must be > 0 and finite"
                 )
         if self.pose_covariance is not None:
-            from ndtree._native import _core
-
             covariance = np.asarray(self.pose_covariance, dtype=np.float64)
-            _core.pose_range_sigma(np.empty((0, dim)), np.zeros(dim), covariance)
+            require_covariance(covariance, dim)
             object.__setattr__(self, "pose_covariance", covariance)
 
     def _set_of_each_beam(self, name: str, values: NDArray[Any]) -> None:
@@ -166,7 +164,7 @@ class Scan:
         Parameters
         ----------
         options : mapping of str to float
-            Of the map, of which ``range_sigma`` and ``range_sigma_quadratic`` count.
+            Of the map; ``range_sigma`` and ``range_sigma_quadratic`` count.
 
         Returns
         -------
@@ -265,6 +263,13 @@ class Scan:
         return target.evaluate(
             self.endpoints, self.origin, returned=self.returned, max_range=max_range, truth=truth
         )
+
+
+def require_covariance(covariance: NDArray[np.float64], dim: int) -> None:
+    """Raise ValueError unless ``insert`` of a map in `dim` dimensions takes it as a pose's covariance."""
+    from ndtree._native import _core
+
+    _core.pose_range_sigma(np.empty((0, dim)), np.zeros(dim), covariance)
 
 
 def _floats(values: Any) -> NDArray[np.floating[Any]]:

@@ -6,10 +6,11 @@ from __future__ import annotations
 import bisect
 import math
 from collections import deque
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from ndtree.base.scan import require_covariance
 
 Floats = NDArray[np.float64]
 
@@ -19,16 +20,15 @@ USES = AUTO, IGNORE, USE = ("auto", "ignore", "use")
 NOT_MEASURED = 1e3
 #: Covariances that are remembered of a robot that drives.
 REMEMBERED = 4096
-_ROUNDING = 1e-6  # Of the largest entry, that is forgiven.
 _PLANAR = np.array([0, 1, 5])  # x, y and yaw.
 
 
 class PoseCovariances:
     """Covariances of a topic's poses over time.
 
-    Drivers that know none write zeros, -1, or the same numbers at all times; and those that only add up how
-    far wheels turned write what grows for ever, which tells how unsure the way since the beginning is, not
-    the map around the robot. "auto" takes covariances that change, and fall at least once, from then on.
+    Drivers that know none write zeros, -1, or the same numbers at all times. Wheel odometry writes what
+    grows for ever: how unsure the way since the beginning is, not the map around the robot. "auto" takes
+    covariances that change, and fall at least once, from then on.
 
     Parameters
     ----------
@@ -68,7 +68,9 @@ class PoseCovariances:
         row[unknown] = 0.0
         row[:, unknown] = 0.0
         part = row[np.ix_(self._axes, self._axes)]
-        if not _is_covariance(part):
+        try:
+            require_covariance(part, 2 if len(part) == 3 else 3)
+        except ValueError:
             self.wrong += 1
             return
         size = float(np.trace(part))
@@ -143,12 +145,3 @@ class PoseCovariances:
                 f"--pose-covariance use takes them{wrong}"
             )
         return None
-
-
-def _is_covariance(matrix: Any) -> bool:
-    if not np.isfinite(matrix).all():
-        return False
-    rounding = _ROUNDING * float(np.abs(matrix).max())
-    if not (np.abs(matrix - matrix.T) <= rounding).all():
-        return False
-    return bool(np.linalg.eigvalsh(matrix)[0] >= -rounding)
