@@ -152,7 +152,7 @@ void check_arrays(const std::map<std::string, NpyArray>& arrays) {
   }
 }
 
-/// Whether all z of an array, but for those that are not a number, are the same; a 2-D array has none.
+/// Whether all z of an array are the same, leaving out those that are not a number; a 2-D array has none.
 bool is_planar(const NpyArray& array) {
   if (array.columns() == 2) return true;
   std::optional<double> height;

@@ -797,7 +797,7 @@ class OccupancyMap:
             Only space that was seen free earlier can tell, so the first scans of a place say nothing.
         pose_covariance : (3, 3) or (6, 6) array of float, optional
             How sure the sensor's pose is: covariance of x, y and yaw in 2-D; of x, y, z and rotations about x, y, z in
-            3-D, as ROS' PoseWithCovariance has them, and in 2-D, too, of which x, y and yaw count. Along the axes of the
+            3-D, as ROS' PoseWithCovariance has them; 2-D maps take x, y and yaw of those, too. Along the axes of the
             map and about `origin`. Each beam's standard deviation becomes sqrt(sigma² + along² + across² / 4), where
             sigma is `range_sigma` or the options', and the others are those of its end point. All zero: nothing changes.
             Maps of every refinement use it, fixed ones, too; OctoMap has no use for it.
