@@ -32,8 +32,9 @@ struct ScanEvidence {
   // Hits and misses of beams for which a child's edge is at least noise_sigmas standard deviations:
   std::uint32_t resolvable_hits = 0;
   std::uint32_t resolvable_misses = 0;
-  std::uint32_t deep_hits = 0;  ///< Resolvable hits behind > 3 sigma of the cell, or in one > 3 sigma wide.
-  std::uint32_t beams = 0;      ///< Beams with any evidence for the cell.
+  std::uint32_t partial_hits =
+      0;                    ///< Resolvable hits behind > 3 sigma of the cell, or in one > 3 sigma wide.
+  std::uint32_t beams = 0;  ///< Beams with any evidence for the cell.
 
   /// Whether no beam is evidence for occupied space.
   [[nodiscard]] bool is_free_alone() const { return hits == 0 && occupied == 0; }
@@ -52,7 +53,7 @@ struct ScanEvidence {
     misses += others.misses;
     resolvable_hits += others.resolvable_hits;
     resolvable_misses += others.resolvable_misses;
-    deep_hits += others.deep_hits;
+    partial_hits += others.partial_hits;
     beams += others.beams;
   }
   [[nodiscard]] static const ScanEvidence& of(const ScanEvidence& scan) { return scan; }

@@ -30,12 +30,12 @@ class Summary {
   /// Of a leaf, or from an inner node's note. A leaf is not taken for saturated.
   template <class NodeType>
   [[nodiscard]] static Summary of(const NodeType& node) {
-    return node.is_leaf() ? of_cell(node.cell()) : Summary(node.note());
+    return node.is_leaf() ? of_cell(node.cell()) : Summary(node.summary_word());
   }
   /// Of a leaf, which is saturated if `is_saturated(cell)`, or from an inner node's note.
   template <class NodeType, class IsSaturated>
   [[nodiscard]] static Summary of(const NodeType& node, const IsSaturated& is_saturated) {
-    return node.is_leaf() ? of_cell(node.cell(), is_saturated(node.cell())) : Summary(node.note());
+    return node.is_leaf() ? of_cell(node.cell(), is_saturated(node.cell())) : Summary(node.summary_word());
   }
 
   [[nodiscard]] std::uint32_t word() const { return word_; }
@@ -112,7 +112,7 @@ template <class Tree, class IsSaturated>
 Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSaturated& is_saturated) {
   const Summary summary =
       summary_of_siblings(tree.children(parent), Tree::kNumChildren, is_saturated).summary;
-  parent.set_note(summary.word());
+  parent.set_summary_word(summary.word());
   return summary;
 }
 
@@ -120,7 +120,7 @@ Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSaturated
 /// children).
 template <class Tree, class IsSaturated>
 void summarise_stale(Tree& tree, typename Tree::NodeType& node, const IsSaturated& is_saturated) {
-  if (node.is_leaf() || node.note() != 0) return;
+  if (node.is_leaf() || node.summary_word() != 0) return;
   auto* const children = tree.children(node);
   for (int j = 0; j < Tree::kNumChildren; ++j) summarise_stale(tree, children[j], is_saturated);
   summarise(tree, node, is_saturated);
@@ -131,7 +131,7 @@ template <class Tree>
 void forget_summaries(Tree& tree) {
   const auto descend = [&](const auto& self, typename Tree::NodeType& node) -> void {
     if (node.is_leaf()) return;
-    node.set_note(0);
+    node.set_summary_word(0);
     auto* const children = tree.children(node);
     for (int j = 0; j < Tree::kNumChildren; ++j) self(self, children[j]);
   };

@@ -412,7 +412,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   void check_summary(const typename Tree::ConstRef& parent) const {
     const SummaryOfSiblings expected =
         summary_of_siblings(tree_.children(*parent.node), Tree::kNumChildren, saturated());
-    if (parent.node->note() != expected.summary.word())
+    if (parent.node->summary_word() != expected.summary.word())
       throw std::logic_error("the summary of a node of level " + std::to_string(parent.index.level) +
                              " is not that of its children");
   }

@@ -110,20 +110,20 @@ struct EvidenceRefinement {
   }
   /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
   /// - Free: any resolvable hit splits, so that smaller cells show where it is.
-  /// - Unknown: only a deep hit splits, since free space lies before it.
+  /// - Unknown: only a partial hit splits, since free space lies before it.
   /// - Occupied: splits if it is more probably partially occupied than split_probability.
-  /// Monotone while the cell is free or unknown: more beams never turn yes to no, see splits_anyway().
+  /// Monotone while the cell is free or unknown: more beams never turn yes to no, see certainly_splits().
   [[nodiscard]] bool splits(const EvidenceCell& cell, const ScanEvidence& scan) const {
     switch (cell.state()) {
       case CellState::free:
         return scan.resolvable_hits > 0;
       case CellState::unknown:
-        return scan.deep_hits > 0;
+        return scan.partial_hits > 0;
       case CellState::occupied:
         break;
     }
-    if (scan.resolvable_misses + scan.deep_hits == 0) return false;
-    return is_partial(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
+    if (scan.resolvable_misses + scan.partial_hits == 0) return false;
+    return is_partial(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.partial_hits);
   }
   /// splits() for a scan whose beams all passed the cell.
   [[nodiscard]] bool splits(const EvidenceCell& cell, const PassedEvidence& passed) const {
@@ -138,7 +138,7 @@ struct EvidenceRefinement {
   }
   /// Whether the cell splits whatever evidence the scan's other beams have: splits() is monotone in beams
   /// unless the cell is occupied. Lets the walk stop reading a long list early.
-  [[nodiscard]] bool splits_anyway(const EvidenceCell& cell, const ScanEvidence& scan) const {
+  [[nodiscard]] bool certainly_splits(const EvidenceCell& cell, const ScanEvidence& scan) const {
     return cell.state() != CellState::occupied && splits(cell, scan);
   }
 };

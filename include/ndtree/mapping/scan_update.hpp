@@ -148,7 +148,7 @@ class ScanUpdate {
     // Pack.
     const ScanView<D>& scan = measurements_->scan();
     beams_.resize(num_beams, std::move(faces), std::move(indices.back()), scan.origin_per_beam,
-                  geometry.coordinates(scan.origin(any)), ends_nearby(), scan.range_sigma != nullptr);
+                  geometry.coordinates(scan.origin(any)), ends_fit_32_bits(), scan.range_sigma != nullptr);
     const bool by_eights = may_go_by_eights();
     std::vector<BeamNoise> noise(workers.count());
     const std::size_t tasks = noise.size();
@@ -160,8 +160,8 @@ class ScanUpdate {
     beams_.finish(noise.front());
   }
 
-  /// True if any two cells of the reach are so near that ScanBeams::ends_nearby() holds.
-  [[nodiscard]] bool ends_nearby() const {
+  /// True if any two cells of the reach are so near that ScanBeams::ends_fit_32_bits() holds.
+  [[nodiscard]] bool ends_fit_32_bits() const {
     const double nearby = 0.5 * static_cast<double>(ScanBeams<D>::kNearby) * tree_.geometry().unit();
     return (reach_.upper - reach_.lower).maxCoeff() < nearby;
   }
@@ -171,7 +171,7 @@ class ScanUpdate {
     const ScanView<D>& scan = measurements_->scan();
     return kPacksByEights<Sensor> && Simd::width() >= 8 && !scan.origin_per_beam &&
            scan.range_sigma == nullptr && scan.size < std::numeric_limits<std::int32_t>::max() / D &&
-           ends_nearby();
+           ends_fit_32_bits();
 #else
     return false;
 #endif

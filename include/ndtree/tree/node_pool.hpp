@@ -43,17 +43,17 @@ class Node {
   }
   void become_inner(BlockId children) {
     link_ = kInner | children;
-    note_ = 0;
+    summary_word_ = 0;
     cell_ = Cell{};
   }
   /// @pre the node is an inner one.
-  [[nodiscard]] std::uint32_t note() const { return note_; }
-  void set_note(std::uint32_t note) { note_ = note; }
+  [[nodiscard]] std::uint32_t summary_word() const { return summary_word_; }
+  void set_summary_word(std::uint32_t word) { summary_word_ = word; }
 
  private:
   static constexpr std::uint32_t kInner = 0x80000000u;
   std::uint32_t link_ = 0;
-  std::uint32_t note_ = 0;
+  std::uint32_t summary_word_ = 0;
   Cell cell_{};
 };
 
@@ -69,14 +69,14 @@ class Node<Cell, std::enable_if_t<Cell::kLeavesTopBitOfFirstWordClear>> {
   [[nodiscard]] const Cell& cell() const { return cell_; }
   void become_leaf(const Cell& cell) { cell_ = cell; }
   void become_inner(BlockId children) { link_ = Link{kInner | children, 0}; }
-  [[nodiscard]] std::uint32_t note() const { return link_.note; }
-  void set_note(std::uint32_t note) { link_.note = note; }
+  [[nodiscard]] std::uint32_t summary_word() const { return link_.summary_word; }
+  void set_summary_word(std::uint32_t word) { link_.summary_word = word; }
 
  private:
   static constexpr std::uint32_t kInner = 0x80000000u;
   struct Link {
     std::uint32_t word;
-    std::uint32_t note;
+    std::uint32_t summary_word;
   };
   static_assert(sizeof(Link) <= sizeof(Cell));
   union {  // Both begin with one std::uint32_t, their common initial sequence: it may be read through either.

@@ -95,7 +95,7 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
       if (node.is_leaf()) tree.split_node(node);
       for (int j = 0; j < Tree::kNumChildren; ++j) restore(tree, tree.children(node)[j], kept->node(j), logs);
     }
-    node.set_note(before.note());
+    node.set_summary_word(before.summary_word());
   }
 
   std::vector<Kept> kept_;
@@ -107,9 +107,9 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
 /// @param undo null if nothing is kept.
 template <class Tree>
 void before_change_below(Tree& tree, typename Tree::NodeType& parent, UndoLog<Tree>* undo) {
-  if (parent.note() == 0) return;
+  if (parent.summary_word() == 0) return;
   if (undo != nullptr) undo->keep(tree, parent);
-  parent.set_note(0);
+  parent.set_summary_word(0);
 }
 
 }  // namespace ndtree

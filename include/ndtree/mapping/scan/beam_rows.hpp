@@ -23,12 +23,12 @@ struct alignas(16) BeamRay {
 /// one cache line.
 template <int D>
 struct alignas(D <= 3 ? 32 : 16) BeamEnd {
-  float range;    ///< Of the end point, or t_free of a beam without return.
-  float slant;    ///< Depth over range, in [1 / sqrt D, 1].
-  float clear;    ///< The beam has passed cells that it leaves before this distance.
+  float range;               ///< Of the end point, or t_free of a beam without return.
+  float slant;               ///< Depth over range, in [1 / sqrt D, 1].
+  float clearly_free_until;  ///< The beam has passed cells that it leaves before this distance.
   float surface;  ///< Its way through a small cell counts as at least this long. 0: without return.
   float sigma;    ///< Standard deviation of the range.
-  /// Smallest cell of its end minus the base, see ScanBeams::ends_nearby().
+  /// Smallest cell of its end minus the base, see ScanBeams::ends_fit_32_bits().
   std::array<std::int32_t, std::size_t{D}> cell;
 
   [[nodiscard]] bool is_returned() const { return surface != 0.0f; }
@@ -44,7 +44,7 @@ struct EightRays {
 /// The columns of eight BeamEnd rows.
 template <int D>
 struct EightEnds {
-  EightFloats range, slant, clear, surface, sigma;
+  EightFloats range, slant, clearly_free_until, surface, sigma;
   EightInts cell[std::size_t{D}];
 };
 

@@ -121,7 +121,7 @@ class CellCrossings {
  private:
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE EightCrossings of_each(const std::uint32_t* beams,
-                                                                            const EightFloats& reach) const {
+                                                                            const EightFloats& t_max) const {
     std::array<float, 8> enter;
     std::array<float, 8> exit;
     for (std::size_t i = 0; i < 8; ++i) {
@@ -129,7 +129,7 @@ class CellCrossings {
       enter[i] = crossing.enter;
       exit[i] = crossing.exit;
     }
-    return {EightFloats::load(enter.data()), EightFloats::load(exit.data()), beams_.t_free_of(beams, reach)};
+    return {EightFloats::load(enter.data()), EightFloats::load(exit.data()), beams_.t_free_of(beams, t_max)};
   }
 #endif
 

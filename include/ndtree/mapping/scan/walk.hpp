@@ -70,7 +70,7 @@ namespace ndtree {
 ///   permuted scans, any number of threads)
 /// - A node drops only beams that no leaf below it samples. (test_scan_update: the flat oracle has all beams)
 /// - A leaf may split before all its beams have been added up, since more beams never revoke
-///   EvidenceRefinement::splits_anyway(), nor make its split predicted to re-merge. (test_leaf_action)
+///   EvidenceRefinement::certainly_splits(), nor make its split predicted to re-merge. (test_leaf_action)
 ///   The early stop comes before EvidenceModel::limit(), which leaves scans with hits as they are.
 /// - A saturated subtree that all beams pass stays as it is, bit for bit. (test_scan_update, test_summary)
 /// - partition() that replaces a list uses up its memory: a list that is needed afterwards, as by a leaf that
@@ -146,7 +146,7 @@ class alignas(kCacheLines) ScanWalk {
   /// Finishes a subdivided node after its children: merges them or updates its summary.
   /// @param changed whether a child changed. @returns whether the node or a cell below it changed.
   bool finalize(const Ref& ref, bool changed) {
-    if (!changed && ref.node->note() != 0) return false;
+    if (!changed && ref.node->summary_word() != 0) return false;
     return finish_children(ref, summary_(&Children(tree_, ref).node(0)), changed, false);
   }
 
@@ -237,7 +237,7 @@ class alignas(kCacheLines) ScanWalk {
   /// it is.
   template <class Beams>
   NDTREE_ALWAYS_INLINE bool descend(const Beams& beams, const Sampling& above) {
-    if (Summary(beams.node().note()).is_saturated() && beams.all_pass()) return false;
+    if (Summary(beams.node().summary_word()).is_saturated() && beams.all_pass()) return false;
     const Ref inner = beams.ref();
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
     return beams.integrate_below(inner, sampling_.of_node(inner.index, beams.crossing(), above));
@@ -296,7 +296,7 @@ class alignas(kCacheLines) ScanWalk {
                   changed;
       }
     }
-    if (!changed && node.node->note() != 0) return false;
+    if (!changed && node.node->summary_word() != 0) return false;
     return finish_children(node, summary_(&source.children.node(0)), changed, was_split);
   }
 
@@ -328,19 +328,19 @@ class alignas(kCacheLines) ScanWalk {
       if (face == nullptr) return update_by_faces(beams, uses_small_sample);
       sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, uses_small_sample));
     }
-    const auto split_or_wait = [&](const ScanEvidence& scan, LeafAction action) {
+    const auto otherwise = [&](const ScanEvidence& scan, LeafAction action) {
       return split_or_judge(beams, sample, scan, action, sampling);
     };
     if constexpr (Beams::kHasPassingSet) {
       if (sample.fraction >= 1.0f && beams.all_pass() && !packet_may_exceed_limit_)
-        return update_unless_split(cell, level, beams.passed(), split_or_wait);
+        return update_unless_split(cell, level, beams.passed(), otherwise);
     }
-    return update_unless_split(cell, level, beams.evidence(cell, level, sample.end), split_or_wait);
+    return update_unless_split(cell, level, beams.evidence(cell, level, sample.end), otherwise);
   }
-  /// Updates a leaf, or calls `split_or_wait(scan, action)` if it may split.
+  /// Updates a leaf, or calls `otherwise(scan, action)` if it may split.
   template <class Scan, class Otherwise>
   NDTREE_ALWAYS_INLINE bool update_unless_split(EvidenceCell& leaf, int level, const Scan& scan,
-                                                const Otherwise& split_or_wait) {
+                                                const Otherwise& otherwise) {
     const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
     if (action == LeafAction::update) {
       const bool changed = update(leaf, scan);
@@ -349,22 +349,22 @@ class alignas(kCacheLines) ScanWalk {
     }
     const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
     if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
-    return all.beams > 0 && split_or_wait(all, action);
+    return all.beams > 0 && otherwise(all, action);
   }
 
   // Rare steps. They take copies, so that update_leaf() keeps its values in registers.
 
   /// update_leaf() for beams that come through several cube-map faces.
   template <class Beams>
-  NDTREE_NEVER_INLINE bool update_by_faces(const Beams beams, bool is_well_observed) {
+  NDTREE_NEVER_INLINE bool update_by_faces(const Beams beams, bool uses_small_sample) {
     return beams.with_list(
-        [&](const BeamList& list) { return update_by_faces(beams.ref(), list, is_well_observed); });
+        [&](const BeamList& list) { return update_by_faces(beams.ref(), list, uses_small_sample); });
   }
-  bool update_by_faces(const Ref& leaf, const BeamList& list, bool is_well_observed) {
+  bool update_by_faces(const Ref& leaf, const BeamList& list, bool uses_small_sample) {
     const CellCrossings<N, D> crossings(tree_.geometry(), beams_, leaf.index);
     const int level = leaf.index.level;
     ScanEvidence scan;
-    sampling_.take(leaf.index, list, is_well_observed, sample_,
+    sampling_.take(leaf.index, list, uses_small_sample, sample_,
                    [&](const CubeFace<D>&, float, const BeamList& part) {
                      if (may_stop_early(level, part))
                        add_until_split(leaf.cell(), leaf.index, crossings, part, scan);
@@ -406,7 +406,7 @@ class alignas(kCacheLines) ScanWalk {
                                            const CellCrossings<N, D>& crossings, const BeamList& list,
                                            ScanEvidence& scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
-      if (refinement_.splits_anyway(cell, scan) &&
+      if (refinement_.certainly_splits(cell, scan) &&
           !refinement_.model.predicted_to_remerge(cell, scan, kChildrenAcross<Tree>,
                                                   leaf.level - finest_level_))
         break;
@@ -491,7 +491,7 @@ class alignas(kCacheLines) ScanWalk {
     if (changed && ref.index.level <= coarsest_level_ && all.are_leaves && all.summary.is_uniform() &&
         merge_children(ref, was_split))
       return true;
-    ref.node->set_note(all.summary.word());
+    ref.node->set_summary_word(all.summary.word());
     return changed;
   }
   bool merge_children(const Ref& ref, bool was_split) {
