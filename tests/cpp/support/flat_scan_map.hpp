@@ -38,6 +38,8 @@ class FlatScanMap {
   std::uint64_t for_coverage = 0;        ///< Splits because a part was not seen.
   std::uint64_t partly_seen = 0;         ///< Updates of partly seen cells that did not split.
   std::uint64_t not_sampled = 0;         ///< Pairs of a cell and a crossing beam that it did not sample.
+  std::uint64_t kept_occupied = 0;       ///< Updates after which partial_probability kept a cell occupied.
+  std::uint64_t stayed_apart = 0;        ///< Merges that partial_probability forbade.
 
   /// One leaf for each level-0 cell of [first, last) on each axis. Beams must stay inside.
   FlatScanMap(const MapOptions& options, int first, int last)
@@ -109,6 +111,9 @@ class FlatScanMap {
         if (coverage.is_asked && (!was_observed || coverage.is_covered))
           cell.set_covered(coverage.is_covered);
         predicted_remerges += is_predicted_to_remerge;
+        if (next.level == -num_levels_ && keeps_occupied() && cell.hits() >= 2 && is_partial(cell))
+          kept_occupied += model_.raise(
+              cell, std::log(options_.partial_probability / (1.0 - options_.partial_probability)));
         if (cell == before) continue;
         mark(next);
         updates += scan_evidence.beams;
@@ -546,6 +551,12 @@ class FlatScanMap {
                    .partial > options_.split_probability;
   }
 
+  /// Whether smallest cells that are partially occupied stay occupied.
+  [[nodiscard]] bool keeps_occupied() const { return options_.partial_probability > 0.0; }
+  [[nodiscard]] bool is_partial(const EvidenceCell& cell) const {
+    return partial_occupancy_(cell.hits(), cell.misses()).partial > options_.split_probability;
+  }
+
   [[nodiscard]] std::int64_t edge(int level) const { return edge_above<N>(-num_levels_, level); }
   [[nodiscard]] double border(std::int64_t k) const {
     return static_cast<double>(k) * options_.min_cell_size;
@@ -600,6 +611,10 @@ class FlatScanMap {
     }
     const auto merged = merge_rule_(nodes.data(), static_cast<int>(nodes.size()), kChildrenAcross);
     if (!merged) return false;
+    if (keeps_occupied() && merged->log_odds() > 0.0f && is_partial(*merged)) {
+      ++stayed_apart;
+      return false;
+    }
     for (const auto& child : children) cells.erase(child);
     cells[parent] = *merged;
     return true;
