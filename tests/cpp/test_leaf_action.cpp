@@ -112,10 +112,7 @@ TEST(LeafAction, MoreBeamsNeverRevokeAnEarlySplit) {
   for (int i = 0; i < 20000; ++i) {
     const EvidenceCell cell = random_cell(random, refinement.model);
     ScanEvidence scan = random_scan(random, 6);
-    const auto splits = [&] {
-      return refinement.certainly_splits(cell, scan) &&
-             !refinement.model.predicted_to_remerge(cell, scan, kChildrenAcross, kLevels);
-    };
+    const auto splits = [&] { return refinement.certainly_splits(cell, scan, kChildrenAcross, kLevels); };
     if (!splits()) continue;
     ++early;
     for (int more = 0; more < 4; ++more) {

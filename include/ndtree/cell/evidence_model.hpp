@@ -23,12 +23,13 @@
 namespace ndtree {
 
 /// What a scan does to one cell. Each decision stands in a part, beside its derivation:
-/// - weighing a beam: BeamWeight; log-odds of evidence, and its fading: EvidenceMemory;
+/// - log-odds of evidence, and its fading: EvidenceMemory;
 /// - how many beams of a scan count: SamplingRate;
 /// - whether the world has changed in the cell: ChangeDetection;
 /// - what children start with: ChildInitialisation;
 /// - whether a split would be undone after the same scan: RemergePrediction.
-/// Whether a cell splits at all is EvidenceRefinement's question. Every function is O(1) and const.
+/// What a beam is worth to a cell is computed before, see LeafEvidence; whether a cell splits at all is
+/// EvidenceRefinement's question. Every function is O(1) and const.
 class EvidenceModel {
  public:
   EvidenceModel(const EvidenceOptions& options, const SensorOptions& sensor)
@@ -67,8 +68,8 @@ class EvidenceModel {
     return scan.free > 0 && free_with(cell, scan) <= cell.free_evidence();
   }
 
-  /// True if scans whose beams all pass the cell leave it as it is: its evidence for free space is at its
-  /// cap, and it has no other.
+  /// True if scans whose beams all pass the cell leave it as it is: its evidence for free space and its count
+  /// of misses are at their caps, and it has no other evidence, no hits and no streak.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const {
     return cell.is_as_free_as(saturated_) && forgets_nothing();
   }
@@ -109,7 +110,7 @@ class EvidenceModel {
     return change_.has_changed(cell, memory_);
   }
 
-  // ChildInitialisation
+  // ChildInitialisation. @param children_across see kChildrenAcross.
   [[nodiscard]] static bool has_evidence_for_children(const EvidenceCell& parent) {
     return ChildInitialisation::has_evidence(parent);
   }

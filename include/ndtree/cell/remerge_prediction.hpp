@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Predicting re-merge: splits whose children would join again after the same scan are not made.
+/// Predicting re-merge: splits whose children would merge again after the same scan are not made.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ namespace ndtree {
 ///     s E+ + O + a <= 3/4 (s E- + a),  a being the prior, and s^2 for s with two or more levels below;
 /// - in an occupied cell, if E- is worth at most twelve beams, and the mean fraction of E+ is more than three
 ///   times what a child may have of E- and of the scan's passes.
-/// In free space, more evidence for occupied space never turns the answer from no to yes.
+/// In free space, more beams of any kind never turn the answer from no to yes.
 struct RemergePrediction {
   /// @pre a split is asked for. @param children_across see kChildrenAcross. @param levels below the cell.
   [[nodiscard]] static bool will_remerge(const EvidenceCell& cell, const ScanEvidence& scan,

@@ -12,8 +12,8 @@
 namespace ndtree {
 
 /// The states of all leaves below a node, an upper bound of their log-odds, and whether all are saturated: as
-/// long as beams pass, a scan leaves them as they are. The note of an inner node is such a word; 0 is a stale
-/// summary, of a node that is being changed.
+/// long as beams pass, a scan leaves them as they are. The summary_word() of an inner node is such a word; 0
+/// is a stale summary, of a node that is being changed.
 class Summary {
  public:
   Summary() = default;
@@ -27,12 +27,13 @@ class Summary {
     const std::uint32_t state = value == 0.0f ? flag(CellState::unknown) : flag(CellState::occupied) << sign;
     return Summary(kValid | (is_saturated ? 0u : kUnsaturated) | state | bound(bits, sign));
   }
-  /// Of a leaf, or from an inner node's note. A leaf is not taken for saturated.
+  /// Of a leaf, or of an inner node as it is written there. A leaf is not taken for saturated.
   template <class NodeType>
   [[nodiscard]] static Summary of(const NodeType& node) {
     return node.is_leaf() ? of_cell(node.cell()) : Summary(node.summary_word());
   }
-  /// Of a leaf, which is saturated if `is_saturated(cell)`, or from an inner node's note.
+  /// Of a leaf, which is saturated if `is_saturated(cell)`, or of an inner node as it is written
+  /// there.
   template <class NodeType, class IsSaturated>
   [[nodiscard]] static Summary of(const NodeType& node, const IsSaturated& is_saturated) {
     return node.is_leaf() ? of_cell(node.cell(), is_saturated(node.cell())) : Summary(node.summary_word());
@@ -106,7 +107,7 @@ SummaryOfSiblings summary_of_siblings(const NodeType* siblings, int count, const
   return result;
 }
 
-/// Writes the note of an inner node from those of its children. @returns it; stale if one of them is.
+/// Writes the summary of an inner node from those of its children. @returns it; stale if one of them is.
 /// @param is_saturated whether a cell is.
 template <class Tree, class IsSaturated>
 Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSaturated& is_saturated) {
@@ -116,8 +117,8 @@ Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSaturated
   return summary;
 }
 
-/// Writes the notes of a node and of all below it that are 0. O(inner nodes that have or had one, and their
-/// children).
+/// Writes the summaries of a node and of all below it that are 0. O(inner nodes that have or had one, and
+/// their children).
 template <class Tree, class IsSaturated>
 void summarise_stale(Tree& tree, typename Tree::NodeType& node, const IsSaturated& is_saturated) {
   if (node.is_leaf() || node.summary_word() != 0) return;

@@ -25,11 +25,10 @@ namespace ndtree {
 /// node.
 using BlockId = std::uint32_t;
 
-/// One node: the cell of a leaf, or an inner node's link to the block of its children and a word for notes
-/// about them, 0 at first.
-/// A cell that declares `static constexpr bool kLeavesTopBitOfFirstWordClear = true`, and keeps that promise
-/// with a std::uint32_t as its first member, shares its memory with the link: the node is then no larger than
-/// the cell. Any other cell stands beside the link.
+/// One node: the cell of a leaf, or an inner node's link to the block of its children and a word for a
+/// summary of them, 0 at first. A cell that declares `static constexpr bool kLeavesTopBitOfFirstWordClear =
+/// true`, and keeps that promise with a std::uint32_t as its first member, shares its memory with the link:
+/// the node is then no larger than the cell. Any other cell stands beside the link.
 template <class Cell, class = void>
 class Node {
  public:

@@ -38,7 +38,7 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
   };
 
   /// Restores a tree. @pre since `begin` there were only splits, merges, growth, and changes of cells and
-  /// notes.
+  /// summaries.
   static void undo(Tree& tree, const Begin& begin, std::vector<UndoLog>& logs) {
     tree.shrink_to(begin.root_index);
     for (UndoLog& log : logs)
@@ -102,8 +102,8 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
 };
 
 /// Before something changes below an inner node in a scan: its children are kept, and its summary becomes
-/// stale until the scan is done. Once, as a note of 0 is that of a node that was here, or that the scan has
-/// split.
+/// stale until the scan is done. Once, as a summary of 0 is that of a node that was here, or that the scan
+/// has split.
 /// @param undo null if nothing is kept.
 template <class Tree>
 void before_change_below(Tree& tree, typename Tree::NodeType& parent, UndoLog<Tree>* undo) {

@@ -13,7 +13,7 @@
 
 namespace ndtree {
 
-/// A beam has passed every cell, of any size, that it leaves before t_max - fixed - growth * t_max^2: a
+/// A beam clearly passes every cell that it leaves before t_free = t_max - fixed - growth * t_max^2: a
 /// margin fitted to the noise of near and far beams, that holds for any noise, as `fixed` is the largest that
 /// a beam needs.
 struct FreeMargin {
@@ -33,8 +33,8 @@ class BeamNoise {
     largest_.fill(0.0f);
     margin_.fill(0.0f);
   }
-  /// Adds one beam, or eight. @param sigma standard deviation of the range. @param reach t_max of the beam.
-  /// @param pass t_free: the beam has passed every cell that it leaves before this distance. All in [m].
+  /// Adds one beam, or eight. @param sigma standard deviation of the range. @param t_max where its evidence
+  /// ends. @param t_free it clearly passes every cell that it leaves before this distance. All in [m].
   template <class Floats>
   NDTREE_ALWAYS_INLINE void add(const Floats& sigma, const Floats& t_max, const Floats& t_free) {
     Floats smallest, largest, margin;

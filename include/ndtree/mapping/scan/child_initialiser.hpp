@@ -18,8 +18,8 @@
 namespace ndtree {
 
 /// Initialises the children of a leaf that splits with parts of its evidence, see ChildInitialisation. A
-/// child's part depends on how many of the leaf's sampled beams passed the child: left it before their end,
-/// noise included. Cost: O(sampled beams) for each child.
+/// child's part depends on how many of the leaf's sampled beams passed the child, see has_passed(). Cost:
+/// O(sampled beams) for each child.
 template <class Tree>
 class ChildrenInitialiser {
   static constexpr int N = Tree::kBranching;
@@ -121,8 +121,10 @@ class ChildrenInitialiser {
     return n;
   }
 #endif
-  /// Whether one beam or several passed a cell: they have clearly not met a surface where they leave the
-  /// cell. Without a branch, which would be unpredictable. @param clearly_free_until, surface see BeamEnd.
+  /// Whether one beam or several passed a cell: they leave it before clearly_free_until, or are without
+  /// return. Unlike in LeafEvidence, the exit of a small cell counts as it is. Without a branch, which would
+  /// be unpredictable.
+  /// @param clearly_free_until, surface see BeamEnd.
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static auto has_passed(const Floats& exit,
                                                             const Floats& clearly_free_until,

@@ -26,14 +26,17 @@ namespace ndtree {
 /// Strategy. Most beams clearly pass a leaf: a vector loop adds up their misses from entry and exit alone.
 /// Only for vectors with a beam that ends near the leaf are the ends looked up (add_near_end()). Evidence by
 /// where a beam's end point lies:
-/// - clearly behind the leaf: a miss, evidence for free space in proportion to the length inside the leaf;
-/// - near the leaf, within the noise: the inverse sensor model's evidence, and a miss if the end is behind;
+/// - behind the leaf, farther than the noise (BeamEnd::clearly_free_until): a miss, evidence for free space
+///   in proportion to the length inside the leaf;
+/// - behind the leaf, within the noise: a miss, and the inverse sensor model's evidence;
 /// - in the leaf: a hit, and the inverse sensor model's evidence;
 /// - before the leaf, by at most three standard deviations: the inverse sensor model's evidence, but only for
-///   cells as small as the noise, or smallest cells. A coarse cell behind a surface is not the surface.
+///   cells with an edge of at most two standard deviations, and smallest cells. A coarse cell behind a
+///   surface is not the surface.
 ///
-/// A hit is resolvable if smaller cells would be larger than the noise, and deep if the beam's length in the
-/// leaf, or the leaf itself, exceeds what the noise explains. A beam without return, or cut at the maximum
+/// A hit or miss is resolvable if a child's edge is at least noise_sigmas standard deviations. A resolvable
+/// hit is partial, evidence for a part of the leaf only, if the beam's length in the leaf before its end
+/// point, or the leaf's edge, exceeds three standard deviations. A beam without return, or cut at the maximum
 /// range, is a miss of every leaf that it crosses up to its end: a surface there would have returned it.
 ///
 /// Invariants: sums are integers, so the order of beams and the width do not matter; the loops over eight
@@ -121,7 +124,7 @@ class LeafEvidence {
     NDTREE_ALWAYS_INLINE OfBeam(const LeafEvidence& all, int level, std::uint32_t beam)
         : all_(all), size_(all.size_of(level)), number_(beam) {}
 
-    /// For a leaf that the beam clearly passes, see ScanBeams::t_free_of().
+    /// For a leaf that the beam is a miss of, without evidence for occupied space.
     /// @param crossing where it crosses the leaf.
     [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(const Crossing& crossing) const {
       return {units_of_length(crossing.exit - crossing.enter, size_), 1, is_resolvable()};
@@ -222,7 +225,7 @@ class LeafEvidence {
 
   // Of one beam, or of eight:
 
-  /// The evidence for free space of a way through a cell [m].
+  /// The weight of a miss: evidence for free space in proportion to its way through the cell [m].
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static auto units_of_length(const Floats& way, const Size& size) {
     const auto units = nearest_integer(Floats(way * size.units_per_metre));
@@ -247,9 +250,10 @@ class LeafEvidence {
   [[nodiscard]] NDTREE_ALWAYS_INLINE auto is_resolvable(const Size& size, const Floats& sigma) const {
     return size.child >= noise_sigmas_ * sigma;
   }
-  /// The evidence, see BeamWeight, for a cell that a beam neither clearly passes nor ends before.
+  /// The evidence, see BeamWeight, for a cell whose exit is not clearly before a beam's end point.
   /// @param end where it leaves the cell, or what counts as that [m]. @param holds_end whether the cell holds
-  ///   its end point. @param entry_behind gets how far behind its end it enters [standard deviations].
+  ///   its end point. @param entry_behind gets how far the entry is behind its end point, negative before it
+  ///   [standard deviations].
   template <class Floats, class Condition>
   [[nodiscard]] NDTREE_ALWAYS_INLINE auto near_end(const Size& size, const Floats& range, const Floats& sigma,
                                                    const Floats& enter, const Floats& end,
@@ -261,7 +265,7 @@ class LeafEvidence {
     return BeamWeight::units_of(sensor_.quick_log_odds(entry_behind, exit_behind),
                                 inside(size, sigma, range));
   }
-  /// Whether a hit surely lies behind the noise at the cell's border.
+  /// Whether a hit, if it is resolvable, is evidence for a part of the cell only.
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static auto is_partial_hit(const Size& size, const Floats& sigma,
                                                                 const Floats& entry_behind) {
@@ -376,9 +380,8 @@ class LeafEvidence {
     sums.free += units_of_length(EightFloats(exit - enter), size) & misses;
     sums.passed += EightInts::minus_one_where(misses);
   }
-  /// Adds the evidence of eight beams that do not all clearly pass a leaf, but for misses.
-  /// @param misses beams that clearly pass. @returns these and other beams that passed; their misses are not
-  ///   added.
+  /// Adds the evidence of eight beams, not all of which clearly pass a leaf, but for beams that are only a
+  /// miss. @param misses the beams that clearly pass. @returns all that are only a miss, for add_misses().
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightMask add_near_end(const Corner& leaf, const Size& size,
                                                                const EightEnds<D>& beams,
                                                                const EightFloats& enter,
@@ -389,7 +392,7 @@ class LeafEvidence {
     const EightMask is_small = LeafEvidence::is_small(size, beams.sigma);
     const EightFloats end = max_of(exit, enter + (beams.surface & is_small));
     const EightMask is_clearly_free = end < beams.clearly_free_until;
-    const EightMask passes = is_clearly_free | (beams.surface == 0.0f);  // Or did not return.
+    const EightMask passes = is_clearly_free | (beams.surface == 0.0f);  // Or without return.
     const EightMask holds_end = lie_in(leaf, size, beams.cell).without(is_clearly_free);
     misses = misses | (others & passes);
     const EightMask is_behind_surface = (enter >= beams.range).without(holds_end);

@@ -22,16 +22,15 @@ namespace ndtree {
 
 /// Divides the walk of a scan into tasks, and executes them by all workers.
 ///
-/// Strategy: workers bin parts of the beams by cell of a level, which the walk chooses (for evidence level
-/// 0); each cell with beams is a task. A task with so large a part of all beams that other workers would wait
-/// for it is subdivided: workers partition its lists, part by part, and its children are tasks. Tasks run the
-/// largest first (TaskOrder). Subdivided nodes are finalized at last, children before parents, by one thread.
-/// Invariants: tasks are disjoint subtrees; above the coarsest level nothing is merged; a task's lists
-/// hold each of its beams once, in ascending order, so that the map does not depend on the number of
-/// workers or parts.
-/// Cost: beyond that of the walk, copies of the tasks' lists, and O(t log t) for t tasks.
-/// Memory: 4 bytes for each crossing of a beam and a task's cell; subdivision adds at most 4 bytes for each
-/// of `most_to_subdivide` crossings.
+/// Strategy: workers bin parts of the beams by cell of the task level, which ScanUpdate (level 0) and
+/// FixedUpdate choose; each cell with beams is a task. A task with so large a part of all beams that other
+/// workers would wait for it is subdivided: workers partition its lists, part by part, and its children are
+/// tasks. Tasks run the largest first (TaskOrder). Subdivided nodes are finalized at last, children before
+/// parents, by one thread. Invariants: tasks are disjoint subtrees; above the task level nothing is merged; a
+/// task's lists hold each of its beams once, in ascending order, so that the map does not depend on the
+/// number of workers or parts. Cost: beyond that of the walk, copies of the tasks' lists, and O(t log t) for
+/// t tasks. Memory: 4 bytes for each crossing of a beam and a task's cell; subdivision adds at most 4 bytes
+/// for each of `most_to_subdivide` crossings.
 template <class Tree, class Walk>
 class ScanTasks {
   static constexpr int D = Tree::kDim;
@@ -81,7 +80,7 @@ class ScanTasks {
   struct Task {
     Ref ref;
     TaskCell<D> beams;
-    std::size_t subdivided;  // Index of its parent in subdivided_; kNone: a cell of the coarsest level.
+    std::size_t subdivided;  // Index of its parent in subdivided_; kNone: a cell of the task level.
     bool changed;
   };
   struct Subdivided {
@@ -96,7 +95,7 @@ class ScanTasks {
     const TaskList<D>* last;
   };
 
-  /// Bins all beams by cell of the coarsest level, and makes a task of each.
+  /// Bins all beams by cell of the task level, and makes a task of each.
   void bin(std::size_t beams) {
     // Parts take unequal times: up to two for each worker, unless their lists would be short.
     constexpr std::size_t kBeamsOfPart = 4096;
