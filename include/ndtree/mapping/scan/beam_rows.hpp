@@ -22,15 +22,15 @@ struct alignas(16) BeamRay {
 /// The row that leaves near a beam's end read; distances are along the beam [m]. A row of 32 bytes lies in
 /// one cache line.
 ///
-/// Up to clearly_free_until, see BeamSensorModel, a beam's evidence for a cell is that of a miss. The exit of
-/// a cell that is small beside the noise counts as at least `surface` behind its entry; so cells of any size
-/// are clearly free that the beam leaves before t_free = clearly_free_until - surface: it clearly passes
-/// them.
+/// A cell that the beam leaves before clearly_free_until, see BeamSensorModel, is clearly free: the beam is a
+/// miss of it, and no more. The exit of a cell that is small beside the noise counts as at least `surface`
+/// behind its entry. So cells of any size are clearly free that the beam leaves before t_free =
+/// clearly_free_until - surface: it clearly passes them.
 template <int D>
 struct alignas(D <= 3 ? 32 : 16) BeamEnd {
   float range;               ///< Of the end point, or t_free of a beam without return.
   float slant;               ///< Depth over range, in [1 / sqrt D, 1].
-  float clearly_free_until;  ///< A cell that it leaves before is clearly free. See below.
+  float clearly_free_until;  ///< See above.
   float surface;  ///< Its way through a small cell counts as at least this long. 0: without return.
   float sigma;    ///< Standard deviation of the range.
   /// Smallest cell of its end minus the base, see ScanBeams::ends_fit_32_bits().

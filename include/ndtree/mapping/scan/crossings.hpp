@@ -158,7 +158,7 @@ struct RayPacket {
   std::array<std::uint32_t, std::size_t{kCount}> set;      ///< Rays that cross child c.
   std::array<std::uint32_t, std::size_t{kCount}> passing;  ///< Rays that clearly pass child c.
   // For children that all their rays clearly pass, see LeafEvidence::passed():
-  bool has_passed = false;                                  ///< The others are valid.
+  bool has_passed = false;                                  ///< The next two are valid.
   std::array<std::uint32_t, std::size_t{kCount + 3}> free;  ///< Evidence of set[c] if all are misses.
   std::uint32_t resolvable;                                 ///< Rays whose misses are resolvable.
 

@@ -26,11 +26,12 @@ namespace ndtree {
 /// FixedUpdate choose; each cell with beams is a task. A task with so large a part of all beams that other
 /// workers would wait for it is subdivided: workers partition its lists, part by part, and its children are
 /// tasks. Tasks run the largest first (TaskOrder). Subdivided nodes are finalized at last, children before
-/// parents, by one thread. Invariants: tasks are disjoint subtrees; above the task level nothing is merged; a
-/// task's lists hold each of its beams once, in ascending order, so that the map does not depend on the
-/// number of workers or parts. Cost: beyond that of the walk, copies of the tasks' lists, and O(t log t) for
-/// t tasks. Memory: 4 bytes for each crossing of a beam and a task's cell; subdivision adds at most 4 bytes
-/// for each of `most_to_subdivide` crossings.
+/// parents, by one thread.
+/// Invariants: tasks are disjoint subtrees; above the task level nothing is merged; a task's lists hold each
+/// of its beams once, in ascending order, so that the map does not depend on the number of workers or parts.
+/// Cost: beyond that of the walk, copies of the tasks' lists, and O(t log t) for t tasks.
+/// Memory: 4 bytes for each crossing of a beam and a task's cell; subdivision adds at most 4 bytes for each
+/// of `most_to_subdivide` crossings.
 template <class Tree, class Walk>
 class ScanTasks {
   static constexpr int D = Tree::kDim;
