@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import sys
@@ -12,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from snippets import ROOT, blocks
 
 import ndtree
 
@@ -185,39 +183,6 @@ def test_a_slice_is_named_by_its_coordinate() -> None:
     for wrong in ({}, {"x": 1.0, "y": 1.0}, {"axis": "z"}, {"axis": "z", "value": 1.0, "z": 1.0}):
         with pytest.raises(ValueError, match="expected one of x, y and z, or axis and value"):
             ndtree.plot.slice(m, **wrong)
-
-
-# --- Types ------------------------------------------------------------------------------------------
-
-
-def test_a_strict_checker_accepts_what_pages_show(tmp_path: Path) -> None:
-    api = pytest.importorskip("mypy.api", reason="mypy is not installed")
-    pages = []
-    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
-        code = "\n".join(blocks(page.read_text(), "python"))
-        if code.strip():
-            pages.append(tmp_path / f"{page.stem.lower()}_page.py")
-            pages[-1].write_text(code)
-    assert len(pages) > 5
-    others = tmp_path / "mypy.ini"  # What other libraries say of themselves is theirs.
-    others.write_text(
-        "[mypy]\n[mypy-trimesh.*]\nfollow_imports = skip\n[mypy-yaml.*]\nignore_missing_imports = True\n"
-    )
-    said, failed, _ = api.run(
-        [
-            "--strict",
-            "--allow-untyped-calls",
-            "--no-error-summary",
-            "--cache-dir",
-            os.devnull,
-            "--config-file",
-            str(others),
-            *map(str, pages),
-        ]
-    )
-    assert not failed, failed
-    wrong = [line for line in said.splitlines() if "_page.py:" in line and ": error: " in line]
-    assert not wrong, "\n".join(wrong)
 
 
 # --- What is no map ---------------------------------------------------------------------------------

@@ -99,8 +99,10 @@ def leaf_numbers(m: ndtree.OccupancyMap) -> tuple[NDArray[np.int64], NDArray[np.
     first = np.rint((leaves.lower - lower) / size).astype(int)
     across = np.rint(leaves.size / size).astype(int)
     grid = np.full((first + across[:, None]).max(axis=0), -1)
-    for i, ((x, y), n) in enumerate(zip(first, across)):
-        grid[x : x + n, y : y + n] = i
+    for n in np.unique(across):
+        which = np.flatnonzero(across == n)
+        for dx, dy in np.ndindex(n, n):
+            grid[first[which, 0] + dx, first[which, 1] + dy] = which
     return grid, lower
 
 

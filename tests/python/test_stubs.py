@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from snippets import ROOT, blocks
 
 import ndtree
 import ndtree.typing
@@ -208,13 +209,27 @@ def test_typed_options_are_those_of_the_maps():
         ndtree.simulate("office", scans=2, **{option: 0})
 
 
-def test_a_strict_checker_accepts_what_is_right_and_sees_what_is_wrong():
+def test_a_strict_checker_accepts_pages_and_what_is_right_and_sees_what_is_wrong(tmp_path: Path) -> None:
     api = pytest.importorskip("mypy.api", reason="mypy is not installed")
     pytest.importorskip("typing_extensions", reason="typing_extensions is not installed")
-    said, failed, _ = api.run(
-        ["--strict", "--cache-dir", os.devnull, "--no-error-summary", "--hide-error-context", str(USES)]
+    pages = []
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+        code = "\n".join(blocks(page.read_text(), "python"))
+        if code.strip():
+            pages.append(tmp_path / f"{page.stem.lower()}_page.py")
+            pages[-1].write_text(code)
+    assert len(pages) > 5
+    settings = tmp_path / "mypy.ini"  # What other libraries say of themselves is theirs.
+    settings.write_text(
+        "[mypy]\nstrict = True\n"
+        "[mypy-trimesh.*]\nfollow_imports = skip\n[mypy-yaml.*]\nignore_missing_imports = True\n"
+        + "".join(f"[mypy-{page.stem}]\ndisallow_untyped_calls = False\n" for page in pages)
     )
+    options = ["--config-file", str(settings), "--cache-dir", os.devnull, "--no-error-summary"]
+    said, failed, _ = api.run([*options, "--hide-error-context", str(USES), *map(str, pages)])
     assert not failed, failed
+    in_pages = [line for line in said.splitlines() if "_page.py:" in line and ": error: " in line]
+    assert not in_pages, "\n".join(in_pages)
     found = {
         (int(line), code)
         for line, code in re.findall(r"uses\.py:(\d+): error: .*\[([\w-]+)\]$", said, re.MULTILINE)
