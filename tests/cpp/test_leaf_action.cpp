@@ -24,7 +24,7 @@ ScanEvidence random_scan(Random& random, int most) {
   scan.resolvable_misses = static_cast<std::uint32_t>(random.integer(0, static_cast<int>(scan.misses)));
   scan.hits = random.chance(0.5) ? static_cast<std::uint32_t>(random.integer(0, most)) : 0;
   scan.resolvable_hits = static_cast<std::uint32_t>(random.integer(0, static_cast<int>(scan.hits)));
-  scan.deep_hits = static_cast<std::uint32_t>(random.integer(0, static_cast<int>(scan.resolvable_hits)));
+  scan.partial_hits = static_cast<std::uint32_t>(random.integer(0, static_cast<int>(scan.resolvable_hits)));
   scan.beams = scan.misses + scan.hits;
   scan.free = 104 * static_cast<std::int64_t>(scan.misses);
   scan.occupied = static_cast<std::int64_t>(random.integer(0, 217)) * static_cast<std::int64_t>(scan.hits);
@@ -61,7 +61,7 @@ TEST(LeafAction, OfANewCellThatBeamsHaveOnlyPassedCoverageDecides) {
   options.covered_share = 0.0;
   EXPECT_EQ(EvidenceRefinement(options).action(EvidenceCell(), scan, kChildrenAcross, kLevels),
             LeafAction::update);
-  scan.hits = scan.resolvable_hits = scan.deep_hits = 1;
+  scan.hits = scan.resolvable_hits = scan.partial_hits = 1;
   scan.occupied = 200;
   EXPECT_EQ(refinement.action(EvidenceCell(), scan, kChildrenAcross, kLevels), LeafAction::split);
 }
@@ -112,10 +112,7 @@ TEST(LeafAction, MoreBeamsNeverRevokeAnEarlySplit) {
   for (int i = 0; i < 20000; ++i) {
     const EvidenceCell cell = random_cell(random, refinement.model);
     ScanEvidence scan = random_scan(random, 6);
-    const auto splits = [&] {
-      return refinement.splits_anyway(cell, scan) &&
-             !refinement.model.predicted_to_remerge(cell, scan, kChildrenAcross, kLevels);
-    };
+    const auto splits = [&] { return refinement.certainly_splits(cell, scan, kChildrenAcross, kLevels); };
     if (!splits()) continue;
     ++early;
     for (int more = 0; more < 4; ++more) {

@@ -219,7 +219,7 @@ TYPED_TEST(ScanLists, EvidenceAndCoverageAreTheSameEightAtATime) {
         EXPECT_EQ(evidence[0].misses, evidence[1].misses);
         EXPECT_EQ(evidence[0].resolvable_hits, evidence[1].resolvable_hits);
         EXPECT_EQ(evidence[0].resolvable_misses, evidence[1].resolvable_misses);
-        EXPECT_EQ(evidence[0].deep_hits, evidence[1].deep_hits);
+        EXPECT_EQ(evidence[0].partial_hits, evidence[1].partial_hits);
         EXPECT_EQ(evidence[0].beams, evidence[1].beams);
         EXPECT_EQ(all_pass[0], all_pass[1]);
         for (int j = 0; j < ScanCoverage<N, D>::kNumChildren; ++j) {
@@ -296,14 +296,14 @@ TEST(ScanBeams, SurelyPassAlmostAllThatTheyDo) {
       beams.finish(noise);
       for (std::uint32_t i = 0; i < kBeams; ++i) {
         const BeamEnd<3>& end = beams.end(i);
-        const float pass = beams.t_free_of(i);
-        ASSERT_LE(pass, end.clear - end.surface);
-        ASSERT_GT(pass, end.clear - end.surface - 0.02f);
-        if (at_a_time == 1) passes.push_back(pass);
-        ASSERT_EQ(pass, passes[i]);
+        const float t_free = beams.t_free_of(i);
+        ASSERT_LE(t_free, end.clearly_free_until - end.surface);
+        ASSERT_GT(t_free, end.clearly_free_until - end.surface - 0.02f);
+        if (at_a_time == 1) passes.push_back(t_free);
+        ASSERT_EQ(t_free, passes[i]);
 #ifdef NDTREE_HAS_EIGHTS
         if (Simd::width() >= 8) {
-          ASSERT_EQ(pass, passes_of_eight(beams, i - i % 8)[i % 8]);
+          ASSERT_EQ(t_free, passes_of_eight(beams, i - i % 8)[i % 8]);
         }
 #endif
       }

@@ -184,7 +184,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   SCOPED_TRACE(random.trace());
   struct Row {
     double range_sigma, range_sigma_quadratic, noise_sigmas, merge_loss, evidence_memory, free_memory,
-        scan_beams, known_evidence, sample_beams, covered_share, coverage_cells, beam_divergence = 0.0;
+        scan_beams, known_evidence, sample_beams, covered_share, coverage_cells, beam_divergence = 0.0,
+                                                                                 partial_probability = 0.0;
   };
   const Row rows[] = {
       {0.06, 0.0, 1.0, 4.0, 200.0, 200.0, 1e6, 1.0, 1e6, 0.75, 1.0, 0.3},
@@ -196,8 +197,9 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       {0.06, 0.0, 1.0, 4.0, 200.0, 2.0, 3.0, 2.0, 0.3, 0.0, 2.0},  // Free space is saturated soon.
       {0.3, 0.0, 0.0, 1.0, 200.0, 20.0, 16.0, 1.0, 1e6, 0.0,
        2.0},  // Cells of all sizes are small beside the noise.
-      {0.2, 0.0, 1.5, 2.0, 20.0, 200.0, 16.0, 3.0, 0.1, 0.0, 2.0},   // So they are, and not all may split.
-      {0.02, 0.002, 3.0, 0.3, 5.0, 1.0, 1.0, 1.0, 0.05, 0.0, 2.0}};  // Every beam has noise of its own.
+      {0.2, 0.0, 1.5, 2.0, 20.0, 200.0, 16.0, 3.0, 0.1, 0.0, 2.0},  // So they are, and not all may split.
+      {0.02, 0.002, 3.0, 0.3, 5.0, 1.0, 1.0, 1.0, 0.05, 0.0, 2.0},  // Every beam has noise of its own.
+      {0.06, 0.0, 1.0, 4.0, 200.0, 20.0, 16.0, 1.0, 1e6, 0.5, 2.0, 0.0, 0.6}};  // What is thin stays.
   const int levels = N == 2 ? 2 : 1;
   const double coarsest = kUnit * std::pow(N, levels);
   int scans = 0;
@@ -208,6 +210,8 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   std::uint64_t sampled = 0;
   std::uint64_t for_coverage = 0;
   std::uint64_t partly_seen = 0;
+  std::uint64_t kept_occupied = 0;
+  std::uint64_t stayed_apart = 0;
   for (const Row& row : rows)
     for (const double grid : {0.0, kUnit / 4.0}) {
       MapOptions options = spelled_out_options(kUnit, coarsest);
@@ -223,6 +227,7 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       options.covered_share = row.covered_share;
       options.coverage_cells = row.coverage_cells;
       options.beam_divergence = row.beam_divergence;
+      options.partial_probability = row.partial_probability;
       ASSERT_EQ(options.num_levels(N), levels);
       SCOPED_TRACE("row " + std::to_string(&row - rows) + ", grid " + std::to_string(grid));
       AdaptiveMap<N, D> map(options);
@@ -250,10 +255,14 @@ TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
       sampled += flat.not_sampled;
       for_coverage += flat.for_coverage;
       partly_seen += flat.partly_seen;
+      kept_occupied += flat.kept_occupied;
+      stayed_apart += flat.stayed_apart;
     }
-  EXPECT_EQ(scans, 10 * 2 * 12);
+  EXPECT_EQ(scans, 11 * 2 * 12);
   EXPECT_GE(for_coverage, D == 1 ? 0u : N == 2 ? 20u : 5u);
   EXPECT_GE(partly_seen, D == 1 ? 0u : N == 2 ? 30u : 5u);
+  EXPECT_GE(kept_occupied, D < 4 ? 50u : 5u);
+  EXPECT_GE(stayed_apart, N == 2 && D <= 2 ? 5u : 0u);
   EXPECT_GE(splits, 30u);
   EXPECT_GE(merges, 5u);
   EXPECT_GE(remerged, 5u);

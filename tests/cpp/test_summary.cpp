@@ -166,7 +166,7 @@ TEST(Summary, NodesOfSaturatedLeavesSayThatTheyAreUntilOneIsHit) {
         for (int j = 0; !node.is_leaf() && j < 4; ++j) self(self, map.tree().child(node, j));
       };
       look(look, typename AdaptiveMap<2, 2>::Tree::ConstRef(ref));
-      EXPECT_EQ(Summary(ref.node->note()).is_saturated(), all);
+      EXPECT_EQ(Summary(ref.node->summary_word()).is_saturated(), all);
       saturated += all;
     });
     return saturated;
@@ -215,10 +215,10 @@ void check_summaries_of_siblings(Random& random) {
         model.assign(cell, random.integer(0, 2000), random.integer(0, 100));
         break;
       default: {
-        Summary note = Summary::of_cell(model.saturated(), random.chance(0.5));
-        if (random.chance(0.3)) note.add(Summary::of_cell(EvidenceCell{}));
+        Summary summary = Summary::of_cell(model.saturated(), random.chance(0.5));
+        if (random.chance(0.3)) summary.add(Summary::of_cell(EvidenceCell{}));
         sibling.become_inner(static_cast<BlockId>(random.integer(0, 1000)));
-        sibling.set_note(random.chance(0.2) ? 0 : note.word());
+        sibling.set_summary_word(random.chance(0.2) ? 0 : summary.word());
         continue;
       }
     }

@@ -58,7 +58,7 @@ class ChangeDetection {
 
   static void forget_all_but_streak(EvidenceCell& cell, const EvidenceMemory& memory) {
     const bool hit = cell.streak_is_of_hits();
-    const std::int64_t one = hit ? memory.hit() : memory.miss();
+    const std::int64_t one = hit ? memory.hit_evidence() : memory.miss_evidence();
     const std::int64_t evidence = hit ? cell.occupied_evidence() : cell.free_evidence();
     const std::int64_t recent = std::min(evidence, cell.streak() * one);
     memory.assign(cell, hit ? recent : 0, hit ? 0 : recent);

@@ -53,13 +53,13 @@ class ChildInitialisation {
     if (!parent.observed() && !was_seen) return child;
     const double mean = 1.0 / children_across;
     const double fraction = path_fraction(mean, static_cast<double>(passed), static_cast<double>(beams));
-    const std::int64_t free = EvidenceMemory::part(parent.free_evidence(), fraction);
+    const std::int64_t free = EvidenceMemory::fraction_of(parent.free_evidence(), fraction);
     const bool may_be_unknown = parent.state() != CellState::occupied;
-    if (may_be_unknown && free < memory.miss()) return child;
+    if (may_be_unknown && free < memory.miss_evidence()) return child;
     const double hit_fraction = may_be_unknown ? std::min(mean, fraction) : mean;
-    memory.assign(child, EvidenceMemory::part(parent.occupied_evidence(), hit_fraction), free);
-    child.set_counts(static_cast<std::uint32_t>(EvidenceMemory::part(parent.hits(), hit_fraction)),
-                     static_cast<std::uint32_t>(EvidenceMemory::part(parent.misses(), fraction)));
+    memory.assign(child, EvidenceMemory::fraction_of(parent.occupied_evidence(), hit_fraction), free);
+    child.set_counts(static_cast<std::uint32_t>(EvidenceMemory::fraction_of(parent.hits(), hit_fraction)),
+                     static_cast<std::uint32_t>(EvidenceMemory::fraction_of(parent.misses(), fraction)));
     const bool is_covered = parent.observed() && parent.is_covered();
     const bool all_seen = is_covered || (was_seen && part_is_child);
     if (!all_seen && passed == 0 && child.state() == CellState::free) return EvidenceCell();

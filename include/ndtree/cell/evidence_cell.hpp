@@ -14,10 +14,10 @@
 
 namespace ndtree {
 
-/// The evidence of a scan's beams that all passed a cell: for free space only.
+/// The evidence of a scan's beams that all passed a cell, or parts of it without return: for free space only.
 struct PassedEvidence {
   std::int64_t free = 0;                ///< In units of EvidenceCell::kUnit.
-  std::uint32_t misses = 0;             ///< Beams that passed all of it.
+  std::uint32_t misses = 0;             ///< See ScanEvidence.
   std::uint32_t resolvable_misses = 0;  ///< Misses of small noise, see ScanEvidence.
 
   [[nodiscard]] static bool is_free_alone() { return true; }
@@ -28,12 +28,14 @@ struct ScanEvidence {
   std::int64_t occupied = 0;  ///< For occupied space, in units of EvidenceCell::kUnit.
   std::int64_t free = 0;      ///< For free space, in the same units.
   std::uint32_t hits = 0;     ///< Beams that ended in the cell.
-  std::uint32_t misses = 0;   ///< Beams that passed all of it.
+  std::uint32_t misses = 0;   ///< Beams that passed it, or, without return, the part up to their end.
   // Hits and misses of beams for which a child's edge is at least noise_sigmas standard deviations:
   std::uint32_t resolvable_hits = 0;
   std::uint32_t resolvable_misses = 0;
-  std::uint32_t deep_hits = 0;  ///< Resolvable hits behind > 3 sigma of the cell, or in one > 3 sigma wide.
-  std::uint32_t beams = 0;      ///< Beams with any evidence for the cell.
+  /// Resolvable hits that are evidence for a part of the cell only: behind a free way of more than 3 sigma
+  /// through the cell, or any in a cell with an edge of more than 3 sigma.
+  std::uint32_t partial_hits = 0;
+  std::uint32_t beams = 0;  ///< Beams with any evidence for the cell.
 
   /// Whether no beam is evidence for occupied space.
   [[nodiscard]] bool is_free_alone() const { return hits == 0 && occupied == 0; }
@@ -52,7 +54,7 @@ struct ScanEvidence {
     misses += others.misses;
     resolvable_hits += others.resolvable_hits;
     resolvable_misses += others.resolvable_misses;
-    deep_hits += others.deep_hits;
+    partial_hits += others.partial_hits;
     beams += others.beams;
   }
   [[nodiscard]] static const ScanEvidence& of(const ScanEvidence& scan) { return scan; }
@@ -65,7 +67,7 @@ struct ScanEvidence {
 
 /// Evidence of one leaf in 12 bytes: log-odds weights of all that was for occupied and of all that was for
 /// free, the counts of hits and misses, and for how many scans all beams have said the same. The log-odds is
-/// a function of the two sums (see EvidenceModel) and is kept beside them because queries want nothing else.
+/// a function of the two sums (see EvidenceMemory) and is kept beside them because queries want nothing else.
 /// Invariant: a cell that was never updated is all zeros. One that is but partly seen has no counts and
 /// log-odds of 0.
 class EvidenceCell {
@@ -116,7 +118,8 @@ class EvidenceCell {
     counts_ = kPartlySeen;
     evidence_ = word_of(parts, free);
   }
-  /// Whether all of the cell was seen: then its evidence holds for each child.
+  /// Whether the cell is not known to be partly unseen: then its evidence holds for each child. Also true of
+  /// cells that coverage was not asked about, as one that a hit observed first.
   [[nodiscard]] bool is_covered() const { return (counts_ & kNotCovered) == 0; }
   /// observed() and is_covered(): coverage has nothing more to say of the cell.
   [[nodiscard]] bool is_fully_observed() const { return (counts_ & (kObserved | kNotCovered)) == kObserved; }

@@ -36,17 +36,17 @@ class EvidenceMemory {
         odds_max_(std::exp(sensor.log_odds_max)),
         prior_(options.evidence_prior / EvidenceCell::kUnit),
         logs_(EvidenceLogs::of_prior(prior_)),
-        hit_(ndtree::log_odds(sensor.probability_max)),
-        miss_(units(-ndtree::log_odds(sensor.probability_min))),
+        hit_nats_(ndtree::log_odds(sensor.probability_max)),
+        miss_units_(units(-ndtree::log_odds(sensor.probability_min))),
         memory_(units(options.evidence_memory)),
         free_memory_(units(std::min(options.free_memory, options.evidence_memory))),
         free_memory_beams_(static_cast<std::uint32_t>(
-            std::clamp<std::int64_t>(free_memory_ / miss_, 1, EvidenceCell::kMaxCount))) {}
+            std::clamp<std::int64_t>(free_memory_ / miss_units_, 1, EvidenceCell::kMaxCount))) {}
 
   /// Evidence for free space from a beam that passed a cell on a way of mean length.
-  [[nodiscard]] std::int64_t miss() const { return miss_; }
+  [[nodiscard]] std::int64_t miss_evidence() const { return miss_units_; }
   /// Evidence for occupied space from a beam that certainly ended in the cell.
-  [[nodiscard]] std::int64_t hit() const { return units(hit_); }
+  [[nodiscard]] std::int64_t hit_evidence() const { return units(hit_nats_); }
   [[nodiscard]] double prior() const { return prior_; }
   /// Evidence that a cell remembers at most.
   [[nodiscard]] std::int64_t memory() const { return memory_; }
@@ -69,11 +69,11 @@ class EvidenceMemory {
   }
   /// Beams that pass a cell that are worth this evidence for free space.
   [[nodiscard]] double beams_of(std::int64_t free) const {
-    return static_cast<double>(free) / static_cast<double>(miss_);
+    return static_cast<double>(free) / static_cast<double>(miss_units_);
   }
   /// Beams that a cell's evidence is worth: ending in it, and passing it.
   [[nodiscard]] double effective_hits(const EvidenceCell& cell) const {
-    return static_cast<double>(cell.occupied_evidence()) * EvidenceCell::kUnit / hit_;
+    return static_cast<double>(cell.occupied_evidence()) * EvidenceCell::kUnit / hit_nats_;
   }
   [[nodiscard]] double effective_misses(const EvidenceCell& cell) const {
     return beams_of(cell.free_evidence());
@@ -101,12 +101,12 @@ class EvidenceMemory {
   }
 
   /// A fraction in [0, 1] of evidence or counts, rounded down.
-  [[nodiscard]] static std::int64_t part(std::int64_t whole, double fraction) {
+  [[nodiscard]] static std::int64_t fraction_of(std::int64_t whole, double fraction) {
     return static_cast<std::int64_t>(static_cast<double>(whole) * fraction);
   }
   /// The fraction rounded up: what was seen once is not forgotten.
-  [[nodiscard]] static std::int64_t part_up(std::int64_t whole, double fraction) {
-    return whole - part(whole, 1.0 - fraction);
+  [[nodiscard]] static std::int64_t fraction_of_rounded_up(std::int64_t whole, double fraction) {
+    return whole - fraction_of(whole, 1.0 - fraction);
   }
   [[nodiscard]] static std::int64_t units(double nats) { return std::llround(nats / EvidenceCell::kUnit); }
 
@@ -123,8 +123,8 @@ class EvidenceMemory {
   double odds_max_;
   double prior_;
   std::shared_ptr<const EvidenceLogs> logs_;
-  double hit_;  // [nats]
-  std::int64_t miss_;
+  double hit_nats_;  // [nats]
+  std::int64_t miss_units_;
   std::int64_t memory_;
   std::int64_t free_memory_;
   std::uint32_t free_memory_beams_;

@@ -22,7 +22,7 @@
 namespace ndtree {
 
 struct EvidenceMergeOptions {
-  double merge_loss = 4.0;  ///< Siblings join if that loses at most this for each cell that it saves [bits].
+  double merge_loss = 4.0;  ///< Siblings merge if that loses at most this for each cell that it saves [bits].
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>
@@ -41,7 +41,7 @@ struct EvidenceMergeOptions {
 ///   being that of a cell never observed.
 ///
 /// While mapping, occupied siblings merge only if one rate for all is likelier by 1 bit under a uniform
-/// prior: beside a surface cells do differ. Free ones join only if all are clearly free, with log-odds of at
+/// prior: beside a surface cells do differ. Free ones merge only if all are clearly free, with log-odds of at
 /// most -0.5: a cell between the states would split again at the next hit. Siblings of different states never
 /// merge, as young evidence cannot tell them apart, nor do siblings that were not all observed: unknown space
 /// must not become free or occupied.
@@ -59,7 +59,8 @@ class EvidenceMergeRule {
   };
 
   /// @param siblings nodes; they merge only if all are leaves.
-  /// @param children_across as in EvidenceModel::initial_child(), whose inverse a merge of equal cells is.
+  /// @param children_across see kChildrenAcross. A merge of equal cells is the inverse of child
+  /// initialisation.
   /// @returns the parent's cell, or none if the siblings stay. O(siblings).
   template <class NodeType>
   [[nodiscard]] std::optional<EvidenceCell> operator()(const NodeType* siblings, int count,
@@ -85,7 +86,7 @@ class EvidenceMergeRule {
     return joined.cell;
   }
 
-  /// Joins siblings whatever they say. Those that were never observed bring no evidence, but become known.
+  /// Merges siblings whatever they say. Those that were never observed bring no evidence, but become known.
   /// @param most loss that matters: of more, not all may be counted, and there is no cell [bits].
   /// @pre all are leaves.
   template <class NodeType>

@@ -23,12 +23,13 @@
 namespace ndtree {
 
 /// What a scan does to one cell. Each decision stands in a part, beside its derivation:
-/// - weighing a beam: BeamWeight; log-odds of evidence, and its fading: EvidenceMemory;
+/// - log-odds of evidence, and its fading: EvidenceMemory;
 /// - how many beams of a scan count: SamplingRate;
 /// - whether the world has changed in the cell: ChangeDetection;
 /// - what children start with: ChildInitialisation;
 /// - whether a split would be undone after the same scan: RemergePrediction.
-/// Whether a cell splits at all is EvidenceRefinement's question. Every function is O(1) and const.
+/// What a beam is worth to a cell is computed before, see LeafEvidence; whether a cell splits at all is
+/// EvidenceRefinement's question. Every function is O(1) and const.
 class EvidenceModel {
  public:
   EvidenceModel(const EvidenceOptions& options, const SensorOptions& sensor)
@@ -67,8 +68,8 @@ class EvidenceModel {
     return scan.free > 0 && free_with(cell, scan) <= cell.free_evidence();
   }
 
-  /// True if scans whose beams all pass the cell leave it as it is: its evidence for free space is at its
-  /// cap, and it has no other.
+  /// True if scans whose beams all pass the cell leave it as it is: its evidence for free space and its count
+  /// of misses are at their caps, and it has no other evidence, no hits and no streak.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const {
     return cell.is_as_free_as(saturated_) && forgets_nothing();
   }
@@ -109,7 +110,7 @@ class EvidenceModel {
     return change_.has_changed(cell, memory_);
   }
 
-  // ChildInitialisation
+  // ChildInitialisation. @param children_across see kChildrenAcross.
   [[nodiscard]] static bool has_evidence_for_children(const EvidenceCell& parent) {
     return ChildInitialisation::has_evidence(parent);
   }
@@ -130,7 +131,7 @@ class EvidenceModel {
   }
 
   // EvidenceMemory
-  [[nodiscard]] std::int64_t miss_evidence() const { return memory_.miss(); }
+  [[nodiscard]] std::int64_t miss_evidence() const { return memory_.miss_evidence(); }
   [[nodiscard]] NDTREE_ALWAYS_INLINE float log_odds_of(std::int64_t occupied, std::int64_t free) const {
     return memory_.log_odds_of(occupied, free);
   }
@@ -166,7 +167,8 @@ class EvidenceModel {
   /// @param state free or occupied. @param beams n > 0.
   [[nodiscard]] EvidenceCell marked(CellState state, double beams) const {
     const bool is_occupied = state == CellState::occupied;
-    const double of_beam = static_cast<double>(is_occupied ? memory_.hit() : memory_.miss());
+    const double of_beam =
+        static_cast<double>(is_occupied ? memory_.hit_evidence() : memory_.miss_evidence());
     const auto evidence = static_cast<std::int64_t>(
         std::clamp(beams * of_beam, 1.0, static_cast<double>(EvidenceCell::kMaxEvidence)));
     const auto count =
@@ -178,7 +180,7 @@ class EvidenceModel {
   }
   /// Whether a cell remembers the evidence of this many beams that ended in it.
   [[nodiscard]] bool remembers_hits(double beams) const {
-    return beams * static_cast<double>(memory_.hit()) <= static_cast<double>(memory_.memory());
+    return beams * static_cast<double>(memory_.hit_evidence()) <= static_cast<double>(memory_.memory());
   }
   /// A cell of a model with other options, limited to what this one remembers. With equal options it is the
   /// same cell.
@@ -193,7 +195,8 @@ class EvidenceModel {
  private:
   /// Evidence for free space that a cell without other has after a scan.
   [[nodiscard]] std::int64_t free_with(const EvidenceCell& cell, const ScanEvidence& scan) const {
-    return std::min(EvidenceMemory::part(cell.free_evidence(), kept_) + scan.free, memory_.free_memory());
+    return std::min(EvidenceMemory::fraction_of(cell.free_evidence(), kept_) + scan.free,
+                    memory_.free_memory());
   }
   /// True if update_free() is enough for a scan whose beams all pass the cell.
   [[nodiscard]] NDTREE_ALWAYS_INLINE bool keeps_only_free_evidence(const EvidenceCell& cell) const {
@@ -215,8 +218,8 @@ class EvidenceModel {
     std::int64_t occupied = now.occupied_evidence();
     std::int64_t free = now.free_evidence();
     if (!forgets_nothing()) {
-      occupied = EvidenceMemory::part(occupied, kept_);
-      free = EvidenceMemory::part(free, kept_);
+      occupied = EvidenceMemory::fraction_of(occupied, kept_);
+      free = EvidenceMemory::fraction_of(free, kept_);
     }
     occupied += scan.occupied;
     free += scan.free;

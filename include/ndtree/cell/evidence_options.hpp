@@ -18,7 +18,9 @@ struct EvidenceOptions {
   double inherited_beams = 2.0;  ///< Evenly spread beams added to a scan's where a split divides evidence.
   double change_probability = 1e-5;  ///< A streak of scans less likely than this is a change; 0: never.
   double evidence_half_life = 0.0;   ///< Scans of a cell after which its evidence has halved; 0: never.
-  double noise_sigmas = 1.0;         ///< No split makes cells smaller than this many standard deviations.
+  /// No hit or miss splits a cell into children smaller than this many standard deviations. Coverage may, to
+  /// separate seen from unseen space.
+  double noise_sigmas = 1.0;
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>

@@ -81,7 +81,7 @@ class EvidenceSummary {
     return EightInts::load(eight.data());
   }
   /// @param nodes words: of a leaf, the second is its log-odds; of an inner node, the first has its top bit
-  ///   set, and the second is the note.
+  ///   set, and the second is the summary.
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE SummaryOfSiblings
   by_eights(const std::uint32_t* nodes) const {
     const EightInts valid = load(valid_);

@@ -14,7 +14,7 @@
 namespace ndtree {
 
 struct MergeOptions {
-  double merge_free_below = 0.13;      ///< Siblings join if all are at most this probable,
+  double merge_free_below = 0.13;      ///< Siblings merge if all are at most this probable,
   double merge_occupied_above = 0.96;  ///< or all at least this.
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
@@ -27,8 +27,8 @@ struct MergeOptions {
   void validate() const { for_each_bounded(*this, require_within); }
 };
 
-/// Siblings join where all are almost surely free, or all almost surely occupied. The parent gets the mean of
-/// their probabilities and the sum of their counts, unless these would split it again at once.
+/// Siblings merge where all are almost surely free, or all almost surely occupied. The parent gets the mean
+/// of their probabilities and the sum of their counts, unless these would split it again at once.
 class SameStateMergeRule {
  public:
   explicit SameStateMergeRule(const MergeOptions& options)

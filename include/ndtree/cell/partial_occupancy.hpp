@@ -37,8 +37,8 @@ struct OccupancyHypotheses {
 /// I being the incomplete beta function: beta-binomial evidence, truncated. Unlike a point hypothesis, an
 /// interval does not reject counts that are cleaner than the error rates predict.
 ///
-/// Where in the cell a beam ended enters through the counts: a beam that came a long free way through the
-/// cell before it ended has passed a part of it, and counts as a miss and as a hit.
+/// Where in the cell a beam ended enters through the counts: a partial hit, see ScanEvidence, counts as a hit
+/// and as a miss, since a part of the cell is probably free.
 class PartialOccupancyModel {
  public:
   /// @throws std::invalid_argument if the error rates leave no room for partially occupied cells.

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Predicting re-merge: splits whose children would join again after the same scan are not made.
+/// Predicting re-merge: splits whose children would merge again after the same scan are not made.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ namespace ndtree {
 ///     s E+ + O + a <= 3/4 (s E- + a),  a being the prior, and s^2 for s with two or more levels below;
 /// - in an occupied cell, if E- is worth at most twelve beams, and the mean fraction of E+ is more than three
 ///   times what a child may have of E- and of the scan's passes.
-/// In free space, more evidence for occupied space never turns the answer from no to yes.
+/// In free space, more beams of any kind never turn the answer from no to yes.
 struct RemergePrediction {
   /// @pre a split is asked for. @param children_across see kChildrenAcross. @param levels below the cell.
   [[nodiscard]] static bool will_remerge(const EvidenceCell& cell, const ScanEvidence& scan,
@@ -32,7 +32,7 @@ struct RemergePrediction {
     const double mean = 1.0 / children_across;
     const auto occupied = static_cast<double>(cell.occupied_evidence());
     const auto free = static_cast<double>(cell.free_evidence());
-    const auto miss = static_cast<double>(memory.miss());
+    const auto miss = static_cast<double>(memory.miss_evidence());
     switch (cell.state()) {
       case CellState::free: {
         const double of_child = children.path_fraction(mean, 0.0, scan.beams);
@@ -65,11 +65,15 @@ struct RemergePrediction {
     const double kept_hits = cell.state() == CellState::free ? kept_free : kept;
     EvidenceCell now;
     now.set_covered(cell.is_covered());
-    memory.assign(now, EvidenceMemory::part_up(cell.occupied_evidence(), kept_hits) + scan.occupied,
-                  EvidenceMemory::part_up(cell.free_evidence(), kept_free) + scan.free);
+    memory.assign(now,
+                  EvidenceMemory::fraction_of_rounded_up(cell.occupied_evidence(), kept_hits) + scan.occupied,
+                  EvidenceMemory::fraction_of_rounded_up(cell.free_evidence(), kept_free) + scan.free);
     memory.set_counts(
-        now, static_cast<std::uint32_t>(EvidenceMemory::part_up(cell.hits(), kept_hits)) + scan.hits,
-        static_cast<std::uint32_t>(EvidenceMemory::part_up(cell.misses(), kept_free)) + scan.misses);
+        now,
+        static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.hits(), kept_hits)) +
+            scan.hits,
+        static_cast<std::uint32_t>(EvidenceMemory::fraction_of_rounded_up(cell.misses(), kept_free)) +
+            scan.misses);
     return now;
   }
 };

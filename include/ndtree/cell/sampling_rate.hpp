@@ -23,7 +23,7 @@ class SamplingRate {
   SamplingRate(const EvidenceOptions& options, const EvidenceMemory& memory)
       : sample_beams_(options.sample_beams),
         scan_beams_(static_cast<std::uint32_t>(std::min(options.scan_beams, 4e9))),
-        miss_(memory.miss()),
+        miss_units_(memory.miss_evidence()),
         well_observed_(EvidenceMemory::units(std::min(options.known_evidence, 1e9))) {}
 
   /// True if the cell has so much evidence that a small sample of a scan will do.
@@ -38,9 +38,9 @@ class SamplingRate {
 
   /// Limits evidence for free space only to that of scan_beams beams.
   NDTREE_ALWAYS_INLINE void limit(ScanEvidence& scan) const {
-    if (scan.beams <= scan_beams_ && scan.free <= scan_beams_ * miss_) return;  // Most.
+    if (scan.beams <= scan_beams_ && scan.free <= scan_beams_ * miss_units_) return;  // Most.
     if (!scan.is_free_alone()) return;
-    scan.free = std::min(scan.free, scan_beams_ * miss_);
+    scan.free = std::min(scan.free, scan_beams_ * miss_units_);
     scan.misses = std::min(scan.misses, scan_beams_);
     scan.beams = std::min(scan.beams, scan_beams_);
   }
@@ -53,7 +53,7 @@ class SamplingRate {
  private:
   double sample_beams_;
   std::uint32_t scan_beams_;
-  std::int64_t miss_;
+  std::int64_t miss_units_;
   std::int64_t well_observed_;
 };
 

@@ -12,8 +12,8 @@
 namespace ndtree {
 
 /// The states of all leaves below a node, an upper bound of their log-odds, and whether all are saturated: as
-/// long as beams pass, a scan leaves them as they are. The note of an inner node is such a word; 0 is a stale
-/// summary, of a node that is being changed.
+/// long as beams pass, a scan leaves them as they are. The summary_word() of an inner node is such a word; 0
+/// is a stale summary, of a node that is being changed.
 class Summary {
  public:
   Summary() = default;
@@ -27,15 +27,16 @@ class Summary {
     const std::uint32_t state = value == 0.0f ? flag(CellState::unknown) : flag(CellState::occupied) << sign;
     return Summary(kValid | (is_saturated ? 0u : kUnsaturated) | state | bound(bits, sign));
   }
-  /// Of a leaf, or from an inner node's note. A leaf is not taken for saturated.
+  /// Of a leaf, or of an inner node as it is written there. A leaf is not taken for saturated.
   template <class NodeType>
   [[nodiscard]] static Summary of(const NodeType& node) {
-    return node.is_leaf() ? of_cell(node.cell()) : Summary(node.note());
+    return node.is_leaf() ? of_cell(node.cell()) : Summary(node.summary_word());
   }
-  /// Of a leaf, which is saturated if `is_saturated(cell)`, or from an inner node's note.
+  /// Of a leaf, which is saturated if `is_saturated(cell)`, or of an inner node as it is written
+  /// there.
   template <class NodeType, class IsSaturated>
   [[nodiscard]] static Summary of(const NodeType& node, const IsSaturated& is_saturated) {
-    return node.is_leaf() ? of_cell(node.cell(), is_saturated(node.cell())) : Summary(node.note());
+    return node.is_leaf() ? of_cell(node.cell(), is_saturated(node.cell())) : Summary(node.summary_word());
   }
 
   [[nodiscard]] std::uint32_t word() const { return word_; }
@@ -106,21 +107,21 @@ SummaryOfSiblings summary_of_siblings(const NodeType* siblings, int count, const
   return result;
 }
 
-/// Writes the note of an inner node from those of its children. @returns it; stale if one of them is.
+/// Writes the summary of an inner node from those of its children. @returns it; stale if one of them is.
 /// @param is_saturated whether a cell is.
 template <class Tree, class IsSaturated>
 Summary summarise(Tree& tree, typename Tree::NodeType& parent, const IsSaturated& is_saturated) {
   const Summary summary =
       summary_of_siblings(tree.children(parent), Tree::kNumChildren, is_saturated).summary;
-  parent.set_note(summary.word());
+  parent.set_summary_word(summary.word());
   return summary;
 }
 
-/// Writes the notes of a node and of all below it that are 0. O(inner nodes that have or had one, and their
-/// children).
+/// Writes the summaries of a node and of all below it that are 0. O(inner nodes that have or had one, and
+/// their children).
 template <class Tree, class IsSaturated>
 void summarise_stale(Tree& tree, typename Tree::NodeType& node, const IsSaturated& is_saturated) {
-  if (node.is_leaf() || node.note() != 0) return;
+  if (node.is_leaf() || node.summary_word() != 0) return;
   auto* const children = tree.children(node);
   for (int j = 0; j < Tree::kNumChildren; ++j) summarise_stale(tree, children[j], is_saturated);
   summarise(tree, node, is_saturated);
@@ -131,7 +132,7 @@ template <class Tree>
 void forget_summaries(Tree& tree) {
   const auto descend = [&](const auto& self, typename Tree::NodeType& node) -> void {
     if (node.is_leaf()) return;
-    node.set_note(0);
+    node.set_summary_word(0);
     auto* const children = tree.children(node);
     for (int j = 0; j < Tree::kNumChildren; ++j) self(self, children[j]);
   };

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The smallest tree within a budget: siblings join where that loses the least information (Sec. V).
+/// The smallest tree within a budget: siblings merge where that loses the least information (Sec. V).
 #pragma once
 
 #include <algorithm>

@@ -16,8 +16,11 @@
 namespace ndtree {
 
 struct CoverageOptions {
-  double covered_share = 0.25;  ///< Of each half, for a cell to be observed; 0: any beam is enough.
-  double coverage_cells = 2.0;  ///< To show what was seen, cells of more smallest cells than this split.
+  /// Fraction of each part (CellParts: half, quadrant, octant) to be seen for a cell to be observed; 0: any
+  /// beam is enough. (Whether an observed cell is *covered* is another question: CoverageVerdict.)
+  double covered_share = 0.25;
+  /// Cells whose edge is longer than this many min_cell_size split to show what was seen.
+  double coverage_cells = 2.0;
 
   /// Calls `visit(name, value, bounds)` for each. @param options of this kind, const or not.
   template <class Options, class Visit>
@@ -169,7 +172,8 @@ struct CoverageVerdict {
 /// cell. Until then the cell stores which parts were seen. Thresholds for parts and missing children are
 /// scaled by ScanCoverage::mean_share(); that for a covered cell is not.
 ///
-/// A cell that is not observed, and larger than coverage_cells, splits where the unseen part is significant:
+/// A cell that is not observed, and whose edge is longer than coverage_cells smallest cells, splits where the
+/// unseen part is significant:
 /// - by one scan, if a child is missing: less than covered_share of it was seen, and n beams would pass it if
 ///   it was seen like the rest of the cell: their number scatters by sqrt(n); with sqrt(2) times that, only a
 ///   child that at least two would pass can be missing;
@@ -200,7 +204,7 @@ class CoverageModel {
     return children >= Parts::kNumChildren * (size < kLeastForAllParts ? 0.5 : 1.0);
   }
   /// @param seen_before parts of the cell, one bit each. @param size the cell's edge, in smallest cells.
-  /// @param beams that have passed the cell so far, in this scan and before.
+  /// @param beams mean passes that its evidence for free space is worth, of this scan and before.
   /// @param adds_nothing the cell remembers no more beams: scans like this one leave it as it is.
   template <int N, int D>
   [[nodiscard]] CoverageVerdict judge(const ScanCoverage<N, D>& scan, std::uint32_t seen_before, double size,

@@ -86,7 +86,7 @@ class FixedWalk {
   }
   /// Finishes a subdivided node after its children.
   bool finalize(const Ref& ref, bool changed) {
-    if (changed) ref.node->set_note(0);  // Until the scan is done.
+    if (changed) ref.node->set_summary_word(0);  // Until the scan is done.
     return changed;
   }
 

@@ -19,7 +19,8 @@
 
 namespace ndtree {
 
-/// The options of a map; those of the sensor, the split test and the merge rule are among its members.
+/// The options of a map; those of the sensor, the split test, the merge rules, evidence and coverage are its
+/// bases.
 struct MapOptions : SensorOptions,
                     SplitOptions,
                     MergeOptions,

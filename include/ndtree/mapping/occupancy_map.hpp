@@ -89,10 +89,10 @@ struct NoMeasurements {
 
 /// Occupancy of space: the leaves of one N^D-tree. `Refinement` decides how fine cells are, `Sensor` what a
 /// range says about one. Invariants, tested by check_invariants(): those of the tree; leaves above the
-/// coarsest level of the refinement were never observed; log-odds are within their bounds. Not for use by two
-/// threads at once while one of them changes it. Copies are independent, and may be used by other threads;
-/// they share the cells that neither has changed since, so that a copy, see snapshot(), takes microseconds
-/// for each megabyte.
+/// coarsest_level() of the refinement were never observed; log-odds are within their bounds. Not for use by
+/// two threads at once while one of them changes it. Copies are independent, and may be used by other
+/// threads; they share the cells that neither has changed since, so that a copy, see snapshot(), takes
+/// microseconds for each megabyte.
 template <int N, int D, class Refinement, class Sensor>
 class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
  public:
@@ -115,8 +115,8 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   OccupancyMap& operator=(OccupancyMap&&) = default;
   ~OccupancyMap() = default;
 
-  /// Integrates a scan, as the refinement has it: each beam in its order (fixed), with merging after each
-  /// (paper; Sec. III), or all beams at once.
+  /// Integrates a scan. Evidence: all beams at once. Fixed: each cell gets its beams in the order of the
+  /// scan. Paper (Sec. III): beam by beam, merging after each.
   /// @param max_range [m] beams that are longer say only that the space up to there is free.
   /// @param threads that may work on a large scan; 0: as many as the machine has cores. The map is the same,
   ///   bit for bit, for every number. The paper's has only one.
@@ -176,7 +176,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   /// memory, too; no answer changes. O(nodes).
   void shrink_to_fit() { tree_.shrink_to_fit(); }
 
-  /// Joins siblings where that loses the least information, until the budget is met; later insertions go on
+  /// Merges siblings where that loses the least information, until the budget is met; later insertions go on
   /// from there, and divide again what beams contradict. O(nodes log nodes).
   /// @throws std::invalid_argument if no limit is given, or one cannot be met, std::bad_alloc, Cancelled; the
   ///   map is then unchanged.
@@ -431,7 +431,7 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
   void check_summary(const typename Tree::ConstRef& parent) const {
     const SummaryOfSiblings expected =
         summary_of_siblings(tree_.children(*parent.node), Tree::kNumChildren, saturated());
-    if (parent.node->note() != expected.summary.word())
+    if (parent.node->summary_word() != expected.summary.word())
       throw std::logic_error("the summary of a node of level " + std::to_string(parent.index.level) +
                              " is not that of its children");
   }

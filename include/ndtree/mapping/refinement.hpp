@@ -37,7 +37,8 @@ struct PaperRefinement {
 
   explicit PaperRefinement(const MapOptions& options) : split_test(options), merge_rule(options) {}
 
-  /// Leaves above this level are unknown space and are divided before a beam updates them.
+  /// The level of the largest cells that beams update: 0 where cells adapt, the finest of a fixed map. Larger
+  /// leaves are unknown space, and are divided before a beam updates what is in them, which is no split.
   [[nodiscard]] static int coarsest_level(int /*finest_level*/) { return 0; }
   [[nodiscard]] bool splits(const OccupancyCell& cell) const { return split_test(cell); }
   [[nodiscard]] bool may_merge(const OccupancyCell& updated) const { return merge_rule.is_extreme(updated); }
@@ -48,10 +49,9 @@ struct PaperRefinement {
   }
 };
 
-/// Cells start at max_cell_size; whole scans decide with all their beams. A free cell splits where any
-/// resolvable beam ends in it, an unknown one where a beam ends after a free way through it, an occupied one
-/// where its hits and misses make it probable that it is partially occupied;
-/// children start with a part of their parent's evidence. Siblings join where next to no information is lost.
+/// Cells start at max_cell_size; whole scans decide with all their beams: action() says what they do to a
+/// leaf, splits() whether it splits. Children start with a part of their parent's evidence. Siblings merge
+/// where next to no information is lost.
 struct EvidenceRefinement {
   static constexpr const char* kName = "evidence";
   static constexpr bool kAdaptive = true;
@@ -79,11 +79,11 @@ struct EvidenceRefinement {
     return cell.hits() >= kLeastHits && is_partial(cell.hits(), cell.misses()) &&
            model.raise(cell, *partial_log_odds);
   }
-  /// Whether siblings stay apart that would join in a cell which splits: where cells are kept occupied, they
-  /// would split and join for ever, and each time lose evidence of beams that passed.
-  [[nodiscard]] bool stay_apart(const EvidenceCell& joined) const {
-    return partial_log_odds && joined.state() == CellState::occupied &&
-           is_partial(joined.hits(), joined.misses());
+  /// Whether siblings do not merge since the merged cell's own counts would split it: with
+  /// partial_probability, they would else split and merge in turn, and each time lose evidence of passes.
+  [[nodiscard]] bool stay_apart(const EvidenceCell& merged) const {
+    return partial_log_odds && merged.state() == CellState::occupied &&
+           is_partial(merged.hits(), merged.misses());
   }
   /// Whether scans whose beams all pass leave the cell as it is.
   [[nodiscard]] bool is_saturated(const EvidenceCell& cell) const { return model.is_saturated(cell); }
@@ -94,8 +94,7 @@ struct EvidenceRefinement {
   /// - If beams have only passed a leaf that was never observed, CoverageModel::judge() has the last word. It
   ///   is asked again, about an observed leaf that is not covered, each time the leaf's misses have doubled.
   /// @param scan ScanEvidence, or PassedEvidence if all beams pass the leaf.
-  /// @param children_across as in EvidenceModel::initial_child(). @param levels_below the leaf; 0: it cannot
-  /// split.
+  /// @param children_across see kChildrenAcross. @param levels_below the leaf; 0: it cannot split.
   template <class Scan>
   [[nodiscard]] NDTREE_ALWAYS_INLINE LeafAction action(const EvidenceCell& leaf, const Scan& scan,
                                                        int children_across, int levels_below) const {
@@ -109,23 +108,26 @@ struct EvidenceRefinement {
                                                                       : LeafAction::update;
   }
   /// **The split criterion**: whether smaller cells would have more information than this one with the scan.
-  /// - Free: any resolvable hit splits, so that smaller cells show where it is.
-  /// - Unknown: only a deep hit splits, since free space lies before it.
-  /// - Occupied: splits if it is more probably partially occupied than split_probability.
-  /// Monotone while the cell is free or unknown: more beams never turn yes to no, see splits_anyway().
+  /// - Free: a resolvable hit splits it, so that smaller cells show where the hit is.
+  /// - Unknown: a partial hit splits it: only a part of the cell may be occupied.
+  /// - Occupied: it splits if the scan has a resolvable miss or a partial hit, and partial occupancy, with
+  ///   the scan's counts added, is more probable than split_probability; there a partial hit is a hit and a
+  ///   miss.
+  /// Resolvable, partial: see ScanEvidence. Monotone while the cell is free or unknown: more beams never turn
+  /// yes to no, see certainly_splits(). CoverageModel::judge() may split a leaf for another reason.
   [[nodiscard]] bool splits(const EvidenceCell& cell, const ScanEvidence& scan) const {
     switch (cell.state()) {
       case CellState::free:
         return scan.resolvable_hits > 0;
       case CellState::unknown:
-        return scan.deep_hits > 0;
+        return scan.partial_hits > 0;
       case CellState::occupied:
         break;
     }
-    if (scan.resolvable_misses + scan.deep_hits == 0) return false;
-    return is_partial(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits);
+    if (scan.resolvable_misses + scan.partial_hits == 0) return false;
+    return is_partial(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.partial_hits);
   }
-  /// splits() for a scan whose beams all passed the cell.
+  /// splits() for a scan whose beams all passed the cell: as of ScanEvidence::of(passed), in fewer steps.
   [[nodiscard]] bool splits(const EvidenceCell& cell, const PassedEvidence& passed) const {
     return cell.state() == CellState::occupied && passed.resolvable_misses > 0 &&
            is_partial(cell.hits(), cell.misses() + passed.misses);
@@ -136,10 +138,13 @@ struct EvidenceRefinement {
   [[nodiscard]] bool is_partial(std::uint32_t hits, std::uint32_t misses) const {
     return split_test(hits, misses);
   }
-  /// Whether the cell splits whatever evidence the scan's other beams have: splits() is monotone in beams
-  /// unless the cell is occupied. Lets the walk stop reading a long list early.
-  [[nodiscard]] bool splits_anyway(const EvidenceCell& cell, const ScanEvidence& scan) const {
-    return cell.state() != CellState::occupied && splits(cell, scan);
+  /// Whether action() is LeafAction::split whatever evidence the scan's other beams have. While a cell is
+  /// free or unknown, more beams never turn splits() to no, nor make the split predicted to re-merge. Lets
+  /// the walk stop reading a long list early. @param scan evidence of some beams. Others as in action().
+  [[nodiscard]] bool certainly_splits(const EvidenceCell& leaf, const ScanEvidence& scan, int children_across,
+                                      int levels_below) const {
+    return leaf.state() != CellState::occupied && splits(leaf, scan) &&
+           !model.predicted_to_remerge(leaf, scan, children_across, levels_below);
   }
 };
 

@@ -33,9 +33,10 @@ namespace ndtree {
 
 /// Integrates a scan as a whole, in one walk over the tree, for n beams by p workers:
 ///
-/// 1. survey: beams -> outcome, face, depth and sampling key of each, and the scan's reach. O(n), parallel.
-/// 2. bin on the cube map: directions -> number and extent of the beams of each face, which give its pixels.
-///    O(n), parallel, in the same pass over the beams as 1.
+/// 1. survey: beams -> face, depth and sampling key of each, numbers of outcomes, and the scan's reach. O(n),
+///    parallel.
+/// 2. measure faces: directions -> number and extent of the beams of each face of the cube map, hence its
+///    density. O(n), parallel, in the same pass over the beams as 1.
 /// 3. subsample: faces, depths and keys -> the beams that some cell can sample. O(n), parallel.
 /// 4. counting sort: kept beams -> their numbers by face and bucket. O(n + p * buckets), parallel.
 /// 5. pack: sorted numbers -> two table rows per beam, see ScanBeams. O(n), parallel.
@@ -48,9 +49,9 @@ namespace ndtree {
 /// - Same scan, same map, bit for bit. A leaf's evidence is a sum of whole numbers over the beams that it
 ///   samples and that cross it over more than a point (see LeafEvidence), so neither the order of the beams
 ///   nor the number of workers nor the width of loops matters.
-/// - A leaf that splits passes its beams on to its children, which start with parts of its evidence. Siblings
-///   are merged on the way back if one of them changed. A leaf that splits and re-merges within the scan
-///   counts neither as split nor as merged.
+/// - A leaf that splits passes its whole list on; its children sample it again, and start with parts of its
+///   evidence. Siblings are merged on the way back if one of them changed. A leaf that splits and re-merges
+///   within the scan counts neither as split nor as merged.
 /// - A cell that the scan leaves as it was does not count as updated. A saturated cell is skipped if all its
 ///   beams pass.
 /// - survey() does not change the tree, so that a scan with an error leaves the map as it was.
@@ -71,7 +72,7 @@ class ScanUpdate {
     return static_cast<std::size_t>(std::max<Eigen::Index>(1, beams / kBeamsOfWorker));
   }
 
-  /// Surveys a scan and bins its beams on the cube map. The tree stays as it is.
+  /// Surveys a scan and measures the faces of its cube map. The tree stays as it is.
   /// @param measurements must stay where they are until finish() returns. @throws as survey_exactly().
   ScanSurvey<D> survey(const Measurements<D, Sensor>& measurements, Workers& workers) {
     measurements_ = &measurements;
@@ -148,7 +149,7 @@ class ScanUpdate {
     // Pack.
     const ScanView<D>& scan = measurements_->scan();
     beams_.resize(num_beams, std::move(faces), std::move(indices.back()), scan.origin_per_beam,
-                  geometry.coordinates(scan.origin(any)), ends_nearby(), scan.range_sigma != nullptr);
+                  geometry.coordinates(scan.origin(any)), ends_fit_32_bits(), scan.range_sigma != nullptr);
     const bool by_eights = may_go_by_eights();
     std::vector<BeamNoise> noise(workers.count());
     const std::size_t tasks = noise.size();
@@ -160,8 +161,8 @@ class ScanUpdate {
     beams_.finish(noise.front());
   }
 
-  /// True if any two cells of the reach are so near that ScanBeams::ends_nearby() holds.
-  [[nodiscard]] bool ends_nearby() const {
+  /// True if any two cells of the reach are near enough that ScanBeams::ends_fit_32_bits() holds.
+  [[nodiscard]] bool ends_fit_32_bits() const {
     const double nearby = 0.5 * static_cast<double>(ScanBeams<D>::kNearby) * tree_.geometry().unit();
     return (reach_.upper - reach_.lower).maxCoeff() < nearby;
   }
@@ -171,7 +172,7 @@ class ScanUpdate {
     const ScanView<D>& scan = measurements_->scan();
     return kPacksByEights<Sensor> && Simd::width() >= 8 && !scan.origin_per_beam &&
            scan.range_sigma == nullptr && scan.size < std::numeric_limits<std::int32_t>::max() / D &&
-           ends_nearby();
+           ends_fit_32_bits();
 #else
     return false;
 #endif

@@ -28,7 +28,7 @@ enum class UnknownSpace { free, occupied };
 template <class NodeType>
 [[nodiscard]] bool may_contain(const RegionStates& states, const NodeType& node) {
   if (node.is_leaf()) return contains(states, node.cell().state());
-  const Summary summary(node.note());
+  const Summary summary(node.summary_word());
   return (states.occupied && summary.may_contain(CellState::occupied)) ||
          (states.free && summary.may_contain(CellState::free)) ||
          (states.unknown && summary.may_contain(CellState::unknown));

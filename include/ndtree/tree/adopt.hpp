@@ -97,8 +97,8 @@ class Adopting {
     if (!box) return;
     grow_around(tree_, *box);
     for_each_cube(other, level_, is_blank_, is_wanted, [&](const auto& cube) {
-      const auto target =
-          cube_at(tree_, level_, cube.index.lower, [](const auto& above) { above.node->set_note(0); });
+      const auto target = cube_at(tree_, level_, cube.index.lower,
+                                  [](const auto& above) { above.node->set_summary_word(0); });
       if (!target.is_leaf() || !is_blank_(target.cell()))
         throw std::invalid_argument(held_by_both(cube.index));
       copy(other, *cube.node, *target.node);

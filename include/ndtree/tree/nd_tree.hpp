@@ -283,7 +283,7 @@ class NdTree {
     pace.spend();
     const BlockId block = pool.allocate();
     target.become_inner(block);
-    target.set_note(source.note());
+    target.set_summary_word(source.summary_word());
     const NodeType* const sources = children(source);
     for (int j = 0; j < kNumChildren; ++j) copy_node(sources[j], pool, pool.block(block)[j], pace);
   }

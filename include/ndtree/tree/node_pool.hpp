@@ -25,11 +25,10 @@ namespace ndtree {
 /// node.
 using BlockId = std::uint32_t;
 
-/// One node: the cell of a leaf, or an inner node's link to the block of its children and a word for notes
-/// about them, 0 at first.
-/// A cell that declares `static constexpr bool kLeavesTopBitOfFirstWordClear = true`, and keeps that promise
-/// with a std::uint32_t as its first member, shares its memory with the link: the node is then no larger than
-/// the cell. Any other cell stands beside the link.
+/// One node: the cell of a leaf, or an inner node's link to the block of its children and a word for a
+/// summary of them, 0 at first. A cell that declares `static constexpr bool kLeavesTopBitOfFirstWordClear =
+/// true`, and keeps that promise with a std::uint32_t as its first member, shares its memory with the link:
+/// the node is then no larger than the cell. Any other cell stands beside the link.
 template <class Cell, class = void>
 class Node {
  public:
@@ -43,17 +42,17 @@ class Node {
   }
   void become_inner(BlockId children) {
     link_ = kInner | children;
-    note_ = 0;
+    summary_word_ = 0;
     cell_ = Cell{};
   }
   /// @pre the node is an inner one.
-  [[nodiscard]] std::uint32_t note() const { return note_; }
-  void set_note(std::uint32_t note) { note_ = note; }
+  [[nodiscard]] std::uint32_t summary_word() const { return summary_word_; }
+  void set_summary_word(std::uint32_t word) { summary_word_ = word; }
 
  private:
   static constexpr std::uint32_t kInner = 0x80000000u;
   std::uint32_t link_ = 0;
-  std::uint32_t note_ = 0;
+  std::uint32_t summary_word_ = 0;
   Cell cell_{};
 };
 
@@ -69,14 +68,14 @@ class Node<Cell, std::enable_if_t<Cell::kLeavesTopBitOfFirstWordClear>> {
   [[nodiscard]] const Cell& cell() const { return cell_; }
   void become_leaf(const Cell& cell) { cell_ = cell; }
   void become_inner(BlockId children) { link_ = Link{kInner | children, 0}; }
-  [[nodiscard]] std::uint32_t note() const { return link_.note; }
-  void set_note(std::uint32_t note) { link_.note = note; }
+  [[nodiscard]] std::uint32_t summary_word() const { return link_.summary_word; }
+  void set_summary_word(std::uint32_t word) { link_.summary_word = word; }
 
  private:
   static constexpr std::uint32_t kInner = 0x80000000u;
   struct Link {
     std::uint32_t word;
-    std::uint32_t note;
+    std::uint32_t summary_word;
   };
   static_assert(sizeof(Link) <= sizeof(Cell));
   union {  // Both begin with one std::uint32_t, their common initial sequence: it may be read through either.

@@ -38,7 +38,7 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
   };
 
   /// Restores a tree. @pre since `begin` there were only splits, merges, growth, and changes of cells and
-  /// notes.
+  /// summaries.
   static void undo(Tree& tree, const Begin& begin, std::vector<UndoLog>& logs) {
     tree.shrink_to(begin.root_index);
     for (UndoLog& log : logs)
@@ -95,21 +95,21 @@ class alignas(kCacheLines) UndoLog {  // One for each thread.
       if (node.is_leaf()) tree.split_node(node);
       for (int j = 0; j < Tree::kNumChildren; ++j) restore(tree, tree.children(node)[j], kept->node(j), logs);
     }
-    node.set_note(before.note());
+    node.set_summary_word(before.summary_word());
   }
 
   std::vector<Kept> kept_;
 };
 
 /// Before something changes below an inner node in a scan: its children are kept, and its summary becomes
-/// stale until the scan is done. Once, as a note of 0 is that of a node that was here, or that the scan has
-/// split.
+/// stale until the scan is done. Once, as a summary of 0 is that of a node that was here, or that the scan
+/// has split.
 /// @param undo null if nothing is kept.
 template <class Tree>
 void before_change_below(Tree& tree, typename Tree::NodeType& parent, UndoLog<Tree>* undo) {
-  if (parent.note() == 0) return;
+  if (parent.summary_word() == 0) return;
   if (undo != nullptr) undo->keep(tree, parent);
-  parent.set_note(0);
+  parent.set_summary_word(0);
 }
 
 }  // namespace ndtree

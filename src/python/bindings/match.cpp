@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "ndtree/query/match.hpp"
-
 #include <pybind11/eigen.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -22,7 +20,7 @@
 #include "arguments.hpp"
 #include "binders.hpp"
 #include "docstrings.hpp"
-#include "ndtree/alignment/matcher.hpp"
+#include "matching.hpp"
 #include "ndtree/core/parallel.hpp"
 #include "numpy.hpp"
 #include "pose_numbers.hpp"
@@ -112,15 +110,15 @@ MatchOptions options_of(double cell_size, const py::object& sigma, const py::obj
   return options;
 }
 
-PythonMatcher make_matcher(const py::object& points, double cell_size, const py::object& sigma,
-                           const py::object& radius, double noise) {
+PythonMatcher matcher_of_points(const py::object& points, double cell_size, const py::object& sigma,
+                                const py::object& radius, double noise) {
   const MatchOptions options = options_of(cell_size, sigma, radius, noise);
   const DoubleArray any = as_doubles(points, "points");
   const int dim = any.ndim() == 2 && any.shape(1) == 3 ? 3 : 2;
   const DoubleArray array = as_points(points, "points", dim);
   const Released released;
-  if (dim == 2) return {std::make_shared<const Matcher<2>>(points_of<2>(array), options)};
-  return {std::make_shared<const Matcher<3>>(points_of<3>(array), options)};
+  if (dim == 2) return {make_matcher<2>(points_of<2>(array), options)};
+  return {make_matcher<3>(points_of<3>(array), options)};
 }
 
 /// Calls `use` with the matcher of one dimension, as its own type.
@@ -138,7 +136,7 @@ PythonMatch match_one(const Matcher<D>& matcher, const py::object& points, const
   const MatchWindow<D> in = window_of<D>(as_doubles(window, "window"), apart, apart_angle);
   const MotionMatrix<D> known = information_of<D>(information);
   const Released released;
-  return to_python(matcher.match(points_of<D>(array), from, in, known, second));
+  return to_python(match(matcher, points_of<D>(array), from, in, known, second));
 }
 
 template <int D>
@@ -158,28 +156,25 @@ std::vector<PythonMatch> match_many(const Matcher<D>& matcher, const std::vector
   points.reserve(arrays.size());
   for (const DoubleArray& array : arrays) points.push_back(points_of<D>(array));
   std::vector<PythonMatch> results(scans.size());
+  const MotionMatrix<D> unknown = MotionMatrix<D>::Zero();
   const Released released;
   const unsigned cores = threads > 0 ? static_cast<unsigned>(threads) : std::thread::hardware_concurrency();
   Workers workers(std::max(1u, cores));
   workers.for_each_task(scans.size(), [&](std::size_t, std::size_t i) {
-    results[i] = to_python(matcher.match(points[i], pose_at<D>(from, i), in));
+    results[i] = to_python(match<D>(matcher, points[i], pose_at<D>(from, i), in, unknown, true));
   });
   return results;
 }
 
 /// The occupied cells around where a scan may be.
 template <int D>
-Matcher<D> matcher_of(const PythonMap& map, const Box<D>& box, const MatchOptions& options) {
+std::shared_ptr<const Matcher<D>> matcher_of(const PythonMap& map, const Box<D>& box,
+                                             const MatchOptions& options) {
   RegionStates occupied;
   occupied.occupied = true;
   const LeafArrays leaves = map.read(
       [&](const MapInterface& m) { return m.leaves_in(box.lower.data(), box.upper.data(), occupied); });
-  PointsOfBoxes<D> surface(options.cell_size);
-  for (std::size_t i = 0; i < leaves.size.size(); ++i) {
-    const Vector<D> lower = Eigen::Map<const Vector<D>>(leaves.lower.data() + i * D);
-    surface.add({lower, lower.array() + leaves.size[i]});
-  }
-  return Matcher<D>(surface.points(), options);
+  return make_matcher<D>(leaves.lower, leaves.size, options);
 }
 
 void require_plane_or_space(const PythonMap& map) {
@@ -206,7 +201,7 @@ PythonMatcher matcher_of_map(const PythonMap& map, const py::object& box, const 
       region.lower = Eigen::Map<const Vector<D>>(corners.data());
       region.upper = Eigen::Map<const Vector<D>>(corners.data() + D);
     }
-    return {std::make_shared<const Matcher<D>>(matcher_of<D>(map, region, options))};
+    return {matcher_of<D>(map, region, options)};
   };
   return dim == 2 ? make(std::integral_constant<int, 2>()) : make(std::integral_constant<int, 3>());
 }
@@ -221,9 +216,10 @@ PythonMatch match_in_map(const PythonMap& map, const py::object& points, const p
   for (int a = 0; a < kFreedoms<D>; ++a)
     if (!(in.half[a] >= 0.0 && std::isfinite(in.half[a])))
       throw py::value_error("window = " + number_text(in.half[a]) + ": must be >= 0 and finite");
-  const Matcher<D> matcher = matcher_of<D>(map, reach_of<D>(points_of<D>(array), from, in.half), options);
+  const Points<D> scan = points_of<D>(array);
+  const auto matcher = matcher_of<D>(map, reach_of_match<D>(scan, from, in.half), options);
   const Released released;
-  return to_python(matcher.match(points_of<D>(array), from, in));
+  return to_python(match<D>(*matcher, scan, from, in, MotionMatrix<D>::Zero(), true));
 }
 
 PythonMatch match_map(const PythonMap& map, const py::object& points, const py::object& guess,
@@ -254,7 +250,7 @@ void bind_match(py::module_& module) {
                     "float: fraction of the points that lie on a surface at the refined pose.");
 
   py::class_<PythonMatcher>(module, "Matcher", doc::Matcher)
-      .def(py::init(&make_matcher), "points"_a, py::kw_only(), "cell_size"_a = defaults.cell_size,
+      .def(py::init(&matcher_of_points), "points"_a, py::kw_only(), "cell_size"_a = defaults.cell_size,
            "sigma"_a = py::none(), "radius"_a = py::none(), "noise"_a = defaults.noise)
       .def_property_readonly("dim", &PythonMatcher::dim, doc::Matcher_dim)
       .def(

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: BSD-3-Clause
-#include "ndtree/alignment/pose_graph.hpp"
-
 #include <pybind11/pybind11.h>
 
 #include <Eigen/Core>
@@ -11,6 +9,7 @@
 #include "arguments.hpp"
 #include "binders.hpp"
 #include "docstrings.hpp"
+#include "matching.hpp"
 #include "numpy.hpp"
 #include "released.hpp"
 
@@ -20,8 +19,8 @@ using namespace pybind11::literals;
 namespace ndtree::python {
 namespace {
 
-py::tuple solve_graph(const py::object& poses, const py::object& pairs, const py::object& measured,
-                      const py::object& information, const py::object& kernels, int iterations) {
+py::tuple solve_arrays(const py::object& poses, const py::object& pairs, const py::object& measured,
+                       const py::object& information, const py::object& kernels, int iterations) {
   const DoubleArray start = as_points(poses, "poses", 3);
   const DoubleArray relative = as_points(measured, "measured", 3);
   const py::ssize_t count = relative.shape(0);
@@ -48,7 +47,7 @@ py::tuple solve_graph(const py::object& poses, const py::object& pairs, const py
   PoseGraphReport report;
   {
     const Released released;
-    report = solve(at, relations, iterations);
+    report = solve_graph(at, relations, iterations);
   }
   std::vector<double> moved;
   moved.reserve(3 * at.size());
@@ -59,7 +58,7 @@ py::tuple solve_graph(const py::object& poses, const py::object& pairs, const py
 }  // namespace
 
 void bind_pose_graph(py::module_& module) {
-  module.def("solve_pose_graph", &solve_graph, "poses"_a, "pairs"_a, "measured"_a, "information"_a,
+  module.def("solve_pose_graph", &solve_arrays, "poses"_a, "pairs"_a, "measured"_a, "information"_a,
              "kernels"_a, py::kw_only(), "iterations"_a = 50, doc::solve_pose_graph);
 }
 

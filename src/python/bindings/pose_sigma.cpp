@@ -2,13 +2,14 @@
 #include "pose_sigma.hpp"
 
 #include <array>
+#include <optional>
 #include <string>
 
 #include "binders.hpp"
 #include "docstrings.hpp"
-#include "ndtree/mapping/pose_covariance.hpp"
 #include "pose_numbers.hpp"
 #include "python_map.hpp"
+#include "sigma_with_covariance.hpp"
 
 namespace ndtree::python {
 
@@ -36,20 +37,17 @@ PoseCovariance<D> covariance_of(const DoubleArray& array) {
       const int column = is_part ? kPlanar.at(static_cast<std::size_t>(j)) : j;
       covariance(i, j) = array.at(row, column);
     }
-  validate<D>(covariance);
   return covariance;
 }
 
 template <int D>
 py::object widened(const BeamArrays& beams, const DoubleArray& array, const SensorOptions& options,
                    const double* pose) {
-  PoseCovariance<D> covariance = covariance_of<D>(array);
-  if (covariance.isZero(0.0)) return beams.range_sigma;
-  const Vector<D> here = Vector<D>::Zero();
-  if (pose != nullptr) covariance = in_frame<D>(covariance, pose_of<D>(pose).rotation);
-  const BeamSensorModel sensor(options);
-  const Eigen::ArrayXd sigma =
-      range_sigma(beams.pointers().view<D>(), covariance, sensor, pose != nullptr ? &here : nullptr);
+  std::optional<Pose<D>> in_map;
+  if (pose != nullptr) in_map = pose_of<D>(pose);
+  const Eigen::ArrayXd sigma = sigma_with<D>(covariance_of<D>(array), beams.pointers().view<D>(), options,
+                                             in_map ? &*in_map : nullptr);
+  if (sigma.size() == 0) return beams.range_sigma;  // A pose that is sure.
   return DoubleArray(sigma.size(), sigma.data());
 }
 

@@ -38,6 +38,8 @@ class FlatScanMap {
   std::uint64_t for_coverage = 0;        ///< Splits because a part was not seen.
   std::uint64_t partly_seen = 0;         ///< Updates of partly seen cells that did not split.
   std::uint64_t not_sampled = 0;         ///< Pairs of a cell and a crossing beam that it did not sample.
+  std::uint64_t kept_occupied = 0;       ///< Updates after which partial_probability kept a cell occupied.
+  std::uint64_t stayed_apart = 0;        ///< Merges that partial_probability forbade.
 
   /// One leaf for each level-0 cell of [first, last) on each axis. Beams must stay inside.
   FlatScanMap(const MapOptions& options, int first, int last)
@@ -109,6 +111,9 @@ class FlatScanMap {
         if (coverage.is_asked && (!was_observed || coverage.is_covered))
           cell.set_covered(coverage.is_covered);
         predicted_remerges += is_predicted_to_remerge;
+        if (next.level == -num_levels_ && keeps_occupied() && cell.hits() >= 2 && is_partial(cell))
+          kept_occupied += model_.raise(
+              cell, std::log(options_.partial_probability / (1.0 - options_.partial_probability)));
         if (cell == before) continue;
         mark(next);
         updates += scan_evidence.beams;
@@ -180,17 +185,17 @@ class FlatScanMap {
       // small.
       const bool small = finest || size <= 2.0f * beam.sigma;
       if (small) exit = std::max(exit, enter + beam.surface);
-      if (exit < beam.clear) {
+      if (exit < beam.clearly_free_until) {
         count_miss();
         continue;
       }
       const float per_sigma = 1.0f / beam.sigma;
       const bool hit = contains(index, cell_of_hit(beam));
       // The cell of a hit counts as reaching at least 0.5 sigma behind it.
-      const float behind_end = std::max((exit - beam.range) * per_sigma, hit ? 0.5f : -HUGE_VALF);
-      const float nats = sensor_.quick_log_odds((enter - beam.range) * per_sigma, behind_end);
-      const bool behind = !hit && enter >= beam.range;
-      if (behind && !small) continue;
+      const float exit_behind = std::max((exit - beam.range) * per_sigma, hit ? 0.5f : -HUGE_VALF);
+      const float nats = sensor_.quick_log_odds((enter - beam.range) * per_sigma, exit_behind);
+      const bool behind_surface = !hit && enter >= beam.range;
+      if (behind_surface && !small) continue;
       if (nats > 0.0f)
         sum.occupied +=
             std::lrint(BeamWeight::probability_inside_table()(std::min(beam.sigma * (1.0f / size), 0.6f)) *
@@ -200,8 +205,9 @@ class FlatScanMap {
       if (hit) {
         ++sum.hits;
         sum.resolvable_hits += resolvable;
-        sum.deep_hits += resolvable && ((beam.range - enter) * per_sigma > 3.0f || size > 3.0f * beam.sigma);
-      } else if (!behind) {
+        sum.partial_hits +=
+            resolvable && ((beam.range - enter) * per_sigma > 3.0f || size > 3.0f * beam.sigma);
+      } else if (!behind_surface) {
         ++sum.misses;
       }
       ++sum.beams;
@@ -232,8 +238,8 @@ class FlatScanMap {
     std::array<float, D> inverse;  ///< Inverse direction: metres along the beam for one along the axis.
     float range;                   ///< Distances from the origin [m].
     float sigma;
-    float reach;
-    float clear;
+    float t_max;
+    float clearly_free_until;
     float surface;
     float slant;  ///< Depth over range.
     bool returned;
@@ -291,8 +297,9 @@ class FlatScanMap {
     const auto metres = static_cast<double>(beam.range);
     const double noise = range_sigma >= 0.0 ? range_sigma : sensor_.sigma(metres);
     beam.sigma = static_cast<float>(noise);
-    beam.reach = returned ? static_cast<float>(metres + 3.0 * noise) : beam.range;
-    beam.clear = returned ? static_cast<float>(sensor_.clearly_free_until(metres, noise)) : beam.range;
+    beam.t_max = returned ? static_cast<float>(metres + 3.0 * noise) : beam.range;
+    beam.clearly_free_until =
+        returned ? static_cast<float>(sensor_.clearly_free_until(metres, noise)) : beam.range;
     beam.surface = returned ? static_cast<float>(5.0 / 3.0) * beam.sigma : 0.0f;
     beam.slant = depth / length;
     beam.returned = returned;
@@ -538,10 +545,16 @@ class FlatScanMap {
 
   [[nodiscard]] bool splits_now(const EvidenceCell& cell, const ScanEvidence& scan) const {
     if (cell.log_odds() < 0.0f) return scan.resolvable_hits > 0;
-    if (cell.log_odds() == 0.0f) return scan.deep_hits > 0;
-    return (scan.resolvable_misses > 0 || scan.deep_hits > 0) &&
-           partial_occupancy_(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.deep_hits).partial >
-               options_.split_probability;
+    if (cell.log_odds() == 0.0f) return scan.partial_hits > 0;
+    return (scan.resolvable_misses > 0 || scan.partial_hits > 0) &&
+           partial_occupancy_(cell.hits() + scan.hits, cell.misses() + scan.misses + scan.partial_hits)
+                   .partial > options_.split_probability;
+  }
+
+  /// Whether smallest cells that are partially occupied stay occupied.
+  [[nodiscard]] bool keeps_occupied() const { return options_.partial_probability > 0.0; }
+  [[nodiscard]] bool is_partial(const EvidenceCell& cell) const {
+    return partial_occupancy_(cell.hits(), cell.misses()).partial > options_.split_probability;
   }
 
   [[nodiscard]] std::int64_t edge(int level) const { return edge_above<N>(-num_levels_, level); }
@@ -554,10 +567,10 @@ class FlatScanMap {
         return false;
     return true;
   }
-  /// @returns true if the beam crosses the cell over more than a point of (0, reach), in floats.
+  /// @returns true if the beam crosses the cell over more than a point of (0, t_max), in floats.
   [[nodiscard]] bool clip(const FlatBeam& beam, const CellIndex<D>& index, float& enter, float& exit) const {
     enter = 0.0f;
-    exit = beam.reach;
+    exit = beam.t_max;
     for (std::size_t a = 0; a < D; ++a) {
       const double origin = beam.origin[static_cast<int>(a)];
       const float lower = static_cast<float>(border(index.lower[a]) - origin) * beam.inverse[a];
@@ -577,7 +590,7 @@ class FlatScanMap {
       float enter = 0.0f;
       float exit = 0.0f;
       if (!clip(beam, index, enter, exit) || !is_in_sample(beam, parent, sample_beams)) continue;
-      n += !passed || !beam.returned || exit < beam.clear;
+      n += !passed || !beam.returned || exit < beam.clearly_free_until;
     }
     return n;
   }
@@ -598,6 +611,10 @@ class FlatScanMap {
     }
     const auto merged = merge_rule_(nodes.data(), static_cast<int>(nodes.size()), kChildrenAcross);
     if (!merged) return false;
+    if (keeps_occupied() && merged->log_odds() > 0.0f && is_partial(*merged)) {
+      ++stayed_apart;
+      return false;
+    }
     for (const auto& child : children) cells.erase(child);
     cells[parent] = *merged;
     return true;

@@ -13,7 +13,7 @@
 
 namespace ndtree {
 
-/// A beam has passed every cell, of any size, that it leaves before t_max - fixed - growth * t_max^2: a
+/// A beam clearly passes every cell that it leaves before t_free = t_max - fixed - growth * t_max^2: a
 /// margin fitted to the noise of near and far beams, that holds for any noise, as `fixed` is the largest that
 /// a beam needs.
 struct FreeMargin {
@@ -33,17 +33,17 @@ class BeamNoise {
     largest_.fill(0.0f);
     margin_.fill(0.0f);
   }
-  /// Adds one beam, or eight. @param sigma standard deviation of the range. @param reach t_max of the beam.
-  /// @param pass t_free: the beam has passed every cell that it leaves before this distance. All in [m].
+  /// Adds one beam, or eight. @param sigma standard deviation of the range. @param t_max where its evidence
+  /// ends. @param t_free it clearly passes every cell that it leaves before this distance. All in [m].
   template <class Floats>
-  NDTREE_ALWAYS_INLINE void add(const Floats& sigma, const Floats& reach, const Floats& pass) {
+  NDTREE_ALWAYS_INLINE void add(const Floats& sigma, const Floats& t_max, const Floats& t_free) {
     Floats smallest, largest, margin;
     load_from(smallest, smallest_.data());
     load_from(largest, largest_.data());
     load_from(margin, margin_.data());
     store_to(min_of(smallest, sigma), smallest_.data());
     store_to(max_of(largest, sigma), largest_.data());
-    store_to(max_of(margin, margin_of(reach, pass)), margin_.data());
+    store_to(max_of(margin, margin_of(t_max, t_free)), margin_.data());
   }
   /// Adds the beams of another set. @pre both have the same growth.
   void add(const BeamNoise& other) {
@@ -63,8 +63,8 @@ class BeamNoise {
  private:
   static constexpr float kAboveRounding = 1.0f + 0x1p-21f;
   template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats margin_of(const Floats& reach, const Floats& pass) const {
-    return unfused(reach * kAboveRounding) - pass - unfused(unfused(growth_ * reach) * reach);
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats margin_of(const Floats& t_max, const Floats& t_free) const {
+    return unfused(t_max * kAboveRounding) - t_free - unfused(unfused(growth_ * t_max) * t_max);
   }
   float growth_;
   // Element k is of every eighth beam; width 1 uses element 0 alone.

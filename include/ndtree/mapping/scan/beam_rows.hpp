@@ -21,14 +21,19 @@ struct alignas(16) BeamRay {
 
 /// The row that leaves near a beam's end read; distances are along the beam [m]. A row of 32 bytes lies in
 /// one cache line.
+///
+/// A cell that the beam leaves before clearly_free_until, see BeamSensorModel, is clearly free: the beam is a
+/// miss of it, and no more. The exit of a cell that is small beside the noise counts as at least `surface`
+/// behind its entry. So cells of any size are clearly free that the beam leaves before t_free =
+/// clearly_free_until - surface: it clearly passes them.
 template <int D>
 struct alignas(D <= 3 ? 32 : 16) BeamEnd {
-  float range;    ///< Of the end point, or t_free of a beam without return.
-  float slant;    ///< Depth over range, in [1 / sqrt D, 1].
-  float clear;    ///< The beam has passed cells that it leaves before this distance.
+  float range;               ///< Of the end point, or t_free of a beam without return.
+  float slant;               ///< Depth over range, in [1 / sqrt D, 1].
+  float clearly_free_until;  ///< See above.
   float surface;  ///< Its way through a small cell counts as at least this long. 0: without return.
   float sigma;    ///< Standard deviation of the range.
-  /// Smallest cell of its end minus the base, see ScanBeams::ends_nearby().
+  /// Smallest cell of its end minus the base, see ScanBeams::ends_fit_32_bits().
   std::array<std::int32_t, std::size_t{D}> cell;
 
   [[nodiscard]] bool is_returned() const { return surface != 0.0f; }
@@ -44,7 +49,7 @@ struct EightRays {
 /// The columns of eight BeamEnd rows.
 template <int D>
 struct EightEnds {
-  EightFloats range, slant, clear, surface, sigma;
+  EightFloats range, slant, clearly_free_until, surface, sigma;
   EightInts cell[std::size_t{D}];
 };
 

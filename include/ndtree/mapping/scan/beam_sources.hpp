@@ -5,7 +5,7 @@
 /// A source (ListSource, PacketSource) is a node's children with the beams that cross each:
 ///   crosses(child), in_child(child, ref).
 /// Its beams in one child (ListInCell, PacketInCell) answer
-///   all_pass()            whether all of them pass the child, of whatever size its cells are;
+///   all_pass()            whether all of them clearly pass the child and every cell in it;
 ///   evidence(..., end)    the evidence of the beams with numbers below `end` for the child as a leaf;
 ///   passed()              evidence() if all_pass(), where that is known without a look at each beam;
 ///   with_list(use)        calls `use(list)`, for steps that are rare;

@@ -18,8 +18,8 @@
 namespace ndtree {
 
 /// Initialises the children of a leaf that splits with parts of its evidence, see ChildInitialisation. A
-/// child's part depends on how many of the leaf's sampled beams passed the child: left it before their end,
-/// noise included. Cost: O(sampled beams) for each child.
+/// child's part depends on how many of the leaf's sampled beams passed the child, see has_passed(). Cost:
+/// O(sampled beams) for each child.
 template <class Tree>
 class ChildrenInitialiser {
   static constexpr int N = Tree::kBranching;
@@ -63,7 +63,7 @@ class ChildrenInitialiser {
     const EightEnds<D>& ends = beams_.ends_of(packet.beams);
     for (std::size_t j = 0; j < kNumChildren; ++j) {
       const std::uint32_t set =
-          has_passed(EightFloats::load(packet.exit[j].data()), ends.clear, ends.surface).set() &
+          has_passed(EightFloats::load(packet.exit[j].data()), ends.clearly_free_until, ends.surface).set() &
           packet.set[j];
       children[j].cell() = initial_child(leaf, count(set & sample), count(sample), j, are_finest);
     }
@@ -101,7 +101,8 @@ class ChildrenInitialiser {
     std::size_t n = 0;  // Rows of eight beams are read by functions that are compiled for the processor.
     for (std::size_t i = 0; i < list.size; ++i) {
       const BeamEnd<D>& end = beams_.end(list.beam[i]);
-      n += static_cast<std::size_t>(has_passed(crossings.of(list.beam[i]).exit, end.clear, end.surface));
+      n += static_cast<std::size_t>(
+          has_passed(crossings.of(list.beam[i]).exit, end.clearly_free_until, end.surface));
     }
     return n;
   }
@@ -114,17 +115,21 @@ class ChildrenInitialiser {
       const std::uint32_t* const beam = list.beam + i;
       const EightFloats exit = crossings.template of<kAlike>(beam, beams_.rays(beam)).exit;
       const EightEnds<D> ends = beams_.ends(beam);
-      n += (has_passed(exit, ends.clear, ends.surface) & EightMask::first(list.size - i)).count();
+      n +=
+          (has_passed(exit, ends.clearly_free_until, ends.surface) & EightMask::first(list.size - i)).count();
     }
     return n;
   }
 #endif
-  /// Whether one beam or several passed a cell: they have clearly not met a surface where they leave the
-  /// cell. Without a branch, which would be unpredictable. @param clear, surface see BeamEnd.
+  /// Whether one beam or several passed a cell: they leave it before clearly_free_until, or are without
+  /// return. Unlike in LeafEvidence, the exit of a small cell counts as it is. Without a branch, which would
+  /// be unpredictable.
+  /// @param clearly_free_until, surface see BeamEnd.
   template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto has_passed(const Floats& exit, const Floats& clear,
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto has_passed(const Floats& exit,
+                                                            const Floats& clearly_free_until,
                                                             const Floats& surface) {
-    return (exit < clear) | (surface == 0.0f);
+    return (exit < clearly_free_until) | (surface == 0.0f);
   }
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS [[nodiscard]] static std::size_t count(std::uint32_t set) {

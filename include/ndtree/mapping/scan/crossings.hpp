@@ -121,7 +121,7 @@ class CellCrossings {
  private:
 #ifdef NDTREE_HAS_EIGHTS
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_NEVER_INLINE EightCrossings of_each(const std::uint32_t* beams,
-                                                                            const EightFloats& reach) const {
+                                                                            const EightFloats& t_max) const {
     std::array<float, 8> enter;
     std::array<float, 8> exit;
     for (std::size_t i = 0; i < 8; ++i) {
@@ -129,7 +129,7 @@ class CellCrossings {
       enter[i] = crossing.enter;
       exit[i] = crossing.exit;
     }
-    return {EightFloats::load(enter.data()), EightFloats::load(exit.data()), beams_.t_free_of(beams, reach)};
+    return {EightFloats::load(enter.data()), EightFloats::load(exit.data()), beams_.t_free_of(beams, t_max)};
   }
 #endif
 
@@ -155,12 +155,12 @@ struct RayPacket {
   EightBeams<D>& beams;
   alignas(32) std::array<std::array<float, kMost>, std::size_t{kCount}> enter;
   alignas(32) std::array<std::array<float, kMost>, std::size_t{kCount}> exit;
-  std::array<std::uint32_t, std::size_t{kCount}> set;      ///< Those that cross each child, and of these
-  std::array<std::uint32_t, std::size_t{kCount}> passing;  ///< those that clearly pass it.
-  // What those that cross each child say as misses, if it was asked for: see LeafEvidence::passed().
-  bool has_passed = false;
-  std::array<std::uint32_t, std::size_t{kCount + 3}> free;  ///< Evidence for free space.
-  std::uint32_t resolvable;                                 ///< The set of those with little noise.
+  std::array<std::uint32_t, std::size_t{kCount}> set;      ///< Rays that cross child c.
+  std::array<std::uint32_t, std::size_t{kCount}> passing;  ///< Rays that clearly pass child c.
+  // For children that all their rays clearly pass, see LeafEvidence::passed():
+  bool has_passed = false;                                  ///< The next two are valid.
+  std::array<std::uint32_t, std::size_t{kCount + 3}> free;  ///< Evidence of set[c] if all are misses.
+  std::uint32_t resolvable;                                 ///< Rays whose misses are resolvable.
 
   // Of a set of beams that is not empty:
   [[nodiscard]] std::uint32_t first_of(std::uint32_t set_of_beams) const {

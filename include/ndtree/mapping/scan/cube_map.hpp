@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The cube map of a scan: how many beams point in each direction.
+/// The cube map of a scan: how many beams meet each face, and how many a cell there expects.
 #pragma once
 
 #include <algorithm>

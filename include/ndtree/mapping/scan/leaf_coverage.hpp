@@ -54,7 +54,8 @@ class LeafCoverage {
     }
   }
   /// Whether enough of a leaf was seen to update it as a whole.
-  /// @param sample the beams of its list that it samples. @param beams that have passed it so far.
+  /// @param sample the beams of its list that it samples. @param beams as in
+  /// CoverageModel::judge().
   [[nodiscard]] CoverageVerdict judge(const CellIndex<D>& leaf, const EvidenceCell& cell,
                                       const BeamList& list, const LeafSample<D>& sample,
                                       const CoverageModel& model, double beams, bool adds_nothing) const {

@@ -26,14 +26,17 @@ namespace ndtree {
 /// Strategy. Most beams clearly pass a leaf: a vector loop adds up their misses from entry and exit alone.
 /// Only for vectors with a beam that ends near the leaf are the ends looked up (add_near_end()). Evidence by
 /// where a beam's end point lies:
-/// - clearly behind the leaf: a miss, evidence for free space in proportion to the length inside the leaf;
-/// - near the leaf, within the noise: the inverse sensor model's evidence, and a miss if the end is behind;
+/// - behind the leaf, farther than the noise (BeamEnd::clearly_free_until): a miss, evidence for free space
+///   in proportion to the length inside the leaf;
+/// - behind the leaf, within the noise: a miss, and the inverse sensor model's evidence;
 /// - in the leaf: a hit, and the inverse sensor model's evidence;
 /// - before the leaf, by at most three standard deviations: the inverse sensor model's evidence, but only for
-///   cells as small as the noise, or smallest cells. A coarse cell behind a surface is not the surface.
+///   cells with an edge of at most two standard deviations, and smallest cells. A coarse cell behind a
+///   surface is not the surface.
 ///
-/// A hit is resolvable if smaller cells would be larger than the noise, and deep if the beam's length in the
-/// leaf, or the leaf itself, exceeds what the noise explains. A beam without return, or cut at the maximum
+/// A hit or miss is resolvable if a child's edge is at least noise_sigmas standard deviations. A resolvable
+/// hit is partial, evidence for a part of the leaf only, if the beam's length in the leaf before its end
+/// point, or the leaf's edge, exceeds three standard deviations. A beam without return, or cut at the maximum
 /// range, is a miss of every leaf that it crosses up to its end: a surface there would have returned it.
 ///
 /// Invariants: sums are integers, so the order of beams and the width do not matter; the loops over eight
@@ -77,7 +80,7 @@ class LeafEvidence {
       of_level.small = is_finest ? 0.0f : of_level.cell;
       of_level.resolves_all = of_level.child >= noise_sigmas_ * beams.largest_sigma();
       of_level.resolves_some = of_level.child >= noise_sigmas_ * beams.smallest_sigma();
-      of_level.fits_32_bits = beams.ends_nearby() && geometry.edge(level) <= ScanBeams<D>::kNearby;
+      of_level.fits_32_bits = beams.ends_fit_32_bits() && geometry.edge(level) <= ScanBeams<D>::kNearby;
       of_level.edge = of_level.fits_32_bits ? static_cast<std::int32_t>(geometry.edge(level)) : 0;
       of_level.goes_by_eights = beams.width() >= 8 && of_level.fits_32_bits;
       of_level.is_simple = of_level.goes_by_eights && beams.are_alike();
@@ -121,7 +124,7 @@ class LeafEvidence {
     NDTREE_ALWAYS_INLINE OfBeam(const LeafEvidence& all, int level, std::uint32_t beam)
         : all_(all), size_(all.size_of(level)), number_(beam) {}
 
-    /// For a leaf that the beam clearly passes, see ScanBeams::t_free_of().
+    /// For a leaf that the beam is a miss of, without evidence for occupied space.
     /// @param crossing where it crosses the leaf.
     [[nodiscard]] NDTREE_ALWAYS_INLINE PassedEvidence passed(const Crossing& crossing) const {
       return {units_of_length(crossing.exit - crossing.enter, size_), 1, is_resolvable()};
@@ -134,18 +137,18 @@ class LeafEvidence {
       const BeamEnd<D>& beam = all_.beams_.end(number_);
       const bool is_small = LeafEvidence::is_small(size_, beam.sigma);
       const float end = is_small ? std::max(crossing.exit, enter + beam.surface) : crossing.exit;
-      if (end < beam.clear || !beam.is_returned()) return sum.add(passed(crossing));
+      if (end < beam.clearly_free_until || !beam.is_returned()) return sum.add(passed(crossing));
       const bool holds_end = all_.geometry_.contains(leaf, all_.beams_.end_cell(number_));
-      const bool is_behind = !holds_end && enter >= beam.range;
-      if (is_behind && !is_small) return;
-      float before_end = 0.0f;
-      BeamWeight::add(sum, all_.near_end(size_, beam.range, beam.sigma, enter, end, holds_end, before_end));
+      const bool is_behind_surface = !holds_end && enter >= beam.range;
+      if (is_behind_surface && !is_small) return;
+      float entry_behind = 0.0f;
+      BeamWeight::add(sum, all_.near_end(size_, beam.range, beam.sigma, enter, end, holds_end, entry_behind));
       if (holds_end) {
         ++sum.hits;
         sum.resolvable_hits += is_resolvable();
-        sum.deep_hits += is_resolvable() && is_deep(size_, beam.sigma, before_end);
+        sum.partial_hits += is_resolvable() && is_partial_hit(size_, beam.sigma, entry_behind);
       } else {
-        sum.misses += !is_behind;
+        sum.misses += !is_behind_surface;
       }
       ++sum.beams;
     }
@@ -222,7 +225,7 @@ class LeafEvidence {
 
   // Of one beam, or of eight:
 
-  /// The evidence for free space of a way through a cell [m].
+  /// The weight of a miss: evidence for free space in proportion to its way through the cell [m].
   template <class Floats>
   [[nodiscard]] NDTREE_ALWAYS_INLINE static auto units_of_length(const Floats& way, const Size& size) {
     const auto units = nearest_integer(Floats(way * size.units_per_metre));
@@ -247,24 +250,26 @@ class LeafEvidence {
   [[nodiscard]] NDTREE_ALWAYS_INLINE auto is_resolvable(const Size& size, const Floats& sigma) const {
     return size.child >= noise_sigmas_ * sigma;
   }
-  /// The evidence, see BeamWeight, for a cell that a beam neither clearly passes nor ends before.
+  /// The evidence, see BeamWeight, for a cell whose exit is not clearly before a beam's end point.
   /// @param end where it leaves the cell, or what counts as that [m]. @param holds_end whether the cell holds
-  ///   its end point. @param before_end gets how far behind its end it enters [standard deviations].
+  ///   its end point. @param entry_behind gets how far the entry is behind its end point, negative before it
+  ///   [standard deviations].
   template <class Floats, class Condition>
   [[nodiscard]] NDTREE_ALWAYS_INLINE auto near_end(const Size& size, const Floats& range, const Floats& sigma,
                                                    const Floats& enter, const Floats& end,
-                                                   const Condition& holds_end, Floats& before_end) const {
+                                                   const Condition& holds_end, Floats& entry_behind) const {
     const Floats per_sigma = 1.0f / sigma;
-    before_end = (enter - range) * per_sigma;
-    const Floats behind_end = (end - range) * per_sigma;
-    const Floats behind = select(holds_end, max_of(behind_end, Floats(kLeastBehindHit)), behind_end);
-    return BeamWeight::units_of(sensor_.quick_log_odds(before_end, behind), inside(size, sigma, range));
+    entry_behind = (enter - range) * per_sigma;
+    const Floats end_behind = (end - range) * per_sigma;
+    const Floats exit_behind = select(holds_end, max_of(end_behind, Floats(kLeastBehindHit)), end_behind);
+    return BeamWeight::units_of(sensor_.quick_log_odds(entry_behind, exit_behind),
+                                inside(size, sigma, range));
   }
-  /// Whether a hit surely lies behind the noise at the cell's border.
+  /// Whether a hit, if it is resolvable, is evidence for a part of the cell only.
   template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto is_deep(const Size& size, const Floats& sigma,
-                                                         const Floats& before_end) {
-    return (before_end < -kNoiseReach) | (size.cell > kNoiseReach * sigma);
+  [[nodiscard]] NDTREE_ALWAYS_INLINE static auto is_partial_hit(const Size& size, const Floats& sigma,
+                                                                const Floats& entry_behind) {
+    return (entry_behind < -kNoiseReach) | (size.cell > kNoiseReach * sigma);
   }
 
   /// of() for any list, leaf and beams.
@@ -345,7 +350,7 @@ class LeafEvidence {
     sum.beams = passed - all.get<3>();
   }
   [[nodiscard]] NDTREE_ALWAYS_INLINE Corner corner_of(const CellIndex<D>& cell) const {
-    Corner corner;  // It fits: what beams cross is where they reach, see ScanBeams::ends_nearby().
+    Corner corner;  // It fits: what beams cross is where they reach, see ScanBeams::ends_fit_32_bits().
     for (std::size_t a = 0; a < D; ++a)
       corner[a] = static_cast<std::int32_t>(static_cast<std::uint32_t>(cell.lower[a]) -
                                             static_cast<std::uint32_t>(beams_.base()[a]));
@@ -375,9 +380,8 @@ class LeafEvidence {
     sums.free += units_of_length(EightFloats(exit - enter), size) & misses;
     sums.passed += EightInts::minus_one_where(misses);
   }
-  /// Adds the evidence of eight beams that do not all clearly pass a leaf, but for misses.
-  /// @param misses beams that clearly pass. @returns these and other beams that passed; their misses are not
-  ///   added.
+  /// Adds the evidence of eight beams, not all of which clearly pass a leaf, but for beams that are only a
+  /// miss. @param misses the beams that clearly pass. @returns all that are only a miss, for add_misses().
   NDTREE_BY_EIGHTS NDTREE_ALWAYS_INLINE EightMask add_near_end(const Corner& leaf, const Size& size,
                                                                const EightEnds<D>& beams,
                                                                const EightFloats& enter,
@@ -387,27 +391,27 @@ class LeafEvidence {
     const EightMask others = live.without(misses);
     const EightMask is_small = LeafEvidence::is_small(size, beams.sigma);
     const EightFloats end = max_of(exit, enter + (beams.surface & is_small));
-    const EightMask is_clear = end < beams.clear;
-    const EightMask passes = is_clear | (beams.surface == 0.0f);  // Or did not return.
-    const EightMask holds_end = lie_in(leaf, size, beams.cell).without(is_clear);
+    const EightMask is_clearly_free = end < beams.clearly_free_until;
+    const EightMask passes = is_clearly_free | (beams.surface == 0.0f);  // Or without return.
+    const EightMask holds_end = lie_in(leaf, size, beams.cell).without(is_clearly_free);
     misses = misses | (others & passes);
-    const EightMask is_behind = (enter >= beams.range).without(holds_end);
-    const EightMask has_evidence = others.without(passes | is_behind.without(is_small));
+    const EightMask is_behind_surface = (enter >= beams.range).without(holds_end);
+    const EightMask has_evidence = others.without(passes | is_behind_surface.without(is_small));
     if (has_evidence.set() == 0) return misses;
-    EightFloats before_end;
+    EightFloats entry_behind;
     const EightInts evidence =
-        near_end(size, beams.range, beams.sigma, enter, end, holds_end, before_end) & has_evidence;
+        near_end(size, beams.range, beams.sigma, enter, end, holds_end, entry_behind) & has_evidence;
     const EightInts occupied = max_of(evidence, 0);
     sums.occupied += occupied;
     sums.free += occupied - evidence;
     sums.near += EightInts::minus_one_where(has_evidence);
-    sum.misses += has_evidence.without(holds_end | is_behind).count();
+    sum.misses += has_evidence.without(holds_end | is_behind_surface).count();
     const EightMask hits = holds_end & has_evidence;
     if (hits.set() == 0) return misses;
     const EightMask resolved = hits & is_resolvable(size, beams.sigma);
     sum.hits += hits.count();
     sum.resolvable_hits += resolved.count();
-    sum.deep_hits += (resolved & is_deep(size, beams.sigma, before_end)).count();
+    sum.partial_hits += (resolved & is_partial_hit(size, beams.sigma, entry_behind)).count();
     return misses;
   }
   /// Adds up the misses of a packet's rays for each child that they cross.

@@ -24,8 +24,8 @@ namespace ndtree {
 /// that its list needs no bound, and the pieces' lists are joined at the end. Memory is then that of the
 /// beams which cross each child, not of all beams for each child.
 ///
-/// Invariant: beams stay in ascending order, and every list is padded. Cost: O(beams (N D + children
-/// crossed)).
+/// Invariant: beams stay in ascending order, and every list is padded but for width 1. Cost: O(beams (N D +
+/// children crossed)).
 template <int N, int D>
 class ListPartition {
  public:

@@ -69,10 +69,11 @@ class ScanBeams {
   /// @param faces of the beams, with end_of_beams. Face 0 stands for all faces with a single beam.
   /// @param bucket_begins number of the first beam of each bucket of each face, and behind them n.
   /// @param have_own_origins true if the scan has an origin for each beam.
-  /// @param base smallest cell relative to which end cells are stored. @param end_nearby see ends_nearby().
+  /// @param base smallest cell relative to which end cells are stored. @param fit_32_bits see
+  /// ends_fit_32_bits().
   /// @param have_own_noise true if the scan has a range_sigma for each beam.
   void resize(std::size_t n, std::vector<CubeFace<D>> faces, std::vector<std::uint32_t> bucket_begins,
-              bool have_own_origins, const Lattice<D>& base, bool end_nearby, bool have_own_noise) {
+              bool have_own_origins, const Lattice<D>& base, bool fit_32_bits, bool have_own_noise) {
     size_ = n;
     faces_ = std::move(faces);
     bucket_begins_ = std::move(bucket_begins);
@@ -83,8 +84,8 @@ class ScanBeams {
     std::uint32_t number = 0;
     for (std::size_t first = 0; number < faces_.size(); first = faces_[number++].end_of_beams)
       std::fill(face_numbers_.get() + first, face_numbers_.get() + faces_[number].end_of_beams, number);
-    cells_.reset(end_nearby ? nullptr : new Lattice<D>[n]);
-    ends_nearby_ = end_nearby;
+    cells_.reset(fit_32_bits ? nullptr : new Lattice<D>[n]);
+    ends_fit_32_bits_ = fit_32_bits;
     has_own_origins_ = have_own_origins;
     origins_.resize(have_own_origins ? n : std::min<std::size_t>(n, 1));
     base_ = base;
@@ -132,16 +133,16 @@ class ScanBeams {
         returned ? static_cast<float>(static_cast<double>(end) + unfused(Sensor::kReachSigmas * sigma)) : end,
         noise);
     const Lattice<D> cell = returned ? cell_of_hit(geometry, beam) : geometry.coordinates(beam.free_end());
-    if (!ends_nearby_) cells_[number] = cell;
+    if (!ends_fit_32_bits_) cells_[number] = cell;
     for (std::size_t a = 0; a < D; ++a)
-      ends_[number].cell[a] = ends_nearby_ ? static_cast<std::int32_t>(cell[a] - base_[a]) : 0;
+      ends_[number].cell[a] = ends_fit_32_bits_ ? static_cast<std::int32_t>(cell[a] - base_[a]) : 0;
     if (has_own_origins_ || number == 0) origins_[number] = beam.origin;
   }
 
 #ifdef NDTREE_HAS_EIGHTS
   /// Writes the rows of eight beams, with the same bits as set().
   /// @param numbers indices of these beams in the scan.
-  /// @pre the scan has one origin and no range_sigma, all eight beams returned, and ends_nearby().
+  /// @pre the scan has one origin and no range_sigma, all eight beams returned, and ends_fit_32_bits().
   /// @returns false, with nothing written, if set() must write them: a beam is cut, or ends on a border.
   template <int N, class Sensor>
   NDTREE_BY_EIGHTS bool set_eight(std::size_t number, const LatticeGeometry<N, D>& geometry,
@@ -187,14 +188,14 @@ class ScanBeams {
     const FourDoubles low_sigma = sensor.sigma(of_range.low);
     const FourDoubles high_sigma = sensor.sigma(of_range.high);
     ends.sigma = to_floats(low_sigma, high_sigma);
-    ends.clear = to_floats(sensor.clearly_free_until(of_range.low, low_sigma),
-                           sensor.clearly_free_until(of_range.high, high_sigma));
+    ends.clearly_free_until = to_floats(sensor.clearly_free_until(of_range.low, low_sigma),
+                                        sensor.clearly_free_until(of_range.high, high_sigma));
     ends.surface = static_cast<float>(kThinnestSurface) * ends.sigma;
     ends.range = range;
     ends.slant = depth / range;
     rays.t_max = to_floats(of_range.low + Sensor::kReachSigmas * low_sigma,
                            of_range.high + Sensor::kReachSigmas * high_sigma);
-    noise.add(ends.sigma, rays.t_max, ends.clear - ends.surface);
+    noise.add(ends.sigma, rays.t_max, ends.clearly_free_until - ends.surface);
     store(rays, ends, number);
     return true;
   }
@@ -222,13 +223,13 @@ class ScanBeams {
     return ends;
   }
   /// t_free of eight beams, read from memory if beams have noise of their own.
-  /// @param numbers of the beams. @param reach their t_max.
+  /// @param numbers of the beams. @param t_max of these beams [m].
   NDTREE_BY_EIGHTS [[nodiscard]] NDTREE_ALWAYS_INLINE EightFloats t_free_of(const std::uint32_t* numbers,
-                                                                            const EightFloats& reach) const {
-    if (t_free_ == nullptr) return t_free_at(reach);
-    std::array<float, 8> pass;
-    for (std::size_t i = 0; i < 8; ++i) pass[i] = t_free_[numbers[i]];
-    return EightFloats::load(pass.data());
+                                                                            const EightFloats& t_max) const {
+    if (t_free_ == nullptr) return t_free_at(t_max);
+    std::array<float, 8> t_free;
+    for (std::size_t i = 0; i < 8; ++i) t_free[i] = t_free_[numbers[i]];
+    return EightFloats::load(t_free.data());
   }
   /// Starts a ray packet: reads the rows of eight beams that inner nodes need.
   NDTREE_BY_EIGHTS NDTREE_NEVER_INLINE void look_up(const std::uint32_t* numbers,
@@ -280,7 +281,7 @@ class ScanBeams {
   }
   /// The smallest cell that a beam ends in: for returned beams cell_of_hit().
   [[nodiscard]] Lattice<D> end_cell(std::size_t number) const {
-    if (!ends_nearby_) return cells_[number];
+    if (!ends_fit_32_bits_) return cells_[number];
     Lattice<D> cell = base_;
     for (std::size_t a = 0; a < D; ++a) cell[a] += ends_[number].cell[a];
     return cell;
@@ -297,8 +298,8 @@ class ScanBeams {
   /// t_free of one beam or several, from t_max with one margin for all beams, which saves reading another
   /// number for each. @pre no beam has noise of its own.
   template <class Floats>
-  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats t_free_at(const Floats& reach) const {
-    return reach - (margin_.fixed + unfused(unfused(margin_.growth * reach) * reach));
+  [[nodiscard]] NDTREE_ALWAYS_INLINE Floats t_free_at(const Floats& t_max) const {
+    return t_max - (margin_.fixed + unfused(unfused(margin_.growth * t_max) * t_max));
   }
 
   /// Prefetches the rows of a list's beams, all at once, since another core may have written them.
@@ -310,7 +311,7 @@ class ScanBeams {
   }
 
   /// True if all end cells are at most kNearby smallest cells from the base on each axis.
-  [[nodiscard]] bool ends_nearby() const { return ends_nearby_; }
+  [[nodiscard]] bool ends_fit_32_bits() const { return ends_fit_32_bits_; }
   [[nodiscard]] const Lattice<D>& base() const { return base_; }
   static constexpr std::int64_t kNearby = std::int64_t{1} << 29;
 
@@ -319,17 +320,17 @@ class ScanBeams {
   static constexpr float kLeastSquare = 1e-36f;
   static constexpr float kLargestSquare = 1e37f;
 
-  /// Writes a beam's distances and noise. @param reach its t_max [m].
-  void set_range(std::size_t number, bool returned, float end, float slant, float sigma, float clear,
-                 float reach, BeamNoise& noise) {
+  /// Writes a beam's distances and noise. @param t_max, clearly_free_until see beam_rows.hpp [m].
+  void set_range(std::size_t number, bool returned, float end, float slant, float sigma,
+                 float clearly_free_until, float t_max, BeamNoise& noise) {
     const float surface = returned ? unfused(static_cast<float>(kThinnestSurface) * sigma) : 0.0f;
-    noise.add(sigma, reach, clear - surface);
-    if (t_free_ != nullptr) t_free_[number] = clear - surface;
-    rays_[number].t_max = reach;
+    noise.add(sigma, t_max, clearly_free_until - surface);
+    if (t_free_ != nullptr) t_free_[number] = clearly_free_until - surface;
+    rays_[number].t_max = t_max;
     BeamEnd<D>& of_end = ends_[number];
     of_end.range = end;
     of_end.slant = slant;
-    of_end.clear = clear;
+    of_end.clearly_free_until = clearly_free_until;
     of_end.surface = surface;
     of_end.sigma = sigma;
   }
@@ -348,7 +349,7 @@ class ScanBeams {
     for (EightFloats& column : end) column = 0.0f;
     end[0] = ends.range;
     end[1] = ends.slant;
-    end[2] = ends.clear;
+    end[2] = ends.clearly_free_until;
     end[3] = ends.surface;
     end[4] = ends.sigma;
 #pragma GCC unroll 8
@@ -367,13 +368,13 @@ class ScanBeams {
   std::unique_ptr<BeamEnd<D>[]> ends_;
   std::unique_ptr<float[]> t_free_;  // See t_free_of(); null if no beam has noise of its own.
   std::unique_ptr<std::uint32_t[]> face_numbers_;
-  std::unique_ptr<Lattice<D>[]> cells_;  // End cells; null if ends_nearby_.
+  std::unique_ptr<Lattice<D>[]> cells_;  // End cells; null if ends_fit_32_bits_.
   std::vector<CubeFace<D>> faces_;
   std::vector<std::uint32_t> bucket_begins_;  // And the number of beams.
   std::vector<Vector<D>> origins_;            // One, or one for each beam.
   Lattice<D> base_{};
   bool has_own_origins_ = false;
-  bool ends_nearby_ = true;
+  bool ends_fit_32_bits_ = true;
   float smallest_sigma_ = std::numeric_limits<float>::infinity();
   float largest_sigma_ = 0.0f;
   FreeMargin margin_;

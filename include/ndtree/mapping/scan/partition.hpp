@@ -58,7 +58,7 @@ class ChildPartition {
     return lists;
   }
 
-  /// Appends a node's beams to the lists of its children, in ascending order, and pads these.
+  /// Appends a node's beams to the lists of its children, in ascending order, and pads these but for width 1.
   /// @param planes see planes_of(), of the node, if all beams have one origin.
   void operator()(const CellIndex<D>& node, const Planes& planes, const BeamList& list,
                   Lists& children) const {

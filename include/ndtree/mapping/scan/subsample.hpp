@@ -213,7 +213,8 @@ class alignas(kCacheLines) ScanPart {
     return i;
   }
 
-  /// Replaces the kept beams' keys by buckets, eight at a time. @pre at most 2 D faces.
+  /// Replaces the kept beams' keys by buckets, eight at a time. Two loops, as for keep(): one asks its face,
+  /// of any number; eight look their 2 D faces up in registers. @pre at most 2 D faces.
   /// @returns the first kept beam that is left.
   NDTREE_BY_EIGHTS std::size_t find_buckets_by_eights(const BeamBuckets<D>& buckets,
                                                       const std::vector<std::uint32_t>& numbers) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// The survey of a scan: outcome and direction of each beam, and how far the scan reaches.
+/// The survey of a scan: face, depth and sampling key of each beam, numbers of outcomes, and how far the scan
+/// reaches. join_surveys() of its parts is in subsample.hpp.
 #pragma once
 
 #include <algorithm>
@@ -28,9 +29,10 @@ namespace ndtree {
 }
 
 /// Sampling key of a beam: a hash in [0, 2^24) of its displacement and the scan's number. A cell that samples
-/// a fraction of a scan's beams samples the beams with keys below this fraction of 2^24.
-/// A key does not depend on the order of the beams. Equal beams of two scans have independent keys, so that
-/// of a sensor that stands still each beam is sampled in some scan.
+/// a fraction of a scan's beams samples the beams with keys below this fraction of 2^24, rounded up to the
+/// end of a bucket (ScanBeams::end_of_fraction()). A key does not depend on the order of the beams. Equal
+/// beams of two scans have independent keys, so that of a sensor that stands still each beam is sampled in
+/// some scan.
 /// @param displacement D components of one beam, or of eight.
 template <int D, class Floats>
 [[nodiscard]] NDTREE_ALWAYS_INLINE auto sampling_key_at(const Floats* displacement,
@@ -58,7 +60,8 @@ struct SurveyedBeams {
   float deepest = 0.0f;          ///< The largest depth of a beam [m].
   double sigma = 0.0;            ///< The largest standard deviation that the scan itself has [m].
   bool is_exact_needed = false;  ///< A beam is too long for float, or its noise out of bounds.
-  float reach_behind = 0.0f;     ///< Most that noise adds to a beam behind its end [m]: see join_surveys().
+  float reach_behind = 0.0f;     ///< Most that noise adds to a beam behind its end [m]; join_surveys() in
+                                 ///< subsample.hpp sets it.
   std::size_t size = 0;
   std::unique_ptr<std::uint32_t[]> face;  ///< Face numbers; CubeMap::kNoFace: invalid beam.
   std::unique_ptr<float[]> depth;         ///< Along the face's axis [m]; of valid beams.

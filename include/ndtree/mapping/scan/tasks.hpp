@@ -22,13 +22,13 @@ namespace ndtree {
 
 /// Divides the walk of a scan into tasks, and executes them by all workers.
 ///
-/// Strategy: workers bin parts of the beams by cell of a level, which the walk chooses (for evidence level
-/// 0); each cell with beams is a task. A task with so large a part of all beams that other workers would wait
-/// for it is subdivided: workers partition its lists, part by part, and its children are tasks. Tasks run the
-/// largest first (TaskOrder). Subdivided nodes are finalized at last, children before parents, by one thread.
-/// Invariants: tasks are disjoint subtrees; above the coarsest level nothing is merged; a task's lists
-/// hold each of its beams once, in ascending order, so that the map does not depend on the number of
-/// workers or parts.
+/// Strategy: workers bin parts of the beams by cell of the task level, which ScanUpdate (level 0) and
+/// FixedUpdate choose; each cell with beams is a task. A task with so large a part of all beams that other
+/// workers would wait for it is subdivided: workers partition its lists, part by part, and its children are
+/// tasks. Tasks run the largest first (TaskOrder). Subdivided nodes are finalized at last, children before
+/// parents, by one thread.
+/// Invariants: tasks are disjoint subtrees; above the task level nothing is merged; a task's lists hold each
+/// of its beams once, in ascending order, so that the map does not depend on the number of workers or parts.
 /// Cost: beyond that of the walk, copies of the tasks' lists, and O(t log t) for t tasks.
 /// Memory: 4 bytes for each crossing of a beam and a task's cell; subdivision adds at most 4 bytes for each
 /// of `most_to_subdivide` crossings.
@@ -38,16 +38,16 @@ class ScanTasks {
   using Ref = typename Tree::Ref;
 
  public:
-  /// @param arena from which this thread takes nodes. @param coarsest_level of cells that are tasks.
+  /// @param arena from which this thread takes nodes. @param task_level of cells that are tasks.
   /// @param walks one for each worker. @param undo log of the nodes that this thread changes, or null.
   /// @param most_to_subdivide crossings of beams and children that subdivision may write into lists, 4 bytes
   ///   each.
-  ScanTasks(Tree& tree, typename Tree::Arena& arena, int coarsest_level, Workers& workers,
+  ScanTasks(Tree& tree, typename Tree::Arena& arena, int task_level, Workers& workers,
             std::vector<Walk>& walks, UndoLog<Tree>* undo,
             std::size_t most_to_subdivide = std::size_t{1} << 24)
       : tree_(tree),
         arena_(arena),
-        coarsest_level_(coarsest_level),
+        task_level_(task_level),
         workers_(workers),
         walks_(walks),
         undo_(undo),
@@ -81,7 +81,7 @@ class ScanTasks {
   struct Task {
     Ref ref;
     TaskCell<D> beams;
-    std::size_t subdivided;  // Index of its parent in subdivided_; kNone: a cell of the coarsest level.
+    std::size_t subdivided;  // Index of its parent in subdivided_; kNone: a cell of the task level.
     bool changed;
   };
   struct Subdivided {
@@ -96,7 +96,7 @@ class ScanTasks {
     const TaskList<D>* last;
   };
 
-  /// Bins all beams by cell of the coarsest level, and makes a task of each.
+  /// Bins all beams by cell of the task level, and makes a task of each.
   void bin(std::size_t beams) {
     // Parts take unequal times: up to two for each worker, unless their lists would be short.
     constexpr std::size_t kBeamsOfPart = 4096;
@@ -119,7 +119,7 @@ class ScanTasks {
   /// Makes a task of each cell of the lists below a node; adds nodes that are missing.
   /// @param parts lists of each part in this node; at least one list.
   void add_tasks(const Ref& ref, const std::vector<Range>& parts) {
-    if (ref.index.level == coarsest_level_) {
+    if (ref.index.level == task_level_) {
       tasks_.push_back({ref, joined(ref.index.lower, parts), kNone, false});
       return;
     }
@@ -210,7 +210,7 @@ class ScanTasks {
         tasks.push_back(task);
         continue;
       }
-      if (undo_ != nullptr && task.ref.node->note() != 0) undo_->keep(tree_, *task.ref.node);
+      if (undo_ != nullptr && task.ref.node->summary_word() != 0) undo_->keep(tree_, *task.ref.node);
       for (int c = 0; c < Tree::kNumChildren; ++c) {
         const Ref child = tree_.child(task.ref, c);
         const auto cell =
@@ -226,7 +226,7 @@ class ScanTasks {
 
   Tree& tree_;
   typename Tree::Arena& arena_;
-  int coarsest_level_;
+  int task_level_;
   Workers& workers_;
   std::vector<Walk>& walks_;
   UndoLog<Tree>* undo_;

@@ -42,27 +42,29 @@ namespace ndtree {
 ///
 /// Strategy. A node's list of beams is partitioned among its children, down to the leaves. At most eight
 /// beams become a ray packet, which keeps distances and sets of rays instead of lists. A leaf adds up the
-/// evidence of the beams that it samples and is updated, or splits and passes the same beams on. On the way
-/// back siblings merge, or their parent's summary is updated.
+/// evidence of the beams that it samples and is updated, or splits. Then it passes its whole list on, and
+/// each child samples that again. On the way back siblings merge, or their parent's summary is updated.
 ///
-/// Where to read: update_children() integrates beams into a node's children, whatever their source; for a
-/// leaf it calls update_leaf(), that evidence() of the source (beam_sources.hpp) and update_unless_split(),
-/// that EvidenceRefinement::action(), whose split criterion is splits(), and, for what it does not update,
-/// split_or_judge(), that split().
+/// Where to read: update_children() integrates beams into a node's children, whatever their source. For a
+/// leaf it goes on with
+///   update_leaf()
+///     -> evidence() of the source (beam_sources.hpp)
+///     -> update_unless_split() -> EvidenceRefinement::action(), whose split criterion is splits();
+///        if the leaf is not updated: split_or_judge() -> split() -> update_children().
 ///
 /// What writes a cell:
 /// - EvidenceModel::update(), with a leaf's evidence: nearly always;
 /// - EvidenceModel::update_without_split(), where a split is predicted to re-merge, or its children did;
-/// - EvidenceModel::update_partly_seen(), where too little of a cell was seen; set_covered(), which notes
+/// - EvidenceModel::update_partly_seen(), where too little of a cell was seen; set_covered(), which stores
 ///   whether all was;
 /// - EvidenceRefinement::keep_partial(), if partial_probability is set;
 /// - ChildrenInitialiser, in split_and_descend(), and EvidenceMergeRule, in merge_children();
 /// - UndoLog, if a scan fails.
 ///
 /// Invariants, and the test that notices when one is broken (tests/cpp):
-/// - A list holds ascending beam numbers, and BeamList::kSlack valid ones behind its end: vector loops read
-///   there. Memory of lists is released in the opposite order of its allocation. (test_scan_lists; in debug
-///   builds unwritten entries hold a number that no beam has)
+/// - A list holds ascending beam numbers and, but for width 1, BeamList::kSlack valid ones behind its end:
+///   vector loops read there. Memory of lists is released in the opposite order of its allocation.
+///   (test_scan_lists; in debug builds unwritten entries hold a number that no beam has)
 /// - A plane has one distance (float) on a beam, wherever it is computed: nodes, children and packets have
 ///   equal borders to the last bit. Products are rounded before they are added, never contracted.
 ///   (test_scan_lists: widths 1, 8 and 16; test_scan_update: equal maps for lists and packets)
@@ -70,15 +72,20 @@ namespace ndtree {
 ///   permuted scans, any number of threads)
 /// - A node drops only beams that no leaf below it samples. (test_scan_update: the flat oracle has all beams)
 /// - A leaf may split before all its beams have been added up, since more beams never revoke
-///   EvidenceRefinement::splits_anyway(), nor make its split predicted to re-merge. (test_leaf_action)
+///   EvidenceRefinement::certainly_splits(). (test_leaf_action)
 ///   The early stop comes before EvidenceModel::limit(), which leaves scans with hits as they are.
+/// - Beams that all pass have the same effect as PassedEvidence and as ScanEvidence. (test_leaf_action)
 /// - A saturated subtree that all beams pass stays as it is, bit for bit. (test_scan_update, test_summary)
-/// - partition() that replaces a list uses up its memory: a list that is needed afterwards, as by a leaf that
-///   splits, is partitioned without. A sample refers to one member, which the next leaf overwrites.
-///   (test_scan_lists, test_scan_update)
+/// - partition() with `replaces` uses up the memory of a list: one that is needed afterwards, as by a leaf
+///   that splits, is partitioned with `replaces` = false. All samples use `sample_`, which the next leaf
+///   overwrites. (test_scan_lists, test_scan_update)
 /// - A summary of 0 is stale: it is computed before it is used. (test_summary)
 /// - A node's block of children is kept in the undo log before one of them changes for the first time in a
 ///   scan. (test_limits, alone/test_scarce_memory)
+/// - Outside the window no cell changes, and in it each becomes what it would without a window. (test_window)
+/// - Above the coarsest level nothing merges. (check_invariants() of the map)
+/// - With partial_probability, a smallest cell that holds something thin stays occupied, and siblings stay
+///   apart that would split again. (test_scan_update, worlds/test_thin_things, worlds/test_passing_beams)
 ///
 /// Cost: O(beams that cross a node) for each node with beams, plus O(N^D) for its children.
 template <class Tree, class Refinement, class Sensor>
@@ -146,7 +153,7 @@ class alignas(kCacheLines) ScanWalk {
   /// Finishes a subdivided node after its children: merges them or updates its summary.
   /// @param changed whether a child changed. @returns whether the node or a cell below it changed.
   bool finalize(const Ref& ref, bool changed) {
-    if (!changed && ref.node->note() != 0) return false;
+    if (!changed && ref.node->summary_word() != 0) return false;
     return finish_children(ref, summary_(&Children(tree_, ref).node(0)), changed, false);
   }
 
@@ -237,7 +244,7 @@ class alignas(kCacheLines) ScanWalk {
   /// it is.
   template <class Beams>
   NDTREE_ALWAYS_INLINE bool descend(const Beams& beams, const Sampling& above) {
-    if (Summary(beams.node().note()).is_saturated() && beams.all_pass()) return false;
+    if (Summary(beams.node().summary_word()).is_saturated() && beams.all_pass()) return false;
     const Ref inner = beams.ref();
     if (undo_ != nullptr) undo_->keep(tree_, *inner.node);
     return beams.integrate_below(inner, sampling_.of_node(inner.index, beams.crossing(), above));
@@ -296,7 +303,7 @@ class alignas(kCacheLines) ScanWalk {
                   changed;
       }
     }
-    if (!changed && node.node->note() != 0) return false;
+    if (!changed && node.node->summary_word() != 0) return false;
     return finish_children(node, summary_(&source.children.node(0)), changed, was_split);
   }
 
@@ -328,19 +335,19 @@ class alignas(kCacheLines) ScanWalk {
       if (face == nullptr) return update_by_faces(beams, uses_small_sample);
       sample = sampling_.sample_of(*face, sampling_.of(beams.ref().index, *face, uses_small_sample));
     }
-    const auto split_or_wait = [&](const ScanEvidence& scan, LeafAction action) {
+    const auto otherwise = [&](const ScanEvidence& scan, LeafAction action) {
       return split_or_judge(beams, sample, scan, action, sampling);
     };
     if constexpr (Beams::kHasPassingSet) {
       if (sample.fraction >= 1.0f && beams.all_pass() && !packet_may_exceed_limit_)
-        return update_unless_split(cell, level, beams.passed(), split_or_wait);
+        return update_unless_split(cell, level, beams.passed(), otherwise);
     }
-    return update_unless_split(cell, level, beams.evidence(cell, level, sample.end), split_or_wait);
+    return update_unless_split(cell, level, beams.evidence(cell, level, sample.end), otherwise);
   }
-  /// Updates a leaf, or calls `split_or_wait(scan, action)` if it may split.
+  /// Updates a leaf, or calls `otherwise(scan, action)` for LeafAction::split and LeafAction::judge_coverage.
   template <class Scan, class Otherwise>
   NDTREE_ALWAYS_INLINE bool update_unless_split(EvidenceCell& leaf, int level, const Scan& scan,
-                                                const Otherwise& split_or_wait) {
+                                                const Otherwise& otherwise) {
     const LeafAction action = refinement_.action(leaf, scan, kChildrenAcross<Tree>, level - finest_level_);
     if (action == LeafAction::update) {
       const bool changed = update(leaf, scan);
@@ -349,22 +356,22 @@ class alignas(kCacheLines) ScanWalk {
     }
     const ScanEvidence& all = ScanEvidence::of(scan);  // Extends the lifetime of what of() may return.
     if (action == LeafAction::update_without_split) return update_without_split(leaf, all);
-    return all.beams > 0 && split_or_wait(all, action);
+    return all.beams > 0 && otherwise(all, action);
   }
 
   // Rare steps. They take copies, so that update_leaf() keeps its values in registers.
 
   /// update_leaf() for beams that come through several cube-map faces.
   template <class Beams>
-  NDTREE_NEVER_INLINE bool update_by_faces(const Beams beams, bool is_well_observed) {
+  NDTREE_NEVER_INLINE bool update_by_faces(const Beams beams, bool uses_small_sample) {
     return beams.with_list(
-        [&](const BeamList& list) { return update_by_faces(beams.ref(), list, is_well_observed); });
+        [&](const BeamList& list) { return update_by_faces(beams.ref(), list, uses_small_sample); });
   }
-  bool update_by_faces(const Ref& leaf, const BeamList& list, bool is_well_observed) {
+  bool update_by_faces(const Ref& leaf, const BeamList& list, bool uses_small_sample) {
     const CellCrossings<N, D> crossings(tree_.geometry(), beams_, leaf.index);
     const int level = leaf.index.level;
     ScanEvidence scan;
-    sampling_.take(leaf.index, list, is_well_observed, sample_,
+    sampling_.take(leaf.index, list, uses_small_sample, sample_,
                    [&](const CubeFace<D>&, float, const BeamList& part) {
                      if (may_stop_early(level, part))
                        add_until_split(leaf.cell(), leaf.index, crossings, part, scan);
@@ -406,10 +413,7 @@ class alignas(kCacheLines) ScanWalk {
                                            const CellCrossings<N, D>& crossings, const BeamList& list,
                                            ScanEvidence& scan) const {
     for (std::size_t first = 0; first < list.size; first += kToSplit) {
-      if (refinement_.splits_anyway(cell, scan) &&
-          !refinement_.model.predicted_to_remerge(cell, scan, kChildrenAcross<Tree>,
-                                                  leaf.level - finest_level_))
-        break;
+      if (refinement_.certainly_splits(cell, scan, kChildrenAcross<Tree>, leaf.level - finest_level_)) break;
       scan.add(evidence_.of(leaf, crossings, list.part(first, std::min(first + kToSplit, list.size))));
     }
   }
@@ -491,7 +495,7 @@ class alignas(kCacheLines) ScanWalk {
     if (changed && ref.index.level <= coarsest_level_ && all.are_leaves && all.summary.is_uniform() &&
         merge_children(ref, was_split))
       return true;
-    ref.node->set_note(all.summary.word());
+    ref.node->set_summary_word(all.summary.word());
     return changed;
   }
   bool merge_children(const Ref& ref, bool was_split) {

@@ -1983,14 +1983,16 @@ class AdaptiveMap(OccupancyMap):
     miss_given_occupied, hit_given_free : float
         Error rates p(miss|occ) and p(hit|free) of the sensor.
     split_probability : float
-        A cell splits if it is more probably than this partially occupied ("evidence").
+        An occupied cell splits if it is more probably than this partially occupied, unless it is predicted to
+        re-merge ("evidence").
     merge_loss : float
         Siblings merge if that loses at most this for each cell that it saves ("evidence") [bits].
     inherited_beams : float
         A cell that splits divides its evidence as the scan's beams go, with this many more beams spread evenly
         ("evidence").
     noise_sigmas : float
-        No split makes cells smaller than this many standard deviations of the range ("evidence").
+        No hit or miss splits a cell into children smaller than this many standard deviations of the range;
+        coverage may, to separate seen from unseen space ("evidence").
     evidence_memory : float
         Evidence that a cell remembers at most; older evidence fades ("evidence") [nats].
     free_memory : float
@@ -2008,10 +2010,10 @@ class AdaptiveMap(OccupancyMap):
     evidence_half_life : float
         A cell's evidence halves in this many scans that observe it; 0 for never ("evidence") [scans].
     covered_share : float
-        A cell is observed once this fraction of each of its halves was seen, along every axis; 0: as soon as a beam
-        passed it ("evidence").
+        A cell is observed once this fraction of each of its parts (quadrants, octants) was seen; 0: as soon as a
+        beam passed it ("evidence").
     coverage_cells : float
-        A cell of which a part was not seen splits to show it if it is larger than this many of min_cell_size
+        A cell of which a part was not seen splits to show it if its edge is longer than this many min_cell_size
         ("evidence").
     partial_probability : float
         A smallest cell that is more probably than split_probability partially occupied, as by a table top or a chair's leg,

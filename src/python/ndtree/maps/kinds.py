@@ -33,11 +33,15 @@ MAP_OPTIONS = (
     MapOption("miss_given_occupied", float, "Fraction of beams that pass an occupied cell."),
     MapOption("hit_given_free", float, "Fraction of beams that end in a free cell."),
     MapOption(
-        "split_probability", float, "A cell splits if more probably than this it is partially occupied."
+        "split_probability",
+        float,
+        "An occupied cell splits if more probably than this it is partially occupied.",
     ),
     MapOption("merge_loss", float, "Siblings merge if that loses at most this per cell saved [bits]."),
     MapOption("inherited_beams", float, "Evenly spread beams added where a split divides evidence."),
-    MapOption("noise_sigmas", float, "No split makes cells smaller than this many sigma."),
+    MapOption(
+        "noise_sigmas", float, "No hit or miss splits cells into children smaller than this many sigma."
+    ),
     MapOption("evidence_memory", float, "Evidence that a cell remembers [nats]."),
     MapOption("free_memory", float, "Evidence that a cell remembers if it is for free space only [nats]."),
     MapOption("scan_beams", float, "Beams of a scan that count at most in a cell if all passed it."),
@@ -53,9 +57,15 @@ MAP_OPTIONS = (
     MapOption("change_probability", float, "A streak of scans less likely is a change; 0: never."),
     MapOption("evidence_half_life", float, "A cell's evidence halves in this many of its scans; 0: never."),
     MapOption(
-        "covered_share", float, "Fraction of each half to be seen until a cell is observed; 0: any beam."
+        "covered_share",
+        float,
+        "Fraction of each part (quadrant, octant) to be seen until a cell is observed; 0: any beam.",
     ),
-    MapOption("coverage_cells", float, "Cells of more smallest cells than this split to show what was seen."),
+    MapOption(
+        "coverage_cells",
+        float,
+        "Cells with an edge of more smallest cells than this split to show what was seen.",
+    ),
     MapOption(
         "partial_probability",
         float,
