@@ -21,6 +21,7 @@
 #include "ndtree/io/ply.hpp"
 #include "ndtree/layers/layer.hpp"
 #include "ndtree/layers/layered_map.hpp"
+#include "ndtree/layers/packed_measurements.hpp"
 #include "ndtree/layers/values.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/mapping/pose_covariance.hpp"

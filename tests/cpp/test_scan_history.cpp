@@ -3,66 +3,22 @@
 /// A map whose scans move is the map that its scans make where they are.
 #include <gtest/gtest.h>
 
-#include <Eigen/QR>
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "history_scans.hpp"
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/mapping/occupancy_map.hpp"
 #include "ndtree/mapping/scan_history.hpp"
-#include "options.hpp"
 #include "random.hpp"
 #include "shapes.hpp"
 
 namespace ndtree::test::test_scan_history {
 namespace {
-
-MapOptions options_of(int branching) {
-  MapOptions options = spelled_out_options(0.1, 0.1 * std::pow(branching, branching == 2 ? 4 : 2));
-  options.range_sigma = 0.02;
-  options.sample_beams = 2.0;
-  return options;
-}
-
-template <int D>
-Pose<D> random_pose(test::Random& random, double reach) {
-  Pose<D> pose;
-  Eigen::Matrix<double, D, D> any;
-  for (Eigen::Index i = 0; i < any.size(); ++i) any(i) = random.uniform(-1.0, 1.0);
-  pose.rotation = any.householderQr().householderQ();
-  if (pose.rotation.determinant() < 0.0) pose.rotation.col(0) *= -1.0;
-  for (double& x : pose.translation) x = random.uniform(-reach, reach);
-  return pose;
-}
-
-/// Beams to a wall all around, with some that do not return or are not finite.
-template <int D>
-Scan<D> random_scan(test::Random& random) {
-  Scan<D> scan;
-  const int beams = random.integer(5, 60);
-  scan.origins = Vector<D>::Zero();
-  scan.endpoints.resize(D, beams);
-  scan.returned.resize(beams);
-  for (int i = 0; i < beams; ++i) {
-    Vector<D> direction;
-    for (double& x : direction) x = random.uniform(-1.0, 1.0);
-    scan.endpoints.col(i) = direction * (random.uniform(0.5, 4.0) / (direction.norm() + 0.01));
-    scan.returned[i] = !random.chance(0.1);
-    if (random.chance(0.02)) scan.endpoints(0, i) = std::numeric_limits<double>::quiet_NaN();
-  }
-  if (random.chance(0.2)) scan.range_sigma = Eigen::ArrayXd::Constant(beams, random.uniform(0.01, 0.05));
-  if (random.chance(0.2)) {
-    scan.origins.resize(D, beams);
-    for (Eigen::Index i = 0; i < scan.origins.size(); ++i) scan.origins(i) = random.uniform(-0.2, 0.2);
-  }
-  return scan;
-}
 
 /// The map's cells and root, without the counters of how they were made.
 template <class Map>
@@ -79,7 +35,7 @@ std::size_t play(std::uint64_t seed, int branching, int calls) {
   constexpr int D = Map::kDim;
   Random random(seed);
   SCOPED_TRACE(random.trace());
-  ScanHistory<Map> history(options_of(branching));
+  ScanHistory<Map> history(options_of_history(branching));
   std::vector<std::pair<std::int64_t, std::uint64_t>> present;  // Keys and numbers.
   struct Frozen {
     Scan<D> scan;
@@ -126,7 +82,7 @@ std::size_t play(std::uint64_t seed, int branching, int calls) {
     EXPECT_NO_THROW(history.map().check_invariants());
     EXPECT_EQ(history.size(), present.size());
   }
-  Map expected(options_of(branching));
+  Map expected(options_of_history(branching));
   for (const auto& [scan, n, max_range] : frozen) {
     ScanView<D> view = scan.view();
     view.number = n;
@@ -161,7 +117,7 @@ TYPED_TEST(ScanHistoryOf, TheMapIsThatOfTheScansWhereTheyAre) {
 
 TEST(ScanHistory, WhatIsFrozenTakesNoMemoryOfItsBeams) {
   Random random(41);
-  ScanHistory<AdaptiveMap<2, 2>> history(options_of(2));
+  ScanHistory<AdaptiveMap<2, 2>> history(options_of_history(2));
   const Scan<2> scan = random_scan<2>(random);
   for (int i = 0; i < 3000; ++i) (void)history.insert(i, scan.view(), Pose<2>{});
   const std::size_t before = history.memory_bytes();
@@ -204,7 +160,7 @@ TEST(ScanHistory, FarBeamsAreKeptAsWellAsTheyCanBe) {
 }
 
 TEST(ScanHistory, OnlyWhatMovedScansCrossIsMadeAnew) {
-  ScanHistory<AdaptiveMap<2, 2>> history(options_of(2));
+  ScanHistory<AdaptiveMap<2, 2>> history(options_of_history(2));
   Random random(8);
   for (int i = 0; i < 20; ++i) {
     Pose<2> pose;
@@ -221,7 +177,7 @@ TEST(ScanHistory, OnlyWhatMovedScansCrossIsMadeAnew) {
 }
 
 TEST(ScanHistory, BadCallsChangeNothing) {
-  ScanHistory<AdaptiveMap<2, 2>> history(options_of(2));
+  ScanHistory<AdaptiveMap<2, 2>> history(options_of_history(2));
   Random random(9);
   const Scan<2> scan = random_scan<2>(random);
   (void)history.insert(1, scan.view(), {});
@@ -247,7 +203,7 @@ TEST(ScanHistory, BadCallsChangeNothing) {
 }
 
 TEST(ScanHistory, ACancelledCallChangesNothing) {
-  ScanHistory<AdaptiveMap<2, 2>> history(options_of(2));
+  ScanHistory<AdaptiveMap<2, 2>> history(options_of_history(2));
   Random random(10);
   for (int i = 0; i < 30; ++i)
     (void)history.insert(i, random_scan<2>(random).view(), random_pose<2>(random, 3.0));

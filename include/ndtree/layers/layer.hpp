@@ -10,6 +10,7 @@
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/inline.hpp"
 #include "ndtree/core/types.hpp"
+#include "ndtree/tree/adopt.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
@@ -95,6 +96,28 @@ class Layer {
     other.for_each([&](const CellIndex<D>& cell, const Vector<D>& centre, const Value& value) {
       join_below(cell, centre, value, map_tree);
     });
+  }
+
+  /// Makes room for all points of a box [m]; for none if it is empty. What the root becomes depends on the
+  /// box alone, and on what it was.
+  void grow_to(const Box<D>& box) {
+    if (!(box.lower.array() <= box.upper.array()).all()) return;
+    tree_.grow_to_contain(box.lower);
+    tree_.grow_to_contain(box.upper);
+  }
+  /// A layer whose root has grown as this one's, without any value.
+  [[nodiscard]] Layer emptied() const {
+    Layer empty(tree_.geometry());
+    empty.tree_ = tree_.emptied();
+    return empty;
+  }
+  /// Copies values in cubes of max_cell_size in which this layer has none, bit for bit, as
+  /// OccupancyMap::adopt(). @param is_wanted see detail::for_each_cube(). @throws MemoryLimitReached,
+  ///   std::bad_alloc, Cancelled; some may be copied then.
+  template <class IsWanted>
+  void adopt(const Layer& other, const IsWanted& is_wanted) {
+    const auto is_blank = [](const Cell& cell) { return cell.value.is_empty(); };
+    detail::Adopting(tree_, 0, is_blank).run(other.tree_, is_wanted);
   }
 
   /// Forgets the values of what is unknown in a map where it may have changed. O(nodes of the layer there).

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <stdexcept>
 #include <string>
@@ -23,47 +24,64 @@
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/layers/layer.hpp"
+#include "ndtree/layers/packed_measurements.hpp"
 #include "ndtree/layers/values.hpp"
+#include "ndtree/tree/adopt.hpp"
+#include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/lattice.hpp"
 
 namespace ndtree {
 
-/// Whether a beam of a scan may end in a cell: it returned, and has a direction.
-template <int D>
-[[nodiscard]] bool ends_in_a_cell(const ScanView<D>& scan, Eigen::Index i) {
-  return Beam<D>(scan.origin(i), scan.endpoint(i), scan.is_returned(i)).outcome == BeamOutcome::returned;
+/// Around the points in which beams of a scan may end in a cell [m]; empty if none does.
+/// @param geometry whose reach they must be in. @param max_range as it is given to the map.
+template <int N, int D>
+[[nodiscard]] Box<D> ends_of(const LatticeGeometry<N, D>& geometry, const ScanView<D>& scan,
+                             double max_range) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  Box<D> box{Vector<D>::Constant(kInfinity), Vector<D>::Constant(-kInfinity)};
+  for (Eigen::Index i = 0; i < scan.size; ++i) {
+    const Beam<D> beam(scan.origin(i), scan.endpoint(i), scan.is_returned(i), max_range);
+    if (beam.outcome != BeamOutcome::returned || !geometry.in_reach(beam.endpoint)) continue;
+    box.lower = box.lower.cwiseMin(beam.endpoint);
+    box.upper = box.upper.cwiseMax(beam.endpoint);
+  }
+  return box;
 }
 
-/// Refuses what cannot be added, before anything is. @param measurements one a beam.
-/// @throws std::invalid_argument naming the beam; beams that did not return are not checked.
-template <class Value, int D>
-void check_measurements(const ScanView<D>& scan, const typename Value::Measurement* measurements) {
+/// layer.grow_to(ends_of(...)): of most scans all end points have room already, whether or not beams end
+/// there.
+template <int N, int D, class Value>
+void grow_to_ends(Layer<N, D, Value>& layer, const ScanView<D>& scan, double max_range) {
+  const typename Layer<N, D, Value>::Tree& tree = layer.tree();
+  const Box<D> room = tree.box(tree.root().index);
   for (Eigen::Index i = 0; i < scan.size; ++i) {
-    if (!ends_in_a_cell(scan, i)) continue;
-    try {
-      Value::check(measurements[i]);
-    } catch (const std::invalid_argument& error) {
-      throw std::invalid_argument("'" + Value::rule() + "' of beam " + std::to_string(i) + " = " +
-                                  error.what());
-    }
+    if (!scan.is_returned(i) || room.contains(scan.endpoint(i))) continue;
+    const Beam<D> beam(scan.origin(i), scan.endpoint(i), true, max_range);
+    if (beam.outcome != BeamOutcome::returned || !tree.geometry().in_reach(beam.endpoint)) continue;
+    return layer.grow_to(ends_of(tree.geometry(), scan, max_range));
   }
 }
 
 /// A layer as it is after a map has taken a scan: measurements go to the cells in which their beams end. The
-/// layer that is given stays as it is, and shares with the new one what does not change.
+/// layer that is given stays as it is, and shares with the new one what does not change. The root grows
+/// around all ends of beams, wherever cells change.
 /// @param measurements one a beam, checked; measurements of beams that end in no cell of the map are ignored.
 /// @param max_range, window as they were given to the map. @param max_memory of the layer [bytes].
+/// @param cubes if given, those in which values may be added, as of OccupancyMap::insert_in().
 /// @throws MemoryLimitReached, std::bad_alloc, Cancelled.
 template <class Map, class Value>
 [[nodiscard]] Layer<Map::kBranching, Map::kDim, Value> with_scan(
     Layer<Map::kBranching, Map::kDim, Value> layer, const Map& map, const ScanView<Map::kDim>& scan,
     const typename Value::Measurement* measurements, double max_range = kUnlimitedRange,
-    const std::optional<Box<Map::kDim>>& window = std::nullopt, std::size_t max_memory = kUnlimitedMemory) {
+    const std::optional<Box<Map::kDim>>& window = std::nullopt, std::size_t max_memory = kUnlimitedMemory,
+    const CubeSet<Map::kDim>* cubes = nullptr) {
   constexpr int D = Map::kDim;
   const auto& geometry = map.tree().geometry();
   LatticeBox<D> cells;
   if (window) cells = geometry.cells_in(*window, map.coarsest_level());
+  const ChangeWindow<D> where{window ? &cells : nullptr, cubes};
   layer.limit_memory(max_memory);
+  grow_to_ends(layer, scan, max_range);
   Pace pace;
   for (Eigen::Index i = 0; i < scan.size; ++i) {
     pace.spend();
@@ -71,7 +89,7 @@ template <class Map, class Value>
     if (beam.outcome != BeamOutcome::returned) continue;
     const auto leaf = map.tree().find_leaf(beam.endpoint);
     if (!leaf || !leaf->cell().observed()) continue;
-    if (window && !cells.overlaps(leaf->index, geometry.edge(leaf->index.level))) continue;
+    if (!where.overlaps(leaf->index, geometry.edge(leaf->index.level))) continue;
     layer.add(leaf->index, beam.endpoint, measurements[i]);
   }
   layer.limit_memory(kUnlimitedMemory);
@@ -99,9 +117,11 @@ class LayeredMap {
   using LayerOf = Layer<Map::kBranching, Map::kDim, Value>;
 
  public:
+  static constexpr int kBranching = Map::kBranching;
   static constexpr int kDim = Map::kDim;
   static constexpr std::size_t kNumLayers = sizeof...(Values);
   using MapType = Map;
+  using SensorType = typename Map::SensorType;
   using Layers = std::tuple<LayerOf<Values>...>;
   /// What the layers are called in files.
   using Names = std::array<std::string, kNumLayers>;
@@ -132,21 +152,89 @@ class LayeredMap {
   auto insert(const Scan<kDim>& scan, const std::vector<typename Values::Measurement>&... measurements,
               double max_range = kUnlimitedRange, int threads = 0,
               const std::optional<Box<kDim>>& window = std::nullopt) {
-    const ScanView<kDim> view = scan.view();
-    (check<Values>(view, measurements), ...);
+    return insert(scan.view(), measurements..., max_range, threads, window);
+  }
+  auto insert(const ScanView<kDim>& scan, const std::vector<typename Values::Measurement>&... measurements,
+              double max_range = kUnlimitedRange, int threads = 0,
+              const std::optional<Box<kDim>>& window = std::nullopt) {
+    (check<Values>(scan, measurements), ...);
     return change([&](LayeredMap& map) {
-      const auto report = map.map_.insert(view, max_range, threads, window);
-      const std::size_t limit = map.map_.options().memory_limit();
-      const auto add = [&](auto& layer, const auto* of_layer) {
-        using Value = typename std::decay_t<decltype(layer)>::ValueType;
-        layer = with_scan<typename Map::Cells, Value>(
-            layer, map.map_, view, of_layer, max_range, window,
-            memory_beside(map.memory_bytes() - layer.memory_bytes(), limit));
-      };
-      std::apply([&](auto&... layer) { (add(layer, measurements.data()), ...); }, map.layers_);
-      if (map.memory_bytes() > limit) throw MemoryLimitReached(limit);
+      const auto report = map.map_.insert(scan, max_range, threads, window);
+      map.add(scan, Measured(measurements...), max_range, window, nullptr,
+              std::index_sequence_for<Values...>{});
       return report;
     });
+  }
+
+  // What a ScanHistory asks of its map; one without layers has the same.
+
+  /// Of a scan, one measurement a beam for each layer.
+  using Measured = std::tuple<const std::vector<typename Values::Measurement>&...>;
+  struct PackedMeasured {
+    std::tuple<PackedMeasurements<Values>...> layers;
+
+    [[nodiscard]] std::size_t memory_bytes() const {
+      return std::apply([](const auto&... layer) { return (std::size_t{0} + ... + layer.memory_bytes()); },
+                        layers);
+    }
+  };
+  /// @throws std::invalid_argument as insert().
+  [[nodiscard]] static PackedMeasured packed(const ScanView<kDim>& scan, const Measured& given) {
+    return std::apply(
+        [&](const auto&... of_layer) {
+          (check<Values>(scan, of_layer), ...);
+          return PackedMeasured{{PackedMeasurements<Values>(scan, of_layer.data())...}};
+        },
+        given);
+  }
+  /// One a beam for each layer. @param scan see PackedMeasurements::at().
+  [[nodiscard]] static std::tuple<std::vector<typename Values::Measurement>...> unpacked(
+      const ScanView<kDim>& scan, const PackedMeasured& kept) {
+    return std::apply([&](const auto&... layer) { return std::make_tuple(layer.at(scan)...); }, kept.layers);
+  }
+  /// How far a scan reaches.
+  struct Reach {
+    typename Map::Reach beams;
+    Box<kDim> ends;  ///< See ends_of().
+  };
+  [[nodiscard]] static constexpr bool undoes_insertions() { return false; }
+
+  /// insert() of which only cells in some cubes of max_cell_size change. @param reach see grow_to().
+  /// @throws as insert(); the map is then not what it was.
+  auto insert_in(const CubeSet<kDim>& cubes, const ScanView<kDim>& scan, const PackedMeasured& measured,
+                 double max_range, int threads, Reach& reach) {
+    const auto report = map_.insert_in(cubes, scan, {}, max_range, threads, reach.beams);
+    reach.ends = ends_of(map_.tree().geometry(), scan, max_range);
+    const auto measurements = unpacked(scan, measured);
+    std::apply(
+        [&](const auto&... of_layer) {
+          add(scan, Measured(of_layer...), max_range, std::nullopt, &cubes,
+              std::index_sequence_for<Values...>{});
+        },
+        measurements);
+    return report;
+  }
+  /// Makes the room that a scan of this reach needs, as insert() does. @param reach as insert_in() gave it.
+  void grow_to(const Reach& reach, const PackedMeasured& /*of_all*/) {
+    map_.grow_to(reach.beams, {});
+    std::apply([&](auto&... layer) { (layer.grow_to(reach.ends), ...); }, layers_);
+  }
+  /// As OccupancyMap::adopt_outside() and adopt_inside(). @throws as these; some may be adopted then.
+  void adopt_outside(const CubeSet<kDim>& cubes, const LayeredMap& other) {
+    map_.adopt_outside(cubes, other.map_);
+    adopt_layers(other, detail::outside(cubes), std::index_sequence_for<Values...>{});
+  }
+  void adopt_inside(const CubeSet<kDim>& cubes, const LayeredMap& other) {
+    map_.adopt_inside(cubes, other.map_);
+    adopt_layers(other, detail::inside(cubes), std::index_sequence_for<Values...>{});
+  }
+  /// A map whose root has grown as this one's, all of it unknown. @param counters that it goes on from.
+  [[nodiscard]] LayeredMap emptied(const typename Map::Counters& counters) const {
+    return std::apply(
+        [&](const auto&... layer) {
+          return LayeredMap(map_.emptied(counters), names_, Layers(layer.emptied()...));
+        },
+        layers_);
   }
 
   /// What OccupancyMap does, with the values as well. @throws as it does.
@@ -178,6 +266,9 @@ class LayeredMap {
   }
 
   [[nodiscard]] const Map& map() const { return map_; }
+  [[nodiscard]] const typename Map::Tree& tree() const { return map_.tree(); }
+  [[nodiscard]] const typename Map::Options& options() const { return map_.options(); }
+  [[nodiscard]] const typename Map::Counters& counters() const { return map_.counters(); }
   [[nodiscard]] const Names& names() const { return names_; }
   [[nodiscard]] const Layers& layers() const { return layers_; }
   template <std::size_t I>
@@ -206,6 +297,35 @@ class LayeredMap {
                                   ", the number of end points");
     check_measurements<Value>(scan, measurements.data());
   }
+  /// Adds measurements to the layers, after the map has taken the scan.
+  template <std::size_t... I>
+  void add(const ScanView<kDim>& scan, const Measured& measurements, double max_range,
+           const std::optional<Box<kDim>>& window, const CubeSet<kDim>* cubes, std::index_sequence<I...>) {
+    const std::size_t limit = map_.options().memory_limit();
+    const auto add_to = [&](auto& layer, const auto& of_layer) {
+      using Value = typename std::decay_t<decltype(layer)>::ValueType;
+      const std::size_t left = memory_beside(memory_bytes() - layer.memory_bytes(), limit);
+      layer = with_scan<typename Map::Cells, Value>(std::move(layer), map_, scan, of_layer.data(), max_range,
+                                                    window, left, cubes);
+    };
+    (add_to(std::get<I>(layers_), std::get<I>(measurements)), ...);
+    require_in_limit();
+  }
+  template <class IsWanted, std::size_t... I>
+  void adopt_layers(const LayeredMap& other, const IsWanted& is_wanted, std::index_sequence<I...>) {
+    const auto adopt = [&](auto& layer, const auto& of_other) {
+      layer.limit_memory(memory_beside(memory_bytes() - layer.memory_bytes(), map_.options().memory_limit()));
+      layer.adopt(of_other, is_wanted);
+      layer.limit_memory(kUnlimitedMemory);
+    };
+    (adopt(std::get<I>(layers_), std::get<I>(other.layers_)), ...);
+    require_in_limit();
+  }
+  /// @throws MemoryLimitReached if map and layers together hold more than they may.
+  void require_in_limit() const {
+    const std::size_t limit = map_.options().memory_limit();
+    if (memory_bytes() > limit) throw MemoryLimitReached(limit);
+  }
   /// Changes a copy, which shares what stays, and takes its place.
   template <class Change>
   auto change(const Change& change) {
@@ -228,8 +348,7 @@ class LayeredMap {
   void mark(const Mark& mark) {
     change([&](LayeredMap& map) {
       mark(map.map_);
-      const std::size_t limit = map.map_.options().memory_limit();
-      if (map.memory_bytes() > limit) throw MemoryLimitReached(limit);
+      map.require_in_limit();
       return 0;
     });
   }

@@ -27,7 +27,8 @@ namespace ndtree {
 //   Value part(int divisor) const: splitting, the value of one of `divisor` children;
 //   static std::string rule(), its name in files;
 //   kNumWords, words(), from_words(): it as 32-bit words, of which the first is 0 if the value is empty, and
-//     else neither 0 nor more than 2^31 - 1.
+//     else neither 0 nor more than 2^31 - 1;
+//   if it has one, using Packed, a smaller type than Measurement that holds all that check() accepts.
 
 /// The mean of K numbers, as of a colour, with the weight of beams that it is the mean of.
 template <int K>
@@ -114,6 +115,7 @@ class MeanValue {
 class MajorityLabel {
  public:
   using Measurement = std::int64_t;
+  using Packed = std::uint16_t;
   static constexpr int kNumWords = 4;
   static constexpr std::int64_t kMaxLabel = 0xffff;
   static constexpr std::uint32_t kMaxCount = 0x7fff;

@@ -26,7 +26,6 @@
 #include "ndtree/core/parallel.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/fwd.hpp"
-#include "ndtree/mapping/adopt.hpp"
 #include "ndtree/mapping/compress.hpp"
 #include "ndtree/mapping/forget.hpp"
 #include "ndtree/mapping/join.hpp"
@@ -36,6 +35,7 @@
 #include "ndtree/mapping/refinement.hpp"
 #include "ndtree/mapping/scan/measurements.hpp"
 #include "ndtree/mapping/update_counters.hpp"
+#include "ndtree/tree/adopt.hpp"
 #include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "ndtree/tree/nd_tree.hpp"
@@ -73,6 +73,11 @@ struct InsertReport {
     }
     return invalid;
   }
+};
+
+/// What a scan brings beside its beams to a map without layers.
+struct NoMeasurements {
+  [[nodiscard]] static constexpr std::size_t memory_bytes() { return 0; }
 };
 
 /// @param threads as in insert(). @returns that number, or, for 0, the machine's number of cores.
@@ -141,14 +146,26 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     return insert(scan.view(), max_range, threads, window, tells_moved);
   }
 
-  /// insert() of which only cells in some cubes of max_cell_size change.
-  /// @param reach gets a box around all that the scan reaches [m], see grow_to(); empty without a valid beam.
-  InsertReport insert_in(const CubeSet<D>& cubes, const ScanView<D>& scan, double max_range, int threads,
-                         Box<D>& reach) {
+  // What a ScanHistory asks of its map; one with layers has the same.
+
+  /// What a scan brings beside its beams: nothing.
+  using Measured = NoMeasurements;
+  using PackedMeasured = NoMeasurements;
+  [[nodiscard]] static PackedMeasured packed(const ScanView<D>& /*scan*/, const Measured& /*given*/) {
+    return {};
+  }
+  /// Around all that a scan reaches [m]; empty without a valid beam.
+  using Reach = Box<D>;
+  /// Whether insert_in() leaves a map as it was when it throws, as far as insert() does.
+  [[nodiscard]] static constexpr bool undoes_insertions() { return true; }
+
+  /// insert() of which only cells in some cubes of max_cell_size change. @param reach see grow_to().
+  InsertReport insert_in(const CubeSet<D>& cubes, const ScanView<D>& scan, const PackedMeasured& /*none*/,
+                         double max_range, int threads, Reach& reach) {
     return integrate(scan, max_range, threads, std::nullopt, &cubes, &reach);
   }
-  /// Makes the room that a scan of this reach needs, as insert() does. @param reach see insert_in().
-  void grow_to(const Box<D>& reach) {
+  /// Makes the room that a scan of this reach needs, as insert() does. @param reach as insert_in() gave it.
+  void grow_to(const Reach& reach, const PackedMeasured& /*none*/) {
     if (!(reach.lower.array() <= reach.upper.array()).all()) return;
     tree_.grow_to_contain(reach.lower);
     tree_.grow_to_contain(reach.upper);
@@ -271,16 +288,17 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
 
   /// adopt() of all cubes of max_cell_size but those of a set. Counters stay this map's.
   void adopt_outside(const CubeSet<D>& cubes, const OccupancyMap& other) {
-    adopt_wanted(other, 0, [&](const CellIndex<D>& cell, std::int64_t edge) {
-      return cell.level > 0 || !cubes.overlaps(cell, edge);
-    });
+    adopt_wanted(other, 0, detail::outside(cubes));
   }
 
   /// adopt() of the cubes of max_cell_size in a set. Counters stay this map's.
   void adopt_inside(const CubeSet<D>& cubes, const OccupancyMap& other) {
-    adopt_wanted(other, 0, [&](const CellIndex<D>& cell, std::int64_t edge) {
-      return cell.level > 0 || cubes.overlaps(cell, edge);
-    });
+    adopt_wanted(other, 0, detail::inside(cubes));
+  }
+
+  /// A map whose root has grown as this one's, all of it unknown. @param counters that it goes on from.
+  [[nodiscard]] OccupancyMap emptied(const UpdateCounters& counters) const {
+    return OccupancyMap(options_, tree_.emptied(), counters);
   }
 
   /// The map as it is now, to be read by any thread while this one goes on. See changes().
@@ -372,7 +390,8 @@ class OccupancyMap : public MapCells<N, D, typename Refinement::Cell> {
     require_same_options(other);
     Tree changed = tree_;
     changed.limit_memory(options_.memory_limit(), sizeof(*this) - sizeof(tree_));
-    detail::Adopting<Tree>(changed, level).run(other.tree_, is_wanted);
+    const auto is_blank = [](const Cell& cell) { return detail::is_blank(cell); };
+    detail::Adopting(changed, level, is_blank).run(other.tree_, is_wanted);
     changed.limit_memory(kUnlimitedMemory);
     summarise_stale(changed, *changed.root().node, saturated());
     last_checkpoint();

@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "ndtree/core/beam.hpp"
 #include "ndtree/core/body.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/scan.hpp"
@@ -23,7 +24,7 @@ namespace ndtree {
 /// A scan in its sensor's frame: 8 bytes a beam in up to three dimensions. End points are rounded to steps of
 /// a 1024th of a smallest cell, or, if the farthest lies beyond 1024 cells, of the least power of 2 of them
 /// that reaches it. Standard deviations, if the scan has them, take 4 bytes more, and own origins of beams 8
-/// more. Beams that are not finite are left out.
+/// more. Beams that are not finite, or have no direction, are left out.
 /// Cost: O(beams).
 template <int D>
 class PackedScan {
@@ -42,8 +43,7 @@ class PackedScan {
         throw std::invalid_argument("the scan's origin: every component must be finite");
     }
     for (Eigen::Index i = 0; i < scan.size; ++i) {
-      const bool is_finite = scan.endpoint(i).allFinite() && scan.origin(i).allFinite();
-      if (!is_finite) continue;
+      if (Beam<D>(scan.origin(i), scan.endpoint(i)).outcome == BeamOutcome::invalid) continue;
       kept.push_back(i);
       farthest = std::max(farthest, reach_of(scan.endpoint(i)));
       if (scan.origin_per_beam) farthest = std::max(farthest, reach_of(scan.origin(i)));
@@ -65,7 +65,7 @@ class PackedScan {
   }
 
   [[nodiscard]] std::size_t size() const { return ends_.size() / kWords; }
-  /// Beams that were not finite.
+  /// Beams that were not finite, or had no direction.
   [[nodiscard]] std::size_t num_left_out() const { return num_left_out_; }
   [[nodiscard]] std::size_t memory_bytes() const {
     return sizeof(*this) + (ends_.capacity() + origins_.capacity()) * sizeof(std::uint64_t) +

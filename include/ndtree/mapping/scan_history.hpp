@@ -11,12 +11,14 @@
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 #include <unordered_map>
 #include <utility>
 #include <vector>
 
 #include "ndtree/core/beam.hpp"
 #include "ndtree/core/body.hpp"
+#include "ndtree/core/cancel.hpp"
 #include "ndtree/core/scan.hpp"
 #include "ndtree/core/types.hpp"
 #include "ndtree/mapping/crossed_cubes.hpp"
@@ -40,20 +42,32 @@ struct HistoryReport {
 /// A map that remembers its scans, each with a key and a pose.
 ///
 /// Invariant, tested: after any sequence of calls, each cell of the map is, bit for bit, what inserting the
-/// present scans at their present poses, in the order in which they came, makes of it; a scan keeps its
-/// number, by which its beams are sampled, when others are removed. Counters of the map add up the work that
-/// was done. What a cell becomes depends on the scans alone that cross its cube of max_cell_size, so only
-/// cubes are made anew that a moved scan crosses, before or after, and only by the scans that cross them.
-/// Cost: insert() that of the map and O(beams · cubes along a beam); move() and remove() that of the replayed
-/// scans, and O(nodes). A call that throws changes nothing.
+/// present scans at their present poses, in the order in which they came, makes of it, and so are its layers,
+/// if it has some: what was measured for them is kept with each scan. A scan keeps its number, by which its
+/// beams are sampled, when others are removed. Counters of the map add up the work that was done. What a cell
+/// becomes depends on the scans alone that cross its cube of max_cell_size, so only cubes are made anew that
+/// a moved scan crosses, before or after, and only by the scans that cross them. Cost: insert() that of the
+/// map and O(beams · cubes along a beam); move() and remove() that of the replayed scans, and O(nodes). A
+/// call that throws changes nothing.
+/// @tparam Map an OccupancyMap, or a LayeredMap.
 template <class Map>
 class ScanHistory {
  public:
   static constexpr int D = Map::kDim;
   using Key = std::int64_t;
+  /// What a scan brings beside its beams: of a LayeredMap, one measurement a beam for each layer.
+  using Measured = typename Map::Measured;
 
   /// @throws std::invalid_argument naming the first option that is out of bounds.
-  explicit ScanHistory(const MapOptions& options = {}) : map_(options), frozen_(options) {}
+  explicit ScanHistory(const MapOptions& options = {}) : ScanHistory(Map(options)) {}
+  /// @param empty a map of these options and layers, that has taken no scan.
+  /// @throws std::invalid_argument if it has.
+  explicit ScanHistory(const Map& empty) : map_(empty), frozen_(empty) {
+    if (empty.counters().scans > 0 || empty.tree().num_nodes() > 1)
+      throw std::invalid_argument("a map of " + std::to_string(empty.counters().scans) + " scans and " +
+                                  std::to_string(empty.tree().num_nodes()) +
+                                  " nodes: a history must begin with an empty one");
+  }
 
   [[nodiscard]] const Map& map() const { return map_; }
   [[nodiscard]] std::size_t size() const { return entries_.size(); }
@@ -72,29 +86,39 @@ class ScanHistory {
   /// A scan in the map's frame, as the map took it in. @throws as pose().
   [[nodiscard]] Scan<D> scan(Key key) const {
     const Entry& entry = entries_[place_of(key)];
-    return entry.beams->at(entry.pose);
+    return entry.kept->beams.at(entry.pose);
+  }
+  /// What a scan measured for the layers: of a LayeredMap, a tuple of vectors, one entry a beam of scan(key);
+  /// 0 for beams that did not return. @throws as pose().
+  [[nodiscard]] auto measurements(Key key) const {
+    const Entry& entry = entries_[place_of(key)];
+    const Scan<D> scan = entry.kept->beams.at(entry.pose);
+    return map_.unpacked(scan.view(), entry.kept->measured);
   }
   /// Of the map and the packed scans, and of what frozen scans made.
   [[nodiscard]] std::size_t memory_bytes() const {
     std::size_t bytes = map_.memory_bytes() + (num_frozen_ > 0 ? frozen_.memory_bytes() : 0);
     for (const Entry& entry : entries_)
-      bytes += sizeof(Entry) + entry.beams->memory_bytes() + sizeof(CubeSet<D>) + entry.cubes->memory_bytes();
+      bytes += sizeof(Entry) + entry.kept->memory_bytes() + sizeof(CubeSet<D>) + entry.cubes->memory_bytes();
     return bytes;
   }
 
   /// Maps a scan and keeps it.
   /// @param scan in its sensor's frame. @param pose of the sensor in the map.
+  /// @param measured for a map with layers: `{colours, stamps}`, vectors with one entry a beam.
   /// @param max_range, threads as of OccupancyMap::insert().
-  /// @throws std::invalid_argument if the key is there already, the pose is no rigid motion, or as insert().
-  InsertReport insert(Key key, const ScanView<D>& scan, const Pose<D>& pose,
+  /// @throws std::invalid_argument if the key is there already, the pose is no rigid motion, or as the map's
+  ///   insert().
+  InsertReport insert(Key key, const ScanView<D>& scan, const Pose<D>& pose, const Measured& measured,
                       double max_range = kUnlimitedRange, int threads = 0) {
     if (contains(key))
       throw std::invalid_argument("key " + std::to_string(key) +
                                   ": is there already; move() changes its pose");
     require_rigid(pose, key);
     Entry entry{key, next_number_, pose, max_range, {}, {}, {}};
-    entry.beams = std::make_shared<PackedScan<D>>(scan, map_.options().min_cell_size);
-    const Scan<D> in_map = entry.beams->at(pose);
+    entry.kept = std::make_shared<Kept>(
+        Kept{PackedScan<D>(scan, map_.options().min_cell_size), map_.packed(scan, measured)});
+    const Scan<D> in_map = entry.kept->beams.at(pose);
     const ScanView<D> view = numbered(in_map, next_number_);
     entry.cubes = std::make_shared<CubeSet<D>>(cubes_of(view, max_range));
     // Nothing throws behind the map's own insertion.
@@ -102,16 +126,29 @@ class ScanHistory {
     const auto number = numbers_.emplace(key, next_number_).first;
     InsertReport report;
     try {
-      report = map_.insert_in(*entry.cubes, view, max_range, threads, entry.reach);
+      if (map_.undoes_insertions()) {
+        report = insert_into(map_, *entry.cubes, entry, view, threads);
+      } else {
+        Map changed = map_;  // Shares what stays.
+        report = insert_into(changed, *entry.cubes, entry, view, threads);
+        last_checkpoint();
+        map_ = std::move(changed);
+      }
     } catch (...) {
       numbers_.erase(number);
       throw;
     }
-    report.beams += entry.beams->num_left_out();
-    report.invalid += entry.beams->num_left_out();
+    report.beams += entry.kept->beams.num_left_out();
+    report.invalid += entry.kept->beams.num_left_out();
     entries_.push_back(std::move(entry));
     ++next_number_;
     return report;
+  }
+  /// Of a map without layers.
+  template <class Given = Measured, class = std::enable_if_t<std::is_same_v<Given, NoMeasurements>>>
+  InsertReport insert(Key key, const ScanView<D>& scan, const Pose<D>& pose,
+                      double max_range = kUnlimitedRange, int threads = 0) {
+    return insert(key, scan, pose, Given{}, max_range, threads);
   }
 
   /// Moves scans to other poses, and makes the map anew where they were and where they are.
@@ -132,7 +169,7 @@ class ScanHistory {
       ++moved;
       touched.add(*entry.cubes);
       entry.pose = pose;
-      const Scan<D> scan = entry.beams->at(pose);
+      const Scan<D> scan = entry.kept->beams.at(pose);
       entry.cubes = std::make_shared<CubeSet<D>>(cubes_of(scan.view(), entry.max_range));
       touched.add(*entry.cubes);
     }
@@ -166,33 +203,36 @@ class ScanHistory {
       throw std::invalid_argument("count = " + std::to_string(count) + ": must be at most " +
                                   std::to_string(entries_.size()) + ", the number of scans");
     Map frozen = frozen_;
-    std::vector<Box<D>> growth = growth_of_frozen_;
     for (std::size_t i = 0; i < count; ++i) {
-      const Entry& entry = entries_[i];
-      const int level = frozen.tree().root().index.level;
-      const Scan<D> scan = entry.beams->at(entry.pose);
-      (void)frozen.insert(numbered(scan, entry.number), entry.max_range, threads);
-      if (frozen.tree().root().index.level != level) growth.push_back(entry.reach);
+      Entry entry = entries_[i];
+      const Scan<D> scan = entry.kept->beams.at(entry.pose);
+      (void)insert_into(frozen, *entry.cubes, entry, numbered(scan, entry.number), threads);
     }
+    last_checkpoint();
     std::vector<Entry> entries(entries_.begin() + static_cast<std::ptrdiff_t>(count), entries_.end());
     for (std::size_t i = 0; i < count; ++i) numbers_.erase(entries_[i].key);
     entries_ = std::move(entries);
     frozen_ = std::move(frozen);
-    growth_of_frozen_ = std::move(growth);
     num_frozen_ += count;
   }
   /// Scans that freeze() was called for.
   [[nodiscard]] std::size_t num_frozen() const { return num_frozen_; }
 
  private:
+  struct Kept {
+    PackedScan<D> beams;
+    typename Map::PackedMeasured measured;
+
+    [[nodiscard]] std::size_t memory_bytes() const { return beams.memory_bytes() + measured.memory_bytes(); }
+  };
   struct Entry {
     Key key;
     std::uint64_t number;  ///< ScanView::number.
     Pose<D> pose;
     double max_range;
-    std::shared_ptr<const PackedScan<D>> beams;
+    std::shared_ptr<const Kept> kept;
     std::shared_ptr<const CubeSet<D>> cubes;  ///< Which it may change.
-    Box<D> reach;
+    typename Map::Reach reach;
   };
 
   /// Which of the entries a key belongs to.
@@ -225,6 +265,11 @@ class ScanHistory {
     view.number = number;
     return view;
   }
+  /// Inserts an entry's scan into cubes of a map, and notes its reach. @param scan numbered, in the map.
+  static InsertReport insert_into(Map& map, const CubeSet<D>& cubes, Entry& entry, const ScanView<D>& scan,
+                                  int threads) {
+    return map.insert_in(cubes, scan, entry.kept->measured, entry.max_range, threads, entry.reach);
+  }
   /// Which cubes a scan crosses. @throws as survey_exactly().
   [[nodiscard]] CubeSet<D> cubes_of(const ScanView<D>& scan, double max_range) const {
     const typename Map::SensorType sensor(map_.options());
@@ -238,26 +283,25 @@ class ScanHistory {
                           int threads, std::chrono::steady_clock::time_point start) {
     HistoryReport report;
     report.moved = moved;
-    const MapOptions& options = map_.options();
-    Map map(options, typename Map::Tree(options.min_cell_size, options.num_levels(Map::kBranching)),
-            map_.counters());
-    for (const Box<D>& reach : growth_of_frozen_) map.grow_to(reach);
+    Map map = frozen_.emptied(map_.counters());
     if (num_frozen_ > 0) map.adopt_inside(touched, frozen_);
     for (Entry& entry : entries) {
       report.all_cube_scans += entry.cubes->size();
       if (!entry.cubes->overlaps(touched)) {
-        map.grow_to(entry.reach);
+        map.grow_to(entry.reach, entry.kept->measured);
         continue;
       }
-      const Scan<D> scan = entry.beams->at(entry.pose);
-      (void)map.insert_in(touched, numbered(scan, entry.number), entry.max_range, threads, entry.reach);
+      const Scan<D> scan = entry.kept->beams.at(entry.pose);
+      (void)insert_into(map, touched, entry, numbered(scan, entry.number), threads);
       ++report.replayed;
       entry.cubes->for_each([&](const Lattice<D>& cube) { report.cube_scans += touched.contains(cube); });
     }
     map.adopt_outside(touched, map_);
     // The next scan's number, which replayed scans may have set back.
     const Scan<D> none{{D, 0}, Vector<D>::Zero(), {}, 0.0, {}};
-    if (!entries.empty()) (void)map.insert(numbered(none, entries.back().number));
+    typename Map::Reach of_none;
+    if (!entries.empty())
+      (void)map.insert_in({}, numbered(none, entries.back().number), {}, kUnlimitedRange, threads, of_none);
     report.cubes = touched.size();
     entries_ = std::move(entries);
     map_ = std::move(map);
@@ -266,8 +310,7 @@ class ScanHistory {
   }
 
   Map map_;
-  Map frozen_;                            // Of scans whose beams are forgotten.
-  std::vector<Box<D>> growth_of_frozen_;  // Reaches for which its root grew, in their order.
+  Map frozen_;  // Of scans whose beams are forgotten.
   std::size_t num_frozen_ = 0;
   std::vector<Entry> entries_;  // By their numbers.
   std::unordered_map<Key, std::uint64_t> numbers_;

@@ -172,6 +172,13 @@ class NdTree {
     while (!geometry_.contains(root_index_, target)) grow_towards(target);
   }
 
+  /// A tree whose root has grown as this one's, and is a leaf.
+  [[nodiscard]] NdTree emptied() const {
+    NdTree empty(geometry_.unit(), -geometry_.finest_level());
+    empty.root_index_ = root_index_;
+    return empty;
+  }
+
   /// Takes growth back: what it has added goes. @param root_index of a root that has grown to this one.
   void shrink_to(const CellIndex<D>& root_index) {
     while (root_index_.level > root_index.level) {

@@ -5,7 +5,12 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <string>
+#include <utility>
+#include <vector>
+
+#include "ndtree/layers/values.hpp"
 
 namespace ndtree::python {
 
@@ -175,6 +180,23 @@ std::vector<LayerKind> layer_kinds(const py::object& object) {
     kinds.push_back({name, text_of(value)});
   }
   return kinds;
+}
+
+py::dict as_dict(const std::vector<LayerKind>& layers) {
+  py::dict dict;
+  for (const LayerKind& kind : layers) dict[py::str(kind.name)] = kind.rule;
+  return dict;
+}
+
+py::object as_layer_array(const std::string& rule, std::vector<double> numbers) {
+  if (rule == MajorityLabel::rule()) {
+    std::vector<std::int64_t> labels(numbers.size(), -1);
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+      if (!std::isnan(numbers[i])) labels[i] = static_cast<std::int64_t>(numbers[i]);
+    return take(std::move(labels));
+  }
+  if (rule == MeanValue<3>::rule()) return take(std::move(numbers), 3);
+  return take(std::move(numbers));
 }
 
 LayerArguments::LayerArguments(const py::object& object, py::ssize_t n) {

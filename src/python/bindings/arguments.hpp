@@ -44,6 +44,12 @@ Poses pose_from(const py::object& object, int dim, const char* name = "pose");
 /// TypeError.
 std::vector<LayerKind> layer_kinds(const py::object& object);
 
+/// Names and rules.
+py::dict as_dict(const std::vector<LayerKind>& layers);
+/// What cells carry, or beams measured, of a layer with this rule: (n,), (n, 3) for "mean3", labels as int64
+/// and -1 where there is none. @param numbers nan where there are none.
+py::object as_layer_array(const std::string& rule, std::vector<double> numbers);
+
 /// Measurements of layers, from a dict of names and arrays, or None.
 class LayerArguments {
  public:

@@ -39,11 +39,13 @@ struct PythonHistory {
   std::unique_ptr<HistoryInterface> history;
   mutable std::mutex mutex;
 
-  PythonHistory(int dim, const MapOptions& options) : history(make(dim, options)) {}
+  PythonHistory(int dim, const MapOptions& options, const std::vector<LayerKind>& layers)
+      : history(make(dim, options, layers)) {}
 
-  static std::unique_ptr<HistoryInterface> make(int dim, const MapOptions& options) {
-    if (dim == 2) return make_history<2, 2>(options);
-    if (dim == 3) return make_history<2, 3>(options);
+  static std::unique_ptr<HistoryInterface> make(int dim, const MapOptions& options,
+                                                const std::vector<LayerKind>& layers) {
+    if (dim == 2) return make_history<2, 2>(options, layers);
+    if (dim == 3) return make_history<2, 3>(options, layers);
     throw py::value_error("dim = " + std::to_string(dim) + ": must be 2 or 3; C++ has all others");
   }
   template <class Use>
@@ -66,7 +68,8 @@ auto finding_key(const Use& use) {
 
 InsertReport insert(PythonHistory& h, Key key, const py::object& points, const py::object& pose,
                     const py::object& origin, const py::object& returned, const py::object& range_sigma,
-                    double max_range, int threads, const py::object& pose_covariance) {
+                    double max_range, int threads, const py::object& pose_covariance,
+                    const py::object& layers) {
   const int dim = h.history->dim();
   const py::object from =
       origin.is_none()
@@ -76,8 +79,9 @@ InsertReport insert(PythonHistory& h, Key key, const py::object& points, const p
   const Poses one = pose_from(pose, dim);
   beams.range_sigma =
       with_pose_covariance(beams, pose_covariance, dim, h.history->options(), one.numbers.data());
+  const LayerArguments of_layers(layers, beams.endpoints.shape(0));
   return h.with([&, pointers = beams.pointers()](HistoryInterface& history) {
-    return history.insert(key, pointers, one.numbers.data(), max_range, threads);
+    return history.insert(key, pointers, one.numbers.data(), of_layers.all(), max_range, threads);
   });
 }
 
@@ -129,6 +133,15 @@ py::object scan_of(const PythonHistory& h, Key key) {
       .attr("Scan")(take(std::move(scan.endpoints), dim), origin, returned, 0.0, sigma);
 }
 
+py::dict measurements_of(const PythonHistory& h, Key key) {
+  std::vector<LayerNumbers> all = finding_key(
+      [&] { return h.with([&](const HistoryInterface& history) { return history.measurements(key); }); });
+  py::dict dict;
+  for (LayerNumbers& one : all)
+    dict[py::str(one.kind.name)] = as_layer_array(one.kind.rule, std::move(one.numbers));
+  return dict;
+}
+
 }  // namespace
 
 void bind_history(py::module_& module) {
@@ -142,11 +155,12 @@ void bind_history(py::module_& module) {
       .def_readonly("seconds", &HistoryReport::seconds, "Wall time [s].");
 
   py::class_<PythonHistory>(module, "ScanHistory", doc::ScanHistory)
-      .def(py::init([](int dim, const py::kwargs& options) {
+      .def(py::init([](int dim, const py::object& layers, const py::kwargs& options) {
+             const std::vector<LayerKind> kinds = layer_kinds(layers);
              return std::make_unique<PythonHistory>(
-                 dim, options_from_keywords(options, EvidenceRefinement::kName, "ScanHistory"));
+                 dim, options_from_keywords(options, EvidenceRefinement::kName, "ScanHistory"), kinds);
            }),
-           py::kw_only(), "dim"_a = 2)
+           py::kw_only(), "dim"_a = 2, "layers"_a = py::none())
       .def_property_readonly(
           "dim", [](const PythonHistory& h) { return h.history->dim(); }, doc::ScanHistory_dim)
       .def_property_readonly(
@@ -163,7 +177,14 @@ void bind_history(py::module_& module) {
           doc::ScanHistory_memory_bytes)
       .def("insert", &insert, "key"_a, "points"_a, "pose"_a, py::kw_only(), "origin"_a = py::none(),
            "returned"_a = py::none(), "range_sigma"_a = py::none(), "max_range"_a = kInfinity,
-           "threads"_a = 0, "pose_covariance"_a = py::none(), doc::ScanHistory_insert)
+           "threads"_a = 0, "pose_covariance"_a = py::none(), "layers"_a = py::none(),
+           doc::ScanHistory_insert)
+      .def_property_readonly(
+          "layers",
+          [](const PythonHistory& h) {
+            return as_dict(h.with([](const HistoryInterface& history) { return history.layers(); }));
+          },
+          doc::ScanHistory_layers)
       .def("move", &move, "poses"_a, py::kw_only(), "threads"_a = 0, doc::ScanHistory_move)
       .def(
           "remove",
@@ -197,6 +218,7 @@ void bind_history(py::module_& module) {
           doc::ScanHistory_keys)
       .def("pose", &pose_of_scan, "key"_a, doc::ScanHistory_pose)
       .def("scan", &scan_of, "key"_a, doc::ScanHistory_scan)
+      .def("measurements", &measurements_of, "key"_a, doc::ScanHistory_measurements)
       .def("__len__",
            [](const PythonHistory& h) {
              return h.with([](const HistoryInterface& history) { return history.keys().size(); });

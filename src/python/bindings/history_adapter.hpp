@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "history_interface.hpp"
+#include "history_map.hpp"
 #include "map_adapter.hpp"
 #include "pose_numbers.hpp"
 
@@ -20,13 +21,16 @@ class HistoryAdapter final : public HistoryInterface {
   static constexpr int kNumbers = D * D + D;  // Of a pose.
 
  public:
-  explicit HistoryAdapter(const MapOptions& options) : history_(options) {}
+  /// @throws std::invalid_argument as a map with these layers.
+  HistoryAdapter(const MapOptions& options, const std::vector<LayerKind>& layers)
+      : history_(empty_map(options, layers)) {}
 
   [[nodiscard]] int dim() const override { return D; }
   [[nodiscard]] const MapOptions& options() const override { return history_.map().options(); }
   [[nodiscard]] std::unique_ptr<MapInterface> map() const override {
-    return std::make_unique<MapAdapter<Map>>(history_.map());
+    return std::make_unique<MapAdapter<Map>>(history_.map().map(), history_.map().layers());
   }
+  [[nodiscard]] std::vector<LayerKind> layers() const override { return history_.map().layers().kinds(); }
   [[nodiscard]] std::vector<Key> keys() const override { return history_.keys(); }
   [[nodiscard]] bool contains(Key key) const override { return history_.contains(key); }
   [[nodiscard]] std::vector<double> pose(Key key) const override {
@@ -47,10 +51,13 @@ class HistoryAdapter final : public HistoryInterface {
     stored.range_sigma.assign(scan.range_sigma.data(), scan.range_sigma.data() + scan.range_sigma.size());
     return stored;
   }
+  [[nodiscard]] std::vector<LayerNumbers> measurements(Key key) const override {
+    return history_.measurements(key);
+  }
   [[nodiscard]] std::size_t memory_bytes() const override { return history_.memory_bytes(); }
-  InsertReport insert(Key key, const BeamPointers& beams, const double* pose, double max_range,
-                      int threads) override {
-    return history_.insert(key, beams.view<D>(), pose_of<D>(pose), max_range, threads);
+  InsertReport insert(Key key, const BeamPointers& beams, const double* pose,
+                      const std::vector<LayerMeasurements>& layers, double max_range, int threads) override {
+    return history_.insert(key, beams.view<D>(), pose_of<D>(pose), layers, max_range, threads);
   }
   HistoryReport move(const std::vector<Key>& keys, const double* poses, int threads) override {
     std::vector<std::pair<Key, Pose<D>>> moved;
@@ -68,12 +75,22 @@ class HistoryAdapter final : public HistoryInterface {
   [[nodiscard]] std::size_t num_frozen() const override { return history_.num_frozen(); }
 
  private:
-  ScanHistory<Map> history_;
+  [[nodiscard]] static HistoryMap<Map> empty_map(const MapOptions& options,
+                                                 const std::vector<LayerKind>& layers) {
+    Map map(options);
+    typename HistoryMap<Map>::Layers empty;
+    for (const LayerKind& kind : layers) empty.add(kind, map.tree().geometry());
+    require_room_for_empty(map.memory_bytes() + empty.memory_bytes(), options.memory_limit());
+    return {std::move(map), std::move(empty)};
+  }
+
+  ScanHistory<HistoryMap<Map>> history_;
 };
 
 template <int N, int D>
-std::unique_ptr<HistoryInterface> make_history(const MapOptions& options) {
-  return std::make_unique<HistoryAdapter<AdaptiveMap<N, D>>>(options);
+std::unique_ptr<HistoryInterface> make_history(const MapOptions& options,
+                                               const std::vector<LayerKind>& layers) {
+  return std::make_unique<HistoryAdapter<AdaptiveMap<N, D>>>(options, layers);
 }
 
 }  // namespace ndtree::python

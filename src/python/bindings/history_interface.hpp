@@ -11,6 +11,7 @@
 
 #include "beam_pointers.hpp"
 #include "map_interface.hpp"
+#include "map_layers.hpp"
 #include "ndtree/mapping/scan_history.hpp"
 
 namespace ndtree::python {
@@ -41,8 +42,12 @@ class HistoryInterface {
   /// A rotation, row by row, and a translation. @throws std::out_of_range
   [[nodiscard]] virtual std::vector<double> pose(Key key) const = 0;
   [[nodiscard]] virtual StoredScan scan(Key key) const = 0;
+  [[nodiscard]] virtual std::vector<LayerKind> layers() const = 0;
+  /// Of the layers that the scan has some for; one entry a beam of scan().
+  [[nodiscard]] virtual std::vector<LayerNumbers> measurements(Key key) const = 0;
   [[nodiscard]] virtual std::size_t memory_bytes() const = 0;
-  virtual InsertReport insert(Key key, const BeamPointers& beams, const double* pose, double max_range,
+  virtual InsertReport insert(Key key, const BeamPointers& beams, const double* pose,
+                              const std::vector<LayerMeasurements>& layers, double max_range,
                               int threads) = 0;
   /// @param poses one after the other, as pose() gives them.
   virtual HistoryReport move(const std::vector<Key>& keys, const double* poses, int threads) = 0;
@@ -53,10 +58,12 @@ class HistoryInterface {
 
 /// Of adaptive maps; compiled beside the maps of this shape.
 template <int N, int D>
-std::unique_ptr<HistoryInterface> make_history(const MapOptions& options);
+std::unique_ptr<HistoryInterface> make_history(const MapOptions& options,
+                                               const std::vector<LayerKind>& layers);
 
 /// For one shape: here, or, with `extern` as the prefix, elsewhere.
-#define NDTREE_PYTHON_HISTORY(prefix, N, D) \
-  prefix template std::unique_ptr<HistoryInterface> make_history<N, D>(const MapOptions&)
+#define NDTREE_PYTHON_HISTORY(prefix, N, D)                                               \
+  prefix template std::unique_ptr<HistoryInterface> make_history<N, D>(const MapOptions&, \
+                                                                       const std::vector<LayerKind>&)
 
 }  // namespace ndtree::python

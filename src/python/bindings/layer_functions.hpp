@@ -21,6 +21,7 @@
 #include "ndtree/io/layer_file.hpp"
 #include "ndtree/layers/layered_map.hpp"
 #include "ndtree/query/transform.hpp"
+#include "ndtree/tree/adopt.hpp"
 
 namespace ndtree::python {
 
@@ -126,6 +127,97 @@ void MapLayers<N, D>::add_scan(const LayeredCells<N, D>& map, std::size_t map_by
                                                    max_range, window, memory_beside(others, max_memory));
         },
         find(one.name).layer);
+}
+template <int N, int D>
+PackedLayers MapLayers<N, D>::packed(const ScanView<D>& scan,
+                                     const std::vector<LayerMeasurements>& all) const {
+  check(scan, all);
+  PackedLayers packed;
+  packed.all.reserve(all.size());
+  for (const LayerMeasurements& one : all) {
+    const Named& named = find(one.name);
+    std::visit(
+        [&](const auto& layer) {
+          using Value = ValueOf<decltype(layer)>;
+          const auto given = measurements<Value>(scan, one);
+          packed.all.push_back({static_cast<std::size_t>(&named - layers_.data()),
+                                PackedMeasurements<Value>(scan, given.data())});
+        },
+        named.layer);
+  }
+  return packed;
+}
+template <int N, int D>
+void MapLayers<N, D>::add_packed(const LayeredCells<N, D>& map, std::size_t map_bytes, std::size_t max_memory,
+                                 const ScanView<D>& scan, const PackedLayers& measured, double max_range,
+                                 const CubeSet<D>& cubes) {
+  for (const PackedLayers::One& one : measured.all)
+    std::visit(
+        [&](auto& layer) {
+          using Value = ValueOf<decltype(layer)>;
+          const auto of_beams = std::get<PackedMeasurements<Value>>(one.measurements).at(scan);
+          const std::size_t others = map_bytes + memory_bytes() - layer.memory_bytes();
+          layer =
+              with_scan<LayeredCells<N, D>, Value>(std::move(layer), map, scan, of_beams.data(), max_range,
+                                                   std::nullopt, memory_beside(others, max_memory), &cubes);
+        },
+        layers_[one.layer].layer);
+}
+template <int N, int D>
+void MapLayers<N, D>::grow_to(const Box<D>& ends, const PackedLayers& measured) {
+  for (const PackedLayers::One& one : measured.all)
+    std::visit([&](auto& layer) { layer.grow_to(ends); }, layers_[one.layer].layer);
+}
+template <int N, int D>
+void MapLayers<N, D>::adopt_inside(const CubeSet<D>& cubes, const MapLayers& others, std::size_t max_memory) {
+  adopt(others, detail::inside(cubes), max_memory);
+}
+template <int N, int D>
+void MapLayers<N, D>::adopt_outside(const CubeSet<D>& cubes, const MapLayers& others,
+                                    std::size_t max_memory) {
+  adopt(others, detail::outside(cubes), max_memory);
+}
+template <int N, int D>
+template <class IsWanted>
+void MapLayers<N, D>::adopt(const MapLayers& others, const IsWanted& is_wanted, std::size_t max_memory) {
+  for (std::size_t i = 0; i < layers_.size(); ++i)
+    std::visit(
+        [&](auto& layer) {
+          layer.limit_memory(memory_beside(memory_bytes() - layer.memory_bytes(), max_memory));
+          layer.adopt(std::get<std::decay_t<decltype(layer)>>(others.layers_[i].layer), is_wanted);
+          layer.limit_memory(kUnlimitedMemory);
+        },
+        layers_[i].layer);
+}
+template <int N, int D>
+MapLayers<N, D> MapLayers<N, D>::emptied() const {
+  MapLayers empty;
+  for (const Named& one : layers_)
+    empty.layers_.push_back(
+        {one.name, std::visit([](const auto& layer) { return AnyLayer(layer.emptied()); }, one.layer)});
+  return empty;
+}
+template <int N, int D>
+std::vector<LayerNumbers> MapLayers<N, D>::numbers(const ScanView<D>& scan,
+                                                   const PackedLayers& measured) const {
+  std::vector<LayerNumbers> all;
+  for (const PackedLayers::One& one : measured.all)
+    std::visit(
+        [&](const auto& layer) {
+          using Value = ValueOf<decltype(layer)>;
+          constexpr std::size_t kWidth = ValueNumbers<Value>::kWidth;
+          const auto of_beams = std::get<PackedMeasurements<Value>>(one.measurements).at(scan);
+          std::vector<double> numbers(of_beams.size() * kWidth, std::numeric_limits<double>::quiet_NaN());
+          for (std::size_t i = 0; i < of_beams.size(); ++i) {
+            if (!scan.is_returned(static_cast<Eigen::Index>(i))) continue;
+            Value value;
+            value.add(of_beams[i]);
+            ValueNumbers<Value>::to(value, numbers.data() + i * kWidth);
+          }
+          all.push_back({{layers_[one.layer].name, Value::rule()}, kWidth, std::move(numbers)});
+        },
+        layers_[one.layer].layer);
+  return all;
 }
 template <int N, int D>
 void MapLayers<N, D>::values_at(const LayeredCells<N, D>& map, const std::string& name, const double* points,

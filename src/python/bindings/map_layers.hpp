@@ -16,8 +16,10 @@
 #include "ndtree/io/map_file.hpp"
 #include "ndtree/io/ply.hpp"
 #include "ndtree/layers/layer.hpp"
+#include "ndtree/layers/packed_measurements.hpp"
 #include "ndtree/layers/values.hpp"
 #include "ndtree/mapping/map_cells.hpp"
+#include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "ndtree/tree/lattice_motion.hpp"
 
@@ -33,6 +35,30 @@ struct LayerMeasurements {
   std::string name;
   const double* numbers = nullptr;
   std::size_t width = 1;
+};
+
+/// The measurements of a scan that is kept, of the layers that it has some for.
+struct PackedLayers {
+  struct One {
+    std::size_t layer = 0;  ///< Of the map's.
+    std::variant<PackedMeasurements<MeanValue<1>>, PackedMeasurements<MeanValue<3>>,
+                 PackedMeasurements<MajorityLabel>, PackedMeasurements<LatestStamp>>
+        measurements;
+  };
+  std::vector<One> all;
+
+  [[nodiscard]] std::size_t memory_bytes() const {
+    std::size_t bytes = sizeof(*this) + all.capacity() * sizeof(One);
+    for (const One& one : all)
+      bytes += std::visit([](const auto& m) { return m.memory_bytes() - sizeof(m); }, one.measurements);
+    return bytes;
+  }
+};
+/// Measurements as numbers, `width` a beam: nan for beams that did not return.
+struct LayerNumbers {
+  LayerKind kind;
+  std::size_t width = 1;
+  std::vector<double> numbers;
 };
 
 /// What layers ask of their map, whatever its cells, so that they are compiled once for all refinements.
@@ -119,6 +145,23 @@ class MapLayers {
   void add_scan(const LayeredCells<N, D>& map, std::size_t map_bytes, std::size_t max_memory,
                 const ScanView<D>& scan, const std::vector<LayerMeasurements>& all, double max_range,
                 const std::optional<Box<D>>& window);
+  /// What of a scan's measurements is kept. @throws as check().
+  [[nodiscard]] PackedLayers packed(const ScanView<D>& scan, const std::vector<LayerMeasurements>& all) const;
+  /// add_scan() of what was kept, into cubes of max_cell_size. @param scan as it is unpacked.
+  void add_packed(const LayeredCells<N, D>& map, std::size_t map_bytes, std::size_t max_memory,
+                  const ScanView<D>& scan, const PackedLayers& measured, double max_range,
+                  const CubeSet<D>& cubes);
+  /// Grows as add_packed() does. @param ends see ends_of().
+  void grow_to(const Box<D>& ends, const PackedLayers& measured);
+  /// Copies the values of a map with the same layers in cubes of max_cell_size, or in all others, in which
+  /// these have none. @param max_memory of all layers together. @throws MemoryLimitReached, Cancelled.
+  void adopt_inside(const CubeSet<D>& cubes, const MapLayers& others, std::size_t max_memory);
+  void adopt_outside(const CubeSet<D>& cubes, const MapLayers& others, std::size_t max_memory);
+  /// The same layers without any value; their roots have grown as these.
+  [[nodiscard]] MapLayers emptied() const;
+  /// Of a scan. @param scan as it is unpacked.
+  [[nodiscard]] std::vector<LayerNumbers> numbers(const ScanView<D>& scan,
+                                                  const PackedLayers& measured) const;
   /// Of the cells around points, `width` numbers each: nan where there are none.
   void values_at(const LayeredCells<N, D>& map, const std::string& name, const double* points, std::size_t n,
                  std::vector<double>& numbers) const;
@@ -150,6 +193,8 @@ class MapLayers {
   void ply_numbers(const CellIndex<D>& leaf, double* numbers) const;
 
  private:
+  template <class IsWanted>
+  void adopt(const MapLayers& others, const IsWanted& is_wanted, std::size_t max_memory);
   template <class LayerType>
   [[nodiscard]] static bool is_shared(const LayerType& one, const LayerType& other);
   template <class... Values>

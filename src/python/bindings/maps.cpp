@@ -490,10 +490,7 @@ void bind_maps(py::module_& module) {
       .def_property_readonly(
           "layers",
           [](const PythonMap& map) {
-            py::dict dict;
-            for (const LayerKind& kind : map.read([](const MapInterface& m) { return m.layers(); }))
-              dict[py::str(kind.name)] = kind.rule;
-            return dict;
+            return as_dict(map.read([](const MapInterface& m) { return m.layers(); }));
           },
           doc::OccupancyMap_layers)
       .def(
@@ -508,14 +505,7 @@ void bind_maps(py::module_& module) {
                 if (kind.name == name) rule = kind.rule;
               return m.layer(name, data, n);
             });
-            if (rule == "majority") {
-              std::vector<std::int64_t> labels(n, -1);
-              for (std::size_t i = 0; i < n; ++i)
-                if (!std::isnan(numbers[i])) labels[i] = static_cast<std::int64_t>(numbers[i]);
-              return take(std::move(labels));
-            }
-            if (rule == "mean3") return take(std::move(numbers), 3);
-            return take(std::move(numbers));
+            return as_layer_array(rule, std::move(numbers));
           },
           "name"_a, "points"_a, doc::OccupancyMap_layer)
       .def(

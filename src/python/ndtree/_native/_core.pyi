@@ -355,14 +355,17 @@ class ScanHistory:
 
     Each scan has a key and a pose, and is kept in its sensor's frame with 8 bytes a beam, rounded to a 1024th of a
     smallest cell, or more if it reaches farther than 1024 cells. After any calls, each cell of the map is, bit for
-    bit, what mapping the present scans at their present poses in the order in which they came makes of it. Only
-    cubes of max_cell_size are made anew that a moved scan crosses, before or after, and only by the scans that
-    cross them. The map's counters add up the work that was done.
+    bit, what mapping the present scans at their present poses in the order in which they came makes of it, and so
+    are its layers. Only cubes of max_cell_size are made anew that a moved scan crosses, before or after, and only by
+    the scans that cross them. The map's counters add up the work that was done.
 
     Parameters
     ----------
     dim : int
         2 or 3.
+    layers : dict of str, optional
+        As of AdaptiveMap. Scans keep their measurements: 4 bytes a beam that returned of a "mean", 12 of a "mean3", 2 of
+        a "majority", 8 of a "latest", and none where all of a scan's are the same.
     options
         As of AdaptiveMap, with cells adapted by evidence.
 
@@ -372,7 +375,9 @@ class ScanHistory:
         As AdaptiveMap.
     """
 
-    def __init__(self, *, dim: int, **options: Unpack[MapOptions]) -> None: ...
+    def __init__(
+        self, *, dim: int, layers: Mapping[str, str] | None = None, **options: Unpack[MapOptions]
+    ) -> None: ...
     @property
     def dim(self) -> int:
         """Dimension of space."""
@@ -380,8 +385,11 @@ class ScanHistory:
     def map(self) -> AdaptiveMap:
         """AdaptiveMap: the map as it is now, a copy that shares its cells and takes no time."""
     @property
+    def layers(self) -> dict[str, str]:
+        """dict of str: what cells carry, name and rule."""
+    @property
     def memory_bytes(self) -> int:
-        """Bytes of the map and of the scans."""
+        """Bytes of the map, its layers and the scans with what they measured."""
     def insert(
         self,
         key: int,
@@ -394,6 +402,7 @@ class ScanHistory:
         max_range: float = ...,
         threads: int = 0,
         pose_covariance: ArrayLike | None = None,
+        layers: Mapping[str, ArrayLike] | None = None,
     ) -> InsertReport:
         """Map a scan, and keep it.
 
@@ -413,6 +422,8 @@ class ScanHistory:
         pose_covariance : (3, 3) or (6, 6) array of float, optional
             As of `OccupancyMap.insert`, about the place of `pose`. What it makes of the beams stays theirs when the scan
             is moved.
+        layers : dict of str and array, optional
+            As of `OccupancyMap.insert`: each beam's value for layers of the map.
 
         Returns
         -------
@@ -521,6 +532,26 @@ class ScanHistory:
         Returns
         -------
         Scan
+
+        Raises
+        ------
+        KeyError
+            There is no scan with this key.
+        """
+    def measurements(self, key: int) -> dict[str, NDArray[Any]]:
+        """What a scan measured for the layers, as the map took it in.
+
+        Parameters
+        ----------
+        key : int
+            Of the scan.
+
+        Returns
+        -------
+        dict of str and array
+            By the name of a layer, one entry for each beam of ``scan(key)``: (n,), or (n, 3) for "mean3", int64 for
+            "majority"; nan, or -1 for labels, where a beam did not return. Layers that the scan was given nothing for
+            are left out.
 
         Raises
         ------

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: BSD-3-Clause
 /// @file
-/// Parts of space that were mapped apart become one map, bit for bit.
+/// Parts of space that were mapped apart become one tree, bit for bit: of a map, or of a layer.
 #pragma once
 
 #include <algorithm>
@@ -13,18 +13,33 @@
 #include "ndtree/core/cancel.hpp"
 #include "ndtree/core/option.hpp"
 #include "ndtree/core/types.hpp"
-#include "ndtree/mapping/forget.hpp"
+#include "ndtree/tree/cube_set.hpp"
 #include "ndtree/tree/grow_around.hpp"
 #include "ndtree/tree/lattice.hpp"
 #include "ndtree/tree/nd_tree.hpp"
 
 namespace ndtree::detail {
 
+/// Wants the cubes of a set, or all others; see for_each_cube().
+template <int D>
+[[nodiscard]] auto inside(const CubeSet<D>& cubes) {
+  return [&cubes](const CellIndex<D>& cell, std::int64_t edge) {
+    return cell.level > 0 || cubes.overlaps(cell, edge);
+  };
+}
+template <int D>
+[[nodiscard]] auto outside(const CubeSet<D>& cubes) {
+  return [&cubes](const CellIndex<D>& cell, std::int64_t edge) {
+    return cell.level > 0 || !cubes.overlaps(cell, edge);
+  };
+}
+
 /// Calls `visit(ref)` for each node of a level, at most 0, that is more than one blank leaf.
-/// @param is_wanted(cell, edge) whether there may be wanted nodes in a cell. Cost: nodes of the level and
-/// above that are wanted.
-template <class Tree, class IsWanted, class Visit>
-void for_each_cube(const Tree& tree, int level, const IsWanted& is_wanted, const Visit& visit) {
+/// @param is_blank(cell) whether a leaf holds nothing. @param is_wanted(cell, edge) whether there may be
+/// wanted nodes in a cell. Cost: nodes of the level and above that are wanted.
+template <class Tree, class IsBlank, class IsWanted, class Visit>
+void for_each_cube(const Tree& tree, int level, const IsBlank& is_blank, const IsWanted& is_wanted,
+                   const Visit& visit) {
   Pace pace;
   const auto descend = [&](const auto& self, const typename Tree::ConstRef& ref) -> void {
     pace.spend();
@@ -55,14 +70,16 @@ template <class Tree, class Pass>
 
 /// Copies the cubes of one tree into another of the same lattice in which they are unknown; summaries on the
 /// way become stale.
-template <class Tree>
+template <class Tree, class IsBlank>
 class Adopting {
   static constexpr auto D = static_cast<std::size_t>(Tree::kDim);
   using NodeType = typename Tree::NodeType;
 
  public:
-  /// @param level of the cubes: that of the largest cells that are ever updated.
-  Adopting(Tree& tree, int level) : tree_(tree), level_(level) {}
+  /// @param level of the cubes: that of the largest cells that are ever updated. @param is_blank see
+  /// for_each_cube().
+  Adopting(Tree& tree, int level, const IsBlank& is_blank)
+      : tree_(tree), level_(level), is_blank_(is_blank) {}
 
   /// @throws std::invalid_argument naming the first cube that both hold.
   /// @param is_wanted see for_each_cube().
@@ -70,7 +87,7 @@ class Adopting {
   void run(const Tree& other, const IsWanted& is_wanted) {
     std::optional<LatticeBox<Tree::kDim>> box;
     const std::int64_t edge = tree_.geometry().edge(level_);
-    for_each_cube(other, level_, is_wanted, [&](const auto& cube) {
+    for_each_cube(other, level_, is_blank_, is_wanted, [&](const auto& cube) {
       if (!box) box = {cube.index.lower, cube.index.lower};
       for (std::size_t a = 0; a < D; ++a) {
         box->lower[a] = std::min(box->lower[a], cube.index.lower[a]);
@@ -79,10 +96,10 @@ class Adopting {
     });
     if (!box) return;
     grow_around(tree_, *box);
-    for_each_cube(other, level_, is_wanted, [&](const auto& cube) {
+    for_each_cube(other, level_, is_blank_, is_wanted, [&](const auto& cube) {
       const auto target = cube_at(tree_, level_, cube.index.lower,
                                   [](const auto& above) { above.node->set_summary_word(0); });
-      if (!target.is_leaf() || !is_blank(target.cell()))
+      if (!target.is_leaf() || !is_blank_(target.cell()))
         throw std::invalid_argument(held_by_both(cube.index));
       copy(other, *cube.node, *target.node);
     });
@@ -109,6 +126,7 @@ class Adopting {
 
   Tree& tree_;
   int level_;
+  IsBlank is_blank_;
   Pace pace_;
 };
 

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Layers of maps that follow the poses of their scans."""
+
+import math
+import struct
+import threading
+
+import numpy as np
+import pytest
+
+import ndtree
+
+LAYERS = {"color": "mean3", "intensity": "mean", "label": "majority", "stamp": "latest"}
+OPTIONS = {"min_cell_size": 0.1, "max_cell_size": 1.6, "range_sigma": 0.02}
+
+
+def without_counters(m: ndtree.AdaptiveMap) -> bytes:
+    """A map's file, but for how many updates, splits and merges made it."""
+    data = bytearray(m.to_bytes()[:-4])  # The checksum is of all.
+    at = data.index(b"evidence") + len(b"evidence")
+    (options,) = struct.unpack_from("<I", data, at)
+    at += 4
+    for _ in range(options):
+        (length,) = struct.unpack_from("<H", data, at)
+        at += 2 + length + 8
+    data[at : at + 24] = bytes(24)
+    return bytes(data)
+
+
+def mapped_anew(history: ndtree.ScanHistory, numbers: dict[int, int], **options: float) -> ndtree.AdaptiveMap:
+    m = ndtree.AdaptiveMap(dim=history.dim, layers=history.layers, **options)
+    for key in history.keys():
+        scan = history.scan(key)
+        m.insert(
+            scan.endpoints,
+            scan.origin,
+            returned=scan.returned,
+            range_sigma=scan.range_sigma,
+            number=numbers[key],
+            layers=history.measurements(key),
+        )
+    return m
+
+
+def some_scan(random: np.random.Generator, dim: int, n: int = 150) -> np.ndarray:
+    points = random.normal(size=(n, dim))
+    return points * (random.uniform(1, 3, n) / np.linalg.norm(points, axis=1))[:, None]
+
+
+def some_measurements(random: np.random.Generator, n: int, stamp: float) -> dict[str, np.ndarray]:
+    return {
+        "color": random.uniform(0, 255, (n, 3)),
+        "intensity": random.uniform(-1, 1, n),
+        "label": random.integers(0, 5, n),
+        "stamp": np.full(n, stamp),
+    }
+
+
+def some_pose(random: np.random.Generator, dim: int, reach: float = 6.0) -> np.ndarray:
+    if dim == 2:
+        return random.uniform([-reach, -reach, -3], [reach, reach, 3])
+    q = random.normal(size=4)
+    return np.concatenate([random.uniform(-reach, reach, 3), q / np.linalg.norm(q)])
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+@pytest.mark.parametrize("seed", range(4))
+def test_any_calls_end_in_the_layers_of_the_scans_where_they_are(dim: int, seed: int) -> None:
+    random = np.random.default_rng((dim, seed))
+    history = ndtree.ScanHistory(dim=dim, layers=LAYERS, **OPTIONS)
+    assert history.layers == LAYERS == history.map.layers
+    numbers: dict[int, int] = {}
+    replayed = 0
+    for call in range(24):
+        what = random.integers(10)
+        if len(history) < 4 or what < 5:
+            key = 1000 - 3 * len(numbers)
+            points = some_scan(random, dim)
+            given = some_measurements(random, len(points), stamp=random.uniform(0, 100))
+            if random.random() < 0.3:  # A scan may have measurements for some layers alone.
+                del given["color"]
+            if random.random() < 0.2:
+                given = {}
+            history.insert(
+                key, points, some_pose(random, dim), returned=points[:, 0] < 1.5, layers=given or None
+            )
+            numbers[key] = len(numbers)
+        elif what < 8:
+            moved = random.choice(history.keys(), 2, replace=False)
+            replayed += history.move({int(key): some_pose(random, dim) for key in moved}).replayed
+        else:
+            history.remove([int(random.choice(history.keys()))])
+        if call % 6 == 5:
+            assert without_counters(history.map) == without_counters(mapped_anew(history, numbers, **OPTIONS))
+    assert replayed > 5
+    m = history.map
+    ends = np.concatenate([history.scan(key).endpoints[history.scan(key).returned] for key in history.keys()])
+    assert np.isfinite(m.layer("stamp", ends)).mean() > 0.5, "most ends lie in cells with a value"
+
+
+def test_frozen_scans_leave_their_layers() -> None:
+    random = np.random.default_rng(5)
+    history, free = (ndtree.ScanHistory(dim=2, layers=LAYERS, **OPTIONS) for _ in range(2))
+    for key in range(12):
+        points, pose = some_scan(random, 2), some_pose(random, 2)
+        given = some_measurements(random, len(points), key)
+        for one in (history, free):
+            one.insert(key, points, pose, layers=given)
+        if key == 7:
+            history.freeze(4)
+    poses = {key: some_pose(random, 2) for key in (4, 9, 11)}
+    for one in (history, free):
+        one.move(poses)
+    assert without_counters(history.map) == without_counters(free.map)
+    assert history.num_frozen == 4 and len(free) == 12
+
+
+def test_what_was_measured_is_kept() -> None:
+    points = np.array([[1.0, 0.0], [0.0, 0.0], [math.nan, 1.0], [0.0, 2.0], [1.5, 1.0]])
+    returned = np.array([True, True, True, False, True])
+    given = {
+        "color": np.arange(15.0).reshape(5, 3) + 0.5,
+        "intensity": np.array([1.25, math.nan, math.nan, math.nan, -3.5]),  # Where no beam ends, anything.
+        "label": np.array([65535, -7, 3, 99999, 0]),
+        "stamp": np.full(5, 1e9),
+    }
+    history = ndtree.ScanHistory(dim=2, layers=LAYERS)
+    report = history.insert(3, points, (0, 0, 0), returned=returned, layers=given)
+    assert (report.beams, report.invalid, report.returned) == (5, 2, 2)
+    kept = history.measurements(3)
+    assert list(kept) == list(given) and len(history.scan(3)) == 3
+    np.testing.assert_array_equal(kept["color"], [given["color"][0], [math.nan] * 3, given["color"][4]])
+    np.testing.assert_array_equal(kept["intensity"], [1.25, math.nan, -3.5])
+    np.testing.assert_array_equal(kept["label"], [65535, -1, 0])
+    np.testing.assert_array_equal(kept["stamp"], [1e9, math.nan, 1e9])
+    assert kept["label"].dtype == np.int64 and kept["color"].dtype == np.float64
+    np.testing.assert_array_equal(history.map.layer("label", points[[0, 4]]), [65535, 0])
+    history.move({3: (0, 5, 0)})
+    assert history.measurements(3)["stamp"][0] == 1e9
+    np.testing.assert_array_equal(history.map.layer("label", [[1.0, 0.0], [1.0, 5.0]]), [-1, 65535])
+    history.insert(4, points, (0, 0, 0), layers={"stamp": np.zeros(5)})
+    assert list(history.measurements(4)) == ["stamp"]
+    with pytest.raises(KeyError, match="key 9"):
+        history.measurements(9)
+    assert ndtree.ScanHistory(dim=3).layers == {}
+
+
+@pytest.mark.parametrize(
+    ("rules", "bytes_a_beam"),
+    [
+        ({"a": "mean"}, 4),
+        ({"a": "mean3"}, 12),
+        ({"a": "majority"}, 2),
+        ({"a": "latest"}, 8),
+        ({"a": "mean3", "b": "majority"}, 14),
+    ],
+    ids=lambda value: str(value),
+)
+def test_measurements_take_what_their_rules_need(rules: dict[str, str], bytes_a_beam: int) -> None:
+    random = np.random.default_rng(2)
+    points = some_scan(random, 2, 2000)
+
+    def packed(history: ndtree.ScanHistory) -> int:
+        return history.memory_bytes - history.map.stats().memory_bytes
+
+    def scans_with(rules: dict[str, str], constant: bool) -> ndtree.ScanHistory:
+        history = ndtree.ScanHistory(dim=2, layers=rules)
+        for key in range(10):
+            given = {}
+            for name, rule in rules.items():
+                shape = (len(points), 3) if rule == "mean3" else len(points)
+                given[name] = np.zeros(shape) if constant else random.integers(0, 9, shape)
+            history.insert(key, points, (0, 0, 0), layers=given)
+        return history
+
+    beams = 10 * len(points)
+    plain = packed(scans_with({}, constant=False))
+    assert abs(packed(scans_with(rules, constant=False)) - plain - bytes_a_beam * beams) < 10 * 200
+    assert abs(packed(scans_with(rules, constant=True)) - plain) < 10 * 200
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"intensity": [1.0]}, r"layers\['intensity'\] has shape \(1,\): must have one entry for each of 3"),
+        ({"color": np.zeros((3, 2))}, "layers: 'color': 2 numbers a beam: must be 3"),
+        (
+            {"colour": np.zeros((3, 3))},
+            "layers: 'colour': the map has 'color', 'intensity', 'label'",
+        ),
+        ({"label": [0, -1, 2]}, r"'majority' of beam 1 = -1: must be a whole number in \[0, 65535\]"),
+        ({"label": [0, 1, 0.5]}, "'majority' of beam 2 = 0.5: must be a whole number"),
+        ({"stamp": [0.0, math.inf, 0.0]}, "'latest' of beam 1 = inf: must be finite"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else next(iter(value)),
+)
+def test_wrong_measurements_say_what_is_wrong_and_change_nothing(given: dict, message: str) -> None:
+    history = ndtree.ScanHistory(dim=2, layers=LAYERS)
+    points = [[1.0, 0.0], [2.0, 1.0], [1.0, 1.0]]
+    history.insert(1, points, (0, 0, 0), layers={"label": [1, 2, 3]})
+    before, memory = history.map.to_bytes(), history.memory_bytes
+    with pytest.raises(ValueError, match=message):
+        history.insert(2, points, (0, 0, 0), layers=given)
+    assert history.map.to_bytes() == before and history.memory_bytes == memory and history.keys() == [1]
+
+
+def test_layers_that_there_are_not() -> None:
+    with pytest.raises(ValueError, match="'a': 'median': must be 'mean', 'mean3', 'majority' or 'latest'"):
+        ndtree.ScanHistory(dim=2, layers={"a": "median"})
+    with pytest.raises(TypeError, match="layers = 'mean': must be a dict"):
+        ndtree.ScanHistory(dim=2, layers="mean")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="layers: 'a': the map has none"):
+        ndtree.ScanHistory(dim=2).insert(1, [[1.0, 0.0]], (0, 0, 0), layers={"a": [1.0]})
+    with pytest.raises(ValueError, match="max_memory = 100000 bytes: must be at least"):
+        ndtree.ScanHistory(dim=2, layers={f"a{i}": "mean" for i in range(20)}, max_memory=100_000)
+
+
+def test_map_and_layers_together_keep_to_max_memory() -> None:
+    random = np.random.default_rng(3)
+    points = some_scan(random, 2, 400)
+    given = some_measurements(random, len(points), 1.0)
+    history = ndtree.ScanHistory(dim=2, layers=LAYERS, max_memory=400_000, **OPTIONS)
+    refused = 0
+    for key in range(60):
+        before = history.map.to_bytes()
+        try:
+            history.insert(key, points, some_pose(random, 2, 30.0), layers=given)
+        except MemoryError as error:
+            refused += 1
+            assert "max_memory = 400000 bytes" in str(error)
+            assert history.map.to_bytes() == before and key not in history
+        assert history.map.stats().memory_bytes <= 400_000
+    assert refused > 10
+
+
+def test_threads_may_share_a_history_with_layers() -> None:
+    history = ndtree.ScanHistory(dim=2, layers={"stamp": "latest"}, **OPTIONS)
+    points = some_scan(np.random.default_rng(4), 2)
+
+    def work(first: int) -> None:
+        for key in range(first, first + 8):
+            history.insert(key, points, (key / 50, 0, 0), layers={"stamp": np.full(len(points), key)})
+            history.move({key: (key / 60, 0, 0)})
+
+    threads = [threading.Thread(target=work, args=(100 * i,)) for i in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    numbers = {key: i for i, key in enumerate(history.keys())}
+    assert without_counters(history.map) == without_counters(mapped_anew(history, numbers, **OPTIONS))
