@@ -28,7 +28,7 @@ class HistoryAdapter final : public HistoryInterface {
   [[nodiscard]] int dim() const override { return D; }
   [[nodiscard]] const MapOptions& options() const override { return history_.map().options(); }
   [[nodiscard]] std::unique_ptr<MapInterface> map() const override {
-    return std::make_unique<MapAdapter<Map>>(history_.map().map(), history_.map().layers());
+    return adapted(history_.map().map(), history_.map().layers());
   }
   [[nodiscard]] std::vector<LayerKind> layers() const override { return history_.map().layers().kinds(); }
   [[nodiscard]] std::vector<Key> keys() const override { return history_.keys(); }

@@ -370,6 +370,12 @@ class MapAdapter final : public CellsAdapter<typename Map::Cells> {
   Map map_;
 };
 
+/// A map and its layers behind the interface.
+template <class Map>
+std::unique_ptr<MapInterface> adapted(const Map& map, const MapLayers<Map::kBranching, Map::kDim>& layers) {
+  return std::make_unique<MapAdapter<Map>>(map, layers);
+}
+
 template <class T>
 struct TypeOf {
   using type = T;
@@ -379,12 +385,12 @@ struct TypeOf {
 /// compiled in a file of their own.
 template <int N, int D, class Make>
 std::unique_ptr<MapInterface> with_refinement(std::string_view refinement, const Make& make) {
-  const auto adapted = [&](auto type) {
+  const auto made = [&](auto type) {
     return std::make_unique<MapAdapter<typename decltype(type)::type>>(make(type));
   };
-  if (refinement == FixedRefinement::kName) return adapted(TypeOf<FixedMap<N, D>>{});
-  if (refinement == PaperRefinement::kName) return adapted(TypeOf<PaperMap<N, D>>{});
-  return adapted(TypeOf<AdaptiveMap<N, D>>{});
+  if (refinement == FixedRefinement::kName) return made(TypeOf<FixedMap<N, D>>{});
+  if (refinement == PaperRefinement::kName) return made(TypeOf<PaperMap<N, D>>{});
+  return made(TypeOf<AdaptiveMap<N, D>>{});
 }
 
 template <int N, int D>
