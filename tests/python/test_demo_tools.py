@@ -97,8 +97,8 @@ def refused(done: subprocess.CompletedProcess[str], *expected: str) -> None:
     ("memory", "swap", "cores", "jobs", "said"),
     [
         (16000, 0, 4, 4, ""),
-        (6144, 0, 4, 4, ""),
-        (6143, 0, 4, 3, "Compiling with 3 of 4 cores: 6.0 GB of memory are free"),
+        (4400, 0, 4, 4, ""),
+        (4399, 0, 4, 3, "Compiling with 3 of 4 cores: 4.3 GB of memory are free"),
         (1900, 0, 2, 1, "Compiling with 1 of 2 cores: 1.9 GB of memory are free"),
         (700, 2048, 2, 1, "Compiling with 1 of 2 cores: 0.7 GB of memory are free"),
         ("", "", 8, 8, ""),  # A system that does not say.
@@ -123,7 +123,7 @@ def test_as_many_compilers_run_as_the_memory_is_for(
 
 def test_less_memory_than_one_compiler_needs_is_refused(machine: Machine) -> None:
     done = machine.run("available_memory() { echo 600; }; free_swap() { echo 100; }; check_memory")
-    refused(done, "0.6 GB of memory are free", "needs up to 1.5 GB", "add swap")
+    refused(done, "0.6 GB of memory are free", "needs up to 1.1 GB", "add swap")
 
 
 def test_memory_is_what_the_system_says(machine: Machine) -> None:
