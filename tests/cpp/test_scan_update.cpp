@@ -178,6 +178,34 @@ TYPED_TEST(ScanUpdateOf, EveryCellOfOneSizeGetsTheSumOverTheBeams) {
   EXPECT_GT(hits, 100u);
 }
 
+TYPED_TEST(ScanUpdateOf, BeamsThatAreCutHaveTheNoiseOfTheirLengthAfterTheCut) {
+  NDTREE_SHAPE;
+  Random random(132);
+  SCOPED_TRACE(random.trace());
+  const double coarsest = kUnit * (N == 2 ? 4 : N);
+  MapOptions options = spelled_out_options(kUnit, coarsest);
+  const double cut = 0.75 * coarsest;
+  options.range_sigma = 0.02 * kUnit;
+  options.range_sigma_quadratic = 0.1 * kUnit / (cut * cut);
+  options.noise_sigmas = 3.0;
+  options.sample_beams = 1e6;
+  AdaptiveMap<N, D> map(options);
+  FlatScanMap<N, D> flat(options, -2, 2);
+  for (int i = 0; i < 12;
+       ++i) {  // Coarse hits, and then beams that pass them, are cut, and can place what they see.
+    const double size = i % 2 == 0 ? 0.4 * coarsest : 2.0 * coarsest - kUnit;
+    Scan<D> scan = random_scan<D>(random, 60, size, 0.0, 0.9 * size);
+    if (i % 2 == 0) scan.range_sigma = Eigen::ArrayXd::Constant(60, 0.5 * coarsest);
+    Simd::limit(i % 4 < 2 ? 1 : Simd::kWidest);
+    map.insert(scan, cut);
+    Simd::limit(Simd::kWidest);
+    flat.insert(scan, cut);
+    expect_equal(map, flat);
+    if (this->HasFailure()) return;
+  }
+  EXPECT_GT(flat.splits, 0u);
+}
+
 TYPED_TEST(ScanUpdateOf, EqualsEveryCellClippedAgainstEveryBeam) {
   NDTREE_SHAPE;
   Random random(131);

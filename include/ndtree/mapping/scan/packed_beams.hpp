@@ -125,8 +125,8 @@ class ScanBeams {
       const float inverse = std::min(length / std::abs(ray[a]), kSteepest);
       rays_[number].inverse[a] = ray[a] < 0.0f ? -inverse : inverse;
     }
-    const double sigma = measurements.sigma(i, static_cast<double>(range));
     const float end = beam.t_free < 1.0 ? static_cast<float>(beam.t_free * beam.range) : range;
+    const double sigma = measurements.sigma(i, static_cast<double>(end));
     set_range(
         number, returned, end, depth / length, static_cast<float>(sigma),
         returned ? static_cast<float>(sensor.clearly_free_until(static_cast<double>(end), sigma)) : end,
